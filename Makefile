@@ -1,0 +1,46 @@
+# Targets for a fresh Debian machine with Python 3.11, make and nothing else.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+AXIS := config/axes/edm-vertical.toml
+STAMP := $(VENV)/.installed
+
+.PHONY: install demo test check lint types layers unit bench faults pictures clean
+
+install: $(STAMP)
+
+$(STAMP): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "autotune needs Python 3.11 or newer; found " + sys.version.split()[0] + ". Set PYTHON=/path/to/python3.11.")'
+	@$(PYTHON) -m venv $(VENV) || { echo "The venv module is missing: on Debian, apt-get install python3-venv"; exit 1; }
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	@touch $(STAMP)
+
+demo: install
+	@$(BIN)/python -m autotune.cli.demo $(AXIS)
+
+test: install
+	@$(MAKE) --no-print-directory check
+
+check: lint types layers unit
+
+lint:
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+
+types:
+	$(BIN)/mypy
+
+layers:
+	$(BIN)/lint-imports
+
+unit:
+	$(BIN)/pytest -n 2
+
+bench: install
+	@$(BIN)/python -m bench
+
+faults: install
+	$(BIN)/pytest tests/faults
+
+clean:
+	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -1,0 +1,1 @@
+"""Feedforward, adaptation, PID synthesis, stability."""

@@ -1,0 +1,1 @@
+"""Errors, axis, drive protocol, recording: the vocabulary of every layer."""

@@ -1,0 +1,83 @@
+"""TOML files read strictly: an unknown key is an error that names the nearest right one."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from autotune.core.errors import ConfigurationError
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+class Strict(BaseModel):
+    """Base of every configuration section: frozen, no unknown keys, no silent conversions."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+def read_toml(path: str | Path, kind: str) -> dict[str, Any]:
+    """Reads a TOML file; `kind` says in errors what it should have been.
+
+    Raises:
+        ConfigurationError: no such file, or not TOML.
+    """
+    path = Path(path)
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ConfigurationError(f"there is no {kind} {path}; check the name{_neighbours(path)}") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigurationError(f"{kind} {path} cannot be read: {error}") from error
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigurationError(f"{kind} {path} is not valid TOML: {error}") from error
+
+
+def validate(model: type[Model], data: dict[str, Any], where: str) -> Model:
+    """Builds `model` from `data`.
+
+    Raises:
+        ConfigurationError: every problem on a line of its own, unknown keys with the nearest right one.
+    """
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        lines = [_sentence(model, problem) for problem in error.errors()]
+        raise ConfigurationError(f"{where}: " + "; ".join(lines)) from error
+
+
+def _neighbours(path: Path) -> str:
+    if not path.parent.is_dir():
+        return ""
+    names = [entry.name for entry in path.parent.iterdir() if entry.suffix == path.suffix]
+    near = difflib.get_close_matches(path.name, names, 1)
+    return f" (there is {path.with_name(near[0])})" if near else ""
+
+
+def _sentence(model: type[BaseModel], problem: Any) -> str:
+    location = [str(part) for part in problem["loc"]]
+    key = ".".join(location)
+    if problem["type"] == "extra_forbidden":
+        known = _keys(model, location[:-1])
+        near = difflib.get_close_matches(location[-1], known, 1, cutoff=0.5)
+        hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(sorted(known))}"
+        return f"unknown key {key!r}; {hint}"
+    if problem["type"] == "missing":
+        return f"key {key!r} is missing; it must be set"
+    return f"{key or 'file'} is {problem.get('input')!r}: {problem['msg'][0].lower()}{problem['msg'][1:]}"
+
+
+def _keys(model: type[BaseModel], location: list[str]) -> list[str]:
+    current: Any = model
+    for part in location:
+        field = current.model_fields.get(part) if hasattr(current, "model_fields") else None
+        annotation = field.annotation if field else None
+        candidates = [annotation, *getattr(annotation, "__args__", ())]
+        current = next((c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel)), None)
+        if current is None:
+            return []
+    return list(current.model_fields)

@@ -1,0 +1,1 @@
+"""Compare, localise, rank, verdict, next experiment."""

@@ -1,0 +1,1 @@
+"""What the axis is made to do, the guard that watches it, the runner."""

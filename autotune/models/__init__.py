@@ -1,0 +1,1 @@
+"""Effects: pure mathematics and compiled kernels; DriveModel = inertia + effects."""

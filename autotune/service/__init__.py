@@ -1,0 +1,1 @@
+"""Tuning run, commit, journal and store."""

@@ -1,0 +1,1 @@
+"""Live stream, figures, report."""

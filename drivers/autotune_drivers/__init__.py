@@ -1,0 +1,1 @@
+"""Links and drives: CAN, CiA 402, profiles, replay."""

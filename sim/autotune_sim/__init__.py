@@ -1,0 +1,1 @@
+"""Simulated axis: plant, firmware, CANopen node, faults."""
