@@ -1,1 +1,1 @@
-"""Feedforward, adaptation, PID synthesis, stability."""
+"""Feedforward, adaptation and refinement of fixed parameters."""
