@@ -7,6 +7,7 @@ rad or m, torque in N m or N.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from enum import Enum
 from typing import NamedTuple, Protocol, runtime_checkable
@@ -25,12 +26,20 @@ class Command(NamedTuple):
 
     `position` is used in POSITION mode, `velocity` in VELOCITY mode, `torque` in TORQUE mode;
     `torque_feedforward` is added by the drive in every mode (CiA 402 object 60B2).
+
+    A `position` that is nan (see `HOLD`) keeps the position that the drive was told last, or the one
+    that it has held since `enable`: this is how the first sample is taken before anybody can know
+    where the axis stands.
     """
 
     position: float = 0.0
     velocity: float = 0.0
     torque: float = 0.0
     torque_feedforward: float = 0.0
+
+
+HOLD = Command(position=math.nan)
+"""Stay where you are: the first command after `enable`."""
 
 
 class Sample(NamedTuple):
