@@ -80,7 +80,8 @@ class FeedforwardLaw(Protocol):
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def stribeck_level(p: Floats, velocity: float) -> float:
     """σ0 g(v) of (3.5): friction level in steady sliding [N m]. `p` as in LugreParameters."""
-    return p[2] + (p[6] - p[2]) * math.exp(-((velocity / p[7]) ** 2))
+    level: float = p[2] + (p[6] - p[2]) * math.exp(-((velocity / p[7]) ** 2))
+    return level
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -90,7 +91,7 @@ def advance(p: Floats, state: Floats, velocity: float, acceleration: float, peri
     speed = abs(velocity)
     saturation = stribeck_level(p, velocity) / p[3]
     rate = velocity - speed / saturation * z
-    torque = p[0] * acceleration + p[1] * velocity + p[3] * z + p[4] * rate + p[5]
+    torque: float = p[0] * acceleration + p[1] * velocity + p[3] * z + p[4] * rate + p[5]
     if speed > 0.0:
         decay = math.exp(-speed / saturation * period)
         state[0] = decay * z + saturation * (1.0 - decay) * math.copysign(1.0, velocity)

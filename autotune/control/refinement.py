@@ -16,10 +16,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import optimize
 
 from autotune.control.feedforward import LugreParameters, feedforward_along
 from autotune.core.recording import Controller, Floats
+
+Complexes = NDArray[np.complex128]
 
 NORM = 8
 MOVED = ("stiffness", "coulomb", "offset", "micro_damping")
@@ -50,7 +53,7 @@ class PeriodAverage:
         return float(np.max(np.abs(self.error)))
 
 
-def controller_response(controller: Controller, omega: Floats, period: float) -> Floats:
+def controller_response(controller: Controller, omega: Floats, period: float) -> Complexes:
     """C(e^{jωh}) of the discrete PID of `Controller`; complex, shape of `omega`."""
     z = np.exp(1j * omega * period)
     derivative = controller.derivative_filter / (1.0 - (1.0 - controller.derivative_filter) / z)
@@ -60,9 +63,9 @@ def controller_response(controller: Controller, omega: Floats, period: float) ->
     return np.asarray(controller.kp + controller.kd * derivative * difference + controller.ki * integral)
 
 
-def error_response(controller: Controller, inertia: float, samples: int, period: float) -> Floats:
+def error_response(controller: Controller, inertia: float, samples: int, period: float) -> Complexes:
     """G(jω) from feedforward to error on the frequencies of `numpy.fft.rfft`; complex, (n//2+1,)."""
-    omega = 2.0 * np.pi * np.fft.rfftfreq(samples, period)
+    omega: Floats = np.asarray(2.0 * np.pi * np.fft.rfftfreq(samples, period), dtype=np.float64)
     response = np.zeros(len(omega), dtype=np.complex128)
     with np.errstate(invalid="ignore", divide="ignore"):
         full = 1.0 / (controller_response(controller, omega, period) - inertia * omega**2)

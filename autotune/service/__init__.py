@@ -1,1 +1,1 @@
-"""Tuning run, commit, journal and store."""
+"""Tuning run, proof, commit, journal and recovery."""

@@ -1,0 +1,74 @@
+"""Backups of what a drive held before something was written to it; each with a checksum."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from autotune.core.errors import ConfigurationError
+from autotune.service.files import checksum, read_json, write_json
+
+SCHEMA_VERSION = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Backup:
+    """Parameters of one drive at one time. `identity` tells drives of the same axis name apart."""
+
+    id: str
+    axis: str
+    taken: str
+    identity: Mapping[str, int | str]
+    parameters: Mapping[str, float]
+
+
+def take_backup(
+    store: Path,
+    axis: str,
+    identity: Mapping[str, int | str],
+    parameters: Mapping[str, float],
+    now: datetime,
+) -> Backup:
+    """Writes a backup below `store` and reads it back before anything may rely on it."""
+    folder = store / "backups" / axis
+    folder.mkdir(parents=True, exist_ok=True)
+    stamp = now.strftime("%Y%m%d-%H%M%S")
+    number = next(n for n in range(1, 1000) if not (folder / f"{stamp}-{n}.json").exists())
+    backup = Backup(
+        f"{stamp}-{number}", axis, now.isoformat(timespec="seconds"), dict(identity), dict(parameters)
+    )
+    content = {
+        "schema": SCHEMA_VERSION,
+        "axis": axis,
+        "taken": backup.taken,
+        "identity": dict(identity),
+        "parameters": dict(parameters),
+    }
+    write_json(folder / f"{backup.id}.json", content | {"checksum": checksum(content)})
+    return load_backup(store, axis, backup.id)
+
+
+def load_backup(store: Path, axis: str, identifier: str) -> Backup:
+    """Reads a backup.
+
+    Raises:
+        ConfigurationError: no such backup (the ids there are named), or its checksum does not match.
+    """
+    path = store / "backups" / axis / f"{identifier}.json"
+    if identifier not in backup_ids(store, axis):
+        there = ", ".join(backup_ids(store, axis)[-5:]) or "none"
+        raise ConfigurationError(f"there is no backup {identifier!r} of axis {axis}; there are: {there}")
+    content = read_json(path, "backup")
+    stated = content.pop("checksum", "")
+    if checksum(content) != stated:
+        raise ConfigurationError(
+            f"backup {path} does not match its checksum and is not used; choose another one with --to"
+        )
+    return Backup(identifier, content["axis"], content["taken"], content["identity"], content["parameters"])
+
+
+def backup_ids(store: Path, axis: str) -> list[str]:
+    """Ids of the backups of an axis, oldest first."""
+    return sorted(path.stem for path in (store / "backups" / axis).glob("[0-9]*.json"))

@@ -1,0 +1,55 @@
+"""Files that must survive a crash in any line: written whole, synced, then renamed."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from autotune.core.errors import ConfigurationError
+
+
+def write_json(path: Path, content: dict[str, Any]) -> None:
+    """Writes `content` so that a reader sees the old file or the new one, also after a power cut."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    with temporary.open("w", encoding="utf-8") as file:
+        json.dump(content, file, indent=2, allow_nan=False)
+        file.write("\n")
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(temporary, path)
+    _sync_directory(path.parent)
+
+
+def read_json(path: Path, kind: str) -> dict[str, Any]:
+    """Reads a JSON object.
+
+    Raises:
+        ConfigurationError: missing, unreadable or not an object; `kind` names it in the message.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ConfigurationError(f"there is no {kind} {path}") from None
+    except (OSError, ValueError) as error:
+        raise ConfigurationError(f"{kind} {path} is damaged: {error}") from error
+    if not isinstance(content, dict):
+        raise ConfigurationError(
+            f"{kind} {path} is damaged: it holds {type(content).__name__}, not an object"
+        )
+    return content
+
+
+def checksum(content: dict[str, Any]) -> str:
+    """SHA-256 of a JSON object in canonical form."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True, allow_nan=False).encode()).hexdigest()
+
+
+def _sync_directory(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
