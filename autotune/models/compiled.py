@@ -1,0 +1,45 @@
+"""Compiled kernels whose cache knows all the code they are made of.
+
+numba keeps compiled code beside the source and looks only at the file of the function itself; a kernel
+that calls functions of other files would stay in use after those have changed. Here the stamp covers
+the kernel's own file and every file of this package.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar
+
+from numba import njit
+
+Kernel = TypeVar("Kernel", bound=Callable[..., Any])
+
+
+def compiled(function: Kernel) -> Kernel:
+    """Compiles `function` on its first call and keeps the machine code for later processes."""
+    dispatcher: Any = njit(cache=True, error_model="numpy")(function)
+    files = getattr(dispatcher._cache, "_cache_file", None)
+    if files is not None and hasattr(files, "_source_stamp"):
+        files._source_stamp = _stamp(function.__code__.co_filename)
+        return dispatcher  # type: ignore[no-any-return]
+    return njit(error_model="numpy")(function)  # type: ignore[no-any-return]
+
+
+def _stamp(own: str) -> str:
+    return hashlib.sha256(_digest(Path(own)) + _package()).hexdigest()
+
+
+@cache
+def _package() -> bytes:
+    digest = hashlib.sha256()
+    for file in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(_digest(file))
+    return digest.digest()
+
+
+@cache
+def _digest(file: Path) -> bytes:
+    return hashlib.sha256(file.read_bytes()).digest()

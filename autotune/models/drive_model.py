@@ -1,0 +1,192 @@
+"""The model of one axis: an inertia, base friction, and a list of effects.
+
+Base parameters (motor side, SI): inertia J, viscous σ2, Coulomb F_c, stiffness at rest σ0, damping of
+the bristle σ1 (`micro_damping`) and offset F_g. Everything else is an effect.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+import numpy as np
+
+from autotune.core.errors import ConfigurationError
+from autotune.models import layout
+from autotune.models.effect import Effect, Parameter, Value, check
+from autotune.models.lugre import Floats
+from autotune.models.plant import Flags, required_torque
+from autotune.models.table import EFFECTS, effect_kind
+from autotune.models.torque_ripple import scale_slot
+
+SCHEMA_VERSION = 1
+
+BASE: tuple[Parameter, ...] = (
+    Parameter("inertia", "kg m²", 1.0, 1e-12, 1e9, "all that is accelerated, at the motor", layout.INERTIA),
+    Parameter("viscous", "N m s/rad", 0.0, 0.0, 1e9, "friction that grows with speed", layout.VISCOUS),
+    Parameter("coulomb", "N m", 0.0, 0.0, 1e9, "friction while moving, at any speed", layout.COULOMB),
+    Parameter("stiffness", "N m/rad", 1.0, 1e-12, 1e15, "spring of the contact at rest", layout.STIFFNESS),
+    Parameter("micro_damping", "N m s/rad", 0.0, 0.0, 1e12, "damping of that spring", layout.MICRO_DAMPING),
+    Parameter("offset", "N m", 0.0, -1e9, 1e9, "constant torque: gravity, amplifier offset", layout.OFFSET),
+)
+_BASE_BY_NAME = {parameter.name: parameter for parameter in BASE}
+
+
+@dataclass(frozen=True, slots=True)
+class HistoryEntry:
+    """One step in a model's life: what was done, when, on which data, and how far the error fell."""
+
+    when: str
+    action: str
+    data: str = ""
+    error_before: float | None = None
+    error_after: float | None = None
+    noise_floor: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Packed:
+    """A model as the compiled routine takes it: `p` of shape (PARAMETERS,), `on` (effects,)."""
+
+    p: Floats
+    on: Flags
+
+
+@dataclass(frozen=True, slots=True)
+class DriveModel:
+    """Base values by name and effects, in the order in which they were added.
+
+    Raises:
+        ConfigurationError: a base parameter missing, unknown or out of bounds, an effect twice.
+    """
+
+    base: Mapping[str, Value]
+    effects: tuple[Effect, ...] = ()
+    motion_unit: str = "rad"
+    axis: str = ""
+    fingerprint: str = ""
+    history: tuple[HistoryEntry, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        wrong = set(self.base) ^ set(_BASE_BY_NAME)
+        if wrong:
+            raise ConfigurationError(
+                f"a drive model needs exactly the base parameters {', '.join(_BASE_BY_NAME)}; "
+                f"missing or unknown: {', '.join(sorted(wrong))}"
+            )
+        for name, value in self.base.items():
+            check(_BASE_BY_NAME[name], value.value, name)
+        names = [effect.name for effect in self.effects]
+        twice = {name for name in names if names.count(name) > 1}
+        if twice:
+            raise ConfigurationError(f"effect {', '.join(sorted(twice))} is in the model twice; keep one")
+
+    @property
+    def parameters(self) -> dict[str, Value]:
+        """All values by their surface names (`stiffness`, `break_away`, `torque_ripple.order_1`)."""
+        table = {parameter.name: self.base[parameter.name] for parameter in BASE}
+        for effect in self.effects:
+            table |= {effect.kind.surface(name): value for name, value in effect.values.items()}
+        return table
+
+    def __getitem__(self, surface: str) -> float:
+        return self.parameters[surface].value
+
+    def __contains__(self, effect: str) -> bool:
+        return any(effect == present.name for present in self.effects)
+
+    def unit(self, surface: str) -> str:
+        """Unit of a parameter on this axis."""
+        return surface_parameter(surface).unit_for(self.motion_unit)
+
+    def pack(self) -> Packed:
+        """Vector and flags for the compiled routine."""
+        p = np.zeros(layout.PARAMETERS)
+        on = np.zeros(len(layout.EFFECT_NAMES), dtype=np.bool_)
+        for parameter in [*BASE, *(q for kind in EFFECTS.values() for q in kind.parameters)]:
+            p[parameter.slot] = parameter.neutral
+        p[scale_slot()] = 1.0 if self.motion_unit == "rad" else 2.0 * math.pi
+        for surface, value in self.parameters.items():
+            p[surface_parameter(surface).slot] = value.value
+        for effect in self.effects:
+            on[layout.flag(effect.name)] = True
+        return Packed(p, on)
+
+    def with_values(
+        self, values: Mapping[str, float], errors: Mapping[str, float | None] | None = None
+    ) -> DriveModel:
+        """The same model with some values replaced, by surface name.
+
+        A value whose error is not given has none afterwards.
+        """
+        errors = errors or {}
+        table = self.parameters
+        unknown = set(values) - set(table)
+        if unknown:
+            raise ConfigurationError(f"the model has no parameter {', '.join(sorted(unknown))}")
+        table |= {name: Value(float(value), errors.get(name)) for name, value in values.items()}
+        effects = tuple(
+            replace(
+                effect,
+                values=MappingProxyType({name: table[effect.kind.surface(name)] for name in effect.values}),
+            )
+            for effect in self.effects
+        )
+        base = MappingProxyType({parameter.name: table[parameter.name] for parameter in BASE})
+        return replace(self, base=base, effects=effects)
+
+    def with_effect(self, effect: Effect) -> DriveModel:
+        """The model with an effect added, or replaced if it is there."""
+        kept = tuple(present for present in self.effects if present.name != effect.name)
+        return replace(self, effects=(*kept, effect))
+
+    def without_effect(self, name: str) -> DriveModel:
+        return replace(self, effects=tuple(effect for effect in self.effects if effect.name != name))
+
+    def with_history(self, entry: HistoryEntry) -> DriveModel:
+        return replace(self, history=(*self.history, entry))
+
+    def torque(self, position: Floats, velocity: Floats, acceleration: Floats, period: float) -> Floats:
+        """Torque [N m] that a motion needs, started with relaxed junctions; arrays of shape (n,)."""
+        packed = self.pack()
+        result = np.empty(len(position))
+        if len(position):
+            q, v, a = (np.ascontiguousarray(x, dtype=np.float64) for x in (position, velocity, acceleration))
+            required_torque(packed.p, packed.on, q, v, a, 0.0, period, result)
+        return result
+
+
+def base_model(
+    values: Mapping[str, float],
+    errors: Mapping[str, float] | None = None,
+    motion_unit: str = "rad",
+    axis: str = "",
+    fingerprint: str = "",
+) -> DriveModel:
+    """A model from plain numbers; with `break_away` and `stribeck_velocity` it has the effect `stribeck`."""
+    errors = errors or {}
+    base = {n: Value(float(v), errors.get(n)) for n, v in values.items() if n in _BASE_BY_NAME}
+    rest = {name: value for name, value in values.items() if name not in _BASE_BY_NAME}
+    effects = (EFFECTS["stribeck"].make(rest, errors),) if rest else ()
+    return DriveModel(MappingProxyType(base), effects, motion_unit, axis, fingerprint)
+
+
+def surface_parameter(surface: str) -> Parameter:
+    """What a parameter is, by its surface name.
+
+    Raises:
+        ConfigurationError: there is no such parameter.
+    """
+    if surface in _BASE_BY_NAME:
+        return _BASE_BY_NAME[surface]
+    effect, dot, name = surface.partition(".")
+    if dot:
+        return effect_kind(effect).parameter(name)
+    for kind in EFFECTS.values():
+        if not kind.surface_prefix and any(surface == parameter.name for parameter in kind.parameters):
+            return kind.parameter(surface)
+    raise ConfigurationError(
+        f"there is no parameter {surface!r}; base parameters: {', '.join(_BASE_BY_NAME)}"
+    )

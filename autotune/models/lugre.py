@@ -1,0 +1,88 @@
+"""The LuGre bristle and the shapes of steady-state friction.
+
+z' = v − |v|/g(v)·z (3.10), integrated exactly for constant velocity (5.8); friction is
+σ0·z + σ1·z' + σ2·v (3.9). Shapes of σ0·g(v): Table 2.1.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from autotune.core.errors import ConfigurationError
+from autotune.models.compiled import compiled
+
+Floats = NDArray[np.float64]
+Shape = Literal[
+    "linear", "piecewise_linear", "exponential", "gaussian", "generalised_exponential", "lorentzian"
+]
+SHAPES: tuple[Shape, ...] = (
+    "linear",
+    "piecewise_linear",
+    "exponential",
+    "gaussian",
+    "generalised_exponential",
+    "lorentzian",
+)
+
+
+@compiled
+def gaussian_level(velocity: float, coulomb: float, break_away: float, stribeck_velocity: float) -> float:
+    """Steady-state friction level σ0·g(v) of (3.5) [N m]."""
+    ratio = velocity / stribeck_velocity
+    return coulomb + (break_away - coulomb) * math.exp(-ratio * ratio)
+
+
+@compiled
+def bristle_step(bristle: float, velocity: float, limit: float, duration: float) -> float:
+    """Deflection after `duration` at constant velocity (5.8).
+
+    `limit` is g(v), the deflection in steady state; all in the motion unit.
+    """
+    distance = abs(velocity) * duration / limit
+    if distance < 1e-12:
+        return bristle
+    steady = math.copysign(limit, velocity)
+    return steady + (bristle - steady) * math.exp(-distance)
+
+
+@compiled
+def bristle_rate(bristle: float, velocity: float, limit: float) -> float:
+    """z' of (3.10)."""
+    return velocity - abs(velocity) / limit * bristle
+
+
+def level(
+    shape: Shape,
+    velocity: Floats,
+    coulomb: float,
+    break_away: float,
+    stribeck_velocity: float,
+    exponent: float = 2.0,
+) -> Floats:
+    """σ0·g(v) of Table 2.1 at each velocity [N m], without the sign.
+
+    In the piecewise linear shape the level falls from break-away to Coulomb over `stribeck_velocity`
+    (R = (F_s − F_c)/v_s); the generalised exponential has α = v_s^−δ with δ = `exponent`.
+
+    Raises:
+        ConfigurationError: unknown shape.
+    """
+    ratio = np.abs(velocity) / stribeck_velocity
+    rise = break_away - coulomb
+    if shape == "linear":
+        return np.full_like(ratio, coulomb)
+    if shape == "piecewise_linear":
+        return coulomb + rise * np.clip(1.0 - ratio, 0.0, 1.0)
+    if shape == "exponential":
+        return coulomb + rise * np.exp(-ratio)
+    if shape == "gaussian":
+        return coulomb + rise * np.exp(-(ratio**2))
+    if shape == "generalised_exponential":
+        return coulomb + rise * np.exp(-(ratio**exponent))
+    if shape == "lorentzian":
+        return coulomb + rise / (1.0 + ratio**2)
+    raise ConfigurationError(f"friction shape is {shape!r}; allowed are {', '.join(SHAPES)}")

@@ -1,0 +1,180 @@
+"""Drive models as TOML that people read and edit.
+
+```toml
+schema = 1
+axis = "edm-vertical"
+fingerprint = "0123456789ab"
+motion_unit = "rad"
+
+[inertia]
+value = 0.000666
+standard_error = 2e-06
+unit = "kg m²"
+
+[effects.stribeck.break_away]
+value = 0.34
+
+[[history]]
+when = "2024-05-01T12:00:00+00:00"
+action = "fitted"
+```
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from types import MappingProxyType
+from typing import Annotated, Literal
+
+import tomlkit
+from pydantic import Field
+from tomlkit.items import Table
+
+from autotune.core.configuration import Strict, read_toml, validate
+from autotune.core.errors import ConfigurationError
+from autotune.models.drive_model import BASE, SCHEMA_VERSION, DriveModel, HistoryEntry
+from autotune.models.effect import Parameter, Value
+from autotune.models.table import effect_kind
+
+
+class _Number(Strict):
+    value: float
+    standard_error: Annotated[float, Field(ge=0)] | None = None
+    unit: str | None = None
+    about: str | None = None
+
+
+class _History(Strict):
+    when: str
+    action: str
+    data: str = ""
+    error_before: float | None = None
+    error_after: float | None = None
+    noise_floor: float | None = None
+
+
+class _File(Strict):
+    schema_version: Annotated[int, Field(alias="schema", ge=1)]
+    axis: str = ""
+    fingerprint: str = ""
+    motion_unit: Literal["rad", "m"] = "rad"
+    inertia: _Number
+    viscous: _Number
+    coulomb: _Number
+    stiffness: _Number
+    micro_damping: _Number
+    offset: _Number
+    effects: dict[str, dict[str, _Number]] = Field(default_factory=dict)
+    history: list[_History] = Field(default_factory=list)
+
+
+def read_model(path: str | Path) -> DriveModel:
+    """Reads a model file.
+
+    Raises:
+        ConfigurationError: no such file, not TOML, a newer schema, an unknown key, a unit that is not
+            this axis's, or a value out of bounds.
+    """
+    data = read_toml(path, "model")
+    where = f"model {path}"
+    schema = data.get("schema")
+    if isinstance(schema, int) and schema > SCHEMA_VERSION:
+        raise ConfigurationError(
+            f"{where} has schema {schema}, this program knows up to {SCHEMA_VERSION}; update autotune"
+        )
+    file = validate(_File, data, where)
+    try:
+        return _model(file)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{where}: {error}") from error
+
+
+def write_model(model: DriveModel, path: str | Path) -> None:
+    """Writes a model, replacing the file in one step; what was there before is kept as `*.bak`."""
+    path = Path(path)
+    temporary = path.with_name(path.name + ".part")
+    with temporary.open("w", encoding="utf-8") as file:
+        file.write(model_text(model))
+        file.flush()
+        os.fsync(file.fileno())
+    if path.is_file():
+        backup = path.with_name(path.name + ".bak")
+        backup.write_bytes(path.read_bytes())
+    os.replace(temporary, path)
+
+
+def model_text(model: DriveModel) -> str:
+    """The model as TOML."""
+    document = tomlkit.document()
+    document.add(tomlkit.comment("Drive model, SI, on the motor side. Written by autotune; may be edited."))
+    document["schema"] = SCHEMA_VERSION
+    for key in ("axis", "fingerprint", "motion_unit"):
+        document[key] = getattr(model, key)
+    for parameter in BASE:
+        document[parameter.name] = _number(model, parameter, model.base[parameter.name])
+    if model.effects:
+        document["effects"] = _effects(model)
+    if model.history:
+        entries = tomlkit.aot()
+        for entry in model.history:
+            entries.append(_entry(entry))
+        document["history"] = entries
+    return tomlkit.dumps(document)
+
+
+def _effects(model: DriveModel) -> Table:
+    effects = tomlkit.table(is_super_table=True)
+    for effect in model.effects:
+        table = tomlkit.table(is_super_table=True)
+        for name, value in effect.values.items():
+            table[name] = _number(model, effect.kind.parameter(name), value)
+        effects[effect.name] = table
+    return effects
+
+
+def _number(model: DriveModel, parameter: Parameter, value: Value) -> Table:
+    table = tomlkit.table()
+    table["value"] = float(value.value)
+    if value.standard_error is not None:
+        table["standard_error"] = float(value.standard_error)
+    table["unit"] = parameter.unit_for(model.motion_unit)
+    table["about"] = parameter.meaning
+    return table
+
+
+def _entry(entry: HistoryEntry) -> Table:
+    table = tomlkit.table()
+    for key in HistoryEntry.__slots__:
+        value = getattr(entry, key)
+        if value is not None and value != "":
+            table[key] = value
+    return table
+
+
+def _model(file: _File) -> DriveModel:
+    base: dict[str, Value] = {}
+    for parameter in BASE:
+        base[parameter.name] = _value(getattr(file, parameter.name), parameter, parameter.name, file)
+    effects = []
+    for name, numbers in file.effects.items():
+        kind = effect_kind(name)
+        values = {
+            key: _value(number, kind.parameter(key), kind.surface(key), file)
+            for key, number in numbers.items()
+        }
+        errors = {key: v.standard_error for key, v in values.items() if v.standard_error is not None}
+        effects.append(kind.make({key: v.value for key, v in values.items()}, errors))
+    history = tuple(HistoryEntry(**entry.model_dump()) for entry in file.history)
+    return DriveModel(
+        MappingProxyType(base), tuple(effects), file.motion_unit, file.axis, file.fingerprint, history
+    )
+
+
+def _value(number: _Number, parameter: Parameter, surface: str, file: _File) -> Value:
+    unit = parameter.unit_for(file.motion_unit)
+    if number.unit is not None and number.unit != unit:
+        raise ConfigurationError(
+            f"{surface} is in {number.unit!r}; on an axis in {file.motion_unit} it must be in {unit!r}"
+        )
+    return Value(number.value, number.standard_error)
