@@ -6,9 +6,10 @@ predicted error is small: changing the feedforward by Δu changes the error of t
 
     Δe = −G Δu,   G(jω) = 1 / (C(jω) + (jω)² J),
 
-with the controller C known from its gains. The cost is an 8-norm of the period-averaged error, close to
-its peak (the quadrant glitch) yet smooth. The step is predicted, then measured, and only kept if the
-measurement agrees.
+with the controller C known from its gains. The offset needs no search: it takes the mean of u_PID, as
+(5.14) does, which an integrating controller keeps out of the error anyway. The cost is an 8-norm of the
+period-averaged error, close to its peak (the quadrant glitch) yet smooth, plus a share of the rms of
+u_PID. The step is predicted, then measured, and only kept if the measurement agrees.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from autotune.core.recording import Controller, Floats
 Complexes = NDArray[np.complex128]
 
 NORM = 8
-MOVED = ("stiffness", "coulomb", "offset", "micro_damping")
+MOVED = ("stiffness", "coulomb", "micro_damping")
 FEEDBACK_WEIGHT = 0.5
 
 
@@ -116,24 +117,25 @@ def refine(
     lower = np.maximum([getattr(low, name) for name in MOVED], start - step * scale)
     upper = np.minimum([getattr(high, name) for name in MOVED], start + step * scale)
 
-    def predicted(values: Floats) -> tuple[Floats, Floats]:
-        change = periodic_feedforward(_moved(current, values), measured.reference, measured.period) - applied
-        effect = np.fft.irfft(response * np.fft.rfft(change), len(change))
-        return measured.error - np.asarray(effect), measured.feedback - change
+    def predicted(values: Floats) -> tuple[LugreParameters, Floats, Floats]:
+        moved = _moved(current, values)
+        change = periodic_feedforward(moved, measured.reference, measured.period) - applied
+        effect = np.asarray(np.fft.irfft(response * np.fft.rfft(change), len(change)))
+        feedback = measured.feedback - change
+        offset = current.offset + float(feedback.mean())
+        balanced = replace(moved, offset=min(max(offset, low.offset), high.offset))
+        return balanced, measured.error - effect, feedback - feedback.mean()
 
     def cost(x: Floats) -> float:
-        error, feedback = predicted(np.clip(start + x * scale, lower, upper))
+        _, error, feedback = predicted(np.clip(start + x * scale, lower, upper))
         peak = np.mean((np.abs(error) / measured.peak_error) ** NORM) ** (1.0 / NORM)
         return float(peak + FEEDBACK_WEIGHT * np.sqrt(np.mean(feedback**2)) / current.coulomb)
 
-    found = optimize.minimize(
-        cost,
-        np.zeros(len(MOVED)),
-        method="Nelder-Mead",
-        options={"maxfev": 1200, "initial_simplex": _simplex(len(MOVED))},
-    )
-    values = np.clip(start + found.x * scale, lower, upper)
-    return Refinement(_moved(current, values), float(np.max(np.abs(predicted(values)[0]))))
+    simplex = np.vstack([np.zeros(len(MOVED)), 0.15 * np.eye(len(MOVED))])
+    options = {"maxfev": 1200, "xatol": 1e-4, "fatol": 1e-6, "initial_simplex": simplex}
+    found = optimize.minimize(cost, np.zeros(len(MOVED)), method="Nelder-Mead", options=options)
+    parameters, error, _ = predicted(np.clip(start + found.x * scale, lower, upper))
+    return Refinement(parameters, float(np.max(np.abs(error))))
 
 
 def _moved(current: LugreParameters, values: Floats) -> LugreParameters:
@@ -143,12 +145,6 @@ def _moved(current: LugreParameters, values: Floats) -> LugreParameters:
 
 
 def _scale(current: LugreParameters, name: str) -> float:
-    if name == "offset":
-        return current.coulomb
     if name == "micro_damping":
         return max(current.micro_damping, 1e-3 * current.stiffness)
     return float(getattr(current, name))
-
-
-def _simplex(dimensions: int) -> Floats:
-    return np.vstack([np.zeros(dimensions), 0.15 * np.eye(dimensions)])

@@ -78,6 +78,12 @@ class Acceptance(Strict):
     confidence: Annotated[float, Field(ge=0.9, lt=1)] = 0.99
 
 
+class Simulation(Strict):
+    """Which simulated axis `autotune sim` puts behind the link."""
+
+    preset: str = "edm-vertical"
+
+
 class Axis(Strict):
     """One axis. `link` says where it is, `profile` what kind of drive it is."""
 
@@ -92,6 +98,7 @@ class Axis(Strict):
     reference: Reference = Reference()
     benchmark: Benchmark
     acceptance: Acceptance = Acceptance()
+    simulation: Simulation = Simulation()
 
     @model_validator(mode="after")
     def _scaled(self) -> Axis:
