@@ -1,0 +1,85 @@
+"""Friction of the simulated axis: elastic elements in parallel, and a single LuGre bristle.
+
+Elastic elements (Maxwell slip: Iwan 1966; Al-Bender, Lampaert, Swevers 2005). Element i follows the
+motion with stiffness k_i until it carries its break-away torque W_i = k_i·d_i, then slides:
+
+    z_i ← clip(z_i + Δq, −d_i·S, +d_i·S),    T = Σ k_i·z_i + v·Σ c_i over the elements that stick
+
+LuGre bristle (Canudas de Wit et al. 1995), integrated exactly for a velocity that is constant during
+one integration step h:
+
+    ż = v − |v|·z/g(v),   g(v) = S·(F_c + (F_s − F_c)·exp(−(v/v_s)²))/σ0,   T = σ0·z + σ1·ż
+
+S is the strength of the contact: 1 for the nominal axis, varied by the planted effects (`strength`).
+Each function is called once per integration step; `side` is 0 for the motor and 1 for the load.
+"""
+
+from __future__ import annotations
+
+import math
+
+from autotune_sim.kernel import Record, kernel
+
+
+@kernel
+def strength(p: Record, s: Record, q: float, v: float) -> float:
+    """Relative strength of the contact at position q [rad] and velocity v [rad/s]."""
+    value = 1.0 + p.load_ratio * s.load + p.dwell_ratio * s.age
+    if p.stribeck_ratio != 0.0:
+        value += p.stribeck_ratio * math.exp(-((v / p.stribeck_velocity) ** 2))
+    if p.bump_ratio != 0.0:
+        value += p.bump_ratio * math.exp(-(((q - p.bump_centre) / p.bump_width) ** 2))
+    return float(max(value * math.exp(-p.thermal_softening * s.warming), 0.05))
+
+
+@kernel
+def slide(p: Record, s: Record, side: int, share: float, displacement: float, level: float) -> float:
+    """Moves all elements of one side; leaves their torque and damping in the state.
+
+    Returns the mean distance that the contact slipped [rad], for what ages with slip.
+    """
+    elastic = 0.0
+    damping = 0.0
+    slip = 0.0
+    upper = level * (1.0 + p.asymmetry)
+    lower = -level * (1.0 - p.asymmetry)
+    for i in range(p.element_count):
+        limit = p.element_displacement[i]
+        z = s.element_state[side, i] + displacement
+        if z > upper * limit:
+            slip += p.element_weight[i] * (z - upper * limit)
+            z = upper * limit
+        elif z < lower * limit:
+            slip += p.element_weight[i] * (lower * limit - z)
+            z = lower * limit
+        else:
+            damping += p.element_damping[i]
+        s.element_state[side, i] = z
+        elastic += p.element_stiffness[i] * z
+    s.elastic[side] = share * elastic
+    s.damping[side] = share * damping
+    return slip
+
+
+@kernel
+def bend(p: Record, s: Record, side: int, share: float, v: float, h: float, level: float) -> float:
+    """Moves the LuGre bristle of one side at velocity v for the time h; adds torque and damping.
+
+    Returns the distance slipped [rad].
+    """
+    if p.bristle_stiffness == 0.0:
+        return 0.0
+    old = s.bristle_state[side]
+    z = old
+    damping = p.bristle_damping
+    if v != 0.0:
+        direction = math.copysign(1.0, v)
+        excess = (p.bristle_break_away - p.bristle_coulomb) * math.exp(-((v / p.bristle_velocity) ** 2))
+        g = level * (1.0 + direction * p.asymmetry) * (p.bristle_coulomb + excess) / p.bristle_stiffness
+        decay = math.exp(-abs(v) * h / g)
+        z = old * decay + direction * g * (1.0 - decay)
+        damping *= max(1.0 - direction * z / g, 0.0)
+    s.bristle_state[side] = z
+    s.elastic[side] += share * p.bristle_stiffness * z
+    s.damping[side] += share * damping
+    return float(abs(v * h - (z - old)))

@@ -1,0 +1,122 @@
+"""Axes that can be simulated, by name.
+
+`edm-vertical` is the vertical axis of an electro-discharge machine (thesis, Tables 6.2 and 6.3);
+`lugre` is the same axis with a single LuGre bristle, for identification with known truth;
+`frictionless` has no friction but the viscous one.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from autotune.core.errors import ConfigurationError
+from autotune_sim.effects import apply_effects, scale_friction
+from autotune_sim.plant import Bristle, Element, PlantParameters, Wave
+
+SPREAD = 0.2  # relative, of the parameters that a seed varies
+
+
+@dataclass(frozen=True, slots=True)
+class Gains:
+    """Factory settings of the position controller."""
+
+    kp: float = 60.0
+    kd: float = 0.15
+    ki: float = 6000.0
+    derivative_filter: float = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Preset:
+    """A simulated axis: mechanics and the drive's factory settings.
+
+    Attributes:
+        seed: of the variation of the plant; the noise has a seed of its own (`Servo`).
+        effects: what was planted, name → size.
+    """
+
+    name: str
+    plant: PlantParameters
+    gains: Gains = Gains()
+    period: float = 1e-3
+    seed: int = 0
+    effects: tuple[tuple[str, float], ...] = ()
+
+
+_BREAKS = (0.8e-3, 2e-3, 6e-3, 15e-3, 40e-3, 80e-3)
+_SHARES = (0.14, 0.20, 0.25, 0.20, 0.13, 0.08)
+_LEVEL = 0.33
+_RIPPLE = (Wave(order=7.0, amplitude=0.01, phase=0.6),)
+
+
+def _edm_vertical() -> PlantParameters:
+    elements = tuple(Element(d, share * _LEVEL) for d, share in zip(_BREAKS, _SHARES, strict=True))
+    return PlantParameters(
+        inertia=6.66e-4,
+        viscous=4.13e-3,
+        offset=0.048,
+        micro_damping=0.05,
+        elements=elements,
+        ripple=_RIPPLE,
+    )
+
+
+def _lugre() -> PlantParameters:
+    bristle = Bristle(coulomb=0.30, break_away=0.36, velocity=0.3, stiffness=100.0, damping=0.05)
+    return PlantParameters(inertia=6.66e-4, viscous=4.13e-3, offset=0.048, bristle=bristle)
+
+
+def _frictionless() -> PlantParameters:
+    return scale_friction(_edm_vertical(), 0.0)
+
+
+PRESETS: dict[str, Callable[[], PlantParameters]] = {
+    "edm-vertical": _edm_vertical,
+    "lugre": _lugre,
+    "frictionless": _frictionless,
+}
+
+
+def preset(name: str, seed: int | None = 0, effects: Mapping[str, float] | None = None) -> Preset:
+    """The axis `name`, varied by `seed` (0 or None: nominal), with planted effects (name → size).
+
+    Besides the effects of `effects.EFFECTS`, the name `friction` scales the friction level.
+
+    Raises:
+        ConfigurationError: an unknown name, with the nearest right one, or a size out of range.
+    """
+    if name not in PRESETS:
+        near = difflib.get_close_matches(name, PRESETS, 1)
+        hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(PRESETS)}"
+        raise ConfigurationError(f"there is no simulated axis {name!r}; {hint}")
+    seed = seed or 0
+    if seed < 0:
+        raise ConfigurationError(f"the seed of simulated axis {name!r} is {seed}; it must be 0 or above")
+    plant = PRESETS[name]()
+    if seed:
+        plant = vary(plant, np.random.default_rng([seed, 1]))
+    planted = dict(effects or {})
+    plant = apply_effects(plant, planted, seed)
+    return Preset(name, plant, seed=seed, effects=tuple(planted.items()))
+
+
+def vary(plant: PlantParameters, random: np.random.Generator, spread: float = SPREAD) -> PlantParameters:
+    """Each of inertia, viscous friction, friction level, break-away displacement, offset and ripple by ±spread."""
+    inertia, viscous, level, reach, offset, ripple = random.uniform(1 - spread, 1 + spread, 6)
+    plant = scale_friction(plant, level)
+    bristle = plant.bristle
+    if bristle is not None:
+        bristle = replace(bristle, stiffness=bristle.stiffness / reach)
+    return replace(
+        plant,
+        inertia=plant.inertia * inertia,
+        viscous=plant.viscous * viscous,
+        offset=plant.offset * offset,
+        elements=tuple(Element(e.displacement * reach, e.torque) for e in plant.elements),
+        bristle=bristle,
+        ripple=tuple(replace(wave, amplitude=wave.amplitude * ripple) for wave in plant.ripple),
+    )
