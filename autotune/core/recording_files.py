@@ -126,6 +126,7 @@ def _read_csv(path: Path) -> tuple[pa.Table, dict[str, str]]:
             start = file.tell()
         file.seek(start)
         content = file.read()
+    content.decode("utf-8")
     if not content.strip():
         raise RecordingError(f"{path} is empty; a recording needs {', '.join(REQUIRED_COLUMNS)}")
     types = {name: pa.float64() for name in FLOAT_COLUMNS}
@@ -136,6 +137,8 @@ def _read_csv(path: Path) -> tuple[pa.Table, dict[str, str]]:
 
 def _recording(path: Path, table: pa.Table, pairs: dict[str, str]) -> Recording:
     names = set(table.column_names)
+    if len(names) < table.num_columns:
+        raise RecordingError(f"{path} names a column twice: {', '.join(table.column_names)}; rename one")
     missing = [name for name in REQUIRED_COLUMNS if name not in names]
     if missing:
         raise RecordingError(
