@@ -1,0 +1,205 @@
+"""Where the model fails and how its error fell: residual, staircase, ranking."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from autotune.view import theme
+from autotune.view.data import Comparison, Floats, Rank, Residual, Step
+from autotune.view.figures.parts import empty, floor_lines, line, plain, small, titled
+from autotune.view.scale import binned, multiple, peak, quantity, significant
+
+_HEAT = ((0.0, "rgba(255,255,255,0)"), (0.02, "#e3eef6"), (0.25, "#9ec8e2"), (1.0, "#2a7fb0"))
+
+
+def measured_and_model(data: Comparison) -> go.Figure:
+    """Measured and modelled over time, and what is left of it below."""
+    if len(data.time) == 0:
+        return empty("There is nothing to compare.")
+    figure = make_subplots(rows=2, cols=1, shared_xaxes=True, row_heights=[0.66, 0.34], vertical_spacing=0.07)
+    factor, unit = multiple(peak(data.measured, data.modelled), data.unit)
+    for values, name, colour, width in (
+        (data.measured, "measured", theme.MEASURED, 1.1),
+        (data.modelled, "model", theme.MODEL, 1.6),
+    ):
+        figure.add_trace(line(data.time, values * factor, name, colour, line={"width": width}), row=1, col=1)
+    rest = data.measured - data.modelled
+    rest_factor, rest_unit = multiple(peak(rest), data.unit)
+    left = line(
+        data.time,
+        rest * rest_factor,
+        f"residual, rms {_rms(rest, data.unit)}",
+        theme.BEFORE,
+        line={"width": 1},
+    )
+    figure.add_trace(left, row=2, col=1)
+    if data.noise_floor is not None:
+        ends, name = (float(data.time[0]), float(data.time[-1])), _floor_name(data.noise_floor, data.unit)
+        for trace in floor_lines(ends, data.noise_floor * rest_factor, name):
+            figure.add_trace(trace, row=2, col=1)
+    figure.update_yaxes(title=titled(data.quantity, unit), row=1, col=1)
+    figure.update_yaxes(title=titled("residual", rest_unit), row=2, col=1)
+    figure.update_xaxes(title=titled("time", "s"), row=2, col=1)
+    return theme.finish(figure, 520)
+
+
+def residual_over_coordinate(data: Residual) -> go.Figure:
+    """Where the residual lives: density of all samples, mean of each bin with its 95 % interval."""
+    if len(data.values) == 0:
+        return empty("There is no residual to show.")
+    factor, unit = multiple(peak(data.residual), data.residual_unit)
+    x_factor, x_unit = multiple(peak(data.values), data.unit)
+    x, y = data.values * x_factor, data.residual * factor
+    figure = go.Figure(_density(x, y))
+    centre, mean, error = binned(x, y, 80 if len(x) > 8000 else 40)
+    figure.add_trace(
+        go.Scatter(
+            x=small(centre),
+            y=small(mean),
+            error_y={"array": small(1.96 * error), "width": 2, "thickness": 1.2},
+            mode="lines+markers",
+            name="mean in the bin" + _share(data.share),
+            line={"color": theme.BEFORE, "width": 2},
+            marker={"size": 5},
+        )
+    )
+    if data.noise_floor is not None:
+        name = _floor_name(data.noise_floor, data.residual_unit)
+        figure.add_traces(floor_lines(_span(x), data.noise_floor * factor, name))
+    figure.update_xaxes(title=titled(data.coordinate.replace("_", " "), x_unit), range=_span(x))
+    figure.update_yaxes(title=titled("measured − model", unit))
+    return theme.finish(figure, 420)
+
+
+def staircase(steps: Sequence[Step], noise_floor: float | None = None, unit: str = "N m") -> go.Figure:
+    """The error on unseen data after each effect that was added, falling towards the noise floor."""
+    if not steps:
+        return empty("The model has no history yet.")
+    errors = np.array([step.error for step in steps])
+    factor, text = multiple(peak(errors), unit)
+    names = [_spaced(step.name) for step in steps]
+    figure = go.Figure(
+        go.Bar(
+            x=list(range(len(steps))),
+            y=small(errors * factor),
+            marker={"color": [theme.REFERENCE] + [theme.MODEL] * (len(steps) - 1)},
+            width=0.98,
+            hovertext=names,
+            name="error on unseen data",
+            showlegend=False,
+        )
+    )
+    _falls(figure, errors, factor)
+    if noise_floor is not None:
+        _floor_of_stairs(figure, len(steps), noise_floor * factor, quantity(noise_floor, unit))
+    heads = [names[0], *(f"+ {name}" for name in names[1:])]
+    ticks = [f"{h}<br><b>{significant(e * factor)} {text}</b>" for h, e in zip(heads, errors, strict=True)]
+    figure.update_xaxes(tickvals=list(range(len(steps))), ticktext=ticks, showgrid=False)
+    figure.update_yaxes(title=titled("rms error on unseen data", text), rangemode="tozero")
+    return theme.finish(figure, 400)
+
+
+def ranking(ranks: Sequence[Rank]) -> go.Figure:
+    """How far each candidate brings the error down; the ones that pass every gate are filled."""
+    if not ranks:
+        return empty("No candidate could be judged.")
+    ordered = sorted(ranks, key=lambda rank: rank.gain)
+    figure = go.Figure()
+    gains = [100 * rank.gain for rank in ordered]
+    for accepted, name, colour in ((True, "accepted", theme.MODEL), (False, "not accepted", "#c3cad4")):
+        chosen = [rank for rank in ordered if rank.accepted is accepted]
+        if not chosen:
+            continue
+        figure.add_trace(
+            go.Bar(
+                y=[_spaced(rank.name) for rank in chosen],
+                x=[100 * rank.gain for rank in chosen],
+                text=[f"{100 * rank.gain:.1f} %".replace("-", "−") for rank in chosen],
+                textposition="outside",
+                cliponaxis=False,
+                hovertext=[plain(rank.why) for rank in chosen],
+                orientation="h",
+                marker={"color": colour},
+                name=name,
+                width=0.7,
+            )
+        )
+    figure.update_yaxes(categoryorder="array", categoryarray=[_spaced(rank.name) for rank in ordered])
+    reach = max(max(gains), -min(gains), 1e-3)
+    figure.update_xaxes(
+        title="Fall of the error on unseen data [%]",
+        range=[
+            min(0.0, min(gains)) - (0.12 * reach if min(gains) < 0 else 0.0),
+            max(0.0, max(gains)) + 0.12 * reach,
+        ],
+    )
+    figure.update_layout(barmode="overlay", showlegend=True)
+    return theme.finish(figure, 120 + 28 * len(ordered))
+
+
+def _density(x: Floats, y: Floats) -> go.Heatmap:
+    good = np.isfinite(x) & np.isfinite(y)
+    x, y = x[good], y[good]
+    limits = np.percentile(y, [0.1, 99.9]) if y.size else np.array([-1.0, 1.0])
+    count, x_edges, y_edges = np.histogram2d(x, y, bins=(90, 50), range=(_span(x), _span(limits)))
+    return go.Heatmap(
+        x=small((x_edges[1:] + x_edges[:-1]) / 2),
+        y=small((y_edges[1:] + y_edges[:-1]) / 2),
+        z=np.minimum(count.T, 65535).astype(np.uint16),
+        colorscale=_HEAT,
+        showscale=False,
+        hovertemplate="%{z} samples<extra></extra>",
+        name="samples",
+    )
+
+
+def _span(values: Floats) -> tuple[float, float]:
+    low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
+    return (low, high) if high > low else (low - 0.5, high + 0.5)
+
+
+def _floor_name(floor: float, unit: str) -> str:
+    return f"noise floor, {quantity(floor, unit)} rms"
+
+
+def _floor_of_stairs(figure: go.Figure, steps: int, floor: float, text: str) -> None:
+    figure.add_trace(
+        go.Scatter(
+            x=[-0.5, steps - 0.5],
+            y=[floor, floor],
+            mode="lines",
+            name=f"noise floor, {text}: no model gets below",
+            showlegend=True,
+            line={"color": theme.GOOD, "dash": "dash", "width": 2},
+        )
+    )
+
+
+def _falls(figure: go.Figure, errors: Floats, factor: float) -> None:
+    for index in range(1, len(errors)):
+        change = errors[index] / errors[index - 1] - 1 if errors[index - 1] > 0 else 0.0
+        figure.add_annotation(
+            x=index, y=float(errors[index - 1]) * factor, text=f"{100 * change:+.0f} %".replace("-", "−"),
+            showarrow=False, yanchor="bottom", font={"color": theme.MUTED},
+        )  # fmt: skip
+        figure.add_shape(
+            type="line", x0=index - 0.49, x1=index + 0.49,
+            y0=float(errors[index - 1]) * factor, y1=float(errors[index - 1]) * factor,
+            line={"color": theme.REFERENCE, "width": 1, "dash": "dot"},
+        )  # fmt: skip
+
+
+def _rms(values: Floats, unit: str) -> str:
+    return quantity(float(np.sqrt(np.nanmean(values**2))), unit)
+
+
+def _share(share: float | None) -> str:
+    return "" if share is None else f" ({100 * share:.0f} % of the residual's variance)"
+
+
+def _spaced(name: str) -> str:
+    return plain(name.replace("_", " "))

@@ -1,0 +1,141 @@
+"""Readable numbers: SI multiples, significant digits, fewer points for the same picture."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+_MULTIPLES = ((1e-9, "n"), (1e-6, "µ"), (1e-3, "m"), (1.0, ""))
+_SCALABLE = frozenset({"rad", "m", "N m", "N", "s", "N m/rad", "rad/s", "m/s"})
+
+
+def multiple(largest: float, unit: str) -> tuple[float, str]:
+    """Factor and unit that bring `largest` (in `unit`) to 1…1000, such as (1e3, "mrad").
+
+    Only multiples below one are used, and only for units where they are customary: kg m² stays.
+    """
+    if unit not in _SCALABLE or not math.isfinite(largest) or largest <= 0:
+        return 1.0, unit
+    size, prefix = next(
+        ((s, p) for s, p in reversed(_MULTIPLES) if largest >= 0.999 * s),
+        _MULTIPLES[0],
+    )
+    return 1.0 / size, prefix + unit
+
+
+def peak(*arrays: Floats | None) -> float:
+    """Largest finite magnitude in the arrays; 0 where there is none."""
+    best = 0.0
+    for values in arrays:
+        if values is not None and np.size(values):
+            finite = np.abs(values[np.isfinite(values)])
+            best = max(best, float(finite.max()) if finite.size else 0.0)
+    return best
+
+
+def significant(value: float, digits: int = 3) -> str:
+    """`value` with so many significant digits, in plain or scientific notation, whichever reads better.
+
+    >>> significant(0.00066612), significant(31.27), significant(6.66e-7)
+    ('0.000666', '31.3', '6.66e-07')
+    """
+    if not math.isfinite(value):
+        return "–"
+    if value == 0:
+        return "0"
+    exponent = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
+    if exponent < -5 or exponent > 6:
+        return f"{value:.{digits - 1}e}"
+    return f"{value:.{max(0, digits - 1 - exponent)}f}"
+
+
+def quantity(value: float, unit: str, error: float | None = None) -> str:
+    """A value with unit and, where known, its standard error, in one multiple.
+
+    The error has two digits and the value is rounded at the error's last digit.
+
+    >>> quantity(0.00049, "rad"), quantity(0.316, "N m", 0.0042)
+    ('0.490 mrad', '316.0 ± 4.2 mN m')
+    """
+    if error is None or not math.isfinite(error) or error <= 0 or not math.isfinite(value):
+        factor, text = multiple(abs(value), unit)
+        return f"{significant(value * factor)} {text}".strip()
+    factor, text = multiple(max(abs(value), error), unit)
+    value, error = value * factor, error * factor
+    exponent = math.floor(math.log10(error))
+    if abs(value) < 1e-4 or abs(value) > 1e6 or exponent < -6:
+        return f"{significant(value)} ± {significant(error, 2)} {text}".strip()
+    decimals = max(0, 1 - exponent)
+    return f"{value:.{decimals}f} ± {error:.{decimals}f} {text}".strip()
+
+
+def thin(y: Floats, points: int = 1500) -> NDArray[np.int64]:
+    """Rows that draw the same line as all rows: smallest and largest `y` of each slot, and both ends.
+
+    Args:
+        y: ordinate, shape (n,); gaps (nan) are kept as gaps.
+        points: rows at most, about.
+    Returns:
+        row numbers, ascending, shape (≤ points + 2,).
+    """
+    rows = len(y)
+    if rows <= points:
+        return np.arange(rows)
+    slots = max(1, points // 2)
+    length = math.ceil(rows / slots)
+    padded = np.full(slots * length, np.nan)
+    padded[:rows] = y
+    table = padded.reshape(slots, length)
+    start = np.arange(slots) * length
+    low = start + np.argmin(np.where(np.isnan(table), np.inf, table), axis=1)
+    high = start + np.argmax(np.where(np.isnan(table), -np.inf, table), axis=1)
+    chosen = np.unique(np.concatenate([[0, rows - 1], low, high]))
+    return np.asarray(chosen[chosen < rows], dtype=np.int64)
+
+
+def thin_path(x: Floats, y: Floats, points: int = 1500) -> NDArray[np.int64]:
+    """Rows that draw the same curve in a plane (a hysteresis loop): evenly spaced along its length.
+
+    x and y are measured in units of their own ranges. Returns ascending row numbers.
+    """
+    rows = len(x)
+    if rows <= points:
+        return np.arange(rows)
+    steps = np.hypot(_relative_steps(x), _relative_steps(y))
+    length = np.concatenate([[0.0], np.cumsum(steps)])
+    if not length[-1] > 0:
+        return np.array([0, rows - 1])
+    wanted = np.linspace(0.0, length[-1], points)
+    chosen = np.unique(np.concatenate([[0, rows - 1], np.searchsorted(length, wanted)]))
+    return np.asarray(chosen[chosen < rows], dtype=np.int64)
+
+
+def binned(x: Floats, y: Floats, bins: int = 40) -> tuple[Floats, Floats, Floats]:
+    """Mean of y in bins of x, with its standard error; bins with fewer than three rows are left out.
+
+    Returns:
+        centres, means and standard errors, each of shape (≤ bins,).
+    """
+    good = np.isfinite(x) & np.isfinite(y)
+    x, y = x[good], y[good]
+    if x.size < 3 or not np.ptp(x) > 0:
+        return np.empty(0), np.empty(0), np.empty(0)
+    edges = np.linspace(x.min(), x.max(), bins + 1)
+    slot = np.clip(np.digitize(x, edges) - 1, 0, bins - 1)
+    count = np.bincount(slot, minlength=bins)
+    full = count >= 3
+    mean = np.bincount(slot, y, bins)[full] / count[full]
+    square = np.bincount(slot, y * y, bins)[full] / count[full]
+    error = np.sqrt(np.maximum(square - mean * mean, 0.0) / (count[full] - 1))
+    centre = np.bincount(slot, x, bins)[full] / count[full]
+    return centre, mean, error
+
+
+def _relative_steps(values: Floats) -> Floats:
+    filled = np.nan_to_num(values)
+    span = float(np.ptp(filled)) or 1.0
+    return np.asarray(np.abs(np.diff(filled)) / span, dtype=np.float64)
