@@ -30,16 +30,17 @@ from autotune.core.recording import Floats
 HISTORY_SECONDS = 0.05
 SETTLED_PERIODS = 6
 SETTLED_DRIFT = 0.02
-SETTLED_OFFSET = 0.02
+SETTLED_OFFSET = 0.005
 GROWTH = 1.5
 LEAST_SATURATION = 0.2
+BOUND_MARGIN = 0.02
 
 
 @dataclass(frozen=True, slots=True)
 class AdaptationGains:
     """Dimensionless gains; see the module's docstring."""
 
-    offset: float = 0.03
+    offset: float = 0.05
     stiffness: float = 0.03
     coulomb: float = 0.15
 
@@ -194,12 +195,12 @@ class AdaptiveFeedforward:
         return len(rms) > 3 and min(rms[-2:]) > GROWTH * min(rms)
 
     def _at_rest(self) -> bool:
-        """Compares the halves of the last periods: less than 2 % apart (offset: 2 % of Coulomb)."""
+        """Compares the halves of the last periods: less than 2 % apart (offset: 0.5 % of Coulomb)."""
         recent = np.array(self._periods[-SETTLED_PERIODS:])[:, :3]
         half = SETTLED_PERIODS // 2
         drift = np.abs(recent[half:].mean(axis=0) - recent[:half].mean(axis=0))
         scale = np.array([recent[:, 0].mean(), recent[:, 1].mean(), recent[:, 1].mean()])
-        return bool(np.all(drift < np.array([SETTLED_DRIFT, SETTLED_DRIFT / 2, SETTLED_OFFSET / 2]) * scale))
+        return bool(np.all(drift < np.array([SETTLED_DRIFT, SETTLED_DRIFT, SETTLED_OFFSET]) * scale))
 
     def result(self) -> AdaptationResult:
         """What was found so far; a query."""
@@ -230,7 +231,7 @@ class AdaptiveFeedforward:
             return "frozen: the controller's torque grew during adaptation; the best period is kept"
         values = np.array([current.stiffness, current.coulomb, current.offset])
         names = ("stiffness", "coulomb", "offset")
-        margin = 1e-3 * (self._high - self._low)
+        margin = BOUND_MARGIN * (self._high - self._low)
         hit = [
             n
             for n, v, lo, hi, m in zip(names, values, self._low, self._high, margin, strict=True)

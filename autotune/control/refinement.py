@@ -15,6 +15,7 @@ u_PID. The step is predicted, then measured, and only kept if the measurement ag
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -132,7 +133,7 @@ def refine(
         return float(peak + FEEDBACK_WEIGHT * np.sqrt(np.mean(feedback**2)) / current.coulomb)
 
     simplex = np.vstack([np.zeros(len(MOVED)), 0.15 * np.eye(len(MOVED))])
-    options = {"maxfev": 1200, "xatol": 1e-4, "fatol": 1e-6, "initial_simplex": simplex}
+    options: Any = {"maxfev": 1200, "xatol": 1e-4, "fatol": 1e-6, "initial_simplex": simplex}
     found = optimize.minimize(cost, np.zeros(len(MOVED)), method="Nelder-Mead", options=options)
     parameters, error, _ = predicted(np.clip(start + found.x * scale, lower, upper))
     return Refinement(parameters, float(np.max(np.abs(error))))

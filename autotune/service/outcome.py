@@ -1,0 +1,75 @@
+"""What a run came to: one object, the same on the screen, in run.json and in the report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+from autotune.service.proof import TrackingError
+
+SCHEMA_VERSION = 1
+
+
+class Outcome(StrEnum):
+    """How a run ended."""
+
+    KEPT = "kept"
+    ROLLED_BACK = "rolled_back"
+    NOT_APPLIED = "not_applied"
+    ABORTED = "aborted"
+
+
+EXIT_CODES = {Outcome.KEPT: 0, Outcome.ROLLED_BACK: 3, Outcome.NOT_APPLIED: 3}
+
+
+@dataclass(frozen=True, slots=True)
+class RunResult:
+    """All that a run says.
+
+    Attributes:
+        verdict: one to three sentences in plain words.
+        before, after: on the benchmark, without and with what is proposed; None where not measured.
+        improvement: mean fall of the peak error and its interval, or None.
+        parameters: {name → {value, standard_error, unit}} of the identified model.
+        feedforward: what was proved, as the drive's block names it.
+        adaptation: the thesis's laws alone (`thesis`) and the refinement (`refined`).
+        committed: re-measured with the drive's own feedforward; None where nothing was committed.
+        notes: sentences on validity, recovery, limits.
+    """
+
+    outcome: Outcome
+    verdict: str
+    axis: str
+    fingerprint: str
+    started: str
+    machine_seconds: float
+    run_directory: Path
+    before: TrackingError | None = None
+    after: TrackingError | None = None
+    improvement: Mapping[str, Any] | None = None
+    parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    feedforward: Mapping[str, float] = field(default_factory=dict)
+    adaptation: Mapping[str, Any] = field(default_factory=dict)
+    committed: TrackingError | None = None
+    notes: Sequence[str] = ()
+    stages: Mapping[str, float] = field(default_factory=dict)
+    motion_unit: str = "rad"
+
+    @property
+    def exit_code(self) -> int:
+        """Of the command line; an aborted run's code is that of the error that ended it."""
+        return EXIT_CODES.get(self.outcome, 5)
+
+    def as_json(self) -> dict[str, Any]:
+        """The object of `run --json` and run.json."""
+        content = asdict(self)
+        content |= {
+            "schema": SCHEMA_VERSION,
+            "outcome": self.outcome.value,
+            "run_directory": str(self.run_directory),
+            "notes": list(self.notes),
+        }
+        return content

@@ -1,0 +1,73 @@
+"""`runs/<time>-<axis>/`: what a run leaves, and the lock that lets one run at a time have an axis."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path
+
+from autotune.core.errors import ConfigurationError
+from autotune.core.recording import Recording
+from autotune.core.recording_files import write_recording
+
+
+def make_run_directory(runs: Path, axis: str, now: datetime) -> Path:
+    """Makes the folder of a run; a second run within the same second waits for the next number.
+
+    Raises:
+        ConfigurationError: the folder cannot be made.
+    """
+    stamp = now.strftime("%Y%m%d-%H%M%S")
+    for suffix in ["", *(f"-{n}" for n in range(2, 100))]:
+        directory = runs / f"{stamp}{suffix}-{axis}"
+        try:
+            (directory / "recordings").mkdir(parents=True)
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise ConfigurationError(
+                f"the run's folder {directory} cannot be made ({error.strerror}); choose another with --runs"
+            ) from error
+        return directory
+    raise ConfigurationError(
+        f"there are too many runs of {stamp} in {runs}; choose another folder with --runs"
+    )
+
+
+def save_recording(directory: Path, name: str, recording: Recording) -> Path:
+    """Writes one stage's recording as Parquet; returns where."""
+    path = directory / "recordings" / f"{name}.parquet"
+    write_recording(recording, path)
+    return path
+
+
+@contextmanager
+def axis_lock(runs: Path, axis: str) -> Iterator[None]:
+    """Holds the axis for this process; the lock goes with the process, however it ends.
+
+    Raises:
+        ConfigurationError: another process has the axis.
+    """
+    try:
+        runs.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(runs / f".{axis}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    except OSError as error:
+        raise ConfigurationError(
+            f"the folder {runs} cannot be used ({error.strerror}); choose another with --runs"
+        ) from error
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            owner = os.pread(descriptor, 32, 0).decode(errors="replace").strip()
+            raise ConfigurationError(
+                f"axis {axis} is being tuned by process {owner or 'unknown'}; wait until it has ended"
+            ) from None
+        os.ftruncate(descriptor, 0)
+        os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
+        yield
+    finally:
+        os.close(descriptor)
