@@ -38,39 +38,54 @@ def peak(*arrays: Floats | None) -> float:
 
 
 def significant(value: float, digits: int = 3) -> str:
-    """`value` with so many significant digits, in plain or scientific notation, whichever reads better.
+    """`value` with so many significant digits, as people write it.
 
-    >>> significant(0.00066612), significant(31.27), significant(6.66e-7)
-    ('0.000666', '31.3', '6.66e-07')
+    >>> significant(31.27), significant(-0.0049), significant(0.00066612)
+    ('31.3', '−0.00490', '6.66 × 10⁻⁴')
     """
     if not math.isfinite(value):
         return "–"
     if value == 0:
         return "0"
-    exponent = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
-    if exponent < -5 or exponent > 6:
-        return f"{value:.{digits - 1}e}"
-    return f"{value:.{max(0, digits - 1 - exponent)}f}"
+    exponent = _exponent(value, digits)
+    if exponent < -3 or exponent > 5:
+        return f"{signed(value / 10.0**exponent, digits - 1)} {_power(exponent)}"
+    return signed(value, max(0, digits - 1 - exponent))
 
 
 def quantity(value: float, unit: str, error: float | None = None) -> str:
-    """A value with unit and, where known, its standard error, in one multiple.
+    """A value with unit and, where known, an error, in one multiple.
 
     The error has two digits and the value is rounded at the error's last digit.
 
-    >>> quantity(0.00049, "rad"), quantity(0.316, "N m", 0.0042)
-    ('0.490 mrad', '316.0 ± 4.2 mN m')
+    >>> quantity(0.00049, "rad"), quantity(0.316, "N m", 0.0042), quantity(6.7e-4, "kg m²", 1e-5)
+    ('490 µrad', '316.0 ± 4.2 mN m', '(6.70 ± 0.10) × 10⁻⁴ kg m²')
     """
     if error is None or not math.isfinite(error) or error <= 0 or not math.isfinite(value):
         factor, text = multiple(abs(value), unit)
         return f"{significant(value * factor)} {text}".strip()
     factor, text = multiple(max(abs(value), error), unit)
     value, error = value * factor, error * factor
-    exponent = math.floor(math.log10(error))
-    if abs(value) < 1e-4 or abs(value) > 1e6 or exponent < -6:
-        return f"{significant(value)} ± {significant(error, 2)} {text}".strip()
-    decimals = max(0, 1 - exponent)
-    return f"{value:.{decimals}f} ± {error:.{decimals}f} {text}".strip()
+    exponent = _exponent(max(abs(value), error), 3)
+    shift = exponent if exponent < -3 or exponent > 5 else 0
+    value, error = value / 10.0**shift, error / 10.0**shift
+    decimals = min(9, max(0, 1 - _exponent(error, 2)))
+    both = f"{signed(value, decimals)} ± {error:.{decimals}f}"
+    return f"({both}) {_power(shift)} {text}".strip() if shift else f"{both} {text}".strip()
+
+
+def signed(value: float, decimals: int) -> str:
+    """Fixed notation with a real minus sign."""
+    return f"{value:.{decimals}f}".replace("-", "−")
+
+
+def _exponent(value: float, digits: int) -> int:
+    """Decimal exponent of the value once rounded to so many digits."""
+    return int(f"{abs(value):.{digits - 1}e}".rpartition("e")[2])
+
+
+def _power(exponent: int) -> str:
+    return "× 10" + str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
 def thin(y: Floats, points: int = 1500) -> NDArray[np.int64]:
