@@ -16,8 +16,9 @@ import numpy as np
 from autotune.core.errors import ConfigurationError
 from autotune.models import layout
 from autotune.models.effect import Effect, Parameter, Value, check
-from autotune.models.lugre import Floats
-from autotune.models.plant import Flags, required_torque
+from autotune.models.inverse import required
+from autotune.models.lugre import Flags, Floats
+from autotune.models.plant import substeps_for
 from autotune.models.table import EFFECTS, effect_kind
 from autotune.models.torque_ripple import scale_slot
 
@@ -154,7 +155,9 @@ class DriveModel:
         result = np.empty(len(position))
         if len(position):
             q, v, a = (np.ascontiguousarray(x, dtype=np.float64) for x in (position, velocity, acceleration))
-            required_torque(packed.p, packed.on, q, v, a, 0.0, period, result)
+            state = np.zeros(layout.STATES)
+            substeps = substeps_for(packed.p, period, packed.on)
+            required(packed.p, packed.on, state, q, v, a, period, substeps, result)
         return result
 
 

@@ -16,6 +16,7 @@ from autotune.core.errors import ConfigurationError
 from autotune.models.compiled import compiled
 
 Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 Shape = Literal[
     "linear", "piecewise_linear", "exponential", "gaussian", "generalised_exponential", "lorentzian"
 ]

@@ -1,118 +1,112 @@
-"""The drive as one compiled routine: every effect, for a prescribed motion and in closed loop.
+"""The drive as one compiled routine: every effect, in closed loop.
 
 J·q'' = u − F − F_g − Σ effects (3.8), with the LuGre friction F of (3.9). The bristle is integrated
 exactly (5.8), half a step away from the velocity (leapfrog), and the velocity implicitly in the
-damping, which is of second order and stable where the friction is stiff. `friction` and `additive` are
-the only places where physics enters; both the inverse routine and the twin call them.
+damping, which is of second order and stable where the friction is stiff. Where a transmission is elastic
+or has play, motor and load are two masses. Physics enters in `contact`, `transmission` and `torque_path`
+only; the inverse routine (`inverse`) and the twin call the same kernels.
 """
 
 from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
 from autotune.models.compiled import compiled
-from autotune.models.direction_asymmetry import level_difference, viscous_difference
-from autotune.models.layout import (
-    BREAK_AWAY,
-    BRISTLE,
-    COULOMB,
-    INERTIA,
-    MICRO_DAMPING,
-    OFFSET,
-    POSITION,
-    STIFFNESS,
-    STRIBECK_VELOCITY,
-    VELOCITY,
-    VISCOUS,
-    flag,
+from autotune.models.contact import additive, bend, damping_slope, remembered, viscous_coefficient
+from autotune.models.encoder_eccentricity import reading_error
+from autotune.models.layout import BRISTLE, INERTIA, MICRO_DAMPING, POSITION, STIFFNESS, VELOCITY, flag
+from autotune.models.load_dependent_friction import press
+from autotune.models.lugre import Flags, Floats, bristle_rate
+from autotune.models.reversal_memory import memory_stiffness
+from autotune.models.thermal_drift import warm
+from autotune.models.torque_path import delivered
+from autotune.models.transmission import (
+    LOAD_BRISTLE,
+    LOAD_POSITION,
+    LOAD_VELOCITY,
+    STARTED,
+    coupling,
+    coupling_rate,
+    has_load,
+    load_shares,
+    passed_torque,
 )
-from autotune.models.lugre import Floats, bristle_rate, bristle_step, gaussian_level
-from autotune.models.torque_ripple import ripple
 
-Flags = NDArray[np.bool_]
-
-_STRIBECK = flag("stribeck")
-_ASYMMETRY = flag("direction_asymmetry")
-_RIPPLE = flag("torque_ripple")
-_LEAST_DEFLECTION = 1e-15
+_ECCENTRIC = flag("encoder_eccentricity")
+_LOAD = flag("load_dependent_friction")
+_WARM = flag("thermal_drift")
+_MEMORY = flag("reversal_memory")
 MOST_SUBSTEPS = 64
 
 
 @compiled
-def friction_limit(p: Floats, on: Flags, velocity: float) -> float:
-    """g(v), the bristle's deflection in steady state [rad or m]."""
-    level = float(p[COULOMB])
-    if on[_STRIBECK]:
-        level = gaussian_level(velocity, level, p[BREAK_AWAY], p[STRIBECK_VELOCITY])
-    if on[_ASYMMETRY]:
-        level += level_difference(p, velocity)
-    return float(max(level / p[STIFFNESS], _LEAST_DEFLECTION))
+def rubbing(
+    p: Floats, on: Flags, state: Floats, at: int, share: float, position: float, velocity: float, step: float
+) -> tuple[float, float]:
+    """Friction of one side of the axis [N m] and its slope over velocity [N m s/rad].
+
+    `at` is the state of the side's bristle, `share` the side's part of the friction.
+    """
+    limit = bend(p, on, state, at, position, velocity, step)
+    bristle = state[at]
+    viscous = viscous_coefficient(p, on, state, velocity)
+    torque = p[STIFFNESS] * bristle + p[MICRO_DAMPING] * bristle_rate(bristle, velocity, limit)
+    torque += viscous * velocity
+    return share * torque, share * (max(viscous, 0.0) + damping_slope(p, bristle, velocity, limit))
 
 
 @compiled
-def viscous_coefficient(p: Floats, on: Flags, velocity: float) -> float:
-    """Slope of the viscous torque [N m s/rad]."""
-    coefficient = float(p[VISCOUS])
-    if on[_ASYMMETRY]:
-        coefficient += viscous_difference(p, velocity)
-    return coefficient
+def one_mass(p: Floats, on: Flags, state: Floats, drive: float, step: float) -> None:
+    """One step of the rigid axis, in place."""
+    position, velocity = state[POSITION], state[VELOCITY]
+    friction, slope = rubbing(p, on, state, BRISTLE, 1.0, position, velocity, step)
+    friction += remembered(p, on, state, step * velocity)
+    outside = additive(p, on, position + 0.5 * step * velocity)
+    later = velocity + step * (drive - outside - friction) / (p[INERTIA] + 0.5 * step * slope)
+    state[POSITION] = position + 0.5 * step * (velocity + later)
+    state[VELOCITY] = later
+    if on[_LOAD]:
+        press(state, p[INERTIA] * (later - velocity) / step + outside, step)
+    if on[_WARM]:
+        warm(p, state, friction * later, step)
 
 
 @compiled
-def additive(p: Floats, on: Flags, position: float) -> float:
-    """Torque needed beside inertia and friction [N m]."""
-    total = float(p[OFFSET])
-    if on[_RIPPLE]:
-        total += ripple(p, position)
-    return total
+def two_masses(p: Floats, on: Flags, state: Floats, drive: float, step: float) -> None:
+    """One step of motor and load, in place."""
+    if state[STARTED] == 0.0:
+        state[STARTED], state[LOAD_POSITION], state[LOAD_VELOCITY] = 1.0, state[POSITION], state[VELOCITY]
+    position, velocity = state[POSITION], state[VELOCITY]
+    beyond, speed = state[LOAD_POSITION], state[LOAD_VELOCITY]
+    mass, rub = load_shares(p, on)
+    stiffness, damping, half = coupling(p, on)
+    twist = position - beyond + 0.5 * step * (velocity - speed)
+    passed = passed_torque(stiffness, damping, half, twist, velocity - speed)
+    friction, slope = rubbing(p, on, state, BRISTLE, 1.0 - rub, position, velocity, step)
+    friction += remembered(p, on, state, step * velocity)
+    outside = additive(p, on, position + 0.5 * step * velocity)
+    inertia = p[INERTIA] * (1.0 - mass)
+    later = velocity + step * (drive - outside - friction - passed) / (inertia + 0.5 * step * slope)
+    carried, slope = rubbing(p, on, state, LOAD_BRISTLE, rub, beyond, speed, step)
+    faster = speed + step * (passed - carried) / (p[INERTIA] * mass + 0.5 * step * slope)
+    state[POSITION], state[VELOCITY] = position + 0.5 * step * (velocity + later), later
+    state[LOAD_POSITION], state[LOAD_VELOCITY] = beyond + 0.5 * step * (speed + faster), faster
+    if on[_LOAD]:
+        press(state, passed, step)
+    if on[_WARM]:
+        warm(p, state, friction * later + carried * faster, step)
 
 
 @compiled
 def advance(p: Floats, on: Flags, state: Floats, torque: float, duration: float, substeps: int) -> None:
-    """Moves the state by `duration` under a constant torque, in place."""
+    """Moves the state by `duration` under a torque demand that is held, and a share of it lost on the way."""
     step = duration / substeps
-    position, velocity, bristle = state[POSITION], state[VELOCITY], state[BRISTLE]
-    inertia = p[INERTIA]
+    loaded = has_load(on)
     for _ in range(substeps):
-        limit = friction_limit(p, on, velocity)
-        bristle = bristle_step(bristle, velocity, limit, step)
-        viscous = viscous_coefficient(p, on, velocity)
-        force = torque - additive(p, on, position + 0.5 * step * velocity) - viscous * velocity
-        force -= p[STIFFNESS] * bristle + p[MICRO_DAMPING] * bristle_rate(bristle, velocity, limit)
-        slope = viscous + p[MICRO_DAMPING] * (1.0 - math.copysign(bristle, bristle * velocity) / limit)
-        later = velocity + step * force / (inertia + 0.5 * step * max(slope, 0.0))
-        position += 0.5 * step * (velocity + later)
-        velocity = later
-    state[POSITION], state[VELOCITY], state[BRISTLE] = position, velocity, bristle
-
-
-@compiled
-def required_torque(
-    p: Floats,
-    on: Flags,
-    position: Floats,
-    velocity: Floats,
-    acceleration: Floats,
-    bristle: float,
-    period: float,
-    torque: Floats,
-) -> None:
-    """Torque that a motion needs, written to `torque`; all arrays of shape (n,).
-
-    The bristle starts at `bristle` and is driven by the mean velocity of each interval.
-    """
-    before = velocity[0]
-    for k in range(len(position)):
-        mean = 0.5 * (before + velocity[k])
-        before = velocity[k]
-        bristle = bristle_step(bristle, mean, friction_limit(p, on, mean), period)
-        rate = bristle_rate(bristle, before, friction_limit(p, on, before))
-        friction = p[STIFFNESS] * bristle + p[MICRO_DAMPING] * rate
-        friction += viscous_coefficient(p, on, before) * before
-        torque[k] = p[INERTIA] * acceleration[k] + friction + additive(p, on, position[k])
+        if loaded:
+            two_masses(p, on, state, torque, step)
+        else:
+            one_mass(p, on, state, torque, step)
 
 
 @compiled
@@ -151,6 +145,8 @@ def simulate(
     kp, kd, ki, smoothing = gains[0], gains[1], gains[2], gains[3]
     for k in range(len(command)):
         measured = state[POSITION] + position_noise[k]
+        if on[_ECCENTRIC]:
+            measured += reading_error(p, state[POSITION])
         if resolution > 0.0:
             measured = math.floor(measured / resolution + 0.5) * resolution
         if closed:
@@ -167,14 +163,32 @@ def simulate(
         demand = min(max(demand, -limit), limit)
         position[k] = measured
         torque[k] = demand
-        advance(p, on, state, demand + disturbance[k], period, substeps)
+        actual = delivered(p, on, state, demand, period)
+        advance(p, on, state, actual + disturbance[k], period, substeps)
         if not abs(state[VELOCITY]) < 1e6:
             return k
     loop[3], loop[4], loop[5], loop[6] = total, rate, last_reference, last_position
     return len(command)
 
 
-def substeps_for(p: Floats, period: float) -> int:
+@compiled
+def _fastest(p: Floats, on: Flags) -> float:
+    stiffness = p[STIFFNESS] + (memory_stiffness(p) if on[_MEMORY] else 0.0)
+    inertia = p[INERTIA]
+    coupled = 0.0
+    if has_load(on):
+        mass, rub = load_shares(p, on)
+        coupled = 0.5 * coupling_rate(p, on)
+        worst = max((1.0 - rub) / (1.0 - mass), rub / mass)
+        stiffness *= worst
+        inertia /= worst
+    return float(max(max(math.sqrt(stiffness / p[INERTIA]), p[MICRO_DAMPING] / inertia), coupled))
+
+
+def substeps_for(p: Floats, period: float, on: Flags | None = None) -> int:
     """Steps a sample that resolve the bristle's oscillation and damping to about 0.1 rad a step."""
-    fastest = max(math.sqrt(p[STIFFNESS] / p[INERTIA]), p[MICRO_DAMPING] / p[INERTIA])
+    if on is None:
+        fastest = max(math.sqrt(p[STIFFNESS] / p[INERTIA]), p[MICRO_DAMPING] / p[INERTIA])
+    else:
+        fastest = _fastest(p, on)
     return int(min(max(math.ceil(10.0 * period * fastest), 2), MOST_SUBSTEPS))

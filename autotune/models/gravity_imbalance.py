@@ -1,0 +1,38 @@
+"""A mass that does not hang in the axis of rotation: torque sin·sin(N·q) + cos·cos(N·q), N = 1.
+
+On an axis behind a gear, `order` is the gear's ratio: revolutions of the load per revolution of the motor.
+"""
+
+from __future__ import annotations
+
+import math
+
+from autotune.models.compiled import compiled
+from autotune.models.effect import Kind, Parameter
+from autotune.models.layout import block
+from autotune.models.lugre import Floats
+from autotune.models.torque_ripple import scale_slot
+
+_AT = block("gravity_imbalance")
+_SCALE = scale_slot()
+
+GRAVITY_IMBALANCE = Kind(
+    name="gravity_imbalance",
+    parameters=(
+        Parameter("sin", "N m", 0.0, -1e6, 1e6, "sine part of the torque", _AT),
+        Parameter("cos", "N m", 0.0, -1e6, 1e6, "cosine part of the torque", _AT + 1),
+        Parameter(
+            "order", "cycles/rev", 1.0, 1e-6, 1e6, "turns of the load per turn of the motor", _AT + 2, True
+        ),
+    ),
+    looks_like="The holding torque follows one sine over a turn of the load, in both directions alike.",
+    cause="An unbalanced arm, table, chuck or workpiece, a missing counterweight.",
+    remedy="Balance the load, or compensate it by a sine of position; check that the workpiece is centred.",
+)
+
+
+@compiled
+def imbalance_torque(p: Floats, position: float) -> float:
+    """Torque that the imbalance needs [N m]."""
+    angle = p[_AT + 2] * p[_SCALE] * position
+    return float(p[_AT] * math.sin(angle) + p[_AT + 1] * math.cos(angle))

@@ -1,0 +1,120 @@
+"""The inverse of the drive: the torque that a measured motion needs, with the kernels of the plant.
+
+The contact's states are driven by the mean velocity of each interval. A load beyond an elastic or slack
+transmission is integrated as a body of its own, pulled by the measured motor.
+"""
+
+from __future__ import annotations
+
+from autotune.models.compiled import compiled
+from autotune.models.contact import additive, bend, friction_limit, remembered, viscous_coefficient
+from autotune.models.encoder_eccentricity import true_motion
+from autotune.models.layout import BRISTLE, INERTIA, MICRO_DAMPING, POSITION, STIFFNESS, VELOCITY, flag
+from autotune.models.load_dependent_friction import press
+from autotune.models.lugre import Flags, Floats, bristle_rate
+from autotune.models.plant import rubbing
+from autotune.models.thermal_drift import warm
+from autotune.models.torque_path import delivered
+from autotune.models.transmission import (
+    LOAD_BRISTLE,
+    LOAD_POSITION,
+    LOAD_VELOCITY,
+    STARTED,
+    coupling,
+    has_load,
+    load_shares,
+    passed_torque,
+)
+
+_ECCENTRIC = flag("encoder_eccentricity")
+_LOAD = flag("load_dependent_friction")
+_WARM = flag("thermal_drift")
+
+
+@compiled
+def applied_torque(
+    p: Floats, on: Flags, state: Floats, demand: Floats, period: float, torque: Floats
+) -> None:
+    """Mean torque at the shaft around each sampling instant, written to `torque`; arrays of shape (n,).
+
+    A demand acts from its sample to the next, so that the mean of the intervals before and after the
+    instant belongs to it.
+    """
+    before = demand[0]
+    for k in range(len(demand)):
+        now = delivered(p, on, state, demand[k], period)
+        if k == 0:
+            before = now
+        torque[k] = 0.5 * (before + now)
+        before = now
+
+
+@compiled
+def _load_side(
+    p: Floats, on: Flags, state: Floats, position: float, velocity: float, period: float, substeps: int
+) -> float:
+    """Moves the load behind a motor that reaches `position` with `velocity`; returns the torque passed."""
+    if state[STARTED] == 0.0:
+        state[STARTED], state[LOAD_POSITION], state[LOAD_VELOCITY] = 1.0, position, velocity
+        state[POSITION], state[VELOCITY] = position, velocity
+    mass, rub = load_shares(p, on)
+    stiffness, damping, half = coupling(p, on)
+    step = period / substeps
+    start, rate = state[POSITION], state[VELOCITY]
+    passed = 0.0
+    for i in range(substeps):
+        share = (i + 0.5) / substeps
+        speed = state[LOAD_VELOCITY]
+        motor = start + (position - start) * share
+        pace = rate + (velocity - rate) * share
+        twist = motor - state[LOAD_POSITION] - 0.5 * step * speed
+        passed = passed_torque(stiffness, damping, half, twist, pace - speed)
+        friction, slope = rubbing(p, on, state, LOAD_BRISTLE, rub, state[LOAD_POSITION], speed, step)
+        later = speed + step * (passed - friction) / (p[INERTIA] * mass + 0.5 * step * slope)
+        state[LOAD_POSITION] += 0.5 * step * (speed + later)
+        state[LOAD_VELOCITY] = later
+        if on[_WARM]:
+            warm(p, state, friction * later, step)
+    state[POSITION], state[VELOCITY] = position, velocity
+    twist = position - state[LOAD_POSITION]
+    return passed_torque(stiffness, damping, half, twist, velocity - state[LOAD_VELOCITY])
+
+
+@compiled
+def required(
+    p: Floats,
+    on: Flags,
+    state: Floats,
+    position: Floats,
+    velocity: Floats,
+    acceleration: Floats,
+    period: float,
+    substeps: int,
+    torque: Floats,
+) -> None:
+    """Torque that a motion needs, written to `torque`; arrays of shape (n,), `state` changed in place.
+
+    `substeps` are for the load beyond a transmission; they do not matter for a rigid axis.
+    """
+    loaded = has_load(on)
+    mass, rub = load_shares(p, on) if loaded else (0.0, 0.0)
+    before = velocity[0]
+    for k in range(len(position)):
+        q, v, a = position[k], velocity[k], acceleration[k]
+        if on[_ECCENTRIC]:
+            q, v, a = true_motion(p, q, v, a)
+        mean = 0.5 * (before + v)
+        before = v
+        bend(p, on, state, BRISTLE, q, mean, period)
+        rate = bristle_rate(state[BRISTLE], v, friction_limit(p, on, state, q, v))
+        friction = p[STIFFNESS] * state[BRISTLE] + p[MICRO_DAMPING] * rate
+        friction += viscous_coefficient(p, on, state, v) * v
+        friction *= 1.0 - rub
+        friction += remembered(p, on, state, period * mean)
+        outside = additive(p, on, q)
+        passed = _load_side(p, on, state, q, v, period, substeps) if loaded else 0.0
+        torque[k] = p[INERTIA] * (1.0 - mass) * a + friction + outside + passed
+        if on[_LOAD]:
+            press(state, passed if loaded else p[INERTIA] * a + outside, period)
+        if on[_WARM]:
+            warm(p, state, friction * v, period)

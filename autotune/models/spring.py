@@ -1,0 +1,24 @@
+"""Torque in proportion to position: a counterbalance spring, a cable, a hose, a bellows."""
+
+from __future__ import annotations
+
+from autotune.models.compiled import compiled
+from autotune.models.effect import Kind, Parameter
+from autotune.models.layout import block
+from autotune.models.lugre import Floats
+
+_AT = block("spring")
+
+SPRING = Kind(
+    name="spring",
+    parameters=(Parameter("stiffness", "N m/rad", 0.0, -1e9, 1e9, "torque per travel", _AT),),
+    looks_like="The torque rises in a straight line over the whole travel, in both directions alike.",
+    cause="A counterbalance spring, a cable chain, a hose, a bellows, a magnet.",
+    remedy="If no spring belongs there, look for cables and hoses that pull; else compensate it.",
+)
+
+
+@compiled
+def spring_torque(p: Floats, position: float) -> float:
+    """Torque that the spring needs [N m]."""
+    return float(p[_AT] * position)
