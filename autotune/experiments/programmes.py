@@ -1,0 +1,107 @@
+"""Programmes by name: what `autotune record AXIS PROGRAMME` can play, and in which order."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from autotune.core.axis import Axis
+from autotune.core.errors import ConfigurationError
+from autotune.experiments.dahl import dahl
+from autotune.experiments.diagnosis import diagnosis
+from autotune.experiments.experiment import Experiment
+from autotune.experiments.high_speed import high_speed
+from autotune.experiments.path import Motion
+from autotune.experiments.presliding import presliding
+from autotune.experiments.sines import BenchmarkSine
+from autotune.experiments.steady_state import steady_state
+
+
+@dataclass(frozen=True, slots=True)
+class Choices:
+    """What a programme may know beforehand.
+
+    Attributes:
+        seed: of every random order and signal.
+        centre: position round which the axis moves; None is the middle of its travel.
+        friction, offset: estimates for presliding [N m or N]; None lets it measure them itself.
+        torque_mode: the drive can be commanded in torque.
+    """
+
+    seed: int = 0
+    centre: float | None = None
+    friction: float | None = None
+    offset: float | None = None
+    torque_mode: bool = True
+
+
+Builder = Callable[[Axis, Choices], tuple[Experiment, ...]]
+
+
+def _steady_state(axis: Axis, choices: Choices) -> tuple[Experiment, ...]:
+    return (steady_state(_motion(axis, choices), np.random.default_rng(choices.seed)),)
+
+
+def _presliding(axis: Axis, choices: Choices) -> tuple[Experiment, ...]:
+    known = choices.friction is not None and choices.offset is not None
+    return presliding(
+        _motion(axis, choices), choices.friction, choices.offset, open_loop=known and choices.torque_mode
+    )
+
+
+def _dahl(axis: Axis, choices: Choices) -> tuple[Experiment, ...]:
+    return (dahl(_motion(axis, choices)),)
+
+
+def _high_speed(axis: Axis, choices: Choices) -> tuple[Experiment, ...]:
+    return (high_speed(_motion(axis, choices)),)
+
+
+def _benchmark(axis: Axis, choices: Choices) -> tuple[Experiment, ...]:
+    return (BenchmarkSine(_motion(axis, choices), axis.benchmark.repeats, axis.benchmark.periods),)
+
+
+def _diagnosis(axis: Axis, choices: Choices) -> tuple[Experiment, ...]:
+    return diagnosis(_motion(axis, choices), np.random.default_rng(choices.seed))
+
+
+def _identification(axis: Axis, choices: Choices) -> tuple[Experiment, ...]:
+    """The four experiments of section 3.4; presliding measures its own friction where none is known."""
+    parts = (_steady_state, _dahl, _presliding, _high_speed)
+    return tuple(experiment for part in parts for experiment in part(axis, choices))
+
+
+def _motion(axis: Axis, choices: Choices) -> Motion:
+    return Motion.of(axis, choices.centre)
+
+
+PROGRAMMES: Mapping[str, Builder] = MappingProxyType(
+    {
+        "identification": _identification,
+        "steady-state": _steady_state,
+        "presliding": _presliding,
+        "dahl": _dahl,
+        "high-speed": _high_speed,
+        "benchmark": _benchmark,
+        "diagnosis": _diagnosis,
+    }
+)
+
+
+def build(name: str, axis: Axis, choices: Choices | None = None) -> tuple[Experiment, ...]:
+    """The experiments of a programme.
+
+    Raises:
+        ConfigurationError: no such programme (with the nearest right name), or limits too small.
+    """
+    if name not in PROGRAMMES:
+        near = difflib.get_close_matches(name, PROGRAMMES, 1)
+        hint = f"did you mean {near[0]!r}? " if near else ""
+        raise ConfigurationError(
+            f"there is no programme {name!r}; {hint}there are {', '.join(sorted(PROGRAMMES))}"
+        )
+    return PROGRAMMES[name](axis, choices or Choices())
