@@ -172,14 +172,18 @@ summary{cursor:pointer;color:var(--muted)}pre{overflow:auto;font-size:.85rem;max
 @page{size:A4;margin:14mm}
 @media print{body{background:#fff;font-size:11pt}main{max-width:none;padding:0}
 section,figure{border:0;border-radius:0;padding:0;margin:0 0 7mm;break-inside:avoid}
-.table{break-inside:auto}tr{break-inside:avoid}.verdict{padding-left:4mm;border-left-style:solid;
+.value{font-size:1.7rem}.table{break-inside:auto}tr,dl div{break-inside:avoid}h2{break-after:avoid}
+figure>div,.plotly-graph-div{height:auto!important}
+.verdict{padding:2mm 4mm;border-left-style:solid;
 border-left-width:6px}.machine,.modebar-container{display:none}
 *{-webkit-print-color-adjust:exact;print-color-adjust:exact}}
 """
 
 _PRINTING = """
 (function(){function all(f){document.querySelectorAll('.plotly-graph-div').forEach(f)}
-function narrow(){all(function(d){Plotly.relayout(d,{width:680,autosize:false})})}
-function wide(){all(function(d){Plotly.relayout(d,{width:null,autosize:true})})}
+function narrow(){all(function(d){d.tall=d.layout.height;Plotly.relayout(d,{width:680,
+height:Math.max(240,0.8*d.tall),autosize:false})})}
+function wide(){all(function(d){Plotly.relayout(d,{width:null,height:d.tall,
+autosize:true})})}
 window.addEventListener('beforeprint',narrow);window.addEventListener('afterprint',wide)})();
 """

@@ -113,4 +113,6 @@ def _percent(half: float | None, value: float) -> str:
 
 
 def _optional(value: float | None, unit: str) -> str:
-    return "–" if value is None else quantity(value, unit)
+    if value is None:
+        return "–"
+    return quantity(value, unit) if unit else _short(value)

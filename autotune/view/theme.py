@@ -1,24 +1,31 @@
 """One look for every figure: light, quiet, safe for colour-blind readers, and legible on paper.
 
-Colours are those of Okabe and Ito (jfly.uni-koeln.de/color, 2008). A colour means one thing in all
-figures: measured is dark, the model blue, before orange, after blue, a bound or a floor grey.
+Colours: see `autotune.view.colours`.
 """
 
 from __future__ import annotations
 
 import plotly.graph_objects as go
 
-INK = "#1f2933"
-MUTED = "#5f6b7a"
-GRID = "#e4e8ee"
-MEASURED = "#3b4754"
-MODEL = "#0072b2"
-BEFORE = "#d55e00"
-AFTER = "#0072b2"
-REFERENCE = "#8a94a3"
-GOOD = "#009e73"
-ACCENT = "#cc79a7"
-SERIES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#3b4754")
+from autotune.view.colours import (
+    ACCENT,
+    AFTER,
+    BEFORE,
+    GOOD,
+    GRID,
+    INK,
+    MEASURED,
+    MODEL,
+    MUTED,
+    REFERENCE,
+    SERIES,
+)
+
+__all__ = [
+    "ACCENT", "AFTER", "BEFORE", "GOOD", "GRID", "INK", "MEASURED", "MODEL", "MUTED", "REFERENCE",
+    "SERIES", "finish", "template", "translucent",
+]  # fmt: skip
+
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
 
 

@@ -86,7 +86,7 @@ def staircase(steps: Sequence[Step], noise_floor: float | None = None, unit: str
         go.Bar(
             x=list(range(len(steps))),
             y=small(errors * factor),
-            marker={"color": [theme.REFERENCE] + [theme.MODEL] * (len(steps) - 1)},
+            marker={"color": [theme.REFERENCE] + [theme.translucent(theme.MODEL, 0.7)] * (len(steps) - 1)},
             width=0.98,
             hovertext=names,
             name="error on unseen data",
