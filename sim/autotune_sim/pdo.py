@@ -195,6 +195,15 @@ class TransmitPdo(Pdo):
         self.mark(content, now)
         return content
 
+    @property
+    def due(self) -> float | None:
+        """When the event timer or the end of the inhibit time asks for attention [s]."""
+        timer = int(self._event.value) * 1e-3
+        pause = int(self._inhibit.value) * 1e-4
+        if timer > 0:
+            return self._sent_at + max(timer, pause)
+        return self._sent_at + pause if self.content() != self._sent else None
+
     def mark(self, content: bytes, now: float) -> None:
         """Remembers what was sent, and when."""
         self._sent, self._sent_at = content, now

@@ -49,7 +49,7 @@ class BlockUpload:
             raise Abort(AbortCode.SEQUENCE)
         self._position += sequence * SEGMENT
         self._resize(size)
-        if self._position < len(self._content) or not self._content and sequence == 0:
+        if self._position < len(self._content) or (not self._content and sequence == 0):
             return self._segments()
         self._ended = True
         unused = -len(self._content) % SEGMENT if self._content else SEGMENT

@@ -180,7 +180,7 @@ class SdoServer:
     def _block_upload(self, data: bytes) -> None:
         if data[0] & 0x03 == 0:
             content = self._initiate(data, False).upload()
-            if 0 < data[5] and len(content) <= data[5]:
+            if data[5] > 0 and len(content) <= data[5]:
                 self._start_upload(content)
                 return
             self._block = BlockUpload(content, data[4], bool(data[0] & 0x04))

@@ -1,0 +1,63 @@
+"""`python -m autotune_sim`: a simulated drive from a shell or a test."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from autotune.core.errors import AutotuneError
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m autotune_sim",
+        description="A simulated servo drive: a CANopen node behind an slcan adapter on a pseudo-terminal.",
+    )
+    parser.add_argument("port", help="where the link to the pseudo-terminal is put")
+    parser.add_argument("--preset", default="edm-vertical", help="the axis (default: %(default)s)")
+    parser.add_argument("--node", type=int, default=5, help="node id (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help="varies the axis; 0 is nominal")
+    parser.add_argument(
+        "--effect", action="append", default=[], metavar="NAME[=SIZE]", help="physics to plant; repeatable"
+    )
+    parser.add_argument("--real-time", action="store_true", help="the drive runs on its own clock")
+    parser.add_argument(
+        "--fault", action="append", default=[], metavar="NAME[=VALUE][@WHEN]", help="to put in; repeatable"
+    )
+    parser.add_argument("--state", metavar="FILE", help="non-volatile memory (default: none is kept)")
+    parser.add_argument("--commands", action="store_true", help="reads faults from standard input")
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs the simulated drive; events go to standard output, one a line."""
+    options = _parser().parse_args(arguments)
+    from autotune_sim.server import parse_effects, serve  # here, so that --help and mistakes are quick
+
+    try:
+        serve(
+            options.preset,
+            options.port,
+            options.node,
+            seed=options.seed,
+            effects=parse_effects(options.effect),
+            real_time=options.real_time,
+            faults=options.fault,
+            state_file=options.state,
+            commands=options.commands,
+            log=_log,
+        )
+    except AutotuneError as error:
+        sys.stderr.write(f"{error}\n")
+        return error.exit_code
+    return 0
+
+
+def _log(text: str) -> None:
+    sys.stdout.write(text + "\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,236 @@
+"""The simulated drive as a process of its own: one loop between a pseudo-terminal and the device."""
+
+from __future__ import annotations
+
+import gc
+import os
+import select
+import signal
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from autotune.core.errors import AutotuneError, ConfigurationError
+from autotune.core.paths import config_directory
+from autotune_sim.device import Device
+from autotune_sim.effects import EFFECTS, check_size
+from autotune_sim.faults import Faults, Order, parse_order
+from autotune_sim.memory import Memory
+from autotune_sim.presets import preset as find_preset
+from autotune_sim.pty_port import PtyPort
+from autotune_sim.servo import Servo
+from autotune_sim.slcan import SlcanAdapter
+
+EDS = "autotune-sim.eds"
+BITRATE = 1_000_000
+_DRAINS = 1000  # reads before a heartbeat is judged, at most
+
+Log = Callable[[str], None]
+
+
+class Server:
+    """A simulated drive at a pseudo-terminal.
+
+    Args:
+        commands: file descriptor that fault orders are read from, one a line; None for none.
+
+    Attributes:
+        device: the drive; touch it only from the thread that runs `run`.
+    """
+
+    def __init__(
+        self,
+        servo: Servo,
+        port_path: Path,
+        node_id: int,
+        *,
+        real_time: bool = False,
+        faults: Sequence[Order] = (),
+        state_file: Path | None = None,
+        bitrate: int = BITRATE,
+        commands: int | None = None,
+        log: Log = lambda _: None,
+    ) -> None:
+        self._log: Log = lambda text: log(f"{time.monotonic():.6f} {text}")
+        self._clock = time.monotonic
+        self._adapter = SlcanAdapter(self._deliver, self._clock, bitrate)
+        self._port = PtyPort(port_path)
+        self._adapter.flush = self._port.discard
+        eds = config_directory() / "eds" / EDS
+        memory = Memory(state_file, self._log)
+        self.device = Device(
+            servo, eds, node_id, self._adapter.transmit, memory, self._log, real_time=real_time
+        )
+        self._orders = list(faults)
+        self._faults = Faults(self.device, self, self._clock, self._log)
+        self._commands = commands
+        self._typed = b""
+        self._stopping = False
+        self._wake_read, self._wake_write = os.pipe()
+
+    def stop(self) -> None:
+        """Ends `run`; from any thread or signal handler."""
+        self._stopping = True
+        with suppress(OSError):
+            os.write(self._wake_write, b"\0")
+
+    def plug(self) -> None:
+        """The adapter is plugged in. Idempotent."""
+        if not self._port.plugged:
+            self._adapter.reset()
+            self._port.plug()
+            self._log(f"adapter at {self._port.path} ({self._port.device}), node {self.device.node.node_id}")
+
+    def unplug(self) -> None:
+        """The adapter is pulled out. Idempotent."""
+        if self._port.plugged:
+            self._port.unplug()
+            self._adapter.reset()
+            self._log("adapter unplugged")
+
+    def run(self) -> None:
+        """Serves until `stop`.
+
+        Raises:
+            ConfigurationError: the port cannot be made.
+        """
+        try:
+            self.plug()
+            for order in self._orders:
+                self._faults.add(order)
+            while not self._stopping:
+                self._turn()
+        finally:
+            self.device.firmware.disable("end of the simulation")
+            self.unplug()
+            os.close(self._wake_read)
+            os.close(self._wake_write)
+
+    def _turn(self) -> None:
+        now = self._clock()
+        due = self.device.poll(now)
+        wall = self._faults.poll(now)
+        if wall is not None:
+            due = min(due, wall)
+        self._flush()
+        self._wait(max(due - self._clock(), 0.0))
+        heartbeat = self.device.heartbeat_due
+        if heartbeat is not None and self._clock() >= heartbeat:
+            self._drain()
+            self.device.check_heartbeats(self._clock())
+
+    def _wait(self, timeout: float) -> None:
+        readers = [self._wake_read]
+        if self._commands is not None:
+            readers.append(self._commands)
+        writers = []
+        if self._port.plugged:
+            readers.append(self._port.fileno())
+            if self._adapter.output:
+                writers.append(self._port.fileno())
+        ready, _, _ = select.select(readers, writers, [], timeout)
+        if self._port.plugged and self._port.fileno() in ready:
+            self._adapter.feed(self._port.read())
+            self._flush()
+        if self._commands is not None and self._commands in ready:
+            self._obey()
+
+    def _drain(self) -> None:
+        """Handles everything that has been received: a drive that was held up must not blame its master."""
+        for _ in range(_DRAINS):
+            data = self._port.read() if self._port.plugged else b""
+            if not data:
+                return
+            self._adapter.feed(data)
+            self._flush()
+
+    def _flush(self) -> None:
+        if self._adapter.output and self._port.plugged:
+            self._port.write(self._adapter.output)
+
+    def _deliver(self, cob_id: int, data: bytes) -> None:
+        self.device.receive(cob_id, data, self._clock())
+
+    def _obey(self) -> None:
+        data = os.read(self._commands or 0, 4096)
+        if not data:
+            self._commands = None
+            return
+        *lines, self._typed = (self._typed + data).split(b"\n")
+        for line in filter(None, (line.strip() for line in lines)):
+            try:
+                self._faults.add(parse_order(line.decode("utf-8", "replace")))
+            except AutotuneError as error:
+                self._log(f"command refused: {error}")
+
+
+def parse_effects(texts: Sequence[str]) -> dict[str, float]:
+    """Effects to plant from `NAME` or `NAME=SIZE`.
+
+    Raises:
+        ConfigurationError: an unknown name, or a size that is no number or out of range.
+    """
+    effects = {}
+    for text in texts:
+        name, equals, size = text.partition("=")
+        try:
+            effects[name] = float(size) if equals else EFFECTS[name].default if name in EFFECTS else 1.0
+        except ValueError:
+            raise ConfigurationError(f"effect {text!r}: size {size!r} must be a number") from None
+        check_size(name, effects[name])
+    return effects
+
+
+def serve(
+    preset: str,
+    port_path: str | Path,
+    node_id: int,
+    *,
+    seed: int = 0,
+    effects: Mapping[str, float] | None = None,
+    real_time: bool = False,
+    faults: Sequence[str] = (),
+    state_file: str | Path | None = None,
+    commands: bool = False,
+    log: Log = lambda _: None,
+) -> None:
+    """Serves a simulated drive until SIGINT or SIGTERM.
+
+    Args:
+        preset: name of the axis; `seed` varies its plant, `effects` (name → size) are planted.
+        port_path: where the link to the pseudo-terminal is put.
+        faults: orders as `autotune_sim.faults` describes them.
+        state_file: the drive's non-volatile memory; without it, stored values live as long as the process.
+        commands: reads further orders from standard input, one a line.
+        log: takes one line an event, beginning with the monotonic time [s].
+
+    Raises:
+        ConfigurationError: an unknown preset, effect or fault, a node id out of range, or no port.
+    """
+    if not 1 <= node_id <= 127:
+        raise ConfigurationError(f"node id is {node_id}; allowed is 1 to 127")
+    orders = [parse_order(text) for text in faults]
+    servo = Servo(find_preset(preset, seed=seed, effects=effects), seed)
+    servo.cycle()  # loads the compiled code before anybody waits for it
+    server = Server(
+        servo,
+        Path(port_path),
+        node_id,
+        real_time=real_time,
+        faults=orders,
+        state_file=Path(state_file) if state_file is not None else None,
+        commands=sys.stdin.fileno() if commands else None,
+        log=log,
+    )
+    before = {
+        number: signal.signal(number, lambda *_: server.stop()) for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    gc.freeze()
+    try:
+        server.run()
+    finally:
+        gc.unfreeze()
+        for number, handler in before.items():
+            signal.signal(number, handler)
