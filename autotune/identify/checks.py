@@ -65,6 +65,11 @@ def torque_of(recording: Recording) -> Floats:
     return recording["torque_command"] if "torque_command" in recording else recording["torque"]
 
 
+def guide_of(recording: Recording) -> Floats:
+    """The reference where there is one, else the measured position."""
+    return recording["reference" if "reference" in recording else "position"]
+
+
 def clipped(recording: Recording) -> Clipping:
     """Rows at the torque limit: of the metadata, else where the torque has flat tops."""
     torque = torque_of(recording)

@@ -38,7 +38,7 @@ def test_cross_spectra_see_through_feedback() -> None:
     generator = np.random.default_rng(1)
     n = 60000
     excitation = np.repeat(generator.choice([-1.0, 1.0], n // 2), 2)
-    noise = 0.3 * generator.standard_normal(n)
+    noise = 0.03 * generator.standard_normal(n)
     y, u = np.zeros(n), np.zeros(n)
     for k in range(1, n):
         y[k] = 0.9 * y[k - 1] + 0.1 * u[k - 1] + noise[k]

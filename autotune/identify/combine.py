@@ -1,0 +1,74 @@
+"""One set of parameters from the separate experiments, as section 3.4.5 proposes.
+
+Coulomb friction, break-away, Stribeck velocity, viscous friction and offset come from the steady
+state, inertia, stiffness and σ1 + σ2 from presliding; Dahl's curve and the high speed experiment stand
+in where those failed, and are compared where they did not.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from autotune.identify.estimate import Estimate, Quantity
+
+SAME_STIFFNESS = 0.10
+NEEDED = ("inertia", "viscous", "coulomb", "stiffness", "micro_damping", "offset")
+
+
+def combine(estimates: Mapping[str, Estimate]) -> Estimate:
+    """The parameters, and in `reason` what is missing where it is not valid."""
+    usable = {name: estimate for name, estimate in estimates.items() if estimate.valid}
+    found: dict[str, Quantity] = {}
+    for name in ("coulomb", "viscous", "offset", "break_away", "stribeck_velocity"):
+        _take(found, name, usable, "steady_state", "dahl" if name == "offset" else "")
+    _take(found, "inertia", usable, "presliding", "high_speed")
+    _take(found, "stiffness", usable, "presliding", "dahl")
+    _take(found, "viscous", usable, "", "high_speed")
+    if "presliding" in usable and "viscous" in found:
+        found["micro_damping"] = _difference(usable["presliding"]["presliding_damping"], found["viscous"])
+    missing = [name for name in NEEDED if name not in found]
+    reason = f"the experiments do not give {', '.join(missing)}" if missing else ""
+    return Estimate("combined", found, not missing, reason, notes=tuple(stiffness_notes(estimates)))
+
+
+def stiffness_notes(estimates: Mapping[str, Estimate]) -> list[str]:
+    """What the two stiffnesses say about the contact: one elastic element, or several."""
+    presliding, dahl = estimates.get("presliding"), estimates.get("dahl")
+    if not presliding or not dahl or not presliding.valid or not dahl.valid:
+        return []
+    small, large = presliding["stiffness"], dahl["stiffness"]
+    gap = abs(small.value - large.value)
+    uncertain = math.hypot(small.standard_error, large.standard_error)
+    text = (
+        f"stiffness at rest is {small.value:.4g} for small displacements and {large.value:.4g} over "
+        "Dahl's curve: "
+    )
+    if gap <= max(SAME_STIFFNESS * small.value, 2.0 * uncertain):
+        return [text + "they agree, friction behaves like one elastic element"]
+    if large.value < small.value:
+        return [
+            f"{text}they differ {small.value / large.value:.1f}-fold because friction has several elastic "
+            "elements that break one after another; a model with one element can only fit one of the two. "
+            "The effect reversal_memory describes it"
+        ]
+    return [
+        text + "the curve looks stiffer than small displacements, which one contact cannot do; check that "
+        "the junctions were relaxed before presliding"
+    ]
+
+
+def _take(
+    found: dict[str, Quantity], name: str, usable: Mapping[str, Estimate], first: str, second: str
+) -> None:
+    for source in (first, second):
+        if name not in found and source in usable and name in usable[source]:
+            found[name] = usable[source][name]
+
+
+def _difference(both: Quantity, viscous: Quantity) -> Quantity:
+    """σ1 = (σ1 + σ2) − σ2; never below zero."""
+    value = both.value - viscous.value
+    error = math.hypot(both.standard_error, viscous.standard_error)
+    note = "not distinguishable from zero" if value <= 0 else ""
+    return Quantity(max(value, 0.0), error, max(both.quantile, viscous.quantile), True, note)

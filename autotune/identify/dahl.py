@@ -1,0 +1,245 @@
+"""Dahl's curve: torque over position for very slow loops (section 3.4.4).
+
+Δu = σ0·Δq − (σ0/F_s)·|Δq|·u + (σ0·F_g/F_s)·|Δq| (3.51), over equal steps of travel rather than of time
+(friction filters in space), by iterated instrumental variables. With the exponent free, the slope is
+σ0·|1 − F/F_s·sign|^i (2.22), fitted to the whole curve.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.stats import t as student
+
+from autotune.core.errors import NotEnoughExcitation
+from autotune.core.recording import Recording
+from autotune.identify.checks import clipped, guide_of, torque_of
+from autotune.identify.estimate import Estimate, Quantity, invalid
+from autotune.models.compiled import compiled
+
+Floats = NDArray[np.float64]
+ITERATIONS = 20
+STEPS_A_LOOP = 400
+LEAST_COUNTS = 3.0
+POOR_FIT = 0.1
+_NAMES = ("stiffness", "break_away", "offset")
+
+
+@dataclass(frozen=True, slots=True)
+class Dahl:
+    """Result of the experiment.
+
+    Attributes:
+        estimate: stiffness σ0, break_away F_s and offset F_g; with the exponent free also `exponent`.
+        position, torque: the measured curve in equal steps of travel, shape (n,).
+        predicted: the model's torque on the same path.
+    """
+
+    estimate: Estimate
+    position: Floats
+    torque: Floats
+    predicted: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class _Path:
+    """One segment in steps of travel; `position` and `torque` are means over each step."""
+
+    position: Floats
+    torque: Floats
+
+
+def identify_dahl(
+    recording: Recording, viscous: float = 0.0, inertia: float = 0.0, free_exponent: bool = False
+) -> Dahl:
+    """Fits (3.51) to slow loops.
+
+    Args:
+        viscous, inertia: what is taken out of the torque before; small at the speeds in question.
+        free_exponent: whether i of (2.22) is estimated too; 1 otherwise.
+
+    Raises:
+        NotEnoughExcitation: no travel, or the axis never came back.
+    """
+    paths = _paths(recording, viscous)
+    sigma, force, offset = _instrumental(paths)
+    exponent = 1.0
+    if not (sigma > 0 and force > 0):
+        failed = invalid(
+            "dahl", "the curve does not bend as friction does; make the loops longer than 4·F_s/σ0"
+        )
+        return Dahl(failed, paths[0].position, paths[0].torque, np.full(len(paths[0].torque), math.nan))
+    start = np.array([sigma, force, offset, exponent])
+    if free_exponent:
+        start = _free(paths, start)
+    scatter = _scatter(paths, start, free_exponent)
+    predicted = _curve(paths[0], start)
+    error = math.sqrt(
+        sum(float(np.sum((p.torque - _curve(p, start)) ** 2)) for p in paths)
+        / sum(float(np.sum((p.torque - start[2]) ** 2)) for p in paths)
+    )
+    estimate = _judged(start, scatter, error, paths, free_exponent)
+    return Dahl(estimate, paths[0].position, paths[0].torque, predicted)
+
+
+@compiled
+def dahl_curve(position: Floats, sigma: float, force: float, exponent: float, start: float) -> Floats:
+    """Friction (without offset) along a path, from (2.22) by the midpoint rule, shape (n,)."""
+    result = np.empty(len(position))
+    friction = start
+    result[0] = friction
+    for k in range(1, len(position)):
+        step = position[k] - position[k - 1]
+        direction = 1.0 if step >= 0.0 else -1.0
+        if exponent == 1.0:
+            steady = direction * force
+            friction = steady + (friction - steady) * math.exp(-sigma * abs(step) / force)
+        else:
+            parts = 4
+            for _ in range(parts):
+                gap = 1.0 - friction / force * direction
+                middle = friction + 0.5 * step / parts * sigma * abs(gap) ** exponent * np.sign(gap)
+                gap = 1.0 - middle / force * direction
+                friction += step / parts * sigma * abs(gap) ** exponent * np.sign(gap)
+        result[k] = friction
+    return result
+
+
+def _paths(recording: Recording, viscous: float) -> list[_Path]:
+    paths = []
+    for _, segment in recording.split():
+        if len(segment) < 100 or np.any(clipped(segment).rows):
+            continue
+        path = _in_travel(segment, viscous)
+        if path is not None:
+            paths.append(path)
+    if not paths:
+        raise NotEnoughExcitation(
+            "Dahl's curve needs slow loops in both directions that are many counts long and not clipped; "
+            "record triangles of several F_s/σ0 at a few hundredths of the Stribeck velocity"
+        )
+    return paths
+
+
+def _in_travel(segment: Recording, viscous: float) -> _Path | None:
+    """Means over equal steps of travel along the reference (the measured position if there is none)."""
+    position = segment["position"]
+    guide = guide_of(segment)
+    torque = torque_of(segment)
+    travel = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(guide)))])
+    span = float(np.ptp(guide))
+    resolution = segment.metadata.position_resolution or 0.0
+    total = float(travel[-1])
+    if span <= 10.0 * resolution or total < 1.5 * span or span == 0.0:
+        return None
+    step = max(2.0 * span / STEPS_A_LOOP, LEAST_COUNTS * resolution)
+    number = np.minimum((travel / step).astype(int), int(total / step))
+    counts = np.bincount(number)
+    full = counts > 0
+    mean_position = np.bincount(number, position)[full] / counts[full]
+    mean_torque = np.bincount(number, torque)[full] / counts[full]
+    speed = np.gradient(mean_position) / np.maximum(counts[full] * segment.period, segment.period)
+    return _Path(mean_position[1:-1], (mean_torque - viscous * speed)[1:-1])
+
+
+def _regressors(path: _Path, torque: Floats) -> tuple[Floats, Floats]:
+    """Columns of (3.51) at the middle of each step, and Δu measured."""
+    step = np.diff(path.position)
+    middle = 0.5 * (torque[1:] + torque[:-1])
+    design = np.stack([step, -np.abs(step) * middle, np.abs(step)], axis=1)
+    return design, np.diff(path.torque)
+
+
+def _instrumental(paths: list[_Path]) -> tuple[float, float, float]:
+    """σ0, F_s, F_g by iterated instrumental variables: the model's own torque along the path."""
+    designs, targets = zip(*(_regressors(path, path.torque) for path in paths), strict=True)
+    design, target = np.concatenate(designs), np.concatenate(targets)
+    solution = np.linalg.lstsq(design, target, rcond=None)[0]
+    for _ in range(ITERATIONS):
+        sigma, force, offset = _physical(solution)
+        if not (sigma > 0 and force > 0):
+            break
+        model = np.array([sigma, force, offset, 1.0])
+        instruments = np.concatenate([_regressors(path, _curve(path, model))[0] for path in paths])
+        matrix = instruments.T @ design
+        if np.linalg.cond(matrix) > 1e14:
+            break
+        solution = np.linalg.solve(matrix, instruments.T @ target)
+    return _physical(solution)
+
+
+def _physical(solution: Floats) -> tuple[float, float, float]:
+    sigma, ratio, third = (float(x) for x in solution)
+    if ratio == 0.0:
+        return sigma, math.nan, math.nan
+    return sigma, sigma / ratio, third / ratio
+
+
+def _curve(path: _Path, parameters: Floats) -> Floats:
+    """Torque along a path, started where the measured curve starts."""
+    sigma, force, offset, exponent = (float(x) for x in parameters)
+    start = min(max(float(path.torque[:3].mean()) - offset, -force), force)
+    return np.asarray(offset + dahl_curve(path.position, sigma, force, exponent, start))
+
+
+def _free(paths: list[_Path], start: Floats) -> Floats:
+    """Refinement of the whole curve with the exponent free."""
+
+    def error(x: Floats) -> Floats:
+        model = np.array([math.exp(x[0]), math.exp(x[1]), x[2], x[3]])
+        return np.concatenate([path.torque - _curve(path, model) for path in paths])
+
+    begin = np.array([math.log(start[0]), math.log(start[1]), start[2], 1.3])
+    lower = np.array([begin[0] - 3.0, begin[1] - 1.0, -np.inf, 0.3])
+    upper = np.array([begin[0] + 4.0, begin[1] + 1.0, np.inf, 6.0])
+    x = least_squares(error, begin, bounds=(lower, upper), diff_step=np.full(4, 1e-4)).x
+    return np.array([math.exp(x[0]), math.exp(x[1]), x[2], x[3]])
+
+
+def _scatter(paths: list[_Path], best: Floats, free_exponent: bool) -> Floats:
+    """Standard errors from fits to single parts of the data (repeats, else halves)."""
+    parts = paths if len(paths) >= 3 else [half for path in paths for half in _halves(path)]
+    results = []
+    for part in parts:
+        sigma, force, offset = _instrumental([part])
+        if sigma > 0 and force > 0:
+            one = np.array([sigma, force, offset, 1.0])
+            results.append(_free([part], one) if free_exponent else one)
+    if len(results) < 2:
+        return np.full(4, math.nan)
+    return np.asarray(np.std(results, axis=0, ddof=1) / math.sqrt(len(results)))
+
+
+def _halves(path: _Path) -> list[_Path]:
+    middle = len(path.torque) // 2
+    return [
+        _Path(path.position[:middle], path.torque[:middle]),
+        _Path(path.position[middle:], path.torque[middle:]),
+    ]
+
+
+def _judged(best: Floats, scatter: Floats, error: float, paths: list[_Path], free_exponent: bool) -> Estimate:
+    parts = len(paths) if len(paths) >= 3 else 2 * len(paths)
+    reach = float(student.ppf(0.975, max(parts - 1, 1)))
+    names = (*_NAMES, "exponent") if free_exponent else _NAMES
+    quantities = {
+        name: Quantity(float(value), float(one), reach)
+        for name, value, one in zip(names, best, scatter, strict=False)
+    }
+    notes = []
+    if error > POOR_FIT:
+        notes.append(
+            f"one elastic element leaves {100 * error:.0f} % of Dahl's curve unexplained: "
+            "friction has several"
+        )
+    valid, reason = True, ""
+    if not np.all(np.isfinite(scatter[:3])):
+        valid, reason = False, "the curve is too short to say how certain it is; record at least two loops"
+    elif error > 0.5:
+        valid, reason = False, f"the model explains {100 * (1 - error):.0f} % of Dahl's curve only"
+    return Estimate("dahl", MappingProxyType(quantities), valid, reason, error, tuple(notes))

@@ -1,0 +1,199 @@
+"""Steady-state characteristic from legs of constant speed (section 3.4.1).
+
+Every leg gives one point: its mean torque, after what repeats with position has been taken out (the
+waves are fitted over all legs together) and after the torque that accelerates the inertia. The error
+of a point comes from the scatter of its parts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from autotune.core.errors import NotEnoughExcitation
+from autotune.core.recording import Recording
+from autotune.identify.characteristic import CurveFit, Points, compare_shapes, fit_curve, speed_groups
+from autotune.identify.checks import clipped, guide_of, torque_of
+from autotune.identify.estimate import Estimate
+from autotune.identify.legs import Leg, find_legs
+from autotune.identify.ripple_lines import Line, columns, find_lines
+from autotune.signals.filters import motion
+
+Floats = NDArray[np.float64]
+LEAST_SPEEDS = 4
+_BLOCKS = 48
+_PARTS = 6
+
+
+@dataclass(frozen=True, slots=True)
+class SteadyState:
+    """Result of the experiment.
+
+    Attributes:
+        estimate: parameters of the Gaussian shape (3.5), or of the linear one where friction does not fall.
+        points: what was measured.
+        curves: every shape, best on held-out points first.
+        asymmetric: the chosen shape with directions apart.
+        ripple: torque waves over position found in the legs.
+    """
+
+    estimate: Estimate
+    points: Points
+    curves: tuple[CurveFit, ...]
+    asymmetric: CurveFit | None
+    ripple: tuple[Line, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Blocks:
+    """Block means of all legs: arrays of shape (m,); `leg` is the number of each block's leg."""
+
+    leg: NDArray[np.int64]
+    position: Floats
+    acceleration: Floats
+    torque: Floats
+    velocity: Floats
+
+
+def identify_steady_state(recording: Recording, settle_distance: float = 0.0) -> SteadyState:
+    """Characteristic from every leg of constant speed in the recording.
+
+    Args:
+        settle_distance: travel after a reversal that is not used; several times F_s/σ0.
+
+    Raises:
+        NotEnoughExcitation: no legs, fewer than four speeds, or one direction only.
+    """
+    blocks, velocity = _gather(recording, settle_distance)
+    _refuse_poor(velocity)
+    scale = 1.0 if recording.metadata.motion_unit == "rad" else 2.0 * np.pi
+    points, ripple = _points(blocks, velocity, scale)
+    curves = compare_shapes(points)
+    chosen = _chosen(curves)
+    asymmetric = fit_curve(points, chosen.shape, True) if len(points) > 9 else None
+    estimate = Estimate("steady_state", chosen.parameters, True, "", chosen.relative_error, _notes(chosen))
+    return SteadyState(estimate, points, tuple(curves), asymmetric, tuple(ripple))
+
+
+def steady_points(recording: Recording, settle_distance: float = 0.0) -> Points:
+    """Only the points, without a fit; raises as `identify_steady_state`."""
+    blocks, velocity = _gather(recording, settle_distance)
+    return _points(blocks, velocity, 1.0 if recording.metadata.motion_unit == "rad" else 2.0 * np.pi)[0]
+
+
+def _gather(recording: Recording, settle_distance: float) -> tuple[_Blocks, Floats]:
+    parts: list[tuple[Floats, ...]] = []
+    speeds: list[float] = []
+    resolution = recording.metadata.position_resolution or 0.0
+    for _, segment in recording.split():
+        if len(segment) < 16:
+            continue
+        path = guide_of(segment)
+        smooth = motion(segment["position"], segment.period, min(20.0, 0.1 / segment.period))
+        at_limit = clipped(segment).rows
+        for leg in find_legs(path, segment.period, resolution, settle_distance):
+            if np.any(at_limit[leg.rows]) or len(leg) < _PARTS * 2:
+                continue
+            parts.append(_blocks_of(leg, len(speeds), smooth, torque_of(segment)))
+            speeds.append(float(np.mean(smooth[1][leg.rows])))
+    if not parts:
+        raise NotEnoughExcitation(
+            "there is no stretch of constant speed in the data; play triangles at several speeds, "
+            "both directions, over at least one period of the torque ripple"
+        )
+    leg_number, position, velocity, acceleration, torque = (
+        np.concatenate([part[i] for part in parts]) for i in range(5)
+    )
+    blocks = _Blocks(leg_number.astype(np.int64), position, acceleration, torque, velocity)
+    return blocks, np.array(speeds)
+
+
+def _blocks_of(
+    leg: Leg, number: int, smooth: tuple[Floats, Floats, Floats], torque: Floats
+) -> tuple[Floats, ...]:
+    edges = np.linspace(leg.start, leg.stop, min(_BLOCKS, len(leg) // 2) + 1).astype(int)
+    widths = np.diff(edges)
+    means = [np.add.reduceat(signal[: leg.stop], edges[:-1]) / widths for signal in (*smooth, torque)]
+    return (np.full(len(widths), float(number)), *means)
+
+
+def _refuse_poor(velocity: Floats) -> None:
+    directions = np.unique(np.sign(velocity))
+    if len(directions) < 2:
+        word = "positive" if directions[0] > 0 else "negative"
+        raise NotEnoughExcitation(
+            f"the axis moved in the {word} direction only; Coulomb friction and offset cannot be told apart. "
+            "Record both directions"
+        )
+    speeds = len(np.unique(speed_groups(velocity, 1.2)))
+    if speeds < LEAST_SPEEDS:
+        raise NotEnoughExcitation(
+            f"the legs have {speeds} different speeds; at least {LEAST_SPEEDS} are needed to tell Coulomb "
+            "from viscous friction. Play triangles at more speeds, evenly spaced on a log scale"
+        )
+
+
+def _points(blocks: _Blocks, velocity: Floats, scale: float) -> tuple[Points, list[Line]]:
+    """Least squares with one level a leg, waves and inertia in common."""
+    count = len(velocity)
+    levels = (blocks.leg[:, None] == np.arange(count)).astype(float)
+    fixed = np.hstack([levels, blocks.acceleration[:, None]])
+    first = blocks.torque - fixed @ np.linalg.lstsq(fixed, blocks.torque, rcond=None)[0]
+    quiet = _quiet(first, blocks.leg, count)
+    ripple = find_lines(blocks.position[quiet], first[quiet], fixed[quiet], scale)
+    waves = columns(blocks.position, [line.order for line in ripple], scale)
+    design = np.hstack([fixed, waves])
+    weight = 1.0 / _leg_scatter(first, blocks.leg, count)
+    weighted = design * weight[:, None]
+    solution = np.linalg.lstsq(weighted, blocks.torque * weight, rcond=None)[0]
+    rest = blocks.torque - design @ solution
+    level = np.asarray(solution[:count], dtype=np.float64)
+    mean_velocity = np.array([blocks.velocity[blocks.leg == leg].mean() for leg in range(count)])
+    errors = np.array([_scatter(rest[blocks.leg == leg]) for leg in range(count)])
+    return Points(mean_velocity, level, _pooled(errors, level)), ripple
+
+
+def _leg_scatter(rest: Floats, leg: NDArray[np.int64], count: int) -> Floats:
+    """Standard deviation of each block's leg, shape (m,); never below a tenth of the typical one."""
+    scatter = np.array([np.std(rest[leg == number]) for number in range(count)])
+    return np.asarray(np.maximum(scatter, 0.1 * np.median(scatter) + 1e-300)[leg])
+
+
+def _quiet(rest: Floats, leg: NDArray[np.int64], count: int) -> NDArray[np.bool_]:
+    """Blocks of legs whose torque is not dominated by what the control loop does."""
+    scatter = _leg_scatter(rest, leg, count)
+    return scatter <= 2.0 * np.median(scatter)
+
+
+def _scatter(rest: Floats) -> float:
+    """Standard error of the mean from the means of six parts, which allows for slow disturbances."""
+    edges = np.linspace(0, len(rest), min(_PARTS, len(rest)) + 1).astype(int)
+    means = np.add.reduceat(rest, edges[:-1]) / np.diff(edges)
+    return float(np.std(means, ddof=1) / np.sqrt(len(means)))
+
+
+def _pooled(errors: Floats, level: Floats) -> Floats:
+    """Six parts tell a scatter only to 30 %: half of each leg's own, half of the typical one."""
+    typical = max(float(np.median(errors)), 1e-6 * float(np.max(np.abs(level))))
+    return np.asarray(np.sqrt(0.5 * errors**2 + 0.5 * typical**2))
+
+
+def _chosen(curves: list[CurveFit]) -> CurveFit:
+    """The Gaussian shape of the LuGre model, unless a straight line predicts held-out points as well."""
+    by_shape = {curve.shape: curve for curve in curves}
+    straight, gaussian = by_shape["linear"], by_shape.get("gaussian")
+    if gaussian is None or "stribeck_velocity" not in gaussian.parameters:
+        return straight
+    if not gaussian.parameters["stribeck_velocity"].identified:
+        return straight
+    worse = straight.held_out_rms > 1.1 * gaussian.held_out_rms or straight.rms > 1.5 * gaussian.rms
+    return gaussian if worse else straight
+
+
+def _notes(chosen: CurveFit) -> tuple[str, ...]:
+    notes = [f"{name}: {q.note}" for name, q in chosen.parameters.items() if q.note]
+    if chosen.shape == "linear":
+        notes.append("friction does not fall with speed here: break-away equals Coulomb friction")
+    return tuple(notes)

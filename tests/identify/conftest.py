@@ -1,0 +1,27 @@
+"""Recordings of the standard programme on simulated axes whose truth is known."""
+
+from functools import cache
+
+import pytest
+
+from autotune.core.recording import Recording
+from autotune_sim.presets import Preset, preset
+from bench.identify_data import play, varied_axis
+
+
+@cache
+def _played(name: str, seed: int) -> tuple[Preset, Recording]:
+    axis = varied_axis(seed) if name == "varied" else preset(name)
+    return axis, play(axis, seed)
+
+
+@pytest.fixture(scope="session")
+def varied() -> tuple[Preset, Recording]:
+    """A LuGre axis with ripple, its parameters up to 30 % off the nominal ones."""
+    return _played("varied", 3)
+
+
+@pytest.fixture(scope="session")
+def vertical() -> tuple[Preset, Recording]:
+    """The axis of Table 6.2, whose friction has six elastic elements."""
+    return _played("edm-vertical", 1)
