@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
-import math
 import sys
 from collections.abc import Mapping
 from typing import Any
+
+from autotune.service.files import finite
 
 
 def complain(sentence: str, code: int) -> int:
@@ -30,14 +31,3 @@ def answer(text: str) -> None:
 def answer_json(content: Mapping[str, Any]) -> None:
     """Prints the one JSON object of `--json`; what is not a finite number becomes null."""
     answer(json.dumps(finite(content), indent=2, allow_nan=False))
-
-
-def finite(value: Any) -> Any:
-    """The same with nan and infinities replaced by None, recursively."""
-    if isinstance(value, Mapping):
-        return {str(key): finite(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [finite(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

@@ -36,7 +36,7 @@ def commit(
     Args:
         loop: at rest.
         values: complete set of feedforward parameters, SI.
-        journal: of this run.
+        journal: of this run; what it has changed for the run's duration is backed up with its old value.
         store: folder below which backups are kept.
         now: local time, for the backup's id.
         proves: re-measures the axis with the parameters in force.
@@ -49,6 +49,7 @@ def commit(
         AutotuneError: whatever ended it, after everything was put back as far as the link allows.
     """
     present = feedforward_parameters(loop)
+    present |= {name: value for name, value in journal.state.changed.items() if name in present}
     unknown = sorted(set(values) - set(present))
     if unknown:
         raise ConfigurationError(

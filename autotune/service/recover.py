@@ -22,8 +22,8 @@ def describe(journal: Journal) -> str:
     return f"the run of {state.started} ended in stage '{state.stage}' without closing; it left {what}"
 
 
-def recover(loop: Loop, runs: Path, axis: str) -> list[str]:
-    """Puts right what earlier runs on this axis left, newest first; returns what was done, in words.
+def recover(loop: Loop, runs: Path, own: Journal) -> list[str]:
+    """Puts right what runs before `own` left on its axis, newest first; returns what was done, in words.
 
     The newest unfinished run decides: an older one's changes were put right, or overlaid, by it.
 
@@ -31,7 +31,9 @@ def recover(loop: Loop, runs: Path, axis: str) -> list[str]:
         AutotuneError: the drive could not be restored; the journals stay open.
     """
     done: list[str] = []
-    for journal in unfinished(runs, axis):
+    for journal in unfinished(runs, own.state.axis):
+        if journal.directory == own.directory:
+            continue
         sentence = describe(journal)
         if journal.state.left_something:
             _restore(loop, runs, journal)

@@ -1,0 +1,102 @@
+"""What the stages of a run found, kept in `findings.json` so that a later run can take up a stage alone."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from autotune.control.feedforward import LugreParameters
+from autotune.core.axis import Axis
+from autotune.core.errors import ConfigurationError
+from autotune.service.files import read_json, write_json
+from autotune.service.proof import TrackingError
+from autotune.service.stage_adapt import Adapted
+from autotune.service.stage_identify import Start
+from autotune.service.stage_prove import Proved
+
+FILE_NAME = "findings.json"
+SCHEMA_VERSION = 1
+NEEDS = {
+    "fit": "recordings/experiment.parquet",
+    "adapt": FILE_NAME,
+    "prove": FILE_NAME,
+    "commit": FILE_NAME,
+}
+"""What a stage by itself needs from an earlier run."""
+
+
+@dataclass
+class Findings:
+    """Filled stage by stage; `proposed` goes to the proof, `better` is its verdict."""
+
+    start: Start | None = None
+    proposed: LugreParameters | None = None
+    better: bool = False
+    adapted: Adapted | None = None
+    proved: Proved | None = None
+    committed: TrackingError | None = None
+
+    def need_start(self) -> Start:
+        """Raises ConfigurationError where the stage `fit` has not been done."""
+        if self.start is None:
+            raise ConfigurationError(
+                "there are no identified values; run the stages experiment and fit first"
+            )
+        return self.start
+
+    def need_proposed(self) -> LugreParameters:
+        """Raises ConfigurationError where the stage `adapt` has not been done."""
+        if self.proposed is None:
+            raise ConfigurationError("there are no adapted parameters; run the stage adapt first")
+        return self.proposed
+
+
+def save_findings(directory: Path, findings: Findings) -> None:
+    """Writes what later runs may take up."""
+    content: dict[str, Any] = {"schema": SCHEMA_VERSION, "better": findings.better}
+    if findings.start is not None:
+        content["start"] = asdict(findings.start.parameters)
+        content["stiffness_range"] = list(findings.start.stiffness_range)
+    if findings.proposed is not None:
+        content["proposed"] = asdict(findings.proposed)
+    write_json(directory / FILE_NAME, content)
+
+
+def load_findings(runs: Path, axis: Axis, stage: str) -> Findings:
+    """What the newest run of the axis found, for a stage by itself; empty where the stage needs nothing.
+
+    Raises:
+        ConfigurationError: no earlier run has what the stage needs, or the axis file has changed since.
+    """
+    if NEEDS.get(stage) != FILE_NAME:
+        return Findings()
+    directory = latest_run(runs, axis, FILE_NAME)
+    content = read_json(directory / FILE_NAME, "findings file")
+    journal = read_json(directory / "journal.json", "journal")
+    if journal.get("fingerprint") != axis.fingerprint:
+        raise ConfigurationError(
+            f"{directory} was made with another axis file (fingerprint {journal.get('fingerprint')}, now "
+            f"{axis.fingerprint}); run all stages again"
+        )
+    findings = Findings(better=bool(content.get("better", False)))
+    if "start" in content:
+        low, high = content["stiffness_range"]
+        findings.start = Start(LugreParameters(**content["start"]), (low, high))
+    if "proposed" in content:
+        findings.proposed = LugreParameters(**content["proposed"])
+    return findings
+
+
+def latest_run(runs: Path, axis: Axis, name: str) -> Path:
+    """The newest run of the axis that has the file `name`.
+
+    Raises:
+        ConfigurationError: there is none.
+    """
+    for directory in sorted(runs.glob(f"*-{axis.name}"), reverse=True):
+        if (directory / name).is_file():
+            return directory
+    raise ConfigurationError(
+        f"no earlier run of axis {axis.name} in {runs} has {name}; run 'autotune run' without --only first"
+    )

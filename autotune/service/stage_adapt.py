@@ -1,0 +1,147 @@
+"""Stage `adapt`: the thesis's laws until they settle (section 5.1.4), then refinement step by step."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from autotune.control.adaptation import AdaptationResult, AdaptiveFeedforward, Bounds
+from autotune.control.feedforward import FixedFeedforward, LugreParameters
+from autotune.control.refinement import PeriodAverage, refine
+from autotune.core.errors import NotEnoughExcitation
+from autotune.core.recording import Recording
+from autotune.experiments.sines import AdaptiveSine, BenchmarkSine
+from autotune.service.proof import fold
+from autotune.service.session import Session
+
+LONGEST_SECONDS = 60.0
+REFINEMENT_STEPS = 3
+REFINEMENT_PERIODS = 4
+LEAST_GAIN = 0.03
+
+
+@dataclass(frozen=True, slots=True)
+class RefinementStep:
+    """One measured step: parameters in force and the peak error that they gave [motion unit]."""
+
+    parameters: LugreParameters
+    peak_error: float
+
+
+@dataclass(frozen=True, slots=True)
+class Adapted:
+    """What the stage found: the laws alone, then each refinement step; `best` goes to the proof."""
+
+    laws: AdaptationResult
+    steps: tuple[RefinementStep, ...]
+
+    @property
+    def best(self) -> RefinementStep:
+        return min(self.steps, key=lambda step: step.peak_error)
+
+
+def adapt(session: Session, start: LugreParameters, stiffness_range: tuple[float, float]) -> Adapted:
+    """Adapts and refines from the identified values.
+
+    Args:
+        session: of the run.
+        start: identified parameters; `stiffness` somewhere inside `stiffness_range`.
+        stiffness_range: bounds of the stiffness, from what presliding and Dahl's curve say.
+
+    Raises:
+        NotEnoughExcitation: adaptation gave nothing that may be used.
+    """
+    steps = REFINEMENT_STEPS * (REFINEMENT_PERIODS + 3) / session.axis.benchmark.frequency
+    session.begin("adapt", LONGEST_SECONDS + steps)
+    bounds = Bounds.around(start, stiffness_range)
+    law = AdaptiveFeedforward(start, bounds, session.axis.benchmark.frequency, session.axis.cycle)
+    _, played = session.play("adaptation", [AdaptiveSine(session.motion, law, LONGEST_SECONDS)])
+    settled = played.result("adaptation")
+    if not isinstance(settled, AdaptiveFeedforward):
+        raise NotEnoughExcitation("the adaptation gave no result; run again")
+    laws = settled.result()
+    if not laws.valid and not laws.frozen:
+        session.reporter.say(f"adaptation: {laws.reason}")
+    return Adapted(laws, tuple(_refine(session, laws.parameters, bounds)))
+
+
+def _refine(session: Session, start: LugreParameters, bounds: Bounds) -> list[RefinementStep]:
+    """Measures, predicts a better step, measures again; ends where a step gains next to nothing."""
+    current, done = start, []
+    for number in range(REFINEMENT_STEPS + 1):
+        measured = _measure(session, current, number)
+        done.append(RefinementStep(current, measured.peak_error))
+        worse = number > 0 and measured.peak_error > (1.0 - LEAST_GAIN) * done[-2].peak_error
+        if worse or number == REFINEMENT_STEPS or session.controller is None:
+            break
+        low, high = limits_of(current, bounds)
+        proposed = refine(measured, current, session.controller, low, high)
+        if proposed.predicted_peak > (1.0 - LEAST_GAIN) * measured.peak_error:
+            break
+        current = proposed.parameters
+    return done
+
+
+def _measure(session: Session, parameters: LugreParameters, number: int) -> PeriodAverage:
+    law = FixedFeedforward(parameters, session.axis.cycle)
+    sine = BenchmarkSine(session.motion, 1, REFINEMENT_PERIODS, law, first_repeat=number, label="refinement")
+    recording, _ = session.play(f"refinement-{number}", [sine])
+    return period_average(recording.select("refinement"), session.axis.benchmark.frequency)
+
+
+def period_average(window: Recording, frequency: float) -> PeriodAverage:
+    """Averages whole periods of a window of the benchmark."""
+    samples = round(1.0 / (frequency * window.period))
+    average = {
+        name: fold(window[name], samples).mean(axis=0)
+        for name in ("reference", "position", "torque_feedback", "torque_feedforward")
+    }
+    return PeriodAverage(
+        average["reference"],
+        average["reference"] - average["position"],
+        average["torque_feedback"],
+        average["torque_feedforward"],
+        window.period,
+        len(window) // samples,
+    )
+
+
+def limits_of(current: LugreParameters, bounds: Bounds) -> tuple[LugreParameters, LugreParameters]:
+    """Bounds of the refinement: those of the adaptation, and a factor of 4 in micro-damping."""
+    (low_s, high_s), (low_c, high_c), (low_o, high_o) = bounds.stiffness, bounds.coulomb, bounds.offset
+    ratio = current.break_away / current.coulomb
+    damping = max(current.micro_damping, 1e-3 * current.stiffness)
+    low = replace(
+        current,
+        stiffness=low_s,
+        coulomb=low_c,
+        offset=low_o,
+        break_away=low_c * ratio,
+        micro_damping=damping / 4.0,
+    )
+    high = replace(
+        current,
+        stiffness=high_s,
+        coulomb=high_c,
+        offset=high_o,
+        break_away=high_c * ratio,
+        micro_damping=damping * 4.0,
+    )
+    return low, high
+
+
+def starting_stiffness(presliding: float, dahl: float) -> tuple[float, tuple[float, float]]:
+    """Where to start, and the bounds, from the two experiments that know the stiffness at rest.
+
+    Where friction has several elastic elements, presliding sees them all (the stiffest value) and
+    Dahl's curve mostly the soft ones; what serves the benchmark lies between. nan: not known.
+    """
+    known = [value for value in (presliding, dahl) if math.isfinite(value) and value > 0.0]
+    if not known:
+        raise NotEnoughExcitation(
+            "neither presliding nor Dahl's curve gave a stiffness; look at their reasons"
+        )
+    low, high = min(known), max(known)
+    return float(np.sqrt(low * high)), (low / 3.0, high * 1.5)

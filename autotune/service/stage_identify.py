@@ -1,0 +1,91 @@
+"""Stages `experiment` and `fit`: the four experiments of section 3.4, and what they say."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from autotune.control.feedforward import LugreParameters
+from autotune.core.errors import ConfigurationError, NotEnoughExcitation
+from autotune.core.recording import Recording
+from autotune.experiments.programmes import build
+from autotune.experiments.sines import BenchmarkSine
+from autotune.identify.estimate import Estimate
+from autotune.identify.run import Identification, identify_run
+from autotune.models.model_file import write_model
+from autotune.service.session import Session
+from autotune.service.stage_adapt import starting_stiffness
+
+BASELINE_PERIODS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Where adaptation begins: identified values, and bounds of the stiffness."""
+
+    parameters: LugreParameters
+    stiffness_range: tuple[float, float]
+
+
+def experiment(session: Session) -> Recording:
+    """Plays a first benchmark, without compensation, then the four experiments."""
+    baseline = BenchmarkSine(session.motion, 1, BASELINE_PERIODS)
+    experiments = (baseline, *build("identification", session.axis))
+    session.begin("experiment", sum(one.duration for one in experiments))
+    recording, _ = session.play("experiment", experiments)
+    return recording
+
+
+def fit(session: Session, recording: Recording) -> Identification:
+    """Identifies the axis; the model is in `model.toml` where it is valid.
+
+    Raises:
+        NotEnoughExcitation: the experiments do not give a model; says which and why.
+    """
+    session.begin("fit", 5.0)
+    benchmark = session.axis.benchmark
+    acceleration = benchmark.amplitude * (2.0 * math.pi * benchmark.frequency) ** 2
+    found = identify_run(recording, precision=session.axis.position_resolution, acceleration=acceleration)
+    if found.model is None:
+        raise NotEnoughExcitation(_why(found))
+    write_model(found.model, session.directory / "model.toml")
+    return found
+
+
+def start_of(found: Identification) -> Start:
+    """The identified values as feedforward parameters.
+
+    Raises:
+        NotEnoughExcitation: a value that the feedforward needs is missing or impossible.
+    """
+    joint = found.joint
+    stiffness, bounds = starting_stiffness(
+        *(_stiffness(found.estimates.get(name)) for name in ("presliding", "dahl"))
+    )
+    coulomb = joint.value("coulomb")
+    break_away = max(joint.value("break_away", coulomb), coulomb)
+    try:
+        parameters = LugreParameters(
+            inertia=joint.value("inertia"),
+            viscous=joint.value("viscous", 0.0),
+            coulomb=coulomb,
+            stiffness=stiffness,
+            micro_damping=joint.value("micro_damping", 0.0),
+            offset=joint.value("offset", 0.0),
+            break_away=break_away,
+            stribeck_velocity=joint.value("stribeck_velocity", 1.0),
+        )
+    except ConfigurationError as error:
+        raise NotEnoughExcitation(f"the identified values cannot be used: {error}") from error
+    return Start(parameters, bounds)
+
+
+def _stiffness(estimate: Estimate | None) -> float:
+    return estimate.value("stiffness") if estimate is not None and "stiffness" in estimate else math.nan
+
+
+def _why(found: Identification) -> str:
+    reasons = [
+        f"{name}: {estimate.reason}" for name, estimate in found.estimates.items() if not estimate.valid
+    ]
+    return f"the axis could not be identified ({found.joint.reason}). " + "; ".join(reasons)

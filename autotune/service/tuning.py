@@ -1,0 +1,345 @@
+"""A tuning run: check, experiment, fit, adapt, prove, commit. Whatever happens, the axis ends at rest,
+without power, with every changed setting restored, and the run's folder says what was done.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+
+from autotune.core.axis import Axis
+from autotune.core.errors import AutotuneError, ConfigurationError, DriveFault, NotEnoughExcitation
+from autotune.core.loop import Loop
+from autotune.core.recording_files import read_recording
+from autotune.experiments.limits_guarded import limits_guarded
+from autotune.experiments.programmes import build
+from autotune.experiments.runner import Budget, Programme
+from autotune.experiments.sines import BenchmarkSine
+from autotune.identify.run import Identification
+from autotune.service import summary
+from autotune.service.commit import commit, feedforward_parameters, verify
+from autotune.service.files import finite, write_json
+from autotune.service.findings import Findings, latest_run, load_findings, save_findings
+from autotune.service.journal import Journal
+from autotune.service.outcome import Outcome, RunResult
+from autotune.service.progress import Reporter
+from autotune.service.proof import TrackingError, tracking_error
+from autotune.service.recover import recover
+from autotune.service.run_directory import axis_lock, make_run_directory
+from autotune.service.session import LabelledWatch, Session, controller_of
+from autotune.service.stage_adapt import adapt
+from autotune.service.stage_identify import experiment, fit, start_of
+from autotune.service.stage_prove import (
+    ENABLED,
+    holds_what_was_proved,
+    measure_committed,
+    prove_stage,
+    windows_of,
+)
+
+STAGES = ("check", "experiment", "fit", "adapt", "prove", "commit")
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is asked of a run.
+
+    Attributes:
+        axis: the axis; `directory`: the folder of its file, for relative links.
+        open_loop: opens the axis's link.
+        runs: folder of all runs.
+        reporter: hears how it goes; `clock`: local time.
+        only: a single stage, or None for all.
+        viewers: further watches on the samples.
+        approve: asked before anything is written to the drive for good.
+    """
+
+    axis: Axis
+    open_loop: Callable[[], Loop]
+    runs: Path
+    reporter: Reporter
+    clock: Callable[[], datetime]
+    only: str | None = None
+    viewers: Sequence[LabelledWatch] = ()
+    approve: Callable[[str], bool] = field(default=lambda sentence: True)
+
+
+@dataclass
+class _Course:
+    """How far a run has come; becomes the result."""
+
+    findings: Findings = field(default_factory=Findings)
+    identification: Identification | None = None
+    baseline: TrackingError | None = None
+    outcome: Outcome = Outcome.NOT_APPLIED
+    verdict: str = ""
+    notes: list[str] = field(default_factory=list)
+
+
+def tune(request: Request) -> RunResult:
+    """Runs the stages; the result is also in `run.json`.
+
+    Raises:
+        AutotuneError, KeyboardInterrupt: after everything was restored; `run.json` says `aborted`.
+    """
+    if request.only is not None and request.only not in STAGES:
+        raise ConfigurationError(f"--only is {request.only!r}; the stages are {', '.join(STAGES)}")
+    axis = request.axis
+    with axis_lock(request.runs, axis.name):
+        started = request.clock()
+        directory = make_run_directory(request.runs, axis.name, started)
+        journal = Journal.begin(directory, axis.name, axis.fingerprint, started)
+        course = _Course()
+        session: Session | None = None
+        try:
+            request.reporter.stage("connect", 3.0)
+            with _connected(request, journal) as loop:
+                course.notes += recover(loop, request.runs, journal)
+                with _prepared(request, loop, directory, journal) as session:
+                    _stages(request, session, course)
+        except BaseException as error:
+            course.outcome, course.verdict = _ending(error)
+            result = _result(request, directory, started, course, session)
+            _finish(journal, result)
+            if isinstance(error, NotEnoughExcitation):
+                return result
+            raise
+        result = _result(request, directory, started, course, session)
+        _finish(journal, result)
+        return result
+
+
+def _ending(error: BaseException) -> tuple[Outcome, str]:
+    if isinstance(error, NotEnoughExcitation):
+        return Outcome.NOT_APPLIED, f"Nothing was applied: {error}"
+    if isinstance(error, KeyboardInterrupt):
+        return Outcome.ABORTED, "Interrupted: the axis is at rest and without power."
+    notes = "; ".join(getattr(error, "__notes__", []))
+    return Outcome.ABORTED, f"The run was stopped: {error}" + (f" ({notes})" if notes else "")
+
+
+@contextmanager
+def _connected(request: Request, journal: Journal) -> Iterator[Loop]:
+    """The open link; at the end it is verified that the drive is as it was, else the journal stays open."""
+    loop = request.open_loop()
+    try:
+        yield loop
+    finally:
+        try:
+            if journal.state.changed:
+                verify(loop, journal.state.changed)
+                journal.note(changed={})
+        except AutotuneError as error:
+            request.reporter.say(f"not everything could be put back ({error}); the next run will do it")
+        finally:
+            loop.close()
+
+
+@contextmanager
+def _prepared(request: Request, loop: Loop, directory: Path, journal: Journal) -> Iterator[Session]:
+    """Limits in the drive, its own feedforward off; both as before when the block ends."""
+    faults = loop.faults()
+    if faults:
+        raise DriveFault(
+            f"the drive of axis {request.axis.name} reports {'; '.join(faults)}; clear the cause and reset the "
+            "drive, then run again"
+        )
+    parameters = loop.read_parameters()
+
+    def note(before: Mapping[str, float]) -> None:
+        journal.note(changed={**journal.state.changed, **before})
+
+    with limits_guarded(loop, request.axis, note) as held, _own_feedforward_off(loop, parameters, note):
+        yield Session(
+            axis=request.axis,
+            loop=loop,
+            limits=held.limits,
+            controller=controller_of(parameters),
+            runs=request.runs,
+            directory=directory,
+            journal=journal,
+            reporter=request.reporter,
+            clock=request.clock,
+            budget=Budget(held.limits.machine_seconds),
+            viewers=request.viewers,
+        )
+
+
+@contextmanager
+def _own_feedforward_off(
+    loop: Loop, parameters: Mapping[str, float], note: Callable[[Mapping[str, float]], None]
+) -> Iterator[None]:
+    """The drive's own feedforward would hide what is measured; a commit leaves it as committed."""
+    was = parameters.get(ENABLED, 0.0)
+    if not was:
+        yield
+        return
+    note({ENABLED: was})
+    loop.write_parameters({ENABLED: 0.0})
+    try:
+        yield
+    finally:
+        loop.write_parameters({ENABLED: was})
+
+
+def _stages(request: Request, session: Session, course: _Course) -> None:
+    wanted = STAGES if request.only is None else (request.only,)
+    if request.only is not None:
+        course.findings = load_findings(request.runs, session.axis, request.only)
+    for stage in wanted:
+        session.journal.note(stage=stage)
+        if not _STAGES[stage](request, session, course):
+            break
+        save_findings(session.directory, course.findings)
+    if request.only is not None and not course.verdict:
+        course.verdict = f"Stage '{request.only}' is done; nothing was applied."
+
+
+def _check(request: Request, session: Session, course: _Course) -> bool:
+    """All experiments fit into the limits and the machine time, before anything moves."""
+    session.begin("check", 1.0)
+    sine = BenchmarkSine(session.motion, 1, session.axis.benchmark.periods)
+    programme = Programme((sine, *build("identification", session.axis)), session.limits, session.budget.left)
+    programme.check(session.loop.period)
+    return True
+
+
+def _experiment(request: Request, session: Session, course: _Course) -> bool:
+    recording = experiment(session)
+    frequency = session.axis.benchmark.frequency
+    course.baseline = tracking_error(windows_of(recording, "benchmark"), frequency)
+    return True
+
+
+def _fit(request: Request, session: Session, course: _Course) -> bool:
+    path = session.written.get("experiment") or _earlier(request, "recordings/experiment.parquet")
+    course.identification = fit(session, read_recording(path))
+    course.findings.start = start_of(course.identification)
+    course.notes += course.identification.notes
+    return True
+
+
+def _adapt(request: Request, session: Session, course: _Course) -> bool:
+    start = course.findings.need_start()
+    course.findings.adapted = adapt(session, start.parameters, start.stiffness_range)
+    course.findings.proposed = course.findings.adapted.best.parameters
+    return True
+
+
+def _prove(request: Request, session: Session, course: _Course) -> bool:
+    own = bool(session.journal.state.changed.get(ENABLED, 0.0))
+    course.findings.proved = prove_stage(session, course.findings.need_proposed(), own)
+    proof = course.findings.proved.proof
+    course.findings.better = proof.better
+    if not proof.better:
+        course.verdict = (
+            f"Nothing was applied: the peak error would go from {_milli(proof.before.peak_error, session)} to "
+            f"{_milli(proof.after.peak_error, session)}, which is not better beyond doubt."
+        )
+    return proof.better
+
+
+def _commit(request: Request, session: Session, course: _Course) -> bool:
+    findings = course.findings
+    parameters = findings.need_proposed()
+    if not findings.better:
+        raise ConfigurationError(
+            "nothing is proved that could be committed; run 'autotune run' with all stages"
+        )
+    held = feedforward_parameters(session.loop)
+    values = {
+        name: value
+        for name, value in (parameters.drive_parameters() | {ENABLED: 1.0}).items()
+        if name in held
+    }
+    if ENABLED not in values:
+        course.verdict = "Proved, but this drive cannot hold a feedforward; the host has to play it."
+        return False
+    if not request.approve("Write the proved parameters to the drive for good?"):
+        course.verdict = "Proved, but not written: it was not approved."
+        return False
+    session.begin("commit", 12.0)
+    findings.committed = None
+
+    def proves() -> bool:
+        findings.committed = measure_committed(session)
+        if findings.proved is None:
+            return True
+        return holds_what_was_proved(findings.proved.proof, findings.committed)
+
+    kept = commit(session.loop, values, session.journal, session.runs, session.clock(), proves)
+    course.outcome = Outcome.KEPT if kept else Outcome.ROLLED_BACK
+    course.verdict = _commit_verdict(session, course, kept)
+    return kept
+
+
+def _commit_verdict(session: Session, course: _Course, kept: bool) -> str:
+    committed = course.findings.committed
+    shown = _milli(committed.peak_error, session) if committed else "an unknown value"
+    if not kept:
+        return (
+            f"Everything was put back: with the parameters in the drive the peak error was {shown}, which is not "
+            "what had been proved."
+        )
+    proved = course.findings.proved
+    if proved is None:
+        return f"Kept: the drive runs with the committed parameters; peak error {shown}."
+    before, after = proved.proof.before.peak_error, proved.proof.after.peak_error
+    return (
+        f"Kept: the peak error on the benchmark fell from {_milli(before, session)} to {_milli(after, session)}, "
+        f"{before / after:.1f} times less, beyond doubt; with the drive's own feedforward it is {shown}."
+    )
+
+
+def _milli(value: float, session: Session) -> str:
+    return f"{1e3 * value:.2f} m{session.axis.motion_unit}"
+
+
+_STAGES: dict[str, Callable[[Request, Session, _Course], bool]] = {
+    "check": _check,
+    "experiment": _experiment,
+    "fit": _fit,
+    "adapt": _adapt,
+    "prove": _prove,
+    "commit": _commit,
+}
+
+
+def _earlier(request: Request, name: str) -> Path:
+    return latest_run(request.runs, request.axis, name) / name
+
+
+def _result(
+    request: Request, directory: Path, started: datetime, course: _Course, session: Session | None
+) -> RunResult:
+    findings, found = course.findings, course.identification
+    proof = findings.proved.proof if findings.proved else None
+    return RunResult(
+        outcome=course.outcome,
+        verdict=course.verdict,
+        axis=request.axis.name,
+        fingerprint=request.axis.fingerprint,
+        started=started.isoformat(timespec="seconds"),
+        machine_seconds=round(session.budget.used, 3) if session else 0.0,
+        run_directory=directory,
+        before=proof.before if proof else course.baseline,
+        after=proof.after if proof else None,
+        improvement=summary.improvement(proof, request.axis.acceptance.confidence) if proof else None,
+        parameters=summary.parameters(found, request.axis.motion_unit) if found else {},
+        feedforward=findings.proposed.drive_parameters() if findings.proposed else {},
+        adaptation=summary.adaptation(findings.adapted) if findings.adapted else {},
+        committed=findings.committed,
+        notes=tuple(course.notes),
+        stages=session.seconds if session else {},
+        motion_unit=request.axis.motion_unit,
+    )
+
+
+def _finish(journal: Journal, result: RunResult) -> None:
+    """run.json, and a closed journal where nothing is left to be put right."""
+    write_json(result.run_directory / "run.json", finite(result.as_json()))
+    if not journal.state.left_something:
+        journal.note(outcome=result.outcome.value)
