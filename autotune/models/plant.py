@@ -128,7 +128,8 @@ def simulate(
     """The twin: plant, quantiser and controller, sample by sample.
 
     Args:
-        gains: kp, kd, ki, derivative filter.
+        gains: kp, kd, ki, derivative filter, and optionally what part of the reference's rate enters the
+            derivative (1 without it).
         loop: sample period [s], torque limit [N m], position resolution (0: none), then the controller's
             state to start from, and in place the one it ends with: sum Σe·h, filtered derivative,
             reference and position of the sample before.
@@ -143,6 +144,7 @@ def simulate(
     period, limit, resolution = loop[0], loop[1], loop[2]
     total, rate, last_reference, last_position = loop[3], loop[4], loop[5], loop[6]
     kp, kd, ki, smoothing = gains[0], gains[1], gains[2], gains[3]
+    weight = gains[4] if len(gains) > 4 else 1.0
     for k in range(len(command)):
         measured = state[POSITION] + position_noise[k]
         if on[_ECCENTRIC]:
@@ -151,7 +153,7 @@ def simulate(
             measured = math.floor(measured / resolution + 0.5) * resolution
         if closed:
             error = command[k] - measured
-            change = (command[k] - last_reference - measured + last_position) / period
+            change = (weight * (command[k] - last_reference) - measured + last_position) / period
             rate += smoothing * (change - rate)
             demand = kp * error + kd * rate + ki * (total + error * period) + feedforward[k]
             if abs(demand) <= limit:
