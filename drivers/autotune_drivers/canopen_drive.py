@@ -1,0 +1,304 @@
+"""A CiA 402 drive on a CANopen bus as a `Drive`: what the profile says, in SI, one cycle at a time.
+
+Power is on only while the drive guards us: object 1016h watches our heartbeat from `enable` to
+`disable`, and the heartbeat is sent by the thread that steps. A host that dies or hangs therefore
+stops the axis. What a session changes is put back by `close`.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+
+from autotune.core.axis import Axis
+from autotune.core.drive import Command, Mode, Sample
+from autotune.core.errors import DriveError, LinkError, StateError
+from autotune_drivers.cia402 import (
+    ENABLE_OPERATION,
+    ENABLED_MASK,
+    ENABLED_VALUE,
+    FAULTY,
+    MODE_CODES,
+    describe,
+    state_of,
+)
+from autotune_drivers.codes import error_text
+from autotune_drivers.exchange import Exchange
+from autotune_drivers.node import OPERATIONAL, PRE_OPERATIONAL, STOPPED, Node
+from autotune_drivers.objects import ObjectRef
+from autotune_drivers.parameters import DriveParameters
+from autotune_drivers.power import ERROR_CODE, STATUS, Power
+from autotune_drivers.profile import Profile, Signal
+from autotune_drivers.sdo import Sdo
+from autotune_drivers.session import Backup, Session
+from autotune_drivers.units import Units
+
+MODE_WANTED = ObjectRef(0x6060, 0, "i8", "mode of operation")
+MODE_SHOWN = ObjectRef(0x6061, 0, "i8", "mode of operation display")
+SUPPORTED_MODES = ObjectRef(0x6502, 0, "u32", "supported drive modes")
+_SAVE = 0x65766173
+_MODE_TIMEOUT = 0.5
+
+
+class CanopenDrive:
+    """One drive; made by `canopen_open.open_drive`, which has checked who it is."""
+
+    def __init__(
+        self,
+        node: Node,
+        sdo: Sdo,
+        session: Session,
+        profile: Profile,
+        axis: Axis,
+        units: Units,
+        identity: Mapping[str, int | str],
+        lock_step: bool,
+        nmt_before: str,
+    ) -> None:
+        self.lock_step = lock_step
+        self._node, self._sdo, self._session = node, sdo, session
+        self._profile, self._units, self._period = profile, units, axis.cycle
+        self._identity = MappingProxyType(dict(identity))
+        self._nmt_before = nmt_before
+        self._parameters = DriveParameters(sdo, profile, units)
+        self._exchange = Exchange(node, profile, axis.cycle, lock_step)
+        stop = axis.limits.speed / axis.limits.deceleration
+        self._power = Power(node, sdo, self._exchange, profile, axis.cycle, stop)
+        self._guard = ObjectRef(0x1016, 1, "u32", "consumer heartbeat time")
+        self._mode = Mode.POSITION
+        self._mapped: Mode | None = None
+        self._live = self._lost = self._closed = False
+        self._scale()
+
+    def note(self) -> None:
+        """Notes everything that will be changed, so that `backup` is complete from the beginning."""
+        self._session.remember(self._guard)
+        self._session.remember(MODE_WANTED)
+        for setting in self._exchange.settings(self._profile.commands.position.ref):
+            self._session.remember_pdo(setting)
+
+    def _scale(self) -> None:
+        """Factors used in every cycle, once."""
+        signals, commands, units = self._profile.signals, self._profile.commands, self._units
+        self._to_position = units.signed(signals.position.unit)
+        self._to_velocity = units.signed(signals.velocity.unit)
+        self._to_torque = units.signed(signals.torque.unit)
+        self._to_demand = units.signed(signals.torque_demand.unit)
+        feedback = signals.torque_feedback
+        self._to_feedback = units.signed(feedback.unit) if feedback else None
+        self._to_temperature = units.factor(signals.temperature.unit) if signals.temperature else 0.0
+        self._command_position = units.signed(commands.position.unit)
+        self._command_velocity = units.signed(commands.velocity.unit)
+        self._command_torque = units.signed(commands.torque.unit)
+        self._command_feedforward = units.signed(commands.torque_feedforward.unit)
+        self._demand_has_feedforward = self._profile.torque.demand_includes_feedforward
+
+    @property
+    def period(self) -> float:
+        return self._period
+
+    @property
+    def identity(self) -> Mapping[str, int | str]:
+        return self._identity
+
+    def backup(self) -> Backup:
+        """What `close` will put back; for a process that has to do it in our place."""
+        return self._session.backup()
+
+    # Power
+
+    def enable(self, mode: Mode) -> None:
+        if self._live:
+            self.disable()
+            raise StateError("enable was asked for while power was on; power is off now: disable first")
+        self._live = True
+        try:
+            self._prepare(mode)
+            self._power.on(mode)
+        except BaseException:
+            self.disable()
+            raise
+
+    def _prepare(self, mode: Mode) -> None:
+        self._mode = mode
+        if self._mapped is not mode:
+            self._map(mode)
+        self._select(mode)
+        self._node.command(OPERATIONAL)
+        self._node.wire.start_heartbeat()
+        milliseconds = round(self._profile.guard.consume * 1e3)
+        self._session.write(self._guard, self._node.wire.own_node << 16 | milliseconds)
+
+    def _map(self, mode: Mode) -> None:
+        self._mapped = None
+        self._node.command(PRE_OPERATIONAL)
+        for setting in self._exchange.settings(self._target(mode).ref):
+            self._session.map(setting)
+        self._mapped = mode
+
+    def _target(self, mode: Mode) -> Signal:
+        commands = self._profile.commands
+        return {
+            Mode.POSITION: commands.position,
+            Mode.VELOCITY: commands.velocity,
+            Mode.TORQUE: commands.torque,
+        }[mode]
+
+    def _select(self, mode: Mode) -> None:
+        wanted = MODE_CODES[mode]
+        self._session.write(MODE_WANTED, wanted)
+        shown = self._sdo.read(MODE_SHOWN)
+        if shown != wanted:
+            self._node.wire.wait(_MODE_TIMEOUT, lambda: self._sdo.read(MODE_SHOWN) == wanted)
+            shown = self._sdo.read(MODE_SHOWN)
+        if shown != wanted:
+            raise StateError(
+                f"node {self._node.number} stays in mode {shown} when asked for {wanted} (cyclic synchronous "
+                f"{mode.value}); see object 6502h for the modes that it has"
+            )
+
+    def disable(self) -> None:
+        if not self._live:
+            return
+        try:
+            if self._mapped is self._mode:
+                self._power.off(self._mode)
+            self._session.undo(self._guard)
+        except LinkError:
+            self._lost = True
+            self._power.abandon(self._mode)
+        except StateError:
+            self._power.abandon(self._mode)
+            raise
+        finally:
+            self._live = False
+
+    # The cycle
+
+    def step(self, command: Command) -> Sample:
+        if not self._live:
+            raise StateError("a cycle was asked for while power is off; enable the drive first")
+        try:
+            target = self._raw_target(command)
+            feedforward = round(command.torque_feedforward / self._command_feedforward)
+            missed = self._exchange.cycle((ENABLE_OPERATION, target, feedforward))
+        except (ValueError, OverflowError, struct.error) as error:
+            raise DriveError(
+                f"{command} cannot be sent to node {self._node.number}: {error}; every value must be finite "
+                "and within the range of its object"
+            ) from error
+        if int(self._exchange.values[0]) & ENABLED_MASK != ENABLED_VALUE or self._node.emergencies:
+            self._check_power()
+        return self._sample(target, feedforward, missed)
+
+    def _raw_target(self, command: Command) -> int:
+        if self._mode is Mode.POSITION:
+            return round(command.position / self._command_position)
+        if self._mode is Mode.VELOCITY:
+            return round(command.velocity / self._command_velocity)
+        return round(command.torque / self._command_torque)
+
+    def _check_power(self) -> None:
+        """An emergency that only says "error gone" is no reason to stop."""
+        running = int(self._exchange.values[0]) & ENABLED_MASK == ENABLED_VALUE
+        if running and all(emergency.code == 0 for emergency in self._node.emergencies):
+            self._node.take_emergencies()
+            return
+        raise self._power.lost()
+
+    def _sample(self, target: int, feedforward: int, missed: int) -> Sample:
+        values = self._exchange.values
+        position = values[1] * self._to_position
+        demand = values[2] * self._to_demand
+        host = feedforward * self._command_feedforward
+        if self._to_feedback is not None:
+            feedback = values[5] * self._to_feedback
+            host = demand - feedback
+        elif self._demand_has_feedforward:
+            feedback = demand - host
+        else:
+            feedback, demand = demand, demand + host
+        return Sample(
+            (self._exchange.count - 1) * self._period,
+            target * self._command_position if self._mode is Mode.POSITION else position,
+            position,
+            values[4] * self._to_velocity,
+            demand,
+            values[3] * self._to_torque,
+            host,
+            feedback,
+            self._temperature(),
+            missed,
+        )
+
+    def _temperature(self) -> float:
+        slow = self._exchange.slow
+        return float("nan") if slow is None else slow * self._to_temperature
+
+    # At rest
+
+    def read_parameters(self, names: Sequence[str] | None = None) -> dict[str, float]:
+        return self._parameters.read(names)
+
+    def write_parameters(self, values: Mapping[str, float]) -> None:
+        self._parameters.write(values)
+
+    def store(self) -> None:
+        store = self._profile.store
+        if store is None:
+            raise DriveError(
+                f"profile {self._profile.name!r} does not say how this drive stores parameters; "
+                "store them with the vendor's tool"
+            )
+        if self._live:
+            raise StateError("parameters are stored with power off only; disable the drive first")
+        ref = ObjectRef(store.at.index, store.at.sub, store.at.type, "store parameters")
+        self._sdo.write(ref, _SAVE, store.seconds)
+
+    def faults(self) -> list[str]:
+        self._node.wire.drain()
+        status = int(self._sdo.read(STATUS))
+        if state_of(status) not in FAULTY:
+            return []
+        code = int(self._sdo.read(ERROR_CODE))
+        return [f"{error_text(code, self._profile.fault_texts)} in {describe(status)}"]
+
+    def idle(self) -> None:
+        """To be called now and then between routines: heartbeat out, messages in. Raises LinkError."""
+        self._node.wire.pump(0.0)
+
+    def close(self) -> None:
+        if self._closed:
+            return
+        self._closed = True
+        troubles: list[str] = []
+        try:
+            self.disable()
+            troubles = self._restore()
+        except LinkError as error:
+            troubles = [str(error)]
+        finally:
+            self._node.wire.link.close()
+        if troubles and not self._lost:
+            raise LinkError(f"node {self._node.number} was not left as it was found: " + "; ".join(troubles))
+
+    def _restore(self) -> list[str]:
+        if self._lost and not self._answers():
+            return []
+        self._lost = False
+        if self._mapped is not None and self._power.last_fault:
+            self._power.acknowledge(self._mode)
+        self._node.wire.stop_heartbeat()
+        self._node.command(PRE_OPERATIONAL)
+        troubles = self._session.restore()
+        if self._nmt_before in (OPERATIONAL, STOPPED):
+            self._node.command(self._nmt_before)
+        return troubles
+
+    def _answers(self) -> bool:
+        try:
+            self._sdo.read(STATUS, attempts=1)
+        except LinkError:
+            return False
+        return True

@@ -1,0 +1,281 @@
+"""Opens a drive on a CANopen link: who answers, is it the one expected, is it free.
+
+Nothing is written before all of that has been checked.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+from autotune.core.axis import Axis
+from autotune.core.errors import (
+    ConfigurationError,
+    IdentityMismatch,
+    LinkError,
+    LinkTimeout,
+    StateError,
+    TransferAborted,
+)
+from autotune_drivers.canopen_drive import CanopenDrive
+from autotune_drivers.cia402 import POWERED, describe, state_of
+from autotune_drivers.frames import FrameLink, drain, open_socketcan
+from autotune_drivers.node import PRE_OPERATIONAL, STOPPED, Node
+from autotune_drivers.objects import ObjectRef
+from autotune_drivers.power import STATUS
+from autotune_drivers.profile import Identity, Profile
+from autotune_drivers.sdo import Sdo
+from autotune_drivers.session import Backup, Session
+from autotune_drivers.slcan import open_slcan
+from autotune_drivers.units import Units, fixed_factor
+from autotune_drivers.url import LinkAddress
+from autotune_drivers.wire import HEARTBEAT, Wire
+
+HOST_NODES = (127, 126)
+_IDENTITY = ("vendor", "product", "revision", "serial")
+_LISTEN = 0.15
+_FREE_WITHIN = 2.0
+_CLOCK_LOOKS = 3
+_CLOCK_PAUSE = 0.03
+_PERIOD = (
+    ObjectRef(0x60C2, 1, "u8", "interpolation time"),
+    ObjectRef(0x60C2, 2, "i8", "interpolation time exponent"),
+)
+
+
+def open_slcan_link(address: LinkAddress) -> FrameLink:
+    return open_slcan(Path(address.target), address.options["bitrate"])
+
+
+def open_socketcan_link(address: LinkAddress) -> FrameLink:
+    return open_socketcan(address.target)
+
+
+LINKS: Mapping[str, Callable[[LinkAddress], FrameLink]] = MappingProxyType(
+    {"canopen+slcan": open_slcan_link, "canopen+socketcan": open_socketcan_link}
+)
+
+
+@dataclass(frozen=True, slots=True)
+class CanopenOpener:
+    """Opens the drive of an axis; picklable, so that the cyclic process can call it."""
+
+    address: LinkAddress
+    axis: Axis
+    profile: Profile
+
+    def __call__(self, backup: Backup | None = None) -> CanopenDrive:
+        """Opens link and drive; `backup` is what an earlier session left to be put back.
+
+        Raises:
+            LinkError: nobody there, the wrong drive. StateError: another master has it.
+        """
+        link = LINKS[self.address.scheme](self.address)
+        try:
+            return open_drive(link, self.address.options["node"], self.axis, self.profile, backup)
+        except BaseException:
+            link.close()
+            raise
+
+
+def open_drive(
+    link: FrameLink, number: int, axis: Axis, profile: Profile, backup: Backup | None = None
+) -> CanopenDrive:
+    """Checks the node and prepares a session with it. The link stays the caller's if this raises."""
+    own = HOST_NODES[number == HOST_NODES[0]]
+    wire = Wire(link, own, profile.guard.produce)
+    node, sdo = Node(wire, number), Sdo(wire, number)
+    identity = _identify(node, sdo)
+    _compare(identity, profile, number)
+    _must_be_free(node, sdo)
+    session = Session(sdo, backup)
+    try:
+        return _prepare(node, sdo, session, axis, profile, identity)
+    except BaseException:
+        session.restore()
+        raise
+
+
+def _prepare(
+    node: Node, sdo: Sdo, session: Session, axis: Axis, profile: Profile, identity: Mapping[str, int | str]
+) -> CanopenDrive:
+    nmt_before = _monitor(node, session, profile.guard.monitor)
+    rated = profile.torque.rated.named("rated torque")
+    units = Units.of(axis, float(sdo.read(rated.ref)) * (fixed_factor(rated.unit) or 1.0))
+    if units.rated_torque <= 0:
+        raise ConfigurationError(
+            f"{rated.ref} of node {node.number} is {units.rated_torque}; torques cannot be scaled. Set it at "
+            "the drive to the motor's rated torque"
+        )
+    _set_period(session, sdo, axis.cycle)
+    for text, value in profile.session.items():
+        ref = ObjectRef.parse(text)
+        session.write_if_there(ref, ref.raw(value))
+    quick = profile.quick_stop_deceleration
+    if quick is not None:
+        ref = quick.named("quick stop deceleration").ref
+        session.write_if_there(ref, ref.raw(axis.limits.deceleration / units.factor(quick.unit)))
+    node.count_syncs(_sync_overflow(sdo))
+    lock_step = _lock_step(profile, sdo, node)
+    drive = CanopenDrive(node, sdo, session, profile, axis, units, identity, lock_step, nmt_before)
+    drive.note()
+    return drive
+
+
+# Who is there
+
+
+def _identify(node: Node, sdo: Sdo) -> dict[str, int | str]:
+    told = drain(node.wire.link, 0.0)
+    stopped = (HEARTBEAT + node.number, b"\x04") in told
+    if stopped:
+        node.command(PRE_OPERATIONAL)
+    try:
+        values = [int(sdo.read(ObjectRef(0x1018, 1, "u32", "vendor"), attempts=2))]
+    except LinkTimeout as error:
+        values = [_second_try(node, sdo, error)]
+    except TransferAborted:
+        values = [0]
+    identity: dict[str, int | str] = dict(zip(_IDENTITY, values, strict=False))
+    for sub, name in enumerate(_IDENTITY[1:], 2):
+        identity[name] = _optional(sdo, ObjectRef(0x1018, sub, "u32", name))
+    for index, name in ((0x1008, "name"), (0x100A, "firmware")):
+        identity[name] = _optional_text(sdo, ObjectRef(index, 0, "u8", name))
+    return identity
+
+
+def _second_try(node: Node, sdo: Sdo, error: LinkTimeout) -> int:
+    """A stopped node serves no SDO: if its heartbeat says so it is woken, else we say who is there."""
+    if node.nmt_state != STOPPED:
+        raise _nobody(node, error) from None
+    node.command(PRE_OPERATIONAL)
+    return int(sdo.read(ObjectRef(0x1018, 1, "u32", "vendor")))
+
+
+def _nobody(node: Node, error: LinkTimeout) -> LinkError:
+    """Asks every node for its device type, to name those that answer."""
+    link = node.wire.link
+    for number in range(1, 128):
+        link.send((0x600 + number, b"\x40\x00\x10\x00\x00\x00\x00\x00"))
+        if number % 16 == 0:
+            time.sleep(0.005)  # 16 frames at 1 Mbit/s take 2 ms
+    answers = {frame[0] - 0x580 for frame in drain(link, _LISTEN) if 0x581 <= frame[0] <= 0x5FF}
+    answers.discard(node.number)
+    if answers:
+        found = ", ".join(map(str, sorted(answers)))
+        return LinkTimeout(
+            f"node {node.number} does not answer on {link.name}, but node {found} does; is the node number "
+            f"in the link wrong? Write node={min(answers)} there, or set the drive's node number"
+        )
+    hint = f" ({link.hint})" if link.hint else ""
+    return LinkTimeout(
+        f"node {node.number} is silent on {link.name}, and no other node answers{hint}. Check the drive's "
+        f"power, the cable, the termination at both ends, and that the bit rate is the drive's. {error}"
+    )
+
+
+def _optional(sdo: Sdo, ref: ObjectRef) -> int:
+    try:
+        return int(sdo.read(ref))
+    except TransferAborted:
+        return 0
+
+
+def _optional_text(sdo: Sdo, ref: ObjectRef) -> str:
+    try:
+        return sdo.read_bytes(ref).rstrip(b"\0 ").decode("latin-1")
+    except TransferAborted:
+        return ""
+
+
+def _compare(identity: Mapping[str, int | str], profile: Profile, number: int) -> None:
+    wanted = profile.identity
+    wrong = [
+        f"{name} is {found:#010x}, the profile is for {expected:#010x}"
+        for name, expected in (("vendor", wanted.vendor), ("product", wanted.product))
+        if expected is not None and (found := int(identity[name])) != expected
+    ]
+    if not wrong:
+        wrong = _revision(int(identity["revision"]), wanted)
+    if wrong:
+        name = f" ({identity['name']})" if identity["name"] else ""
+        raise IdentityMismatch(
+            f"node {number}{name} is not a drive of profile {profile.name!r}: {'; '.join(wrong)}. Nothing "
+            "was written. Choose the profile of this drive in the axis file"
+        )
+
+
+def _revision(found: int, wanted: Identity) -> list[str]:
+    if wanted.revision_min <= found <= wanted.revision_max:
+        return []
+    return [
+        f"revision {found:#010x} is outside {wanted.revision_min:#010x} to {wanted.revision_max:#010x}, "
+        "which the profile was checked with"
+    ]
+
+
+def _must_be_free(node: Node, sdo: Sdo) -> None:
+    """A powered drive belongs to another master, or to one of ours that has just died."""
+
+    def status() -> int:
+        return int(sdo.read(STATUS))
+
+    end = time.monotonic() + _FREE_WITHIN
+    while state_of(found := status()) in POWERED:
+        if time.monotonic() > end:
+            raise StateError(
+                f"node {node.number} is already in {describe(found)}: another master moves it. Nothing was "
+                "written. Stop that master first"
+            )
+        node.wire.wait(0.05, lambda: False)
+
+
+# What the session needs
+
+
+def _monitor(node: Node, session: Session, period: float) -> str:
+    """Has the node send its heartbeat; the NMT state that it was in."""
+    wanted = round(period * 1e3)
+    ref = ObjectRef(0x1017, 0, "u16", "producer heartbeat time")
+    if not session.write_if_there(ref, wanted):
+        return node.nmt_state
+    node.monitor(period)
+    node.wire.wait(3 * period, lambda: node.told)
+    return node.nmt_state
+
+
+def _set_period(session: Session, sdo: Sdo, period: float) -> None:
+    value, exponent = _PERIOD
+    try:
+        present = int(sdo.read(exponent))
+    except TransferAborted:
+        return  # this drive takes its cycle from SYNC alone
+    for candidate in (present, -3, -4, -5, -6):
+        units = period / 10.0**candidate
+        if 1 <= round(units) <= 255 and abs(units - round(units)) < 1e-6:
+            session.write(exponent, candidate)
+            session.write(value, round(units))
+            return
+    raise ConfigurationError(
+        f"a cycle of {period * 1e3:g} ms cannot be told to the drive (60C2h); choose 1, 2 or 4 ms"
+    )
+
+
+def _sync_overflow(sdo: Sdo) -> int:
+    overflow = _optional(sdo, ObjectRef(0x1019, 0, "u8", "SYNC counter overflow"))
+    return overflow if 2 <= overflow <= 240 else 0
+
+
+def _lock_step(profile: Profile, sdo: Sdo, node: Node) -> bool:
+    """True where the drive's own cycle counter stands still as long as no SYNC comes."""
+    if profile.clock is None:
+        return False
+    first = sdo.read(profile.clock.counter)
+    for _ in range(_CLOCK_LOOKS):
+        node.wire.wait(_CLOCK_PAUSE, lambda: False)
+        if sdo.read(profile.clock.counter) != first:
+            return False
+    return True

@@ -1,0 +1,252 @@
+"""The cyclic process: opens the drive, plays routines, and takes the axis to rest when told or orphaned.
+
+Started by `cyclic.CyclicLoop` as `python -m autotune_drivers.cyclic_child CONNECTION MEMORY OWNER`, with
+two inherited file descriptors and the owner's process id. It is in a session of its own, so that Ctrl-C
+in a terminal reaches the owner only, who asks for an orderly end.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import sys
+import time
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from typing import Any
+
+from autotune.core.drive import Command, Drive, Mode, Sample
+from autotune.core.errors import AutotuneError, ConfigurationError, Interrupted, LinkError
+from autotune.core.loop import Publish, Routine
+from autotune_drivers.cyclic_messages import Call, Failed, LinkedDrive, Opened, Play, Reply, Returned
+from autotune_drivers.realtime import ask_for_priority, no_collection
+from autotune_drivers.ring import Ring
+
+_IDLE = 0.02
+_INSIST = 0.5
+
+
+class Supervisor:
+    """Knows whether a routine has to end: the owner asks, the owner is gone, or we are terminated."""
+
+    def __init__(self, ring: Ring, owner: int) -> None:
+        self._ring = ring
+        self._owner = owner
+        self._terminated = False
+        self._raised = 0.0
+
+    @property
+    def last_call(self) -> bool:
+        """True where this process has to end."""
+        return self._terminated or os.getppid() != self._owner
+
+    def terminate(self, *_: object) -> None:
+        """Signal handler."""
+        self._terminated = True
+
+    def new_routine(self) -> None:
+        self._raised = 0.0
+
+    def check(self) -> None:
+        """Raises Interrupted once, so that the routine's `finally` can still step; later again."""
+        if not (self._ring.interrupted or self.last_call):
+            return
+        now = time.monotonic()
+        if not self._raised:
+            self._raised = now
+        elif now - self._raised < _INSIST:
+            return
+        raise Interrupted(self._reason())
+
+    def _reason(self) -> str:
+        if self._ring.interrupted:
+            return "interrupted; the axis is at rest and without power"
+        if self._terminated:
+            return "the cyclic process was terminated; the axis is at rest and without power"
+        return "the owner of the cyclic process has died; the axis is at rest and without power"
+
+
+class SupervisedDrive:
+    """The drive that routines get: as the real one, but a step may raise Interrupted."""
+
+    def __init__(self, drive: LinkedDrive, check: Callable[[], None]) -> None:
+        self._drive = drive
+        self._step = drive.step
+        self._check = check
+
+    @property
+    def period(self) -> float:
+        return self._drive.period
+
+    @property
+    def identity(self) -> Mapping[str, int | str]:
+        return self._drive.identity
+
+    def enable(self, mode: Mode) -> None:
+        self._check()
+        self._drive.enable(mode)
+
+    def step(self, command: Command) -> Sample:
+        self._check()
+        return self._step(command)
+
+    def disable(self) -> None:
+        self._drive.disable()
+
+    def read_parameters(self, names: Sequence[str] | None = None) -> dict[str, float]:
+        return self._drive.read_parameters(names)
+
+    def write_parameters(self, values: Mapping[str, float]) -> None:
+        self._drive.write_parameters(values)
+
+    def store(self) -> None:
+        self._drive.store()
+
+    def faults(self) -> list[str]:
+        return self._drive.faults()
+
+    def close(self) -> None:
+        self._drive.close()
+
+
+class Server:
+    """Serves the owner's requests until he closes, dies, or we are terminated."""
+
+    def __init__(
+        self, connection: Connection, ring: Ring, supervisor: Supervisor, drive: LinkedDrive
+    ) -> None:
+        self._connection = connection
+        self._ring = ring
+        self._supervisor = supervisor
+        self._drive = drive
+
+    def run(self) -> None:
+        while not self._supervisor.last_call:
+            if not self._connection.poll(_IDLE):
+                self._idle()
+                continue
+            try:
+                request = self._connection.recv()
+            except (EOFError, ConnectionError):
+                return
+            except Exception as error:  # noqa: BLE001 - what does not unpickle may raise anything
+                self._send(Failed(_not_here(error)))
+                continue
+            if request is None:
+                return
+            self._send(self._serve(request))
+
+    def _idle(self) -> None:
+        try:
+            self._drive.idle()
+        except LinkError:
+            time.sleep(_IDLE)  # the next request will say what is wrong
+
+    def _serve(self, request: Call | Play) -> Reply:
+        try:
+            value = self._play(request.routine) if isinstance(request, Play) else self._call(request)
+        except Exception as error:  # noqa: BLE001 - whatever a routine raises belongs to its caller
+            return Failed(_with_origin(error), self._drive.backup())
+        return Returned(value, self._drive.backup())
+
+    def _call(self, request: Call) -> Any:
+        return getattr(self._drive, request.method)(*request.arguments)
+
+    def _play(self, routine: Routine[Any]) -> Any:
+        prepare = getattr(routine, "prepare", None)
+        if prepare is not None:
+            prepare()
+        put = self._ring.put
+
+        def publish(sample: Sample, label: int, repeat: int) -> None:
+            put((*sample, label, repeat))
+
+        return self._guarded(routine, publish)
+
+    def _guarded(self, routine: Routine[Any], publish: Publish) -> Any:
+        self._supervisor.new_routine()
+        drive: Drive = SupervisedDrive(self._drive, self._supervisor.check)
+        with no_collection():
+            try:
+                return routine(drive, publish)
+            finally:
+                self._drive.disable()
+
+    def _send(self, reply: Reply) -> None:
+        try:
+            _tell(self._connection, reply)
+        except Exception as error:  # noqa: BLE001 - a result that does not pickle may raise anything
+            text = f"the routine's result cannot travel between processes: {error}; return plain data"
+            self._connection.send(Failed(ConfigurationError(text), reply.backup))
+
+
+def _with_origin(error: Exception) -> Exception:
+    """The error with where it came from; a foreign one that cannot travel becomes text."""
+    if isinstance(error, AutotuneError):
+        return error
+    origin = "in the cyclic process:\n" + "".join(traceback.format_exception(error))
+    try:
+        copy: Exception = pickle.loads(pickle.dumps(error))
+    except Exception:  # noqa: BLE001 - foreign classes may raise anything here
+        copy = LinkError(f"the routine failed with {type(error).__name__}: {error}; this is a defect")
+    copy.add_note(origin)
+    return copy
+
+
+def _not_here(error: Exception) -> ConfigurationError:
+    return ConfigurationError(
+        f"the cyclic process cannot build what it was sent: {error}. Routines must be classes of an "
+        "importable module, not of the script that is run"
+    )
+
+
+def serve(connection: Connection, ring: Ring, owner: int) -> None:
+    """Opens the drive that the first message describes, then serves until the end."""
+    supervisor = Supervisor(ring, owner)
+    signal.signal(signal.SIGTERM, supervisor.terminate)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        opener, backup = connection.recv()
+        drive: LinkedDrive = opener(backup)
+    except (EOFError, ConnectionResetError):
+        return
+    except Exception as error:  # noqa: BLE001 - reported to the owner, whatever it is
+        _tell(connection, Failed(_with_origin(error)))
+        return
+    priority = "lock-step with the drive's own clock" if drive.lock_step else ask_for_priority()
+    try:
+        _tell(connection, Opened(drive.period, dict(drive.identity), priority, drive.backup()))
+        Server(connection, ring, supervisor, drive).run()
+    finally:
+        _tell(connection, _closed(drive))
+
+
+def _closed(drive: LinkedDrive) -> Reply:
+    try:
+        drive.close()
+    except AutotuneError as error:
+        return Failed(error)
+    return Returned(None)
+
+
+def _tell(connection: Connection, reply: Reply) -> None:
+    """Sends a reply to an owner who may be gone: then the server ends by itself."""
+    with suppress(BrokenPipeError, ConnectionError):
+        connection.send(reply)
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Entry point of the process."""
+    descriptor, memory, owner = map(int, arguments)
+    ring = Ring(memory)
+    os.close(memory)
+    with Connection(descriptor) as connection:
+        serve(connection, ring, owner)
+    ring.close()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,66 @@
+"""What the cyclic process and its owner say to each other, and what a drive must offer to be served."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from autotune.core.drive import Drive
+from autotune.core.loop import Routine
+
+
+class LinkedDrive(Drive, Protocol):
+    """A drive on a real link."""
+
+    lock_step: bool
+
+    def backup(self) -> Any:
+        """What `close` will put back; picklable, handed to the opener of the next process."""
+
+    def idle(self) -> None:
+        """Called every few milliseconds between routines. Raises LinkError."""
+
+
+class Opener(Protocol):
+    """Opens the drive inside the cyclic process; picklable. Raises AutotuneError."""
+
+    def __call__(self, backup: Any = None) -> LinkedDrive: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """A method of the drive, by name."""
+
+    method: str
+    arguments: tuple[Any, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Play:
+    routine: Routine[Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Opened:
+    """The drive is open. `priority` says in words how the process is scheduled."""
+
+    period: float
+    identity: Mapping[str, int | str]
+    priority: str
+    backup: Any
+
+
+@dataclass(frozen=True, slots=True)
+class Returned:
+    value: Any
+    backup: Any = None
+
+
+@dataclass(frozen=True, slots=True)
+class Failed:
+    error: Exception
+    backup: Any = None
+
+
+Reply = Opened | Returned | Failed

@@ -1,0 +1,194 @@
+"""One cycle on the wire: commands out, SYNC, samples in.
+
+We send SYNC ourselves and count it. In real time a cycle waits for its turn on an absolute grid; turns
+that were missed are skipped and counted, never made up for in a burst. In lock-step the drive's time
+advances with SYNC, so nothing waits. Answers are matched to their SYNC by order and, where the drive
+has a SYNC counter, by that.
+"""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+
+from autotune.core.errors import LinkError, LinkTimeout
+from autotune_drivers.frames import Frame
+from autotune_drivers.node import SILENT, Node
+from autotune_drivers.objects import ObjectRef, Raw
+from autotune_drivers.pdo import RPDO, TPDO, PdoSetting, identifier, layout, pack, setting
+from autotune_drivers.profile import Profile
+
+LOCK_STEP_TIMEOUT = 2.0
+_WORD = 0xFFFF
+_SYNCHRONOUS = 1
+
+
+class Exchange:
+    """The cyclic traffic with one node.
+
+    Attributes:
+        count: cycles since the start, missed ones included.
+        values: what the drive told last: status, position, torque demand, torque, velocity, and then
+            torque feedback where the profile has it.
+        slow: what the slow PDO told last (temperature), raw; None while it told nothing.
+    """
+
+    def __init__(self, node: Node, profile: Profile, period: float, lock_step: bool) -> None:
+        self.count = 0
+        self.values: tuple[Raw, ...] = ()
+        self.slow: Raw | None = None
+        self._node = node
+        self._wire = node.wire
+        self._profile = profile
+        self._period = period
+        self._lock_step = lock_step
+        self._timeout = LOCK_STEP_TIMEOUT if lock_step else profile.cycle.reply_timeout
+        self._tries = 1 if lock_step else profile.cycle.lost_cycles + 1
+        self._due = 0.0
+        self._expected: int | None = None
+        self._boots = node.boots
+        self._outputs: list[tuple[int, struct.Struct, int, int]] = []
+        self._listen()
+
+    # What is mapped
+
+    def settings(self, target: ObjectRef) -> list[PdoSetting]:
+        """The PDO settings for a mode whose target is `target`, and sends accordingly from now on."""
+        commands, number = self._profile.commands, self._node.number
+        groups = pack([commands.control.ref, target, commands.torque_feedforward.ref])
+        edges = pairwise([sum(map(len, groups[:index])) for index in range(len(groups) + 1)])
+        self._outputs = [
+            (identifier(RPDO, index, number), layout(group), start, stop)
+            for index, (group, (start, stop)) in enumerate(zip(groups, edges, strict=True))
+        ]
+        wanted = [setting(RPDO, i, number, _SYNCHRONOUS, group) for i, group in enumerate(groups)]
+        wanted += [setting(TPDO, i, number, _SYNCHRONOUS, group) for i, group in enumerate(self._inputs)]
+        if self._slow is not None:
+            slow = self._profile.cycle.slow_cycles
+            wanted.append(setting(TPDO, len(self._inputs), number, slow, [self._slow]))
+        return wanted
+
+    def _listen(self) -> None:
+        signals = self._profile.signals
+        head = [signals.status.ref, signals.position.ref]
+        counter = [signals.sync_counter.ref] if signals.sync_counter else []
+        rest = [signals.torque_demand.ref, signals.torque.ref, signals.velocity.ref]
+        rest += [signals.torque_feedback.ref] if signals.torque_feedback else []
+        self._has_counter = bool(counter)
+        self._inputs = pack([*head, *counter, *rest])
+        self._slow = signals.temperature.ref if signals.temperature and len(self._inputs) < 4 else None
+        self._layouts = [layout(group) for group in self._inputs]
+        self._data = [b""] * len(self._inputs)
+        self._have = 0
+        self._complete = len(self._inputs)
+        for index in range(self._complete):
+            self._wire.on(identifier(TPDO, index, self._node.number), self._input(index))
+        if self._slow is not None:
+            self._wire.on(identifier(TPDO, self._complete, self._node.number), self._slow_input)
+
+    def _input(self, index: int) -> Callable[[bytes], None]:
+        size = self._layouts[index].size
+
+        def arrived(data: bytes) -> None:
+            if len(data) >= size and (index == 0 or self._have == index):
+                self._data[index] = data
+                self._have = index + 1
+
+        return arrived
+
+    def _slow_input(self, data: bytes) -> None:
+        if self._slow is not None and len(data) >= self._slow.size:
+            self.slow = self._slow.decode(data)
+
+    # One cycle
+
+    def restart(self) -> None:
+        """The next cycle is due now; to be called after a pause."""
+        self._due = time.monotonic()
+        self._expected = None
+        self._boots = self._node.boots
+        self._wire.drain()
+
+    def cycle(self, outputs: Sequence[Raw]) -> int:
+        """Plays one cycle: control word, target and torque feedforward out, `values` in.
+
+        Returns the number of cycles missed before.
+
+        Raises:
+            LinkTimeout: the drive has not answered several times in a row. LinkError: adapter gone.
+            struct.error: a value does not fit its object.
+        """
+        frames = self._frames(outputs)
+        missed = 0
+        for _ in range(self._tries):
+            missed += self._wait_turn()
+            self._have = 0
+            self._wire.send(*frames, self._node.sync_frame())
+            if self._answered():
+                self.count += missed + 1
+                return missed
+            missed += 1
+            self._expected = None
+        raise self._silence()
+
+    def _wait_turn(self) -> int:
+        """Waits for the next turn; the number of turns that have passed unused."""
+        if self._lock_step:
+            return 0
+        now = time.monotonic()
+        late = 0
+        if now < self._due:
+            time.sleep(self._due - now)
+        else:
+            late = int((now - self._due) / self._period)
+        self._due += (late + 1) * self._period
+        self._wire.drain()
+        return late
+
+    def _answered(self) -> bool:
+        end = time.monotonic() + self._timeout
+        while True:
+            self._wire.pump(end - time.monotonic())
+            if self._have == self._complete and self._take():
+                return True
+            if time.monotonic() >= end:
+                return False
+
+    def _take(self) -> bool:
+        """Unpacks a complete answer; False where it belongs to an earlier SYNC."""
+        values: tuple[Raw, ...] = ()
+        for packing, data in zip(self._layouts, self._data, strict=True):
+            values += packing.unpack_from(data)
+        if self._has_counter:
+            counter = int(values[2])
+            if self._expected is not None and (self._expected - counter) & _WORD in (1, 2, 3):
+                self._have = 0
+                return False
+            self._expected = (counter + 1) & _WORD
+            values = values[:2] + values[3:]
+        self.values = values
+        return True
+
+    def _silence(self) -> LinkError:
+        node, times = self._node, self._tries
+        if node.boots != self._boots:
+            return LinkError(
+                f"node {node.number} has restarted in the middle (boot-up message): its power was "
+                "interrupted, or its watchdog acted. Check its supply and start again"
+            )
+        state = node.nmt_state
+        told = f", its heartbeat says {state!r}" if state and state != SILENT else ""
+        return LinkTimeout(
+            f"node {node.number} did not answer SYNC within {self._timeout * 1e3:g} ms, {times} times in a "
+            f"row{told}; {self._wire.link.hint or 'check'} (power, cable, termination, bit rate)"
+        )
+
+    def shout(self, outputs: Sequence[Raw], times: int) -> None:
+        """Sends commands and SYNC without waiting for an answer. Raises LinkError."""
+        for _ in range(times):
+            self._wire.send(*self._frames(outputs), self._node.sync_frame())
+
+    def _frames(self, outputs: Sequence[Raw]) -> list[Frame]:
+        return [(number, form.pack(*outputs[start:stop])) for number, form, start, stop in self._outputs]

@@ -1,0 +1,242 @@
+"""Profiles: where a drive keeps what, in which unit. One TOML file for each kind of drive.
+
+A profile says which drive it is for (object 1018h), which objects carry the cycle, which parameters
+the drive can hold, how they are stored, and what its own error codes mean. Nothing is assumed that is
+not in it. Signals are written `6064:00 i32 count`: object, type, unit.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from autotune.core.configuration import Strict, read_toml, validate
+from autotune.core.errors import ConfigurationError
+from autotune.core.paths import config_directory
+from autotune_drivers.objects import ObjectRef
+from autotune_drivers.units import UNITS, fixed_factor
+
+PARAMETERS = (
+    "limit.position_min",
+    "limit.position_max",
+    "limit.speed",
+    "limit.torque",
+    "limit.following_error",
+    "limit.deceleration",
+    "limit.temperature",
+    "controller.kp",
+    "controller.kd",
+    "controller.ki",
+    "controller.derivative_filter",
+    "feedforward.enabled",
+    "feedforward.inertia",
+    "feedforward.viscous",
+    "feedforward.coulomb",
+    "feedforward.break_away",
+    "feedforward.stribeck_velocity",
+    "feedforward.stiffness",
+    "feedforward.micro_damping",
+    "feedforward.offset",
+    "feedforward.reference_filter",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """An object with its unit."""
+
+    ref: ObjectRef
+    unit: str
+
+    @classmethod
+    def parse(cls, text: str) -> Signal:
+        """Reads `6064:00 i32 count`; the unit may be left out (`SI`).
+
+        Raises:
+            ValueError: not of that form.
+        """
+        words = text.split()
+        if len(words) not in (2, 3):
+            raise ValueError(f"signal {text!r} is not understood; write '6064:00 i32 count'")
+        unit = words[2] if len(words) == 3 else "SI"
+        if unit not in UNITS:
+            near = difflib.get_close_matches(unit, UNITS, 1)
+            hint = f"did you mean {near[0]!r}" if near else f"known are {', '.join(UNITS)}"
+            raise ValueError(f"signal {text!r} has the unknown unit {unit!r}; {hint}?")
+        return cls(ObjectRef.parse(" ".join(words[:2])), unit)
+
+    def named(self, name: str) -> Signal:
+        """The same, with the name that errors give it."""
+        return replace(self, ref=replace(self.ref, name=name))
+
+
+def _signal(value: Any) -> Any:
+    return Signal.parse(value) if isinstance(value, str) else value
+
+
+def _object(value: Any) -> Any:
+    return ObjectRef.parse(value) if isinstance(value, str) else value
+
+
+SignalField = Annotated[Signal, BeforeValidator(_signal)]
+ObjectField = Annotated[ObjectRef, BeforeValidator(_object)]
+Word = Annotated[int, Field(ge=0, le=0xFFFF_FFFF)]
+
+
+class Identity(Strict):
+    """Object 1018h of the drives that the profile is for; what is left out is not compared."""
+
+    vendor: Word | None = None
+    product: Word | None = None
+    revision_min: Word = 0
+    revision_max: Word = 0xFFFF_FFFF
+
+
+class Signals(Strict):
+    """What the drive sends in every cycle; `temperature` comes every `slow_cycles` cycles."""
+
+    status: SignalField
+    position: SignalField
+    velocity: SignalField
+    torque: SignalField
+    torque_demand: SignalField
+    torque_feedback: SignalField | None = None
+    sync_counter: SignalField | None = None
+    temperature: SignalField | None = None
+
+
+class Commands(Strict):
+    """What the drive is sent in every cycle."""
+
+    control: SignalField
+    position: SignalField
+    velocity: SignalField
+    torque: SignalField
+    torque_feedforward: SignalField
+
+
+class Torque(Strict):
+    """The meaning of torque objects."""
+
+    rated: SignalField
+    demand_includes_feedforward: bool
+
+    @model_validator(mode="after")
+    def _known_unit(self) -> Torque:
+        if fixed_factor(self.rated.unit) is None:
+            raise ValueError(f"torque.rated has the unit {self.rated.unit!r}; write mNm, uNm or SI")
+        return self
+
+
+class Parameter(Strict):
+    """A parameter that the drive holds; `min` and `max` in SI, where its object is narrower."""
+
+    at: SignalField
+    min: float | None = None
+    max: float | None = None
+
+
+class Clock(Strict):
+    """A counter of the drive's own cycles: one that stands still between SYNCs tells lock-step."""
+
+    counter: ObjectField
+
+
+class Cycle(Strict):
+    """How patient the cycle is: seconds for an answer, and how many may be lost in a row."""
+
+    reply_timeout: Annotated[float, Field(gt=0, le=5)] = 0.02
+    lost_cycles: Annotated[int, Field(ge=0, le=20)] = 3
+    slow_cycles: Annotated[int, Field(ge=1, le=240)] = 200
+
+
+class Guard(Strict):
+    """Heartbeats [s]: ours, after which silence the drive stops, and the drive's."""
+
+    produce: Annotated[float, Field(gt=0, le=1)] = 0.03
+    consume: Annotated[float, Field(gt=0, le=1)] = 0.12
+    monitor: Annotated[float, Field(gt=0, le=5)] = 0.1
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Guard:
+        if self.consume < 2 * self.produce:
+            raise ValueError(f"consume {self.consume} must be at least twice produce {self.produce}")
+        return self
+
+
+class Store(Strict):
+    """Object 1010h: written with "save", ready after at most `seconds`."""
+
+    at: ObjectField
+    seconds: Annotated[float, Field(gt=0, le=60)] = 5.0
+
+
+class Profile(Strict):
+    """A kind of drive. See the module's text."""
+
+    schema_version: Annotated[Literal[1], Field(alias="schema")] = 1
+    name: str
+    title: str
+    eds: str | None = None
+    identity: Identity = Identity()
+    torque: Torque
+    signals: Signals
+    commands: Commands
+    parameters: Mapping[str, Parameter] = {}
+    session: Mapping[str, float] = {}
+    quick_stop_deceleration: SignalField | None = None
+    clock: Clock | None = None
+    cycle: Cycle = Cycle()
+    guard: Guard = Guard()
+    store: Store | None = None
+    transition_seconds: Annotated[float, Field(gt=0, le=30)] = 3.0
+    faults: Mapping[str, str] = {}
+
+    @model_validator(mode="after")
+    def _known(self) -> Profile:
+        for name in self.parameters:
+            if name not in PARAMETERS:
+                near = difflib.get_close_matches(name, PARAMETERS, 1)
+                hint = f"did you mean {near[0]!r}" if near else f"known are {', '.join(PARAMETERS)}"
+                raise ValueError(f"unknown parameter {name!r}; {hint}?")
+        for text in self.session:
+            ObjectRef.parse(text)
+        for text in self.faults:
+            int(text, 16)
+        return self
+
+    @property
+    def fault_texts(self) -> dict[int, str]:
+        """Words for the drive's own error codes."""
+        return {int(code, 16): text for code, text in self.faults.items()}
+
+    @property
+    def has_feedforward_block(self) -> bool:
+        """True where the drive itself can run the LuGre feedforward."""
+        return "feedforward.stiffness" in self.parameters
+
+
+def read_profile(name: str, directory: Path | None = None) -> Profile:
+    """Reads a profile: by name from the program's own, or a `.toml` path relative to `directory`.
+
+    Raises:
+        ConfigurationError: there is none of that name (the nearest is named), or it is not valid.
+    """
+    path = Path(name) if name.endswith(".toml") else config_directory() / "profiles" / f"{name}.toml"
+    if directory is not None and name.endswith(".toml"):
+        path = directory / path
+    if not name.endswith(".toml") and not path.is_file():
+        raise ConfigurationError(_unknown(name, path.parent))
+    return validate(Profile, read_toml(path, "profile"), f"profile {path}")
+
+
+def _unknown(name: str, directory: Path) -> str:
+    known = sorted(path.stem for path in directory.glob("*.toml"))
+    near = difflib.get_close_matches(name, known, 1, cutoff=0.4)
+    hint = f"did you mean {near[0]!r}" if near else f"there are {', '.join(known)}"
+    return f"there is no profile {name!r}; {hint}? A file of your own is named with its ending: my-drive.toml"

@@ -1,0 +1,105 @@
+"""Samples from the cyclic process to its owner: a ring buffer in shared memory.
+
+One writer, one reader, no locks: the writer alone moves the head, the reader alone the tail. The
+writer never waits; when the ring is full, rows are dropped, counted, and the next row that fits says in
+its `missed` how many are not there. The memory is anonymous (a file descriptor without a name), so
+nothing is left over however either side dies.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import struct
+import tempfile
+import threading
+from typing import Any
+
+import numpy as np
+
+from autotune.core.loop import ROW_FIELDS
+from autotune.core.recording import Floats
+
+CAPACITY = 1 << 17  # rows; two minutes at 1 kHz
+_WIDTH = len(ROW_FIELDS)
+_MISSED = ROW_FIELDS.index("missed")
+_ROW = struct.Struct(f"<{_WIDTH}d")
+_COUNT = struct.Struct("<Q")
+# each counter in a cache line of its own
+_HEAD, _TAIL, _DROPPED, _INTERRUPT = 0, 64, 128, 192
+_START = 256
+
+
+def create_memory(capacity: int = CAPACITY) -> int:
+    """A file descriptor of anonymous shared memory for `capacity` rows; the caller closes it."""
+    size = _START + capacity * _ROW.size
+    if hasattr(os, "memfd_create"):
+        descriptor = os.memfd_create("autotune-ring", os.MFD_CLOEXEC)
+    else:
+        with tempfile.TemporaryFile() as file:  # has no name either
+            descriptor = os.dup(file.fileno())
+    os.ftruncate(descriptor, size)
+    return descriptor
+
+
+class Ring:
+    """One side's view of the shared memory behind `descriptor` (which may be closed afterwards)."""
+
+    def __init__(self, descriptor: int) -> None:
+        size = os.fstat(descriptor).st_size
+        self._capacity = (size - _START) // _ROW.size
+        self._memory = mmap.mmap(descriptor, size)
+        self._fence = threading.Lock()
+        self._head = self._tail = self._gap = 0
+
+    # The writer's side
+
+    def put(self, row: tuple[Any, ...]) -> None:
+        """Appends a row of `ROW_FIELDS`, or drops it where the ring is full."""
+        memory, head = self._memory, self._head
+        if head - self._tail >= self._capacity:
+            (self._tail,) = _COUNT.unpack_from(memory, _TAIL)
+            if head - self._tail >= self._capacity:
+                self._gap += 1
+                _COUNT.pack_into(memory, _DROPPED, self.dropped + 1)
+                return
+        if self._gap:
+            row = (*row[:_MISSED], row[_MISSED] + self._gap, *row[_MISSED + 1 :])
+            self._gap = 0
+        _ROW.pack_into(memory, _START + head % self._capacity * _ROW.size, *row)
+        with self._fence:  # orders the row before the head on every processor
+            self._head = head + 1
+        _COUNT.pack_into(memory, _HEAD, self._head)
+
+    @property
+    def interrupted(self) -> bool:
+        """The reader wants the routine to end."""
+        return self._memory[_INTERRUPT] != 0
+
+    # The reader's side
+
+    def take(self) -> Floats:
+        """All rows that have come since the last call, shape (k, len(ROW_FIELDS))."""
+        (head,) = _COUNT.unpack_from(self._memory, _HEAD)
+        with self._fence:
+            tail = self._tail
+        first, last = tail % self._capacity, head % self._capacity
+        if head == tail:
+            return np.empty((0, _WIDTH))
+        parts = [(first, last)] if first < last else [(first, self._capacity), (0, last)]
+        rows = b"".join(self._memory[_START + a * _ROW.size : _START + b * _ROW.size] for a, b in parts)
+        self._tail = head
+        _COUNT.pack_into(self._memory, _TAIL, head)
+        return np.frombuffer(rows, np.float64).reshape(-1, _WIDTH)
+
+    def interrupt(self, wanted: bool = True) -> None:
+        """Asks the routine to end, or takes that back. Safe in a signal handler."""
+        self._memory[_INTERRUPT] = int(wanted)
+
+    @property
+    def dropped(self) -> int:
+        """Rows that found the ring full, since the beginning."""
+        return int(_COUNT.unpack_from(self._memory, _DROPPED)[0])
+
+    def close(self) -> None:
+        self._memory.close()

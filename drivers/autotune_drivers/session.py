@@ -1,0 +1,137 @@
+"""What a session changes in a drive, remembered so that it can be put back.
+
+Every change goes through here: the old value is read before the new one is written. `backup()` can
+travel to another process, so that whoever survives can restore.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+from autotune.core.errors import LinkError, TransferAborted
+from autotune_drivers.objects import ObjectRef, Raw
+from autotune_drivers.pdo import PdoSetting, read_setting, write_setting
+from autotune_drivers.sdo import Sdo
+
+Key = tuple[int, int]
+Task = tuple[str, Callable[[], None]]
+_ABSENT = (0x06020000, 0x06090011)
+
+
+@dataclass(frozen=True, slots=True)
+class Backup:
+    """Old values, in the order in which they were changed."""
+
+    objects: tuple[tuple[ObjectRef, Raw], ...] = ()
+    pdos: tuple[PdoSetting, ...] = ()
+
+
+class Session:
+    """Changes objects and PDOs; remembers the value from before the first change of each.
+
+    `inherited` is what an earlier session has left changed: it is put back by this one.
+    """
+
+    def __init__(self, sdo: Sdo, inherited: Backup | None = None) -> None:
+        backup = inherited or Backup()
+        self._sdo = sdo
+        self._objects: dict[Key, tuple[ObjectRef, Raw]] = {
+            (ref.index, ref.sub): (ref, raw) for ref, raw in backup.objects
+        }
+        self._pdos: dict[Key, PdoSetting] = {(pdo.kind, pdo.number): pdo for pdo in backup.pdos}
+        self._changed: set[Key] = {*self._objects, *self._pdos}
+        self._present: dict[Key, PdoSetting] = {}
+
+    def backup(self) -> Backup:
+        """Everything that was looked at in order to be changed, as it was before."""
+        return Backup(tuple(self._objects.values()), tuple(self._pdos.values()))
+
+    def remember(self, ref: ObjectRef) -> Raw:
+        """Notes an object that will be changed later; its present value. Raises LinkError."""
+        value = self._sdo.read(ref)
+        self._objects.setdefault((ref.index, ref.sub), (ref, value))
+        return value
+
+    def remember_pdo(self, wanted: PdoSetting) -> PdoSetting:
+        """Notes a PDO that will be changed later; its present setting. Raises LinkError."""
+        key = (wanted.kind, wanted.number)
+        present = self._present.get(key) or read_setting(self._sdo, *key)
+        self._pdos.setdefault(key, present)
+        self._present[key] = present
+        return present
+
+    def write(self, ref: ObjectRef, raw: Raw) -> None:
+        """Changes an object. Raises LinkError."""
+        if self.remember(ref) != raw:
+            self._changed.add((ref.index, ref.sub))
+            self._sdo.write(ref, raw)
+
+    def write_if_there(self, ref: ObjectRef, raw: Raw) -> bool:
+        """Changes an object; False where the drive does not have it. Raises LinkError."""
+        try:
+            self.write(ref, raw)
+        except TransferAborted as error:
+            if error.code not in _ABSENT:
+                raise
+            return False
+        return True
+
+    def map(self, wanted: PdoSetting) -> None:
+        """Changes a PDO; nothing is sent where it is as wanted. Raises LinkError."""
+        key = (wanted.kind, wanted.number)
+        present = self.remember_pdo(wanted)
+        if _same(present, wanted):
+            return
+        self._changed.add(key)
+        self._present.pop(key, None)
+        write_setting(self._sdo, wanted, present)
+        self._present[key] = wanted
+
+    def undo(self, ref: ObjectRef) -> None:
+        """Puts one object back. Raises LinkError."""
+        key = (ref.index, ref.sub)
+        if key in self._changed:
+            self._sdo.write(*self._objects[key])
+            self._changed.discard(key)
+
+    def restore(self) -> list[str]:
+        """Puts everything back, last change first; says what could not be.
+
+        What failed is tried once more after the rest, as some objects are only valid together. A node
+        that no longer answers is not asked again. Never raises LinkError.
+        """
+        pdos = [pdo for key, pdo in self._pdos.items() if key in self._changed]
+        objects = [pair for key, pair in self._objects.items() if key in self._changed]
+        tasks: list[Task] = [
+            (pdo.name, partial(write_setting, self._sdo, pdo, pdo)) for pdo in reversed(pdos)
+        ]
+        tasks += [(str(ref), partial(self._sdo.write, ref, raw)) for ref, raw in reversed(objects)]
+        left = _attempt(tasks)
+        left = _attempt([(name, task) for name, task, _ in left]) if left else []
+        if not left:
+            self._changed.clear()
+        self._present.clear()
+        return [f"{name} could not be set back: {error}" for name, _, error in left]
+
+
+def _attempt(tasks: list[Task]) -> list[tuple[str, Callable[[], None], LinkError]]:
+    failed: list[tuple[str, Callable[[], None], LinkError]] = []
+    for position, (name, task) in enumerate(tasks):
+        try:
+            task()
+        except TransferAborted as error:
+            failed.append((name, task, error))
+        except LinkError as error:
+            return [(name, task, error) for name, task in tasks[position:]]
+    return failed
+
+
+def _same(one: PdoSetting, other: PdoSetting) -> bool:
+    identifier = 0x8000_07FF
+    return (
+        one.cob_id & identifier == other.cob_id & identifier
+        and one.transmission == other.transmission
+        and one.entries == other.entries
+    )
