@@ -18,7 +18,7 @@ from autotune.core.errors import RecordingError
 from autotune.core.recording import Recording
 from autotune.view.data import Trace, torque_unit
 from autotune.view.plane import Plane, symmetric
-from autotune.view.scale import peak
+from autotune.view.scale import continuous, peak
 
 Floats = NDArray[np.float64]
 
@@ -79,13 +79,6 @@ def write_rrd(path: str | Path, recording: Recording, shown: Shown | None = None
         ) from error
     finally:
         temporary.unlink(missing_ok=True)
-
-
-def continuous(time: Floats, period: float) -> Floats:
-    """Time that never runs back: where it does (recordings joined), it goes on by one period."""
-    step = np.diff(time, prepend=time[:1])
-    step = np.where(step < 0, period, step)
-    return np.asarray(time[:1].sum() + np.cumsum(step), dtype=np.float64)
 
 
 def _write(path: Path, recording: Recording, shown: Shown) -> None:

@@ -207,7 +207,7 @@ def blueprint(
             for plot in shown
         ),
         rrb.StateTimelineView(origin="stage", name="Stage"),
-        row_shares=[*(3.0 if i < 3 else 1.6 for i in range(len(shown))), 1.2],
+        row_shares=[*(3.0 if i < 3 else 1.6 for i in range(len(shown))), 2.0],
     )
     side: list[Any] = [rrb.TextDocumentView(origin="verdict", name="Verdict")]
     if plane is not None:

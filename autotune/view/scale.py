@@ -79,6 +79,13 @@ def signed(value: float, decimals: int) -> str:
     return f"{value:.{decimals}f}".replace("-", "−")
 
 
+def continuous(time: Floats, period: float) -> Floats:
+    """Time that always runs on: where it does not (recordings joined, a clock restarted), by one period."""
+    step = np.diff(time, prepend=time[:1])
+    step[1:] = np.where(step[1:] <= 0, period, step[1:])
+    return np.asarray(time[:1].sum() + np.cumsum(step), dtype=np.float64)
+
+
 def _exponent(value: float, digits: int) -> int:
     """Decimal exponent of the value once rounded to so many digits."""
     return int(f"{abs(value):.{digits - 1}e}".rpartition("e")[2])

@@ -1,0 +1,185 @@
+"""The Rerun server as a process of its own, bound to this host only, with bounded memory.
+
+A viewer that stops reading is never dropped by the server, whose memory then grows; here that hits a
+process that can be replaced, and neither the run nor its files.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+from autotune.core.errors import ConfigurationError
+
+HOST = "127.0.0.1"
+PORT = 9876
+WEB_PORT = 9090
+MEMORY_MB = 64
+START_SECONDS = 15.0
+
+
+def quiet_environment() -> Mapping[str, str]:
+    """Environment in which Rerun neither reports usage nor writes more than errors."""
+    return {**os.environ, "CI": "1", "RUST_LOG": "error"}
+
+
+def is_free(port: int) -> bool:
+    """Whether nobody listens on this port of this host (a server that cannot bind only logs it)."""
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((HOST, port))
+        except OSError:
+            return False
+    return True
+
+
+def choose_port(wanted: int | None, usual: int) -> int:
+    """The port asked for, or the usual one, or any that is free.
+
+    Raises:
+        ConfigurationError: the port asked for is taken.
+    """
+    if wanted is not None:
+        if not is_free(wanted):
+            raise ConfigurationError(
+                f"port {wanted} of {HOST} is taken, so the viewer's server cannot use it; "
+                "close what listens there, or leave the port out and a free one is chosen"
+            )
+        return wanted
+    if is_free(usual):
+        return usual
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+        probe.bind((HOST, 0))
+        return int(probe.getsockname()[1])
+
+
+def rerun_binary() -> str:
+    """Path of Rerun's program.
+
+    Raises:
+        ConfigurationError: it is not installed.
+    """
+    found = importlib.util.find_spec("rerun_cli")
+    name = "rerun.exe" if sys.platform == "win32" else "rerun"
+    for folder in (found.submodule_search_locations or ()) if found else ():
+        if (program := Path(folder) / name).is_file():
+            return str(program)
+    if program_on_path := shutil.which("rerun"):
+        return program_on_path
+    raise ConfigurationError("the Rerun viewer is not installed; install it with 'pip install rerun-sdk'")
+
+
+class ViewerServer:
+    """One server process; `restart` replaces it on the same ports, so that viewers find it again."""
+
+    def __init__(self, port: int, web_port: int | None, memory_mb: int = MEMORY_MB) -> None:
+        self.port = port
+        self.web_port = web_port
+        self._memory_mb = memory_mb
+        self._process: subprocess.Popen[bytes] | None = None
+
+    @property
+    def url(self) -> str:
+        """Where viewers and streams connect."""
+        return f"rerun+http://{HOST}:{self.port}/proxy"
+
+    @property
+    def page(self) -> str | None:
+        """Address of the viewer in a browser."""
+        if self.web_port is None:
+            return None
+        return f"http://{HOST}:{self.web_port}/?url=rerun%2Bhttp%3A%2F%2F{HOST}%3A{self.port}%2Fproxy"
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid if self._process else 0
+
+    def start(self) -> None:
+        """Starts the server and waits until it listens.
+
+        Raises:
+            ConfigurationError: it ended, or does not listen in time.
+        """
+        mode = (
+            ["--serve-grpc"]
+            if self.web_port is None
+            else ["--serve-web", f"--web-viewer-port={self.web_port}"]
+        )
+        self._process = subprocess.Popen(
+            [rerun_binary(), *mode, "--bind", HOST, "--port", str(self.port), *self._limits()],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            env=dict(quiet_environment()),
+        )
+        end = time.monotonic() + START_SECONDS
+        while not self._listens():
+            if self._process.poll() is not None or time.monotonic() > end:
+                self.kill()
+                raise ConfigurationError(
+                    f"the viewer's server does not start on {HOST}:{self.port}; "
+                    "try another port, or run without --view"
+                )
+            time.sleep(0.05)
+
+    def alive(self) -> bool:
+        return self._process is not None and self._process.poll() is None
+
+    def too_large(self) -> bool:
+        """Whether its memory is far above its limit: a viewer hangs and the server keeps data for it."""
+        return _resident_mb(self.pid) > 3 * self._memory_mb + 200
+
+    def restart(self) -> None:
+        """Kills the server, whatever state it is in, and starts another on the same ports."""
+        self.kill()
+        end = time.monotonic() + 3.0
+        while not is_free(self.port) and time.monotonic() < end:
+            time.sleep(0.05)
+        self.start()
+
+    def kill(self) -> None:
+        """Ends the server at once; also one that is suspended. Idempotent."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+            self._process = None
+
+    def _limits(self) -> list[str]:
+        return ["--server-memory-limit", f"{self._memory_mb}MB"]
+
+    def _listens(self) -> bool:
+        try:
+            socket.create_connection((HOST, self.port), timeout=0.5).close()
+        except OSError:
+            return False
+        return True
+
+
+def open_window(url: str) -> subprocess.Popen[bytes] | None:
+    """Opens the native viewer on this screen, which outlives the run; None where there is no screen."""
+    if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        return None
+    return subprocess.Popen(
+        [rerun_binary(), "--connect", url, "--memory-limit", "1GB"],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        env=dict(quiet_environment()),
+        start_new_session=True,
+    )
+
+
+def _resident_mb(pid: int) -> float:
+    try:
+        pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+    except (OSError, ValueError, IndexError):
+        return 0.0
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
