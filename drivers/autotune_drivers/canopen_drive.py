@@ -103,7 +103,7 @@ class CanopenDrive:
         return self._identity
 
     def backup(self) -> Backup:
-        """What `close` will put back; for a process that has to do it in our place."""
+        """What may have to be put back; for a process that has to do it in our place."""
         return self._session.backup()
 
     # Power
@@ -125,6 +125,8 @@ class CanopenDrive:
         if self._mapped is not mode:
             self._map(mode)
         self._select(mode)
+        if self._exchange.slow_signal is not None:
+            self._exchange.slow = self._sdo.read(self._exchange.slow_signal)
         self._node.command(OPERATIONAL)
         self._node.wire.start_heartbeat()
         milliseconds = round(self._profile.guard.consume * 1e3)

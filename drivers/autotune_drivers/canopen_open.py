@@ -38,8 +38,6 @@ HOST_NODES = (127, 126)
 _IDENTITY = ("vendor", "product", "revision", "serial")
 _LISTEN = 0.15
 _FREE_WITHIN = 2.0
-_CLOCK_LOOKS = 3
-_CLOCK_PAUSE = 0.03
 _PERIOD = (
     ObjectRef(0x60C2, 1, "u8", "interpolation time"),
     ObjectRef(0x60C2, 2, "i8", "interpolation time exponent"),
@@ -119,7 +117,7 @@ def _prepare(
         ref = quick.named("quick stop deceleration").ref
         session.write_if_there(ref, ref.raw(axis.limits.deceleration / units.factor(quick.unit)))
     node.count_syncs(_sync_overflow(sdo))
-    lock_step = _lock_step(profile, sdo, node)
+    lock_step = _lock_step(profile, sdo)
     drive = CanopenDrive(node, sdo, session, profile, axis, units, identity, lock_step, nmt_before)
     drive.note()
     return drive
@@ -269,13 +267,7 @@ def _sync_overflow(sdo: Sdo) -> int:
     return overflow if 2 <= overflow <= 240 else 0
 
 
-def _lock_step(profile: Profile, sdo: Sdo, node: Node) -> bool:
-    """True where the drive's own cycle counter stands still as long as no SYNC comes."""
-    if profile.clock is None:
-        return False
-    first = sdo.read(profile.clock.counter)
-    for _ in range(_CLOCK_LOOKS):
-        node.wire.wait(_CLOCK_PAUSE, lambda: False)
-        if sdo.read(profile.clock.counter) != first:
-            return False
-    return True
+def _lock_step(profile: Profile, sdo: Sdo) -> bool:
+    """True where the drive says that its time advances with SYNC."""
+    clock = profile.clock
+    return clock is not None and bool(int(sdo.read(clock.at)) & clock.lock_step_mask)

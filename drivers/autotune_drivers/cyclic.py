@@ -9,6 +9,7 @@ what the first has changed.
 from __future__ import annotations
 
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -165,8 +166,8 @@ class CyclicLoop:
                 self._process = _spawn(there.fileno(), memory)
         finally:
             os.close(memory)
-        self._request((self._opener, self._backup))
         try:
+            self._request((self._opener, self._backup))
             reply = self._answer(_OPEN_WITHIN)
         except BaseException:
             self._reap()
@@ -198,7 +199,7 @@ class CyclicLoop:
             self._wire().send(message)
         except (BrokenPipeError, ConnectionError) as error:
             raise self._dead() from error
-        except (AttributeError, TypeError, ValueError) as error:
+        except (pickle.PicklingError, AttributeError, TypeError, ValueError) as error:
             raise ConfigurationError(
                 f"a routine cannot travel to the cyclic process: {error}; make it a class of a module, with "
                 "plain data in it"

@@ -70,6 +70,11 @@ class Exchange:
             wanted.append(setting(TPDO, len(self._inputs), number, slow, [self._slow]))
         return wanted
 
+    @property
+    def slow_signal(self) -> ObjectRef | None:
+        """The signal of the slow PDO, if there is one."""
+        return self._slow
+
     def _listen(self) -> None:
         signals = self._profile.signals
         head = [signals.status.ref, signals.position.ref]

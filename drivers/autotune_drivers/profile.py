@@ -142,9 +142,10 @@ class Parameter(Strict):
 
 
 class Clock(Strict):
-    """A counter of the drive's own cycles: one that stands still between SYNCs tells lock-step."""
+    """Where a simulated drive tells that its time advances with SYNC (lock-step): a bit that is set."""
 
-    counter: ObjectField
+    at: ObjectField
+    lock_step_mask: Annotated[int, Field(gt=0)]
 
 
 class Cycle(Strict):
@@ -158,8 +159,8 @@ class Cycle(Strict):
 class Guard(Strict):
     """Heartbeats [s]: ours, after which silence the drive stops, and the drive's."""
 
-    produce: Annotated[float, Field(gt=0, le=1)] = 0.03
-    consume: Annotated[float, Field(gt=0, le=1)] = 0.12
+    produce: Annotated[float, Field(gt=0, le=1)] = 0.025
+    consume: Annotated[float, Field(gt=0, le=1)] = 0.15
     monitor: Annotated[float, Field(gt=0, le=5)] = 0.1
 
     @model_validator(mode="after")

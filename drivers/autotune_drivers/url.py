@@ -130,7 +130,7 @@ def _options(link: str, query: str, scheme: Scheme) -> Mapping[str, int]:
         raise ConfigurationError(
             f"link {link!r} does not say {' and '.join(missing)}; write for example {scheme.example}"
         )
-    return MappingProxyType(found)
+    return found
 
 
 def _check_key(link: str, key: str, scheme: Scheme, seen: bool) -> None:
