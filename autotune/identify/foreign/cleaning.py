@@ -1,0 +1,113 @@
+"""Rows without numbers, counters that overflow, positions that wrap or jump."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from autotune.core.errors import RecordingError
+from autotune.identify.foreign.source import Floats
+
+MOST_MISSING = 0.01
+"""Share of the rows that may lack a number; more is no recording."""
+_NEEDED = ("time", "position", "velocity", "torque", "reference", "torque_command")
+_REGISTERS = (2.0**16, 2.0**24, 2.0**32)
+
+
+def without_missing(columns: Mapping[str, Floats], path: Path, notes: list[str]) -> dict[str, Floats]:
+    """The rows that have all numbers.
+
+    Raises:
+        RecordingError: more than one row in a hundred lacks one, or a column has none at all.
+    """
+    rows = len(next(iter(columns.values())))
+    good = np.ones(rows, dtype=np.bool_)
+    for name in _NEEDED:
+        if name in columns:
+            finite = np.isfinite(columns[name])
+            _refuse_many(name, int(rows - np.count_nonzero(finite)), rows, finite, path)
+            good &= finite
+    lost = rows - int(np.count_nonzero(good))
+    if not lost:
+        return dict(columns)
+    first = int(np.argmin(good)) + 1
+    notes.append(f"{lost} rows without a number are dropped, the first is row {first}")
+    return {name: values[good] for name, values in columns.items()}
+
+
+def _refuse_many(
+    name: str, lost: int, rows: int, finite: np.ndarray[tuple[int], np.dtype[np.bool_]], path: Path
+) -> None:
+    if lost <= max(MOST_MISSING * rows, 1.0) and lost < rows:
+        return
+    first = int(np.argmin(finite)) + 1
+    raise RecordingError(
+        f"{path}: {name} has {lost} of {rows} values that are not numbers, the first in row {first}; at most "
+        f"{100 * MOST_MISSING:.0f} % may be missing. Name another column, or export again without the holes"
+    )
+
+
+def unwrap_clock(raw: Floats, notes: list[str]) -> Floats:
+    """A counter of 16, 24 or 32 bits that overflowed, in ticks, goes on counting."""
+    step = np.diff(raw)
+    back = np.flatnonzero(step < 0)
+    if not len(back) or not np.all(raw[:1000] == np.round(raw[:1000])):
+        return raw
+    usual = float(np.median(step))
+    for size in _REGISTERS:
+        if raw.max() < size and np.all(np.abs(step[back] + size - usual) <= 5.0 * abs(usual) + 1.0):
+            notes.append(f"the clock's counter of {round(math.log2(size))} bits overflows; unwrapped")
+            turns = np.zeros(len(raw))
+            turns[back + 1] = size
+            return np.asarray(raw + np.cumsum(turns))
+    return raw
+
+
+def wrap_length(values: Floats, factor: float, rotary: bool) -> float | None:
+    """After how much the position starts again, where that is beyond doubt.
+
+    A turn (rotary axes) or a register of 16 to 32 bits (times the factor to SI). Beyond doubt: the
+    values stay within one length, they jump by nearly all of it, and without the jumps no step is
+    longer than a quarter of it.
+    """
+    step = np.diff(values)
+    if not len(step):
+        return None
+    range_ = float(np.ptp(values))
+    candidates = [2.0 * math.pi] if rotary else []
+    candidates += [size * abs(factor) for size in _REGISTERS]
+    for length in candidates:
+        far = np.abs(step) > 0.5 * length
+        if range_ <= length * (1.0 + 1e-6) and np.any(far):
+            left = np.abs(step - np.round(step / length) * length)
+            if float(left.max()) < 0.25 * length and float(np.abs(step[far]).min()) > 0.75 * length:
+                return length
+    return None
+
+
+def unwrapped(values: Floats, length: float) -> Floats:
+    """Continuous values; the first stays."""
+    return np.asarray(np.unwrap(values, period=length))
+
+
+def refuse_jump(position: Floats, path: Path, row: int) -> None:
+    """Raises RecordingError where the position leaps in one sample as no axis can.
+
+    A leap is more than a fifth of the whole travel and fifty times what all but one step in a thousand
+    are; a coarse encoder's single counts are none.
+    """
+    step = np.abs(np.diff(position))
+    if len(step) < 50:
+        return
+    largest = int(np.argmax(step))
+    leap = float(step[largest])
+    smallest = float(step[step > 0].min()) if leap > 0 else 0.0
+    usual = float(np.partition(step, -max(len(step) // 1000, 3))[-max(len(step) // 1000, 3)])
+    if leap > 0.2 * float(np.ptp(position)) and leap > 50.0 * max(usual, smallest):
+        raise RecordingError(
+            f"{path}: position jumps from {position[largest]:.6g} to {position[largest + 1]:.6g} in one sample at row "
+            f"{row + largest + 2}: a sensor that was set anew, or a wrong value. Cut the file there, or remove the row"
+        )

@@ -1,0 +1,206 @@
+"""How a text file is written: encoding, delimiter, decimal sign, header, units line, first row of numbers.
+
+The delimiter is the one that cuts the last lines of the beginning into equally many fields, most of
+them numbers; the numbers start after the last line that does not fit; names and units are the lines
+above, or the last comment.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+from autotune.core.errors import RecordingError
+from autotune.identify.foreign.source import Column
+from autotune.identify.foreign.units import find_unit, split_unit
+
+WHITESPACE = " "
+NULLS = (
+    "", "NaN", "nan", "NAN", "-nan", "-NaN", "NA", "N/A", "n/a", "null", "NULL", "None", "-", "--", "#N/A", "?",
+    "1.#QNAN", "-1.#IND", "1.#INF", "-nan(ind)", "nan(ind)",
+)  # fmt: skip
+_NULLS = frozenset(NULLS)
+_POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?", re.IGNORECASE)
+_COMMA = re.compile(r"[+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?")
+_COMMENT = ("#", "%", "//", '"#', "'")
+_HEADER_LINES = 400
+
+
+@dataclass(frozen=True, slots=True)
+class Dialect:
+    """How to read the file.
+
+    Attributes:
+        skip: lines before the first row of numbers.
+        numeric: which columns hold numbers.
+    """
+
+    encoding: str
+    delimiter: str
+    decimal: str
+    skip: int
+    columns: tuple[Column, ...]
+    numeric: tuple[bool, ...]
+    named: bool
+
+    @property
+    def spoken(self) -> str:
+        """For the person: what was found."""
+        words = {";": "semicolons", ",": "commas", "\t": "tabs", " ": "spaces", "|": "bars"}
+        decimal = ", decimal comma" if self.decimal == "," else ""
+        names = "names in the header" if self.named else "no header (columns by number)"
+        return f"fields between {words[self.delimiter]}{decimal}, {names}, numbers from line {self.skip + 1}"
+
+
+def decode(path: Path, start: bytes) -> tuple[str, str]:
+    """Text and encoding of the first bytes.
+
+    Raises:
+        RecordingError: not text.
+    """
+    for mark, encoding in ((b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"), (b"\xef\xbb\xbf", "utf-8-sig")):
+        if start.startswith(mark):
+            return start.decode(encoding, errors="replace"), encoding
+    strange = sum(start.count(bytes([code])) for code in (*range(9), *range(14, 27)))
+    if strange:
+        raise RecordingError(
+            f"{path} is not text ({strange} control bytes at its beginning); name its format with --format, or export "
+            "it as CSV"
+        )
+    try:
+        return start[: start.rfind(b"\n") + 1 or None].decode("utf-8"), "utf-8"
+    except UnicodeDecodeError:
+        return start.decode("latin-1"), "latin-1"
+
+
+def find_dialect(path: Path, start: bytes, complete: bool) -> Dialect:
+    """The dialect, from the first bytes of the file; `complete` if these are all.
+
+    Raises:
+        RecordingError: no rows of numbers in at least two columns.
+    """
+    text, encoding = decode(path, start)
+    lines = re.split(r"\r\n|\n|\r", text)
+    if not complete and len(lines) > 1:
+        lines.pop()
+    best: tuple[float, str, str, int] = (0.0, "", "", 0)
+    for delimiter, decimal in ((";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", "."), (",", ","), ("|", "."),
+                               (WHITESPACE, "."), (WHITESPACE, ",")):  # fmt: skip
+        score, width = _score(lines, delimiter, decimal)
+        if score > best[0] * (1.0 + 1e-9):
+            best = (score, delimiter, decimal, width)
+    if best[3] < 2:
+        raise RecordingError(
+            f"{path} holds no table of numbers: no delimiter (semicolon, comma, tab, space, bar) cuts its lines into "
+            "at least two columns; export it as CSV with a column for time, position and torque"
+        )
+    return _dialect(path, lines, encoding, best[1], best[2], best[3])
+
+
+def fields(line: str, delimiter: str) -> list[str]:
+    """Fields of a line, without quotes and blanks; an empty one after a last delimiter is dropped."""
+    if '"' in line and delimiter != WHITESPACE:
+        parts = next(csv.reader([line], delimiter=delimiter), [])
+    else:
+        parts = line.split() if delimiter == WHITESPACE else line.split(delimiter)
+    clean = [part.strip().strip('"').strip() for part in parts]
+    return clean[:-1] if len(clean) > 2 and clean[-1] == "" and delimiter != WHITESPACE else clean
+
+
+def _score(lines: list[str], delimiter: str, decimal: str) -> tuple[float, int]:
+    """Number fields in the lines of the most frequent width, and that width."""
+    sample = [fields(line, delimiter) for line in lines[-1000:] if line.strip() and not is_comment(line)]
+    widths = Counter(len(parts) for parts in sample if _numbers(parts, decimal) >= max(1, len(parts) / 3))
+    if not widths:
+        return 0.0, 0
+    width = max(widths, key=lambda w: (widths[w] * min(w, 2), w))
+    if width < 2:
+        return 0.0, 0
+    matching = [parts for parts in sample if len(parts) == width]
+    numbers = sum(_numbers(parts, decimal) for parts in matching)
+    total = sum(len(parts) for parts in matching)
+    return numbers / total * len(matching) / len(sample), width
+
+
+def _numbers(parts: list[str], decimal: str) -> int:
+    pattern = _COMMA if decimal == "," else _POINT
+    return sum(1 for part in parts if pattern.fullmatch(part))
+
+
+def _is_value(part: str, decimal: str) -> bool:
+    return part in _NULLS or (_COMMA if decimal == "," else _POINT).fullmatch(part) is not None
+
+
+def is_comment(line: str) -> bool:
+    """True for a line that many programs write as a remark."""
+    return line.lstrip().startswith(_COMMENT)
+
+
+def _dialect(
+    path: Path, lines: list[str], encoding: str, delimiter: str, decimal: str, width: int
+) -> Dialect:
+    rows = [fields(line, delimiter) if line.strip() and not is_comment(line) else None for line in lines]
+    tail = [parts for parts in rows[-1000:] if parts is not None and len(parts) == width]
+    shares = [sum(_is_value(parts[i], decimal) for parts in tail) / len(tail) for i in range(width)]
+    filled = [any(parts[i] not in _NULLS for parts in tail) for i in range(width)]
+    numeric = tuple(share >= 0.5 and full for share, full in zip(shares, filled, strict=True))
+    first = _first_row(rows, width, numeric, decimal)
+    if first is None or sum(numeric) < 2:
+        raise RecordingError(
+            f"{path} has no two columns of numbers; export time, position and torque as numbers"
+        )
+    names, units = _header(lines[:first], delimiter, width)
+    example = rows[first] or []
+    columns = tuple(
+        _column(i, names[i] if names else "", units[i] if units else "", example[i]) for i in range(width)
+    )
+    return Dialect(encoding, delimiter, decimal, first, columns, numeric, bool(names))
+
+
+def _first_row(
+    rows: list[list[str] | None], width: int, numeric: tuple[bool, ...], decimal: str
+) -> int | None:
+    """The first line from which a table of numbers goes on: its number columns hold numbers."""
+    for index, parts in enumerate(rows):
+        if parts is None or len(parts) != width:
+            continue
+        values = [part for part, number in zip(parts, numeric, strict=True) if number]
+        if all(_is_value(part, decimal) for part in values) and any(part not in _NULLS for part in values):
+            return index
+    return None
+
+
+def _header(lines: list[str], delimiter: str, width: int) -> tuple[list[str], list[str]]:
+    """Names and units: the two lines above the numbers, comments included if they have as many fields."""
+    above: list[list[str]] = []
+    for line in reversed(lines[-_HEADER_LINES:]):
+        bare = re.sub(r"^\s*(#|%|//)\s*", "", line)
+        parts = fields(bare, delimiter)
+        if len(parts) == width - 1 and line.startswith(delimiter):
+            parts = ["", *parts]
+        if len(parts) < width and delimiter != WHITESPACE and bare.count(delimiter) == width - 1:
+            parts = [part.strip().strip('"').strip() for part in bare.split(delimiter)]
+        if len(parts) == width and any(parts):
+            above.append(parts)
+        if len(above) == 2:
+            break
+    if not above:
+        return [], []
+    if _are_units(above[0]) and len(above) == 2:
+        return above[1], above[0]
+    return above[0], []
+
+
+def _are_units(parts: list[str]) -> bool:
+    """Mostly known or bracketed units; a lone `t` or `s` beside names is none."""
+    written = [part for part in parts if part and part not in ("-", "[-]", "[]")]
+    known = [part for part in written if find_unit(part) or re.fullmatch(r"[\[(].*[\])]", part)]
+    return bool(written) and len(known) >= max(1, 0.6 * len(written))
+
+
+def _column(index: int, name: str, unit: str, example: str) -> Column:
+    bare, own = split_unit(name)
+    return Column(bare or str(index + 1), unit.strip("[]() ") or own, example)

@@ -1,0 +1,88 @@
+"""Parquet files of anybody: flat number columns, units from the fields' metadata, dates as time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+
+from autotune.core.errors import RecordingError
+from autotune.identify.foreign.source import Column, Floats, Loaded, Source, foreign_bytes
+from autotune.identify.foreign.units import split_unit
+
+_UNIT_KEYS = (b"unit", b"units", b"Unit", b"unit_string")
+
+
+def read_parquet(path: Path) -> Source:
+    """Opens a Parquet file.
+
+    Raises:
+        RecordingError: missing, not Parquet, damaged, or without number columns.
+    """
+    if not foreign_bytes(path).startswith(b"PAR1"):
+        raise RecordingError(f"{path} is no Parquet file (it does not begin with PAR1); check --format")
+    try:
+        schema = pyarrow.parquet.read_schema(path)
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise _damaged(path, error) from error
+    kept = [field for field in schema if _numeric(field.type)]
+    if len(kept) < 2:
+        raise RecordingError(f"{path} has no two number columns; it has {', '.join(schema.names) or 'none'}")
+
+    def load(indices: Sequence[int]) -> Loaded:
+        return Loaded([_values(path, kept[index]) for index in indices])
+
+    return Source(path, tuple(_column(field) for field in kept), load)
+
+
+def _numeric(kind: Any) -> bool:
+    types = pa.types
+    return bool(
+        types.is_floating(kind) or types.is_integer(kind) or types.is_decimal(kind) or types.is_temporal(kind)
+    )
+
+
+def _column(field: Any) -> Column:
+    metadata = field.metadata or {}
+    name, unit = split_unit(field.name)
+    told = next((metadata[key].decode("utf-8", "replace") for key in _UNIT_KEYS if key in metadata), unit)
+    return Column(name, "s" if pa.types.is_temporal(field.type) else told)
+
+
+def _values(path: Path, field: Any) -> Floats:
+    """One column as float64; dates and durations in seconds, dates since the first row."""
+    try:
+        column = pyarrow.parquet.read_table(path, columns=[field.name]).column(0)
+        if pa.types.is_temporal(field.type):
+            return _seconds(column, field.type)
+        column = column.cast(pa.float64(), safe=False)
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise _damaged(path, error) from error
+    values = np.empty(len(column))
+    start = 0
+    for chunk in column.chunks:
+        part = chunk.fill_null(float("nan")).to_numpy(zero_copy_only=False)
+        values[start : start + len(part)] = part
+        start += len(part)
+    return values
+
+
+def _seconds(column: Any, kind: Any) -> Floats:
+    wanted = pa.timestamp("ns") if pa.types.is_timestamp(kind) or pa.types.is_date(kind) else None
+    wanted = pa.duration("ns") if pa.types.is_duration(kind) else wanted or pa.time64("ns")
+    ticks = column.cast(wanted).cast(pa.int64())
+    missing = ticks.is_null().to_numpy()
+    whole = np.asarray(ticks.fill_null(0).to_numpy())
+    first = whole[0] if pa.types.is_timestamp(kind) and len(whole) else 0
+    seconds = np.asarray((whole - first) * 1e-9, dtype=np.float64)
+    seconds[missing] = np.nan
+    return seconds
+
+
+def _damaged(path: Path, error: Exception) -> RecordingError:
+    reason = str(error).split("\n")[0][:200]
+    return RecordingError(f"{path} cannot be read as Parquet: {reason}; write the file again")

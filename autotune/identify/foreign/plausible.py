@@ -1,0 +1,161 @@
+"""Does what was imported behave like an axis: signs, velocity against position, clipped torque.
+
+The sign of the torque is judged by energy. What the motor has put in up to a moment is
+W = ∫ τ dq = ½ J v² + F ∫ |v| dt + c₁ q + c₂ q² with J > 0 and F > 0 on every real axis. A regression
+of W on these terms needs no acceleration, so noise hardly matters.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from autotune.core.errors import RecordingError
+from autotune.core.recording import Recording
+from autotune.identify.checks import clipped
+from autotune.identify.foreign.source import Floats
+from autotune.signals.filters import low_pass
+
+_MOST_ROWS = 400_000
+_RATIOS = {
+    "rpm": 60.0 / (2.0 * math.pi),
+    "deg/s": 180.0 / math.pi,
+    "turns a second": 1.0 / (2.0 * math.pi),
+    "mm/s": 1e3,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Energy:
+    """Result of the regression: shares of the work explained by inertia and friction, with their signs."""
+
+    kinetic: float
+    friction: float
+    explained: float
+
+    @property
+    def negative(self) -> bool:
+        """Beyond doubt: the axis would give energy to the motor."""
+        both = self.kinetic + self.friction
+        return self.explained > 0.5 and both < -0.6 * (abs(self.kinetic) + abs(self.friction))
+
+
+def refuse_wrong_sign(recording: Recording, where: str) -> None:
+    """Raises RecordingError where torque and motion count in opposite directions."""
+    parts = _parts(recording)
+    energy = energy_balance(parts)
+    if energy is not None and energy.negative and _two_ways(parts):
+        raise RecordingError(
+            f"{where}: the torque acts against the motion it causes (inertia and friction come out negative): "
+            "torque and position count in opposite directions. Turn one of them, for example "
+            "'--column torque=FIELD*-1'; or say --keep-signs if the drive really brakes all the time"
+        )
+
+
+def _parts(recording: Recording) -> list[Recording]:
+    """At most 64 segments of at least 50 rows, each with an equal share of the rows that are looked at."""
+    segments = [segment for segment in recording.segments() if segment.stop - segment.start >= 50]
+    segments = segments[:: max(1, -(-len(segments) // 64))]
+    most = _MOST_ROWS // max(len(segments), 1)
+    return [recording.rows(slice(s.start, min(s.stop, s.start + most))) for s in segments]
+
+
+def energy_balance(parts: list[Recording]) -> Energy | None:
+    """One regression over all segments; None where the axis hardly moves."""
+    sums = [_work_and_terms(part) for part in parts]
+    if not sums:
+        return None
+    return _regress(np.concatenate([one[0] for one in sums]), np.concatenate([one[1] for one in sums]))
+
+
+def _work_and_terms(part: Recording) -> tuple[Floats, Floats]:
+    """Work done since the segment's start, shape (n,), and its terms, shape (n, 5)."""
+    smooth = low_pass(part["position"], min(50.0, 0.1 / part.period), part.period)
+    step = np.diff(smooth)
+    velocity = step / part.period
+    work = np.cumsum(0.5 * (part["torque"][1:] + part["torque"][:-1]) * step)
+    place = 0.5 * (smooth[1:] + smooth[:-1]) - smooth[0]
+    kinetic = 0.5 * (velocity**2 - velocity[0] ** 2)
+    return work, np.column_stack([kinetic, np.cumsum(np.abs(step)), place, place**2, np.ones(len(place))])
+
+
+def _regress(work: Floats, terms: Floats) -> Energy | None:
+    scale = np.std(terms, axis=0)
+    scale[-1] = 1.0
+    total = float(np.std(work))
+    if total == 0.0 or scale[1] == 0.0:
+        return None
+    scale[scale == 0.0] = 1.0
+    normal = terms / scale
+    full, *_ = np.linalg.lstsq(normal, work, rcond=1e-9)
+    less, *_ = np.linalg.lstsq(normal[:, 2:], work, rcond=1e-9)
+    left, without = float(np.var(work - normal @ full)), float(np.var(work - normal[:, 2:] @ less))
+    explained = 1.0 - left / without if without > 1e-9 * total**2 else 0.0
+    return Energy(float(full[0]) / total, float(full[1]) / total, explained)
+
+
+def _two_ways(parts: list[Recording]) -> bool:
+    """Both directions occur: a load that drives one direction cannot be the reason."""
+    up = sum(float(np.sum(np.maximum(np.diff(part["position"]), 0.0))) for part in parts)
+    down = sum(float(np.sum(np.maximum(-np.diff(part["position"]), 0.0))) for part in parts)
+    return min(up, down) > 0.05 * max(up, down)
+
+
+def refuse_other_velocity(recording: Recording, where: str) -> None:
+    """Raises RecordingError where velocity is not the derivative of position: sign or unit.
+
+    A velocity that hardly follows the position (noise, a slow estimator) is left alone.
+    """
+    if "velocity" not in recording:
+        return
+    derived, given = [], []
+    for part in _parts(recording):
+        cutoff = min(20.0, 0.05 / part.period)
+        derived.append(np.gradient(low_pass(part["position"], cutoff, part.period), part.period))
+        given.append(low_pass(part["velocity"], cutoff, part.period))
+    if not derived:
+        return
+    one, other = np.concatenate(derived), np.concatenate(given)
+    size = math.sqrt(float(one @ one) * float(other @ other))
+    if size == 0.0 or abs(float(one @ other)) < 0.9 * size:
+        return
+    ratio = float(one @ other) / float(one @ one)
+    if not 0.7 < ratio < 1.4:
+        raise RecordingError(f"{where}: {_velocity_sentence(ratio)}")
+
+
+def _velocity_sentence(ratio: float) -> str:
+    sign = "-" if ratio < 0 else ""
+    unit = next((name for name, value in _RATIOS.items() if 0.9 < abs(ratio) / value < 1.1), "")
+    if 0.7 < -ratio < 1.4:
+        return (
+            "velocity and the derivative of position have opposite signs; turn one of them, for example "
+            "'--column velocity=FIELD*-1'"
+        )
+    kind = f", as if it were in {unit}" if unit else ""
+    return (
+        f"velocity is {ratio:.4g} times the derivative of position{kind}; give the units of both, for example "
+        f"'--column velocity=FIELD*{sign}rpm', or a factor of {1.0 / ratio:.6g}"
+    )
+
+
+def clipping_note(recording: Recording) -> str:
+    """A sentence where the torque has flat tops; empty where it has none."""
+    found = clipped(recording)
+    torque = recording["torque"]
+    if not found.rows.any() or found.limit == 0.0 or float(np.ptp(torque)) == 0.0:
+        return ""
+    first = float(recording["time"][int(np.argmax(found.rows))])
+    share = f"{100 * found.share:.2g} %"
+    return f"{share} of the rows are at ±{found.limit:.6g}, first at {first:.6g} s: the torque seems clipped"
+
+
+def constant_notes(recording: Recording) -> list[str]:
+    """A sentence for each column that never changes."""
+    return [
+        f"{name} is {recording[name][0]:g} in all rows; nothing can be identified from it"
+        for name in ("position", "torque")
+        if float(np.ptp(recording[name])) == 0.0
+    ]
