@@ -15,6 +15,7 @@ from types import FrameType
 import typer
 
 from autotune import __version__
+from autotune.cli.data import data
 from autotune.cli.output import complain
 from autotune.cli.record import record
 from autotune.cli.rollback import rollback
@@ -32,6 +33,7 @@ app.command()(run)
 app.command()(sim)
 app.command()(rollback)
 app.command()(record)
+app.add_typer(data, name="data")
 
 
 @app.callback(invoke_without_command=True)
