@@ -87,10 +87,17 @@ def identify_dahl(
     return Dahl(estimate, paths[0].position, paths[0].torque, predicted)
 
 
-@compiled
 def dahl_curve(position: Floats, sigma: float, force: float, exponent: float, start: float) -> Floats:
     """Friction (without offset) along a path, from (2.22) by the midpoint rule, shape (n,)."""
     result = np.empty(len(position))
+    _follow(position, sigma, force, exponent, start, result)
+    return result
+
+
+@compiled
+def _follow(
+    position: Floats, sigma: float, force: float, exponent: float, start: float, result: Floats
+) -> None:
     friction = start
     result[0] = friction
     for k in range(1, len(position)):
@@ -107,7 +114,6 @@ def dahl_curve(position: Floats, sigma: float, force: float, exponent: float, st
                 gap = 1.0 - middle / force * direction
                 friction += step / parts * sigma * abs(gap) ** exponent * np.sign(gap)
         result[k] = friction
-    return result
 
 
 def _paths(recording: Recording, viscous: float) -> list[_Path]:
