@@ -8,8 +8,9 @@ from typing import Annotated
 import typer
 
 from autotune.cli.output import answer, say
-from autotune.core.axis import read_axis
+from autotune.core.axis import Axis, read_axis
 from autotune.core.errors import ConfigurationError
+from autotune_drivers.url import LinkAddress, parse_link
 
 
 def sim(
@@ -32,44 +33,36 @@ def sim(
 
     The port that the axis file's link names becomes a link to the simulated adapter.
     """
-    from autotune_sim.server import serve
+    from autotune_sim.server import parse_effects, serve
 
     axis = read_axis(axis_file)
     if link != "canopen":
         raise ConfigurationError(f"--link is {link!r}; known is canopen")
-    port, node = _wire(axis.link, axis_file.resolve().parent)
+    address = _wire(axis, axis_file.resolve().parent)
     serve(
         axis.simulation.preset,
-        port,
-        node,
+        address.target,
+        address.options["node"],
         seed=seed,
-        effects=dict(_effect(text) for text in effect or []),
+        effects=parse_effects(effect or []),
         real_time=real_time,
         faults=fault or [],
-        period=axis.cycle,
-        announce=answer,
         log=say,
+        ready=lambda port: answer(f"{axis.name} is simulated at {axis.link} ({port}); end it with Ctrl-C"),
     )
 
 
-def _wire(link: str, directory: Path) -> tuple[Path, int]:
-    """Where the axis expects its adapter, and the node id."""
-    from autotune_drivers.url import parse_link
+def _wire(axis: Axis, directory: Path) -> LinkAddress:
+    """Where the axis expects its adapter.
 
-    parsed = parse_link(link, directory)
-    if parsed.scheme != "canopen+slcan":
+    Raises:
+        ConfigurationError: the link needs no process of its own, or a kernel interface that is not ours.
+    """
+    address = parse_link(axis.link, directory)
+    if address.scheme != "canopen+slcan":
         raise ConfigurationError(
-            f"the link {link!r} is not a serial CAN adapter; to simulate behind a wire set it to, for "
-            "example, 'canopen+slcan:axis.tty?node=5'; 'sim://PRESET' needs no process of its own"
+            f"the link {axis.link!r} is not a serial CAN adapter; to simulate behind a wire set it to, for "
+            "example, 'canopen+slcan:axis.tty?bitrate=1000000&node=5'; 'sim://edm-vertical' needs no process "
+            "of its own"
         )
-    return Path(parsed.path), parsed.node
-
-
-def _effect(text: str) -> tuple[str, float | None]:
-    name, separator, size = text.partition("=")
-    if not separator:
-        return name, None
-    try:
-        return name, float(size)
-    except ValueError:
-        raise ConfigurationError(f"--effect {text!r}: the size {size!r} is not a number") from None
+    return address

@@ -7,14 +7,15 @@ was stopped half-way.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from autotune.core.axis import Axis
 from autotune.core.loop import ROW_FIELDS, Loop, Watch
-from autotune.core.recording import FLOAT_COLUMNS, Controller, Floats, Metadata, Recording
+from autotune.core.recording import FLOAT_COLUMNS, Controller, Floats, Metadata, Recording, Segment
+from autotune.experiments.path import ABANDONED, CONDITIONING
 from autotune.experiments.runner import Played, Programme
 
 _LABEL, _REPEAT, _MISSED = (ROW_FIELDS.index(name) for name in ("label", "repeat", "missed"))
@@ -42,19 +43,34 @@ class Recorder:
     def recording(self) -> Recording:
         """All rows so far, in order; empty where nothing was played."""
         table = np.concatenate([np.empty((0, len(ROW_FIELDS))), *self._blocks])
-        return Recording.from_columns(
+        recording = Recording.from_columns(
             {name: table[:, column] for name, column in _COLUMNS.items()},
             self._metadata,
             self._labels[table[:, _LABEL].astype(np.int64)],
             table[:, _REPEAT].astype(np.int64),
             table[:, _MISSED].astype(np.int64),
         )
+        return without_abandoned(recording)
+
+
+def without_abandoned(recording: Recording) -> Recording:
+    """Calls `conditioning` what was abandoned, and the segment before it, which was to be a measurement."""
+    experiment = recording.experiment.astype(np.dtype(f"<U{max(len(CONDITIONING), 64)}"))
+    before: Segment | None = None
+    for segment in recording.segments():
+        if segment.experiment == ABANDONED:
+            experiment[segment.rows] = CONDITIONING
+            if before is not None:
+                experiment[before.rows] = CONDITIONING
+        before = segment
+    return replace(recording, experiment=experiment)
 
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far a programme is: `fraction` of its machine time, `remaining` [s], what is playing."""
+    """How far a programme is: `seconds` of machine time, `fraction` of it, `remaining` [s], what is playing."""
 
+    seconds: float
     fraction: float
     remaining: float
     label: str
@@ -78,7 +94,7 @@ class ProgressWatch:
         self._seconds += self._period * (len(rows) + float(rows[:, _MISSED].sum()))
         fraction = min(self._seconds / self._total, 1.0)
         label = self._labels[int(rows[-1, _LABEL])]
-        self._tell(Progress(fraction, max(self._total - self._seconds, 0.0), label))
+        self._tell(Progress(self._seconds, fraction, max(self._total - self._seconds, 0.0), label))
 
 
 def metadata_for(axis: Axis, controller: Controller | None = None) -> Metadata:

@@ -11,8 +11,8 @@ class Reporter(Protocol):
     def stage(self, name: str, seconds: float) -> None:
         """A stage begins that will take about `seconds`."""
 
-    def progress(self, fraction: float, remaining: float) -> None:
-        """Part of the stage that is done, and the seconds that it will still take."""
+    def progress(self, fraction: float) -> None:
+        """Part of the stage that is done, 0…1."""
 
     def say(self, sentence: str) -> None:
         """Something happened that a person should know."""
@@ -24,7 +24,7 @@ class Silent:
     def stage(self, name: str, seconds: float) -> None:
         return
 
-    def progress(self, fraction: float, remaining: float) -> None:
+    def progress(self, fraction: float) -> None:
         return
 
     def say(self, sentence: str) -> None:

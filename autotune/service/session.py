@@ -29,6 +29,7 @@ class Session:
     Attributes:
         limits: in force, the tighter of axis file and drive.
         controller: of the drive, as its parameters tell; None if they do not.
+        identity: of the drive, as it tells it.
         runs: folder of all runs (backups live below it); `directory`: of this run.
         clock: local time, passed in.
         viewers: further watches on every programme.
@@ -39,6 +40,7 @@ class Session:
     loop: Loop
     limits: Limits
     controller: Controller | None
+    identity: Mapping[str, int | str]
     runs: Path
     directory: Path
     journal: Journal
@@ -48,6 +50,8 @@ class Session:
     viewers: Sequence[LabelledWatch] = ()
     written: dict[str, Path] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
+    _stage_seconds: float = 1.0
+    _stage_began: float = 0.0
 
     @property
     def motion(self) -> Motion:
@@ -72,13 +76,16 @@ class Session:
                 self.written[name] = save_recording(self.directory, name, recording)
         return recording, played
 
-    def _tell(self, progress: Progress) -> None:
-        self.reporter.progress(progress.fraction, progress.remaining)
-
     def begin(self, stage: str, seconds: float) -> None:
-        """Tells the reporter and the journal that a stage begins."""
+        """Tells the reporter and the journal that a stage of about `seconds` machine time begins."""
+        self._stage_seconds, self._stage_began = seconds, self.budget.used
         self.journal.note(stage=stage)
         self.reporter.stage(stage, seconds)
+
+    def _tell(self, progress: Progress) -> None:
+        """Programmes of one stage follow one another: what counts is the stage's machine time."""
+        spent = self.budget.used - self._stage_began + progress.seconds
+        self.reporter.progress(min(spent / self._stage_seconds, 1.0))
 
 
 def controller_of(parameters: Mapping[str, float]) -> Controller | None:

@@ -4,32 +4,29 @@ without power, with every changed setting restored, and the run's folder says wh
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 
-from autotune.core.axis import Axis
-from autotune.core.errors import AutotuneError, ConfigurationError, DriveFault, NotEnoughExcitation
-from autotune.core.loop import Loop
+from autotune.core.errors import AutotuneError, ConfigurationError, NotEnoughExcitation
 from autotune.core.recording_files import read_recording
-from autotune.experiments.limits_guarded import limits_guarded
 from autotune.experiments.programmes import build
-from autotune.experiments.runner import Budget, Programme
+from autotune.experiments.runner import Programme
 from autotune.experiments.sines import BenchmarkSine
 from autotune.identify.run import Identification
 from autotune.service import summary
-from autotune.service.commit import commit, feedforward_parameters, verify
+from autotune.service.commit import commit, feedforward_parameters
+from autotune.service.documents import Material, write_documents
 from autotune.service.files import finite, write_json
 from autotune.service.findings import Findings, latest_run, load_findings, save_findings
+from autotune.service.hold import Hold, connected, prepared
 from autotune.service.journal import Journal
 from autotune.service.outcome import Outcome, RunResult
-from autotune.service.progress import Reporter
 from autotune.service.proof import TrackingError, tracking_error
 from autotune.service.recover import recover
 from autotune.service.run_directory import axis_lock, make_run_directory
-from autotune.service.session import LabelledWatch, Session, controller_of
+from autotune.service.session import Session
 from autotune.service.stage_adapt import adapt
 from autotune.service.stage_identify import experiment, fit, start_of
 from autotune.service.stage_prove import (
@@ -44,26 +41,15 @@ STAGES = ("check", "experiment", "fit", "adapt", "prove", "commit")
 
 
 @dataclass(frozen=True)
-class Request:
+class Request(Hold):
     """What is asked of a run.
 
     Attributes:
-        axis: the axis; `directory`: the folder of its file, for relative links.
-        open_loop: opens the axis's link.
-        runs: folder of all runs.
-        reporter: hears how it goes; `clock`: local time.
         only: a single stage, or None for all.
-        viewers: further watches on the samples.
         approve: asked before anything is written to the drive for good.
     """
 
-    axis: Axis
-    open_loop: Callable[[], Loop]
-    runs: Path
-    reporter: Reporter
-    clock: Callable[[], datetime]
     only: str | None = None
-    viewers: Sequence[LabelledWatch] = ()
     approve: Callable[[str], bool] = field(default=lambda sentence: True)
 
 
@@ -96,19 +82,18 @@ def tune(request: Request) -> RunResult:
         session: Session | None = None
         try:
             request.reporter.stage("connect", 3.0)
-            with _connected(request, journal) as loop:
+            with connected(request.open_loop, journal, request.reporter) as loop:
                 course.notes += recover(loop, request.runs, journal)
-                with _prepared(request, loop, directory, journal) as session:
+                with prepared(request, loop, journal) as session:
                     _stages(request, session, course)
+        except NotEnoughExcitation as error:
+            course.outcome, course.verdict = _ending(error)
         except BaseException as error:
             course.outcome, course.verdict = _ending(error)
-            result = _result(request, directory, started, course, session)
-            _finish(journal, result)
-            if isinstance(error, NotEnoughExcitation):
-                return result
+            _finish(request, journal, _result(request, directory, started, course, session), course, session)
             raise
         result = _result(request, directory, started, course, session)
-        _finish(journal, result)
+        _finish(request, journal, result, course, session)
         return result
 
 
@@ -119,70 +104,6 @@ def _ending(error: BaseException) -> tuple[Outcome, str]:
         return Outcome.ABORTED, "Interrupted: the axis is at rest and without power."
     notes = "; ".join(getattr(error, "__notes__", []))
     return Outcome.ABORTED, f"The run was stopped: {error}" + (f" ({notes})" if notes else "")
-
-
-@contextmanager
-def _connected(request: Request, journal: Journal) -> Iterator[Loop]:
-    """The open link; at the end it is verified that the drive is as it was, else the journal stays open."""
-    loop = request.open_loop()
-    try:
-        yield loop
-    finally:
-        try:
-            if journal.state.changed:
-                verify(loop, journal.state.changed)
-                journal.note(changed={})
-        except AutotuneError as error:
-            request.reporter.say(f"not everything could be put back ({error}); the next run will do it")
-        finally:
-            loop.close()
-
-
-@contextmanager
-def _prepared(request: Request, loop: Loop, directory: Path, journal: Journal) -> Iterator[Session]:
-    """Limits in the drive, its own feedforward off; both as before when the block ends."""
-    faults = loop.faults()
-    if faults:
-        raise DriveFault(
-            f"the drive of axis {request.axis.name} reports {'; '.join(faults)}; clear the cause and reset the "
-            "drive, then run again"
-        )
-    parameters = loop.read_parameters()
-
-    def note(before: Mapping[str, float]) -> None:
-        journal.note(changed={**journal.state.changed, **before})
-
-    with limits_guarded(loop, request.axis, note) as held, _own_feedforward_off(loop, parameters, note):
-        yield Session(
-            axis=request.axis,
-            loop=loop,
-            limits=held.limits,
-            controller=controller_of(parameters),
-            runs=request.runs,
-            directory=directory,
-            journal=journal,
-            reporter=request.reporter,
-            clock=request.clock,
-            budget=Budget(held.limits.machine_seconds),
-            viewers=request.viewers,
-        )
-
-
-@contextmanager
-def _own_feedforward_off(
-    loop: Loop, parameters: Mapping[str, float], note: Callable[[Mapping[str, float]], None]
-) -> Iterator[None]:
-    """The drive's own feedforward would hide what is measured; a commit leaves it as committed."""
-    was = parameters.get(ENABLED, 0.0)
-    if not was:
-        yield
-        return
-    note({ENABLED: was})
-    loop.write_parameters({ENABLED: 0.0})
-    try:
-        yield
-    finally:
-        loop.write_parameters({ENABLED: was})
 
 
 def _stages(request: Request, session: Session, course: _Course) -> None:
@@ -338,8 +259,23 @@ def _result(
     )
 
 
-def _finish(journal: Journal, result: RunResult) -> None:
-    """run.json, and a closed journal where nothing is left to be put right."""
+def _finish(
+    request: Request, journal: Journal, result: RunResult, course: _Course, session: Session | None
+) -> None:
+    """run.json, a closed journal where nothing is left to be put right, then what is there to look at."""
     write_json(result.run_directory / "run.json", finite(result.as_json()))
     if not journal.state.left_something:
         journal.note(outcome=result.outcome.value)
+    material = Material(
+        request.axis,
+        result,
+        course.findings,
+        course.identification,
+        session.limits if session else None,
+        session.identity if session else {},
+        tuple(session.written.values()) if session else (),
+    )
+    try:
+        write_documents(material)
+    except (AutotuneError, OSError) as error:
+        request.reporter.say(f"the report could not be written: {error}")

@@ -28,13 +28,15 @@ BITRATE = 1_000_000
 _DRAINS = 1000  # reads before a heartbeat is judged, at most
 
 Log = Callable[[str], None]
+Ready = Callable[[Path], None]
 
 
 class Server:
     """A simulated drive at a pseudo-terminal.
 
     Args:
-        commands: file descriptor that fault orders are read from, one a line; None for none.
+        commands: file descriptor that fault orders are read from, one a line; at its end the server
+            stops. None for none.
 
     Attributes:
         device: the drive; touch it only from the thread that runs `run`.
@@ -52,7 +54,9 @@ class Server:
         bitrate: int = BITRATE,
         commands: int | None = None,
         log: Log = lambda _: None,
+        ready: Ready = lambda _: None,
     ) -> None:
+        self._ready = ready
         self._log: Log = lambda text: log(f"{time.monotonic():.6f} {text}")
         self._clock = time.monotonic
         self._adapter = SlcanAdapter(self._deliver, self._clock, bitrate)
@@ -98,6 +102,7 @@ class Server:
         """
         try:
             self.plug()
+            self._ready(self._port.path)
             for order in self._orders:
                 self._faults.add(order)
             while not self._stopping:
@@ -156,8 +161,7 @@ class Server:
     def _obey(self) -> None:
         data = os.read(self._commands or 0, 4096)
         if not data:
-            self._commands = None
-            return
+            self.stop()
         *lines, self._typed = (self._typed + data).split(b"\n")
         for line in filter(None, (line.strip() for line in lines)):
             try:
@@ -195,6 +199,7 @@ def serve(
     state_file: str | Path | None = None,
     commands: bool = False,
     log: Log = lambda _: None,
+    ready: Ready = lambda _: None,
 ) -> None:
     """Serves a simulated drive until SIGINT or SIGTERM.
 
@@ -203,8 +208,9 @@ def serve(
         port_path: where the link to the pseudo-terminal is put.
         faults: orders as `autotune_sim.faults` describes them.
         state_file: the drive's non-volatile memory; without it, stored values live as long as the process.
-        commands: reads further orders from standard input, one a line.
+        commands: reads further orders from standard input, one a line, and ends when it closes.
         log: takes one line an event, beginning with the monotonic time [s].
+        ready: called with the port's path once it can be opened.
 
     Raises:
         ConfigurationError: an unknown preset, effect or fault, a node id out of range, or no port.
@@ -223,6 +229,7 @@ def serve(
         state_file=Path(state_file) if state_file is not None else None,
         commands=sys.stdin.fileno() if commands else None,
         log=log,
+        ready=ready,
     )
     before = {
         number: signal.signal(number, lambda *_: server.stop()) for number in (signal.SIGINT, signal.SIGTERM)

@@ -1,0 +1,27 @@
+"""`autotune rollback`: put back what the drive held before a commit."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from autotune.cli.output import answer
+from autotune.core.axis import read_axis
+from autotune.service.links import open_link
+from autotune.service.rollback import roll_back
+
+
+def rollback(
+    axis_file: Annotated[Path, typer.Argument(metavar="AXIS.toml", help="The axis.")],
+    to: Annotated[str | None, typer.Option(metavar="ID", help="Which backup; the newest by default.")] = None,
+    runs: Annotated[Path, typer.Option(help="Folder for what runs leave.")] = Path("runs"),
+) -> None:
+    """Restore the drive's parameters from a backup, and store them."""
+    axis = read_axis(axis_file)
+    backup = roll_back(axis, lambda: open_link(axis, axis_file.resolve().parent), runs, datetime.now(), to)
+    answer(
+        f"Axis {axis.name} holds again what it held on {backup.taken.replace('T', ' ')} (backup {backup.id})."
+    )

@@ -1,0 +1,143 @@
+"""`autotune run`: tune one axis, from the first look to the committed parameters."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from autotune.cli.output import answer, answer_json, say
+from autotune.core.axis import Axis, read_axis
+from autotune.core.errors import ConfigurationError
+from autotune.core.loop import Watch
+from autotune.service.links import open_link
+from autotune.service.outcome import RunResult
+from autotune.service.session import LabelledWatch
+from autotune.service.tuning import Request, tune
+from autotune.view.console import ConsoleProgress, Stage
+
+EXPECTED = {
+    "connect": 2.0,
+    "check": 1.0,
+    "experiment": 110.0,
+    "fit": 5.0,
+    "adapt": 60.0,
+    "prove": 60.0,
+    "commit": 12.0,
+}
+
+
+def run(
+    axis_file: Annotated[Path, typer.Argument(metavar="AXIS.toml", help="The axis to tune.")],
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Move the axis and keep what is proved, unasked.")
+    ] = False,
+    only: Annotated[
+        str | None,
+        typer.Option(
+            metavar="STAGE", help="One stage alone: check, experiment, fit, adapt, prove or commit."
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON object.")] = False,
+    view: Annotated[bool, typer.Option("--view", help="Show the traces in the Rerun viewer.")] = False,
+    runs: Annotated[Path, typer.Option(help="Folder for what runs leave.")] = Path("runs"),
+) -> None:
+    """Tune an axis: check, experiment, fit, adapt, prove, commit."""
+    axis = read_axis(axis_file)
+    confirm = confirmation(axis, yes)
+    with reporting(only) as console, _viewers(axis, view) as viewers:
+        request = Request(
+            axis=axis,
+            open_loop=lambda: open_link(axis, axis_file.resolve().parent),
+            runs=runs,
+            reporter=console,
+            clock=datetime.now,
+            only=only,
+            viewers=viewers,
+            approve=confirm,
+        )
+        result = tune(request)
+    _show(result, as_json)
+    raise typer.Exit(result.exit_code if only is None or result.outcome == "rolled_back" else 0)
+
+
+class ConsoleReporter:
+    """Stages, progress and sentences of a run on the console."""
+
+    def __init__(self, console: ConsoleProgress) -> None:
+        self._console = console
+
+    def stage(self, name: str, seconds: float) -> None:
+        self._console.finish()
+        self._console.start(name)
+
+    def progress(self, fraction: float) -> None:
+        self._console.advance(fraction)
+
+    def say(self, sentence: str) -> None:
+        self._console.message(sentence)
+
+
+@contextmanager
+def reporting(only: str | None = None, stages: Sequence[Stage] = ()) -> Iterator[ConsoleReporter]:
+    """Shows a run's stages while the block lasts; at their end the last one counts as done."""
+    shown = stages or [
+        Stage(name, seconds)
+        for name, seconds in EXPECTED.items()
+        if only in (None, name) or name == "connect"
+    ]
+    with ConsoleProgress(shown) as console:
+        yield ConsoleReporter(console)
+        console.finish()
+
+
+def confirmation(axis: Axis, yes: bool) -> Callable[[str], bool]:
+    """Asks a person before the axis moves; without one there must be --yes, unless nothing real moves."""
+    if yes or axis.link.startswith("sim:"):
+        return lambda sentence: True
+    if not sys.stdin.isatty():
+        raise ConfigurationError(
+            f"'autotune run' moves axis {axis.name}; nobody is there to be asked, so say --yes"
+        )
+    limits = axis.limits
+    say(
+        f"Axis {axis.name} at {axis.link} will move between {limits.position_min:g} and {limits.position_max:g} "
+        f"{axis.motion_unit}, at most {limits.speed:g} {axis.motion_unit}/s, for about {limits.machine_seconds:.0f} s."
+    )
+    if not typer.confirm("Is the axis free to move, and the emergency stop within reach?", err=True):
+        raise ConfigurationError("not confirmed; nothing has moved")
+    return lambda sentence: typer.confirm(sentence, err=True)
+
+
+@contextmanager
+def _viewers(axis: Axis, wanted: bool) -> Iterator[Sequence[LabelledWatch]]:
+    """The live view where it is asked for; a run does not depend on it."""
+    if not wanted:
+        yield ()
+        return
+    from autotune.view.live import LiveSettings, LiveView
+
+    settings = LiveSettings(axis.motion_unit, axis.cycle, axis.limits.speed, axis.limits.torque)
+    with LiveView(settings) as live:
+        say(f"live view: {live.page or live.url}")
+
+        def watch(labels: Sequence[str]) -> Watch:
+            live.labels(labels)
+            return live.watch
+
+        yield (watch,)
+
+
+def _show(result: RunResult, as_json: bool) -> None:
+    if as_json:
+        answer_json(result.as_json())
+        return
+    answer(result.verdict)
+    for note in result.notes:
+        answer(f"  {note}")
+    answer(f"Report: {result.run_directory / 'report.html'}")

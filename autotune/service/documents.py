@@ -1,0 +1,315 @@
+"""What a run leaves to look at: `report.html` and `run.rrd`, drawn from its findings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from autotune.core.axis import Axis, Limits
+from autotune.core.recording import Floats, Recording, concatenate
+from autotune.core.recording_files import read_recording
+from autotune.identify.run import Identification
+from autotune.models.drive_model import surface_parameter
+from autotune.service.findings import Findings
+from autotune.service.outcome import Outcome, RunResult
+from autotune.service.proof import fold
+from autotune.view import data
+from autotune.view.report import Change, Picture, Report, Table, write_report
+from autotune.view.rerun_file import FinalValue, Shown, write_rrd
+from autotune.view.scale import quantity
+
+LEAST_POINTS = 200
+NEXT_STEPS = {
+    Outcome.KEPT: (
+        "Run the machine's own programme once and look at the workpiece or the contour.",
+        "Sign this report and keep it with the machine; 'autotune rollback' undoes the change.",
+    ),
+    Outcome.ROLLED_BACK: (
+        "The drive is as it was. Look at the committed window in run.rrd: something changed after the proof.",
+    ),
+    Outcome.NOT_APPLIED: (
+        "The drive is as it was. Read the reason above; the notes say which experiment fell short and why.",
+    ),
+    Outcome.ABORTED: ("The axis is at rest. Clear the cause named above, then run again.",),
+}
+
+
+@dataclass(frozen=True)
+class Material:
+    """All that the documents are made of."""
+
+    axis: Axis
+    result: RunResult
+    findings: Findings
+    identification: Identification | None = None
+    limits: Limits | None = None
+    identity: Mapping[str, int | str] = field(default_factory=dict)
+    recordings: Sequence[Path] = ()
+
+
+def write_documents(material: Material) -> None:
+    """Writes report.html and run.rrd into the run's folder.
+
+    Raises:
+        OSError, AutotuneError: a file could not be written.
+    """
+    directory = material.result.run_directory
+    write_report(directory / "report.html", build_report(material))
+    recordings = [read_recording(path) for path in material.recordings]
+    if recordings:
+        write_rrd(directory / "run.rrd", _in_sequence(recordings), _shown(material))
+
+
+def build_report(material: Material) -> Report:
+    """The report of a run."""
+    result, unit = material.result, material.axis.motion_unit
+    return Report(
+        title=f"Axis {material.axis.name}",
+        outcome=result.outcome.value,
+        verdict=result.verdict,
+        subtitle=f"Tuning run of {result.started.replace('T', ' ')}, {result.machine_seconds:.0f} s of machine time",
+        changes=_changes(material),
+        pictures=_pictures(material),
+        tables=_tables(material),
+        identity={"axis file": material.axis.name, "link": material.axis.link, **_texts(material.identity)},
+        limits=_limits(material.limits or material.axis.limits, unit),
+        next_steps=NEXT_STEPS[result.outcome],
+        data=result.as_json(),
+    )
+
+
+def _texts(identity: Mapping[str, int | str]) -> dict[str, str]:
+    return {
+        name: f"0x{value:08X}" if isinstance(value, int) else str(value) for name, value in identity.items()
+    }
+
+
+def _changes(material: Material) -> list[Change]:
+    result, unit = material.result, material.axis.motion_unit
+    before, after, proof = result.before, result.after, material.findings.proved
+    if before is None:
+        return []
+    interval = (-proof.proof.interval[1], -proof.proof.interval[0]) if proof else None
+    confidence = material.axis.acceptance.confidence
+    return [
+        Change("Peak error (quadrant glitch)", before.peak_error, after.peak_error if after else None, unit,
+               interval, confidence, "peak of the period-averaged error on the benchmark sine"),
+        Change("Rms error", before.rms_error, after.rms_error if after else None, unit),
+        Change("Largest single error", before.raw_peak_error, after.raw_peak_error if after else None, unit),
+    ]  # fmt: skip
+
+
+def _limits(limits: Limits, unit: str) -> dict[str, str]:
+    torque = data.torque_unit(unit)
+    units = {
+        "position_min": unit,
+        "position_max": unit,
+        "speed": f"{unit}/s",
+        "torque": torque,
+        "following_error": unit,
+        "deceleration": f"{unit}/s²",
+        "temperature": "°C",
+        "machine_seconds": "s",
+    }
+    return {name: f"{getattr(limits, name):g} {text}" for name, text in units.items()}
+
+
+def _pictures(material: Material) -> list[Picture]:
+    from autotune.view import figures
+
+    pictures: list[Picture] = []
+    if (tracking := _before_after(material)) is not None:
+        pictures.append(
+            Picture(
+                "Before and after",
+                "Tracking error over one period of the benchmark, averaged; the peaks after each reversal are "
+                "the quadrant glitches.",
+                figures.before_after(tracking),
+            )
+        )
+    if traces := _traces(material):
+        pictures.append(
+            Picture(
+                "Adaptation",
+                "The thesis's laws (5.14)–(5.16) move the parameters until they settle; the mark at the end is "
+                "what refinement made of them.",
+                figures.convergence(traces),
+            )
+        )
+    return pictures + _identification_pictures(material)
+
+
+def _identification_pictures(material: Material) -> list[Picture]:
+    found = material.identification
+    if found is None:
+        return []
+    drawn = (
+        _steady_state(found, material.axis),
+        _presliding(found, material.axis),
+        _dahl(found, material.axis),
+    )
+    return [picture for picture in drawn if picture is not None]
+
+
+def _steady_state(found: Identification, axis: Axis) -> Picture | None:
+    from autotune.view import figures
+
+    steady = found.steady_state
+    if steady is None or not steady.curves:
+        return None
+    speed = np.abs(steady.points.velocity)
+    grid = np.geomspace(speed.min(), speed.max(), 150)
+    both = np.concatenate([-grid[::-1], grid])
+    shown = data.SteadyState(
+        steady.points.velocity,
+        steady.points.torque,
+        1.96 * steady.points.standard_error,
+        both,
+        steady.curves[0].predict(both),
+        axis.motion_unit,
+    )
+    caption = (
+        "Torque at constant speed: Coulomb level, viscous slope, and a dip at low speed where there is one."
+    )
+    return Picture("Steady-state characteristics", caption, figures.steady_state(shown))
+
+
+def _presliding(found: Identification, axis: Axis) -> Picture | None:
+    from autotune.view import figures
+
+    small = found.presliding
+    if small is None:
+        return None
+    estimates = {
+        method: [fit.system.stiffness for fit in fits if fit.system is not None]
+        for method, fits in small.comparison.items()
+    }
+    shown = data.Presliding(
+        small.time,
+        small.torque,
+        small.position,
+        small.predicted,
+        estimates,
+        _adopted(found),
+        axis.motion_unit,
+    )
+    caption = (
+        "Small displacements: the contact is a spring with a damper; crosses compare the methods set by set."
+    )
+    return Picture("Presliding", caption, figures.presliding(shown))
+
+
+def _dahl(found: Identification, axis: Axis) -> Picture | None:
+    from autotune.view import figures
+
+    if found.dahl is None:
+        return None
+    coulomb, offset = found.joint.value("coulomb"), found.joint.value("offset", 0.0)
+    curve = data.DahlCurve(
+        found.dahl.position, found.dahl.torque, found.dahl.predicted, coulomb, offset, axis.motion_unit
+    )
+    caption = "Torque over position through slow reversals; the slope after a reversal is the stiffness."
+    return Picture("Dahl's curve", caption, figures.dahl_curve(curve))
+
+
+def _adopted(found: Identification) -> tuple[float, float] | None:
+    estimate = found.estimates.get("presliding")
+    if estimate is None or not estimate.valid or "stiffness" not in estimate:
+        return None
+    return estimate["stiffness"].value, estimate["stiffness"].standard_error
+
+
+def _before_after(material: Material) -> data.BeforeAfter | None:
+    proved = material.findings.proved
+    if proved is None:
+        return None
+    period = proved.before[0].period
+    samples = round(1.0 / (material.axis.benchmark.frequency * period))
+    return data.BeforeAfter(
+        np.asarray(np.arange(samples) * period, dtype=np.float64),
+        fold(proved.before[0]["reference"], samples).mean(axis=0),
+        _averages(proved.before, samples),
+        _averages(proved.after, samples),
+        material.axis.position_resolution,
+        material.axis.motion_unit,
+    )
+
+
+def _averages(windows: Sequence[Recording], samples: int) -> Floats:
+    return np.array([fold(w["reference"] - w["position"], samples).mean(axis=0) for w in windows])
+
+
+def _traces(material: Material) -> list[data.Trace]:
+    adapted, start = material.findings.adapted, material.findings.start
+    if adapted is None or not len(adapted.laws.time):
+        return []
+    bounds = start.stiffness_range if start else (None, None)
+    return [
+        data.Trace(
+            name,
+            surface_parameter(name).unit_for(material.axis.motion_unit),
+            adapted.laws.time,
+            adapted.laws.history[:, column],
+            bounds[0] if name == "stiffness" else None,
+            bounds[1] if name == "stiffness" else None,
+            getattr(adapted.best.parameters, name),
+        )
+        for column, name in enumerate(("stiffness", "coulomb", "offset"))
+    ]
+
+
+def _tables(material: Material) -> list[Table]:
+    result, unit = material.result, material.axis.motion_unit
+    tables: list[Table] = []
+    if result.parameters:
+        rows = [
+            [name, quantity(v["value"], v["unit"]), " … ".join(f"{x:.4g}" for x in v["interval"])]
+            for name, v in result.parameters.items()
+        ]
+        tables.append(
+            Table(
+                "Identified parameters",
+                ("parameter", "value", "95 % interval"),
+                rows,
+                numeric=frozenset({1, 2}),
+            )
+        )
+    if result.feedforward:
+        rows = [
+            [name.removeprefix("feedforward."), quantity(value, _unit(name, unit))]
+            for name, value in result.feedforward.items()
+        ]
+        written = "written to the drive" if result.outcome is Outcome.KEPT else "proposed, not in the drive"
+        tables.append(
+            Table("Feedforward", ("parameter", "value"), rows, f"These are {written}.", frozenset({1}))
+        )
+    if result.notes:
+        tables.append(Table("Notes", ("what the experiments say",), [[note] for note in result.notes]))
+    return tables
+
+
+def _unit(name: str, motion_unit: str) -> str:
+    return surface_parameter(name.removeprefix("feedforward.")).unit_for(motion_unit)
+
+
+def _shown(material: Material) -> Shown:
+    finals = [
+        FinalValue(name, v["value"], v["standard_error"], v["unit"])
+        for name, v in material.result.parameters.items()
+    ]
+    return Shown(
+        traces=_traces(material),
+        parameters=finals,
+        verdict=f"# {material.axis.name}\n\n{material.result.verdict}",
+    )
+
+
+def _in_sequence(recordings: Sequence[Recording]) -> Recording:
+    """One recording whose time goes on from part to part."""
+    whole = concatenate(recordings)
+    time = np.arange(len(whole)) * whole.period
+    columns = {**whole.floats, "time": np.asarray(time, dtype=np.float64)}
+    return Recording.from_columns(columns, whole.metadata, whole.experiment, whole.repeat, whole.missed)

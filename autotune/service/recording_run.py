@@ -1,0 +1,40 @@
+"""Playing one programme for its recording: the same care as in a tuning run, and nothing written for good."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from autotune.core.recording import Recording
+from autotune.core.recording_files import write_recording
+from autotune.experiments.programmes import build
+from autotune.service.hold import Hold, connected, prepared
+from autotune.service.journal import Journal
+from autotune.service.recover import recover
+from autotune.service.run_directory import axis_lock, make_run_directory
+
+
+def record_programme(hold: Hold, programme: str, out: Path) -> Recording:
+    """Plays `programme` and writes the recording to `out`; what was measured is kept in the run's folder too.
+
+    Raises:
+        ConfigurationError: no such programme, or the limits are too small for it.
+        AutotuneError: whatever ended it; the axis is at rest and everything is put back.
+    """
+    axis = hold.axis
+    experiments = build(programme, axis)
+    with axis_lock(hold.runs, axis.name):
+        started = hold.clock()
+        directory = make_run_directory(hold.runs, axis.name, started)
+        journal = Journal.begin(directory, axis.name, axis.fingerprint, started)
+        try:
+            with connected(hold.open_loop, journal, hold.reporter) as loop:
+                for sentence in recover(loop, hold.runs, journal):
+                    hold.reporter.say(sentence)
+                with prepared(hold, loop, journal) as session:
+                    session.begin("record", sum(experiment.duration for experiment in experiments))
+                    recording, _ = session.play(programme, experiments)
+        finally:
+            if not journal.state.left_something:
+                journal.note(outcome="not_applied")
+    write_recording(recording, out)
+    return recording
