@@ -27,6 +27,7 @@ import math
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -51,7 +52,8 @@ class Effect:
 
 def _field(name: str) -> Planter:
     def plant(axis: PlantParameters, size: float, _: np.random.Generator) -> PlantParameters:
-        return replace(axis, **{name: size})
+        changes: dict[str, Any] = {name: size}
+        return replace(axis, **changes)
 
     return plant
 

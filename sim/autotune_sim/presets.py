@@ -27,7 +27,7 @@ class Gains:
     kp: float = 60.0
     kd: float = 0.15
     ki: float = 6000.0
-    derivative_filter: float = 0.5
+    derivative_filter: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ class Preset:
 _BREAKS = (0.8e-3, 2e-3, 6e-3, 15e-3, 40e-3, 80e-3)
 _SHARES = (0.14, 0.20, 0.25, 0.20, 0.13, 0.08)
 _LEVEL = 0.33
-_RIPPLE = (Wave(order=7.0, amplitude=0.01, phase=0.6),)
+_RIPPLE = (Wave(72.0, 0.01, 3.85), Wave(144.0, 0.01, 4.72))  # commutator bars and their harmonic
 
 
 def _edm_vertical() -> PlantParameters:
@@ -105,7 +105,7 @@ def preset(name: str, seed: int | None = 0, effects: Mapping[str, float] | None 
 
 
 def vary(plant: PlantParameters, random: np.random.Generator, spread: float = SPREAD) -> PlantParameters:
-    """Each of inertia, viscous friction, friction level, break-away displacement, offset and ripple by ±spread."""
+    """Inertia, viscous friction, friction level, break-away displacement, offset and ripple by ±spread each."""
     inertia, viscous, level, reach, offset, ripple = random.uniform(1 - spread, 1 + spread, 6)
     plant = scale_friction(plant, level)
     bristle = plant.bristle

@@ -99,6 +99,7 @@ class Servo:
         self.powered = False
         self.brake_stuck = False
         self.mode = ServoMode.POSITION
+        self._switch = _OFF  # a plain integer: an enumeration costs the kernel's dispatcher 7 µs
         self._steps = substeps(preset.plant, self.period)
         self._plant = pack(preset.plant)
         self._state = fresh_state()
@@ -115,6 +116,7 @@ class Servo:
         """
         self.powered = on
         self.mode = mode
+        self._switch = int(mode) if on else _OFF
         self.reset()
 
     def reset(self) -> None:
@@ -128,6 +130,11 @@ class Servo:
     def position(self) -> float:
         """Encoder reading [rad]."""
         return float(reading(self._plant[0], self._state[0]))
+
+    @property
+    def temperature(self) -> float:
+        """Of the motor [°C]."""
+        return float(AMBIENT + self._state["winding"][0] + self._state["warming"][0])
 
     @property
     def time(self) -> float:
@@ -154,7 +161,7 @@ class Servo:
                 self._state,
                 self.parameters.record,
                 self._memory,
-                self.mode if self.powered else _OFF,
+                self._switch,
                 self.brake_stuck,
                 target_position,
                 target_velocity,

@@ -1,0 +1,375 @@
+"""A simulated drive in this process: `sim://PRESET`, without a wire and as fast as the processor allows.
+
+It behaves as the drive behind the wire does: it clamps demands to its limits, watches following error,
+speed, position and temperature, and answers a violation with a controlled stop, power off and a fault
+that stays until it is reset.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from autotune.core.drive import Command, Mode, Sample
+from autotune.core.errors import (
+    ConfigurationError,
+    DriveError,
+    DriveFault,
+    LinkTimeout,
+    StateError,
+    TransferAborted,
+)
+from autotune_sim.aborts import AbortCode
+from autotune_sim.emergency import ErrorCode
+from autotune_sim.link_url import parse_sim_url
+from autotune_sim.presets import Preset
+from autotune_sim.ramp import Ramp
+from autotune_sim.rehearsal import Agenda
+from autotune_sim.servo import Servo, ServoMode, ServoState
+
+BEYOND = 0.03  # rad outside of a position limit, on the way out, that is a fault
+OVERSPEED = 1.2  # times the speed limit that is a fault
+MISSED = 3  # cycles lost in a rehearsal
+HEAT = 200.0  # K, of a rehearsal
+_OVER_CURRENT = 0x2310
+_MODES = {
+    Mode.POSITION: ServoMode.POSITION,
+    Mode.VELOCITY: ServoMode.VELOCITY,
+    Mode.TORQUE: ServoMode.TORQUE,
+}
+_WORDS = {
+    _OVER_CURRENT: "continuous over-current at the output: the motor is overloaded or blocked",
+    ErrorCode.MOTOR_TEMPERATURE: "motor temperature too high: let it cool",
+    ErrorCode.SPEED: "speed too high",
+    ErrorCode.FOLLOWING_ERROR: "following error too large: the axis did not follow its reference",
+    ErrorCode.POSITION_LIMIT: "position limit reached",
+    ErrorCode.ENABLE_INPUT: "the enable input is missing: switch it on, or check safe torque off",
+    ErrorCode.BRAKE: "the brake is not released: check its supply and wiring",
+}
+
+
+def open_sim(url: str, cycle: float | None = None) -> SimDrive:
+    """Opens `sim://PRESET?seed=3&effect=stribeck:0.05&effect=spring&cycle=0.001&friction=0`.
+
+    Every key may be left out, `effect` and `fault` (`fault=silent@2.5`, see `rehearsal`) may be given
+    several times; an effect without a size has its default size (`effects`).
+
+    Args:
+        cycle: s, where the URL says none.
+
+    Raises:
+        ConfigurationError: an unknown preset, effect, fault or key, or a value out of range.
+    """
+    request = parse_sim_url(url, cycle)
+    drive = SimDrive(request.preset, request.preset.seed)
+    for name, time in request.faults:
+        drive.inject(name, time)
+    return drive
+
+
+class SimDrive:
+    """`autotune.core.drive.Drive` over a `Servo`.
+
+    Args:
+        preset: what is simulated.
+        seed: of the noise.
+
+    Raises:
+        ConfigurationError: a cycle that the drive does not have.
+    """
+
+    def __init__(self, preset: Preset, seed: int = 0) -> None:
+        try:
+            self._servo = Servo(preset, seed)
+        except ValueError as error:
+            raise ConfigurationError(str(error)) from None
+        self._parameters = self._servo.parameters
+        self._stored = self._parameters.snapshot()
+        self._agenda = Agenda()
+        self._conditions: set[str] = set()
+        self._fault = 0
+        self._mode = ServoMode.POSITION
+        self._demand = self._demand_before = 0.0
+        self._missed = 0
+        self._sample: ServoState = self._servo.idle()
+        self._read_limits()
+
+    @property
+    def servo(self) -> Servo:
+        """The servo loop inside; for tests that must see the truth."""
+        return self._servo
+
+    @property
+    def period(self) -> float:
+        return self._servo.period
+
+    @property
+    def identity(self) -> Mapping[str, int | str]:
+        return {
+            "vendor": 0x7FFFA701,
+            "product": 0x402,
+            "revision": 0x10000,
+            "serial": 1000 + self._servo.preset.seed,
+            "firmware": "autotune simulated drive, in process",
+        }
+
+    # Power
+
+    def enable(self, mode: Mode) -> None:
+        self._answer()
+        if self._servo.powered:
+            self.disable()
+            raise StateError("enable was asked for while power was on; power is off now: disable first")
+        self._refuse_enabling()
+        self._mode = _MODES[mode]
+        self._servo.power(True, self._mode)
+        self._demand = self._demand_before = self._servo.position
+        self._missed = 0
+
+    def disable(self) -> None:
+        if self._servo.powered:
+            self._stop()
+
+    def close(self) -> None:
+        self.disable()
+
+    def reset_faults(self) -> None:
+        """What a person does at the drive once the cause is gone.
+
+        Raises:
+            DriveFault: the cause is still there.
+        """
+        self._answer()
+        self._fault = 0
+        self._sample = self._servo.idle()
+        if self._cause():
+            self._fault = self._cause()
+            raise self._error(self._fault, "and its cause is still there")
+
+    def _refuse_enabling(self) -> None:
+        if "enable-missing" in self._conditions:
+            raise StateError(
+                "the simulated drive stays in 'switch on disabled': " + _WORDS[ErrorCode.ENABLE_INPUT]
+            )
+        code = self._fault or self._cause()
+        if code:
+            self._fault = code
+            raise self._error(code, "when power was asked for")
+
+    def _stop(self) -> None:
+        """Brakes on the drive's own ramp, then takes power off."""
+        servo = self._servo
+        try:
+            if "enable-missing" not in self._conditions:
+                ramp = self._ramp()
+                while not ramp.done:
+                    self._sample = servo.cycle(ramp.step(servo.period))
+        finally:
+            servo.power(False)
+            self._sample = servo.idle()
+
+    def _ramp(self) -> Ramp:
+        servo, sample = self._servo, self._sample
+        position, velocity = self._demand, (self._demand - self._demand_before) / servo.period
+        following = abs(sample.following_error) < 0.5 * self._window
+        if self._mode is not ServoMode.POSITION or not following:
+            servo.power(True, ServoMode.POSITION)
+            position, velocity = servo.position, sample.velocity
+        return Ramp(position, velocity, self._parameters["limit.deceleration"])
+
+    # The cycle
+
+    def step(self, command: Command) -> Sample:
+        servo = self._servo
+        if not servo.powered:
+            self._answer()
+            raise StateError("a cycle was asked for while power is off; enable the drive first")
+        if self._agenda.due <= self._sample.time + servo.period:
+            self._rehearse()
+        position, velocity, torque, feedforward = command
+        if position != position:
+            position = self._demand
+        position = min(max(position, self._lowest), self._highest)
+        velocity = min(max(velocity, -self._speed), self._speed)
+        if not math.isfinite(velocity + torque + feedforward):
+            raise DriveError(f"{command} cannot be sent to the simulated drive: every value must be finite")
+        self._sample = state = servo.cycle(position, velocity, torque, feedforward)
+        self._demand_before, self._demand = self._demand, position
+        if (
+            abs(state.following_error) > self._window
+            or abs(state.velocity) > self._fastest
+            or not self._inner_lowest < state.position < self._inner_highest
+            or state.temperature > self._hottest
+        ):
+            self._watch(state)
+        missed, self._missed = self._missed, 0
+        return Sample(
+            state.time,
+            state.position_demand,
+            state.position,
+            state.velocity,
+            state.torque_demand,
+            state.torque_actual,
+            state.torque_offset,
+            state.torque_demand - state.torque_offset,
+            state.temperature + self._heating,
+            missed,
+        )
+
+    def _watch(self, state: ServoState) -> None:
+        """Names what a limit check has found; leaves for good where it is a fault."""
+        outside = state.position > self._highest + BEYOND if state.velocity > 0 else False
+        outside |= state.position < self._lowest - BEYOND if state.velocity < 0 else False
+        if abs(state.following_error) > self._window:
+            self._fail(ErrorCode.FOLLOWING_ERROR)
+        elif abs(state.velocity) > self._fastest:
+            self._fail(ErrorCode.SPEED)
+        elif outside and abs(state.velocity) > 0.1:
+            self._fail(ErrorCode.POSITION_LIMIT)
+        elif state.temperature > self._hottest:
+            self._fail(ErrorCode.MOTOR_TEMPERATURE)
+
+    def _fail(self, code: int) -> None:
+        """Stops the axis and raises the fault."""
+        self._fault = code
+        error = self._error(code, "while it was running")
+        self._stop()
+        raise error
+
+    def _error(self, code: int, when: str) -> DriveFault:
+        state = self._sample
+        return DriveFault(
+            f"the simulated drive reports a fault {when}: {_WORDS.get(code, 'fault')} ({code:04X}h) at "
+            f"{state.time:.3f} s, position {state.position:.4g} rad, following error "
+            f"{state.following_error:.3g} rad. Remove its cause, reset the fault at the drive (or switch it "
+            "off and on), and start again",
+            code,
+        )
+
+    def _cause(self) -> int:
+        """Code of a fault that is there now; 0 for none."""
+        if self._servo.temperature > self._hottest:
+            return ErrorCode.MOTOR_TEMPERATURE
+        return ErrorCode.BRAKE if "brake-missing" in self._conditions else 0
+
+    # Parameters
+
+    def read_parameters(self, names: Sequence[str] | None = None) -> dict[str, float]:
+        self._answer()
+        values = self._parameters.snapshot()
+        if names is None:
+            return values
+        try:
+            return {name: self._parameters[name] for name in names}
+        except KeyError as error:
+            raise ConfigurationError(str(error.args[0])) from None
+
+    def write_parameters(self, values: Mapping[str, float]) -> None:
+        """All of `values` or, where one cannot be, none.
+
+        Raises:
+            ConfigurationError: an unknown name or a value out of range. TransferAborted, LinkTimeout.
+        """
+        self._answer()
+        if "write-refused" in self._conditions:
+            raise _aborted("parameters cannot be written")
+        try:
+            self._parameters.restore(values)
+        except KeyError as error:
+            raise ConfigurationError(str(error.args[0])) from None
+        except ValueError as error:
+            raise ConfigurationError(str(error)) from None
+        self._read_limits()
+
+    def store(self) -> None:
+        self._answer()
+        if self._servo.powered:
+            raise StateError("parameters are stored with power off only; disable the drive first")
+        if "store-refused" in self._conditions:
+            raise _aborted("parameters cannot be stored")
+        if "nvm" not in self._conditions:
+            self._stored = self._parameters.snapshot()
+
+    def faults(self) -> list[str]:
+        self._answer()
+        code = self._fault or self._cause()
+        return [f"{_WORDS.get(code, 'fault')} ({code:04X}h)"] if code else []
+
+    def power_cycle(self) -> None:
+        """Switches the drive off and on: faults are forgotten, stored parameters are back."""
+        self._servo.power(False)
+        self._sample = self._servo.idle()
+        self._fault = 0
+        self._parameters.restore(self._stored)
+        self._read_limits()
+
+    def _read_limits(self) -> None:
+        """Keeps what every cycle compares with."""
+        p = self._parameters
+        self._lowest, self._highest = p["limit.position_min"], p["limit.position_max"]
+        self._inner_lowest, self._inner_highest = self._lowest - BEYOND, self._highest + BEYOND
+        self._window = p["limit.following_error"]
+        self._speed = p["limit.speed"]
+        self._fastest = OVERSPEED * self._speed
+        self._heating = HEAT if "hot" in self._conditions else 0.0
+        self._hottest = p["limit.temperature"] - self._heating
+
+    # Rehearsals
+
+    def inject(self, name: str, at_time: float | None = None) -> None:
+        """Lets something fail (`rehearsal`), now or at a time of the drive's clock [s].
+
+        Raises:
+            ConfigurationError: an unknown name or an impossible time.
+        """
+        self._agenda.add(name, self._sample.time if at_time is None else at_time)
+        if at_time is None and not self._servo.powered:
+            self._rehearse()
+
+    def _rehearse(self) -> None:
+        for name in self._agenda.take(self._sample.time + self.period):
+            self._conditions = set() if name == "clear" else self._conditions | {name}
+            self._servo.brake_stuck = "blocked" in self._conditions
+            self._read_limits()
+        if self._conditions & {"silent", "power-loss"}:
+            self._answer()
+        codes = {
+            "drive-fault": _OVER_CURRENT,
+            "following-error": ErrorCode.FOLLOWING_ERROR,
+            "enable-missing": ErrorCode.ENABLE_INPUT,
+            "brake-missing": ErrorCode.BRAKE,
+        }
+        for name in self._conditions & set(codes):
+            self._conditions -= {"drive-fault", "following-error"}
+            if self._servo.powered:
+                self._fail(codes[name])
+            self._fault = codes[name] if name in ("drive-fault", "following-error") else self._fault
+        if "missed-cycles" in self._conditions:
+            self._conditions -= {"missed-cycles"}
+            self._lose_cycles()
+
+    def _lose_cycles(self) -> None:
+        for _ in range(MISSED if self._servo.powered else 0):
+            self._sample = self._servo.cycle(self._demand)
+            self._missed += 1
+
+    def _answer(self) -> None:
+        """Raises LinkTimeout where the drive is not there; it has brought its axis to rest by itself."""
+        if not self._conditions & {"silent", "power-loss"}:
+            return
+        if "power-loss" in self._conditions:
+            self._conditions -= {"power-loss"}
+            self.power_cycle()
+        self.disable()
+        raise LinkTimeout(
+            "the simulated drive does not answer (a rehearsed failure); check that it has power and that "
+            "the cable is plugged"
+        )
+
+
+def _aborted(what: str) -> TransferAborted:
+    return TransferAborted(
+        f"the simulated drive refuses: {what} (abort code {AbortCode.STATE:08X}h, because of the present "
+        "device state; a rehearsed failure)",
+        AbortCode.STATE,
+    )
