@@ -7,6 +7,7 @@ stops the axis. What a session changes is put back by `close`.
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
@@ -26,7 +27,7 @@ from autotune_drivers.cia402 import (
 from autotune_drivers.codes import error_text
 from autotune_drivers.exchange import Exchange
 from autotune_drivers.node import OPERATIONAL, PRE_OPERATIONAL, STOPPED, Node
-from autotune_drivers.objects import ObjectRef
+from autotune_drivers.objects import ObjectRef, Raw
 from autotune_drivers.parameters import DriveParameters
 from autotune_drivers.power import ERROR_CODE, STATUS, Power
 from autotune_drivers.profile import Profile, Signal
@@ -67,6 +68,7 @@ class CanopenDrive:
         self._power = Power(node, sdo, self._exchange, profile, axis.cycle, stop)
         self._guard = ObjectRef(0x1016, 1, "u32", "consumer heartbeat time")
         self._mode = Mode.POSITION
+        self._held: Raw = 0
         self._mapped: Mode | None = None
         self._live = self._lost = self._closed = False
         self._scale()
@@ -115,7 +117,7 @@ class CanopenDrive:
         self._live = True
         try:
             self._prepare(mode)
-            self._power.on(mode)
+            self._held = self._power.on(mode)
         except BaseException:
             self.disable()
             raise
@@ -196,7 +198,9 @@ class CanopenDrive:
 
     def _raw_target(self, command: Command) -> int:
         if self._mode is Mode.POSITION:
-            return round(command.position / self._command_position)
+            if not math.isnan(command.position):
+                self._held = round(command.position / self._command_position)
+            return int(self._held)
         if self._mode is Mode.VELOCITY:
             return round(command.velocity / self._command_velocity)
         return round(command.torque / self._command_torque)

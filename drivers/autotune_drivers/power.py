@@ -57,8 +57,8 @@ class Power:
 
     # On
 
-    def on(self, mode: Mode) -> None:
-        """To operation enabled, holding the present position.
+    def on(self, mode: Mode) -> Raw:
+        """To operation enabled, holding the present position, which is returned as the drive counts it.
 
         Raises:
             DriveFault: in fault. StateError: the state is not reached. LinkError.
@@ -71,7 +71,7 @@ class Power:
             self._exchange.cycle(_outputs(control, hold, mode))
             state = self._state
             if state is State.ENABLED:
-                return
+                return hold
             hold = self._exchange.values[1]
             if state is State.FAULT:
                 acknowledged = self._may_acknowledge(acknowledged)
