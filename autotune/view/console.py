@@ -17,7 +17,6 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Task, TextColumn
 from rich.text import Text
 
-
 LINE_SECONDS = 1.0
 
 

@@ -144,7 +144,7 @@ def ranking(ranks: Sequence[Rank]) -> go.Figure:
 def _density(x: Floats, y: Floats) -> go.Heatmap:
     good = np.isfinite(x) & np.isfinite(y)
     x, y = x[good], y[good]
-    limits = np.percentile(y, [0.1, 99.9]) if y.size else np.array([-1.0, 1.0])
+    limits = np.percentile(y, [0.1, 99.9]) if y.size > 1000 else y
     count, x_edges, y_edges = np.histogram2d(x, y, bins=(90, 50), range=(_span(x), _span(limits)))
     return go.Heatmap(
         x=small((x_edges[1:] + x_edges[:-1]) / 2),

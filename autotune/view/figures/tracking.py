@@ -20,6 +20,8 @@ def before_after(data: BeforeAfter) -> go.Figure:
     Reversals of the reference are marked: that is where the quadrant glitch sits. The grey stripe is
     one count of the position sensor to either side.
     """
+    if len(data.time) == 0:
+        return empty("The benchmark was not measured.")
     figure = make_subplots(rows=2, cols=1, shared_xaxes=True, row_heights=[0.27, 0.73], vertical_spacing=0.05)
     reference_factor, reference_unit = multiple(peak(data.reference), data.motion_unit)
     factor, unit = multiple(peak(data.before, data.after), data.motion_unit)
