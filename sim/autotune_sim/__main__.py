@@ -26,7 +26,9 @@ def _parser() -> argparse.ArgumentParser:
         "--fault", action="append", default=[], metavar="NAME[=VALUE][@WHEN]", help="to put in; repeatable"
     )
     parser.add_argument("--state", metavar="FILE", help="non-volatile memory (default: none is kept)")
-    parser.add_argument("--commands", action="store_true", help="reads faults from standard input")
+    parser.add_argument(
+        "--commands", action="store_true", help="reads faults from standard input, ends with it"
+    )
     return parser
 
 

@@ -130,7 +130,7 @@ class Device:
         self.node.check_heartbeats(now)
 
     def _send(self, cob_id: int, data: bytes) -> None:
-        if not self.silent:
+        if not self.silent and self._boot_at is None:
             self._output(cob_id, data)
 
     def _refuse(self, entry: Entry, writing: bool) -> int:

@@ -352,7 +352,8 @@ class Firmware:
 
     def _watch(self, sample: ServoState) -> None:
         if self.state in POWERED:
-            self._watch_motion(sample)
+            if self.state is not State.FAULT_REACTION_ACTIVE:
+                self._watch_motion(sample)
             if self._ramp is not None and self._ramp.done:
                 self._end_ramp()
         cause = self._cause()

@@ -95,7 +95,7 @@ class PtyPort:
         termios.tcflush(self._slave, termios.TCIFLUSH)
 
     def _reserve(self) -> None:
-        digest = hashlib.sha256(str(self.path.resolve().parent / self.path.name).encode()).hexdigest()
+        digest = hashlib.sha256(str(self.path.parent.resolve() / self.path.name).encode()).hexdigest()
         lock = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         try:
             lock.bind(f"\0autotune-sim-{digest[:32]}")
