@@ -130,9 +130,9 @@ class CanopenDrive:
         if self._exchange.slow_signal is not None:
             self._exchange.slow = self._sdo.read(self._exchange.slow_signal)
         self._node.command(OPERATIONAL)
-        self._node.wire.start_heartbeat()
         milliseconds = round(self._profile.guard.consume * 1e3)
         self._session.write(self._guard, self._node.wire.own_node << 16 | milliseconds)
+        self._node.wire.start_heartbeat()  # watching begins with the first one after this
 
     def _map(self, mode: Mode) -> None:
         self._mapped = None
@@ -293,8 +293,7 @@ class CanopenDrive:
         if self._lost and not self._answers():
             return []
         self._lost = False
-        if self._mapped is not None and self._power.last_fault:
-            self._power.acknowledge(self._mode)
+        self._power.acknowledge()
         self._node.wire.stop_heartbeat()
         self._node.command(PRE_OPERATIONAL)
         troubles = self._session.restore()

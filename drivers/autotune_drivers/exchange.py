@@ -20,7 +20,7 @@ from autotune_drivers.objects import ObjectRef, Raw
 from autotune_drivers.pdo import RPDO, TPDO, PdoSetting, identifier, layout, pack, setting
 from autotune_drivers.profile import Profile
 
-LOCK_STEP_TIMEOUT = 2.0
+LOCK_STEP_TIMEOUT = 1.0
 _WORD = 0xFFFF
 _SYNCHRONOUS = 1
 
@@ -30,6 +30,7 @@ class Exchange:
 
     Attributes:
         count: cycles since the start, missed ones included.
+        healthy: the last cycle was answered.
         values: what the drive told last: status, position, torque demand, torque, velocity, and then
             torque feedback where the profile has it.
         slow: what the slow PDO told last (temperature), raw; None while it told nothing.
@@ -37,6 +38,7 @@ class Exchange:
 
     def __init__(self, node: Node, profile: Profile, period: float, lock_step: bool) -> None:
         self.count = 0
+        self.healthy = False
         self.values: tuple[Raw, ...] = ()
         self.slow: Raw | None = None
         self._node = node
@@ -126,6 +128,7 @@ class Exchange:
             struct.error: a value does not fit its object.
         """
         frames = self._frames(outputs)
+        self.healthy = False
         missed = 0
         for _ in range(self._tries):
             missed += self._wait_turn()
@@ -133,6 +136,7 @@ class Exchange:
             self._wire.send(*frames, self._node.sync_frame())
             if self._answered():
                 self.count += missed + 1
+                self.healthy = True
                 return missed
             missed += 1
             self._expected = None
@@ -160,6 +164,8 @@ class Exchange:
                 return True
             if time.monotonic() >= end:
                 return False
+            if self._node.boots != self._boots:
+                raise self._silence()
 
     def _take(self) -> bool:
         """Unpacks a complete answer; False where it belongs to an earlier SYNC."""

@@ -31,6 +31,7 @@ from autotune_drivers.profile import Profile
 from autotune_drivers.sdo import Sdo
 
 ERROR_CODE = ObjectRef(0x603F, 0, "u16", "error code")
+CONTROL = ObjectRef(0x6040, 0, "u16", "control word")
 STATUS = ObjectRef(0x6041, 0, "u16", "status word")
 _REST_CYCLES = 20
 
@@ -145,6 +146,8 @@ class Power:
         Raises:
             LinkError: the drive or the adapter does not answer. StateError: power stays on.
         """
+        if not self._exchange.healthy and state_of(int(self._sdo.read(STATUS, 1))) not in POWERED:
+            return
         hold = self._exchange.values[1] if self._exchange.values else self._sdo.read(self._position)
         self._exchange.restart()
         still = 0
@@ -162,15 +165,12 @@ class Power:
                 "voltage were commanded; switch its power supply off"
             )
 
-    def acknowledge(self, mode: Mode) -> None:
+    def acknowledge(self) -> None:
         """Acknowledges a fault that this session's motion or silence has caused; others stay."""
-        if not (is_motion(self.last_fault) or is_communication(self.last_fault)):
-            return
-        hold = self._sdo.read(self._position)
-        self._exchange.restart()
-        for control in (DISABLE_VOLTAGE, FAULT_RESET):
-            self._play(control, hold, mode, lambda state: state is not State.FAULT, 20)
-        self._exchange.cycle(_outputs(DISABLE_VOLTAGE, hold, mode))
+        ours = is_motion(self.last_fault) or is_communication(self.last_fault)
+        if ours and state_of(int(self._sdo.read(STATUS))) is State.FAULT:
+            for control in (DISABLE_VOLTAGE, FAULT_RESET, DISABLE_VOLTAGE):
+                self._sdo.write(CONTROL, control)
         self._node.take_emergencies()
         self.last_fault = 0
 
@@ -185,10 +185,8 @@ class Power:
         except LinkError:
             return
 
-    def _play(
-        self, control: int, hold: Raw, mode: Mode, until: Callable[[State], bool], cycles: int | None = None
-    ) -> None:
-        for _ in range(cycles or self._patience):
+    def _play(self, control: int, hold: Raw, mode: Mode, until: Callable[[State], bool]) -> None:
+        for _ in range(self._patience):
             self._exchange.cycle(_outputs(control, hold, mode))
             if until(self._state):
                 return

@@ -8,7 +8,7 @@ as a whole; an abort (the drive's "no") is not.
 
 from __future__ import annotations
 
-import logging
+import struct
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -39,8 +39,6 @@ _ADVICE = {
 
 Value = TypeVar("Value")
 
-logging.getLogger("canopen").addHandler(logging.NullHandler())
-
 
 class _Channel(SdoClient):  # type: ignore[misc]
     """canopen's SDO client with its request and response put on our wire."""
@@ -69,6 +67,9 @@ class _Channel(SdoClient):  # type: ignore[misc]
         if response[0] == 0x80:
             raise SdoAbortedError(int.from_bytes(response[4:8], "little"))
         return response
+
+    def abort(self, abort_code: int = 0x08000000) -> None:
+        self.send_request(struct.pack("<BxxxL", 0x80, abort_code))
 
     def request_response(self, sdo_request: bytes) -> bytes:
         self.send_request(sdo_request)

@@ -108,15 +108,20 @@ class Session:
             (pdo.name, partial(write_setting, self._sdo, pdo, pdo)) for pdo in reversed(pdos)
         ]
         tasks += [(str(ref), partial(self._sdo.write, ref, raw)) for ref, raw in reversed(objects)]
-        left = _attempt(tasks)
-        left = _attempt([(name, task) for name, task, _ in left]) if left else []
-        if not left:
+        failed, dead = _attempt(tasks)
+        if failed and not dead:
+            failed, dead = _attempt([(name, task) for name, task, _ in failed])
+        if not failed:
             self._changed.clear()
         self._present.clear()
-        return [f"{name} could not be set back: {error}" for name, _, error in left]
+        if dead:
+            names = ", ".join(name for name, _, _ in failed)
+            return [f"{names} could not be set back: {failed[0][2]}"]
+        return [f"{name} could not be set back: {error}" for name, _, error in failed]
 
 
-def _attempt(tasks: list[Task]) -> list[tuple[str, Callable[[], None], LinkError]]:
+def _attempt(tasks: list[Task]) -> tuple[list[tuple[str, Callable[[], None], LinkError]], bool]:
+    """What failed, and whether the node answered no more."""
     failed: list[tuple[str, Callable[[], None], LinkError]] = []
     for position, (name, task) in enumerate(tasks):
         try:
@@ -124,8 +129,8 @@ def _attempt(tasks: list[Task]) -> list[tuple[str, Callable[[], None], LinkError
         except TransferAborted as error:
             failed.append((name, task, error))
         except LinkError as error:
-            return [(name, task, error) for name, task in tasks[position:]]
-    return failed
+            return failed + [(name, task, error) for name, task in tasks[position:]], True
+    return failed, False
 
 
 def _same(one: PdoSetting, other: PdoSetting) -> bool:

@@ -8,6 +8,7 @@ hex digits of identifier, one of length, data in hex, carriage return; BEL (07h)
 
 from __future__ import annotations
 
+import fcntl
 import os
 import select
 import stat
@@ -39,7 +40,6 @@ class SlcanBus(slcanBus):  # type: ignore[misc]
         self.errors = 0
         self.garbled = 0
         super().__init__(channel, bitrate=bitrate, sleep_after_open=0)
-        self.serialPortOrig.exclusive = True
         self._descriptor: int = self.serialPortOrig.fileno()
         self._poll = select.poll()
         self._poll.register(self._descriptor, select.POLLIN)
@@ -123,8 +123,9 @@ class SlcanBus(slcanBus):  # type: ignore[misc]
 class SlcanLink:
     """A `FrameLink` over `SlcanBus`, with errors in words."""
 
-    def __init__(self, bus: SlcanBus, name: str) -> None:
+    def __init__(self, bus: SlcanBus, name: str, lock: int) -> None:
         self._bus = bus
+        self._lock = lock
         self.name = name
         self._closed = False
 
@@ -159,6 +160,8 @@ class SlcanLink:
             self._bus.shutdown()
         except (OSError, can.CanError):
             self._bus.serialPortOrig.close()
+        finally:
+            os.close(self._lock)
 
 
 def encode(identifier: int, data: bytes) -> bytes:
@@ -173,14 +176,31 @@ def open_slcan(path: Path, bitrate: int) -> SlcanLink:
         LinkError: no such device, not a serial port, not permitted, in use, or it does not take commands.
     """
     _check_device(path)
+    lock = _lock(path)
     try:
-        bus = SlcanBus(str(path), bitrate)
+        return SlcanLink(SlcanBus(str(path), bitrate), str(path), lock)
     except (OSError, serial.SerialException, can.CanError, ValueError) as error:
+        os.close(lock)
         raise LinkError(
-            f"the CAN adapter {path} cannot be opened: {error}. Check that no other program uses it "
-            "(another autotune, a terminal, a modem manager) and that it is an slcan adapter"
+            f"the CAN adapter {path} cannot be opened: {error}. Check that it is an slcan adapter, and plug it "
+            "in again"
         ) from error
-    return SlcanLink(bus, str(path))
+
+
+def _lock(path: Path) -> int:
+    """Takes the adapter for us alone, before a single byte could disturb who has it now."""
+    descriptor = -1
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        if descriptor >= 0:
+            os.close(descriptor)
+        raise LinkError(
+            f"the CAN adapter {path} is in use or broken: {error.strerror}. Stop the other program that uses it "
+            "(another autotune, a terminal, a modem manager) and start again"
+        ) from error
+    return descriptor
 
 
 def _check_device(path: Path) -> None:
