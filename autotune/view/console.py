@@ -120,7 +120,8 @@ class ConsoleProgress:
 
     def remaining_total_s(self) -> float:
         """Time that the run still needs [s]."""
-        done = sum(stage.expected_s for stage in self._stages[: max(self._index, 0)])
+        closed = self._index if self._open else self._index + 1
+        done = sum(stage.expected_s for stage in self._stages[: max(closed, 0)])
         pace = min(3.0, max(0.3, self._spent / done)) if done > 0 and self._spent > 0 else 1.0
         later = sum(stage.expected_s for stage in self._stages[self._index + 1 :])
         return self.remaining_s() + pace * later

@@ -36,6 +36,7 @@ Floats = NDArray[np.float64]
 ROWS_KEPT = 100_000
 ROWS_A_MESSAGE = 2_000
 MOST_STARTS = 5
+START_SECONDS = 30.0
 _LABEL = ROW_FIELDS.index("label")
 
 
@@ -76,8 +77,10 @@ class LiveView:
         self._queue = RowQueue(ROWS_KEPT)
         self._notes: deque[dict[str, Any]] = deque(maxlen=NOTES_KEPT)
         self._closing = threading.Event()
+        self._changing = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
         self._thread: threading.Thread | None = None
+        self._listener: threading.Thread | None = None
         self._status: dict[str, Any] = {}
         self._ready = threading.Event()
         self._starts = 0
@@ -118,7 +121,7 @@ class LiveView:
         """The streamer's last word: rows sent and lost, restarts of the server, its process id."""
         return dict(self._status)
 
-    def start(self, timeout_s: float = 30.0) -> None:
+    def start(self, timeout_s: float = START_SECONDS) -> None:
         """Starts streamer and server, and opens the viewer where there is a screen.
 
         Raises:
@@ -175,7 +178,8 @@ class LiveView:
 
         A viewer that is open keeps what it has received.
         """
-        self._closing.set()
+        with self._changing:
+            self._closing.set()
         if self._thread is not None:
             self._thread.join(patience_s)
             self._thread = None
@@ -183,6 +187,7 @@ class LiveView:
 
     def _launch(self) -> None:
         self._starts += 1
+        self._ready.clear()
         root = str(Path(autotune.__file__).resolve().parents[1])
         environment = dict(viewer_server.quiet_environment())
         environment["PYTHONPATH"] = os.pathsep.join(filter(None, (root, environment.get("PYTHONPATH"))))
@@ -198,7 +203,10 @@ class LiveView:
         if process.stdin is not None:
             os.set_blocking(process.stdin.fileno(), False)
         self._process = process
-        threading.Thread(target=self._listen, args=(process,), name="live-status", daemon=True).start()
+        self._listener = threading.Thread(
+            target=self._listen, args=(process,), name="live-status", daemon=True
+        )
+        self._listener.start()
 
     def _listen(self, process: subprocess.Popen[bytes]) -> None:
         if process.stdout is None:
@@ -240,8 +248,12 @@ class LiveView:
         self._end_process(0.0)
         self._lost_before += self._passed - int(self._status.get("sent", 0))
         self._passed, self._status = 0, {**self._status, "sent": 0, "lost": 0}
-        self._launch()
+        with self._changing:
+            if self._closing.is_set():
+                return False
+            self._launch()
         self._notes.extendleft(list(self._memory.values()))
+        self._ready.wait(START_SECONDS)
         return True
 
     def _end_process(self, patience_s: float) -> None:
@@ -257,6 +269,9 @@ class LiveView:
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(process.pid, signal.SIGKILL)  # with the server, should one be left
         process.wait()
+        if self._listener is not None:
+            self._listener.join(1.0)
+        self._ready.set()
 
 
 def _has_ended(pid: int) -> bool:

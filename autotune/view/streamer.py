@@ -231,6 +231,7 @@ def main() -> int:
     settings = Settings(**json.loads(sys.argv[1]))
     inbox = Inbox(sys.stdin.buffer, ROWS_KEPT)
     streamer = Streamer(settings, inbox)
+    inbox.start()
     try:
         streamer.server.start()
         streamer.connect()
@@ -238,7 +239,6 @@ def main() -> int:
         _say({"error": str(error)})
         streamer.server.kill()
         return 5
-    inbox.start()
     threading.Thread(target=_end_anyway, args=(inbox, streamer), daemon=True).start()
     _say(streamer.status())
     _serve(streamer, inbox)

@@ -6,6 +6,7 @@ process that can be replaced, and neither the run nor its files.
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import os
 import shutil
@@ -156,11 +157,10 @@ class ViewerServer:
         return ["--server-memory-limit", f"{self._memory_mb}MB"]
 
     def _listens(self) -> bool:
-        try:
-            socket.create_connection((HOST, self.port), timeout=0.5).close()
-        except OSError:
-            return False
-        return True
+        """Whether our process, and no other program on that port, listens."""
+        if Path("/proc/net/tcp").exists():
+            return _is_listener(self.pid, self.port)
+        return not is_free(self.port)
 
 
 def open_window(url: str) -> subprocess.Popen[bytes] | None:
@@ -175,6 +175,16 @@ def open_window(url: str) -> subprocess.Popen[bytes] | None:
         env=dict(quiet_environment()),
         start_new_session=True,
     )
+
+
+def _is_listener(pid: int, port: int) -> bool:
+    sockets = set()
+    for descriptor in Path(f"/proc/{pid}/fd").glob("*"):
+        with contextlib.suppress(OSError):
+            sockets.add(os.readlink(descriptor))
+    lines = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+    listening = [f for f in lines if f[3] == "0A" and f[1].endswith(f":{port:04X}")]
+    return any(f"socket:[{fields[9]}]" in sockets for fields in listening)
 
 
 def _resident_mb(pid: int) -> float:
