@@ -9,18 +9,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from autotune.experiments.experiment import Planned
-from autotune.experiments.path import TRANSITION, Motion, Path
+from autotune.experiments.path import CONDITIONING, Motion, Path
 
 LABEL, NESTED = "dahl", "dahl_nested"
-LARGE = 0.75  # of the user's amplitude
+LARGE = 0.6  # of the user's amplitude
 SMALL = (0.3, 0.1, 0.035, 0.012)
-REPEATS = 2
+REPEATS, NESTED_REPEATS = 3, 2
 TURNING = 0.2  # part of the usual acceleration: sharp turns, as seen in position
 
 
 @dataclass(frozen=True)
 class Dahl(Planned):
-    """Loops at constant speed, each set twice.
+    """Loops at constant speed: the large one three times, the nested set twice.
 
     Attributes:
         large: amplitude of the large loops [rad or m].
@@ -43,15 +43,15 @@ class Dahl(Planned):
             path.mark(LABEL, repeat)
             self._go(path, centre + self.large, sharp)
             self._go(path, centre - self.large, sharp)
-        path.mark(TRANSITION)
+        path.mark(CONDITIONING)
         self._go(path, centre, sharp)
-        for repeat in range(REPEATS):
+        for repeat in range(NESTED_REPEATS):
             path.mark(NESTED, repeat)
             for amplitude in self.small:
                 self._go(path, centre + amplitude, sharp)
                 self._go(path, centre - amplitude, sharp)
-            path.mark(TRANSITION)
-            self._go(path, centre - self.large if repeat + 1 < REPEATS else centre, sharp)
+            path.mark(CONDITIONING)
+            self._go(path, centre - self.large if repeat + 1 < NESTED_REPEATS else centre, sharp)
             self._go(path, centre, sharp)
 
     def _go(self, path: Path, target: float, acceleration: float) -> None:
@@ -59,7 +59,7 @@ class Dahl(Planned):
 
 
 def dahl(motion: Motion, seconds: float = 25.0) -> Dahl:
-    """Loops over three quarters of the user's amplitude in about `seconds`."""
+    """Loops over part of the user's amplitude in about `seconds`."""
     large = LARGE * motion.amplitude
     small = tuple(part * motion.amplitude for part in SMALL)
     speed = 0.1 * motion.usual_speed

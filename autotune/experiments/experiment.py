@@ -1,8 +1,9 @@
 """What an experiment is: a generator of commands that receives samples, and what it needs.
 
 An experiment yields a `Command` for each cycle and is sent the sample of that cycle; a `Mark` between
-commands names what the next samples belong to. It knows nothing of drives, so it can be tested
-without one. What `run` returns (an adapted feedforward, say) reaches the owner in `Played`.
+commands names what the next samples belong to, a `Switch` asks for another mode. It knows nothing of
+drives, so it can be tested without one. What `run` returns (an adapted feedforward, say) reaches the
+owner in `Played`.
 """
 
 from __future__ import annotations
@@ -54,13 +55,8 @@ class Experiment(ABC):
 
     @property
     def mode(self) -> Mode:
-        """How the drive is commanded."""
+        """How the drive is commanded at first; it must be so again at the end."""
         return Mode.POSITION
-
-    @property
-    def idle_torque(self) -> float:
-        """Torque commanded in TORQUE mode before the first sample is known."""
-        return 0.0
 
     @property
     @abstractmethod

@@ -12,12 +12,12 @@ import numpy as np
 
 from autotune.core.errors import ConfigurationError
 from autotune.experiments.experiment import Planned
-from autotune.experiments.path import TRANSITION, Motion, Path, times
+from autotune.experiments.path import CONDITIONING, Motion, Path, times
 from autotune.signals.excitation import prbs
 
 LABEL = "high_speed"
 SPEED = 4.0  # of the user's peak speed
-EXCITATION = 0.08  # of the torque limit
+EXCITATION = 0.05  # of the torque limit
 HOLD = 2  # samples a tick: flat up to a fifth of the sampling rate
 SETTLING = 0.2  # s
 BITS = (9, 8, 7)
@@ -53,11 +53,11 @@ class HighSpeed(Planned):
             speed = self.speed if index % 2 == 0 else -self.speed
             reach = 0.5 * speed * len(signal) * motion.period
             lead = path.ramp_distance(0.0, speed) + self.speed * SETTLING
-            path.mark(TRANSITION).move(motion.centre - reach - (lead if speed > 0 else -lead))
+            path.mark(CONDITIONING).move(motion.centre - reach - (lead if speed > 0 else -lead))
             path.ramp(speed).cruise(seconds=SETTLING)
             steps = times(len(signal), speed * motion.period)
             path.mark(LABEL, index).add(path.position + steps, end_speed=speed, torque=signal)
-            path.mark(TRANSITION).ramp(0.0)
+            path.mark(CONDITIONING).ramp(0.0)
         path.move(motion.centre)
 
 

@@ -16,10 +16,11 @@ import numpy as np
 from scipy.signal import lfilter
 
 from autotune.core.axis import Axis
-from autotune.core.drive import Command, Sample
+from autotune.core.drive import Command, Mode, Sample
 from autotune.core.recording import Floats
 
-TRANSITION = "transition"
+CONDITIONING = "conditioning"  # label of all that lies between measurements; never fitted
+ABANDONED = "abandoned"  # follows samples that became useless: they are conditioning too
 PEAK = 1.5  # peak over mean slope of 3s² − 2s³
 SETTLED = 1e-7  # part of the filter's lag that may be left at the end of a reference
 
@@ -31,8 +32,19 @@ class Mark(NamedTuple):
     repeat: int = 0
 
 
-Steps = Generator[Command | Mark, Sample, object]
-"""What an experiment plays: commands, and marks between them; it receives the samples."""
+class Switch(NamedTuple):
+    """Powers the axis in another mode, at rest; answered with the first sample in it.
+
+    `torque` is commanded at once in TORQUE mode.
+    """
+
+    mode: Mode
+    torque: float = 0.0
+
+
+Item = Command | Mark | Switch
+Steps = Generator[Item, Sample, object]
+"""What an experiment plays; it receives the samples."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +144,7 @@ class Plan:
         padded = np.concatenate([self.reference[:1], self.reference, self.reference[-1:]])
         return np.asarray(np.diff(padded, 2) / self.period**2)
 
-    def play(self) -> Generator[Command | Mark, Sample, None]:
+    def play(self) -> Generator[Item, Sample, None]:
         """Plays the reference with its torque offset and its marks."""
         edges = [start for start, _, _ in self.marks] + [len(self.reference)]
         for (start, label, repeat), stop in zip(self.marks, edges[1:], strict=True):
@@ -143,23 +155,23 @@ class Plan:
 
 
 class Path:
-    """Builds a plan piece by piece, from `start`, at rest, under the label `transition`."""
+    """Builds a plan piece by piece, from `start`, at rest, under the label `conditioning`."""
 
     def __init__(self, motion: Motion, start: float) -> None:
         self.motion = motion
         self._start = start
         self._pieces: list[Floats] = []
         self._torques: list[Floats] = []
-        self._marks: list[tuple[int, str, int]] = [(0, TRANSITION, 0)]
-        self._count = 0
+        self._marks: list[tuple[int, str, int]] = [(0, CONDITIONING, 0)]
+        self.count = 0
         self.position = start
         self.speed = 0.0
 
     def mark(self, label: str, repeat: int = 0) -> Path:
         """What comes next belongs to `label` and `repeat`."""
-        if self._marks[-1][0] == self._count:
+        if self._marks[-1][0] == self.count:
             self._marks.pop()
-        self._marks.append((self._count, label, repeat))
+        self._marks.append((self.count, label, repeat))
         return self
 
     def move(self, target: float, speed: float | None = None, acceleration: float | None = None) -> Path:
@@ -198,7 +210,7 @@ class Path:
         """Appends sampled positions; the caller answers for their smoothness."""
         self._pieces.append(np.asarray(positions, dtype=np.float64))
         self._torques.append(np.zeros(len(positions)) if torque is None else torque)
-        self._count += len(positions)
+        self.count += len(positions)
         self.position, self.speed = float(positions[-1]), end_speed
         return self
 
@@ -214,7 +226,7 @@ class Path:
         """Filters the reference (6.14), with time at the end for the filter to settle."""
         alpha = self.motion.reference_filter
         tail = math.ceil(math.log(SETTLED) / math.log(alpha)) if alpha > 0.0 else 1
-        self.mark(TRANSITION).dwell(tail * self.motion.period)
+        self.mark(CONDITIONING).dwell(tail * self.motion.period)
         raw = self.positions()
         smooth, _ = lfilter([1.0 - alpha], [1.0, -alpha], raw - self._start, zi=[0.0])
         return Plan(

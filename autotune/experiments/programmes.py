@@ -16,7 +16,7 @@ from autotune.experiments.diagnosis import diagnosis
 from autotune.experiments.experiment import Experiment
 from autotune.experiments.high_speed import high_speed
 from autotune.experiments.path import Motion
-from autotune.experiments.presliding import presliding
+from autotune.experiments.presliding import Presliding
 from autotune.experiments.sines import BenchmarkSine
 from autotune.experiments.steady_state import steady_state
 
@@ -28,14 +28,13 @@ class Choices:
     Attributes:
         seed: of every random order and signal.
         centre: position round which the axis moves; None is the middle of its travel.
-        friction, offset: estimates for presliding [N m or N]; None lets it measure them itself.
+        friction: level for presliding [N m or N]; None lets it measure it in a slow move.
         torque_mode: the drive can be commanded in torque.
     """
 
     seed: int = 0
     centre: float | None = None
     friction: float | None = None
-    offset: float | None = None
     torque_mode: bool = True
 
 
@@ -47,10 +46,7 @@ def _steady_state(axis: Axis, choices: Choices) -> tuple[Experiment, ...]:
 
 
 def _presliding(axis: Axis, choices: Choices) -> tuple[Experiment, ...]:
-    known = choices.friction is not None and choices.offset is not None
-    return presliding(
-        _motion(axis, choices), choices.friction, choices.offset, open_loop=known and choices.torque_mode
-    )
+    return (Presliding(_motion(axis, choices), choices.friction, choices.torque_mode),)
 
 
 def _dahl(axis: Axis, choices: Choices) -> tuple[Experiment, ...]:

@@ -55,7 +55,9 @@ class Recorder:
 
 def without_abandoned(recording: Recording) -> Recording:
     """Calls `conditioning` what was abandoned, and the segment before it, which was to be a measurement."""
-    experiment = recording.experiment.astype(np.dtype(f"<U{max(len(CONDITIONING), 64)}"))
+    experiment = recording.experiment.astype(
+        np.result_type(recording.experiment.dtype, np.dtype(f"<U{len(CONDITIONING)}"))
+    )
     before: Segment | None = None
     for segment in recording.segments():
         if segment.experiment == ABANDONED:

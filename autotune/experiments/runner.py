@@ -16,7 +16,7 @@ from autotune.core.errors import AutotuneError, ConfigurationError
 from autotune.core.loop import Publish
 from autotune.experiments.experiment import Experiment
 from autotune.experiments.guard import Guard
-from autotune.experiments.path import TRANSITION, Mark, unique
+from autotune.experiments.path import CONDITIONING, Item, Mark, Switch, unique
 
 REST_SECONDS = 0.1
 SLACK_SECONDS = 1.0  # machine time that ways between experiments may take beyond the prediction
@@ -84,8 +84,8 @@ class Programme:
 
     @property
     def labels(self) -> Sequence[str]:
-        """Labels of all experiments; `transition` comes first."""
-        return unique([TRANSITION, *(label for e in self.experiments for label in e.labels)])
+        """Labels of all experiments; `conditioning` comes first."""
+        return unique([CONDITIONING, *(label for e in self.experiments for label in e.labels)])
 
     @property
     def duration(self) -> float:
@@ -171,27 +171,32 @@ class _Player:
         return Played(self._guard.elapsed, tuple(done))
 
     def _ready(self, experiment: Experiment, sample: Sample | None) -> Sample:
-        """Power in the mode that the experiment needs; the axis holds where it is."""
+        """Power in the mode that the experiment begins with; the axis holds where it is."""
         self._guard.where = f"experiment {experiment.name!r}"
         if sample is not None and self._mode is experiment.mode:
             return sample
+        return self._switch(Switch(experiment.mode), sample, 0, 0)
+
+    def _switch(self, to: Switch, sample: Sample | None, label: int, repeat: int) -> Sample:
+        """Power off at rest, if it was on, and on again in another mode."""
         if sample is not None:
-            self._rest(sample)
+            self._rest(sample, label, repeat)
             self._drive.disable()
-        self._drive.enable(experiment.mode)
-        self._mode = experiment.mode
-        sample = self._drive.step(HOLD._replace(torque=experiment.idle_torque))
-        self._record(sample, 0, 0)
-        self._guard.begin(experiment.mode, sample)
+        self._drive.enable(to.mode)
+        self._mode = to.mode
+        self._last = HOLD._replace(torque=to.torque)
+        sample = self._drive.step(self._last)
+        self._record(sample, label, repeat)
+        self._guard.begin(to.mode, sample)
         return sample
 
-    def _rest(self, sample: Sample) -> None:
+    def _rest(self, sample: Sample, label: int, repeat: int) -> None:
         """Repeats the last command, which was one of rest, for a moment before power goes."""
         still = self._last
         for _ in range(max(round(REST_SECONDS / self._drive.period), 1)):
             self._guard.check(sample, still)
             sample = self._drive.step(still)
-            self._record(sample, 0, 0)
+            self._record(sample, label, repeat)
 
     def _record(self, sample: Sample, label: int, repeat: int) -> None:
         self._publish(sample, label, repeat)
@@ -203,16 +208,18 @@ class _Player:
         steps = experiment.run(sample)
         send, check, step, record = steps.send, self._guard.check, self._drive.step, self._record
         label = repeat = 0
-        item: Command | Mark = next(steps)
+        item: Item = next(steps)
         try:
             while True:
-                if type(item) is Mark:
-                    label, repeat = self._index[item.label], item.repeat
-                else:
-                    check(sample, item)  # type: ignore[arg-type]
-                    sample = step(item)  # type: ignore[arg-type]
+                if type(item) is Command:
+                    check(sample, item)
+                    sample = step(item)
                     record(sample, label, repeat)
-                    self._last = item  # type: ignore[assignment]
+                    self._last = item
+                elif type(item) is Mark:
+                    label, repeat = self._index[item.label], item.repeat
+                elif type(item) is Switch and item.mode is not self._mode:
+                    sample = self._switch(item, sample, label, repeat)
                 try:
                     item = send(sample)
                 except StopIteration as end:

@@ -20,7 +20,7 @@ from autotune.core.axis import Limits
 from autotune.core.drive import Command, Sample
 from autotune.core.recording import Floats
 from autotune.experiments.experiment import Experiment, Needs, Planned, needs_of
-from autotune.experiments.path import TRANSITION, Mark, Motion, Path, Plan, Steps
+from autotune.experiments.path import CONDITIONING, Item, Mark, Motion, Path, Plan, Steps
 from autotune.signals.excitation import smooth_step
 
 BENCHMARK, ADAPTATION = "benchmark", "adaptation"
@@ -78,7 +78,7 @@ class BenchmarkSine(Planned):
             begin = n * (1 + window * self.periods)
             path.mark(self.label, self.first_repeat + window)
             path.add(whole[begin : begin + n * self.periods])
-        path.mark(TRANSITION).add(whole[-n:])
+        path.mark(CONDITIONING).add(whole[-n:])
 
     def prepare(self) -> None:
         if self.feedforward is not None:
@@ -120,7 +120,7 @@ class AdaptiveSine(Experiment):
 
     @property
     def labels(self) -> tuple[str, ...]:
-        return (TRANSITION, ADAPTATION)
+        return (CONDITIONING, ADAPTATION)
 
     @property
     def duration(self) -> float:
@@ -141,14 +141,14 @@ class AdaptiveSine(Experiment):
         fade = np.zeros(len(plan.reference))
         fade[middle - n : middle + 2 * n] = envelope(self.motion, 3)
         rows = _rows(plan, fade)
-        previous: Sample | None = yield Mark(TRANSITION)
+        previous: Sample | None = yield Mark(CONDITIONING)
         previous = yield from _follow(rows[:middle], law, None)
         for period in range(max(self._periods - 2, 1)):
             yield Mark(ADAPTATION, period)
             previous = yield from _follow(rows[middle : middle + n], law, previous)
             if law.settled:
                 break
-        yield Mark(TRANSITION)
+        yield Mark(CONDITIONING)
         yield from _follow(rows[middle + n :], law, previous)
         return law
 
@@ -164,7 +164,7 @@ class AdaptiveSine(Experiment):
 Row = tuple[float, float, float, float]
 
 
-def compensated(plan: Plan, gain: Floats, law: FeedforwardLaw) -> Generator[Command | Mark, Sample, None]:
+def compensated(plan: Plan, gain: Floats, law: FeedforwardLaw) -> Generator[Item, Sample, None]:
     """Plays a plan with `gain` × the law's torque; the law sees only what is played with gain > 0."""
     rows = _rows(plan, gain)
     edges = [start for start, _, _ in plan.marks] + [len(rows)]
@@ -176,7 +176,7 @@ def compensated(plan: Plan, gain: Floats, law: FeedforwardLaw) -> Generator[Comm
 
 def _follow(
     rows: list[Row], law: FeedforwardLaw, previous: Sample | None
-) -> Generator[Command | Mark, Sample, Sample | None]:
+) -> Generator[Item, Sample, Sample | None]:
     step = law.step
     for reference, velocity, acceleration, gain in rows:
         torque = gain * step(reference, velocity, acceleration, previous) if gain > 0.0 else 0.0

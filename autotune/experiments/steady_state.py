@@ -18,7 +18,7 @@ import numpy as np
 
 from autotune.core.errors import ConfigurationError
 from autotune.experiments.experiment import Planned
-from autotune.experiments.path import TRANSITION, Motion, Path
+from autotune.experiments.path import CONDITIONING, Motion, Path
 
 LABEL = "steady_state"
 SLOWEST = 1 / 40  # of the user's peak speed
@@ -55,13 +55,13 @@ class SteadyState(Planned):
         motion = self.motion
         fast = max(speed, RUN_IN * motion.usual_speed)
         lead = lead_in(motion, speed)
-        path.mark(TRANSITION).move(motion.centre - direction * (0.5 * stretch + lead))
+        path.mark(CONDITIONING).move(motion.centre - direction * (0.5 * stretch + lead))
         path.ramp(direction * fast)
         if fast > speed:
             path.cruise(distance=motion.amplitude).ramp(direction * speed)
         path.cruise(seconds=SETTLING)
         path.mark(LABEL, index).cruise(distance=stretch)
-        path.mark(TRANSITION).ramp(0.0)
+        path.mark(CONDITIONING).ramp(0.0)
 
 
 def lead_in(motion: Motion, speed: float) -> float:
