@@ -10,7 +10,7 @@ import plotly.io
 import pytest
 
 from autotune.view import figures, theme
-from autotune.view.data import Residual, Step, Trace
+from autotune.view.data import Comparison, Residual, Step, Trace
 from autotune.view.figures.tracking import reversal_times
 
 
@@ -179,6 +179,19 @@ def test_residual_ignores_what_is_not_a_number() -> None:
     values = np.array([0.0, 1.0, 2.0, np.nan, 3.0])
     figure = figures.residual_over_coordinate(Residual("time", "s", values, values))
     assert figure.data[0].z.sum() == 4
+
+
+def test_lines_break_where_nothing_was_recorded() -> None:
+    time = np.concatenate([np.arange(5000) * 1e-3, 60 + np.arange(5000) * 1e-3])
+    torque = np.sin(time)
+    figure = figures.measured_and_model(Comparison(time, torque, 0.9 * torque))
+    measured = trace(figure, "measured")
+    gaps = np.flatnonzero(np.isnan(measured.y))
+    assert len(gaps) == 1
+    assert measured.x[gaps[0] - 1] < 5.0
+    assert measured.x[gaps[0] + 1] >= 60.0
+    joined = figures.measured_and_model(Comparison(np.tile(time[:5000], 2), torque, torque))
+    assert max(trace(joined, "measured").x) == pytest.approx(9.999, abs=1e-3)
 
 
 def test_figures_of_nothing_say_so(sampled) -> None:

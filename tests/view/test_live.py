@@ -142,7 +142,7 @@ def test_another_program_on_the_port_is_not_taken_for_the_server(monkeypatch: py
         taken.bind((viewer_server.HOST, 0))
         taken.listen()
         server = viewer_server.ViewerServer(taken.getsockname()[1], None)
-        with pytest.raises(ConfigurationError, match="does not start on 127.0.0.1"):
+        with pytest.raises(ConfigurationError, match="the viewer's server does not start"):
             server.start()
         assert not server.alive()
 

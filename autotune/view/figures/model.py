@@ -10,8 +10,8 @@ from plotly.subplots import make_subplots
 
 from autotune.view import theme
 from autotune.view.data import Comparison, Floats, Rank, Residual, Step
-from autotune.view.figures.parts import empty, floor_lines, line, plain, small, titled
-from autotune.view.scale import binned, multiple, peak, quantity, significant
+from autotune.view.figures.parts import broken_line, empty, floor_lines, plain, small, titled
+from autotune.view.scale import binned, continuous, multiple, peak, quantity, significant
 
 _HEAT = ((0.0, "rgba(255,255,255,0)"), (0.02, "#e3eef6"), (0.25, "#9ec8e2"), (1.0, "#2a7fb0"))
 
@@ -22,15 +22,18 @@ def measured_and_model(data: Comparison) -> go.Figure:
         return empty("There is nothing to compare.")
     figure = make_subplots(rows=2, cols=1, shared_xaxes=True, row_heights=[0.66, 0.34], vertical_spacing=0.07)
     factor, unit = multiple(peak(data.measured, data.modelled), data.unit)
+    time = continuous(data.time, float(np.median(np.abs(np.diff(data.time)))) if len(data.time) > 1 else 1.0)
     for values, name, colour, width in (
         (data.measured, "measured", theme.MEASURED, 1.1),
         (data.modelled, "model", theme.MODEL, 1.6),
     ):
-        figure.add_trace(line(data.time, values * factor, name, colour, line={"width": width}), row=1, col=1)
+        figure.add_trace(
+            broken_line(time, values * factor, name, colour, line={"width": width}), row=1, col=1
+        )
     rest = data.measured - data.modelled
     rest_factor, rest_unit = multiple(peak(rest), data.unit)
-    left = line(
-        data.time,
+    left = broken_line(
+        time,
         rest * rest_factor,
         f"residual, rms {_rms(rest, data.unit)}",
         theme.BEFORE,
@@ -38,7 +41,7 @@ def measured_and_model(data: Comparison) -> go.Figure:
     )
     figure.add_trace(left, row=2, col=1)
     if data.noise_floor is not None:
-        ends, name = (float(data.time[0]), float(data.time[-1])), _floor_name(data.noise_floor, data.unit)
+        ends, name = (float(time[0]), float(time[-1])), _floor_name(data.noise_floor, data.unit)
         for trace in floor_lines(ends, data.noise_floor * rest_factor, name):
             figure.add_trace(trace, row=2, col=1)
     figure.update_yaxes(title=titled(data.quantity, unit), row=1, col=1)

@@ -21,6 +21,21 @@ def line(x: Floats, y: Floats, name: str, colour: str, **more: object) -> go.Sca
     return go.Scatter(x=small(x[rows]), y=small(y[rows]), name=plain(name), mode="lines", line=style, **more)
 
 
+def broken_line(time: Floats, y: Floats, name: str, colour: str, **more: object) -> go.Scatter:
+    """As `line`, but broken where time jumps: what was not recorded is not drawn."""
+    trace = line(time, y, name, colour, **more)
+    if len(time) < 3:
+        return trace
+    step = np.diff(time)
+    jumps = np.flatnonzero(step > 5 * np.median(step))
+    rows = thin(y)
+    after = np.unique(np.searchsorted(rows, jumps + 1))
+    after = after[(after > 0) & (after < len(rows))]
+    trace.x = small(np.insert(time[rows], after, time[rows][after]))
+    trace.y = small(np.insert(y[rows], after, np.nan))
+    return trace
+
+
 def band(x: Floats, low: Floats, high: Floats, colour: str, name: str, **more: object) -> go.Scatter:
     """A filled band between two curves."""
     rows = np.linspace(0, len(x) - 1, min(len(x), 600)).round().astype(int)
