@@ -1,0 +1,264 @@
+"""The cyclic process: results, errors, rows, interruptions and deaths."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from autotune.core.errors import AutotuneError, ConfigurationError, Interrupted, LinkError
+from autotune.core.loop import ROW_FIELDS
+from autotune.core.recording import Floats
+from autotune_drivers import open_loop
+from autotune_drivers.cyclic import CyclicLoop
+from tests.drivers import bus
+from tests.drivers.fake_drive import FakeOpener
+from tests.drivers.routines import Calls, Endless, Sine, Warmed, kill_self, odd, unpicklable, wrong
+from tests.drivers.simulator import Simulator, axis_of, simulator
+
+POSITION = ROW_FIELDS.index("position")
+
+
+@pytest.fixture
+def opener(tmp_path: Path) -> FakeOpener:
+    return FakeOpener(tmp_path, pause=1e-3)
+
+
+@pytest.fixture
+def loop(opener: FakeOpener) -> Iterator[CyclicLoop]:
+    opened = CyclicLoop.open(opener)
+    yield opened
+    opened.close()
+
+
+def wait_for(condition: object, seconds: float = 20.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():  # type: ignore[operator]
+        assert time.monotonic() < end, "it never happened"
+        time.sleep(0.005)
+
+
+def test_tells_about_the_drive(loop: CyclicLoop) -> None:
+    assert loop.period == 1e-3
+    assert loop.identity == {"vendor": 1, "product": 2}
+    assert "lock-step" in loop.priority
+    assert loop.faults() == []
+
+
+def test_plays_returns_and_passes_every_row_once(loop: CyclicLoop) -> None:
+    blocks: list[Floats] = []
+    assert loop.play(Sine(500), blocks.append) == 501.0
+    rows = np.concatenate(blocks)
+    assert rows.shape == (500, len(ROW_FIELDS))
+    assert np.all(np.diff(rows[:, POSITION]) == 1.0)
+    assert len(blocks) > 3  # while it runs, not at its end
+    assert loop.dropped == 0
+
+
+def test_parameters_live_in_the_process(loop: CyclicLoop, opener: FakeOpener) -> None:
+    loop.write_parameters({"controller.kp": 50.0})
+    assert loop.read_parameters(["controller.kp"]) == {"controller.kp": 50.0}
+    loop.store()
+    assert "stored" in opener.log
+
+
+def test_prepare_is_called_before_the_routine(loop: CyclicLoop) -> None:
+    assert loop.play(Warmed()) is True
+
+
+def test_a_routines_error_arrives_with_its_origin(loop: CyclicLoop) -> None:
+    with pytest.raises(ZeroDivisionError) as caught:
+        loop.play(Calls(wrong))
+    assert any("routines.py" in note for note in caught.value.__notes__)
+    assert loop.play(Sine(3)) > 0  # and the loop goes on
+
+
+def test_an_error_that_cannot_travel_becomes_words(loop: CyclicLoop) -> None:
+    with pytest.raises(LinkError, match="Odd: odd 1 2"):
+        loop.play(Calls(odd))
+
+
+def test_a_result_that_cannot_travel_is_said(loop: CyclicLoop) -> None:
+    with pytest.raises(ConfigurationError, match="cannot travel"):
+        loop.play(Calls(unpicklable))
+
+
+def test_a_routine_that_cannot_travel_is_said(loop: CyclicLoop) -> None:
+    with pytest.raises(ConfigurationError, match="class of a module"):
+        loop.play(Calls(lambda drive, publish: None))
+    assert loop.faults() == []
+
+
+def test_an_error_of_the_opener_arrives(tmp_path: Path) -> None:
+    with pytest.raises(LinkError, match="nobody there"):
+        CyclicLoop.open(FakeOpener(tmp_path, error="nobody there"))
+
+
+def test_a_watcher_that_fails_ends_the_routine(loop: CyclicLoop, tmp_path: Path) -> None:
+    def fails(rows: Floats) -> None:
+        raise RuntimeError("viewer gone")
+
+    with pytest.raises(RuntimeError, match="viewer gone"):
+        loop.play(Endless(tmp_path / "witness"), fails)
+    assert (tmp_path / "witness").read_text() == "at rest"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_brings_the_axis_to_rest_and_all_rows_out(
+    loop: CyclicLoop, opener: FakeOpener, tmp_path: Path, number: signal.Signals
+) -> None:
+    before = signal.getsignal(number)
+    blocks: list[Floats] = []
+    threading.Timer(0.2, os.kill, (os.getpid(), number)).start()
+    with pytest.raises(Interrupted) as caught:
+        loop.play(Endless(tmp_path / "witness"), blocks.append)
+    assert caught.value.exit_code == 130
+    assert (tmp_path / "witness").read_text() == "at rest"
+    assert opener.log[-1] == "off"
+    repeat = np.concatenate(blocks)[:, -1]
+    assert repeat.tolist() == list(range(len(repeat)))
+    assert signal.getsignal(number) is before
+    assert loop.play(Sine(3)) > 0
+
+
+def test_another_thread_may_play_and_be_interrupted(loop: CyclicLoop, tmp_path: Path) -> None:
+    caught: list[BaseException] = []
+
+    def play() -> None:
+        try:
+            loop.play(Endless(tmp_path / "witness"))
+        except Interrupted as error:
+            caught.append(error)
+
+    thread = threading.Thread(target=play)
+    thread.start()
+    wait_for((tmp_path / "witness").exists)
+    loop.interrupt()
+    thread.join(20)
+    assert len(caught) == 1
+
+
+def test_close_restores_and_is_idempotent(opener: FakeOpener) -> None:
+    loop = CyclicLoop.open(opener)
+    loop.close()
+    loop.close()
+    assert opener.log == ["opened", "closed"]
+    with pytest.raises(LinkError, match="closed"):
+        loop.faults()
+
+
+def test_a_process_that_dies_is_said_and_the_next_one_inherits(loop: CyclicLoop, opener: FakeOpener) -> None:
+    with pytest.raises(LinkError, match=r"died \(signal 9\).*heartbeat guard"):
+        loop.play(Calls(kill_self))
+    assert loop.process_id is None
+    assert loop.read_parameters() == {"controller.kp": 60.0}
+    assert "inherited" in opener.log
+
+
+def test_closing_after_a_death_restores(opener: FakeOpener) -> None:
+    loop = CyclicLoop.open(opener)
+    with pytest.raises(LinkError):
+        loop.play(Calls(kill_self))
+    loop.close()
+    assert opener.log[-2:] == ["inherited", "closed"]
+
+
+def test_a_terminated_process_rests_and_closes(opener: FakeOpener, tmp_path: Path) -> None:
+    loop = CyclicLoop.open(opener)
+    pid = loop.process_id
+    assert pid is not None
+    threading.Timer(0.2, os.kill, (pid, signal.SIGTERM)).start()
+    with pytest.raises(Interrupted, match="terminated"):
+        loop.play(Endless(tmp_path / "witness"))
+    wait_for(lambda: opener.log[-1] == "closed")
+    assert (tmp_path / "witness").read_text() == "at rest"
+    with pytest.raises(AutotuneError):
+        loop.faults()
+    loop.close()
+
+
+# Deaths on the wire
+
+
+@pytest.fixture
+def running(tmp_path: Path) -> Iterator[Simulator]:
+    with simulator(tmp_path) as process:
+        yield process
+
+
+def test_killed_owner(running: Simulator) -> None:
+    """kill -9 of the tuning process: its cyclic process brings the axis to rest and restores."""
+    before = bus.settings(running.port)
+    witness = running.directory / "witness"
+    owner = subprocess.Popen(
+        [sys.executable, "-m", "tests.drivers.owner", str(running.directory)],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+        stdout=subprocess.PIPE,
+    )
+    with owner:
+        wait_for(lambda: witness.exists() and witness.read_text() == "moving")
+        mark, killed = running.mark, time.monotonic()
+        owner.kill()
+        line = running.wait_for("quick stop begun (controlword)", mark)
+    running.wait_for("at rest", mark)
+    # 200 ms are asked for, 5 ms are usual; the bound leaves a loaded host its time
+    assert 0.0 < float(line.split()[0]) - killed < 1.0
+    running.wait_for("PRE_OPERATIONAL", mark)
+    wait_for(lambda: witness.read_text() == "at rest")
+    wait_for(lambda: _free(running.port))
+    assert bus.settings(running.port) == before
+
+
+def test_killed_cyclic_process(running: Simulator) -> None:
+    """kill -9 of the cyclic process: the drive's own heartbeat consumer stops the axis."""
+    before = bus.settings(running.port)
+    witness = running.directory / "witness"
+    loop = open_loop(axis_of(), running.directory)
+    assert isinstance(loop, CyclicLoop)
+    killed: list[float] = []
+
+    def kill() -> None:
+        wait_for(witness.exists)
+        pid = loop.process_id
+        assert pid is not None
+        killed.append(time.monotonic())
+        os.kill(pid, signal.SIGKILL)
+
+    killer = threading.Thread(target=kill)
+    killer.start()
+    with pytest.raises(LinkError, match="signal 9"):
+        loop.play(Endless(witness))
+    killer.join()
+    line = running.wait_for("quick stop begun (heartbeat")
+    # the drive was told 150 ms; the bound leaves a loaded host its time
+    assert 0.0 < float(line.split()[0]) - killed[0] < 1.0
+    running.wait_for("at rest")
+    loop.close()
+    assert bus.settings(running.port) == before
+
+
+def test_a_loop_that_hangs_with_power_on_is_stopped_by_the_drive(running: Simulator) -> None:
+    from tests.drivers.routines import hang
+
+    loop = open_loop(axis_of(), running.directory)
+    with pytest.raises(AutotuneError):
+        loop.play(Calls(hang))
+    running.wait_for("quick stop begun (heartbeat")
+    loop.close()
+
+
+def _free(port: Path) -> bool:
+    try:
+        with bus.sdo(port) as client:
+            client.read(bus.STATUS)
+    except LinkError:
+        return False
+    return True
