@@ -8,11 +8,20 @@ from collections.abc import Sequence
 
 from autotune.core.errors import AutotuneError
 
+_EPILOG = (
+    "Faults: silent[=SECONDS], unplugged[=SECONDS], power-loss, drive-fault[=CODE], enable-missing, "
+    "brake-missing, blocked, hot[=DEGREES], frames-lost[=PERCENT], emcy[=CODE], "
+    "sdo-abort=INDEX[:SUB[:CODE]], other-identity[=VENDOR], nvm, clear. WHEN: 2.5 (seconds with operation "
+    "enabled), 2.5w (seconds since the start), 500c (SYNC messages), write or write3 (parameter writes), "
+    "store (in the middle of storing); at once without it."
+)
+
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m autotune_sim",
         description="A simulated servo drive: a CANopen node behind an slcan adapter on a pseudo-terminal.",
+        epilog=_EPILOG,
     )
     parser.add_argument("port", help="where the link to the pseudo-terminal is put")
     parser.add_argument("--preset", default="edm-vertical", help="the axis (default: %(default)s)")
@@ -53,6 +62,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except AutotuneError as error:
         sys.stderr.write(f"{error}\n")
         return error.exit_code
+    except BrokenPipeError:
+        return 1  # nobody reads our log any more: whoever started us is gone
     return 0
 
 

@@ -11,8 +11,8 @@ from collections.abc import Callable
 from autotune_sim.aborts import Abort, AbortCode
 from autotune_sim.firmware import Firmware
 from autotune_sim.object_dictionary import REAL32, Entry, ObjectDictionary, Value
+from autotune_sim.supervision import Supervision
 
-_RATED_CURRENT = 0x6075
 _FEEDFORWARD = ("enabled", "inertia", "viscous", "coulomb", "break_away", "stribeck_velocity", "stiffness",
                 "micro_damping", "offset", "reference_filter")  # fmt: skip
 _CONTROLLER = ("kp", "kd", "ki", "derivative_filter")
@@ -83,7 +83,7 @@ def bind_process_values(objects: ObjectDictionary, firmware: Firmware) -> None:
         (0x6077, 0): lambda: _short(firmware.sample.torque_actual * per_mille),
         (0x6078, 0): lambda: _short(firmware.sample.torque_actual * per_mille),
         (0x60F4, 0): lambda: round(firmware.sample.following_error * counts),
-        (0x60FD, 0): lambda: _DIGITAL_ENABLE * firmware.enable_input + _DIGITAL_BRAKE * firmware.brake_input,
+        (0x60FD, 0): lambda: _digital_inputs(firmware.supervision),
         (0x603F, 0): lambda: firmware.error_code,
         (0x2200, 1): lambda: round(firmware.sample.torque_demand * 1e6),
         (0x2200, 2): lambda: round(firmware.sample.torque_actual * 1e6),
@@ -97,6 +97,10 @@ def bind_process_values(objects: ObjectDictionary, firmware: Firmware) -> None:
         objects[key].read = value
     objects[0x2210, 6].value = round(firmware.servo.period * 1e9)
     objects[0x608F, 1].value = round(counts * 2.0 * math.pi)
+
+
+def _digital_inputs(inputs: Supervision) -> int:
+    return _DIGITAL_ENABLE * inputs.enable_input + _DIGITAL_BRAKE * inputs.brake_input
 
 
 def _short(value: float) -> int:

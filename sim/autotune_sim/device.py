@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from random import Random
 
 from autotune_sim.aborts import Abort, AbortCode
 from autotune_sim.bindings import Settings, bind_process_values
@@ -47,6 +48,7 @@ class Device:
     Attributes:
         now: time of the last call [s].
         silent: neither hears nor speaks, for rehearsals.
+        loss: share of the frames that get lost, for rehearsals.
         refusals: SDO abort codes by (index, sub-index), sub-index −1 for all, for rehearsals.
         on_cycle, on_write, on_store: called after each servo cycle, before each parameter write, and
             when storing begins.
@@ -65,6 +67,8 @@ class Device:
     ) -> None:
         self.now = 0.0
         self.silent = False
+        self.loss = 0.0
+        self._random = Random(servo.preset.seed)
         self.refusals: dict[tuple[int, int], int] = {}
         self.on_cycle: Hook | None = None
         self.on_write: Callable[[Entry], None] | None = None
@@ -106,7 +110,7 @@ class Device:
     def receive(self, cob_id: int, data: bytes, now: float) -> None:
         """Handles one data frame."""
         self.now = now
-        if not self.silent and self._boot_at is None:
+        if not self.silent and self._boot_at is None and not self._lost():
             self.node.receive(cob_id, data, now)
 
     def poll(self, now: float) -> float:
@@ -130,8 +134,11 @@ class Device:
         self.node.check_heartbeats(now)
 
     def _send(self, cob_id: int, data: bytes) -> None:
-        if not self.silent and self._boot_at is None:
+        if not self.silent and self._boot_at is None and not self._lost():
             self._output(cob_id, data)
+
+    def _lost(self) -> bool:
+        return self.loss > 0.0 and self._random.random() < self.loss
 
     def _refuse(self, entry: Entry, writing: bool) -> int:
         if writing and self.on_write is not None:
@@ -195,7 +202,9 @@ class Device:
         option = self.objects.number(0x6007)
         if option == 1:
             self.firmware.fault(ErrorCode.HEARTBEAT, node)
-        elif option == 2:
+            return
+        self.node.emergency.report(ErrorCode.HEARTBEAT, node, lasting=False)
+        if option == 2:
             self.firmware.disable(f"heartbeat of node {node} lost")
         elif option == 3:
             self.firmware.quick_stop(f"heartbeat of node {node} lost")

@@ -14,6 +14,7 @@ SDO into 2000h to 5FFFh), `store` (in the middle of storing). Without it, the fa
 | brake-missing | | no feedback of the released brake |
 | blocked | | the axis cannot move: following error |
 | hot | °C (200) | the motor is warmer by so much |
+| frames-lost | percent (1) | frames get lost at random, both ways |
 | emcy | error code in hex (5000) | an EMCY message and nothing else |
 | sdo-abort | INDEX[:SUB[:CODE]] in hex | transfers of the object are refused |
 | other-identity | vendor in hex (0000009A) | another drive answers |
@@ -191,11 +192,11 @@ def _nvm(faults: Faults, _: str) -> None:
 
 
 def _enable_missing(faults: Faults, _: str) -> None:
-    faults.device.firmware.enable_input = False
+    faults.device.firmware.supervision.enable_input = False
 
 
 def _brake_missing(faults: Faults, _: str) -> None:
-    faults.device.firmware.brake_input = False
+    faults.device.firmware.supervision.brake_input = False
 
 
 def _blocked(faults: Faults, _: str) -> None:
@@ -203,14 +204,20 @@ def _blocked(faults: Faults, _: str) -> None:
 
 
 def _hot(faults: Faults, value: str) -> None:
-    faults.device.firmware.heating = float(value or "200")
+    faults.device.firmware.supervision.heating = float(value or "200")
+
+
+def _frames_lost(faults: Faults, value: str) -> None:
+    faults.device.loss = min(float(value or "1"), 100.0) / 100.0
 
 
 def _clear(faults: Faults, _: str) -> None:
     device, firmware = faults.device, faults.device.firmware
     device.silent = device.memory.lossy = firmware.servo.brake_stuck = False
-    firmware.enable_input = firmware.brake_input = True
-    firmware.heating = 0.0
+    watched = firmware.supervision
+    watched.enable_input = watched.brake_input = True
+    watched.heating = 0.0
+    device.loss = 0.0
     device.refusals.clear()
     vendor = device.objects[0x1018, 1]
     vendor.value = vendor.default
@@ -235,6 +242,7 @@ FAULTS: dict[str, _Fault] = {
     "brake-missing": _Fault(_brake_missing),
     "blocked": _Fault(_blocked),
     "hot": _Fault(_hot, r"(\d+(\.\d*)?)?", "a temperature difference in °C"),
+    "frames-lost": _Fault(_frames_lost, r"(\d+(\.\d*)?)?", "a percentage"),
     "emcy": _Fault(
         lambda faults, v: faults.device.node.emergency.report(int(v or "5000", 16), lasting=False), *_CODE
     ),

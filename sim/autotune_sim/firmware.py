@@ -14,11 +14,9 @@ from autotune_sim.object_dictionary import Entry, ObjectDictionary, Value
 from autotune_sim.ramp import Ramp
 from autotune_sim.servo import Servo, ServoMode, ServoState
 from autotune_sim.state_machine import FAULTY, POWERED, TRANSITIONS, State, Word, command, fault_reset
+from autotune_sim.supervision import Supervision
 
 MODES = {8: ServoMode.POSITION, 9: ServoMode.VELOCITY, 10: ServoMode.TORQUE}
-BEYOND = 0.03  # rad beyond a software limit, outward, that is a fault
-OVERSPEED = 1.2
-WARNING = 10.0  # °C below the temperature limit
 _TORQUE_OFF = frozenset({ErrorCode.ENABLE_INPUT})
 
 
@@ -31,8 +29,9 @@ class Firmware:
     Attributes:
         state: of the power state machine.
         sample: what the servo loop saw last.
-        enable_input, brake_input: digital inputs, for rehearsals.
-        heating: added to the motor temperature [°C], for rehearsals.
+        supervision: what is watched.
+        cycles: servo periods played; enabled_time: those with operation enabled [s].
+        host_offset: torque offset from the host in the last period [N m].
     """
 
     def __init__(
@@ -40,12 +39,8 @@ class Firmware:
     ) -> None:
         self.servo = servo
         self.state = State.NOT_READY
-        self.enable_input = True
-        self.brake_input = True
-        self.heating = 0.0
         self.cycles = 0
         self.error_code = 0
-        self.following_error = False
         self.limited = False
         self.enabled_time = 0.0
         self._objects = objects
@@ -53,6 +48,7 @@ class Firmware:
         self._log = log
         self.counts_per_rad = servo.preset.plant.counts / (2.0 * math.pi)
         self.rad_per_count = 1.0 / self.counts_per_rad
+        self.supervision = Supervision(objects, servo, self.rad_per_count)
         self._ramp: Ramp | None = None
         self._after_ramp = State.SWITCH_ON_DISABLED
         self._bind()
@@ -73,8 +69,6 @@ class Firmware:
         self._rated = objects[0x6076]
         self._lowest, self._highest = objects[0x607D, 1], objects[0x607D, 2]
         self._fastest = objects[0x607F]
-        self._window, self._time_out = objects[0x6065], objects[0x6066]
-        self._hottest = objects[0x2220, 2]
         self._period = (objects[0x60C2, 1], objects[0x60C2, 2])
         self._controlword.write = self._write_controlword
         self._mode.write = self._write_mode
@@ -94,9 +88,8 @@ class Firmware:
         self.sample: ServoState = self.servo.idle()
         self._ramp = None
         self.error_code = 0
-        self.following_error = self.limited = False
-        self._late_cycles = 0
-        self._fresh = False
+        self.limited = self._fresh = False
+        self.supervision.reset()
         self._demand = self._start = self._goal = self.sample.position
         self.demand_velocity = 0.0
         self._part = 0
@@ -117,7 +110,7 @@ class Firmware:
     @property
     def temperature(self) -> float:
         """Of the motor [°C]."""
-        return self.sample.temperature + self.heating
+        return self.supervision.temperature(self.sample)
 
     @property
     def powered(self) -> bool:
@@ -131,15 +124,15 @@ class Firmware:
     def statusword(self) -> int:
         """Object 6041."""
         word = self.state.value | 0x0200
-        if self.enable_input:
+        if self.supervision.enable_input:
             word |= 0x0010
-        if self.temperature > int(self._hottest.value) * 0.1 - WARNING:
+        if self.supervision.warm(self.sample):
             word |= 0x0080
         if self.limited or self.sample.saturated:
             word |= 0x0800
         if self.state is State.OPERATION_ENABLED and self._ramp is None:
             word |= 0x1000
-        if self.following_error:
+        if self.supervision.following_error:
             word |= 0x2000
         return word
 
@@ -187,11 +180,11 @@ class Firmware:
             self._transit(word, target)
 
     def _reset_fault(self) -> None:
-        if self._cause() is not None:
+        if self.supervision.standing(self.sample, False) is not None:
             self._log("fault reset refused: its cause is still there")
             return
         self.error_code = 0
-        self.following_error = False
+        self.supervision.reset()
         self._emergency.clear()
         self._enter(State.SWITCH_ON_DISABLED, "fault reset")
 
@@ -202,7 +195,7 @@ class Firmware:
             self._engage()
 
     def _transit(self, word: Word, target: State) -> None:
-        if target is State.READY_TO_SWITCH_ON and not self.enable_input:
+        if target is State.READY_TO_SWITCH_ON and not self.supervision.enable_input:
             return
         if target is State.OPERATION_ENABLED:
             if self.state is not State.QUICK_STOP_ACTIVE or self._after_ramp is State.QUICK_STOP_ACTIVE:
@@ -219,7 +212,7 @@ class Firmware:
     def _enable(self) -> None:
         if self.mode not in MODES:
             return
-        if not self.brake_input:
+        if not self.supervision.brake_input:
             self.fault(ErrorCode.BRAKE)
             return
         self._ramp = None
@@ -232,7 +225,7 @@ class Firmware:
         self._demand = self._start = self._goal = self.servo.position
         self.demand_velocity = 0.0
         self._fresh = False
-        self._late_cycles = 0
+        self.supervision.reset()
 
     def quick_stop(self, why: str) -> None:
         """Quick stop as option code 605A says."""
@@ -275,7 +268,7 @@ class Firmware:
 
     def _begin_ramp(self, option: int, then: State) -> None:
         deceleration = self._objects.number(0x6085 if option == 2 else 0x6084) * self.rad_per_count
-        near = abs(self.sample.following_error) < 0.5 * int(self._window.value) * self.rad_per_count
+        near = abs(self.sample.following_error) < 0.5 * self.supervision.window
         position, velocity = self._demand, self.demand_velocity
         if self.mode != 8 or not near:
             self.servo.power(True, ServoMode.POSITION)
@@ -351,49 +344,19 @@ class Firmware:
         return self._demand
 
     def _watch(self, sample: ServoState) -> None:
+        code: int | None = None
         if self.state in POWERED:
             if self.state is not State.FAULT_REACTION_ACTIVE:
-                self._watch_motion(sample)
+                code = self.supervision.motion(sample)
             if self._ramp is not None and self._ramp.done:
                 self._end_ramp()
-        cause = self._cause()
-        if cause is not None and self.state not in FAULTY:
-            self.fault(cause)
-        if not self.enable_input and self.state in (State.READY_TO_SWITCH_ON, State.SWITCHED_ON):
+        if code is None:
+            code = self.supervision.standing(sample, self.powered)
+        if code is not None:
+            self.fault(code)
+        if not self.supervision.enable_input and self.state in (State.READY_TO_SWITCH_ON, State.SWITCHED_ON):
             self._enter(State.SWITCH_ON_DISABLED, "enable input missing")
 
-    def _cause(self) -> ErrorCode | None:
-        """A fault that cannot be reset now."""
-        if self.temperature > int(self._hottest.value) * 0.1:
-            return ErrorCode.MOTOR_TEMPERATURE
-        if self.state in POWERED and not self.enable_input:
-            return ErrorCode.ENABLE_INPUT
-        if self.state in POWERED and not self.brake_input:
-            return ErrorCode.BRAKE
-        return None
-
-    def _watch_motion(self, sample: ServoState) -> None:
-        window = int(self._window.value) * self.rad_per_count
-        beyond = self.servo.mode is ServoMode.POSITION and abs(sample.following_error) > window
-        self._late_cycles = self._late_cycles + 1 if beyond else 0
-        limit = max(int(self._time_out.value) * 1e-3 / self.servo.period, 1.0)
-        self.following_error = self._late_cycles >= limit
-        if self.following_error:
-            self.fault(ErrorCode.FOLLOWING_ERROR)
-        elif abs(sample.velocity) > OVERSPEED * int(self._fastest.value) * self.rad_per_count:
-            self.fault(ErrorCode.SPEED)
-        elif self._outside(sample):
-            self.fault(ErrorCode.POSITION_LIMIT)
-
-    def _outside(self, sample: ServoState) -> bool:
-        if abs(sample.velocity) < 0.1:
-            return False
-        if sample.velocity > 0:
-            return sample.position > int(self._highest.value) * self.rad_per_count + BEYOND
-        return sample.position < int(self._lowest.value) * self.rad_per_count - BEYOND
-
     def _end_ramp(self) -> None:
-        then = self._after_ramp
-        if then is State.QUICK_STOP_ACTIVE:
-            return
-        self._enter(then, "axis at rest")
+        if self._after_ramp is not State.QUICK_STOP_ACTIVE:
+            self._enter(self._after_ramp, "axis at rest")

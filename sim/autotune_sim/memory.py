@@ -19,10 +19,12 @@ class Memory:
     Args:
         path: of the state file; None keeps the content only as long as the process lives.
         log: told where the file cannot be used.
+        axis: whose memory it is; a file of another axis is not used.
     """
 
-    def __init__(self, path: Path | None, log: Callable[[str], None]) -> None:
+    def __init__(self, path: Path | None, log: Callable[[str], None], axis: str = "") -> None:
         self._path = path
+        self._axis = axis
         self._log = log
         self._content: dict[str, str] | None = None
         self.lossy = False
@@ -45,7 +47,8 @@ class Memory:
         if self._path is None:
             return
         temporary = self._path.with_name(self._path.name + ".part")
-        text = json.dumps({"schema": SCHEMA, "parameters": self._content}, indent=1, sort_keys=True)
+        document = {"schema": SCHEMA, "axis": self._axis, "parameters": self._content}
+        text = json.dumps(document, indent=1, sort_keys=True)
         with temporary.open("w", encoding="ascii") as file:
             file.write(text + "\n")
             file.flush()
@@ -59,6 +62,8 @@ class Memory:
             document = json.loads(self._path.read_text(encoding="ascii"))
             if document["schema"] != SCHEMA:
                 raise ValueError(f"schema {document['schema']}, known is {SCHEMA}")
+            if document["axis"] != self._axis:
+                raise ValueError(f"it is of axis {document['axis']!r}, this is {self._axis!r}")
             content = {str(name): str(value) for name, value in document["parameters"].items()}
             for name, value in content.items():
                 _key(name)

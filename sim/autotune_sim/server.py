@@ -63,7 +63,7 @@ class Server:
         self._port = PtyPort(port_path)
         self._adapter.flush = self._port.discard
         eds = config_directory() / "eds" / EDS
-        memory = Memory(state_file, self._log)
+        memory = Memory(state_file, self._log, servo.preset.name)
         self.device = Device(
             servo, eds, node_id, self._adapter.transmit, memory, self._log, real_time=real_time
         )

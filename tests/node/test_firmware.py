@@ -256,20 +256,20 @@ def test_interpolation_over_four_periods(bench: Bench) -> None:
 
 def test_temperature_limit(bench: Bench) -> None:
     bench.enable()
-    bench.device.firmware.heating = 200.0
+    bench.device.firmware.supervision.heating = 200.0
     for _ in range(60):
         word, *_ = bench.cycle(15)
     assert word & 0x4F == 0x08
     assert int(bench.get(0x603F)) == 0x4310
     bench.cycle(0)
     assert bench.cycle(0x80)[0] & 0x4F == 0x08  # still hot
-    bench.device.firmware.heating = 0.0
+    bench.device.firmware.supervision.heating = 0.0
     bench.cycle(0)
     assert bench.cycle(0x80)[0] & 0x4F == 0x40
 
 
 def test_missing_enable_input(bench: Bench) -> None:
-    bench.device.firmware.enable_input = False
+    bench.device.firmware.supervision.enable_input = False
     bench.prepare()
     word, *_ = bench.cycle(6)
     assert word & 0x4F == 0x40
@@ -279,7 +279,7 @@ def test_missing_enable_input(bench: Bench) -> None:
 
 def test_enable_input_lost_under_power(bench: Bench) -> None:
     start = bench.enable()
-    bench.device.firmware.enable_input = False
+    bench.device.firmware.supervision.enable_input = False
     bench.cycle(15, start)
     word, *_ = bench.cycle(15, start)
     assert word & 0x4F == 0x08
@@ -288,7 +288,7 @@ def test_enable_input_lost_under_power(bench: Bench) -> None:
 
 
 def test_brake_that_does_not_open(bench: Bench) -> None:
-    bench.device.firmware.brake_input = False
+    bench.device.firmware.supervision.brake_input = False
     bench.prepare()
     for controlword in (6, 7, 15):
         word, *_ = bench.cycle(controlword)

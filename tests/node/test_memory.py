@@ -103,7 +103,14 @@ def test_no_storing_under_power(bench: Bench) -> None:
 
 @pytest.mark.parametrize(
     "content",
-    ["", "{", "[]", '{"schema": 9, "parameters": {}}', '{"schema": 1, "parameters": {"x": "y"}}'],
+    [
+        "",
+        "{",
+        "[]",
+        '{"schema": 9, "axis": "", "parameters": {}}',
+        '{"schema": 1, "axis": "other", "parameters": {}}',
+        '{"schema": 1, "axis": "", "parameters": {"x": "y"}}',
+    ],
 )
 def test_a_broken_state_file_means_factory_settings(
     make_bench: MakeBench, tmp_path: Path, content: str
@@ -123,7 +130,7 @@ def test_values_that_cannot_be_mean_factory_settings(
     make_bench: MakeBench, tmp_path: Path, key: str, value: str
 ) -> None:
     path = tmp_path / "state.json"
-    path.write_text(json.dumps({"schema": 1, "parameters": {key: value, "6065:00": "e8030000"}}))
+    path.write_text(json.dumps({"schema": 1, "axis": "", "parameters": {key: value, "6065:00": "e8030000"}}))
     bench = make_bench(Memory(path, print))
     assert bench.get(0x2000, 1) == 60.0
     assert bench.get(0x6065) == 2387

@@ -21,6 +21,7 @@ import canopen
 import pytest
 
 from autotune_sim.__main__ import main
+from autotune_sim.faults import FAULTS
 from tests.node.support import EDS, NODE, Simulator
 
 Start = Callable[..., Simulator]
@@ -298,6 +299,8 @@ def test_help_names_the_options() -> None:
         check=True,
     )
     assert "--real-time" in run.stdout
+    for name in FAULTS:
+        assert name in run.stdout.replace("\n", " ")
 
 
 def test_the_port_is_a_terminal(simulate: Start) -> None:
