@@ -9,10 +9,8 @@ import typer
 
 from autotune.cli.output import answer, say
 from autotune.core.errors import ConfigurationError
-from autotune.core.recording import MOTION_UNITS, Controller
+from autotune.core.recording import MOTION_UNITS, Controller, Recording
 from autotune.core.recording_files import write_recording
-from autotune.identify.foreign.importing import Imported, Options, import_files
-from autotune.identify.foreign.mapping import Wishes
 
 data = typer.Typer(no_args_is_help=True, help="Recordings that others made.")
 
@@ -45,7 +43,7 @@ def import_(
     resolution: Annotated[float | None, typer.Option(help="One count of the encoder, in rad or m.")] = None,
     period: Annotated[
         float | None,
-        typer.Option(help="Sample period [s]: the file has no clock, or only its stamps jitter."),
+        typer.Option(help="Sample period in seconds: the file has no clock, or only its stamps jitter."),
     ] = None,
     torque_limit: Annotated[float | None, typer.Option(help="Where the drive clamps its torque.")] = None,
     controller: Annotated[
@@ -60,6 +58,9 @@ def import_(
     ] = False,
 ) -> None:
     """Import measurements of any axis; what was recognised is said line by line."""
+    from autotune.identify.foreign.importing import Options, import_files
+    from autotune.identify.foreign.mapping import Wishes
+
     _check_output(out, files)
     _check_numbers({"resolution": resolution, "period": period, "torque-limit": torque_limit})
     _check_words(unit, torque_unit, experiment)
@@ -70,7 +71,7 @@ def import_(
     for line in imported.lines:
         say(line)
     write_recording(imported.recording, out)
-    answer(_summary(imported, out))
+    answer(_summary(imported.recording, out))
 
 
 def _check_output(out: Path, files: list[Path]) -> None:
@@ -99,8 +100,7 @@ def _check_words(unit: str | None, torque_unit: str | None, experiment: str | No
         raise ConfigurationError(f"--experiment is {experiment!r}; write a name without commas and quotes")
 
 
-def _summary(imported: Imported, out: Path) -> str:
-    recording = imported.recording
+def _summary(recording: Recording, out: Path) -> str:
     segments = len(recording.segments())
     seconds = len(recording) * recording.period
     return (

@@ -173,7 +173,7 @@ def _texts(table: pa.Table, name: str) -> np.ndarray[tuple[int], np.dtype[np.str
 
 def _table(recording: Recording) -> pa.Table:
     arrays = {
-        "experiment": pa.array(recording.experiment.tolist(), pa.string()),
+        "experiment": _names(recording),
         "repeat": pa.array(recording.repeat),
         "missed": pa.array(recording.missed),
         **{name: pa.array(values) for name, values in recording.floats.items()},
@@ -181,6 +181,12 @@ def _table(recording: Recording) -> pa.Table:
     table = pa.table({name: arrays[name] for name in COLUMNS if name in arrays})
     pairs = metadata_pairs(recording.metadata)
     return table.replace_schema_metadata({_PREFIX + k.encode(): v.encode() for k, v in pairs.items()})
+
+
+def _names(recording: Recording) -> pa.ChunkedArray:
+    """Names segment by segment: ten million rows must not become ten million Python texts."""
+    runs = [pa.repeat(pa.scalar(s.experiment), s.stop - s.start) for s in recording.segments()]
+    return pa.chunked_array(runs, pa.string())
 
 
 def _csv_bytes(recording: Recording) -> bytes:

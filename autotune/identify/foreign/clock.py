@@ -2,9 +2,9 @@
 
 A clock that starts again begins a new stretch, and so does a gap of more than three samples. Stamps
 that only carry the rounding of their digits are replaced by the line through them; stamps that really
-jitter are the times of the samples, and the samples are interpolated onto the median grid: position,
-velocity and temperature by monotone cubic pieces (PCHIP: no overshoot beside encoder steps), torque
-linearly.
+jitter are the times of the samples, and the samples are interpolated onto a regular grid: position,
+velocity and temperature by cubic pieces with three-point derivatives (error of order h³, overshoot
+beside an encoder step at most a tenth of it), torque linearly.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator
+from scipy.interpolate import CubicHermiteSpline
 
 from autotune.core.errors import RecordingError
 from autotune.identify.foreign.source import Floats
@@ -25,6 +25,8 @@ GAP_SAMPLES = 3
 LEAST_ROWS = 10
 REGULAR = 0.05
 """Stamps within this share of the period of a straight line are regular."""
+_WINDOW = 25
+"""Samples over which a jittering clock is averaged; most such windows must be without a lost sample."""
 _CHUNK = 1 << 19
 _SMOOTH = ("position", "reference", "velocity", "temperature")
 
@@ -105,14 +107,19 @@ def split_gaps(run: Stretch, period: float) -> list[Stretch]:
 
 
 def fitted_period(pieces: list[Stretch], median: float) -> float:
-    """Mean step of the longest piece where that is regular, else the median; six or more digits kept."""
-    longest = max(pieces, key=len)
-    time = longest.columns["time"]
-    if len(time) < 2:
-        return _round(median, 6)
-    mean = float(time[-1] - time[0]) / (len(time) - 1)
-    digits = 6 if len(time) < 1 << 20 else 9
-    return _round(mean if abs(mean / median - 1.0) < 0.5 and _rounded_only(time, mean) else median, digits)
+    """Mean step of the longest piece where that is regular, else its median over windows of samples.
+
+    A piece that will be resampled gets a period of as few digits as possible within 1e-3; its grid
+    follows the stamps all the same.
+    """
+    time = max(pieces, key=len).columns["time"]
+    mean = _slope(time)
+    if abs(mean / median - 1.0) < 0.5 and _rounded_only(time, mean):
+        return _round(mean, 6 if len(time) < 1 << 20 else 9)
+    window = min(_WINDOW, len(time) - 1)
+    usual = float(np.median(time[window:] - time[:-window])) / window
+    short = (_round(usual, digits) for digits in range(1, 6))
+    return next((value for value in short if abs(value / usual - 1.0) < 1e-3), _round(usual, 6))
 
 
 def regular(piece: Stretch, period: float) -> tuple[Stretch, str]:
@@ -146,7 +153,9 @@ def _interpolated(name: str, time: Floats, values: Floats, grid: Floats) -> Floa
         return np.asarray(np.interp(grid, time, values))
     result = np.empty_like(grid)
     for rows, part in _chunks(time, grid):
-        result[rows] = PchipInterpolator(time[part], values[part])(np.minimum(grid[rows], time[-1]))
+        slope = np.gradient(values[part], time[part], edge_order=2)
+        pieces = CubicHermiteSpline(time[part], values[part], slope)
+        result[rows] = pieces(np.minimum(grid[rows], time[-1]))
     return result
 
 
@@ -219,6 +228,12 @@ def _refuse_mixed(columns: Mapping[str, Floats], path: Path) -> None:
             f"{path}: every time occurs twice with different positions (row 2: {position[0]:.6g} and "
             f"{position[1]:.6g}): two axes are mixed in one file. Separate them and import each by itself"
         )
+
+
+def _slope(time: Floats) -> float:
+    """Least squares: the mean step, insensitive to how the two ends are rounded."""
+    centred = np.arange(len(time)) - 0.5 * (len(time) - 1)
+    return float(centred @ (time - time[0])) / float(centred @ centred)
 
 
 def _round(value: float, digits: int) -> float:

@@ -100,7 +100,9 @@ def import_files(paths: Sequence[Path], options: Options) -> Imported:
     if len(units) > 1:
         raise RecordingError("the files mix linear and rotary axes; import each axis by itself")
     period = min(file.period for file in files)
-    recording = concatenate(_segments(file, number, period, options, {}) for number, file in enumerate(files))
+    parts = [part for number, file in enumerate(files) for part in _segments(file, number, period, options)]
+    recording = concatenate(parts) if len(parts) > 1 else parts[0]
+    del parts
     lines = _lines(files) + _periods(files, period)
     recording, remarks = _judged(recording, files, options)
     return Imported(recording, tuple(lines + remarks))
@@ -243,7 +245,7 @@ def _tell(
         lines.append(f"time stamps are rounded; the samples are regular, {period:g} s apart")
         facts["time"] = "rounded stamps replaced by a line"
     if "resampled" in ways:
-        text = "monotone cubic for position, velocity, reference; linear for torque"
+        text = "cubic for position, velocity, reference; linear for torque"
         lines.append(
             f"time stamps are irregular: resampled to {period:g} s ({text}); with --period if only stamps jitter"
         )
@@ -281,17 +283,14 @@ def _unwrapped(piece: Stretch, length: float) -> Stretch:
     return piece.with_columns(position=position, reference=reference + turns * length)
 
 
-def _segments(
-    file: _File, number: int, period: float, options: Options, extra: Mapping[str, str]
-) -> Recording:
-    """The file as a recording with the common period."""
+def _segments(file: _File, number: int, period: float, options: Options) -> list[Recording]:
+    """The stretches of the file as recordings with the common period."""
     metadata = Metadata(
         motion_unit=file.unit,
         sample_period=period,
         position_resolution=options.wishes.resolution,
         torque_limit=options.torque_limit,
         controller=options.controller,
-        extra=extra,
     )
     name = options.experiment or _name(file.path, file.lines)
     parts = []
@@ -304,7 +303,7 @@ def _segments(
         missed[0] = stretch.missed
         label, repeat = _label(name, number, index, file.stretches, options)
         parts.append(Recording.from_columns(columns, metadata, label, repeat, missed))
-    return concatenate(parts) if len(parts) > 1 else parts[0]
+    return parts
 
 
 def _label(name: str, number: int, index: int, stretches: list[Stretch], options: Options) -> tuple[str, int]:

@@ -88,7 +88,7 @@ _SUFFIXES = frozenset(
 )
 _NOT_LENGTH = frozenset({"nm"})
 _BRACKETS = re.compile(r"^(?P<name>.*?)\s*[\[(<{]\s*(?P<unit>[^\])>}]*)\s*[\])>}]\s*$")
-_WORDED = re.compile(r"^(?P<name>.*\S)\s*(?:,|\bin\b|/)\s*(?P<unit>\S+)$")
+_WORDED = re.compile(r"^(?P<name>.*\S)\s*[,/]\s*(?P<unit>\S+)$")
 _SUFFIXED = re.compile(r"^(?P<name>.*[^_\s])[_\s](?P<unit>[^_\s]+)$")
 
 
@@ -112,10 +112,10 @@ def split_unit(header: str) -> tuple[str, str]:
     found = _BRACKETS.match(bare)
     if found and found["name"].strip():
         return found["name"].strip(), found["unit"].strip()
+    found = _SUFFIXED.match(bare)
+    if found and found["unit"].lower() in _SUFFIXES and not (found["unit"] == "m" and "_m" in bare):
+        return re.sub(r"(\s+in|\s*[,/])$", "", found["name"]), found["unit"]
     found = _WORDED.match(bare)
     if found and find_unit(found["unit"]):
-        return found["name"].strip(), found["unit"]
-    found = _SUFFIXED.match(bare)
-    if found and found["unit"].lower() in _SUFFIXES and find_unit(found["unit"]):
-        return found["name"].strip(), found["unit"]
+        return found["name"], found["unit"]
     return bare, ""

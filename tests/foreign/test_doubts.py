@@ -1,0 +1,273 @@
+"""What is not written in the file is asked for, never guessed; what cannot be is refused with the row."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from autotune.core.errors import AutotuneError, ConfigurationError, RecordingError
+from autotune.identify.foreign.factor import evaluate
+from autotune.identify.foreign.recognise import guess
+from autotune.identify.foreign.source import Column
+from autotune.identify.foreign.units import find_unit, split_unit
+
+from .conftest import Floats, axis_signals, bring_in, write_table
+
+HEAD = "t [s],pos [rad],vel [rad/s],tau [Nm]"
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "factor"),
+    [
+        ("ms", "time", 1e-3), ("[µs]", "time", 1e-6), ("deg", "angle", np.pi / 180), ("°", "angle", np.pi / 180),
+        ("1/min", "angular speed", np.pi / 30), ("rpm", "angular speed", np.pi / 30), ("mm", "length", 1e-3),
+        ("mNm", "torque", 1e-3), ("N·m", "torque", 1.0), ("N m", "torque", 1.0), ("mN", "force", 1e-3),
+        ("Nm", "torque", 1.0), ("A", "current", 1.0), ("mA", "current", 1e-3), ("%", "share", 1e-2),
+        ("rad/s", "angular speed", 1.0), ("qc", "counts", 1.0),
+    ],
+)  # fmt: skip
+def test_units(text: str, kind: str, factor: float) -> None:
+    unit = find_unit(text)
+    assert unit is not None
+    assert unit.kind == kind
+    assert unit.factor == pytest.approx(factor)
+
+
+@pytest.mark.parametrize("text", ["MN", "MNm", "furlong", "", "rad/s²"])
+def test_unknown_units_are_not_guessed(text: str) -> None:
+    assert find_unit(text) is None
+
+
+@pytest.mark.parametrize(
+    ("header", "name", "unit"),
+    [
+        ("Position [deg]", "Position", "deg"), ("pos_deg", "pos", "deg"), ("Torque in Nm", "Torque", "Nm"),
+        ("Speed(rpm)", "Speed", "rpm"), ("Time, s", "Time", "s"), ("time", "time", ""),
+        ("position_actual", "position_actual", ""), ("q_m", "q_m", ""), ("pos_m", "pos_m", ""),
+        ("vel_rad/s", "vel", "rad/s"),
+        ("Time / s", "Time", "s"), ("Speed / rad/s", "Speed", "rad/s"), ("Position/deg", "Position", "deg"),
+    ],
+)  # fmt: skip
+def test_units_in_names(header: str, name: str, unit: str) -> None:
+    assert split_unit(header) == (name, unit)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "target"),
+    [
+        ("Position actual value", "", "position"), ("Position demand value", "", "reference"),
+        ("Target position", "", "reference"), ("qm", "", "position"), ("qg", "", "reference"),
+        ("Velocity actual value averaged", "rpm", "velocity"), ("Reference Velocity", "", ""),
+        ("Torque actual value averaged", "%", "torque"), ("Torque demand", "", "torque_command"),
+        ("Current actual value averaged", "mA", "current"), ("Iq", "", "current"), ("Uq", "", "voltage"),
+        ("Following error actual value", "", ""), ("position error", "", ""), ("Time", "", "time"),
+        ("motorTorque", "Nm", "torque"), ("Torque", "A", "current"), ("pos1", "", "position"), ("acceleration", "", ""),
+        ("Motor torque", "A", "current"),
+    ],
+)  # fmt: skip
+def test_names(name: str, unit: str, target: str) -> None:
+    assert guess(Column(name, unit)).target == target
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("2", 2.0), ("-1e-3", -1e-3), ("6.28/60", 6.28 / 60), ("2*pi/60", np.pi / 30), ("-rpm", -np.pi / 30),
+        ("1/min", np.pi / 30), ("gtau", 35.0), ("-gtau*2", -70.0), ("deg", np.pi / 180), ("rad/s", 1.0),
+        ("1e-3*2*pi/0.005", 1e-3 * 2 * np.pi / 0.005),
+    ],
+)  # fmt: skip
+def test_factors(text: str, value: float) -> None:
+    assert evaluate(text, {"gtau": 35.0}, "here") == pytest.approx(value, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "0", "1/0", "inf", "nan", "x", "2**3", "__import__('os')", "1e999", "%"]
+)
+def test_wrong_factors(text: str) -> None:
+    with pytest.raises(ConfigurationError, match="factor"):
+        evaluate(text, {}, "here")
+
+
+@pytest.mark.parametrize(
+    ("head", "columns", "message"),
+    [
+        ("t [s],pos,vel [rad/s],tau [Nm]", (), "no unit, and a guess could be wrong"),
+        ("t [s],pos [rad],vel [rad/s],tau", (), "no unit, and a guess could be wrong"),
+        ("t [s],pos [counts],vel [rad/s],tau [Nm]", (), "encoder counts"),
+        ("t [s],pos [rad],vel [rad/s],Iq [A]", (), r"torque=Iq\*0.12"),
+        ("t [s],pos [rad],vel [rad/s],Iq [A]", ("torque=Iq",), "--torque-unit A"),
+        ("t [s],pos [rad],vel [rad/s],Uq", ("torque=Uq",), "--torque-unit V"),
+        ("t [s],pos [rad],vel [rad/s],tau [%]", (), "share of the rated torque"),
+        ("t [s],pos [parsec],vel [rad/s],tau [Nm]", (), "not known"),
+        ("t [s],pos [deg],vel [rad/s],tau [Nm]", ("position=pos*-1",), r"pos\*-deg"),
+        ("t [s],pos [mm],vel [rad/s],tau [Nm]", (), "linear"),
+        ("t [s],pos [rad],pos2 [rad],tau [Nm]", (), "2 columns that may be position"),
+        ("a,b,c,d", (), "cannot tell which column"),
+        (HEAD, ("position=angle",), "has no column 'angle'"),
+        (HEAD, ("position=pso",), "did you mean 'pos'"),
+        (HEAD, ("postion=pos",), "did you mean position"),
+        (HEAD, ("position",), "NAME=FIELD"),
+        (HEAD, ("position=pos", "position=pos*2"), "twice"),
+        (HEAD, ("experiment=pos",), "--experiment"),
+        (HEAD, ("position=pos*pony",), "pony"),
+    ],
+)
+def test_doubts_are_asked(
+    tmp_path: Path, signals: dict[str, Floats], head: str, columns: tuple[str, ...], message: str
+) -> None:
+    path = write_table(tmp_path / "table.csv", signals, head=head)
+    with pytest.raises(AutotuneError, match=message) as caught:
+        bring_in(path, columns=columns)
+    assert caught.value.exit_code == 2
+
+
+def test_what_the_message_asks_for_is_accepted(tmp_path: Path, signals: dict[str, Floats]) -> None:
+    path = write_table(tmp_path / "table.csv", signals, head="t,Pos,Vel,Iq")
+    with_constant = bring_in(path, columns=("position=Pos", "torque=Iq*0.5")).recording
+    np.testing.assert_allclose(with_constant["torque"], 0.5 * signals["torque"], rtol=1e-8)
+    amperes = bring_in(path, columns=("position=Pos",), torque_unit="A").recording
+    np.testing.assert_allclose(amperes["torque"], signals["torque"], rtol=1e-8)
+    assert amperes.metadata.extra["torque_unit"] == "A"
+
+
+def test_every_column_taken_is_said(tmp_path: Path, signals: dict[str, Floats]) -> None:
+    signals["position"] = np.degrees(signals["position"])
+    lines = "\n".join(
+        bring_in(write_table(tmp_path / "t.csv", signals, head=HEAD.replace("pos [rad]", "pos [deg]"))).lines
+    )
+    for target in (
+        "time = 't'",
+        "position = 'pos' [deg] × 0.0174532925",
+        "velocity = 'vel'",
+        "torque = 'tau'",
+    ):
+        assert target in lines
+    assert "motion unit rad (units in the file)" in lines
+
+
+def test_counts_are_recognised_by_their_values(tmp_path: Path, signals: dict[str, Floats]) -> None:
+    signals["position"] = np.round(signals["position"] * 8192 / (2 * np.pi))
+    path = write_table(tmp_path / "t.csv", signals, head="time,position,speed,torque")
+    with pytest.raises(ConfigurationError, match="looks like encoder counts"):
+        bring_in(path)
+    recording = bring_in(path, columns=("position=position*2*pi/8192",)).recording
+    np.testing.assert_allclose(recording["position"], axis_signals()["position"], atol=2 * np.pi / 8192)
+
+
+def test_counts_with_a_written_unit_use_the_resolution(tmp_path: Path, signals: dict[str, Floats]) -> None:
+    count = 2 * np.pi / 8192
+    signals["position"] = np.round(signals["position"] / count)
+    path = write_table(tmp_path / "t.csv", signals, head="t [s],pos [inc],vel [rad/s],tau [Nm]")
+    recording = bring_in(path, resolution=count).recording
+    np.testing.assert_allclose(recording["position"], axis_signals()["position"], atol=count)
+    assert recording.metadata.position_resolution == count
+
+
+def test_milliseconds_without_a_unit_are_asked_for(tmp_path: Path, signals: dict[str, Floats]) -> None:
+    signals["time"] = np.arange(len(signals["time"]), dtype=float)
+    path = write_table(tmp_path / "t.csv", signals)
+    with pytest.raises(ConfigurationError, match=r"time=time\*ms"):
+        bring_in(path)
+    assert bring_in(path, columns=("time=time*ms",)).recording.period == pytest.approx(1e-3)
+
+
+@pytest.mark.parametrize("turned", ["torque", "position"])
+def test_a_wrong_sign_is_asked_for_not_turned(
+    tmp_path: Path, signals: dict[str, Floats], turned: str
+) -> None:
+    signals.pop("velocity")
+    signals[turned] = -signals[turned]
+    path = write_table(tmp_path / "t.csv", signals)
+    with pytest.raises(RecordingError, match=r"opposite directions.*torque=FIELD"):
+        bring_in(path)
+    kept = bring_in(path, keep_signs=True).recording
+    np.testing.assert_allclose(kept[turned], signals[turned], rtol=1e-8, atol=1e-12)
+    bring_in(path, columns=(f"{turned}={turned}*-1",))
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.2])
+@pytest.mark.parametrize(
+    ("inertia", "friction", "gravity", "spring"),
+    [(0.01, 0.3, 0.0, 0.0), (0.0, 0.3, 5.0, 0.0), (0.05, 0.01, 0.0, 0.0), (0.01, 0.1, 1.0, 3.0)],
+)
+def test_right_signs_are_never_questioned(
+    tmp_path: Path, inertia: float, friction: float, gravity: float, spring: float, noise: float
+) -> None:
+    """Gravity, springs, noise and coarse encoders do not make an axis look turned round; turning it does."""
+    random = np.random.default_rng(7)
+    time = 1e-3 * np.arange(6000)
+    position = 0.5 * np.sin(7 * time) + 0.2 * np.sin(23 * time)
+    velocity, acceleration = np.gradient(position, time), np.gradient(np.gradient(position, time), time)
+    torque = inertia * acceleration + friction * np.sign(velocity) + gravity + spring * position
+    torque += noise * random.standard_normal(len(time))
+    columns = {"time": time, "position": np.round(position / 1e-3) * 1e-3, "torque": torque}
+    bring_in(write_table(tmp_path / "t.csv", columns))
+    columns["torque"] = -torque
+    with pytest.raises(RecordingError, match="opposite directions"):
+        bring_in(write_table(tmp_path / "t.csv", columns))
+
+
+def test_noise_at_standstill_is_no_wrong_sign(tmp_path: Path) -> None:
+    """A controller that answers encoder noise at rest has torque against position, and is right."""
+    random = np.random.default_rng(3)
+    noise = np.round(random.standard_normal(5000)) * 1e-5
+    columns = {"time": 1e-3 * np.arange(5000), "position": noise, "torque": -500 * noise}
+    bring_in(write_table(tmp_path / "t.csv", columns))
+
+
+@pytest.mark.parametrize(
+    ("factor", "message"),
+    [(-1.0, "opposite signs"), (60 / (2 * np.pi), "rpm"), (180 / np.pi, "deg/s"), (3.7, "3.7 times")],
+)
+def test_velocity_of_another_unit_is_noticed(
+    tmp_path: Path, signals: dict[str, Floats], factor: float, message: str
+) -> None:
+    signals["velocity"] *= factor
+    with pytest.raises(RecordingError, match=message):
+        bring_in(write_table(tmp_path / "t.csv", signals))
+
+
+def test_clipped_torque_is_noted(tmp_path: Path, signals: dict[str, Floats]) -> None:
+    signals["torque"] = np.clip(signals["torque"], -0.8, 0.8)
+    imported = bring_in(write_table(tmp_path / "t.csv", signals))
+    assert "±0.8" in imported.recording.metadata.extra["torque_clipped"]
+    assert any("--torque-limit" in line for line in imported.lines)
+
+
+def test_constant_columns_are_said(tmp_path: Path, signals: dict[str, Floats]) -> None:
+    signals["torque"][:] = 0.0
+    assert any(
+        "torque is 0 in all rows" in line for line in bring_in(write_table(tmp_path / "t.csv", signals)).lines
+    )
+
+
+def test_few_missing_numbers_are_dropped_and_said_many_are_refused(
+    tmp_path: Path, signals: dict[str, Floats]
+) -> None:
+    signals["torque"][[5, 700]] = np.nan
+    imported = bring_in(write_table(tmp_path / "t.csv", signals))
+    assert any("2 rows without a number are dropped, the first is row 6" in line for line in imported.lines)
+    np.testing.assert_allclose(imported.recording["position"], axis_signals()["position"], atol=1e-4)
+    signals["torque"][100:200] = np.nan
+    with pytest.raises(
+        RecordingError, match="torque has 102 of 2000 values that are not numbers, the first in row 6"
+    ):
+        bring_in(write_table(tmp_path / "t.csv", signals))
+
+
+def test_mixed_axes_are_refused(tmp_path: Path, signals: dict[str, Floats]) -> None:
+    both = {name: np.repeat(values, 2) for name, values in signals.items()}
+    both["position"][1::2] += 5.0
+    both.pop("velocity")
+    with pytest.raises(RecordingError, match="two axes are mixed"):
+        bring_in(write_table(tmp_path / "t.csv", both))
+
+
+def test_a_leap_of_the_position_is_refused(tmp_path: Path, signals: dict[str, Floats]) -> None:
+    signals.pop("velocity")
+    signals["position"][1200:] += 3.0
+    with pytest.raises(RecordingError, match=r"jumps .* at row 1201"):
+        bring_in(write_table(tmp_path / "t.csv", signals))
