@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from autotune.core.errors import ConfigurationError, LinkError
+from autotune.core.errors import ConfigurationError, LinkError, TransferAborted
 from autotune_drivers.objects import ObjectRef, Raw
 from autotune_drivers.profile import Parameter, Profile
 from autotune_drivers.sdo import Sdo
@@ -67,9 +67,12 @@ class DriveParameters:
     def _put_back(self, before: Sequence[tuple[ObjectRef, Raw]], cause: LinkError) -> None:
         for ref, raw in reversed(before):
             try:
-                self._sdo.write(ref, raw)
-            except LinkError as error:
+                if self._sdo.read(ref) != raw:
+                    self._sdo.write(ref, raw)
+            except TransferAborted as error:
                 cause.add_note(f"{ref} could not be put back to {raw}: {error}")
+            except LinkError as error:
+                cause.add_note(f"{ref} and what was written before it could not be put back: {error}")
                 return
 
     def _find(self, name: str) -> Place:

@@ -1,0 +1,92 @@
+"""Axis links as URLs."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from autotune.core.errors import ConfigurationError
+from autotune_drivers import OPENERS
+from autotune_drivers.slcan import BITRATES
+from autotune_drivers.url import SCHEMES, parse_link
+
+HERE = Path("/somewhere/axes")
+
+
+def test_absolute_device() -> None:
+    address = parse_link("canopen+slcan:///dev/ttyACM0?bitrate=1000000&node=5", HERE)
+    assert (address.scheme, address.target) == ("canopen+slcan", "/dev/ttyACM0")
+    assert address.options == {"bitrate": 1000000, "node": 5}
+
+
+def test_relative_device_is_beside_the_axis_file() -> None:
+    assert (
+        parse_link("canopen+slcan:x/edm.tty?bitrate=500000&node=1", HERE).target
+        == "/somewhere/axes/x/edm.tty"
+    )
+
+
+def test_interface() -> None:
+    address = parse_link("canopen+socketcan://can0?node=127", HERE)
+    assert (address.target, address.options) == ("can0", {"node": 127})
+
+
+@pytest.mark.parametrize(
+    ("link", "says"),
+    [
+        ("canopen+slcam:///dev/x?bitrate=1000000&node=5", "did you mean 'canopen+slcan'"),
+        ("", "unknown scheme"),
+        ("can0", "unknown scheme"),
+        ("canopen+slcan:///dev/x?bitrate=1000000&nod=5", "did you mean 'node'"),
+        ("canopen+slcan:///dev/x?node=5", "does not say bitrate"),
+        ("canopen+slcan:///dev/x", "does not say bitrate and node"),
+        ("canopen+slcan:///dev/x?bitrate=1000001&node=5", "bitrate is 1000001; allowed is 10000, "),
+        ("canopen+slcan:///dev/x?bitrate=1000000&node=0", "node is 0; allowed is 1 to 127"),
+        ("canopen+slcan:///dev/x?bitrate=1000000&node=128", "node is 128"),
+        ("canopen+slcan:///dev/x?bitrate=1000000&node=five", "must be a whole number"),
+        ("canopen+slcan:///dev/x?bitrate=1000000&node=", "must be a whole number"),
+        ("canopen+slcan:///dev/x?bitrate=1000000&node=5&node=6", "twice"),
+        ("canopen+slcan://dev/x?bitrate=1000000&node=5", "write three"),
+        ("canopen+slcan:?bitrate=1000000&node=5", "does not name what to open"),
+        ("canopen+slcan:///dev/x?bitrate=1000000&node=5#1", "'#'"),
+        ("canopen+socketcan://?node=5", "does not name what to open"),
+        ("canopen+socketcan://can0/x?node=5", "does not name what to open"),
+        ("canopen+socketcan://can0?node=5&bitrate=1000000", "unknown option 'bitrate'"),
+        ("canopen+socketcan://[can0?node=5", "is not a URL"),
+    ],
+)
+def test_mistakes_are_named(link: str, says: str) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        parse_link(link, HERE)
+    assert says in str(caught.value)
+
+
+def test_examples_are_right_and_every_scheme_has_an_opener() -> None:
+    assert set(SCHEMES) == set(OPENERS)
+    for name, scheme in SCHEMES.items():
+        assert parse_link(scheme.example, HERE).scheme == name
+
+
+def test_bit_rates_are_those_of_the_adapter_protocol() -> None:
+    assert SCHEMES["canopen+slcan"].options["bitrate"].choices == BITRATES
+
+
+@given(st.text(max_size=60))
+def test_any_text_is_parsed_or_refused_in_words(text: str) -> None:
+    for link in (text, "canopen+slcan:" + text, "canopen+socketcan://" + text):
+        try:
+            target = parse_link(link, HERE).target
+        except ConfigurationError as error:
+            target = str(error)
+        assert target
+
+
+@given(st.integers(1, 127), st.sampled_from(BITRATES))
+def test_addresses_travel_between_processes(node: int, bitrate: int) -> None:
+    address = parse_link(f"canopen+slcan:a.tty?bitrate={bitrate}&node={node}", HERE)
+    assert pickle.loads(pickle.dumps(address)) == address
+    assert address.options == {"bitrate": bitrate, "node": node}
