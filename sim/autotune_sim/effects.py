@@ -15,7 +15,7 @@
 | backlash | load beyond a gap, contact stiffness 300 N m/rad | rad | 5e-3 |
 | torque_lag | first-order lag of the current loop | s | 5e-4 |
 | torque_saturation | iron saturation, T = u·(1 − size·(u/limit)²) | relative loss at the limit | 0.25 |
-| dwell_time_break_away | break-away grows with rest (1 s), lost in 2 mrad of slip | N m | 0.08 |
+| dwell_time_break_away | break-away grows with rest (1 s), lost in 5 mrad of slip | N m | 0.08 |
 | load_dependent_friction | friction grows with the torque transmitted | N m/(N m) | 0.2 |
 | encoder_eccentricity | once-per-revolution error of the encoder, random phase | rad | 1e-3 |
 """

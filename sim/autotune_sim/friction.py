@@ -8,9 +8,9 @@ motion with stiffness k_i until it carries its break-away torque W_i = k_i·d_i,
 LuGre bristle (Canudas de Wit et al. 1995), integrated exactly for a velocity that is constant during
 one integration step h:
 
-    ż = v − |v|·z/g(v),   g(v) = S·(F_c + (F_s − F_c)·exp(−(v/v_s)²))/σ0,   T = σ0·z + σ1·ż
+    ż = v − |v|·z/g(v),   g(v) = (S·F_c + C·(F_s − F_c)·exp(−(v/v_s)²))/σ0,   T = σ0·z + σ1·ż
 
-S is the strength of the contact: 1 for the nominal axis, varied by the planted effects (`strength`).
+S and C say how strong the contact is: 1 on the nominal axis, varied by planted effects (`strength`).
 Each function is called once per integration step; `side` is 0 for the motor and 1 for the load.
 """
 
@@ -20,16 +20,23 @@ import math
 
 from autotune_sim.kernel import Record, kernel
 
+WEAKEST = 0.05  # of nominal friction, whatever the effects do
+
 
 @kernel
-def strength(p: Record, s: Record, q: float, v: float) -> float:
-    """Relative strength of the contact at position q [rad] and velocity v [rad/s]."""
-    value = 1.0 + p.load_ratio * s.load + p.dwell_ratio * s.age
-    if p.stribeck_ratio != 0.0:
-        value += p.stribeck_ratio * math.exp(-((v / p.stribeck_velocity) ** 2))
+def strength(p: Record, s: Record, q: float, v: float) -> tuple[float, float]:
+    """Strength of the contact at position q [rad] and velocity v [rad/s].
+
+    Returns the level S and the scale C in it: S = C·(1 + what Stribeck, rest and load add to 1).
+    """
+    scale = math.exp(-p.thermal_softening * s.warming)
     if p.bump_ratio != 0.0:
-        value += p.bump_ratio * math.exp(-(((q - p.bump_centre) / p.bump_width) ** 2))
-    return float(max(value * math.exp(-p.thermal_softening * s.warming), 0.05))
+        scale *= 1.0 + p.bump_ratio * math.exp(-(((q - p.bump_centre) / p.bump_width) ** 2))
+    scale = max(scale, WEAKEST)
+    rise = p.load_ratio * s.load + p.dwell_ratio * s.age
+    if p.stribeck_ratio != 0.0:
+        rise += p.stribeck_ratio * math.exp(-((v / p.stribeck_velocity) ** 2))
+    return scale * (1.0 + rise), scale
 
 
 @kernel
@@ -62,7 +69,9 @@ def slide(p: Record, s: Record, side: int, share: float, displacement: float, le
 
 
 @kernel
-def bend(p: Record, s: Record, side: int, share: float, v: float, h: float, level: float) -> float:
+def bend(
+    p: Record, s: Record, side: int, share: float, v: float, h: float, level: float, scale: float
+) -> float:
     """Moves the LuGre bristle of one side at velocity v for the time h; adds torque and damping.
 
     Returns the distance slipped [rad].
@@ -75,7 +84,8 @@ def bend(p: Record, s: Record, side: int, share: float, v: float, h: float, leve
     if v != 0.0:
         direction = math.copysign(1.0, v)
         excess = (p.bristle_break_away - p.bristle_coulomb) * math.exp(-((v / p.bristle_velocity) ** 2))
-        g = level * (1.0 + direction * p.asymmetry) * (p.bristle_coulomb + excess) / p.bristle_stiffness
+        torque = (1.0 + direction * p.asymmetry) * (level * p.bristle_coulomb + scale * excess)
+        g = torque / p.bristle_stiffness
         decay = math.exp(-abs(v) * h / g)
         z = old * decay + direction * g * (1.0 - decay)
         damping *= max(1.0 - direction * z / g, 0.0)

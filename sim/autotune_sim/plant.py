@@ -2,9 +2,9 @@
 
     J·dv/dt = T_motor + n − T_friction(q, v) − σ2·v − F_g − T_ripple(q) − ...
 
-is integrated by the semi-implicit Euler method: elastic torques from the positions before the step,
-damping torques implicit in the velocity after it, positions with the new velocity. With a step of
-0.1 ms against presliding modes near 80 Hz this is within 1 % of a step four times finer (a test holds
+is integrated by the leapfrog method: velocities live half a step before positions, damping torques are
+taken at the mean of old and new velocity, the motor torque as its mean from velocity to velocity. With a
+step of 0.1 ms against presliding modes near 80 Hz this agrees with a step four times finer (a test holds
 it to that). Where a transmission is elastic or has a gap, motor and load are two masses.
 
 Everything is in SI. Kernels read a `PARAMETERS` record and change a `STATE` record.
@@ -125,7 +125,7 @@ class PlantParameters:
     saturation: float = 0.0
     dwell: float = 0.0
     dwell_time: float = 1.0
-    dwell_slip: float = 2e-3
+    dwell_slip: float = 5e-3
     load_factor: float = 0.0
     eccentricity: float = 0.0
     eccentricity_phase: float = 0.0
@@ -167,7 +167,7 @@ PARAMETERS = np.dtype(
     + [("element_count", np.int64), ("wave_count", np.int64)],
     align=True,
 )
-_STATES = ("position", "velocity", "load_position", "load_velocity", "motor_torque", "age", "load",
+_STATES = ("position", "velocity", "load_position", "load_velocity", "motor_torque", "motor_half", "age", "load",
            "warming", "winding", "brake")  # fmt: skip
 STATE = np.dtype(
     [(name, np.float64) for name in _STATES]
@@ -252,11 +252,21 @@ def advance(p: Record, s: Record, torque: float, noise: float, braked: bool, ste
 
 @kernel
 def motor(p: Record, s: Record, torque: float, h: float) -> float:
-    """Torque at the shaft: iron saturation costs torque at high current, the current loop lags."""
+    """Mean torque at the shaft from half a step ago to half a step ahead.
+
+    Iron saturation costs torque at high current; the current loop lags exponentially.
+    """
     target = torque * (1.0 - p.saturation * (torque / p.torque_limit) ** 2)
-    share = 1.0 if p.lag <= 0.0 else 1.0 - math.exp(-h / p.lag)
-    s.motor_torque += share * (target - s.motor_torque)
-    return float(s.motor_torque)
+    early, late, keep = 0.0, 0.0, 0.0
+    if p.lag > 0.0:
+        half = math.exp(-0.5 * h / p.lag)
+        early = (1.0 - half) * 2.0 * p.lag / h
+        late, keep = early * half, half * half
+    missing = s.motor_torque - target
+    mean = 0.5 * (s.motor_half + target + early * missing)
+    s.motor_half = target + late * missing
+    s.motor_torque = target + keep * missing
+    return float(mean)
 
 
 @kernel
@@ -296,9 +306,9 @@ def brake(s: Record, braked: bool, v: float, h: float) -> float:
 @kernel
 def rub(p: Record, s: Record, side: int, share: float, q: float, v: float, h: float) -> None:
     """Moves the contacts of one side to position q with velocity v and lets them age."""
-    level = strength(p, s, q, v)
+    level, scale = strength(p, s, q, v)
     slip = slide(p, s, side, share, h * v, level)
-    slip += bend(p, s, side, share, v, h, level)
+    slip += bend(p, s, side, share, v, h, level, scale)
     if side == 0 and p.dwell_ratio != 0.0:
         gain = h / p.dwell_time
         s.age = (s.age + gain) / (1.0 + gain + slip / p.dwell_slip)
@@ -312,7 +322,8 @@ def one_mass(p: Record, s: Record, drive: float, braked: bool, h: float) -> None
     held = brake(s, braked, v, h)
     damping = s.damping[0] + p.viscous * math.exp(-p.thermal_softening * s.warming)
     push = drive - s.elastic[0] - outside - lubricant(p, v) - held
-    new = (v + h / p.inertia * push) / (1.0 + h / p.inertia * damping)
+    drag = 0.5 * h / p.inertia * damping
+    new = ((1.0 - drag) * v + h / p.inertia * push) / (1.0 + drag)
     s.velocity = new
     s.position = q + h * new
     if p.load_ratio != 0.0:
@@ -346,10 +357,12 @@ def two_masses(p: Record, s: Record, drive: float, braked: bool, h: float) -> No
     near, far = 1.0 - p.load_friction, p.load_friction
     gain = h / (p.inertia * (1.0 - p.load_inertia))
     push = drive - passed - s.elastic[0] - ripple(p, s.position) - p.offset - lubricant(p, v) - held
-    s.velocity = (v + gain * push) / (1.0 + gain * (s.damping[0] + near * viscous))
+    drag = 0.5 * gain * (s.damping[0] + near * viscous)
+    s.velocity = ((1.0 - drag) * v + gain * push) / (1.0 + drag)
     gain = h / (p.inertia * p.load_inertia)
     push = passed - s.elastic[1] - load_torque(p, s.load_position)
-    s.load_velocity = (w + gain * push) / (1.0 + gain * (s.damping[1] + far * viscous))
+    drag = 0.5 * gain * (s.damping[1] + far * viscous)
+    s.load_velocity = ((1.0 - drag) * w + gain * push) / (1.0 + drag)
     s.position += h * s.velocity
     s.load_position += h * s.load_velocity
     s.load += (abs(passed) - s.load) * h / (LOAD_FILTER + h)

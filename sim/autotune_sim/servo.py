@@ -82,12 +82,13 @@ class Servo:
     Args:
         preset: what is simulated.
         seed: of the noise; runs with equal seeds are equal.
+        refine: integration steps for each usual one, to see how exact the plant is.
 
     Raises:
         ValueError: a cycle outside 1 to 4 ms.
     """
 
-    def __init__(self, preset: Preset, seed: int = 0) -> None:
+    def __init__(self, preset: Preset, seed: int = 0, refine: int = 1) -> None:
         if not PERIODS[0] <= preset.period <= PERIODS[1]:
             raise ValueError(
                 f"the cycle of the simulated drive is {preset.period} s; "
@@ -100,7 +101,7 @@ class Servo:
         self.brake_stuck = False
         self.mode = ServoMode.POSITION
         self._switch = _OFF  # a plain integer: an enumeration costs the kernel's dispatcher 7 µs
-        self._steps = substeps(preset.plant, self.period)
+        self._steps = substeps(preset.plant, self.period) * refine
         self._plant = pack(preset.plant)
         self._state = fresh_state()
         self._memory = np.zeros(1, MEMORY)
