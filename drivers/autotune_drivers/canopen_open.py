@@ -32,10 +32,10 @@ from autotune_drivers.session import Backup, Session
 from autotune_drivers.slcan import open_slcan
 from autotune_drivers.units import Units, fixed_factor
 from autotune_drivers.url import LinkAddress
-from autotune_drivers.wire import HEARTBEAT, Wire
+from autotune_drivers.wire import Wire
 
 HOST_NODES = (127, 126)
-_IDENTITY = ("vendor", "product", "revision", "serial")
+_FIRST_WORDS = 3
 _LISTEN = 0.15
 _FREE_WITHIN = 2.0
 _PERIOD = (
@@ -127,30 +127,28 @@ def _prepare(
 
 
 def _identify(node: Node, sdo: Sdo) -> dict[str, int | str]:
-    told = drain(node.wire.link, 0.0)
-    stopped = (HEARTBEAT + node.number, b"\x04") in told
-    if stopped:
-        node.command(PRE_OPERATIONAL)
-    try:
-        values = [int(sdo.read(ObjectRef(0x1018, 1, "u32", "vendor"), attempts=2))]
-    except LinkTimeout as error:
-        values = [_second_try(node, sdo, error)]
-    except TransferAborted:
-        values = [0]
-    identity: dict[str, int | str] = dict(zip(_IDENTITY, values, strict=False))
-    for sub, name in enumerate(_IDENTITY[1:], 2):
+    identity: dict[str, int | str] = {"vendor": _vendor(node, sdo)}
+    for sub, name in enumerate(("product", "revision", "serial"), 2):
         identity[name] = _optional(sdo, ObjectRef(0x1018, sub, "u32", name))
     for index, name in ((0x1008, "name"), (0x100A, "firmware")):
         identity[name] = _optional_text(sdo, ObjectRef(index, 0, "u8", name))
     return identity
 
 
-def _second_try(node: Node, sdo: Sdo, error: LinkTimeout) -> int:
-    """A stopped node serves no SDO: if its heartbeat says so it is woken, else we say who is there."""
-    if node.nmt_state != STOPPED:
-        raise _nobody(node, error) from None
-    node.command(PRE_OPERATIONAL)
-    return int(sdo.read(ObjectRef(0x1018, 1, "u32", "vendor")))
+def _vendor(node: Node, sdo: Sdo) -> int:
+    """The first word with the node. A stopped one serves no SDO: if its heartbeat says so, it is woken."""
+    vendor = ObjectRef(0x1018, 1, "u32", "vendor")
+    for _ in range(_FIRST_WORDS):
+        try:
+            return int(sdo.read(vendor, attempts=1))
+        except TransferAborted:
+            return 0
+        except LinkTimeout as error:
+            silence = error
+            if node.nmt_state == STOPPED:
+                node.woken = True
+                node.command(PRE_OPERATIONAL)
+    raise _nobody(node, silence) from None
 
 
 def _nobody(node: Node, error: LinkTimeout) -> LinkError:
@@ -242,7 +240,7 @@ def _monitor(node: Node, session: Session, period: float) -> str:
         return node.nmt_state
     node.monitor(period)
     node.wire.wait(3 * period, lambda: node.told)
-    return node.nmt_state
+    return STOPPED if node.woken else node.nmt_state
 
 
 def _set_period(session: Session, sdo: Sdo, period: float) -> None:

@@ -34,7 +34,7 @@ class Emergency:
 
 
 class Node:
-    """The master's view of node `number`; `told` is true once its heartbeat has come."""
+    """The master's view of node `number`; `told`: its heartbeat has come; `woken`: we have started it."""
 
     def __init__(self, wire: Wire, number: int) -> None:
         self.wire = wire
@@ -42,6 +42,7 @@ class Node:
         self.period: float = 0.0
         self.boots = 0
         self.told = False
+        self.woken = False
         self.emergencies: deque[Emergency] = deque(maxlen=16)
         self._told = ""
         self._heard = -1e9

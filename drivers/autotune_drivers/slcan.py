@@ -8,6 +8,7 @@ hex digits of identifier, one of length, data in hex, carriage return; BEL (07h)
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 import select
@@ -28,6 +29,7 @@ BITRATES: tuple[int, ...] = tuple(sorted(slcanBus._BITRATES))
 _BLOCK = 65536
 _WRITE_TIMEOUT = 1.0
 _DATA_FRAME = ord("t")
+_GONE = select.POLLHUP | select.POLLERR | select.POLLNVAL
 
 
 class SlcanBus(slcanBus):  # type: ignore[misc]
@@ -74,14 +76,17 @@ class SlcanBus(slcanBus):  # type: ignore[misc]
         return [frame for line in lines if (frame := self._decode(line)) is not None]
 
     def _lines(self, timeout: float) -> list[bytes]:
-        if not self._poll.poll(max(timeout, 0.0) * 1e3):
+        events = self._poll.poll(max(timeout, 0.0) * 1e3)
+        if not events:
             return []
         try:
             block = os.read(self._descriptor, _BLOCK)
         except BlockingIOError:
             return []
-        if not block:
-            raise OSError("end of file")
+        if not block:  # bytes may be discarded between poll and read; only a hang-up is an end
+            if events[0][1] & _GONE:
+                raise OSError(errno.EIO, "hung up")
+            return []
         lines = (self._rest + block).split(b"\r")
         self._rest = lines.pop()
         return lines
