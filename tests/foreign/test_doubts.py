@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +10,12 @@ import pytest
 
 from autotune.core.errors import AutotuneError, ConfigurationError, RecordingError
 from autotune.identify.foreign.factor import evaluate
+from autotune.identify.foreign.plausible import refuse_other_velocity, refuse_wrong_sign
 from autotune.identify.foreign.recognise import guess
 from autotune.identify.foreign.source import Column
 from autotune.identify.foreign.units import find_unit, split_unit
+from autotune_sim.presets import preset
+from bench.identify_data import play
 
 from .conftest import Floats, axis_signals, bring_in, write_table
 
@@ -271,3 +275,18 @@ def test_a_leap_of_the_position_is_refused(tmp_path: Path, signals: dict[str, Fl
     signals["position"][1200:] += 3.0
     with pytest.raises(RecordingError, match=r"jumps .* at row 1201"):
         bring_in(write_table(tmp_path / "t.csv", signals))
+
+
+def test_the_signs_of_a_simulated_axis_are_right_and_turned_ones_are_found() -> None:
+    """Steady state, presliding, Dahl's curve, PRBS and benchmark of the vertical axis, gravity included."""
+    axis = preset("edm-vertical")
+    recording = play(axis, 1)
+    turned = replace(
+        recording, floats={name: -v if name == "torque" else v for name, v in recording.floats.items()}
+    )
+    for name in dict.fromkeys(segment.experiment for segment in recording.segments()):
+        refuse_wrong_sign(recording.select(name), name)
+    refuse_wrong_sign(recording, "all")
+    refuse_other_velocity(recording, "all")
+    with pytest.raises(RecordingError, match="opposite directions"):
+        refuse_wrong_sign(turned, "all")

@@ -37,9 +37,14 @@ class Energy:
 
     @property
     def negative(self) -> bool:
-        """Beyond doubt: the axis would give energy to the motor."""
-        both = self.kinetic + self.friction
-        return self.explained > 0.5 and both < -0.6 * (abs(self.kinetic) + abs(self.friction))
+        """Beyond doubt: the axis would give energy to the motor.
+
+        Shares far above 1 come from terms that cannot be told apart (one direction only), unless they
+        explain nearly everything; small ones come from noise.
+        """
+        both, size = self.kinetic + self.friction, abs(self.kinetic) + abs(self.friction)
+        most = 20.0 if self.explained > 0.9 else 2.0
+        return self.explained > 0.5 and both < -0.6 * size and 0.3 < size < most
 
 
 def refuse_wrong_sign(recording: Recording, where: str) -> None:
