@@ -56,12 +56,14 @@ class CanopenDrive:
         identity: Mapping[str, int | str],
         lock_step: bool,
         nmt_before: str,
+        settings: Sequence[tuple[ObjectRef, Raw]],
     ) -> None:
         self.lock_step = lock_step
         self._node, self._sdo, self._session = node, sdo, session
         self._profile, self._units, self._period = profile, units, axis.cycle
         self._identity = MappingProxyType(dict(identity))
         self._nmt_before = nmt_before
+        self._settings = tuple(settings)
         self._parameters = DriveParameters(sdo, profile, units)
         self._exchange = Exchange(node, profile, axis.cycle, lock_step)
         stop = axis.limits.speed / axis.limits.deceleration
@@ -260,7 +262,12 @@ class CanopenDrive:
         if self._live:
             raise StateError("parameters are stored with power off only; disable the drive first")
         ref = ObjectRef(store.at.index, store.at.sub, store.at.type, "store parameters")
-        self._sdo.write(ref, _SAVE, store.seconds)
+        self._put_back()  # what a session changes must not survive it
+        try:
+            self._sdo.write(ref, _SAVE, store.seconds)
+        finally:
+            for setting in self._settings:
+                self._session.write_if_there(*setting)
 
     def faults(self) -> list[str]:
         self._node.wire.drain()
@@ -295,11 +302,20 @@ class CanopenDrive:
         self._lost = False
         self._power.acknowledge()
         self._node.wire.stop_heartbeat()
-        self._node.command(PRE_OPERATIONAL)
-        troubles = self._session.restore()
-        if self._nmt_before in (OPERATIONAL, STOPPED):
-            self._node.command(self._nmt_before)
+        troubles = self._session.restore(self._leave_operational)
+        known = self._nmt_before in (OPERATIONAL, STOPPED)
+        self._node.command(self._nmt_before if known else PRE_OPERATIONAL)
         return troubles
+
+    def _leave_operational(self) -> None:
+        """PDOs are set with the node pre-operational."""
+        self._node.command(PRE_OPERATIONAL)
+        self._mapped = None
+
+    def _put_back(self) -> None:
+        troubles = self._session.restore(self._leave_operational)
+        if troubles:
+            raise LinkError(f"nothing was stored in node {self._node.number}, as {'; '.join(troubles)} first")
 
     def _answers(self) -> bool:
         try:

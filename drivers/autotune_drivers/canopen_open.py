@@ -24,7 +24,7 @@ from autotune_drivers.canopen_drive import CanopenDrive
 from autotune_drivers.cia402 import POWERED, describe, state_of
 from autotune_drivers.frames import FrameLink, drain, open_socketcan
 from autotune_drivers.node import PRE_OPERATIONAL, STOPPED, Node
-from autotune_drivers.objects import ObjectRef
+from autotune_drivers.objects import ObjectRef, Raw
 from autotune_drivers.power import STATUS
 from autotune_drivers.profile import Identity, Profile
 from autotune_drivers.sdo import Sdo
@@ -35,6 +35,7 @@ from autotune_drivers.url import LinkAddress
 from autotune_drivers.wire import Wire
 
 HOST_NODES = (127, 126)
+MONITORED = ObjectRef(0x1017, 0, "u16", "producer heartbeat time")
 _FIRST_WORDS = 3
 _LISTEN = 0.15
 _FREE_WITHIN = 2.0
@@ -108,17 +109,13 @@ def _prepare(
             f"{rated.ref} of node {node.number} is {units.rated_torque}; torques cannot be scaled. Set it at "
             "the drive to the motor's rated torque"
         )
-    _set_period(session, sdo, axis.cycle)
-    for text, value in profile.session.items():
-        ref = ObjectRef.parse(text)
-        session.write_if_there(ref, ref.raw(value))
-    quick = profile.quick_stop_deceleration
-    if quick is not None:
-        ref = quick.named("quick stop deceleration").ref
-        session.write_if_there(ref, ref.raw(axis.limits.deceleration / units.factor(quick.unit)))
+    settings = [*_period(sdo, axis.cycle), *_settings(axis, profile, units)]
+    for setting in settings:
+        session.write_if_there(*setting)
+    settings.append((MONITORED, round(profile.guard.monitor * 1e3)))
     node.count_syncs(_sync_overflow(sdo))
     lock_step = _lock_step(profile, sdo)
-    drive = CanopenDrive(node, sdo, session, profile, axis, units, identity, lock_step, nmt_before)
+    drive = CanopenDrive(node, sdo, session, profile, axis, units, identity, lock_step, nmt_before, settings)
     drive.note()
     return drive
 
@@ -234,30 +231,37 @@ def _must_be_free(node: Node, sdo: Sdo) -> None:
 
 def _monitor(node: Node, session: Session, period: float) -> str:
     """Has the node send its heartbeat; the NMT state that it was in."""
-    wanted = round(period * 1e3)
-    ref = ObjectRef(0x1017, 0, "u16", "producer heartbeat time")
-    if not session.write_if_there(ref, wanted):
+    if not session.write_if_there(MONITORED, round(period * 1e3)):
         return node.nmt_state
     node.monitor(period)
     node.wire.wait(3 * period, lambda: node.told)
     return STOPPED if node.woken else node.nmt_state
 
 
-def _set_period(session: Session, sdo: Sdo, period: float) -> None:
+def _period(sdo: Sdo, period: float) -> list[tuple[ObjectRef, Raw]]:
     value, exponent = _PERIOD
     try:
         present = int(sdo.read(exponent))
     except TransferAborted:
-        return  # this drive takes its cycle from SYNC alone
+        return []  # this drive takes its cycle from SYNC alone
     for candidate in (present, -3, -4, -5, -6):
         units = period / 10.0**candidate
         if 1 <= round(units) <= 255 and abs(units - round(units)) < 1e-6:
-            session.write(exponent, candidate)
-            session.write(value, round(units))
-            return
+            return [(exponent, candidate), (value, round(units))]
     raise ConfigurationError(
         f"a cycle of {period * 1e3:g} ms cannot be told to the drive (60C2h); choose 1, 2 or 4 ms"
     )
+
+
+def _settings(axis: Axis, profile: Profile, units: Units) -> list[tuple[ObjectRef, Raw]]:
+    """What the profile wants while a session lasts, and the quick-stop ramp of the axis file."""
+    refs = [(ObjectRef.parse(text), value) for text, value in profile.session.items()]
+    settings = [(ref, ref.raw(value)) for ref, value in refs]
+    quick = profile.quick_stop_deceleration
+    if quick is not None:
+        ref = quick.named("quick stop deceleration").ref
+        settings.append((ref, ref.raw(axis.limits.deceleration / units.factor(quick.unit))))
+    return settings
 
 
 def _sync_overflow(sdo: Sdo) -> int:

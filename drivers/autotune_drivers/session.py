@@ -96,14 +96,17 @@ class Session:
             self._sdo.write(*self._objects[key])
             self._changed.discard(key)
 
-    def restore(self) -> list[str]:
+    def restore(self, before_pdos: Callable[[], None] = lambda: None) -> list[str]:
         """Puts everything back, last change first; says what could not be.
 
+        `before_pdos` is called first where PDOs have to be changed; only it may raise LinkError.
         What failed is tried once more after the rest, as some objects are only valid together. A node
-        that no longer answers is not asked again. Never raises LinkError.
+        that no longer answers is not asked again.
         """
         pdos = [pdo for key, pdo in self._pdos.items() if key in self._changed]
         objects = [pair for key, pair in self._objects.items() if key in self._changed]
+        if pdos:
+            before_pdos()
         tasks: list[Task] = [
             (pdo.name, partial(write_setting, self._sdo, pdo, pdo)) for pdo in reversed(pdos)
         ]

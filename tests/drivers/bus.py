@@ -44,11 +44,16 @@ def sdo(port: Path, node: int = 5) -> Iterator[Sdo]:
 def settings(port: Path) -> dict[str, float]:
     """Everything that a session may change, PDOs included."""
     with sdo(port) as client:
-        found: dict[str, float] = {text: client.read(ObjectRef.parse(text)) for text in SETTINGS}
-        for base in (0x1400, 0x1800):
-            for number in range(4):
-                found |= _pdo(client, base + number)
-        return found
+        return settings_over(client)
+
+
+def settings_over(client: Sdo) -> dict[str, float]:
+    """The same over a client that is there."""
+    found: dict[str, float] = {text: client.read(ObjectRef.parse(text)) for text in SETTINGS}
+    for base in (0x1400, 0x1800):
+        for number in range(4):
+            found |= _pdo(client, base + number)
+    return found
 
 
 def _pdo(client: Sdo, index: int) -> dict[str, float]:

@@ -120,6 +120,30 @@ def test_a_guard_for_another_master_is_put_back(running: Simulator) -> None:
     write(running, "1016:01 u32", 0)
 
 
+@pytest.mark.parametrize("area", ["1010:01 u32", "1010:04 u32"])
+def test_what_a_session_changes_is_never_stored(tmp_path: Path, area: str) -> None:
+    profile = read_profile("autotune-sim")
+    assert profile.store is not None
+    store = profile.store.model_copy(update={"at": ObjectRef.parse(area)})
+    axis = axis_of()
+    with simulator(tmp_path, "--state", str(tmp_path / "memory")) as process:
+        before = bus.settings(process.port)
+        opener = CanopenOpener(
+            parse_link(axis.link, tmp_path), axis, profile.model_copy(update={"store": store})
+        )
+        drive = opener()
+        play(drive, [HOLD] * 3)
+        drive.write_parameters({"feedforward.coulomb": 0.25})
+        drive.store()
+        play(drive, [HOLD] * 3)  # and the session goes on
+        mark = process.mark
+        process.order("power-loss")
+        process.wait_for("boot-up", mark)
+        found = bus.settings_over(drive._sdo)
+        assert found == before | {"2100:04 f32": pytest.approx(0.25)}
+        drive.close()
+
+
 def test_a_drive_with_a_sync_counter(running: Simulator) -> None:
     write(running, "1019:00 u8", 10)
     drive = connect(running)
