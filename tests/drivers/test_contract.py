@@ -11,6 +11,7 @@ from autotune.core.drive import Drive
 from autotune_drivers.canopen_open import CanopenOpener
 from autotune_drivers.profile import read_profile
 from autotune_drivers.url import parse_link
+from autotune_sim.inprocess import open_sim
 from tests.drivers.contract import Contract
 from tests.drivers.simulator import Simulator, axis_of, simulator
 
@@ -26,8 +27,7 @@ class TestInProcess(Contract):
 
     @pytest.fixture
     def drive(self) -> Iterator[Drive]:
-        inprocess = pytest.importorskip("autotune_sim.inprocess", reason="no in-process drive yet")
-        drive = inprocess.open_sim("sim://edm-vertical")
+        drive = open_sim("sim://edm-vertical")
         yield drive
         drive.close()
 
