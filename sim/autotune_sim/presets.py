@@ -3,6 +3,10 @@
 `edm-vertical` is the vertical axis of an electro-discharge machine (thesis, Tables 6.2 and 6.3);
 `lugre` is the same axis with a single LuGre bristle, for identification with known truth;
 `frictionless` has no friction but the viscous one.
+
+What the tables leave open was chosen so that the figures of section 6.3.6 come out (a test holds them):
+ripple of two orders with 0.01 N m each, their phases, and the derivative without a filter, as in the
+thesis's Appendix B.
 """
 
 from __future__ import annotations
@@ -50,7 +54,7 @@ class Preset:
 _BREAKS = (0.8e-3, 2e-3, 6e-3, 15e-3, 40e-3, 80e-3)
 _SHARES = (0.14, 0.20, 0.25, 0.20, 0.13, 0.08)
 _LEVEL = 0.33
-_RIPPLE = (Wave(72.0, 0.01, 3.85), Wave(144.0, 0.01, 4.72))  # commutator bars and their harmonic
+_RIPPLE = (Wave(72.0, 0.01, 1.63), Wave(144.0, 0.01, 1.54))  # commutator bars and their harmonic
 
 
 def _edm_vertical() -> PlantParameters:

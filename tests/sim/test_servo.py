@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from autotune_sim import kernel
 from autotune_sim.parameters import NAMES
 from autotune_sim.presets import preset
 from autotune_sim.servo import Servo, ServoMode, ServoState
@@ -254,6 +256,12 @@ def test_snapshots_restore_what_was_there() -> None:
     machine.parameters.restore(before)
     assert machine.parameters.snapshot() == before
     assert machine.parameters.record["controller_kp"][0] == 60.0
+
+
+def test_the_cache_of_kernels_knows_every_file_that_has_some() -> None:
+    folder = Path(kernel.__file__).parent
+    users = {f.name for f in folder.glob("*.py") if "import Record, kernel" in f.read_text("utf-8")}
+    assert users == set(kernel._SOURCES)
 
 
 def test_temperature_rises_with_torque() -> None:
