@@ -47,7 +47,7 @@ class Trajectory(Planned):
         return self.label
 
     def trace(self, path: Path) -> None:
-        path.move(self.motion.centre).dwell(PAUSE)
+        path.dwell(PAUSE)
         path.mark(self.label, self.repeat).add(self.motion.centre + self.positions)
 
 

@@ -9,7 +9,9 @@ owner in `Played`.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from collections.abc import Generator
+from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 
@@ -18,10 +20,11 @@ from autotune.core.drive import Mode, Sample
 from autotune.core.errors import ConfigurationError
 from autotune.core.recording import Floats
 from autotune.experiments.guard import REACTION_CYCLES
-from autotune.experiments.path import Motion, Path, Plan, Steps, labels_of
+from autotune.experiments.path import Item, Motion, Path, Plan, Steps, labels_of
 
 TRACKING_MARGIN = 0.01  # part of the path by which the axis may overshoot its reference
 SPEED_MARGIN = 1.1
+NO_DISTANCE = 1e-12
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +83,10 @@ class Experiment(ABC):
         """Does, before power comes on, what the first cycles would otherwise wait for."""
         return
 
+    def __getstate__(self) -> dict[str, object]:
+        """Only the fields travel to another process, not what was worked out from them."""
+        return {one.name: getattr(self, one.name) for one in fields(self)}
+
     def requirements(self, limits: Limits) -> None:
         """Checks that the experiment stays inside `limits`.
 
@@ -108,32 +115,47 @@ class Experiment(ABC):
 
 @dataclass(frozen=True)
 class Planned(Experiment):
-    """An experiment whose reference is known beforehand."""
+    """An experiment whose reference is known beforehand.
+
+    The way from where the axis stands to `centre` is added in front of it.
+    """
 
     @abstractmethod
     def trace(self, path: Path) -> None:
-        """Builds the reference; `path` stands at rest where the axis stands."""
+        """Builds the reference; `path` stands at rest at the centre."""
 
-    @property
-    def labels(self) -> tuple[str, ...]:
-        return labels_of(self.plan(self.motion.centre))
-
-    @property
-    def duration(self) -> float:
-        return self.plan(self.motion.centre).duration
-
-    def plan(self, start: float) -> Plan:
-        """The reference from `start`."""
-        path = Path(self.motion, start)
+    @cached_property
+    def plan(self) -> Plan:
+        """The whole reference, from rest at the centre."""
+        path = Path(self.motion, self.motion.centre)
         self.trace(path)
         return path.plan()
 
+    @property
+    def labels(self) -> tuple[str, ...]:
+        return labels_of(self.plan)
+
+    @property
+    def duration(self) -> float:
+        return self.plan.duration
+
     def needs(self, limits: Limits) -> Needs:
-        return needs_of(self.plan(self.motion.centre), limits)
+        return needs_of(self.plan, limits)
+
+    def prepare(self) -> None:
+        """Makes the plan while power is still off."""
+        _ = self.plan
 
     def run(self, start: Sample) -> Steps:
-        yield from self.plan(start.reference).play()
+        yield from approach(self.motion, start.reference)
+        yield from self.plan.play()
         return None
+
+
+def approach(motion: Motion, start: float) -> Generator[Item, Sample, None]:
+    """The way to the centre, if there is one."""
+    if abs(start - motion.centre) > NO_DISTANCE:
+        yield from Path(motion, start).move(motion.centre).plan().play()
 
 
 def needs_of(plan: Plan, limits: Limits) -> Needs:

@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Generator
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -24,8 +24,8 @@ from autotune.core.axis import Limits
 from autotune.core.drive import Command, Mode, Sample
 from autotune.core.errors import NotEnoughExcitation
 from autotune.core.recording import Floats
-from autotune.experiments.experiment import Experiment, Needs, needs_of
-from autotune.experiments.path import ABANDONED, CONDITIONING, Item, Mark, Path, Steps, Switch
+from autotune.experiments.experiment import Experiment, Needs, approach, needs_of
+from autotune.experiments.path import ABANDONED, CONDITIONING, Item, Mark, Path, Plan, Steps, Switch
 from autotune.signals.excitation import decaying_sine, multisine
 
 LABEL = "presliding"
@@ -34,7 +34,7 @@ CLOSED_LOOP_GAIN = 1.5  # more in closed loop, whose controller takes part of it
 SET_SECONDS = 3.0
 LINES, SLOWEST, FASTEST = 40, 5.0, 200.0  # Hz
 NYQUIST_PART = 0.35  # of the sampling rate
-RELAX_CYCLES, MEAN_CYCLES = 14, 6
+RELAX_CYCLES, RELAX_FASTEST, MEAN_CYCLES = 32, 10.0, 8
 HOLD_SECONDS, TRIALS, TRIAL_SECONDS = 0.4, 2, 1.0
 CORRECTION, LARGEST_PART = 0.7, 0.05
 SURVEY_SPEED = 0.2  # of the user's peak speed
@@ -109,13 +109,12 @@ class Presliding(Experiment):
     @property
     def duration(self) -> float:
         """Without sets that have to be played again."""
-        survey = self._survey(self.motion.centre).plan().duration if self.friction is None else 0.0
-        relaxing = self._relax(self.motion.centre)[0].plan().duration
+        survey = self.survey.duration if self.friction is None else 0.0
         trials = TRIALS * TRIAL_SECONDS if self.torque_mode else 0.0
-        return survey + relaxing + trials + self.sets * SET_SECONDS
+        return survey + self.relaxing[0].duration + trials + self.sets * SET_SECONDS
 
     def needs(self, limits: Limits) -> Needs:
-        return needs_of(self._survey(self.motion.centre).plan(), limits)
+        return needs_of(self.survey, limits)
 
     def run(self, start: Sample) -> Steps:
         sample = yield Mark(CONDITIONING)
@@ -137,6 +136,7 @@ class Presliding(Experiment):
             lost.append(repeat)
             amplitude *= WEAKER
             yield Mark(ABANDONED, repeat)
+            sample = yield self._command(sample.reference, offset, 0.0)
             sample, offset = yield from self._prepare_set(sample, amplitude, friction)
         yield Mark(CONDITIONING)
         yield from self._position_mode(sample)
@@ -151,14 +151,14 @@ class Presliding(Experiment):
     def _prepare_set(self, sample: Sample, amplitude: float, friction: float) -> Walk:
         """Relaxes in position mode, finds u₀, and tries it out in torque mode."""
         sample = yield from self._position_mode(sample)
-        path, first, last = self._relax(sample.reference)
+        yield Mark(CONDITIONING)
+        yield from approach(self.motion, sample.reference)
+        plan, first, last = self.relaxing
         total = 0.0
-        for index, reference in enumerate(path.plan().reference.tolist()):
+        for index, reference in enumerate(plan.reference.tolist()):
             sample = yield Command(reference)
             if first <= index < last:
                 total += sample.torque_command
-            if index == last:
-                yield Mark(CONDITIONING)
         offset = total / (last - first)
         if not self.torque_mode:
             return sample, offset
@@ -172,15 +172,17 @@ class Presliding(Experiment):
     def _position_mode(self, sample: Sample) -> Generator[Item, Sample, Sample]:
         return (yield Switch(Mode.POSITION, 0.0)) if self.torque_mode else sample
 
+    def _command(self, reference: float, offset: float, value: float) -> Command:
+        if self.torque_mode:
+            return Command(0.0, 0.0, offset + value, 0.0)
+        return Command(reference, 0.0, 0.0, value)
+
     def _excite(self, sample: Sample, offset: float, signal: Floats) -> Generator[Item, Sample, _Swing]:
         """Plays `signal` round u₀, or round the reference held; ends where the axis drifts away."""
         home, reference, drift = sample.position, sample.reference, self.drift
         before, travel = home, 0.0
         for value in signal.tolist():
-            if self.torque_mode:
-                sample = yield Command(0.0, 0.0, offset + value, 0.0)
-            else:
-                sample = yield Command(reference, 0.0, 0.0, value)
+            sample = yield self._command(reference, offset, value)
             position = sample.position
             travel += abs(position - before)
             before = position
@@ -191,34 +193,36 @@ class Presliding(Experiment):
     def prepare(self) -> None:
         """The excitation takes a third of a second to design: longer than a powered axis may wait."""
         unit_excitation(self.motion.period)
+        _ = self.survey, self.relaxing
 
     def _signal(self, amplitude: float) -> Floats:
         return amplitude * unit_excitation(self.motion.period)
 
-    def _relax(self, start: float) -> tuple[Path, int, int]:
-        """To the centre, then a decaying sine; with first and last sample of the mean of its torque."""
+    @cached_property
+    def relaxing(self) -> tuple[Plan, int, int]:
+        """A decaying sine round the centre; with first and last sample of the mean of its torque."""
         motion = self.motion
         amplitude = 0.75 * motion.amplitude
-        fastest = min(motion.speed / amplitude, math.sqrt(motion.acceleration / amplitude)) / (2.0 * math.pi)
-        frequency = min(max(4.0 * motion.frequency, 2.0), 0.9 * fastest)
-        path = Path(motion, start).move(motion.centre)
-        begin, samples = path.count, motion.samples(RELAX_CYCLES / frequency)
         smallest = min(2.0 * motion.resolution, 0.1 * amplitude)
-        path.add(motion.centre + decaying_sine(amplitude, smallest, RELAX_CYCLES, samples))
-        last = begin + samples
-        return path.dwell(HOLD_SECONDS), last - samples * MEAN_CYCLES // RELAX_CYCLES, last
+        possible = min(motion.speed / amplitude, math.sqrt(motion.acceleration / amplitude)) / (2.0 * math.pi)
+        frequency = min(max(4.0 * motion.frequency, 2.0), 0.9 * possible)
+        fastest = max(frequency, min(RELAX_FASTEST, 0.02 / motion.period))
+        fall = decaying_sine(amplitude, smallest, RELAX_CYCLES, frequency, fastest, motion.period)
+        plan = Path(motion, motion.centre).add(motion.centre + fall).dwell(HOLD_SECONDS).plan()
+        return plan, len(fall) - round(MEAN_CYCLES / fastest / motion.period), len(fall)
 
-    def _survey(self, start: float) -> Path:
-        """To the centre and slowly forth and back round it."""
-        path, centre = Path(self.motion, start), self.motion.centre
+    @cached_property
+    def survey(self) -> Plan:
+        """Slowly forth and back round the centre."""
+        path, centre = Path(self.motion, self.motion.centre), self.motion.centre
         reach, speed = 0.5 * self.motion.amplitude, SURVEY_SPEED * self.motion.usual_speed
-        path.move(centre).move(centre - reach).dwell(0.1)
-        path.move(centre + reach, speed=speed).move(centre - reach, speed=speed)
-        return path.move(centre)
+        path.move(centre - reach).dwell(0.1)
+        return path.move(centre + reach, speed=speed).move(centre - reach, speed=speed).move(centre).plan()
 
     def _measure_friction(self, sample: Sample) -> Walk:
         """Half the difference of the median torques of a slow move in both directions."""
-        plan = self._survey(sample.reference).plan()
+        yield from approach(self.motion, sample.reference)
+        plan = self.survey
         slow = SURVEY_SPEED * self.motion.usual_speed
         torque: dict[bool, list[float]] = {True: [], False: []}
         for reference, velocity in zip(plan.reference.tolist(), plan.velocity.tolist(), strict=True):

@@ -9,9 +9,9 @@ before anything is measured.
 from __future__ import annotations
 
 import copy
-from collections.abc import Generator, Iterator
+from collections.abc import Generator
 from dataclasses import dataclass
-from itertools import chain
+from functools import cached_property
 
 import numpy as np
 
@@ -19,11 +19,12 @@ from autotune.control.feedforward import FeedforwardLaw
 from autotune.core.axis import Limits
 from autotune.core.drive import Command, Sample
 from autotune.core.recording import Floats
-from autotune.experiments.experiment import Experiment, Needs, Planned, needs_of
-from autotune.experiments.path import CONDITIONING, Item, Mark, Motion, Path, Plan, Steps
+from autotune.experiments.experiment import Experiment, Needs, Planned, approach
+from autotune.experiments.path import CONDITIONING, Item, Mark, Motion, Path, Steps
 from autotune.signals.excitation import smooth_step
 
 BENCHMARK, ADAPTATION = "benchmark", "adaptation"
+Row = tuple[float, float, float, float]
 
 
 def period_samples(motion: Motion) -> int:
@@ -71,7 +72,6 @@ class BenchmarkSine(Planned):
 
     def trace(self, path: Path) -> None:
         n = period_samples(self.motion)
-        path.move(self.motion.centre)
         whole = self.motion.centre + sine(self.motion, self.repeats * self.periods + 2)
         path.add(whole[:n])
         for window in range(self.repeats):
@@ -80,26 +80,33 @@ class BenchmarkSine(Planned):
             path.add(whole[begin : begin + n * self.periods])
         path.mark(CONDITIONING).add(whole[-n:])
 
+    @cached_property
+    def rows(self) -> list[Row]:
+        """(reference, velocity, acceleration, share of the feedforward) of each cycle."""
+        plan = self.plan
+        gain = np.zeros(len(plan.reference))
+        fade = envelope(self.motion, self.repeats * self.periods + 2)
+        gain[: len(fade)] = fade
+        columns = (plan.reference, plan.velocity, plan.acceleration, gain)
+        return list(zip(*(column.tolist() for column in columns), strict=True))
+
     def prepare(self) -> None:
+        super().prepare()
         if self.feedforward is not None:
+            _ = self.rows
             self.feedforward.prepare()
 
     def run(self, start: Sample) -> Steps:
         if self.feedforward is None:
-            yield from super().run(start)
-            return None
-        plan = self.plan(start.reference)
+            return (yield from super().run(start))
         law = copy.deepcopy(self.feedforward)
-        yield from compensated(plan, self._gain(plan), law)
+        yield from approach(self.motion, start.reference)
+        edges = [first for first, _, _ in self.plan.marks] + [len(self.rows)]
+        previous: Sample | None = None
+        for (first, label, repeat), stop in zip(self.plan.marks, edges[1:], strict=True):
+            yield Mark(label, repeat)
+            previous = yield from _follow(self.rows[first:stop], law, previous)
         return law
-
-    def _gain(self, plan: Plan) -> Floats:
-        """How much of the feedforward is on; the sine stands just before the plan's settling tail."""
-        fade = envelope(self.motion, self.repeats * self.periods + 2)
-        gain = np.zeros(len(plan.reference))
-        begin = _first(plan, self.label) - period_samples(self.motion)
-        gain[begin : begin + len(fade)] = fade
-        return gain
 
 
 @dataclass(frozen=True)
@@ -124,54 +131,39 @@ class AdaptiveSine(Experiment):
 
     @property
     def duration(self) -> float:
-        return max(self.longest, self._plan(self.motion.centre).duration)
+        """At most."""
+        return self._one.duration + (self._periods - 1) * period_samples(self.motion) * self.motion.period
 
     def needs(self, limits: Limits) -> Needs:
-        return needs_of(self._plan(self.motion.centre), limits)
+        return self._one.needs(limits)
 
     def prepare(self) -> None:
-        self.feedforward.prepare()
+        self._one.prepare()
 
     def run(self, start: Sample) -> Steps:
         """Fades in, repeats whole periods, fades out."""
-        plan = self._plan(start.reference)
-        n = period_samples(self.motion)
+        n, rows = period_samples(self.motion), self._one.rows
         law = copy.deepcopy(self.feedforward)
-        middle = _first(plan, ADAPTATION)
-        fade = np.zeros(len(plan.reference))
-        fade[middle - n : middle + 2 * n] = envelope(self.motion, 3)
-        rows = _rows(plan, fade)
-        previous: Sample | None = yield Mark(CONDITIONING)
-        previous = yield from _follow(rows[:middle], law, None)
-        for period in range(max(self._periods - 2, 1)):
+        yield Mark(CONDITIONING)
+        yield from approach(self.motion, start.reference)
+        previous = yield from _follow(rows[:n], law, None)
+        for period in range(self._periods):
             yield Mark(ADAPTATION, period)
-            previous = yield from _follow(rows[middle : middle + n], law, previous)
+            previous = yield from _follow(rows[n : 2 * n], law, previous)
             if law.settled:
                 break
         yield Mark(CONDITIONING)
-        yield from _follow(rows[middle + n :], law, previous)
+        yield from _follow(rows[2 * n :], law, previous)
         return law
 
     @property
     def _periods(self) -> int:
-        return int(self.longest / (period_samples(self.motion) * self.motion.period))
+        return max(int(self.longest / (period_samples(self.motion) * self.motion.period)) - 2, 1)
 
-    def _plan(self, start: float) -> Plan:
+    @cached_property
+    def _one(self) -> BenchmarkSine:
         """Three periods: fade in, the one that is repeated, fade out."""
-        return BenchmarkSine(self.motion, repeats=1, periods=1, label=ADAPTATION).plan(start)
-
-
-Row = tuple[float, float, float, float]
-
-
-def compensated(plan: Plan, gain: Floats, law: FeedforwardLaw) -> Generator[Item, Sample, None]:
-    """Plays a plan with `gain` × the law's torque; the law sees only what is played with gain > 0."""
-    rows = _rows(plan, gain)
-    edges = [start for start, _, _ in plan.marks] + [len(rows)]
-    previous: Sample | None = None
-    for (start, label, repeat), stop in zip(plan.marks, edges[1:], strict=True):
-        yield Mark(label, repeat)
-        previous = yield from _follow(rows[start:stop], law, previous)
+        return BenchmarkSine(self.motion, 1, 1, self.feedforward, label=ADAPTATION)
 
 
 def _follow(
@@ -183,12 +175,3 @@ def _follow(
         sample = yield Command(reference, 0.0, 0.0, torque)
         previous = sample if gain > 0.0 else None
     return previous
-
-
-def _rows(plan: Plan, gain: Floats) -> list[Row]:
-    columns: Iterator[Floats] = chain((plan.reference, plan.velocity, plan.acceleration, gain))
-    return list(zip(*(column.tolist() for column in columns), strict=True))
-
-
-def _first(plan: Plan, label: str) -> int:
-    return next(start for start, name, _ in plan.marks if name == label)

@@ -81,29 +81,39 @@ def multisine(
     return np.asarray(min(trials, key=lambda signal: float(np.abs(signal).max())), dtype=np.float64)
 
 
-def decaying_sine(amplitude: float, smallest: float, cycles: int, samples: int) -> Floats:
+def decaying_sine(
+    amplitude: float, smallest: float, cycles: int, frequency: float, fastest: float, period: float
+) -> Floats:
     """Sine whose amplitude falls from `amplitude` to `smallest` by a constant factor a cycle.
 
-    It starts and ends smoothly at zero: the first half cycle fades in, the last one fades out.
+    Its frequency rises while it falls, with 1/√amplitude (equal acceleration), from `frequency` up to
+    `fastest`. It starts and ends smoothly at zero: the first half cycle fades in, the last one out.
 
     Args:
         amplitude, smallest: largest and smallest amplitude, 0 < smallest < amplitude.
-        cycles: number of cycles, at least 2.
-        samples: total length.
+        cycles: number of cycles, at least 2; many make what is left of the hysteresis small.
+        frequency, fastest: at the beginning and at most [Hz].
+        period: sample period [s].
 
     Returns:
-        Shape (samples,).
+        Shape (n,), as long as it takes.
 
     Raises:
-        ConfigurationError: amplitudes or cycles outside what is said above.
+        ConfigurationError: amplitudes, cycles or frequencies outside what is said above.
     """
-    if not 0 < smallest < amplitude or cycles < 2:
+    if not 0 < smallest < amplitude or cycles < 2 or not 0 < frequency <= fastest < 0.5 / period:
         raise ConfigurationError(
-            f"a decaying sine from {amplitude:g} to {smallest:g} in {cycles} cycles; it must fall, stay "
-            "above 0 and have 2 cycles or more"
+            f"a decaying sine from {amplitude:g} to {smallest:g} in {cycles} cycles, {frequency:g} to "
+            f"{fastest:g} Hz; it must fall, stay above 0, have 2 cycles or more and keep below half the "
+            "sampling rate"
         )
-    phase = np.arange(1, samples + 1) / samples * cycles
-    envelope = amplitude * (smallest / amplitude) ** (phase / cycles)
+    turns = np.linspace(0.0, cycles, 100 * cycles + 1)
+    decay = smallest / amplitude
+    rate = np.minimum(frequency * decay ** (-0.5 * turns / cycles), fastest)
+    seconds = np.concatenate([[0.0], np.cumsum(np.diff(turns) * 0.5 * (1.0 / rate[1:] + 1.0 / rate[:-1]))])
+    count = math.ceil(seconds[-1] / period)
+    phase = np.interp(np.arange(1, count + 1) * seconds[-1] / count, seconds, turns)
+    envelope = amplitude * decay ** (phase / cycles)
     envelope = envelope * smooth_step(2.0 * phase) * smooth_step(2.0 * (cycles - phase))
     return np.asarray(envelope * np.sin(2.0 * math.pi * phase), dtype=np.float64)
 

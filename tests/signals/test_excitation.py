@@ -55,20 +55,31 @@ def test_multisine_refuses_impossible_lines(lines: list[float]) -> None:
 
 
 def test_decaying_sine_starts_and_ends_at_rest_and_falls_steadily() -> None:
-    signal = decaying_sine(0.15, 2e-4, 14, 4200)
+    signal = decaying_sine(0.15, 2e-4, 14, 3.0, 3.0, 1e-3)
+    assert len(signal) == pytest.approx(14 / 3.0 / 1e-3, abs=2)
     assert np.abs(signal).max() == pytest.approx(0.1, abs=0.05)
     assert abs(signal[-1]) < 1e-12
     assert abs(np.diff(signal)[[0, -1]]).max() < 1e-6
-    peaks = np.abs(signal).reshape(-1, 300).max(axis=1)
-    ratios = peaks[2:-1] / peaks[1:-2]
-    expected = (2e-4 / 0.15) ** (1 / 14)
-    assert np.allclose(ratios, expected, rtol=0.02)
+    peaks = np.array([part.max() for part in np.array_split(np.abs(signal), 14)])
+    assert np.allclose(peaks[2:-1] / peaks[1:-2], (2e-4 / 0.15) ** (1 / 14), rtol=0.02)
 
 
-@pytest.mark.parametrize("sizes", [(0.1, 0.1, 5), (0.1, 0.0, 5), (0.1, 0.01, 1)])
-def test_decaying_sine_refuses_what_does_not_decay(sizes: tuple[float, float, int]) -> None:
+def test_decaying_sine_keeps_its_acceleration_until_it_is_fastest() -> None:
+    signal = decaying_sine(0.15, 2e-4, 32, 3.0, 10.0, 1e-3)
+    early, late = (np.abs(np.diff(part, 2)).max() / 1e-6 for part in (signal[400:1000], signal[1200:1800]))
+    assert late == pytest.approx(early, rel=0.2)
+    crossings = np.flatnonzero(np.diff(np.sign(signal[-2000:])))
+    assert np.median(np.diff(crossings)) == pytest.approx(50, abs=1)  # half a period of 10 Hz
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [{"smallest": 0.1}, {"smallest": 0.0}, {"cycles": 1}, {"frequency": 11.0}, {"fastest": 600.0}],
+)
+def test_decaying_sine_refuses_what_does_not_decay(changed: dict[str, float]) -> None:
+    sizes = {"amplitude": 0.1, "smallest": 0.01, "cycles": 5, "frequency": 1.0, "fastest": 10.0}
     with pytest.raises(ConfigurationError, match="must fall"):
-        decaying_sine(*sizes, samples=100)
+        decaying_sine(**(sizes | changed), period=1e-3)  # type: ignore[arg-type]
 
 
 @given(st.floats(-5.0, 5.0))
