@@ -167,7 +167,6 @@ def test_missing_files_and_folders_are_said(tmp_path: Path) -> None:
         st.binary(max_size=500),
         st.text('0123456789.,;e+- \n\t"#abtpos', max_size=400).map(str.encode),
         st.binary(max_size=300).map(lambda rest: b"PAR1" + rest + b"PAR1"),
-        st.binary(max_size=300).map(lambda rest: b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + rest),
         st.text("0123456789;.,\n", max_size=200).map(
             lambda rest: b"Sampling period:;1.0\n;Position;Torque\nms;rad;Nm\n" + rest.encode()
         ),

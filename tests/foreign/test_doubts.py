@@ -262,6 +262,14 @@ def test_few_missing_numbers_are_dropped_and_said_many_are_refused(
         bring_in(write_table(tmp_path / "t.csv", signals))
 
 
+def test_values_beyond_any_axis_are_refused_with_their_row(
+    tmp_path: Path, signals: dict[str, Floats]
+) -> None:
+    signals["torque"][41] = 1e300
+    with pytest.raises(RecordingError, match=r"torque is 1e\+300 at row 42"):
+        bring_in(write_table(tmp_path / "t.csv", signals))
+
+
 def test_mixed_axes_are_refused(tmp_path: Path, signals: dict[str, Floats]) -> None:
     both = {name: np.repeat(values, 2) for name, values in signals.items()}
     both["position"][1::2] += 5.0

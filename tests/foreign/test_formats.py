@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 from pathlib import Path
 
@@ -72,6 +73,20 @@ def test_cut_files_are_refused(tmp_path: Path, signals: dict[str, Floats], kept:
     cut.write_bytes(whole.read_bytes()[: int(kept * whole.stat().st_size)])
     with pytest.raises(RecordingError, match="cannot be read as Parquet"):
         bring_in(cut, kind="parquet")
+
+
+@pytest.mark.parametrize("place", [128, 132, 136, 144, 152, 160, 170, 180])
+def test_damaged_matlab_files_never_bring_the_program_down(
+    tmp_path: Path, signals: dict[str, Floats], place: int
+) -> None:
+    """scipy's reader can end in a segmentation fault; the file is read by a process of its own."""
+    path = tmp_path / "t.mat"
+    matlab.savemat(path, signals)
+    content = bytearray(path.read_bytes())
+    content[place : place + 4] = b"\xff\xff\xff\x7f"
+    path.write_bytes(content)
+    with contextlib.suppress(AutotuneError):
+        assert len(bring_in(path, kind="mat").recording) >= 10
 
 
 def test_parquet_with_units_in_names_and_metadata(tmp_path: Path, signals: dict[str, Floats]) -> None:

@@ -13,6 +13,7 @@ from autotune.identify.foreign.source import Floats
 
 MOST_MISSING = 0.01
 """Share of the rows that may lack a number; more is no recording."""
+MOST = 1e12
 _NEEDED = ("time", "position", "velocity", "torque", "reference", "torque_command")
 _REGISTERS = (2.0**16, 2.0**24, 2.0**32)
 
@@ -24,6 +25,8 @@ def without_missing(columns: Mapping[str, Floats], path: Path, notes: list[str])
         RecordingError: more than one row in a hundred lacks one, or a column has none at all.
     """
     rows = len(next(iter(columns.values())))
+    if not rows:
+        raise RecordingError(f"{path} has no rows; export the measurement again")
     good = np.ones(rows, dtype=np.bool_)
     for name in _NEEDED:
         if name in columns:
@@ -48,6 +51,17 @@ def _refuse_many(
         f"{path}: {name} has {lost} of {rows} values that are not numbers, the first in row {first}; at most "
         f"{100 * MOST_MISSING:.0f} % may be missing. Name another column, or export again without the holes"
     )
+
+
+def refuse_absurd(columns: Mapping[str, Floats], path: Path) -> None:
+    """Raises RecordingError where a value is beyond any axis, in SI: a wrong factor or a damaged file."""
+    for name in _NEEDED:
+        if name in columns and float(np.max(np.abs(columns[name]))) > MOST:
+            row = int(np.argmax(np.abs(columns[name])))
+            raise RecordingError(
+                f"{path}: {name} is {columns[name][row]:g} at row {row + 1}, more than any axis can have; check the "
+                "unit or the factor, or remove the row"
+            )
 
 
 def unwrap_clock(raw: Floats, notes: list[str]) -> Floats:

@@ -17,6 +17,7 @@ from autotune.identify.foreign.source import Floats, Loaded, Source, foreign_byt
 
 _BAD_LINES = 100
 _BLOCK = 1 << 22
+_ASCII = bytes(code if code < 128 else ord("?") for code in range(256))
 
 
 def read_csv(path: Path) -> Source:
@@ -80,7 +81,9 @@ def _load(path: Path, dialect: Dialect, indices: Sequence[int], normalise: bool)
             read_options=pyarrow.csv.ReadOptions(
                 column_names=names, skip_rows=dialect.skip, block_size=_BLOCK, use_threads=not normalise
             ),
-            parse_options=pyarrow.csv.ParseOptions(delimiter=delimiter, invalid_row_handler=bad_line),
+            parse_options=pyarrow.csv.ParseOptions(
+                delimiter=delimiter, invalid_row_handler=bad_line if normalise else None
+            ),
             convert_options=pyarrow.csv.ConvertOptions(
                 column_types={name: pa.float64() for name in names},
                 include_columns=list(dict.fromkeys(wanted)),
@@ -119,7 +122,7 @@ def _sentence(path: Path, error: Exception) -> RecordingError:
 
 
 class _Normalised(io.RawIOBase):
-    """The file as pyarrow likes it: one delimiter, no plus signs, no empty field at the end, UTF-8.
+    """The file as pyarrow likes it: one delimiter, no plus signs, no empty field at the end, ASCII only.
 
     Reads blocks of whole lines; nothing but one block is in memory.
     """
@@ -152,7 +155,7 @@ class _Normalised(io.RawIOBase):
         return count
 
     def _normal(self, block: bytes) -> bytes:
-        lines = block.translate(None, b"+").split(b"\n")
+        lines = block.translate(_ASCII, b"+").split(b"\n")
         if self._spaces:
             return b"\n".join([b"\t".join(line.split()) for line in lines])
         end = self._delimiter

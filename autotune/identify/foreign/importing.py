@@ -16,6 +16,7 @@ from autotune.core.errors import ConfigurationError, RecordingError
 from autotune.core.recording import RESERVED_EXPERIMENTS, Controller, Metadata, Recording, concatenate
 from autotune.identify.foreign import FORMATS
 from autotune.identify.foreign.cleaning import (
+    refuse_absurd,
     refuse_jump,
     unwrap_clock,
     unwrapped,
@@ -117,6 +118,7 @@ def _read(path: Path, options: Options) -> _File:
     facts: dict[str, str] = {}
     columns = _with_clock(columns, source, options, lines)
     columns = without_missing(columns, path, lines)
+    refuse_absurd(columns, path)
     if len(columns["time"]) < LEAST_ROWS:
         raise RecordingError(
             f"{path} has {len(columns['time'])} rows; a recording needs at least {LEAST_ROWS}"

@@ -1,21 +1,25 @@
 """MATLAB files up to version 7: arrays, structures flattened with dots, columns of matrices numbered.
 
 `out.signals.values` with two columns becomes `out.signals.values.1` and `.2`. Single numbers can be used
-in factors (`torque=vir*gtau`). Files of version 7.3 are HDF5 and are refused with the remedy.
+in factors (`torque=vir*gtau`). Files of version 7.3 are HDF5 and are refused with the remedy. The file is
+read by a process of its own (see `matlab_child`), so that a damaged one ends in a sentence.
 """
 
 from __future__ import annotations
 
-import zlib
+import io
+import json
+import os
+import subprocess
+import sys
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import io as matlab
-from scipy.io.matlab import MatReadError
 
+import autotune
 from autotune.core.errors import RecordingError
 from autotune.identify.foreign.source import (
     Column,
@@ -27,12 +31,11 @@ from autotune.identify.foreign.source import (
 )
 from autotune.identify.foreign.units import split_unit
 
-_DEEPEST = 8
-_MOST_COLUMNS = 64
-_BROKEN = (
-    MatReadError, ValueError, TypeError, KeyError, IndexError, AttributeError, ArithmeticError, MemoryError,
-    EOFError, OSError, NotImplementedError, zlib.error,
-)  # fmt: skip
+_SECONDS = 300.0
+_VERSION_5 = b"MATLAB 5.0 MAT-file"
+_VERSION_4 = frozenset(
+    1000 * order + 10 * kind + form for order in (0, 1) for kind in range(6) for form in (0, 1)
+)
 
 
 def read_matlab(path: Path) -> Source:
@@ -42,21 +45,43 @@ def read_matlab(path: Path) -> Source:
         RecordingError: missing, not a MATLAB file, version 7.3, damaged, or no columns of numbers.
     """
     start = foreign_bytes(path)
-    refuse_other_format(path, start, b"MATLAB 5.0 MAT-file")
-    try:
-        content = matlab.loadmat(path, squeeze_me=False, struct_as_record=True, chars_as_strings=True)
-    except _BROKEN as error:
-        reason = str(error).split("\n")[0][:160] or type(error).__name__
+    refuse_other_format(path, start, _VERSION_5)
+    first = {int.from_bytes(start[:4], order) for order in ("little", "big")}
+    if not start.startswith(_VERSION_5) and not first & _VERSION_4:
         raise RecordingError(
-            f"{path} cannot be read as a MATLAB file: {reason}; save it again with save(..., '-v7')"
-        ) from error
-    arrays: dict[str, Floats] = {}
-    scalars: dict[str, float] = {}
-    others: list[str] = []
-    for name, value in content.items():
-        if not name.startswith("__"):
-            _flatten(name, value, arrays, scalars, others, 0)
-    return _source(path, arrays, scalars, others)
+            f"{path} is no MATLAB file (it does not begin with '{_VERSION_5.decode()}'); check --format"
+        )
+    head, arrays = _read_apart(path)
+    return _source(path, dict(zip(head["names"], arrays, strict=True)), head["scalars"], head["others"])
+
+
+def _read_apart(path: Path) -> tuple[dict[str, Any], list[Floats]]:
+    """What the reading process found."""
+    places = os.pathsep.join([str(Path(autotune.__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
+    command = [sys.executable, "-m", "autotune.identify.foreign.matlab_child", str(path)]
+    try:
+        done = subprocess.run(
+            command,
+            capture_output=True,
+            timeout=_SECONDS,
+            env={**os.environ, "PYTHONPATH": places},
+            check=False,
+        )
+    except subprocess.TimeoutExpired as error:
+        raise _broken(path, f"not read within {_SECONDS:g} s") from error
+    if done.returncode != 0:
+        raise _broken(path, "its structure is damaged")
+    with np.load(io.BytesIO(done.stdout), allow_pickle=False) as archive:
+        head = json.loads(str(archive["head"]))
+        if head["error"]:
+            raise _broken(path, head["error"])
+        return head, [archive[f"v{number}"] for number in range(len(head["names"]))]
+
+
+def _broken(path: Path, reason: str) -> RecordingError:
+    return RecordingError(
+        f"{path} cannot be read as a MATLAB file: {reason}; save it again with save(..., '-v7')"
+    )
 
 
 def _source(path: Path, arrays: dict[str, Floats], scalars: dict[str, float], others: list[str]) -> Source:
@@ -79,44 +104,3 @@ def _source(path: Path, arrays: dict[str, Floats], scalars: dict[str, float], ot
 
     columns = tuple(Column(*split_unit(name)) if "[" in name else Column(name) for name in kept)
     return Source(path, columns, load, scalars, notes=tuple(notes))
-
-
-def _flatten(
-    name: str, value: Any, arrays: dict[str, Floats], scalars: dict[str, float], others: list[str], depth: int
-) -> None:
-    """Adds the numbers in `value` to `arrays` and `scalars`, under dotted names."""
-    array = np.asarray(value)
-    if depth > _DEEPEST or type(value).__name__ == "MatlabOpaque":
-        others.append(name)
-    elif array.dtype.names:
-        for label, item in _elements(name, array):
-            for field in array.dtype.names:
-                _flatten(f"{label}.{field}", item[field], arrays, scalars, others, depth + 1)
-    elif array.dtype == object:
-        for label, item in _elements(name, array):
-            _flatten(label, item, arrays, scalars, others, depth + 1)
-    elif array.dtype.kind in "iufb" and array.size:
-        _numbers(name, array, arrays, scalars)
-    elif array.size:
-        others.append(name)
-
-
-def _elements(name: str, array: Any) -> Iterator[tuple[str, Any]]:
-    """Elements of a structure or cell array; numbered if there are several."""
-    flat = array.reshape(-1)
-    for number, item in enumerate(flat[:_MOST_COLUMNS], 1):
-        yield (f"{name}.{number}" if len(flat) > 1 else name), item
-
-
-def _numbers(name: str, array: Any, arrays: dict[str, Floats], scalars: dict[str, float]) -> None:
-    if array.size == 1:
-        scalars[name] = float(array.reshape(-1)[0])
-        return
-    squeezed = np.squeeze(array)
-    if squeezed.ndim == 1:
-        arrays[name] = squeezed
-        return
-    table = squeezed.reshape(squeezed.shape[0], -1)
-    table = table if table.shape[0] >= table.shape[1] else table.T
-    for number in range(min(table.shape[1], _MOST_COLUMNS)):
-        arrays[f"{name}.{number + 1}"] = table[:, number]
