@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from autotune.core.errors import AutotuneError, RecordingError
+from autotune.core.recording_files import write_recording
 from autotune.identify.foreign import FORMATS
 from autotune.identify.foreign.delimited import read_csv
 
@@ -99,6 +100,50 @@ def test_columns_of_words_and_empty_columns_are_left_alone(
     np.testing.assert_allclose(
         bring_in(path).recording["position"], signals["position"], rtol=1e-8, atol=1e-12
     )
+
+
+@pytest.mark.parametrize(("separator", "start"), [("T", "2024-05-01T"), (" ", "2024-05-01 "), ("", "")])
+def test_dates_and_clocks_become_seconds(
+    tmp_path: Path, signals: dict[str, Floats], separator: str, start: str
+) -> None:
+    path = tmp_path / "table.csv"
+    lines = ["Time;position;torque;remark"]
+    for t, q, tau in zip(signals["time"], signals["position"], signals["torque"], strict=True):
+        lines.append(f"{start}11:59:{58 + t:06.3f};{q:.9g};{tau:.9g};ok" if t < 2 else "")
+    path.write_text("\n".join(lines))
+    imported = bring_in(path)
+    recording = imported.recording
+    np.testing.assert_allclose(np.diff(recording["time"]), 1e-3, rtol=1e-6)
+    np.testing.assert_allclose(recording["torque"], signals["torque"], rtol=1e-8)
+    assert any("texts left out: 'remark'" in line for line in imported.lines)
+
+
+def test_seconds_since_1970_are_counted_from_the_start(tmp_path: Path, signals: dict[str, Floats]) -> None:
+    columns = {**signals, "time": signals["time"] + 1.7e9}
+    recording = bring_in(write_table(tmp_path / "t.csv", columns, digits=16)).recording
+    # a double near 1.7e9 has steps of 2.4e-7
+    np.testing.assert_allclose(recording["time"], signals["time"], atol=3e-7)
+    assert recording.period == pytest.approx(1e-3, rel=1e-6)
+
+
+def test_columns_of_one_name_are_told_apart_by_number(tmp_path: Path, signals: dict[str, Floats]) -> None:
+    path = write_table(tmp_path / "t.csv", signals, head="time,position,position,torque")
+    with pytest.raises(AutotuneError, match="2 columns that may be position"):
+        bring_in(path)
+    with pytest.raises(AutotuneError, match="say which by its number: 2, 3"):
+        bring_in(path, columns=("position=position",))
+    recording = bring_in(path, columns=("position=2",)).recording
+    np.testing.assert_allclose(recording["position"], signals["position"], rtol=1e-8, atol=1e-12)
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_a_recording_of_this_program_needs_no_import(
+    tmp_path: Path, signals: dict[str, Floats], ending: str
+) -> None:
+    path = tmp_path / f"own.{ending}"
+    write_recording(bring_in(write_table(tmp_path / "t.csv", signals)).recording, path)
+    with pytest.raises(RecordingError, match="a recording of this program already"):
+        bring_in(path, kind=ending)
 
 
 def test_decimal_commas_in_quotes(tmp_path: Path, signals: dict[str, Floats]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -13,10 +14,18 @@ import pyarrow.csv
 
 from autotune.core.errors import RecordingError
 from autotune.identify.foreign.dialect import NULLS, WHITESPACE, Dialect, find_dialect, is_comment
-from autotune.identify.foreign.source import Floats, Loaded, Source, foreign_bytes, refuse_other_format
+from autotune.identify.foreign.source import (
+    Floats,
+    Loaded,
+    Source,
+    foreign_bytes,
+    refuse_other_format,
+    seconds,
+)
 
 _BAD_LINES = 100
 _BLOCK = 1 << 22
+_TYPES = {"number": pa.float64(), "date": pa.timestamp("ns"), "clock": pa.time64("ns"), "": pa.string()}
 _ASCII = bytes(code if code < 128 else ord("?") for code in range(256))
 
 
@@ -28,6 +37,8 @@ def read_csv(path: Path) -> Source:
     """
     start = foreign_bytes(path)
     refuse_other_format(path, start)
+    if re.match(rb"(#[^\n]*\n)*# (motion_unit|sample_period|schema):", start):
+        raise RecordingError(f"{path} is a recording of this program already; use it as it is")
     return table_source(path, find_dialect(path, start, path.stat().st_size <= len(start)))
 
 
@@ -35,7 +46,7 @@ def table_source(
     path: Path, dialect: Dialect, period: float | None = None, notes: Sequence[str] = ()
 ) -> Source:
     """The number columns of a text table whose dialect is known."""
-    kept = [index for index, number in enumerate(dialect.numeric) if number]
+    kept = [index for index, kind in enumerate(dialect.kinds) if kind]
 
     def load(indices: Sequence[int]) -> Loaded:
         return load_columns(path, dialect, [kept[index] for index in indices])
@@ -85,7 +96,7 @@ def _load(path: Path, dialect: Dialect, indices: Sequence[int], normalise: bool)
                 delimiter=delimiter, invalid_row_handler=bad_line if normalise else None
             ),
             convert_options=pyarrow.csv.ConvertOptions(
-                column_types={name: pa.float64() for name in names},
+                column_types=dict(zip(names, map(_TYPES.get, dialect.kinds), strict=True)),
                 include_columns=list(dict.fromkeys(wanted)),
                 null_values=list(NULLS),
                 decimal_point=dialect.decimal,
@@ -104,7 +115,9 @@ def _skipped(bad: list[str]) -> list[str]:
 
 
 def _floats(column: Any) -> Floats:
-    """Filled chunk by chunk, so that no second copy of the whole is made."""
+    """Filled chunk by chunk, so that no second copy of the whole is made; dates in seconds since the first."""
+    if pa.types.is_temporal(column.type):
+        return seconds(column)
     values = np.empty(len(column))
     start = 0
     for chunk in column.chunks:

@@ -25,6 +25,8 @@ NULLS = (
 _NULLS = frozenset(NULLS)
 _POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?", re.IGNORECASE)
 _COMMA = re.compile(r"[+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?")
+_DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d{1,9})?)?")
+_CLOCK = re.compile(r"\d\d:\d\d:\d\d(\.\d{1,9})?")
 _COMMENT = ("#", "%", "//", '"#', "'")
 _HEADER_LINES = 400
 
@@ -35,7 +37,7 @@ class Dialect:
 
     Attributes:
         skip: lines before the first row of numbers.
-        numeric: which columns hold numbers.
+        kinds: of each column: `number`, `date` (ISO 8601), `clock` (hours:minutes:seconds) or empty.
     """
 
     encoding: str
@@ -43,7 +45,7 @@ class Dialect:
     decimal: str
     skip: int
     columns: tuple[Column, ...]
-    numeric: tuple[bool, ...]
+    kinds: tuple[str, ...]
     named: bool
 
     @property
@@ -52,7 +54,9 @@ class Dialect:
         words = {";": "semicolons", ",": "commas", "\t": "tabs", " ": "spaces", "|": "bars"}
         decimal = ", decimal comma" if self.decimal == "," else ""
         names = "names in the header" if self.named else "no header (columns by number)"
-        return f"fields between {words[self.delimiter]}{decimal}, {names}, numbers from line {self.skip + 1}"
+        texts = [str(column) for column, kind in zip(self.columns, self.kinds, strict=True) if not kind]
+        left = f"; texts left out: {', '.join(texts[:10])}" if texts else ""
+        return f"fields between {words[self.delimiter]}{decimal}, {names}, numbers from line {self.skip + 1}{left}"
 
 
 def decode(path: Path, start: bytes) -> tuple[str, str]:
@@ -130,10 +134,6 @@ def _numbers(parts: list[str], decimal: str) -> int:
     return sum(1 for part in parts if pattern.fullmatch(part))
 
 
-def _is_value(part: str, decimal: str) -> bool:
-    return part in _NULLS or (_COMMA if decimal == "," else _POINT).fullmatch(part) is not None
-
-
 def is_comment(line: str) -> bool:
     """True for a line that many programs write as a remark."""
     return line.lstrip().startswith(_COMMENT)
@@ -144,31 +144,44 @@ def _dialect(
 ) -> Dialect:
     rows = [fields(line, delimiter) if line.strip() and not is_comment(line) else None for line in lines]
     tail = [parts for parts in rows[-1000:] if parts is not None and len(parts) == width]
-    shares = [sum(_is_value(parts[i], decimal) for parts in tail) / len(tail) for i in range(width)]
-    filled = [any(parts[i] not in _NULLS for parts in tail) for i in range(width)]
-    numeric = tuple(share >= 0.5 and full for share, full in zip(shares, filled, strict=True))
-    first = _first_row(rows, width, numeric, decimal)
-    if first is None or sum(numeric) < 2:
+    kinds = tuple(_kind([parts[index] for parts in tail], decimal) for index in range(width))
+    first = _first_row(rows, kinds, decimal)
+    if first is None or sum(bool(kind) for kind in kinds) < 2:
         raise RecordingError(
             f"{path} has no two columns of numbers; export time, position and torque as numbers"
         )
     names, units = _header(lines[:first], delimiter, width)
     example = rows[first] or []
     columns = tuple(
-        _column(i, names[i] if names else "", units[i] if units else "", example[i]) for i in range(width)
+        _column(i, names[i] if names else "", units[i] if units else "", example[i], kinds[i])
+        for i in range(width)
     )
-    return Dialect(encoding, delimiter, decimal, first, columns, numeric, bool(names))
+    return Dialect(encoding, delimiter, decimal, first, columns, kinds, bool(names))
 
 
-def _first_row(
-    rows: list[list[str] | None], width: int, numeric: tuple[bool, ...], decimal: str
-) -> int | None:
+def _kind(values: list[str], decimal: str) -> str:
+    """What most of a column's values are; empty for texts and for columns without values."""
+    written = [value for value in values if value not in _NULLS]
+    if not written:
+        return ""
+    number = _COMMA if decimal == "," else _POINT
+    for kind, pattern in (("number", number), ("date", _DATE), ("clock", _CLOCK)):
+        if sum(1 for value in written if pattern.fullmatch(value)) >= 0.5 * len(written):
+            return kind
+    return ""
+
+
+def _first_row(rows: list[list[str] | None], kinds: tuple[str, ...], decimal: str) -> int | None:
     """The first line from which a table of numbers goes on: its number columns hold numbers."""
     for index, parts in enumerate(rows):
-        if parts is None or len(parts) != width:
+        if parts is None or len(parts) != len(kinds):
             continue
-        values = [part for part, number in zip(parts, numeric, strict=True) if number]
-        if all(_is_value(part, decimal) for part in values) and any(part not in _NULLS for part in values):
+        fit = [
+            part in _NULLS or _kind([part], decimal) == kind
+            for part, kind in zip(parts, kinds, strict=True)
+            if kind
+        ]
+        if all(fit) and any(part not in _NULLS for part in parts):
             return index
     return None
 
@@ -201,6 +214,8 @@ def _are_units(parts: list[str]) -> bool:
     return bool(written) and len(known) >= max(1, 0.6 * len(written))
 
 
-def _column(index: int, name: str, unit: str, example: str) -> Column:
+def _column(index: int, name: str, unit: str, example: str, kind: str) -> Column:
     bare, own = split_unit(name)
+    if kind in ("date", "clock"):
+        return Column(bare or str(index + 1), "s", example)
     return Column(bare or str(index + 1), unit.strip("[]() ") or own, example)

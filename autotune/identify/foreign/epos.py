@@ -47,7 +47,7 @@ def read_epos(path: Path) -> Source:
         raise RecordingError(
             f"{path}: the first row has {len(row)} numbers for {len(names)} names; export again"
         )
-    dialect = Dialect(encoding, ";", decimal, head + 2, columns, (True,) * len(columns), True)
+    dialect = Dialect(encoding, ";", decimal, head + 2, columns, ("number",) * len(columns), True)
     return table_source(path, dialect, _period(path, keys), _notes(keys))
 
 

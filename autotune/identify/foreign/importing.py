@@ -44,6 +44,7 @@ from autotune.identify.foreign.plausible import (
 from autotune.identify.foreign.source import Floats, Source
 
 _PERIOD_OFF = 0.02
+_FAR = 1e7
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,11 +150,20 @@ def _with_clock(
 ) -> dict[str, Floats]:
     """Time from the period where the file has no clock."""
     if "time" in columns:
-        return columns
+        return _with_near_origin(columns, lines)
     period = options.wishes.period or source.period or 1.0
     rows = len(next(iter(columns.values())))
     lines.append(f"no clock in the file: time counts rows of {period:g} s")
     return {"time": np.arange(rows, dtype=np.float64) * period, **columns}
+
+
+def _with_near_origin(columns: dict[str, Floats], lines: list[str]) -> dict[str, Floats]:
+    """Dates in seconds since 1970 leave few digits for the steps: time then starts at 0."""
+    finite = columns["time"][np.isfinite(columns["time"])]
+    if not len(finite) or abs(finite[0]) < _FAR:
+        return columns
+    lines.append(f"time starts at {finite[0]:.9g} s: counted from there")
+    return {**columns, "time": columns["time"] - finite[0]}
 
 
 def _completed(columns: dict[str, Floats], lines: list[str], facts: dict[str, str]) -> dict[str, Floats]:

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet
 
 from autotune.core.errors import RecordingError
-from autotune.identify.foreign.source import Column, Floats, Loaded, Source, foreign_bytes
+from autotune.identify.foreign.source import Column, Floats, Loaded, Source, foreign_bytes, seconds
 from autotune.identify.foreign.units import split_unit
 
 _UNIT_KEYS = (b"unit", b"units", b"Unit", b"unit_string")
@@ -29,6 +29,8 @@ def read_parquet(path: Path) -> Source:
         schema = pyarrow.parquet.read_schema(path)
     except (pa.ArrowException, OSError, ValueError) as error:
         raise _damaged(path, error) from error
+    if any(key.startswith(b"autotune.") for key in schema.metadata or {}):
+        raise RecordingError(f"{path} is a recording of this program already; use it as it is")
     kept = [field for field in schema if _numeric(field.type)]
     if len(kept) < 2:
         raise RecordingError(f"{path} has no two number columns; it has {', '.join(schema.names) or 'none'}")
@@ -58,7 +60,7 @@ def _values(path: Path, field: Any) -> Floats:
     try:
         column = pyarrow.parquet.read_table(path, columns=[field.name]).column(0)
         if pa.types.is_temporal(field.type):
-            return _seconds(column, field.type)
+            return seconds(column)
         column = column.cast(pa.float64(), safe=False)
     except (pa.ArrowException, OSError, ValueError) as error:
         raise _damaged(path, error) from error
@@ -69,18 +71,6 @@ def _values(path: Path, field: Any) -> Floats:
         values[start : start + len(part)] = part
         start += len(part)
     return values
-
-
-def _seconds(column: Any, kind: Any) -> Floats:
-    wanted = pa.timestamp("ns") if pa.types.is_timestamp(kind) or pa.types.is_date(kind) else None
-    wanted = pa.duration("ns") if pa.types.is_duration(kind) else wanted or pa.time64("ns")
-    ticks = column.cast(wanted).cast(pa.int64())
-    missing = ticks.is_null().to_numpy()
-    whole = np.asarray(ticks.fill_null(0).to_numpy())
-    first = whole[0] if pa.types.is_timestamp(kind) and len(whole) else 0
-    seconds = np.asarray((whole - first) * 1e-9, dtype=np.float64)
-    seconds[missing] = np.nan
-    return seconds
 
 
 def _damaged(path: Path, error: Exception) -> RecordingError:

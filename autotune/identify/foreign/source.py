@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from autotune.core.errors import RecordingError
@@ -82,6 +84,22 @@ def foreign_bytes(path: Path, count: int = 1 << 18) -> bytes:
     if not start.strip(b"\x00 \t\r\n"):
         raise RecordingError(f"{path} is empty; export the measurement again")
     return start
+
+
+def seconds(column: Any) -> Floats:
+    """An Arrow column of dates, times of day or durations in seconds; dates since the first row."""
+    kind = column.type
+    dated = pa.types.is_timestamp(kind) or pa.types.is_date(kind)
+    wanted = (
+        pa.timestamp("ns") if dated else pa.duration("ns") if pa.types.is_duration(kind) else pa.time64("ns")
+    )
+    ticks = column.cast(wanted).cast(pa.int64())
+    missing = np.asarray(ticks.is_null().to_numpy())
+    whole = np.asarray(ticks.fill_null(0).to_numpy())
+    first = whole[int(np.argmin(missing))] if dated and len(whole) else 0
+    elapsed = np.asarray((whole - first) * 1e-9, dtype=np.float64)
+    elapsed[missing] = np.nan
+    return elapsed
 
 
 _SIGNATURES = (
