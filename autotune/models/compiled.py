@@ -2,7 +2,7 @@
 
 numba keeps compiled code beside the source and looks only at the file of the function itself; a kernel
 that calls functions of other files would stay in use after those have changed. Here the stamp covers
-the kernel's own file and every file of this package.
+every file of the kernel's own package and of this one.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ def compiled(function: Kernel) -> Kernel:
 
 
 def _stamp(own: str) -> str:
-    return hashlib.sha256(_digest(Path(own)) + _package()).hexdigest()
+    return hashlib.sha256(_package(Path(own).parent) + _package(Path(__file__).parent)).hexdigest()
 
 
 @cache
-def _package() -> bytes:
+def _package(folder: Path) -> bytes:
     digest = hashlib.sha256()
-    for file in sorted(Path(__file__).parent.glob("*.py")):
+    for file in sorted(folder.glob("*.py")):
         digest.update(_digest(file))
     return digest.digest()
 

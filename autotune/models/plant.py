@@ -180,7 +180,7 @@ def _fastest(p: Floats, on: Flags) -> float:
     coupled = 0.0
     if has_load(on):
         mass, rub = load_shares(p, on)
-        coupled = 0.5 * coupling_rate(p, on)
+        coupled = 0.3 * coupling_rate(p, on)
         worst = max((1.0 - rub) / (1.0 - mass), rub / mass)
         stiffness *= worst
         inertia /= worst

@@ -1,0 +1,375 @@
+"""How a fit of each effect begins: which parameters are free, from which values, found in the data.
+
+A missing effect distorts the base fit, and some laws have several minima; a family may have several
+starts, and what counts is the best of their refits.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from autotune.diagnose.fit import Fitted, Free
+from autotune.diagnose.prepared import Rows
+from autotune.diagnose.study import Study
+from autotune.models import layout
+from autotune.models.drive_model import Packed
+from autotune.models.effect import Parameter
+from autotune.models.lugre import Floats
+from autotune.models.table import EFFECTS
+from autotune.models.torque_ripple import LINES, scale_slot
+
+MEMORY_STEPS = (2.0, 5.0, 13.0, 35.0, 90.0)
+LEAST_LINE_GAIN = 0.015
+MOST_LINES = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Where a refit begins: parameters and flags, and what is free beside the base."""
+
+    packed: Packed
+    free: tuple[Free, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Context:
+    """What a start may look at: the study, the fit without the effect, and the values before it."""
+
+    study: Study
+    fitted: Fitted
+    nominal: Packed
+
+    @property
+    def p(self) -> Floats:
+        return self.fitted.packed.p
+
+    @property
+    def coulomb(self) -> float:
+        return max(float(self.p[layout.COULOMB]), 0.02 * self.study.scales.torque)
+
+    @property
+    def reach(self) -> float:
+        """Travel over which the bristle bends [motion unit]."""
+        return self.coulomb / float(self.p[layout.STIFFNESS])
+
+    @property
+    def angle(self) -> float:
+        """Radians per motion unit and cycle: 1 on rotary axes, 2π on linear ones."""
+        return float(self.p[scale_slot()])
+
+    def sensitivity(self, name: str) -> Floats:
+        """d(residual)/d(parameter) on the grid."""
+        index = [f.name for f in self.fitted.free].index(name)
+        return np.asarray(self.fitted.jacobian[:, index] / self.fitted.scales[index])
+
+    def position(self) -> Floats:
+        return self.study.data.position[self.study.data.grid]
+
+    def velocity(self) -> Floats:
+        return self.study.data.velocity[self.study.data.grid]
+
+
+Starts = Callable[[Context], Iterator[Start]]
+
+
+@dataclass(frozen=True, slots=True)
+class Thin:
+    """A part of the training rows, to look for places and orders in, with the fitted columns taken out.
+
+    Attributes:
+        rows: of the grid, shape (t,); `basis`: of the fitted columns there, shape (t, parameters).
+        error: residual without them, shape (t,).
+    """
+
+    rows: Rows
+    basis: Floats
+    error: Floats
+
+    def without_base(self, columns: Floats) -> Floats:
+        return np.asarray(columns - self.basis @ (self.basis.T @ columns))
+
+    def share(self, columns: Floats) -> float:
+        """Share of the residual that columns of shape (t, k) explain."""
+        extra = self.without_base(columns)
+        inner = extra.T @ extra
+        size = np.trace(inner)
+        if size < 1e-12 * max(float(np.sum(columns**2)), 1e-300):
+            return 0.0
+        target = extra.T @ self.error
+        explained = float(target @ np.linalg.solve(inner + 1e-9 * size * np.eye(len(inner)), target))
+        return explained / max(float(self.error @ self.error), 1e-300)
+
+
+def thinned(context: Context, most: int = 5000) -> Thin:
+    """At most so many training rows, evenly spread."""
+    rows = np.flatnonzero(context.study.training > 0)
+    rows = rows[:: max(1, math.ceil(len(rows) / most))]
+    basis = np.linalg.qr(context.fitted.jacobian[rows])[0]
+    error = context.fitted.error[rows]
+    return Thin(rows, basis, error - basis @ (basis.T @ error))
+
+
+def _start(
+    context: Context,
+    effect: str,
+    values: Mapping[str, float],
+    free: Mapping[str, tuple[float, float]],
+    base: Mapping[int, float] | None = None,
+) -> Start:
+    """`values` of the effect's parameters; `free`: name → (scale, longest step)."""
+    kind = EFFECTS[effect]
+    p, on = context.p.copy(), context.fitted.packed.on.copy()
+    for parameter in kind.parameters:
+        p[parameter.slot] = parameter.neutral
+    for name, value in values.items():
+        p[kind.parameter(name).slot] = value
+    for slot, value in (base or {}).items():
+        p[slot] = value
+    on[layout.flag(effect)] = True
+    return Start(
+        Packed(p, on), tuple(_free(kind.surface(n), kind.parameter(n), *how) for n, how in free.items())
+    )
+
+
+def _free(surface: str, parameter: Parameter, scale: float, step: float) -> Free:
+    return Free(surface, parameter.slot, parameter.lower, parameter.upper, scale, step)
+
+
+def _asymmetry(c: Context) -> Iterator[Start]:
+    viscous = 0.3 * c.study.scales.torque / c.study.scales.velocity
+    yield _start(
+        c,
+        "direction_asymmetry",
+        {},
+        {"coulomb": (0.1 * c.coulomb, 0.5 * c.coulomb), "viscous": (0.3 * viscous, viscous)},
+    )
+
+
+def _stribeck(c: Context) -> Iterator[Start]:
+    top = c.study.scales.velocity
+    for share in (0.01, 0.05):
+        speed = share * top
+        free = {
+            "break_away": (0.1 * c.coulomb, 0.4 * c.coulomb),
+            "stribeck_velocity": (0.3 * speed, 0.6 * speed),
+        }
+        yield _start(c, "stribeck", {"break_away": 1.1 * c.coulomb, "stribeck_velocity": speed}, free)
+
+
+def _nonlinear_viscous(c: Context) -> Iterator[Start]:
+    top = c.study.scales.velocity
+    for exponent, share in ((0.5, 0.1), (2.0, 0.05)):
+        torque = share * c.coulomb / top**exponent
+        values = {"torque": torque, "exponent": exponent, "knee": 2e-3 * top}
+        free = {"torque": (torque, 5.0 * torque), "exponent": (0.3, 0.4)}
+        yield _start(c, "nonlinear_viscous", values, free)
+
+
+def _spot(c: Context) -> Iterator[Start]:
+    low, high = np.percentile(c.position(), [1, 99])
+    thin = thinned(c)
+    place = c.position()[thin.rows]
+    column = c.sensitivity("coulomb")[thin.rows] * c.coulomb
+    best = (-1.0, 0.5 * (low + high), high - low)
+    span = high - low
+    for width in (0.04 * span, 0.1 * span, 0.22 * span, 0.5 * span):
+        for centre in np.linspace(low, high, min(25, max(9, int(span / width)))):
+            shape = np.exp(-(((place - centre) / width) ** 2))
+            best = max(best, (thin.share((column * shape)[:, None]), float(centre), float(width)))
+    _, centre, width = best
+    yield _start(
+        c,
+        "position_dependent_friction",
+        {"height": 0.02, "centre": centre, "width": width},
+        {"height": (0.2, 0.5), "centre": (0.5 * width, 0.7 * width), "width": (0.4 * width, 0.5 * width)},
+    )
+    order = 1.0 if c.angle == 1.0 else 1.0 / span
+    if span * order * c.angle >= 1.2 * math.pi:
+        yield _start(
+            c, "position_dependent_friction", {"order": order}, {"sin": (0.1, 0.4), "cos": (0.1, 0.4)}
+        )
+
+
+def _imbalance(c: Context) -> Iterator[Start]:
+    free = {"sin": (0.1 * c.coulomb, np.inf), "cos": (0.1 * c.coulomb, np.inf)}
+    if c.angle == 1.0:
+        yield _start(c, "gravity_imbalance", {}, free)
+
+
+def _spring(c: Context) -> Iterator[Start]:
+    yield _start(c, "spring", {}, {"stiffness": (c.coulomb / c.study.scales.travel, np.inf)})
+
+
+def _memory(c: Context) -> Iterator[Start]:
+    reach = min(c.reach, 0.02 * c.study.scales.travel)
+    for stiffer in (1.0, 3.0):
+        values = {}
+        free = {}
+        for i, factor in enumerate(MEMORY_STEPS, 1):
+            values[f"displacement_{i}"] = factor * reach / stiffer
+            values[f"torque_{i}"] = 0.02 * c.coulomb
+            free[f"torque_{i}"] = (0.1 * c.coulomb, 0.5 * c.coulomb)
+        base = {layout.STIFFNESS: c.p[layout.STIFFNESS] * stiffer}
+        yield _start(c, "reversal_memory", values, free, base)
+
+
+def _thermal(c: Context) -> Iterator[Start]:
+    power = c.coulomb * float(np.mean(np.abs(c.study.data.velocity)))
+    for seconds in (20.0, 90.0):
+        yield _start(
+            c,
+            "thermal_drift",
+            {"softening": 0.0, "time_constant": seconds, "idle": 0.5 * power},
+            {
+                "softening": (0.1 / power, 0.5 / power),
+                "time_constant": (0.3 * seconds, 0.6 * seconds),
+                "idle": (power, 2.0 * power),
+            },
+        )
+
+
+def _load_side(friction: float) -> dict[str, float]:
+    return {"load_inertia": 0.4, "load_friction": friction, "damping": 0.05}
+
+
+def _elastic(c: Context) -> Iterator[Start]:
+    for hertz in (25.0, 60.0, 120.0):
+        reduced = 0.24 * c.p[layout.INERTIA]
+        compliance = 1.0 / (reduced * (2 * math.pi * hertz) ** 2)
+        free = {
+            "compliance": (compliance, 0.6 * compliance),
+            "load_inertia": (0.2, 0.2),
+            "load_friction": (0.2, 0.3),
+        }
+        yield _start(c, "elastic_transmission", {"compliance": compliance, **_load_side(0.4)}, free)
+
+
+def _backlash(c: Context) -> Iterator[Start]:
+    reduced = 0.24 * c.p[layout.INERTIA]
+    compliance = 1.0 / (reduced * (2 * math.pi * 200.0) ** 2)
+    for reaches in (0.3, 1.0, 3.0):
+        gap = max(reaches * c.reach, 4.0 * c.study.data.resolution)
+        values = {"gap": gap, "contact_compliance": compliance, **_load_side(0.4)}
+        free = {
+            "gap": (0.5 * gap, 0.6 * gap),
+            "contact_compliance": (compliance, compliance),
+            "load_inertia": (0.2, 0.2),
+            "load_friction": (0.2, 0.3),
+        }
+        yield _start(c, "backlash", values, free)
+
+
+def _lag(c: Context) -> Iterator[Start]:
+    h = c.study.data.period
+    yield _start(c, "torque_lag", {"time_constant": 0.3 * h}, {"time_constant": (0.5 * h, h)})
+
+
+def _saturation(c: Context) -> Iterator[Start]:
+    limit = c.study.data.metadata.torque_limit or float(np.max(np.abs(c.study.data.torque)))
+    limit = min(limit, float(np.max(np.abs(c.study.data.torque))))
+    yield _start(c, "torque_saturation", {"loss": 0.05, "torque": limit}, {"loss": (0.2, 0.3)})
+
+
+def _dwell(c: Context) -> Iterator[Start]:
+    for slip in (0.3 * c.reach, 2.0 * c.reach):
+        values = {"rise": 0.1 * c.coulomb, "time_constant": 1.0, "slip": slip}
+        free = {
+            "rise": (0.2 * c.coulomb, 0.4 * c.coulomb),
+            "time_constant": (0.5, 0.8),
+            "slip": (0.5 * slip, 0.7 * slip),
+        }
+        yield _start(c, "dwell_time_break_away", values, free)
+
+
+def _load(c: Context) -> Iterator[Start]:
+    yield _start(c, "load_dependent_friction", {"factor": 0.03}, {"factor": (0.1, 0.2)})
+
+
+def _eccentricity(c: Context) -> Iterator[Start]:
+    if c.angle != 1.0:
+        return
+    size = max(c.study.data.resolution, 1e-4)
+    yield _start(c, "encoder_eccentricity", {}, {"sin": (size, 0.02), "cos": (size, 0.02)})
+
+
+def _ripple(c: Context) -> Iterator[Start]:
+    orders = find_orders(c)
+    if not orders:
+        return
+    values: dict[str, float] = {}
+    free: dict[str, tuple[float, float]] = {}
+    for i, order in enumerate(orders, 1):
+        values |= {f"order_{i}": order, f"sin_{i}": 0.0, f"cos_{i}": 0.0}
+        free |= {f"sin_{i}": (0.1 * c.coulomb, np.inf), f"cos_{i}": (0.1 * c.coulomb, np.inf)}
+        if abs(order - round(order)) > 1e-6 or c.angle != 1.0:
+            reach = 1.0 / (c.angle * c.study.scales.travel)
+            free[f"order_{i}"] = (0.2 * reach, 0.5 * reach)
+    yield _start(c, "torque_ripple", values, free)
+
+
+def candidate_orders(c: Context) -> Floats:
+    """Orders that the travel can tell apart and the sampling can show."""
+    travel = c.study.scales.travel * c.angle / (2 * math.pi)
+    slow = float(np.percentile(np.abs(c.velocity()), 25)) * c.angle / (2 * math.pi)
+    highest = min(400.0 if c.angle == 1.0 else 4e4, 30.0 / max(slow, 1e-9), 2000.0 / max(travel, 1e-9))
+    lowest = 1.5 / max(travel, 1e-9)
+    if c.angle == 1.0:
+        first = max(2.0, math.ceil(lowest))
+        return np.arange(first, max(highest, first + 1.0))
+    return np.asarray(np.arange(lowest, max(highest, 2 * lowest), 0.35 / max(travel, 1e-12)))
+
+
+def line_columns(c: Context, order: float, rows: Rows) -> Floats:
+    """Sine and cosine of an order, faded out where the low-pass removes them, shape (rows, 2)."""
+    angle = order * c.angle
+    phase = angle * c.position()[rows]
+    hertz = np.abs(c.velocity()[rows]) * angle / (2 * math.pi)
+    cutoff = 0.9 / (c.study.data.period * max(len(c.study.data.taps) // 2, 1))
+    fade = np.exp(-((hertz / cutoff) ** 4))
+    return np.asarray(np.column_stack([np.sin(phase) * fade, np.cos(phase) * fade]))
+
+
+def find_orders(c: Context, most: int = MOST_LINES) -> list[float]:
+    """Ripple orders in the residual, strongest first."""
+    thin = thinned(c)
+    present = [c.p[EFFECTS["torque_ripple"].parameter(f"order_{i}").slot] for i in range(1, LINES + 1)]
+    found: list[float] = []
+    orders = candidate_orders(c)
+    tables = [line_columns(c, float(order), thin.rows) for order in orders]
+    least = LEAST_LINE_GAIN
+    while len(found) < most:
+        gains = np.array([thin.share(table) for table in tables])
+        best = int(np.argmax(gains))
+        if gains[best] < least or gains[best] < 6.0 * np.median(gains):
+            break
+        order = float(orders[best])
+        if any(abs(order - other) < 0.5 for other in present if other > 0):
+            break
+        found.append(order)
+        extra = np.linalg.qr(thin.without_base(tables[best]))[0]
+        thin = Thin(thin.rows, np.hstack([thin.basis, extra]), thin.error - extra @ (extra.T @ thin.error))
+    return found
+
+
+FAMILIES: Mapping[str, Starts] = {
+    "torque_ripple": _ripple,
+    "direction_asymmetry": _asymmetry,
+    "stribeck": _stribeck,
+    "nonlinear_viscous": _nonlinear_viscous,
+    "position_dependent_friction": _spot,
+    "gravity_imbalance": _imbalance,
+    "spring": _spring,
+    "reversal_memory": _memory,
+    "thermal_drift": _thermal,
+    "elastic_transmission": _elastic,
+    "backlash": _backlash,
+    "torque_lag": _lag,
+    "torque_saturation": _saturation,
+    "dwell_time_break_away": _dwell,
+    "load_dependent_friction": _load,
+    "encoder_eccentricity": _eccentricity,
+}

@@ -1,0 +1,199 @@
+"""Levenberg–Marquardt on the twin-corrected residual: base and effects together.
+
+Sensitivities are finite differences on the measured motion; the bias of the twin is held during the
+inner steps. Steps of a base parameter are limited to 30 % of it, those of a shape to its own `step`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from autotune.diagnose.prepared import Prepared
+from autotune.diagnose.residual import Motion, residual
+from autotune.models.drive_model import Packed
+from autotune.models.lugre import Floats
+
+BASE_STEP = 0.3
+DIFFERENCE = 2e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Free:
+    """A parameter that a fit may change.
+
+    Attributes:
+        name: on every surface; `slot`: its place in the vector.
+        lower, upper: bounds.
+        scale: what a large change is: finite differences and damping go by it.
+        step: largest change in one iteration, in the parameter's unit; infinite if free.
+        relative: whether scale and step follow the value (positive base parameters).
+    """
+
+    name: str
+    slot: int
+    lower: float
+    upper: float
+    scale: float
+    step: float = np.inf
+    relative: bool = False
+
+    def scale_at(self, value: float) -> float:
+        return max(abs(value), 1e-3 * self.scale) if self.relative else self.scale
+
+    def step_at(self, value: float) -> float:
+        return max(BASE_STEP * abs(value), 1e-2 * self.scale) if self.relative else self.step
+
+
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """Result of a fit.
+
+    Attributes:
+        packed: parameters; `free`: which of them were fitted.
+        error: corrected residual on all grid rows, shape (m,).
+        jacobian: d(residual)/d(parameter/scale) on all rows, shape (m, parameters), at the last
+            linearisation; `scales`: what a column stands for.
+        cost: mean square on the fitted rows [(N m)²].
+    """
+
+    packed: Packed
+    free: tuple[Free, ...]
+    error: Floats
+    jacobian: Floats
+    scales: Floats
+    cost: float
+
+    @property
+    def values(self) -> Floats:
+        return self.packed.p[[f.slot for f in self.free]]
+
+
+def with_values(packed: Packed, free: Sequence[Free], values: Floats) -> Packed:
+    p = packed.p.copy()
+    p[[f.slot for f in free]] = values
+    return Packed(p, packed.on)
+
+
+def jacobian(
+    data: Prepared,
+    moved: Motion,
+    packed: Packed,
+    free: Sequence[Free],
+    at: Floats,
+    known: tuple[Floats, Floats] | None = None,
+) -> tuple[Floats, Floats]:
+    """Sensitivities of the residual, shape (m, parameters), and the scales of its columns.
+
+    `at` is the residual at `packed`; `known` are columns and scales of the first parameters, from a fit
+    nearby, taken over to save time.
+    """
+    columns = np.empty((len(at), len(free)), order="F")
+    scales = np.empty(len(free))
+    first = 0
+    if known is not None:
+        first = known[0].shape[1]
+        columns[:, :first], scales[:first] = known
+    for i, parameter in enumerate(free):
+        if i < first:
+            continue
+        value = packed.p[parameter.slot]
+        scales[i] = parameter.scale_at(value)
+        change = DIFFERENCE * scales[i]
+        if value + change > parameter.upper:
+            change = -change
+        p = packed.p.copy()
+        p[parameter.slot] = value + change
+        columns[:, i] = (residual(data, Packed(p, packed.on), moved) - at) * (scales[i] / change)
+    return columns, scales
+
+
+def fit(
+    data: Prepared,
+    moved: Motion,
+    packed: Packed,
+    free: Sequence[Free],
+    correction: Floats,
+    weight: Floats,
+    iterations: int = 5,
+    stop: float = 2e-4,
+    known: tuple[Floats, Floats] | None = None,
+) -> Fitted:
+    """Fits the free parameters on rows where `weight` (shape (m,), usually 0 and 1) is above 0.
+
+    `correction` is the twin's bias, subtracted from the residual. The result is never worse than the start.
+    `known`: see `jacobian`.
+    """
+    rows = weight > 0
+    share = weight[rows]
+    total = max(float(share.sum()), 1.0)
+
+    def cost_of(error: Floats) -> float:
+        return float(np.dot(share, error[rows] ** 2) / total)
+
+    raw = residual(data, packed, moved)
+    cost = cost_of(raw - correction)
+    columns, scales = jacobian(data, moved, packed, free, raw, known)
+    damping = 1e-4
+    for _ in range(iterations):
+        inner = columns[rows] * share[:, None]
+        normal, slope = inner.T @ columns[rows] / total, inner.T @ (raw - correction)[rows] / total
+        improved = False
+        for _ in range(6):
+            change = _step(normal, slope, damping, packed, free, scales)
+            trial = with_values(packed, free, packed.p[[f.slot for f in free]] + change)
+            found = residual(data, trial, moved)
+            value = cost_of(found - correction)
+            if np.isfinite(value) and value < cost:
+                improved = True
+                break
+            damping = max(damping * 8.0, 1e-3)
+        if not improved:
+            break
+        fall = (cost - value) / cost if cost > 0 else 0.0
+        packed, raw, cost = trial, found, value
+        damping = max(damping / 6.0, 1e-6)
+        columns, scales = jacobian(data, moved, packed, free, raw, known)
+        if fall < stop:
+            break
+    return Fitted(packed, tuple(free), raw - correction, columns, scales, cost)
+
+
+def _step(
+    normal: Floats, slope: Floats, damping: float, packed: Packed, free: Sequence[Free], scales: Floats
+) -> Floats:
+    """A damped step that ends inside the bounds; parameters that would leave them are held there."""
+    size = len(free)
+    values = packed.p[[f.slot for f in free]]
+    lower = np.array([f.lower for f in free])
+    upper = np.array([f.upper for f in free])
+    limit = np.array([f.step_at(v) for f, v in zip(free, values, strict=True)])
+    change = np.zeros(size)
+    active = np.ones(size, dtype=np.bool_)
+    ridge = damping * np.diag(normal) + 1e-9 * float(np.trace(normal)) / size
+    for _ in range(size):
+        system = normal[np.ix_(active, active)] + np.diag(ridge[active])
+        held = normal[np.ix_(active, ~active)] @ (change / scales)[~active]
+        solution = np.linalg.lstsq(system, -slope[active] - held, rcond=1e-12)[0]
+        change[active] = solution * scales[active]
+        outside = active & ((values + change < lower) | (values + change > upper))
+        if not outside.any():
+            break
+        change[outside] = np.clip(values + change, lower, upper)[outside] - values[outside]
+        active &= ~outside
+        if not active.any():
+            break
+    ratio = np.max(np.abs(change) / limit, initial=0.0)
+    return np.asarray(change / max(ratio, 1.0))
+
+
+def standard_errors(fitted: Fitted, weight: Floats, correlated: float = 4.0) -> Floats:
+    """Of the free parameters, in their units; `correlated` rows count as one."""
+    rows = weight > 0
+    columns = fitted.jacobian[rows]
+    freedom = max(rows.sum() / correlated - len(fitted.free), 1.0)
+    variance = float(np.sum(fitted.error[rows] ** 2)) / correlated / freedom
+    inverse = np.linalg.pinv(columns.T @ columns / correlated, rcond=1e-12, hermitian=True)
+    return np.asarray(np.sqrt(np.maximum(np.diag(inverse) * variance, 0.0)) * fitted.scales)

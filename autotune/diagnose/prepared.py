@@ -1,0 +1,285 @@
+"""A recording made ready for comparison: motion, grid of rows, blocks of repeats, roles.
+
+Torque and motion are compared on a coarse grid that starts anew in every segment, so that the repeats of
+an experiment can be subtracted row by row. Segments `conditioning` are never fitted, `veto` only gates,
+`test` is only reported on; everything else is training data.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from autotune.core.errors import NotEnoughExcitation
+from autotune.core.recording import Metadata, Recording, Segment, refuse_mixture
+from autotune.identify.checks import check_recording, torque_of
+from autotune.models.lugre import Flags, Floats
+from autotune.signals.filters import motion
+
+Rows = NDArray[np.int64]
+MOTION_CUTOFF = 150.0  # Hz, of position, velocity and acceleration
+CUTOFF = 60.0  # Hz, of everything that is compared
+GRID = 200.0  # Hz
+STANDSTILL_COUNTS = 2.1
+STANDSTILL_SECONDS = 0.01
+CHUNK_SECONDS = 2.0
+TRAINING, VETO, TEST = "training", "veto", "test"
+_ROLES = {"veto": VETO, "test": TEST}
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """One experiment with its repeats: rows `start` to `start + repeats·count` of the grid.
+
+    Residuals of these rows, reshaped to (repeats, count), can be compared repeat by repeat.
+    """
+
+    name: str
+    role: str
+    start: int
+    repeats: int
+    count: int
+
+    @property
+    def rows(self) -> slice:
+        return slice(self.start, self.start + self.repeats * self.count)
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """Contiguous samples `start` to `stop`; `closed` where a position controller was at work."""
+
+    start: int
+    stop: int
+    closed: bool
+
+    @property
+    def rows(self) -> slice:
+        return slice(self.start, self.stop)
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """Arrays of shape (n,) by sample, (m,) by grid row. SI, motor side.
+
+    Attributes:
+        torque: demand held from each sample to the next; `feedforward`: part of it, 0 where not known.
+        position, velocity, acceleration: zero-phase filtered; `measured`: the raw position.
+        grid: samples at the centre of each grid row.
+        taps: zero-phase low-pass that every torque goes through, shape (odd,).
+    """
+
+    metadata: Metadata
+    period: float
+    resolution: float
+    time: Floats
+    reference: Floats
+    measured: Floats
+    torque: Floats
+    feedforward: Floats
+    position: Floats
+    velocity: Floats
+    acceleration: Floats
+    stretches: tuple[Stretch, ...]
+    grid: Rows
+    blocks: tuple[Block, ...]
+    taps: Floats
+    motion_cutoff: float
+    recorded_reference: bool
+
+    def role(self, *roles: str) -> Flags:
+        """Grid rows of blocks with one of these roles, shape (m,)."""
+        chosen = np.zeros(len(self.grid), dtype=np.bool_)
+        for block in self.blocks:
+            chosen[block.rows] = block.role in roles
+        return chosen
+
+    @property
+    def repeated(self) -> bool:
+        return any(block.repeats > 1 and block.role == TRAINING for block in self.blocks)
+
+    @property
+    def closed(self) -> bool:
+        return self.recorded_reference and all(stretch.closed for stretch in self.stretches)
+
+
+def prepare(
+    recordings: Sequence[Recording], cutoff: float = CUTOFF, motion_cutoff: float = MOTION_CUTOFF
+) -> Prepared:
+    """Makes recordings of one axis ready.
+
+    Raises:
+        RecordingError: a column is missing, or axes are mixed.
+        NotEnoughExcitation: too short, or nothing moves outside conditioning.
+    """
+    for recording in recordings:
+        check_recording(recording)
+        refuse_mixture(recordings[0].metadata, recording.metadata)
+    period = recordings[0].period
+    columns = [_columns(recording) for recording in recordings]
+    arrays = {name: np.concatenate([column[name] for column in columns]) for name in columns[0]}
+    stretches: list[Stretch] = []
+    segments: list[Segment] = []
+    offset = 0
+    for number, recording in enumerate(recordings):
+        stretches += _stretches(recording, offset)
+        segments += _segments(recording, offset, number if len(recordings) > 1 else 0)
+        offset += len(recording)
+    moved = [motion(arrays["position"][s.rows], period, motion_cutoff) for s in stretches]
+    position, velocity, acceleration = (np.concatenate([m[i] for m in moved]) for i in range(3))
+    resolution = _resolution(recordings[0].metadata, arrays["position"])
+    taps = low_pass_taps(cutoff, period)
+    allowed = _usable(arrays["position"], stretches, resolution, period, len(taps) // 2)
+    step = max(1, round(1.0 / (GRID / CUTOFF * cutoff * period)))
+    grid, blocks = _grid(segments, allowed, step, period)
+    if not any(block.role == TRAINING for block in blocks):
+        raise NotEnoughExcitation(
+            "the recordings hold no motion to fit: beside conditioning, veto and test at least one "
+            "segment must move; record the programme 'diagnosis'"
+        )
+    return Prepared(
+        recordings[0].metadata,
+        period,
+        resolution,
+        arrays["time"],
+        arrays["reference"],
+        arrays["position"],
+        arrays["torque"],
+        arrays["feedforward"],
+        position,
+        velocity,
+        acceleration,
+        tuple(stretches),
+        grid,
+        blocks,
+        taps,
+        motion_cutoff,
+        all("reference" in recording for recording in recordings),
+    )
+
+
+def low_pass_taps(cutoff: float, period: float) -> Floats:
+    """Symmetric low-pass of gain 1 at rest; a single 1 where the cut-off is beyond the samples."""
+    if cutoff * period >= 0.45:
+        return np.ones(1)
+    half = max(1, round(0.9 / (cutoff * period)))
+    return np.asarray(signal.firwin(2 * half + 1, cutoff, fs=1.0 / period), dtype=np.float64)
+
+
+def _columns(recording: Recording) -> dict[str, Floats]:
+    n = len(recording)
+    return {
+        "time": recording["time"],
+        "reference": recording["reference"] if "reference" in recording else recording["position"],
+        "position": recording["position"],
+        "torque": torque_of(recording),
+        "feedforward": recording["torque_feedforward"] if "torque_feedforward" in recording else np.zeros(n),
+    }
+
+
+def _stretches(recording: Recording, offset: int) -> list[Stretch]:
+    """Cuts where samples were lost, time starts again, the axis was re-homed, or the mode changed."""
+    time, position = recording["time"], recording["position"]
+    step = np.abs(np.diff(position))
+    lost = (recording.missed[1:] > 0) | (np.abs(np.diff(time) / recording.period - 1.0) > 0.5)
+    usual = np.percentile(step, 99.9) if len(step) else 0.0
+    jump = step > 20.0 * usual + 100.0 * (recording.metadata.position_resolution or 0.0)
+    closed = _controlled(recording)
+    edges = [0, *(np.flatnonzero(lost | jump | (np.diff(closed) != 0)) + 1).tolist(), len(recording)]
+    return [
+        Stretch(offset + a, offset + b, bool(closed[a])) for a, b in itertools.pairwise(edges) if b - a >= 50
+    ]
+
+
+def _controlled(recording: Recording) -> NDArray[np.int8]:
+    """1 where the reference is not just the measured position, by segment."""
+    closed = np.zeros(len(recording), dtype=np.int8)
+    if "reference" in recording:
+        for segment in recording.segments():
+            rows = segment.rows
+            closed[rows] = np.any(recording["reference"][rows] != recording["position"][rows])
+    return closed
+
+
+def _segments(recording: Recording, offset: int, number: int) -> list[Segment]:
+    """Segments in absolute rows; a long one without repeats is cut into chunks to hold out."""
+    found: list[Segment] = []
+    segments = recording.segments()
+    training = [s for s in segments if s.experiment not in ("conditioning", *_ROLES)]
+    names = [s.experiment for s in training]
+    cut = len(set(names)) == len(names) and len(set(names)) < 4
+    chunk = max(_least_chunk(recording), 10)
+    for segment in segments:
+        role = segment.experiment
+        if role == "conditioning":
+            continue
+        if not cut or role in _ROLES:
+            found.append(Segment(role, segment.repeat, segment.start + offset, segment.stop + offset))
+            continue
+        pieces = max(1, round((segment.stop - segment.start) / chunk))
+        edges = np.linspace(segment.start, segment.stop, pieces + 1).astype(int).tolist()
+        for i, (a, b) in enumerate(itertools.pairwise(edges)):
+            name = f"{role or 'recording'}/{number}.{segment.start}.{i}"
+            found.append(Segment(name, 0, a + offset, b + offset))
+    return found
+
+
+def _least_chunk(recording: Recording) -> int:
+    seconds = len(recording) * recording.period
+    return round(max(CHUNK_SECONDS, seconds / 24.0) / recording.period)
+
+
+def _resolution(metadata: Metadata, position: Floats) -> float:
+    if metadata.position_resolution is not None:
+        return metadata.position_resolution
+    step = np.abs(np.diff(position))
+    step = step[step > 1e-12 * max(1.0, float(np.ptp(position)))]
+    if len(step) == 0:
+        return 0.0
+    least = float(np.percentile(step, 1.0))
+    counts = step[:20_000] / least
+    whole = float(np.mean(np.abs(counts - np.round(counts)) < 0.05))
+    return least if whole > 0.95 else 0.0
+
+
+def _usable(
+    position: Floats, stretches: Sequence[Stretch], resolution: float, period: float, margin: int
+) -> Flags:
+    """Samples that are neither at the edge of a stretch nor at rest, shape (n,)."""
+    reach = max(1, round(STANDSTILL_SECONDS / period))
+    usable = np.zeros(len(position), dtype=np.bool_)
+    for stretch in stretches:
+        usable[stretch.start + margin + 3 : max(stretch.stop - margin - 3, stretch.start)] = True
+        if resolution > 0.0 and stretch.stop - stretch.start > 2 * reach + 1:
+            windows = np.lib.stride_tricks.sliding_window_view(position[stretch.rows], 2 * reach + 1)
+            spread = windows.max(axis=1) - windows.min(axis=1)
+            still = spread < STANDSTILL_COUNTS * resolution
+            usable[stretch.start + reach : stretch.stop - reach] &= ~still
+    return usable
+
+
+def _grid(
+    segments: Sequence[Segment], usable: Flags, step: int, period: float
+) -> tuple[Rows, tuple[Block, ...]]:
+    families: dict[tuple[str, int], list[Segment]] = {}
+    for segment in segments:
+        families.setdefault((segment.experiment, segment.stop - segment.start), []).append(segment)
+    rows: list[Rows] = []
+    blocks: list[Block] = []
+    start = 0
+    for (name, length), members in families.items():
+        centre = np.arange(step // 2, length, step)
+        table = np.array([segment.start for segment in members])[:, None] + centre[None, :]
+        table = table[:, np.all(usable[table], axis=0)]
+        if table.shape[1] < 8:
+            continue
+        blocks.append(Block(name, _ROLES.get(name, TRAINING), start, *table.shape))
+        rows.append(table.ravel())
+        start += table.size
+    grid = np.concatenate(rows) if rows else np.zeros(0, dtype=np.int64)
+    return grid, tuple(blocks)

@@ -1,0 +1,116 @@
+"""How good a fit is on data that it has not seen, and which share of the explainable it explains."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from autotune.diagnose.fit import Fitted
+from autotune.diagnose.prepared import TRAINING
+from autotune.diagnose.study import CHUNK, Correction, Study
+from autotune.models.lugre import Flags, Floats
+
+LEAST_Z = 6.0
+LEAST_SHARE = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Unseen:
+    """Squared error of predictions of held-out experiments, by chunk of about a second, shape (chunks,)."""
+
+    chunks: Floats
+
+    @property
+    def total(self) -> float:
+        return float(self.chunks.sum())
+
+
+def held_out(study: Study, error: Floats, columns: Floats) -> Unseen:
+    """Leave one experiment out: the rest refits the columns (linearised), the experiment is predicted."""
+    weight = study.training
+    inner = columns.T @ (columns * weight[:, None])
+    ridge = 1e-7 * np.trace(inner) / max(len(inner), 1) * np.eye(len(inner))
+    slope = columns.T @ (error * weight)
+    chunks: list[float] = []
+    for name in dict.fromkeys(b.name for b in study.data.blocks if b.role == TRAINING):
+        blocks = [b for b in study.data.blocks if b.name == name and b.role == TRAINING]
+        rows = np.concatenate([np.arange(b.rows.start, b.rows.stop) for b in blocks])
+        part = columns[rows]
+        left = inner - part.T @ (part * weight[rows, None]) + ridge
+        change = -np.linalg.solve(left, slope - part.T @ (error[rows] * weight[rows]))
+        rest = weight[rows] * (error[rows] + part @ change) ** 2
+        chunks += [float(c.sum()) for c in np.array_split(rest, max(1, len(rest) // CHUNK))]
+    return Unseen(np.array(chunks))
+
+
+def gain_and_z(before: Unseen, after: Unseen) -> tuple[float, float]:
+    """Relative fall of the error on unseen data, and its paired z over chunks."""
+    fall = before.chunks - after.chunks
+    gain = float(fall.sum() / max(before.total, 1e-300))
+    spread = float(fall.std(ddof=1)) if len(fall) > 1 else math.inf
+    z = float(fall.mean() / max(spread / math.sqrt(len(fall)), 1e-300))
+    return gain, z
+
+
+@dataclass(frozen=True, slots=True)
+class Explained:
+    """What a model explains of one role's residual: X the fall, U what is still explainable [(N m)²]."""
+
+    fall: float
+    left: float
+
+    @property
+    def share(self) -> float:
+        """X/(X + U), 0 where nothing was explained."""
+        return self.fall / (self.fall + self.left) if self.fall > 0 else 0.0
+
+
+def still_explainable(study: Study, fitted: Fitted, correction: Correction, role: str) -> float:
+    """Repeatable variance, certain to one standard error, and drifting friction level [(N m)²]."""
+    variance, error = study.repeatable(fitted.error, correction, role)
+    repeatable = max(variance - error, 0.0) if math.isfinite(variance) else 0.0
+    return repeatable + drift(study, fitted, role)[0]
+
+
+def drift(study: Study, fitted: Fitted, role: str) -> tuple[float, float]:
+    """Variance that a friction level differing between repeats explains [(N m)²], and its z."""
+    names = [f.name for f in fitted.free]
+    if "coulomb" not in names:
+        return 0.0, 0.0
+    column = fitted.jacobian[:, names.index("coulomb")]
+    differences, levels = [], []
+    for block in study.data.blocks:
+        if block.role != role or block.repeats < 2:
+            continue
+        error = fitted.error[block.rows].reshape(block.repeats, block.count)
+        level = column[block.rows].reshape(block.repeats, block.count)
+        differences.append(error[-1] - error[0])
+        levels.append(0.5 * (level[-1] + level[0]))
+    if not differences:
+        return 0.0, 0.0
+    d, x = np.concatenate(differences), np.concatenate(levels)
+    power = float(x @ x)
+    if power <= 0.0:
+        return 0.0, 0.0
+    slope = float(x @ d) / power
+    rest = d - slope * x
+    z = slope / max(math.sqrt(float(rest @ rest) / len(d) * 4.0 / power), 1e-300)
+    share = 1.0 - float(rest @ rest) / max(float(d @ d), 1e-300)
+    if abs(z) < LEAST_Z or share < LEAST_SHARE:
+        return 0.0, z
+    return 0.25 * slope**2 * power / len(d), z
+
+
+def explained(study: Study, before: Fitted, after: Fitted, correction: Correction, role: str) -> Explained:
+    """What `after` explains beyond `before` of a role's residual."""
+    fall = study.mean_square(before.error, role) - study.mean_square(after.error, role)
+    return Explained(fall, still_explainable(study, after, correction, role))
+
+
+def bins(values: Floats, count: int, chosen: Flags) -> Floats:
+    """One column per bin of equal population, shape (m, bins)."""
+    edges = np.unique(np.quantile(values[chosen], np.linspace(0, 1, count + 1)[1:-1]))
+    index = np.searchsorted(edges, values)
+    return np.asarray(index[:, None] == np.arange(len(edges) + 1)[None, :], dtype=np.float64)

@@ -1,0 +1,186 @@
+"""The search for what is missing: screen every family, refit the best inside the twin, add, prune."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from autotune.diagnose.coordinates import generic_columns
+from autotune.diagnose.families import FAMILIES, Context, Start
+from autotune.diagnose.fit import Fitted, Free, fit
+from autotune.diagnose.prepared import TRAINING, VETO
+from autotune.diagnose.score import Explained, Unseen, explained, gain_and_z, held_out
+from autotune.diagnose.study import Correction, Study, refit
+from autotune.models import layout
+from autotune.models.drive_model import Packed
+from autotune.models.lugre import Floats
+from autotune.models.table import EFFECTS
+
+Progress = Callable[[str], None]
+LEAST_GAIN = 0.03
+CLEAR_GAIN = 0.10
+LEAST_Z = 3.0
+GAIN_WITHOUT_TWIN = 0.12
+NAMED = 0.9
+WALK = 4
+MOST_EFFECTS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """A model at its best: fit, the bias that belongs to it, and its error on unseen experiments."""
+
+    fitted: Fitted
+    correction: Correction
+    unseen: Unseen
+    effects: tuple[str, ...] = ()
+
+    @property
+    def free(self) -> tuple[Free, ...]:
+        return self.fitted.free
+
+
+@dataclass(frozen=True, slots=True)
+class Screened:
+    """A family refitted with the bias of the model without it."""
+
+    effect: str
+    fitted: Fitted
+    gain: float
+    z: float
+
+    @property
+    def passes(self) -> bool:
+        return self.gain >= LEAST_GAIN and (self.z >= LEAST_Z or self.gain >= CLEAR_GAIN)
+
+
+@dataclass(frozen=True, slots=True)
+class Refitted:
+    """A family refitted inside the twin, and what it explains of training and veto."""
+
+    effect: str
+    level: Level
+    gain: float
+    training: Explained
+    veto: Explained | None
+
+    @property
+    def share(self) -> float:
+        return min(self.training.share, self.veto.share if self.veto else 1.0)
+
+
+def settle(
+    study: Study, packed: Packed, free: Sequence[Free], rounds: int, effects: tuple[str, ...] = ()
+) -> Level | None:
+    """Fits inside the twin: the bias is renewed between fits. None where the twin is unstable."""
+    correction = study.correction(packed)
+    if not correction.stable:
+        return None
+    fitted: Fitted | None = None
+    for _ in range(rounds):
+        fitted = refit(study, packed, list(free), correction, 4)
+        renewed = study.correction(fitted.packed, study.simulations + 1)
+        if not renewed.stable:
+            return None if fitted is None else _level(study, fitted, correction, effects)
+        shifted = fitted.error + correction.bias - renewed.bias
+        fitted = replace(fitted, error=shifted, cost=_cost(study, shifted))
+        packed, correction = fitted.packed, renewed
+    return _level(study, fitted, correction, effects) if fitted is not None else None
+
+
+def _cost(study: Study, error: Floats) -> float:
+    weight = study.training
+    return float(np.dot(weight, error**2) / max(weight.sum(), 1.0))
+
+
+def _level(study: Study, fitted: Fitted, correction: Correction, effects: tuple[str, ...]) -> Level:
+    return Level(fitted, correction, held_out(study, fitted.error, fitted.jacobian), effects)
+
+
+def screen(study: Study, level: Level, nominal: Packed, effect: str) -> Screened | None:
+    """The best refit of one family on the measured motion; None where it has no start here."""
+    context = Context(study, level.fitted, nominal)
+    best: Fitted | None = None
+    starts = list(FAMILIES[effect](context))
+    for start in starts:
+        fitted = _try(study, level, start, 2, quick=True)
+        if fitted is not None and (best is None or fitted.cost < best.cost):
+            best = fitted
+    if best is None:
+        return None
+    if best.cost < (1.0 - 0.3 * LEAST_GAIN) * level.fitted.cost:
+        finished = _try(study, level, Start(best.packed, best.free[len(level.free) :]), 4)
+        best = finished if finished is not None and finished.cost <= best.cost else best
+    gain, z = gain_and_z(level.unseen, held_out(study, best.error, best.jacobian))
+    return Screened(effect, best, gain, z)
+
+
+def _try(study: Study, level: Level, start: Start, iterations: int, quick: bool = False) -> Fitted | None:
+    """Fits from a start; `quick` takes the sensitivities of what is already in the model from there."""
+    free = [*level.free, *start.free]
+    known = (level.fitted.jacobian, level.fitted.scales) if quick else None
+    fitted = fit(
+        study.data, study.moved, start.packed, free, level.correction.bias, study.training, iterations,
+        known=known,
+    )  # fmt: skip
+    return fitted if math.isfinite(fitted.cost) else None
+
+
+def rank(study: Study, level: Level, nominal: Packed, progress: Progress) -> list[Screened]:
+    """All families that are not in the model, by their gain on unseen experiments."""
+    found: list[Screened] = []
+    for effect in FAMILIES:
+        if level.fitted.packed.on[layout.flag(effect)] and effect != "torque_ripple":
+            continue
+        progress(f"candidate {effect}")
+        screened = screen(study, level, nominal, effect)
+        if screened is not None and np.isfinite(screened.gain):
+            found.append(screened)
+    return sorted(found, key=lambda item: -item.gain)
+
+
+def inside_twin(study: Study, root: Level, level: Level, candidate: Screened) -> Refitted | None:
+    """A candidate refitted with its own bias; shares count from the model without any found effect."""
+    effects = (*level.effects, candidate.effect)
+    settled = settle(study, candidate.fitted.packed, candidate.fitted.free, 2, effects)
+    if settled is None:
+        return None
+    gain, _ = gain_and_z(level.unseen, settled.unseen)
+    return _judged(study, root, settled, candidate.effect, gain)
+
+
+def _judged(study: Study, root: Level, settled: Level, effect: str, gain: float) -> Refitted:
+    parts = [
+        explained(study, root.fitted, settled.fitted, settled.correction, role) for role in (TRAINING, VETO)
+    ]
+    return Refitted(effect, settled, gain, parts[0], parts[1] if study.has(VETO) else None)
+
+
+def generic_gains(study: Study, level: Level) -> dict[str, float]:
+    """Gain on unseen experiments of free functions of a coordinate."""
+    gains: dict[str, float] = {}
+    for name, columns in generic_columns(study.data, study.training > 0).items():
+        table = np.hstack([level.fitted.jacobian, columns * float(np.std(level.fitted.error))])
+        gains[name] = gain_and_z(level.unseen, held_out(study, level.fitted.error, table))[0]
+    return gains
+
+
+def without_effect(study: Study, root: Level, level: Level, effect: str) -> Refitted | None:
+    """The model refitted without one of the effects that were found."""
+    kind = EFFECTS[effect]
+    slots = {parameter.slot for parameter in kind.parameters}
+    p, on = level.fitted.packed.p.copy(), level.fitted.packed.on.copy()
+    for parameter in kind.parameters:
+        p[parameter.slot] = root.fitted.packed.p[parameter.slot]
+    on[layout.flag(effect)] = root.fitted.packed.on[layout.flag(effect)]
+    kept = {f.name for f in root.free}
+    free = [f for f in level.free if f.slot not in slots or f.name in kept]
+    effects = tuple(name for name in level.effects if name != effect)
+    settled = settle(study, Packed(p, on), free, 2, effects)
+    if settled is None:
+        return None
+    gain, _ = gain_and_z(root.unseen, settled.unseen)
+    return _judged(study, root, settled, effects[-1], gain)

@@ -1,0 +1,246 @@
+"""One diagnosis in progress: data, controller, noise, and the measures that every verdict rests on.
+
+Repeatable variance mean(e₁e₂) is what a model could explain, ½·mean (e₁ − e₂)² is noise that nobody can.
+The bias of the twin is an average over few simulations; its own variance is taken out of the former.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from autotune.core.recording import Controller
+from autotune.diagnose.fit import Fitted, Free, fit
+from autotune.diagnose.prepared import TRAINING, VETO, Block, Prepared
+from autotune.diagnose.residual import (
+    Motion,
+    measured_motion,
+    raw_residual,
+    run_twin,
+    simulated_motion,
+    smoothed,
+)
+from autotune.models import layout
+from autotune.models.drive_model import BASE, Packed
+from autotune.models.lugre import Floats
+
+CHUNK = 200  # grid rows, about a second
+SEED = 20_240
+OUTLIER = 6.0
+
+
+@dataclass(frozen=True, slots=True)
+class Correction:
+    """Bias of the twin on the grid and the variance of its error by block [(N m)²]."""
+
+    bias: Floats
+    variance: Floats
+    stable: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Scales:
+    """What is large on this axis: torque [N m], velocity, travel, acceleration, and time [s]."""
+
+    torque: float
+    velocity: float
+    travel: float
+    acceleration: float
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """Everything a candidate is judged by."""
+
+    data: Prepared
+    moved: Motion
+    controller: Controller | None
+    noise: float
+    scales: Scales
+    weight: Floats
+    simulations: int = 2
+    cache: dict[bytes, Correction] = field(default_factory=dict)
+
+    @property
+    def twin(self) -> bool:
+        return self.controller is not None
+
+    def correction(self, packed: Packed, simulations: int | None = None) -> Correction:
+        """Bias of the measurement chain for this model; nothing to correct without a controller."""
+        data = self.data
+        empty = Correction(np.zeros(len(data.grid)), np.zeros(len(data.blocks)))
+        if self.controller is None:
+            return empty
+        random = np.random.default_rng(SEED)
+        runs = []
+        for _ in range(simulations or self.simulations):
+            run = run_twin(data, packed, self.controller, self.noise, random)
+            if not run.stable:
+                return Correction(empty.bias, empty.variance, stable=False)
+            raw = raw_residual(data, packed, simulated_motion(data, run))
+            raw[1:] += 0.5 * (run.disturbance[1:] + run.disturbance[:-1])
+            runs.append(smoothed(data, raw))
+        return _averaged(data, np.array(runs))
+
+    def repeatable(self, error: Floats, correction: Correction, role: str) -> tuple[float, float]:
+        """Variance that comes again in every repeat, and its standard error [(N m)²]."""
+        chunks: list[Floats] = []
+        for block, spare in zip(self.data.blocks, correction.variance, strict=True):
+            if block.role != role or block.repeats < 2:
+                continue
+            table = _table(error, block)
+            k = block.repeats
+            product = (table.sum(axis=0) ** 2 - (table**2).sum(axis=0)) / (k * (k - 1)) - spare
+            chunks.append(_chunk_means(product))
+        return _mean_and_error(chunks)
+
+    def noise_variance(self, error: Floats, role: str) -> float:
+        """Variance that differs from repeat to repeat [(N m)²]; nan without repeats."""
+        values = [
+            (_table(error, block).var(axis=0, ddof=1).mean(), block.count)
+            for block in self.data.blocks
+            if block.role == role and block.repeats > 1
+        ]
+        if not values:
+            return float("nan")
+        variances, counts = np.array(values).T
+        return float(np.average(variances, weights=counts))
+
+    def mean_square(self, error: Floats, role: str) -> float:
+        rows = self.data.role(role) & (self.weight_all > 0)
+        return float(np.mean(error[rows] ** 2)) if rows.any() else float("nan")
+
+    @property
+    def weight_all(self) -> Floats:
+        return self.weight
+
+    @property
+    def training(self) -> Floats:
+        """Weights of the rows that are fitted, shape (m,)."""
+        return np.asarray(self.weight * self.data.role(TRAINING))
+
+    def has(self, role: str) -> bool:
+        return any(block.role == role for block in self.data.blocks)
+
+    @property
+    def has_veto(self) -> bool:
+        return any(block.role == VETO and block.repeats > 1 for block in self.data.blocks)
+
+
+def start_study(data: Prepared, controller: Controller | None) -> Study:
+    """A study before anything is known about noise."""
+    moved = measured_motion(data)
+    rows = data.grid
+    scales = Scales(
+        float(np.sqrt(np.mean(data.torque[rows] ** 2))) or 1.0,
+        float(np.percentile(np.abs(data.velocity[rows]), 99.5)) or 1.0,
+        float(np.ptp(data.position[rows])) or 1.0,
+        float(np.percentile(np.abs(data.acceleration[rows]), 99.5)) or 1.0,
+        float(len(data.time) * data.period),
+    )
+    return Study(data, moved, controller, 0.0, scales, np.ones(len(rows)))
+
+
+def base_free(packed: Packed, scales: Scales, motion_unit: str) -> list[Free]:
+    """The base parameters as free ones; break-away and Stribeck velocity where the model has them."""
+    p = packed.p
+    typical = {
+        "inertia": scales.torque / scales.acceleration,
+        "viscous": scales.torque / scales.velocity,
+        "coulomb": scales.torque,
+        "stiffness": max(p[layout.STIFFNESS], 1e-9),
+        "micro_damping": max(p[layout.MICRO_DAMPING], 1e-2 * scales.torque / scales.velocity),
+        "offset": 0.3 * scales.torque,
+    }
+    return [
+        Free(
+            b.name,
+            b.slot,
+            b.lower,
+            b.upper,
+            typical[b.name],
+            relative=b.name != "offset",
+            step=3.0 * typical[b.name],
+        )
+        for b in BASE
+    ]
+
+
+def estimate_noise(study: Study, packed: Packed, error: Floats) -> float:
+    """Standard deviation of a torque, new in every sample, that makes repeats differ as they do [N m].
+
+    Where the quantiser makes the motion chaotic, repeats differ by more than the noise; the quieter half
+    of the chunks decides, less what the twin itself differs there.
+    """
+    measured = _chunk_noise(study, error)
+    gain = float(np.sum(np.convolve(study.data.taps, [0.5, 0.5]) ** 2))
+    if len(measured) == 0:
+        rows = study.training > 0
+        return float(np.sqrt(0.25 * np.median(error[rows] ** 2) / 0.455 / gain))
+    quiet = measured <= np.median(measured)
+    level = 0.0
+    for guess in (0.0, 1.0):
+        if study.controller is None:
+            return float(np.sqrt(np.median(measured[quiet]) / gain))
+        random = np.random.default_rng(SEED)
+        run = run_twin(study.data, packed, study.controller, guess * np.sqrt(level), random)
+        if not run.stable:
+            return float(np.sqrt(np.median(measured[quiet]) / gain))
+        rest = smoothed(study.data, raw_residual(study.data, packed, simulated_motion(study.data, run)))
+        spare = np.median((measured - _chunk_noise(study, rest))[quiet]) / gain
+        level = max(level + float(spare), 0.02 * float(np.median(measured[quiet])) / gain)
+    return float(np.sqrt(level))
+
+
+def _chunk_noise(study: Study, error: Floats) -> Floats:
+    """Variance between repeats of every chunk of training data [(N m)²], shape (chunks,)."""
+    parts = [
+        _chunk_means(_table(error, block).var(axis=0, ddof=1))[:, 0]
+        for block in study.data.blocks
+        if block.role == TRAINING and block.repeats > 1
+    ]
+    return np.concatenate(parts) if parts else np.zeros(0)
+
+
+def refit(
+    study: Study,
+    packed: Packed,
+    free: list[Free],
+    correction: Correction,
+    iterations: int = 5,
+) -> Fitted:
+    """A fit on the training rows."""
+    return fit(study.data, study.moved, packed, free, correction.bias, study.training, iterations)
+
+
+def _averaged(data: Prepared, runs: Floats) -> Correction:
+    bias = runs.mean(axis=0)
+    variance = np.zeros(len(data.blocks))
+    for i, block in enumerate(data.blocks):
+        table = runs[:, block.rows].reshape(-1, block.count)
+        bias[block.rows] = np.tile(table.mean(axis=0), block.repeats)
+        if len(table) > 1:
+            variance[i] = float(table.var(axis=0, ddof=1).mean()) / len(table)
+    return Correction(bias, variance)
+
+
+def _table(error: Floats, block: Block) -> Floats:
+    return error[block.rows].reshape(block.repeats, block.count)
+
+
+def _chunk_means(values: Floats) -> Floats:
+    pieces = max(1, len(values) // CHUNK)
+    return np.array([[part.mean(), len(part)] for part in np.array_split(values, pieces)])
+
+
+def _mean_and_error(chunks: list[Floats]) -> tuple[float, float]:
+    if not chunks:
+        return float("nan"), float("nan")
+    means, counts = np.concatenate(chunks).T
+    mean = float(np.average(means, weights=counts))
+    if len(means) < 3:
+        return mean, abs(mean)
+    share = counts / counts.sum()
+    return mean, float(np.sqrt(np.sum(share**2 * (means - mean) ** 2)))

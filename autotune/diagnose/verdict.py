@@ -1,0 +1,402 @@
+"""From a model and recordings to a verdict: what is missing, how sure, and what to do next."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from autotune.core.errors import NotEnoughExcitation
+from autotune.core.recording import Recording
+from autotune.diagnose.controller import find_controller, with_feedforward
+from autotune.diagnose.coordinates import variance_shares
+from autotune.diagnose.families import FAMILIES
+from autotune.diagnose.fit import Free
+from autotune.diagnose.model_values import free_of_model
+from autotune.diagnose.prepared import TEST, TRAINING, VETO, Prepared, prepare
+from autotune.diagnose.search import (
+    GAIN_WITHOUT_TWIN,
+    LEAST_GAIN,
+    MOST_EFFECTS,
+    NAMED,
+    WALK,
+    Level,
+    Refitted,
+    Screened,
+    generic_gains,
+    inside_twin,
+    rank,
+    settle,
+    without_effect,
+)
+from autotune.diagnose.study import Study, base_free, estimate_noise, refit, start_study
+from autotune.diagnose.words import TORQUE_CONSTANT, separating_experiment, usual_rivals
+from autotune.models.drive_model import DriveModel, Packed
+
+Progress = Callable[[str], None]
+GENERIC_LEAD = 1.5
+GENERIC_GAIN = 0.05
+PARTLY = 0.5
+SURE_Z = 2.0
+NEGLIGIBLE = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """One family's evidence.
+
+    Attributes:
+        gain: fall of the squared error on unseen experiments, relative.
+        error_before, error_after: rms on unseen experiments [N m or N].
+    """
+
+    effect: str
+    gain: float
+    error_before: float
+    error_after: float
+    accepted: bool
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """The verdict with all its evidence.
+
+    Attributes:
+        verdict: `named`, `none`, `unknown` or `ambiguous`; `effects`: names, strongest first.
+        confidence: `confirmed`, `suspected` or None.
+        confusable: sets of effects that these data cannot tell apart.
+        where: share of the residual's variance by coordinate.
+        error_test: rms on the unseen test trajectory; nan without one.
+        notes: sentences for people.
+    """
+
+    verdict: str
+    effects: tuple[str, ...]
+    confidence: str | None
+    candidates: tuple[Candidate, ...]
+    confusable: tuple[tuple[str, ...], ...]
+    where: Mapping[str, float]
+    noise_floor_rms: float
+    next_experiment: str | None
+    twin: bool
+    error_test: float = math.nan
+    notes: tuple[str, ...] = ()
+    study: Study | None = field(default=None, repr=False)
+    level: Level | None = field(default=None, repr=False)
+    root: Level | None = field(default=None, repr=False)
+
+
+def quiet(_: str) -> None:
+    """Progress that nobody wants to see."""
+
+
+def begin(
+    data: Prepared, model: DriveModel, progress: Progress = quiet, simulations: int = 2
+) -> tuple[Study, Level, Packed, tuple[str, ...]]:
+    """Controller, noise and the fit of the model as it is.
+
+    Raises:
+        NotEnoughExcitation: the model cannot be made to fit this axis at all.
+    """
+    found = find_controller(data)
+    data = with_feedforward(data, found)
+    packed = model.pack()
+    study = start_study(data, found.controller)
+    notes = () if found.controller else (f"No twin: {found.why}. Confidence is lower.",)
+    progress("fit of the model as it is")
+    free = [*base_free(packed, study.scales, data.metadata.motion_unit), *free_of_model(model, study.scales)]
+    level = _first_level(replace(study, simulations=simulations), packed, free)
+    if level is None and study.twin:
+        notes = ("No twin: a simulation of the model with this controller is unstable.",)
+        study = replace(study, controller=None)
+        level = _first_level(study, packed, free)
+    if level is None:
+        raise NotEnoughExcitation(
+            "the model does not fit these recordings at all; check that model and recordings are of the "
+            "same axis, or fit a new model: autotune model fit"
+        )
+    study, settled = level
+    _refuse_misfit(study, settled)
+    return study, settled, packed, notes
+
+
+def _first_level(study: Study, packed: Packed, free: list[Free]) -> tuple[Study, Level] | None:
+    start = study.correction(packed, 1)
+    if not start.stable:
+        start = replace(start, stable=True)
+    fitted = refit(study, packed, free, start, 8)
+    if not np.isfinite(fitted.cost):
+        return None
+    for _ in range(2):
+        study = replace(study, noise=estimate_noise(study, fitted.packed, fitted.error))
+        correction = study.correction(fitted.packed, 1)
+        if not correction.stable:
+            return None
+        fitted = refit(study, fitted.packed, free, correction, 4)
+    level = settle(study, fitted.packed, free, 2)
+    return None if level is None else (study, level)
+
+
+def _refuse_misfit(study: Study, level: Level) -> None:
+    rows = study.training > 0
+    torque = study.data.torque[study.data.grid[rows]]
+    share = float(np.var(level.fitted.error[rows])) / max(float(np.var(torque)), 1e-300)
+    if share > 0.8:
+        raise NotEnoughExcitation(
+            f"the model explains only {100 * (1 - share):.0f} % of the torque even after refitting; is the "
+            "sign or the unit of the torque wrong, or the model of another axis? Fit a new model with "
+            "'autotune model fit', or import the file again with another torque factor"
+        )
+
+
+def diagnose(recordings: Sequence[Recording], model: DriveModel, progress: Progress = quiet) -> Diagnosis:
+    """What the model lacks, by the evidence of recordings.
+
+    Raises:
+        RecordingError, ConfigurationError: recordings that cannot be used.
+        NotEnoughExcitation: nothing to fit, or a model that does not fit the axis at all.
+    """
+    study, root, nominal, notes = begin(prepare(recordings), model, progress)
+    return search_effects(study, root, nominal, notes, progress)
+
+
+def search_effects(
+    study: Study, root: Level, nominal: Packed, notes: tuple[str, ...], progress: Progress = quiet
+) -> Diagnosis:
+    """Adds the best candidate until nothing more is found, prunes, and judges."""
+    level = root
+    first: list[Screened] = []
+    tried: list[Refitted] = []
+    generic: dict[str, float] = {}
+    chosen: Refitted | None = None
+    for number in range(MOST_EFFECTS):
+        ranked = rank(study, level, nominal, progress)
+        if number == 0:
+            first, generic = ranked, generic_gains(study, root)
+        least = LEAST_GAIN if study.twin else GAIN_WITHOUT_TWIN
+        passing = [item for item in ranked if item.passes and item.gain >= least]
+        refits = _walk(study, root, level, passing, progress)
+        if number == 0:
+            tried = refits
+        best = _best(study, chosen, refits)
+        if best is None:
+            break
+        chosen, level = best, best.level
+        if chosen.share >= 0.995 and not _more_to_explain(study, level):
+            break
+    if chosen is not None and len(chosen.level.effects) > 1:
+        chosen = _pruned(study, root, chosen, progress)
+    return _judge(study, root, chosen, first, tried, generic, notes)
+
+
+def _walk(
+    study: Study, root: Level, level: Level, passing: Sequence[Screened], progress: Progress
+) -> list[Refitted]:
+    """Full refits down the ranking until one explains nearly everything, and its close rivals."""
+    refits: list[Refitted] = []
+    for item in passing[:WALK]:
+        done = max((r.share for r in refits), default=0.0) >= NAMED
+        if done and item.gain < 0.75 * passing[0].gain:
+            break
+        progress(f"refit inside the twin: {item.effect}")
+        refitted = inside_twin(study, root, level, item)
+        if refitted is not None:
+            refits.append(refitted)
+    return refits
+
+
+def _best(study: Study, chosen: Refitted | None, refits: Sequence[Refitted]) -> Refitted | None:
+    """The refit that explains most, if it is worth having beside what is chosen already."""
+    if not refits:
+        return None
+    best = min(refits, key=lambda item: _both(study, item.level))
+    if chosen is None:
+        return best if best.gain >= LEAST_GAIN else None
+    before = chosen.level
+    fall = _mean_square(study, before, TRAINING) - _mean_square(study, best.level, TRAINING)
+    worth = fall >= 0.01 * max(chosen.training.fall, 0.0) and best.gain >= LEAST_GAIN
+    if study.has(VETO):
+        worth &= _mean_square(study, best.level, VETO) < _mean_square(study, before, VETO)
+    return best if worth else None
+
+
+def _both(study: Study, level: Level) -> float:
+    """Error on training and veto together, each by its own share of the rows."""
+    total = _mean_square(study, level, TRAINING)
+    return total + (_mean_square(study, level, VETO) if study.has(VETO) else 0.0)
+
+
+def _mean_square(study: Study, level: Level, role: str) -> float:
+    return study.mean_square(level.fitted.error, role)
+
+
+def _more_to_explain(study: Study, level: Level) -> bool:
+    variance, error = study.repeatable(level.fitted.error, level.correction, TRAINING)
+    noise = study.noise_variance(level.fitted.error, TRAINING)
+    if not math.isfinite(variance):
+        return True
+    return variance - 2.0 * error > 0.01 * noise
+
+
+def _pruned(study: Study, root: Level, chosen: Refitted, progress: Progress) -> Refitted:
+    """Drops every effect without which training and veto are hardly worse."""
+    current = chosen
+    for effect in chosen.level.effects:
+        if len(current.level.effects) < 2:
+            break
+        progress(f"is {effect} needed")
+        less = without_effect(study, root, current.level, effect)
+        if less is None:
+            continue
+        loss = [
+            _mean_square(study, less.level, role) - _mean_square(study, current.level, role)
+            for role in (TRAINING, VETO)
+            if study.has(role)
+        ]
+        falls = [current.training.fall, current.veto.fall if current.veto else math.inf]
+        if all(lost < NEGLIGIBLE * max(fall, 0.0) for lost, fall in zip(loss, falls, strict=False)):
+            current = less
+    return current
+
+
+def _judge(
+    study: Study,
+    root: Level,
+    chosen: Refitted | None,
+    first: Sequence[Screened],
+    tried: Sequence[Refitted],
+    generic: Mapping[str, float],
+    notes: tuple[str, ...],
+) -> Diagnosis:
+    lead = max((item.gain for item in first), default=0.0)
+    coordinate, free = max(generic.items(), key=lambda item: item[1], default=("", 0.0))
+    structured = free > GENERIC_GAIN and free > GENERIC_LEAD * max(lead, 0.0)
+    verdict, confidence = "none", None
+    effects: tuple[str, ...] = ()
+    confusable: tuple[tuple[str, ...], ...] = ()
+    if chosen is not None:
+        rivals = _rivals(study, root, chosen, tried)
+        good = chosen.share >= (NAMED if study.data.repeated else PARTLY)
+        if good and not structured and rivals:
+            verdict, confusable = "ambiguous", ((*chosen.level.effects, *rivals),)
+            confidence, effects = "suspected", chosen.level.effects
+        elif good and not structured:
+            verdict, effects = "named", chosen.level.effects
+            confidence = "confirmed" if study.twin and study.has_veto else "suspected"
+        else:
+            verdict = "unknown"
+    elif structured or _structure_left(study, root):
+        verdict = "unknown"
+    if verdict == "unknown":
+        notes = (*notes, _unknown_note(coordinate, free, chosen))
+    if not confusable and confidence == "suspected":
+        near = [r for e in effects for r in usual_rivals(e)]
+        confusable = (tuple(dict.fromkeys([*effects, *near])),)
+    final = chosen.level if chosen is not None and effects else root
+    rows = study.training > 0
+    return Diagnosis(
+        verdict,
+        _by_strength(study, final, effects),
+        confidence,
+        _candidates(study, root, first, tried, effects),
+        confusable,
+        variance_shares(study.data, root.fitted.error, rows),
+        _floor(study, final),
+        _next(verdict, effects, confusable, confidence, chosen),
+        study.twin,
+        math.sqrt(study.mean_square(final.fitted.error, TEST)) if study.has(TEST) else math.nan,
+        (*notes, TORQUE_CONSTANT),
+        study,
+        final,
+        root,
+    )
+
+
+def _rivals(study: Study, root: Level, chosen: Refitted, tried: Sequence[Refitted]) -> list[str]:
+    """Single effects that explain as much as the chosen single one."""
+    if len(chosen.level.effects) != 1:
+        return []
+    best = _both(study, chosen.level)
+    start = _both(study, root)
+    return [
+        item.effect
+        for item in tried
+        if item.effect != chosen.effect
+        and item.share >= NAMED
+        and _both(study, item.level) - best < 0.03 * (start - best)
+    ]
+
+
+def _structure_left(study: Study, root: Level) -> bool:
+    variance, error = study.repeatable(root.fitted.error, root.correction, TRAINING)
+    noise = study.noise_variance(root.fitted.error, TRAINING)
+    return math.isfinite(variance) and variance - 4.0 * error > 0.1 * noise
+
+
+def _unknown_note(coordinate: str, gain: float, chosen: Refitted | None) -> str:
+    text = "Something repeatable is missing that none of the known effects explains"
+    if gain > GENERIC_GAIN:
+        text += f"; it is structured in {coordinate.replace('_', ' ')}"
+    if chosen is not None and chosen.share >= PARTLY:
+        names = ", ".join(chosen.level.effects).replace("_", " ")
+        text += f"; {names} explains {100 * chosen.share:.0f} % of it and may be part of the truth"
+    return text + "."
+
+
+def _by_strength(study: Study, level: Level, effects: Sequence[str]) -> tuple[str, ...]:
+    return tuple(effects)
+
+
+def _floor(study: Study, level: Level) -> float:
+    return (
+        math.sqrt(max(study.noise_variance(level.fitted.error, TRAINING), 0.0))
+        if study.data.repeated
+        else math.nan
+    )
+
+
+def _candidates(
+    study: Study, root: Level, first: Sequence[Screened], tried: Sequence[Refitted], effects: Sequence[str]
+) -> tuple[Candidate, ...]:
+    count = max(float(study.training.sum()), 1.0)
+    before = math.sqrt(root.unseen.total / count)
+    refits = {item.effect: item for item in tried}
+    table = []
+    for item in first:
+        accepted = item.effect in effects
+        gain = refits[item.effect].gain if item.effect in refits else item.gain
+        after = before * math.sqrt(max(1.0 - gain, 0.0))
+        table.append(Candidate(item.effect, gain, before, after, accepted, _why(item, refits, accepted)))
+    return tuple(table)
+
+
+def _why(item: Screened, refits: Mapping[str, Refitted], accepted: bool) -> str:
+    if item.effect in refits:
+        done = refits[item.effect]
+        veto = f", {100 * done.veto.share:.0f} % on the veto trajectory" if done.veto else ""
+        text = f"explains {100 * done.training.share:.0f} % of the explainable error{veto}"
+        return text if accepted else text + "; not the best explanation"
+    if item.gain < LEAST_GAIN:
+        return f"gain {100 * item.gain:.1f} % on unseen experiments; {100 * LEAST_GAIN:.0f} % are needed"
+    return f"gain {100 * item.gain:.1f} % on unseen experiments, less than others"
+
+
+def _next(
+    verdict: str,
+    effects: Sequence[str],
+    confusable: Sequence[Sequence[str]],
+    confidence: str | None,
+    chosen: Refitted | None,
+) -> str | None:
+    if verdict == "ambiguous":
+        return separating_experiment(set(confusable[0]))
+    if verdict == "named" and confidence == "suspected":
+        near = set(effects) | {r for e in effects for r in usual_rivals(e)}
+        return separating_experiment(near) + ". A second trajectory confirms or refutes the name."
+    if verdict == "unknown":
+        near = set(chosen.level.effects) if chosen else set(FAMILIES)
+        return separating_experiment(near | {r for e in near for r in usual_rivals(e)})
+    return None
