@@ -20,16 +20,16 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from autotune.control.feedforward import LugreParameters, advance
 from autotune.core.drive import Sample
 from autotune.core.errors import ConfigurationError
 from autotune.core.recording import Floats
+from autotune.models.compiled import compiled
 
 HISTORY_SECONDS = 0.05
 SETTLED_PERIODS = 6
-SETTLED_DRIFT = 0.02
+SETTLED_DRIFT = 0.01
 SETTLED_OFFSET = 0.005
 GROWTH = 1.5
 LEAST_SATURATION = 0.2
@@ -93,7 +93,7 @@ class AdaptationResult:
     feedback_rms: Floats
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def _adapt(
     p: Floats, state: Floats, gains: Floats, low: Floats, high: Floats, feedback: float, period: float
 ) -> None:
@@ -119,7 +119,7 @@ class AdaptiveFeedforward:
         frequency: float,
         period: float,
         gains: AdaptationGains | None = None,
-        least_periods: int = 12,
+        least_periods: int = 15,
     ) -> None:
         if frequency <= 0 or period <= 0:
             raise ConfigurationError(f"frequency {frequency} Hz and period {period} s must be above 0")
@@ -195,7 +195,7 @@ class AdaptiveFeedforward:
         return len(rms) > 3 and min(rms[-2:]) > GROWTH * min(rms)
 
     def _at_rest(self) -> bool:
-        """Compares the halves of the last periods: less than 2 % apart (offset: 0.5 % of Coulomb)."""
+        """Compares the halves of the last periods: less than 1 % apart (offset: 0.5 % of Coulomb)."""
         recent = np.array(self._periods[-SETTLED_PERIODS:])[:, :3]
         half = SETTLED_PERIODS // 2
         drift = np.abs(recent[half:].mean(axis=0) - recent[:half].mean(axis=0))

@@ -15,11 +15,11 @@ from dataclasses import astuple, dataclass, fields, replace
 from typing import Protocol
 
 import numpy as np
-from numba import njit
 
 from autotune.core.drive import Sample
 from autotune.core.errors import ConfigurationError
 from autotune.core.recording import Floats
+from autotune.models.compiled import compiled
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,14 +77,14 @@ class FeedforwardLaw(Protocol):
         """Compiles or loads what the first `step` would otherwise wait for."""
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def stribeck_level(p: Floats, velocity: float) -> float:
     """σ0 g(v) of (3.5): friction level in steady sliding [N m]. `p` as in LugreParameters."""
     level: float = p[2] + (p[6] - p[2]) * math.exp(-((velocity / p[7]) ** 2))
     return level
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def advance(p: Floats, state: Floats, velocity: float, acceleration: float, period: float) -> float:
     """One sample of (5.2) and (5.8); `state` is [z, ż] and is updated. Returns the torque."""
     z = state[0]
@@ -99,13 +99,12 @@ def advance(p: Floats, state: Floats, velocity: float, acceleration: float, peri
     return torque
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _along(p: Floats, velocity: Floats, acceleration: Floats, period: float, z: float) -> Floats:
-    torque = np.empty(len(velocity))
-    state = np.array([z, 0.0])
+@compiled
+def _along(
+    p: Floats, state: Floats, velocity: Floats, acceleration: Floats, period: float, torque: Floats
+) -> None:
     for index in range(len(velocity)):
         torque[index] = advance(p, state, velocity[index], acceleration[index], period)
-    return torque
 
 
 def feedforward_along(
@@ -122,7 +121,10 @@ def feedforward_along(
     Returns:
         Torque, shape (n,) [N m].
     """
-    return np.asarray(_along(parameters.array(), velocity, acceleration, period, z), dtype=np.float64)
+    torque = np.empty(len(velocity))
+    state = np.array([z, 0.0])
+    _along(parameters.array(), state, velocity, acceleration, period, torque)
+    return torque
 
 
 class FixedFeedforward:

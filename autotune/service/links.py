@@ -14,7 +14,7 @@ from autotune.core.loop import LocalLoop, Loop
 def _open_simulated(axis: Axis, directory: Path) -> Loop:
     from autotune_sim.inprocess import open_sim
 
-    return LocalLoop(open_sim(axis.link))
+    return LocalLoop(open_sim(axis.link, axis.cycle))
 
 
 def _open_wire(axis: Axis, directory: Path) -> Loop:

@@ -13,6 +13,7 @@ from autotune.experiments.sines import BenchmarkSine
 from autotune.identify.estimate import Estimate
 from autotune.identify.run import Identification, identify_run
 from autotune.models.model_file import write_model
+from autotune.service.proof import TrackingError, tracking_error
 from autotune.service.session import Session
 from autotune.service.stage_adapt import starting_stiffness
 
@@ -27,10 +28,16 @@ class Start:
     stiffness_range: tuple[float, float]
 
 
+def baseline(session: Session) -> TrackingError:
+    """The benchmark once, as the axis is now: it shows early that loop and limits are sound."""
+    sine = BenchmarkSine(session.motion, 1, BASELINE_PERIODS)
+    recording, _ = session.play("baseline", [sine])
+    return tracking_error([recording.select(sine.label)], session.axis.benchmark.frequency)
+
+
 def experiment(session: Session) -> Recording:
-    """Plays a first benchmark, without compensation, then the four experiments."""
-    baseline = BenchmarkSine(session.motion, 1, BASELINE_PERIODS)
-    experiments = (baseline, *build("identification", session.axis))
+    """Plays the four experiments."""
+    experiments = build("identification", session.axis)
     session.begin("experiment", sum(one.duration for one in experiments))
     recording, _ = session.play("experiment", experiments)
     return recording

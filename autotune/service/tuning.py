@@ -23,18 +23,17 @@ from autotune.service.findings import Findings, latest_run, load_findings, save_
 from autotune.service.hold import Hold, connected, prepared
 from autotune.service.journal import Journal
 from autotune.service.outcome import Outcome, RunResult
-from autotune.service.proof import TrackingError, tracking_error
+from autotune.service.proof import TrackingError
 from autotune.service.recover import recover
 from autotune.service.run_directory import axis_lock, make_run_directory
 from autotune.service.session import Session
 from autotune.service.stage_adapt import adapt
-from autotune.service.stage_identify import experiment, fit, start_of
+from autotune.service.stage_identify import baseline, experiment, fit, start_of
 from autotune.service.stage_prove import (
     ENABLED,
     holds_what_was_proved,
     measure_committed,
     prove_stage,
-    windows_of,
 )
 
 STAGES = ("check", "experiment", "fit", "adapt", "prove", "commit")
@@ -129,9 +128,8 @@ def _check(request: Request, session: Session, course: _Course) -> bool:
 
 
 def _experiment(request: Request, session: Session, course: _Course) -> bool:
-    recording = experiment(session)
-    frequency = session.axis.benchmark.frequency
-    course.baseline = tracking_error(windows_of(recording, "benchmark"), frequency)
+    course.baseline = baseline(session)
+    experiment(session)
     return True
 
 

@@ -102,6 +102,7 @@ class Server:
         """
         try:
             self.plug()
+            self.device.poll(self._clock())  # powers up first: a fault put in before would be forgotten
             self._ready(self._port.path)
             for order in self._orders:
                 self._faults.add(order)

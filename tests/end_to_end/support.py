@@ -1,0 +1,130 @@
+"""A simulated drive in a process of its own, an axis file beside it, and the command line as a user has it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+EXAMPLE = Path(__file__).resolve().parents[2] / "config" / "axes" / "edm-vertical.toml"
+CLI = [sys.executable, "-m", "autotune.cli.main"]
+AT_REST = "SWITCH_ON_DISABLED"
+
+
+@dataclass
+class Bench:
+    """One axis file, its simulated drive, and where its runs go."""
+
+    folder: Path
+    axis: Path
+    drive: subprocess.Popen[str] | None = None
+    log: Path = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.log = self.folder / "drive.log"
+
+    @property
+    def runs(self) -> Path:
+        return self.folder / "runs"
+
+    def change(self, old: str, new: str) -> None:
+        text = self.axis.read_text()
+        assert old in text
+        self.axis.write_text(text.replace(old, new))
+
+    def start(self, *options: str) -> None:
+        """Starts `autotune sim` and waits until its port can be opened."""
+        with self.log.open("w") as log:
+            self.drive = subprocess.Popen(
+                [*CLI, "sim", str(self.axis), *options], stdout=subprocess.PIPE, stderr=log, text=True
+            )
+        assert self.drive.stdout is not None
+        assert "is simulated at" in self.drive.stdout.readline()
+
+    def command(self, *arguments: str) -> list[str]:
+        return [*CLI, *arguments]
+
+    def call(self, *arguments: str, timeout: float = 280.0) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            self.command(*arguments), capture_output=True, text=True, timeout=timeout, check=False
+        )
+
+    def run(self, *options: str) -> subprocess.CompletedProcess[str]:
+        return self.call("run", str(self.axis), "--yes", "--json", "--runs", str(self.runs), *options)
+
+    def popen(self, *options: str) -> subprocess.Popen[str]:
+        arguments = ("run", str(self.axis), "--yes", "--json", "--runs", str(self.runs), *options)
+        return subprocess.Popen(
+            self.command(*arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+
+    def wait_for(self, seen: Callable[[], bool], seconds: float = 120.0) -> None:
+        end = time.monotonic() + seconds
+        while not seen():
+            assert time.monotonic() < end, (
+                f"waited {seconds} s in vain; the drive's log:\n{self.log.read_text()}"
+            )
+            time.sleep(0.02)
+
+    def newest(self) -> Path:
+        """The folder of the last run."""
+        return max(self.runs.glob("2*-edm-vertical"))
+
+    def result(self) -> dict[str, Any]:
+        return dict(json.loads((self.newest() / "run.json").read_text()))
+
+    def last_state(self) -> str:
+        """State that the drive's log names last."""
+        states = [
+            line.split("->")[1].split()[0] for line in self.log.read_text().splitlines() if " state " in line
+        ]
+        return states[-1]
+
+    def stop(self) -> None:
+        if self.drive is not None and self.drive.poll() is None:
+            self.drive.send_signal(signal.SIGINT)
+            try:
+                self.drive.wait(10)
+            except subprocess.TimeoutExpired:
+                self.drive.kill()
+                self.drive.wait()
+        if self.drive is not None and self.drive.stdout is not None:
+            self.drive.stdout.close()
+
+
+def read_drive(bench: Bench) -> dict[str, float]:
+    """All parameters that the drive holds now, read by a master of its own."""
+    code = (
+        "import json, sys; from pathlib import Path\n"
+        "from autotune.core.axis import read_axis\n"
+        "from autotune_drivers import open_loop\n"
+        "if __name__ == '__main__':\n"
+        "    path = Path(sys.argv[1]); loop = open_loop(read_axis(path), path.parent)\n"
+        "    print(json.dumps(loop.read_parameters())); loop.close()\n"
+    )
+    script = bench.folder / "read_drive.py"
+    script.write_text(code)
+    found = subprocess.run(
+        [sys.executable, str(script), str(bench.axis)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert found.returncode == 0, found.stderr
+    return dict(json.loads(found.stdout))
+
+
+def kill_hard(process: subprocess.Popen[str]) -> float:
+    """kill -9; returns the monotonic time of it."""
+    when = time.monotonic()
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    return when

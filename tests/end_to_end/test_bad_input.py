@@ -1,0 +1,145 @@
+"""Every wrong input and every failure: a sentence, the right exit code, the axis at rest, nothing lost."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+
+import pytest
+
+from tests.end_to_end.support import AT_REST, Bench, read_drive
+
+
+def limits_of(bench: Bench) -> dict[str, float]:
+    return {name: value for name, value in read_drive(bench).items() if not name.startswith("controller.")}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("following_error", "folowing_error", "did you mean 'following_error'"),
+        ('profile = "autotune-sim"', 'profile = "autotun-sim"', "autotune-sim"),
+        ("canopen+slcan:edm", "canopen+slcn:edm", "canopen\\+slcan"),
+        ("node=5", "nod=5", "node"),
+        ("node=5", "node=500", "127"),
+        ("amplitude = 0.2", "amplitude = -0.2", "benchmark.amplitude"),
+    ],
+)
+def test_a_mistyped_axis_file_is_named_with_the_nearest_right_key(
+    bench: Bench, old: str, new: str, message: str
+) -> None:
+    bench.change(old, new)
+    done = bench.run()
+    assert done.returncode == 2
+    assert re.search(message, done.stderr), done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_wrong_port_is_said_with_what_to_check(bench: Bench) -> None:
+    done = bench.run()
+    assert done.returncode == 5
+    assert "edm-vertical.tty" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert bench.result()["outcome"] == "aborted"
+
+
+@pytest.mark.parametrize(
+    ("fault", "code", "message"),
+    [
+        ("silent", 5, "node 5"),
+        ("other-identity", 5, "(?i)vendor|identity"),
+        ("drive-fault", 5, "2310|over-?current"),
+        ("enable-missing", 5, "(?i)enable"),
+        ("brake-missing", 5, "(?i)brake"),
+    ],
+)
+def test_a_drive_that_cannot_work_is_said_before_anything_moves(
+    bench: Bench, fault: str, code: int, message: str
+) -> None:
+    bench.start("--fault", fault)
+    done = bench.run()
+    assert done.returncode == code, done.stderr
+    assert re.search(message, done.stderr), done.stderr
+    assert "Traceback" not in done.stderr
+    assert bench.last_state() in (AT_REST, "FAULT")
+    assert json.loads((bench.newest() / "run.json").read_text())["outcome"] == "aborted"
+
+
+def test_a_wrong_node_is_said(bench: Bench) -> None:
+    bench.start()
+    bench.change("node=5", "node=6")
+    done = bench.run()
+    assert done.returncode == 5
+    assert "node 6" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "limit"),
+    [
+        ("position_max = 20.0", "position_max = -19.8", "position|travel"),
+        ("speed = 20.0", "speed = 0.5", "limits.speed"),
+        ("machine_seconds = 300.0", "machine_seconds = 30.0", "machine_seconds"),
+    ],
+)
+def test_limits_too_small_for_an_experiment_say_which_and_what_is_needed(
+    bench: Bench, old: str, new: str, limit: str
+) -> None:
+    bench.change(old, new)
+    bench.start()
+    done = bench.run()
+    assert done.returncode == 2, done.stderr
+    assert re.search(limit, done.stderr), done.stderr
+    assert "OPERATION_ENABLED" not in bench.log.read_text()
+
+
+@pytest.mark.parametrize(
+    ("fault", "codes"),
+    [
+        ("blocked@12", (4, 5)),
+        ("drive-fault@12", (5,)),
+        ("emcy@12", (5,)),
+        ("hot@12", (4, 5)),
+        ("enable-missing@12", (5,)),
+    ],
+)
+def test_a_failure_in_the_middle_ends_at_rest_with_everything_kept(
+    bench: Bench, fault: str, codes: tuple[int, ...]
+) -> None:
+    bench.start("--fault", fault)
+    before = limits_of(bench)
+    done = bench.run()
+    assert done.returncode in codes, done.stderr
+    assert "Traceback" not in done.stderr
+    assert bench.last_state() in (AT_REST, "FAULT")
+    assert limits_of(bench) == before
+    assert (bench.newest() / "recordings" / "experiment.parquet").stat().st_size > 10_000
+    assert json.loads(done.stdout or "{}").get("outcome", "aborted") == "aborted"
+
+
+@pytest.mark.parametrize("fault", ["silent@12", "unplugged@12"])
+def test_a_node_lost_in_the_middle_stops_by_itself_and_the_next_run_puts_it_right(
+    bench: Bench, fault: str
+) -> None:
+    bench.start("--fault", fault.replace("@", "=8@"))
+    done = bench.run()
+    assert done.returncode == 5, done.stderr
+    assert "Traceback" not in done.stderr
+    assert "quick stop begun" in bench.log.read_text()
+    assert bench.last_state() in (AT_REST, "FAULT")
+    assert (bench.newest() / "recordings" / "experiment.parquet").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_run_ends_at_rest_and_restores_what_it_changed(bench: Bench, number: int) -> None:
+    bench.start()
+    before = limits_of(bench)
+    process = bench.popen()
+    bench.wait_for(lambda: "OPERATION_ENABLED" in bench.log.read_text())
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130, errors
+    assert "Traceback" not in errors
+    assert bench.last_state() == AT_REST
+    assert limits_of(bench) == before
+    assert bench.result()["outcome"] == "aborted"

@@ -1,0 +1,53 @@
+"""The main job over a real adapter protocol, with the figures that the thesis gives."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from autotune.core.recording_files import read_recording
+from tests.end_to_end.support import Bench, read_drive
+
+
+@pytest.mark.slow
+def test_a_run_on_the_wire_is_kept_and_leaves_everything(bench: Bench) -> None:
+    bench.start()
+    done = bench.run()
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert result["outcome"] == "kept"
+    assert 1.7e-3 <= result["before"]["peak_error"] <= 2.2e-3
+    assert 0.2e-3 <= result["after"]["peak_error"] <= 0.60e-3
+    assert result["committed"]["peak_error"] <= 0.7e-3
+    assert result["machine_seconds"] <= 300.0
+    laws = result["adaptation"]["thesis"]
+    assert laws["stiffness"] == pytest.approx(31.3, rel=0.15)
+    assert laws["coulomb"] == pytest.approx(0.294, rel=0.15)
+    assert laws["offset"] == pytest.approx(0.0482, rel=0.15)
+    directory = bench.newest()
+    assert json.loads((directory / "run.json").read_text()) == result
+    for name in ("model.toml", "report.html", "run.rrd", "journal.json"):
+        assert (directory / name).stat().st_size > 100, name
+    report = (directory / "report.html").read_text()
+    for heading in ("Before and after", "Steady-state characteristics", "Presliding", "Dahl", "Adaptation"):
+        assert heading in report
+    proof = read_recording(directory / "recordings" / "proof.parquet")
+    assert {"before", "after"} <= set(proof.experiment)
+    assert int(proof.missed.sum()) == 0
+    assert bench.last_state() == "SWITCH_ON_DISABLED"
+
+
+@pytest.mark.slow
+def test_what_a_run_committed_can_be_rolled_back(bench: Bench) -> None:
+    bench.start()
+    before = read_drive(bench)
+    assert bench.run().returncode == 0
+    kept = read_drive(bench)
+    assert kept["feedforward.enabled"] == 1.0
+    assert {n: v for n, v in kept.items() if n.startswith("limit.")} == {
+        n: v for n, v in before.items() if n.startswith("limit.")
+    }
+    back = bench.call("rollback", str(bench.axis), "--runs", str(bench.runs))
+    assert back.returncode == 0, back.stderr
+    assert read_drive(bench) == pytest.approx(before)
