@@ -153,13 +153,11 @@ class Presliding(Experiment):
         sample = yield from self._position_mode(sample)
         yield Mark(CONDITIONING)
         yield from approach(self.motion, sample.reference)
-        plan, first, last = self.relaxing
-        total = 0.0
-        for index, reference in enumerate(plan.reference.tolist()):
+        plan, weights = self.relaxing
+        offset = 0.0
+        for reference, weight in zip(plan.reference.tolist(), weights, strict=True):
             sample = yield Command(reference)
-            if first <= index < last:
-                total += sample.torque_command
-        offset = total / (last - first)
+            offset += weight * sample.torque_command
         if not self.torque_mode:
             return sample, offset
         sample = yield Switch(Mode.TORQUE, offset)
@@ -199,8 +197,8 @@ class Presliding(Experiment):
         return amplitude * unit_excitation(self.motion.period)
 
     @cached_property
-    def relaxing(self) -> tuple[Plan, int, int]:
-        """A decaying sine round the centre; with first and last sample of the mean of its torque."""
+    def relaxing(self) -> tuple[Plan, list[float]]:
+        """A decaying sine round the centre, and the weights with which its last cycles' torque is averaged."""
         motion = self.motion
         amplitude = 0.75 * motion.amplitude
         smallest = min(2.0 * motion.resolution, 0.1 * amplitude)
@@ -209,7 +207,10 @@ class Presliding(Experiment):
         fastest = max(frequency, min(RELAX_FASTEST, 0.02 / motion.period))
         fall = decaying_sine(amplitude, smallest, RELAX_CYCLES, frequency, fastest, motion.period)
         plan = Path(motion, motion.centre).add(motion.centre + fall).dwell(HOLD_SECONDS).plan()
-        return plan, len(fall) - round(MEAN_CYCLES / fastest / motion.period), len(fall)
+        weights = np.zeros(len(plan.reference))
+        window = np.hanning(round(MEAN_CYCLES / fastest / motion.period))  # parts of cycles count little
+        weights[len(fall) - len(window) : len(fall)] = window / window.sum()
+        return plan, weights.tolist()
 
     @cached_property
     def survey(self) -> Plan:
