@@ -96,7 +96,7 @@ def available(plot: Plot, columns: Mapping[str, Floats]) -> Plot | None:
 def send_names(stream: rr.RecordingStream, shown: Sequence[Plot]) -> None:
     """Names and colours of all lines, static."""
     for plot in shown:
-        colours = np.array([rgba(line.colour) for line in plot.lines], dtype=np.uint8)
+        colours = np.array([rgba(line.colour) for line in plot.lines], dtype=np.uint32)
         names = [line.name for line in plot.lines]
         stream.log(plot.entity, rr.SeriesLines(names=names, colors=colours, widths=1.5), static=True)
 
