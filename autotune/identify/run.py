@@ -7,8 +7,8 @@ combined (section 3.4.5) and refined together where a closed loop twin can be ma
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import TypeVar
 
@@ -20,10 +20,15 @@ from autotune.identify.complexity import Complexity, judge_complexity
 from autotune.identify.dahl import Dahl, identify_dahl
 from autotune.identify.estimate import Estimate, invalid
 from autotune.identify.presliding import Presliding, identify_presliding
+from autotune.identify.refinement import refine_recording
+from autotune.identify.ripple_lines import Line
 from autotune.identify.steady_state import SteadyState, identify_steady_state
 from autotune.models.drive_model import BASE, DriveModel, base_model
+from autotune.models.table import EFFECTS
 
 Result = TypeVar("Result")
+FARTHEST = 1.0
+"""Largest relative change of a parameter by the joint refinement that is believed."""
 EXPERIMENTS = ("steady_state", "presliding", "dahl", "high_speed")
 
 
@@ -94,7 +99,7 @@ def identify_run(
     dahl = attempt("dahl", lambda part: identify_dahl(part, viscous))
     if dahl is not None:
         estimates["dahl"] = dahl.estimate
-    joint = combine(estimates)
+    joint = _refined(recording, combine(estimates), steady)
     speed_change = acceleration if acceleration is not None else 0.2 * (2.0 * math.pi) ** 2
     complexity = judge_complexity(joint.parameters, precision, speed_change, recording.metadata.motion_unit)
     return Identification(
@@ -106,6 +111,50 @@ def identify_run(
         presliding,
         dahl,
     )
+
+
+def _refined(recording: Recording, combined: Estimate, steady: SteadyState | None) -> Estimate:
+    """All experiments together, started from what they say one by one; that itself where it fails.
+
+    Torque ripple found in the steady state is refined with the rest, so that it biases nothing.
+    """
+    if not combined.valid:
+        return combined
+    lines = steady.ripple if steady is not None else ()
+    model = with_ripple(model_of(combined, recording), lines)
+    try:
+        joint = refine_recording(model, recording).estimate
+    except NotEnoughExcitation as error:
+        return replace(combined, notes=(*combined.notes, f"no joint refinement: {error}"))
+    kept = dict(combined.parameters)
+    for name, quantity in joint.parameters.items():
+        if name in kept and quantity.identified and _near(quantity.value, kept[name].value):
+            kept[name] = quantity
+    notes = [*combined.notes, *joint.notes, *_ripple_notes(lines, recording.metadata.motion_unit)]
+    return Estimate("joint", MappingProxyType(kept), True, "", joint.relative_error, tuple(notes))
+
+
+def _near(value: float, start: float) -> bool:
+    """A refinement that ends far from every single experiment has fitted something else."""
+    return abs(value - start) <= max(FARTHEST * abs(start), 1e-12) or start == 0.0
+
+
+def with_ripple(model: DriveModel, lines: Sequence[Line]) -> DriveModel:
+    """The model with these torque waves, strongest first."""
+    ordered = sorted(lines, key=lambda line: -line.amplitude)
+    values: dict[str, float] = {}
+    for number, line in enumerate(ordered, 1):
+        values |= {f"order_{number}": line.order, f"sin_{number}": line.sine, f"cos_{number}": line.cosine}
+    return model.with_effect(EFFECTS["torque_ripple"].make(values)) if values else model
+
+
+def _ripple_notes(lines: Sequence[Line], motion_unit: str) -> list[str]:
+    per, unit = ("revolution", "N m") if motion_unit == "rad" else ("metre", "N")
+    return [
+        f"torque ripple of {line.order:g} periods a {per}, {line.amplitude:.2g} {unit}: the effect "
+        "torque_ripple describes it"
+        for line in lines
+    ]
 
 
 def model_of(estimate: Estimate, recording: Recording) -> DriveModel:

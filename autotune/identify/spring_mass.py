@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import expm
 from scipy.signal import lfilter
 
 Floats = NDArray[np.float64]
@@ -41,6 +42,14 @@ class SpringMass:
         b1 = step / self.stiffness
         b2 = (1.0 + a1 + a2) / self.stiffness - b1
         return np.array([1.0, a1, a2]), np.array([0.0, b1, b2])
+
+    def state_space(self, period: float) -> tuple[Floats, Floats]:
+        """Transition over a period, shape (2, 2), of position and velocity, and what a held torque adds."""
+        whole = np.zeros((3, 3))
+        whole[0, 1] = 1.0
+        whole[1] = np.array([-self.stiffness, -self.damping, 1.0]) / self.inertia
+        result = expm(whole * period)
+        return np.asarray(result[:2, :2]), np.asarray(result[:2, 2])
 
     def respond(self, torque: Floats, period: float) -> Floats:
         """Displacement of an axis at rest before the first sample, shape (n,)."""
