@@ -31,7 +31,7 @@ PARTS = (1, 2, 3, 4, 6, 8, 12, 18, 24, 36, 48, 72, 144, 288, 720)
 
 @dataclass(frozen=True)
 class SteadyState(Planned):
-    """Triangles with rounded corners; repeat k of label `steady_state` is speed k, up then down.
+    """Triangles with rounded corners; repeats 2k and 2k + 1 of label `steady_state` are speed k up and down.
 
     Attributes:
         speeds: in the order played [rad/s or m/s], shape (n,).
@@ -47,11 +47,11 @@ class SteadyState(Planned):
 
     def trace(self, path: Path) -> None:
         for index, (speed, stretch) in enumerate(zip(self.speeds, self.stretches, strict=True)):
-            for direction in (1.0, -1.0):
-                self._pass(path, direction, speed, stretch, index)
+            self._pass(path, 1.0, speed, stretch, 2 * index)
+            self._pass(path, -1.0, speed, stretch, 2 * index + 1)
         path.move(self.motion.centre)
 
-    def _pass(self, path: Path, direction: float, speed: float, stretch: float, index: int) -> None:
+    def _pass(self, path: Path, direction: float, speed: float, stretch: float, repeat: int) -> None:
         motion = self.motion
         fast = max(speed, RUN_IN * motion.usual_speed)
         lead = lead_in(motion, speed)
@@ -60,7 +60,7 @@ class SteadyState(Planned):
         if fast > speed:
             path.cruise(distance=motion.amplitude).ramp(direction * speed)
         path.cruise(seconds=SETTLING)
-        path.mark(LABEL, index).cruise(distance=stretch)
+        path.mark(LABEL, repeat).cruise(distance=stretch)
         path.mark(CONDITIONING).ramp(0.0)
 
 
