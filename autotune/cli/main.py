@@ -16,6 +16,7 @@ import typer
 
 from autotune import __version__
 from autotune.cli.data import data
+from autotune.cli.model import model
 from autotune.cli.output import complain
 from autotune.cli.record import record
 from autotune.cli.rollback import rollback
@@ -34,6 +35,7 @@ app.command()(sim)
 app.command()(rollback)
 app.command()(record)
 app.add_typer(data, name="data")
+app.add_typer(model, name="model")
 
 
 @app.callback(invoke_without_command=True)

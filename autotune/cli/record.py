@@ -12,9 +12,6 @@ from autotune.cli.output import answer
 from autotune.cli.run import confirmation, reporting
 from autotune.core.axis import read_axis
 from autotune.core.errors import ConfigurationError
-from autotune.service.hold import Hold
-from autotune.service.links import open_link
-from autotune.service.recording_run import record_programme
 from autotune.view.console import Stage
 
 ENDINGS = (".parquet", ".csv")
@@ -33,6 +30,10 @@ def record(
     runs: Annotated[Path, typer.Option(help="Folder for what runs leave.")] = Path("runs"),
 ) -> None:
     """Play a programme on the axis and write the recording."""
+    from autotune.service.hold import Hold
+    from autotune.service.links import open_link
+    from autotune.service.recording_run import record_programme
+
     if out.suffix not in ENDINGS or not out.resolve().parent.is_dir():
         raise ConfigurationError(f"--out {out}: it must end in .parquet or .csv, in a folder that is there")
     axis = read_axis(axis_file)

@@ -10,8 +10,6 @@ import typer
 
 from autotune.cli.output import answer
 from autotune.core.axis import read_axis
-from autotune.service.links import open_link
-from autotune.service.rollback import roll_back
 
 
 def rollback(
@@ -20,6 +18,9 @@ def rollback(
     runs: Annotated[Path, typer.Option(help="Folder for what runs leave.")] = Path("runs"),
 ) -> None:
     """Restore the drive's parameters from a backup, and store them."""
+    from autotune.service.links import open_link
+    from autotune.service.rollback import roll_back
+
     axis = read_axis(axis_file)
     backup = roll_back(axis, lambda: open_link(axis, axis_file.resolve().parent), runs, datetime.now(), to)
     answer(

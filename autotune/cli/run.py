@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -15,11 +15,11 @@ from autotune.cli.output import answer, answer_json, say
 from autotune.core.axis import Axis, read_axis
 from autotune.core.errors import ConfigurationError
 from autotune.core.loop import Watch
-from autotune.service.links import open_link
-from autotune.service.outcome import RunResult
-from autotune.service.session import LabelledWatch
-from autotune.service.tuning import Request, tune
 from autotune.view.console import ConsoleProgress, Stage
+
+if TYPE_CHECKING:
+    from autotune.service.outcome import RunResult
+    from autotune.service.session import LabelledWatch
 
 EXPECTED = {
     "connect": 2.0,
@@ -48,6 +48,9 @@ def run(
     runs: Annotated[Path, typer.Option(help="Folder for what runs leave.")] = Path("runs"),
 ) -> None:
     """Tune an axis: check, experiment, fit, adapt, prove, commit."""
+    from autotune.service.links import open_link  # here, so that mistakes and --help are answered at once
+    from autotune.service.tuning import Request, tune
+
     axis = read_axis(axis_file)
     confirm = confirmation(axis, yes)
     with reporting(only) as console, _viewers(axis, view) as viewers:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtrit
 
 from autotune.core.errors import RecordingError
 from autotune.core.recording import Floats, Recording
@@ -116,7 +116,7 @@ def prove(
     )
     gains = pairs[:, 0] - pairs[:, 1]
     mean, spread = float(gains.mean()), float(gains.std(ddof=1)) / math.sqrt(len(gains))
-    reach = float(stats.t.ppf(0.5 + confidence / 2.0, len(gains) - 1)) * spread
+    reach = float(stdtrit(len(gains) - 1, 0.5 + confidence / 2.0)) * spread
     total_before, total_after = tracking_error(before, frequency), tracking_error(after, frequency)
     better = (
         mean - reach > least_improvement * total_before.peak_error
