@@ -18,7 +18,7 @@ from autotune.signals.excitation import prbs
 LABEL = "high_speed"
 SPEED = 4.0  # of the user's peak speed
 EXCITATION = 0.05  # of the torque limit
-HOLD = 2  # samples a tick: flat up to a fifth of the sampling rate
+TICK = 2e-3  # s, in whole samples: flat up to 200 Hz, or a fifth of a slower sampling rate
 SETTLING = 0.2  # s
 BITS = (9, 8, 7)
 LEAST_SPEED = 0.5  # of the user's peak speed
@@ -31,7 +31,7 @@ class HighSpeed(Planned):
     Attributes:
         speed: [rad/s or m/s].
         excitation: amplitude of the PRBS on the torque offset [N m or N].
-        bits: of the PRBS; one period takes (2**bits − 1) · HOLD samples.
+        bits: of the PRBS; one period takes (2**bits − 1) · `hold` samples.
         periods: whole PRBS periods a pass.
         passes: even, so that the axis comes back.
     """
@@ -48,7 +48,7 @@ class HighSpeed(Planned):
 
     def trace(self, path: Path) -> None:
         motion = self.motion
-        signal = np.tile(prbs(self.bits, HOLD, self.excitation), self.periods)
+        signal = np.tile(prbs(self.bits, hold(motion), self.excitation), self.periods)
         for index in range(self.passes):
             speed = self.speed if index % 2 == 0 else -self.speed
             reach = 0.5 * speed * len(signal) * motion.period
@@ -61,6 +61,11 @@ class HighSpeed(Planned):
         path.move(motion.centre)
 
 
+def hold(motion: Motion) -> int:
+    """Samples of one tick of the PRBS."""
+    return max(round(TICK / motion.period), 1)
+
+
 def high_speed(motion: Motion, seconds: float = 10.0, excitation: float | None = None) -> HighSpeed:
     """Chooses speed, passes and PRBS for the travel at hand, in about `seconds`.
 
@@ -70,9 +75,9 @@ def high_speed(motion: Motion, seconds: float = 10.0, excitation: float | None =
     wanted = min(SPEED * motion.usual_speed, motion.top_speed / 3.0)
     size = EXCITATION * motion.torque if excitation is None else excitation
     for bits, periods in [(b, p) for b in BITS for p in (3, 2, 1)]:
-        stretch = periods * (2**bits - 1) * HOLD * motion.period
+        stretch = periods * (2**bits - 1) * hold(motion) * motion.period
         speed = min(wanted, 1.6 * motion.travel / (stretch + 2.0 * SETTLING))
-        if speed >= LEAST_SPEED * motion.usual_speed or speed == wanted:
+        if stretch <= 0.4 * seconds and speed >= min(LEAST_SPEED * motion.usual_speed, wanted):
             passes = max(2, 2 * round(0.4 * seconds / (stretch + SETTLING)))
             return HighSpeed(motion, speed, size, bits, periods, passes)
     needed = LEAST_SPEED * motion.usual_speed * (stretch + 2.0 * SETTLING) / 1.6 / 0.85

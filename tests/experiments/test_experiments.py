@@ -120,6 +120,13 @@ def test_durations_fit_into_the_machine_time_of_a_run() -> None:
         assert low < sum(one.duration for one in build(name, axis())) < high, name
 
 
+@pytest.mark.parametrize("cycle", [2.5e-4, 2e-3, 4e-3, 1e-2])
+def test_durations_hardly_depend_on_the_cycle(cycle: float) -> None:
+    where = axis().model_copy(update={"cycle": cycle})
+    assert 85 < sum(one.duration for one in build("identification", where)) < 115
+    assert 140 < sum(one.duration for one in build("diagnosis", where)) < 200
+
+
 def test_experiments_survive_pickling_without_their_plans() -> None:
     for one in (*build("identification", axis()), *build("diagnosis", axis())):
         one.prepare()
