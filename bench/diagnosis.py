@@ -62,9 +62,7 @@ def plain_axis(seed: int, effects: Mapping[str, float] | None = None) -> Preset:
     bristle = axis.plant.bristle
     if bristle is None:
         raise ValueError("the preset 'lugre' has a bristle")
-    return replace(
-        axis, plant=replace(axis.plant, bristle=replace(bristle, break_away=bristle.coulomb))
-    )
+    return replace(axis, plant=replace(axis.plant, bristle=replace(bristle, break_away=bristle.coulomb)))
 
 
 def judge(recording: Recording, planted: tuple[str, ...], model: DriveModel | None = None) -> Run:

@@ -54,7 +54,9 @@ def model_from(
     """The model with fitted values, and effects that the fit has added."""
     table = {f.name: (errors[i] if errors is not None else None) for i, f in enumerate(free)}
     for name in layout.EFFECT_NAMES:
-        if (packed.on[layout.flag(name)] and name not in model) or (name == "torque_ripple" and name in model):
+        if (packed.on[layout.flag(name)] and name not in model) or (
+            name == "torque_ripple" and name in model
+        ):
             model = model.with_effect(_effect(name, packed, table))
     values = {surface: float(packed.p[_slot(surface)]) for surface in model.parameters}
     return model.with_values(

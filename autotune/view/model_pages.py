@@ -1,0 +1,141 @@
+"""Pages for people who would rather look than read: comparison, diagnosis, and a model's story."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from autotune.diagnose.compare import Compared
+from autotune.diagnose.coordinates import coordinates
+from autotune.diagnose.prepared import Prepared
+from autotune.diagnose.residual import smoothed
+from autotune.diagnose.verdict import Diagnosis
+from autotune.models.drive_model import DriveModel
+from autotune.models.lugre import Floats
+from autotune.models.table import effect_kind
+from autotune.view.data import Comparison, Rank, Residual, Step, torque_unit
+from autotune.view.figures import measured_and_model, ranking, residual_over_coordinate, staircase
+from autotune.view.report import Picture, Report, write_report
+from autotune.view.scale import quantity
+
+_UNITS = {
+    "position": "{0}", "velocity": "{0}/s", "acceleration": "{0}/s²", "time": "s", "direction": "",
+    "travel_since_reversal": "log10 {0}", "time_since_reversal": "log10 s",
+}  # fmt: skip
+SHOWN = 3
+
+
+def write_comparison(path: Path, result: Compared, model: DriveModel) -> None:
+    """Measured and model over time, and the residual where it lives."""
+    unit = torque_unit(model.motion_unit)
+    floor = result.noise_floor_rms if math.isfinite(result.noise_floor_rms) else None
+    text = f"The model misses the torque by {quantity(result.error_rms, unit)} rms, " + (
+        f"{100 * result.relative_error:.1f} % of it."
+    )
+    if floor is not None:
+        text += f" {quantity(floor, unit)} of that is noise that no model explains."
+    pictures = [
+        _over_time(result.study.data, result.error, unit, floor),
+        *_over_coordinates(result.study.data, result.error, result.where, model, floor),
+    ]
+    write_report(
+        path, Report("Model and measurement", "information", text, pictures=pictures, sign_off=False)
+    )
+
+
+def write_diagnosis(path: Path, result: Diagnosis, model: DriveModel) -> None:
+    """Verdict, ranking with evidence, and the residual where it lives."""
+    unit = torque_unit(model.motion_unit)
+    ranks = [Rank(c.effect, c.gain, c.accepted, c.why) for c in result.candidates]
+    pictures = [
+        Picture("Candidates", "How far each effect lowers the squared error on unseen data.", ranking(ranks))
+    ]
+    if result.study is not None and result.root is not None:
+        floor = result.noise_floor_rms if math.isfinite(result.noise_floor_rms) else None
+        error, data = result.root.fitted.error, result.study.data
+        pictures += [
+            _over_time(data, error, unit, floor),
+            *_over_coordinates(data, error, result.where, model, floor),
+        ]
+    steps = [effect_kind(effect).remedy for effect in result.effects]
+    if result.next_experiment:
+        steps.append(result.next_experiment)
+    report = Report(
+        "Diagnosis", "information", _verdict(result), pictures=pictures, next_steps=steps, sign_off=False
+    )
+    write_report(path, report)
+
+
+def write_story(path: Path, model: DriveModel) -> None:
+    """The model's history as a falling staircase."""
+    entries = [entry for entry in model.history if entry.error_after is not None]
+    steps = [Step(e.action.removeprefix("+ "), e.error_after or 0.0) for e in entries]
+    if entries and entries[0].error_before is not None:
+        steps.insert(0, Step("before", entries[0].error_before))
+    floor = entries[-1].noise_floor if entries else None
+    figure = staircase(steps, floor, torque_unit(model.motion_unit))
+    picture = Picture("How the error fell", "Rms error on unseen data after every effect added.", figure)
+    text = f"Model of {model.axis or 'an axis'} with " + (
+        ", ".join(effect.name.replace("_", " ") for effect in model.effects) or "no effects beside the base"
+    )
+    write_report(path, Report("Model", "information", text + ".", pictures=[picture], sign_off=False))
+
+
+def _verdict(result: Diagnosis) -> str:
+    names = ", ".join(effect.replace("_", " ") for effect in result.effects)
+    text = {
+        "named": f"Missing in the model: {names} ({result.confidence}).",
+        "none": "Nothing is missing that these data could show.",
+        "unknown": "Something is missing that is none of the known effects.",
+        "ambiguous": f"Missing in the model: {names}, or something that looks like it here.",
+    }[result.verdict]
+    return " ".join([text, *result.notes])
+
+
+def _over_time(data: Prepared, error: Floats, unit: str, floor: float | None) -> Picture:
+    order = np.argsort(data.grid, kind="stable")
+    torque = smoothed(data, data.torque)
+    # time goes on over pauses and recordings, so that one curve can be drawn
+    time = data.grid[order] * data.period
+    figure = measured_and_model(
+        Comparison(
+            np.asarray(time, dtype=np.float64),
+            torque[order],
+            (torque - error)[order],
+            unit,
+            noise_floor=floor,
+        )
+    )
+    return Picture("Measured and model over time", "Torque, and below it what is left.", figure)
+
+
+def _over_coordinates(
+    data: Prepared, error: Floats, where: Mapping[str, float], model: DriveModel, floor: float | None
+) -> list[Picture]:
+    values = coordinates(data)
+    chosen = sorted((n for n in where if n != "direction"), key=lambda n: -where[n])[:SHOWN]
+    pictures = []
+    for name in chosen:
+        figure = residual_over_coordinate(
+            Residual(
+                name,
+                _UNITS[name].format(model.motion_unit),
+                values[name],
+                error,
+                floor,
+                where[name],
+                torque_unit(model.motion_unit),
+            )
+        )
+        spoken = name.replace("_", " ")
+        pictures.append(
+            Picture(
+                f"Residual over {spoken}",
+                f"{100 * where[name]:.0f} % of the residual's variance follows {spoken}.",
+                figure,
+            )
+        )
+    return pictures
