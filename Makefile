@@ -40,7 +40,10 @@ bench: install
 	@$(BIN)/python -m bench
 
 faults: install
-	$(BIN)/pytest tests/faults
+	$(BIN)/pytest tests/node tests/drivers tests/end_to_end
+
+pictures: install
+	$(BIN)/python -m bench.pictures
 
 clean:
 	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

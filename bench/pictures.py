@@ -1,0 +1,56 @@
+"""`make pictures`: the README's picture, drawn from a run on the simulated axis."""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+
+from autotune.core.axis import read_axis
+from autotune.core.paths import config_directory
+from autotune.core.recording_files import read_recording
+from autotune.service.links import open_link
+from autotune.service.progress import Silent
+from autotune.service.proof import fold
+from autotune.service.stage_prove import windows_of
+from autotune.service.tuning import Request, tune
+from autotune.view.data import BeforeAfter
+from autotune.view.svg import before_after_svg
+
+
+def main() -> None:
+    """Tunes the simulated axis and writes `before-after.svg`."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("docs/pictures"))
+    folder = parser.parse_args().out
+    axis = read_axis(config_directory() / "axes" / "edm-vertical.toml").model_copy(
+        update={"link": "sim://edm-vertical"}
+    )
+    with tempfile.TemporaryDirectory() as scratch:
+        runs = Path(scratch)
+        result = tune(Request(axis, lambda: open_link(axis, runs), runs, Silent(), datetime.now))
+        proof = read_recording(result.run_directory / "recordings" / "proof.parquet")
+    samples = round(1.0 / (axis.benchmark.frequency * proof.period))
+    errors = {
+        label: np.array(
+            [fold(w["reference"] - w["position"], samples).mean(axis=0) for w in windows_of(proof, label)]
+        )
+        for label in ("before", "after")
+    }
+    shown = BeforeAfter(
+        np.asarray(np.arange(samples) * proof.period),
+        fold(windows_of(proof, "before")[0]["reference"], samples).mean(axis=0),
+        errors["before"],
+        errors["after"],
+        axis.position_resolution,
+        axis.motion_unit,
+    )
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "before-after.svg").write_text(before_after_svg(shown), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
