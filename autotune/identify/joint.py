@@ -23,7 +23,7 @@ from autotune.models.drive_model import DriveModel, Packed, surface_parameter
 
 Floats = NDArray[np.float64]
 ITERATIONS = 10
-SETTLED = 0.5
+SETTLED, STILL = 0.5, 0.01
 LARGEST_STEP = 0.3
 _DIFFERENCE = 1e-3
 _COARSE, _FINE = 2, 6
@@ -91,10 +91,12 @@ def refine(
         step = _limited(linear.normal.step)
         spread = np.sqrt(np.maximum(np.diag(linear.normal.covariance), 1e-300))
         settled = bool(np.all(np.abs(step) < SETTLED * spread + 1e-6))
-        if runs == _FINE and (settled or passes >= 3):
+        known = spread < 0.5
+        still = settled and bool(np.all(np.abs(step[known]) < STILL))
+        if runs == _FINE and (still or passes >= 3):
             break
         values = np.clip(values + step * scale, lower, upper)
-        if settled or _ >= ITERATIONS - 4:
+        if still or _ >= ITERATIONS - 4:
             runs = _FINE
         passes += runs == _FINE
         linear = sweep.linearise(_packed(model, names, values), names, scale, runs)
@@ -167,16 +169,20 @@ class _Sweep:
     def _torque_part(
         self, piece: Piece, packed: Packed, names: Sequence[str], scale: Floats, twins: list[Piece]
     ) -> tuple[Part, Floats]:
-        """The twin-corrected torque residual of a piece; the first twin gives the instruments."""
+        """The twin-corrected torque residual of a piece; the first twin gives the instruments.
+
+        It is whitened by the colour that noise has in the twin, not by its own: what the model lacks is
+        no noise, and must keep its weight.
+        """
         here = torque_error(piece, packed, self.bands)
         columns = self._columns(piece, packed, names, scale, here)
-        other, error = columns, here
+        other, error, white = columns, here, np.ones(1)
         if twins:
             first, *rest = [torque_error(twin, packed, self.bands) for twin in twins]
             other = self._columns(twins[0], packed, names, scale, first)
             error = here - np.mean(rest, axis=0)
+            white = whitener((first - np.mean(rest, axis=0))[piece.use])
         rows = max(8, round(BLOCK_SECONDS / (piece.period * self.bands.decimation)))
-        white = whitener(error[piece.use])
         all_three = np.column_stack([error, columns, other])
         all_three = np.asarray(lfilter(white, [1.0], all_three, axis=0))[piece.use]
         count = len(names)
@@ -263,6 +269,8 @@ def _scales(model: DriveModel, names: Sequence[str]) -> Floats:
             size = max(size, 0.05 * friction)
         elif name == "viscous":
             size = max(size, 0.01 * model["micro_damping"])
+        elif unit == "N m s/rad" and name != "micro_damping":
+            size = max(size, 0.1 * model["viscous"])
         elif name == "micro_damping":
             size = max(size, 0.1 * float(np.sqrt(model["stiffness"] * model["inertia"])))
         scales.append(size if size > 0 else 1.0)

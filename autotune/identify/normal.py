@@ -17,6 +17,8 @@ from scipy.linalg import solve_toeplitz
 Floats = NDArray[np.float64]
 BLOCK_SECONDS = 1.0
 WHITENING_ORDER = 6
+STEP_PRIOR, ERROR_PRIOR = 1.0, 30.0
+"""Standard deviations of what is thought of a parameter before, in units of its scale."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,16 +36,20 @@ class Normal:
 
     @property
     def step(self) -> Floats:
-        """Change of the parameters that zeroes the score, without directions that nothing is known of."""
-        return np.asarray(-self._inverse() @ self.score)
+        """Change of the parameters that zeroes the score.
+
+        A weak prior (no change, give or take the parameter's scale) keeps directions that the data say
+        nothing about where they are; the others do not feel it.
+        """
+        return np.asarray(-self._inverse(STEP_PRIOR) @ self.score)
 
     @property
     def covariance(self) -> Floats:
-        """Sandwich covariance of the parameters, shape (k, k)."""
-        inverse = self._inverse()
+        """Sandwich covariance of the parameters, shape (k, k); huge in directions that nothing tells."""
+        inverse = self._inverse(ERROR_PRIOR)
         count = len(self.blocks)
         meat = self.blocks.T @ self.blocks * (count / max(count - len(self.score), 1))
-        return np.asarray(inverse @ meat @ inverse.T)
+        return np.asarray(inverse @ (meat + np.eye(len(self.score)) / ERROR_PRIOR**2) @ inverse.T)
 
     def weak_directions(self, least: float) -> list[Floats]:
         """Unit vectors in scaled parameters whose information is below `least` times the largest."""
@@ -53,10 +59,8 @@ class Normal:
             vectors[:, i] for i in range(len(values)) if values[i] < least * max(float(values[-1]), 1e-300)
         ]
 
-    def _inverse(self) -> Floats:
-        size = np.sqrt(np.maximum(np.abs(np.diag(self.matrix)), 1e-300))
-        balanced = self.matrix / np.outer(size, size)
-        return np.asarray(np.linalg.pinv(balanced, rcond=1e-10) / np.outer(size, size))
+    def _inverse(self, prior: float) -> Floats:
+        return np.asarray(np.linalg.inv(self.matrix + np.eye(len(self.score)) / prior**2))
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,6 +20,8 @@ from autotune.identify.twin import Surroundings
 from autotune.models.drive_model import DriveModel, surface_parameter
 
 Floats = NDArray[np.float64]
+NEEDED = ("inertia", "coulomb", "offset")
+"""Without these there is no model; what else is not identified is said in the reason."""
 UNKNOWN = 0.5
 """A parameter whose standard error is this share of its value is not identified."""
 SYSTEMATIC = 0.0005
@@ -105,10 +107,11 @@ def _estimate(refined: Refined) -> Estimate:
         share = f"{100 * (1 - refined.twin):.0f} %"
         notes.append(f"no closed loop twin for {share} of the data; biases of filters remain there")
     reason = _missing(quantities)
+    usable = all(quantities[name].identified for name in NEEDED if name in quantities)
     return Estimate(
         "joint",
         MappingProxyType(quantities),
-        reason == "",
+        usable,
         reason,
         refined.relative_error,
         tuple(dict.fromkeys(notes)),
@@ -130,6 +133,8 @@ def _natural_size(model: DriveModel, name: str) -> float:
     """What a signed or vanishing parameter is measured against."""
     if surface_parameter(name).unit == "N m":
         return max(model["coulomb"], abs(model["offset"]))
+    if surface_parameter(name).unit == "N m s/rad" and name not in ("viscous", "micro_damping"):
+        return model["viscous"]
     if name == "micro_damping":
         return 0.2 * math.sqrt(model["stiffness"] * model["inertia"])
     return 0.0

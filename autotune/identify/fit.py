@@ -1,0 +1,275 @@
+"""A drive model from any recordings: own experiments or other people's data.
+
+Start values from the experiments where they have their usual names, else from the motion itself; then
+the joint refinement, in the twin where the controller is known or can be identified.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from autotune.core.errors import ConfigurationError
+from autotune.core.recording import Recording, concatenate
+from autotune.identify.checks import check_recording, refuse_clipping
+from autotune.identify.controller import ControlLaw, control_law
+from autotune.identify.estimate import Estimate
+from autotune.identify.first_guess import guess
+from autotune.identify.pieces import UNFITTED, Bands, Piece, cut, torque_error
+from autotune.identify.refinement import Joint, refine_recording, surroundings
+from autotune.identify.ripple_lines import find_lines
+from autotune.identify.twin import run_twin
+from autotune.models.drive_model import DriveModel, base_model
+from autotune.models.effect import Kind
+from autotune.models.table import EFFECTS, effect_kind
+from autotune.signals.filters import low_pass
+
+Floats = NDArray[np.float64]
+STARTED = ("stribeck", "direction_asymmetry", "torque_ripple")
+
+
+@dataclass(frozen=True, slots=True)
+class FitResult:
+    """A fitted model.
+
+    Attributes:
+        model: with standard errors.
+        estimate: by surface name, with intervals, validity and sentences.
+        relative_error: of the torque, filtered; norm of the error over norm of the torque.
+        law: the controller of the twin; None where there was none or it could not be identified.
+    """
+
+    model: DriveModel
+    estimate: Estimate
+    law: ControlLaw | None
+
+    @property
+    def valid(self) -> bool:
+        return self.estimate.valid
+
+    @property
+    def reason(self) -> str:
+        return self.estimate.reason
+
+    @property
+    def relative_error(self) -> float:
+        return self.estimate.relative_error
+
+
+@dataclass(frozen=True, slots=True)
+class Residual:
+    """What a model leaves unexplained, rows decimated, arrays of shape (m,).
+
+    Attributes:
+        row: row of the recording; time: s.
+        error: torque that the motion needed less what the model says [N m or N].
+        torque, position, velocity, acceleration: filtered alike.
+        use: whether the row is compared (it moves, is not clipped, not at an edge).
+    """
+
+    row: NDArray[np.int64]
+    time: Floats
+    error: Floats
+    torque: Floats
+    position: Floats
+    velocity: Floats
+    acceleration: Floats
+    use: NDArray[np.bool_]
+    experiment: NDArray[np.str_]
+    repeat: NDArray[np.int64]
+
+    @property
+    def relative_error(self) -> float:
+        used = self.use
+        return float(np.linalg.norm(self.error[used]) / np.linalg.norm(self.torque[used]))
+
+
+@dataclass(frozen=True, slots=True)
+class ClosedLoop:
+    """The model in the loop on the recorded references, arrays as long as the recording.
+
+    Attributes:
+        position, torque: nan where no twin could be run.
+        relative_position_error, relative_torque_error: norm of the error over norm of the signal.
+        law: controller used.
+    """
+
+    position: Floats
+    torque: Floats
+    relative_position_error: float
+    relative_torque_error: float
+    law: ControlLaw | None
+
+
+def fit(recordings: Sequence[Recording] | Recording, effects: Sequence[str] = (), seed: int = 0) -> FitResult:
+    """Fits the base model and `effects` to all recordings together.
+
+    Segments named `conditioning`, `veto` and `test` are not fitted.
+
+    Raises:
+        RecordingError, NotEnoughExcitation: what is wrong with the data, in a sentence.
+        ConfigurationError: an effect that is unknown or that cannot be started from data alone.
+    """
+    kinds = [_startable(name) for name in effects]
+    recording = joined(recordings)
+    law = control_law(recording)
+    bands = Bands.for_period(recording.period)
+    pieces = cut(recording, bands, law, UNFITTED)
+    start = guess(pieces, bands, recording.metadata.motion_unit)
+    metadata = recording.metadata
+    model = base_model(
+        start.values,
+        motion_unit=metadata.motion_unit,
+        axis=metadata.axis,
+        fingerprint=metadata.fingerprint,
+    )
+    joint = refine_recording(model, recording, seed=seed)
+    for kind in kinds:
+        model = _started(kind, joint.model, pieces, bands)
+        joint = refine_recording(model, recording, seed=seed)
+    return _result(joint)
+
+
+def joined(recordings: Sequence[Recording] | Recording) -> Recording:
+    """One recording of all, checked one by one; segments of different files stay apart.
+
+    Raises:
+        RecordingError, NotEnoughExcitation: what is wrong, in a sentence.
+    """
+    parts = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    for part in parts:
+        check_recording(part)
+        refuse_clipping(part)
+    return concatenate(parts)
+
+
+def torque_residual(recording: Recording, model: DriveModel) -> Residual:
+    """Torque residual of a model on a recording, through filters that are the same for everybody."""
+    law = control_law(recording)
+    bands = Bands.for_period(recording.period)
+    packed = model.pack()
+    pieces = cut(recording, bands, law, ())
+    parts = []
+    for piece in pieces:
+        every = slice(None, None, bands.decimation)
+        rows = np.arange(len(piece))[every]
+        error = torque_error(piece, packed, bands)
+        parts.append(
+            (
+                rows + piece.start,
+                error,
+                _filtered(piece.torque, piece, bands)[every],
+                piece.position[every],
+                piece.velocity[every],
+                piece.acceleration[every],
+                piece.use,
+            )
+        )
+    row, error, torque, position, velocity, acceleration, use = (
+        np.concatenate([part[i] for part in parts]) for i in range(7)
+    )
+    return Residual(
+        row,
+        recording["time"][row],
+        error,
+        torque,
+        position,
+        velocity,
+        acceleration,
+        use,
+        recording.experiment[row],
+        recording.repeat[row],
+    )
+
+
+def simulate_closed_loop(recording: Recording, model: DriveModel, seed: int | None = None) -> ClosedLoop:
+    """Runs the model on the recorded references with the recorded (or identified) controller.
+
+    Without `seed` the twin is free of noise and of the quantiser.
+    """
+    law = control_law(recording)
+    bands = Bands.for_period(recording.period)
+    around = surroundings(recording, law)
+    position = np.full(len(recording), math.nan)
+    torque = np.full(len(recording), math.nan)
+    packed = model.pack()
+    for number, piece in enumerate(cut(recording, bands, law, ())):
+        noise = None if seed is None else np.random.default_rng([seed, number])
+        result = run_twin(piece, packed, around, noise, quantised=seed is not None)
+        if result.follows:
+            position[piece.start : piece.start + len(piece)] = result.position
+            torque[piece.start : piece.start + len(piece)] = result.torque
+    return ClosedLoop(
+        position,
+        torque,
+        _relative(position, recording["position"]),
+        _relative(torque, recording["torque"]),
+        law,
+    )
+
+
+def _relative(simulated: Floats, measured: Floats) -> float:
+    there = np.isfinite(simulated)
+    if not np.any(there):
+        return math.nan
+    return float(np.linalg.norm((simulated - measured)[there]) / np.linalg.norm(measured[there]))
+
+
+def _filtered(values: Floats, piece: Piece, bands: Bands) -> Floats:
+    return low_pass(values, bands.error, piece.period)
+
+
+def _result(joint: Joint) -> FitResult:
+    return FitResult(joint.model, joint.estimate, joint.law)
+
+
+def _startable(name: str) -> Kind:
+    kind = effect_kind(name)
+    if name not in STARTED:
+        raise ConfigurationError(
+            f"effect {name!r} needs start values that a plain fit does not have; fit without it, then "
+            f"'autotune model add {name}'. Directly fitted are {', '.join(STARTED)}"
+        )
+    return kind
+
+
+def _started(kind: Kind, model: DriveModel, pieces: Sequence[Piece], bands: Bands) -> DriveModel:
+    """The model with an effect at values from which the refinement finds its way."""
+    if kind.name == "stribeck":
+        return _started_stribeck(model, pieces, bands)
+    if kind.name == "torque_ripple":
+        return _started_ripple(model, pieces, bands)
+    return model.with_effect(kind.make({"coulomb": 0.0, "viscous": 0.0}))
+
+
+def _started_stribeck(model: DriveModel, pieces: Sequence[Piece], bands: Bands) -> DriveModel:
+    """The Stribeck velocity, of several, that leaves the least error with 20 % of rise."""
+    speeds = np.concatenate([np.abs(piece.velocity[:: bands.decimation][piece.use]) for piece in pieces])
+    trials = []
+    for velocity in np.geomspace(0.02, 0.7, 7) * float(np.percentile(speeds, 95)):
+        values = {"break_away": 1.2 * model["coulomb"], "stribeck_velocity": float(velocity)}
+        trial = model.with_effect(EFFECTS["stribeck"].make(values))
+        packed = trial.pack()
+        errors = np.concatenate([torque_error(piece, packed, bands)[piece.use] for piece in pieces])
+        trials.append((float(np.var(errors)), trial))
+    return min(trials, key=lambda pair: pair[0])[1]
+
+
+def _started_ripple(model: DriveModel, pieces: Sequence[Piece], bands: Bands) -> DriveModel:
+    packed = model.pack()
+    position = np.concatenate([p.position[:: bands.decimation][p.use] for p in pieces])
+    error = np.concatenate([torque_error(p, packed, bands)[p.use] for p in pieces])
+    scale = 1.0 if model.motion_unit == "rad" else 2.0 * math.pi
+    lines = find_lines(position, error, np.ones((len(error), 1)), scale, most=8)
+    if not lines:
+        raise ConfigurationError(
+            "no torque ripple stands out of the noise in these recordings; leave torque_ripple out"
+        )
+    values: dict[str, float] = {}
+    for number, line in enumerate(sorted(lines, key=lambda one: -one.amplitude), 1):
+        values |= {f"order_{number}": line.order, f"sin_{number}": line.sine, f"cos_{number}": line.cosine}
+    return model.with_effect(EFFECTS["torque_ripple"].make(values))
