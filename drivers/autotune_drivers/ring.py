@@ -24,9 +24,9 @@ CAPACITY = 1 << 17  # rows; two minutes at 1 kHz
 _WIDTH = len(ROW_FIELDS)
 _MISSED = ROW_FIELDS.index("missed")
 _ROW = struct.Struct(f"<{_WIDTH}d")
-_COUNT = struct.Struct("<Q")
-# each counter in a cache line of its own
-_HEAD, _TAIL, _DROPPED, _INTERRUPT = 0, 64, 128, 192
+# each counter in a cache line of its own; in words, which are written whole (bytes are not: `struct`
+# packs a standard size byte by byte, and the other side would read half of one count, half of the next)
+_HEAD, _TAIL, _DROPPED, _INTERRUPT = 0, 8, 16, 24
 _START = 256
 
 
@@ -49,6 +49,7 @@ class Ring:
         size = os.fstat(descriptor).st_size
         self._capacity = (size - _START) // _ROW.size
         self._memory = mmap.mmap(descriptor, size)
+        self._counts = memoryview(self._memory)[:_START].cast("Q")
         self._fence = threading.Lock()
         self._head = self._tail = self._gap = 0
 
@@ -58,10 +59,10 @@ class Ring:
         """Appends a row of `ROW_FIELDS`, or drops it where the ring is full."""
         memory, head = self._memory, self._head
         if head - self._tail >= self._capacity:
-            (self._tail,) = _COUNT.unpack_from(memory, _TAIL)
+            self._tail = self._counts[_TAIL]
             if head - self._tail >= self._capacity:
                 self._gap += 1
-                _COUNT.pack_into(memory, _DROPPED, self.dropped + 1)
+                self._counts[_DROPPED] += 1
                 return
         if self._gap:
             row = (*row[:_MISSED], row[_MISSED] + self._gap, *row[_MISSED + 1 :])
@@ -69,18 +70,18 @@ class Ring:
         _ROW.pack_into(memory, _START + head % self._capacity * _ROW.size, *row)
         with self._fence:  # orders the row before the head on every processor
             self._head = head + 1
-        _COUNT.pack_into(memory, _HEAD, self._head)
+        self._counts[_HEAD] = self._head
 
     @property
     def interrupted(self) -> bool:
         """The reader wants the routine to end."""
-        return self._memory[_INTERRUPT] != 0
+        return self._counts[_INTERRUPT] != 0
 
     # The reader's side
 
     def take(self) -> Floats:
         """All rows that have come since the last call, shape (k, len(ROW_FIELDS))."""
-        (head,) = _COUNT.unpack_from(self._memory, _HEAD)
+        head = self._counts[_HEAD]
         with self._fence:
             tail = self._tail
         first, last = tail % self._capacity, head % self._capacity
@@ -89,17 +90,18 @@ class Ring:
         parts = [(first, last)] if first < last else [(first, self._capacity), (0, last)]
         rows = b"".join(self._memory[_START + a * _ROW.size : _START + b * _ROW.size] for a, b in parts)
         self._tail = head
-        _COUNT.pack_into(self._memory, _TAIL, head)
+        self._counts[_TAIL] = head
         return np.frombuffer(rows, np.float64).reshape(-1, _WIDTH)
 
     def interrupt(self, wanted: bool = True) -> None:
         """Asks the routine to end, or takes that back. Safe in a signal handler."""
-        self._memory[_INTERRUPT] = int(wanted)
+        self._counts[_INTERRUPT] = int(wanted)
 
     @property
     def dropped(self) -> int:
         """Rows that found the ring full, since the beginning."""
-        return int(_COUNT.unpack_from(self._memory, _DROPPED)[0])
+        return self._counts[_DROPPED]
 
     def close(self) -> None:
+        self._counts.release()
         self._memory.close()

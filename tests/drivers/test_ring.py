@@ -87,3 +87,28 @@ def test_interrupt_crosses(pair: tuple[Ring, Ring]) -> None:
     assert writer.interrupted
     reader.interrupt(False)
     assert not writer.interrupted
+
+
+def _write(memory: int, rows: int) -> None:
+    ring = Ring(memory)
+    for number in range(rows):
+        ring.put((float(number), *[0.0] * (len(ROW_FIELDS) - 1)))
+    os._exit(0)
+
+
+def test_a_reader_beside_the_writer_never_sees_a_torn_count() -> None:
+    """Counts pass 2**8 and 2**16 often; read byte by byte they would jump ahead or back."""
+    rows = 150_000
+    memory = create_memory(1 << 18)
+    reader = Ring(memory)
+    child = os.fork()
+    if child == 0:
+        _write(memory, rows)
+    seen: list[float] = []
+    ended = False
+    while not ended:
+        ended = os.waitpid(child, os.WNOHANG)[0] == child
+        seen.extend(reader.take()[:, 0].tolist())
+    os.close(memory)
+    reader.close()
+    assert seen == [float(number) for number in range(rows)]
