@@ -6,6 +6,7 @@ The bias of the twin is an average over few simulations; its own variance is tak
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -26,6 +27,7 @@ from autotune.models.drive_model import BASE, Packed
 from autotune.models.lugre import Floats
 
 CHUNK = 200  # grid rows, about a second
+NOISE_CHUNK = 60
 SEED = 20_240
 OUTLIER = 6.0
 
@@ -195,13 +197,25 @@ def estimate_noise(study: Study, packed: Packed, error: Floats) -> float:
 
 
 def _chunk_noise(study: Study, error: Floats) -> Floats:
-    """Variance between repeats of every chunk of training data [(N m)²], shape (chunks,)."""
-    parts = [
-        _chunk_means(_table(error, block).var(axis=0, ddof=1))[:, 0]
-        for block in study.data.blocks
-        if block.role == TRAINING and block.repeats > 1
-    ]
-    return np.concatenate(parts) if parts else np.zeros(0)
+    """Variance between repeats of every chunk of training data [(N m)²], shape (chunks,).
+
+    A friction level that differs between repeats (warming, memory) is no noise: offset and friction of
+    each chunk are taken out first.
+    """
+    direction = np.sign(study.data.velocity[study.data.grid])
+    values: list[float] = []
+    for block in study.data.blocks:
+        if block.role != TRAINING or block.repeats < 2:
+            continue
+        table, sign = _table(error, block), _table(direction, block)
+        difference = (table[1:] - table[:-1]) / math.sqrt(2.0)
+        pieces = max(1, block.count // NOISE_CHUNK)
+        for part in np.array_split(np.arange(block.count), pieces):
+            terms = np.column_stack([np.ones(len(part)), sign[0, part]])
+            for row in difference[:, part]:
+                rest = row - terms @ np.linalg.lstsq(terms, row, rcond=None)[0]
+                values.append(float(rest @ rest) / max(len(part) - 2, 1))
+    return np.array(values)
 
 
 def refit(

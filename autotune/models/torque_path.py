@@ -30,7 +30,7 @@ TORQUE_LAG = Kind(
 TORQUE_SATURATION = Kind(
     name="torque_saturation",
     parameters=(
-        Parameter("loss", "1", 0.0, 0.0, 0.9, "relative loss of torque at that level", _SATURATION),
+        Parameter("loss", "1", 0.0, 0.0, 0.33, "relative loss of torque at that level", _SATURATION),
         Parameter("torque", "N m", 1.0, 1e-9, 1e9, "level at which the loss is given", _SATURATION + 1),
     ),
     looks_like="Large torques have less effect than small ones; fast accelerations fall short.",
