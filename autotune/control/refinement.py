@@ -54,6 +54,17 @@ class PeriodAverage:
         """Peak of the averaged error: the quadrant glitch [rad]."""
         return float(np.max(np.abs(self.error)))
 
+    @property
+    def smooth_peak(self) -> float:
+        """8-norm of the averaged error: follows the peak, without the grain of the sensor [rad]."""
+        return smooth_peak(self.error)
+
+
+def smooth_peak(error: Floats) -> float:
+    """(mean |e|⁸)^⅛, shape (n,) in."""
+    largest = float(np.max(np.abs(error)))
+    return largest * float(np.mean((np.abs(error) / largest) ** NORM) ** (1.0 / NORM)) if largest else 0.0
+
 
 def controller_response(controller: Controller, omega: Floats, period: float) -> Complexes:
     """C(e^{jωh}) of the discrete PID of `Controller`; complex, shape of `omega`."""
@@ -88,10 +99,11 @@ def periodic_feedforward(parameters: LugreParameters, reference: Floats, period:
 
 @dataclass(frozen=True, slots=True)
 class Refinement:
-    """A proposed step and the peak error that it should give [rad]."""
+    """A proposed step, and the peak and smooth peak of the error that it should give [rad]."""
 
     parameters: LugreParameters
     predicted_peak: float
+    predicted_smooth_peak: float
 
 
 def refine(
@@ -129,14 +141,14 @@ def refine(
 
     def cost(x: Floats) -> float:
         _, error, feedback = predicted(np.clip(start + x * scale, lower, upper))
-        peak = np.mean((np.abs(error) / measured.peak_error) ** NORM) ** (1.0 / NORM)
+        peak = smooth_peak(error) / measured.peak_error
         return float(peak + FEEDBACK_WEIGHT * np.sqrt(np.mean(feedback**2)) / current.coulomb)
 
     simplex = np.vstack([np.zeros(len(MOVED)), 0.15 * np.eye(len(MOVED))])
     options: Any = {"maxfev": 1200, "xatol": 1e-4, "fatol": 1e-6, "initial_simplex": simplex}
     found = optimize.minimize(cost, np.zeros(len(MOVED)), method="Nelder-Mead", options=options)
     parameters, error, _ = predicted(np.clip(start + found.x * scale, lower, upper))
-    return Refinement(parameters, float(np.max(np.abs(error))))
+    return Refinement(parameters, float(np.max(np.abs(error))), smooth_peak(error))
 
 
 def _moved(current: LugreParameters, values: Floats) -> LugreParameters:

@@ -1,0 +1,92 @@
+"""Which run the drive should be running with: the newest that was kept and not rolled back since."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from autotune.core.axis import Axis
+from autotune.core.errors import ConfigurationError
+from autotune.models.drive_model import DriveModel
+from autotune.models.model_file import read_model
+from autotune.service.commit import RELATIVE_RESOLUTION
+from autotune.service.drift import Committed
+from autotune.service.files import read_json
+from autotune.service.stage_prove import ENABLED
+
+
+@dataclass(frozen=True, slots=True)
+class InForce:
+    """What is committed, its model, and whether the drive holds it. All None where nothing is."""
+
+    committed: Committed | None = None
+    model: DriveModel | None = None
+    held: bool | None = None
+
+
+def in_force(runs: Path, axis: Axis, held: Mapping[str, float]) -> InForce:
+    """What is committed to the axis, given the drive's parameters.
+
+    The newest kept run counts; after a rollback, the newest kept run that the drive agrees with.
+    """
+    kept, rolled_back = _kept_runs(runs, axis)
+    if rolled_back:
+        kept = [(path, one) for path, one in kept if _agrees(one.parameters, held)]
+    if not kept:
+        return InForce()
+    path, committed = kept[0]
+    return InForce(committed, _model(runs, axis, path), _agrees(committed.parameters, held))
+
+
+def run_results(runs: Path, axis: str, name: str) -> Iterator[tuple[Path, dict[str, Any]]]:
+    """Result files of an axis by the name of the file, newest first; damaged ones are passed over."""
+    for directory in sorted(runs.glob(f"2*-{axis}"), reverse=True):
+        try:
+            content = read_json(directory / name, "result")
+        except ConfigurationError:
+            continue
+        if content.get("axis") == axis:
+            yield directory, content
+
+
+def _kept_runs(runs: Path, axis: Axis) -> tuple[list[tuple[Path, Committed]], bool]:
+    """Kept runs, newest first, and whether a rollback came after the newest of them."""
+    kept: list[tuple[Path, Committed]] = []
+    newest_kept = ""
+    for directory, content in run_results(runs, axis.name, "run.json"):
+        if content.get("outcome") == "kept" and content.get("fingerprint") == axis.fingerprint:
+            kept.append((directory, _committed(directory, content)))
+            newest_kept = newest_kept or directory.name
+    rolled_back = any(
+        directory.name > newest_kept and content.get("stage") == "rollback" and content.get("outcome") == "kept"
+        for directory, content in run_results(runs, axis.name, "journal.json")
+    )
+    return kept, rolled_back
+
+
+def _committed(directory: Path, content: Mapping[str, Any]) -> Committed:
+    measured = content.get("committed") or content.get("after") or {}
+    return Committed(
+        directory.name, measured.get("peak_error"), dict(content.get("feedforward") or {}) | {ENABLED: 1.0}
+    )
+
+
+def _agrees(wanted: Mapping[str, float], held: Mapping[str, float]) -> bool:
+    shared = [name for name in wanted if name in held]
+    return bool(shared) and all(
+        abs(held[name] - wanted[name]) <= RELATIVE_RESOLUTION * max(abs(wanted[name]), 1e-6) for name in shared
+    )
+
+
+def _model(runs: Path, axis: Axis, kept: Path) -> DriveModel | None:
+    """The model of the kept run, or of the newest run before it that has one."""
+    for directory in sorted(runs.glob(f"2*-{axis.name}"), reverse=True):
+        if directory.name > kept.name or not (directory / "model.toml").is_file():
+            continue
+        try:
+            return read_model(directory / "model.toml")
+        except ConfigurationError:
+            continue
+    return None

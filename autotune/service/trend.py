@@ -1,0 +1,236 @@
+"""What a history of friction says: temperature taken out, steps, bends and single odd days found.
+
+    ln F_i = a + b·t_i + c·(T_i − T̄) + Σ s_k·[t_i ≥ t_k] + Σ h_k·max(t_i − t_k, 0) + e_i
+
+Steps and bends are added one by one, each where it explains most, as long as it explains more than
+chance could (5.5 standard deviations, which allows for the many places tried). Days that lie apart from
+both neighbours are set aside first. The scatter of e is taken from second differences, so that slow
+changes do not count as noise.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from datetime import datetime
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+LEAST_POINTS = 6
+SURE = 5.5
+LEAST_SIZE = 0.03
+LEAST_SCATTER = 0.003
+MOST_KNOTS = 10
+LEAST_SPREAD = 3.0  # K
+SETTLED = 2  # points after a step before it is called one
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One change: `step` at once, `trend` beginning then, `odd` one day only. `size` is relative."""
+
+    kind: str
+    at: datetime
+    size: float
+    standard_error: float
+
+
+@dataclass(frozen=True, slots=True)
+class Trend:
+    """Result of `analyse`.
+
+    Attributes:
+        changes: in time order.
+        temperature_coefficient: relative change a kelvin, None where the data do not tell.
+        scatter: of a single point, relative.
+        level: fitted value at the last point, at mean temperature.
+    """
+
+    changes: tuple[Change, ...]
+    temperature_coefficient: float | None
+    scatter: float
+    level: float
+
+
+def analyse(times: list[datetime], values: list[float], temperatures: list[float]) -> Trend | None:
+    """Finds what changed; None with fewer than six points.
+
+    Args:
+        times: in order; values: above 0; temperatures: °C, nan where not known. All of length n.
+    """
+    if len(values) < LEAST_POINTS:
+        return None
+    t = np.array([(time - times[0]).total_seconds() / 86400.0 for time in times])
+    y = np.log(np.array(values))
+    temperature = _centred(np.array(temperatures, dtype=np.float64))
+    odd = _odd_days(y)
+    keep = np.flatnonzero(~odd)
+    fit = _Fit(t[keep], y[keep], temperature[keep] if temperature is not None else None)
+    fit.grow()
+    changes = [
+        *(_odd_change(times, y, fit, keep, int(index)) for index in np.flatnonzero(odd)),
+        *fit.changes([times[index] for index in keep]),
+    ]
+    coefficient = fit.temperature_coefficient
+    return Trend(
+        tuple(sorted(changes, key=lambda change: change.at)),
+        coefficient,
+        fit.scatter,
+        math.exp(fit.level),
+    )
+
+
+def sentence(change: Change, what: str, since: Change | None = None) -> str:
+    """One change in plain words."""
+    day = f"{change.at.day} {change.at:%B}"
+    size = f"{abs(change.size):.0%}"
+    if change.kind == "odd":
+        word = "above" if change.size > 0 else "below"
+        return f"{what} was {size} {word} the usual on {day} only: the axis stuck, or the check was disturbed"
+    direction = "up" if change.size > 0 else "down"
+    if change.kind == "step" and change.size < 0:
+        return f"{what} {direction} {size} at once on {day}, at the same temperature: as after re-greasing"
+    if change.kind == "step":
+        return f"{what} {direction} {size} at once on {day}, at the same temperature: look for damage or a lost lubricant"
+    if change.size < 0:
+        return f"{what} {direction} {size} since {day}, at the same temperature: running in"
+    return f"{what} {direction} {size} since {day}, at the same temperature: check lubrication"
+
+
+def _centred(temperature: Floats) -> Floats | None:
+    """Deviation from the mean; None where it is unknown or hardly changes."""
+    if not np.isfinite(temperature).all() or float(np.ptp(temperature)) < LEAST_SPREAD:
+        return None
+    return np.asarray(temperature - temperature.mean())
+
+
+def _scatter(y: Floats) -> float:
+    """Standard deviation of a single point from second differences, robust."""
+    if len(y) < 4:
+        return LEAST_SCATTER
+    bends = np.abs(np.diff(y, 2))
+    return max(float(np.median(bends)) / (0.6745 * math.sqrt(6.0)), LEAST_SCATTER)
+
+
+def _odd_days(y: Floats) -> NDArray[np.bool_]:
+    """Points far from both neighbours, which agree with one another; never the last point."""
+    odd = np.zeros(len(y), dtype=np.bool_)
+    far = max(8.0 * _scatter(y), 2.0 * LEAST_SIZE)
+    left, right = y[1:-1] - y[:-2], y[1:-1] - y[2:]
+    odd[1:-1] = (np.abs(left) > far) & (np.abs(right) > far) & (left * right > 0)
+    odd[1:-1] &= np.abs(left - right) < 0.5 * np.minimum(np.abs(left), np.abs(right))
+    return odd
+
+
+def _odd_change(times: list[datetime], y: Floats, fit: _Fit, keep: NDArray[np.int64], index: int) -> Change:
+    near = keep[np.argsort(np.abs(keep - index))[:4]]
+    size = math.expm1(float(y[index] - np.mean(y[near])))
+    return Change("odd", times[index], size, fit.scatter)
+
+
+class _Fit:
+    """The regression, grown greedily. Columns are kept with what they mean."""
+
+    def __init__(self, t: Floats, y: Floats, temperature: Floats | None) -> None:
+        self._t, self._y = t, y
+        self.scatter = _scatter(y)
+        self._columns: list[Floats] = [np.ones_like(t)]
+        self._meaning: list[tuple[str, int]] = [("level", 0)]
+        if temperature is not None:
+            self._columns.append(temperature)
+            self._meaning.append(("temperature", 0))
+
+    def grow(self) -> None:
+        """Adds steps and bends while they are beyond doubt; a bend at the first point is a plain trend."""
+        count = len(self._t)
+        index = np.arange(count)
+        steps = (index[:, None] >= index[None, 1:]).astype(float)
+        bends = np.maximum(self._t[:, None] - self._t[None, :-2], 0.0)
+        candidates = np.hstack([steps, bends])
+        names = [("step", i) for i in range(1, count)] + [("trend", i) for i in range(count - 2)]
+        usable = np.array([kind == "trend" or i <= count - SETTLED for kind, i in names])
+        for _ in range(MOST_KNOTS):
+            best, gain = self._best(candidates, usable)
+            if gain < SURE**2:
+                break
+            self._columns.append(np.asarray(candidates[:, best]))
+            self._meaning.append(names[best])
+            usable[best] = False
+        self._prune()
+
+    def _best(self, candidates: Floats, usable: NDArray[np.bool_]) -> tuple[int, float]:
+        """Candidate that explains most, and how much, in variances of a point."""
+        basis = np.linalg.qr(np.column_stack(self._columns))[0]
+        rest = self._y - basis @ (basis.T @ self._y)
+        free = candidates - basis @ (basis.T @ candidates)
+        norm = np.sum(free**2, axis=0)
+        share = (free.T @ rest) ** 2 / np.where(norm > 1e-9, norm, np.inf)
+        share[~usable] = 0.0
+        best = int(np.argmax(share))
+        return best, float(share[best]) / self.scatter**2
+
+    def _prune(self) -> None:
+        """Drops, weakest first, what later additions have made superfluous or too small to matter."""
+        while True:
+            solution, errors = self._solve()
+            weak = [
+                (abs(solution[k]) / errors[k], k)
+                for k, (kind, at) in enumerate(self._meaning)
+                if kind in ("step", "trend")
+                and (abs(solution[k]) < SURE * errors[k] or abs(self._size(kind, at, solution[k])) < LEAST_SIZE)
+            ]
+            if not weak:
+                return
+            del self._columns[(k := min(weak)[1])], self._meaning[k]
+
+    def _solve(self) -> tuple[Floats, Floats]:
+        design = np.column_stack(self._columns)
+        inverse = np.linalg.pinv(design.T @ design)
+        errors = self.scatter * np.sqrt(np.maximum(np.diag(inverse), 1e-18))
+        return np.asarray(inverse @ (design.T @ self._y)), np.asarray(errors)
+
+    def _size(self, kind: str, at: int, coefficient: float) -> float:
+        """Change that it makes up to now (a bend: to the next bend or step)."""
+        if kind == "step":
+            return float(coefficient)
+        return float(coefficient * (self._t[-1] - self._t[at]))
+
+    @property
+    def temperature_coefficient(self) -> float | None:
+        """Where it is known to a fifth."""
+        solution, errors = self._solve()
+        for k, (kind, _) in enumerate(self._meaning):
+            if kind == "temperature" and abs(solution[k]) > 5.0 * errors[k]:
+                return float(solution[k])
+        return None
+
+    @property
+    def level(self) -> float:
+        solution, _ = self._solve()
+        row = [0.0 if kind == "temperature" else column[-1]
+               for column, (kind, _) in zip(self._columns, self._meaning, strict=True)]  # fmt: skip
+        return float(np.dot(row, solution))
+
+    def changes(self, times: list[datetime]) -> list[Change]:
+        """Steps, and stretches between bends in which friction moved by a size that matters."""
+        solution, errors = self._solve()
+        found = [
+            Change("step", times[at], math.expm1(solution[k]), float(errors[k]))
+            for k, (kind, at) in enumerate(self._meaning)
+            if kind == "step"
+        ]
+        return found + self._stretches(times, solution)
+
+    def _stretches(self, times: list[datetime], solution: Floats) -> list[Change]:
+        bends = sorted((at, solution[k]) for k, (kind, at) in enumerate(self._meaning) if kind == "trend")
+        slope, found = 0.0, []
+        for number, (at, bend) in enumerate(bends):
+            slope += float(bend)
+            until = bends[number + 1][0] if number + 1 < len(bends) else len(self._t) - 1
+            moved = slope * float(self._t[until] - self._t[at])
+            if abs(moved) >= LEAST_SIZE:
+                error = self.scatter * 2.0 / math.sqrt(max(until - at, 1))
+                found.append(Change("trend", times[at], math.expm1(moved), error))
+        return found
