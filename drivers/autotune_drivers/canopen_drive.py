@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 
 from autotune.core.axis import Axis
@@ -68,7 +68,7 @@ class CanopenDrive:
         self._exchange = Exchange(node, profile, axis.cycle, lock_step)
         stop = axis.limits.speed / axis.limits.deceleration
         self._power = Power(node, sdo, self._exchange, profile, axis.cycle, stop)
-        self._guard = ObjectRef(0x1016, 1, "u32", "consumer heartbeat time")
+        self._guard, self._guarded = _guard(profile, units, node.wire.own_node)
         self._mode = Mode.POSITION
         self._held: Raw = 0
         self._mapped: Mode | None = None
@@ -96,6 +96,10 @@ class CanopenDrive:
         self._command_velocity = units.signed(commands.velocity.unit)
         self._command_torque = units.signed(commands.torque.unit)
         self._command_feedforward = units.signed(commands.torque_feedforward.unit)
+        self._raw_position = _rounder(commands.position.ref)
+        self._raw_velocity = _rounder(commands.velocity.ref)
+        self._raw_torque = _rounder(commands.torque.ref)
+        self._raw_feedforward = _rounder(commands.torque_feedforward.ref)
         self._demand_has_feedforward = self._profile.torque.demand_includes_feedforward
 
     @property
@@ -132,8 +136,7 @@ class CanopenDrive:
         if self._exchange.slow_signal is not None:
             self._exchange.slow = self._sdo.read(self._exchange.slow_signal)
         self._node.command(OPERATIONAL)
-        milliseconds = round(self._profile.guard.consume * 1e3)
-        self._session.write(self._guard, self._node.wire.own_node << 16 | milliseconds)
+        self._session.write(self._guard, self._guarded)
         self._node.wire.start_heartbeat()  # watching begins with the first one after this
 
     def _map(self, mode: Mode) -> None:
@@ -187,7 +190,7 @@ class CanopenDrive:
             raise StateError("a cycle was asked for while power is off; enable the drive first")
         try:
             target = self._raw_target(command)
-            feedforward = round(command.torque_feedforward / self._command_feedforward)
+            feedforward = self._raw_feedforward(command.torque_feedforward / self._command_feedforward)
             missed = self._exchange.cycle((ENABLE_OPERATION, target, feedforward))
         except (ValueError, OverflowError, struct.error) as error:
             raise DriveError(
@@ -198,14 +201,14 @@ class CanopenDrive:
             self._check_power()
         return self._sample(target, feedforward, missed)
 
-    def _raw_target(self, command: Command) -> int:
+    def _raw_target(self, command: Command) -> Raw:
         if self._mode is Mode.POSITION:
             if not math.isnan(command.position):
-                self._held = round(command.position / self._command_position)
-            return int(self._held)
+                self._held = self._raw_position(command.position / self._command_position)
+            return self._held
         if self._mode is Mode.VELOCITY:
-            return round(command.velocity / self._command_velocity)
-        return round(command.torque / self._command_torque)
+            return self._raw_velocity(command.velocity / self._command_velocity)
+        return self._raw_torque(command.torque / self._command_torque)
 
     def _check_power(self) -> None:
         """An emergency that only says "error gone" is no reason to stop."""
@@ -215,7 +218,7 @@ class CanopenDrive:
             return
         raise self._power.lost()
 
-    def _sample(self, target: int, feedforward: int, missed: int) -> Sample:
+    def _sample(self, target: Raw, feedforward: Raw, missed: int) -> Sample:
         values = self._exchange.values
         position = values[1] * self._to_position
         demand = values[2] * self._to_demand
@@ -323,3 +326,24 @@ class CanopenDrive:
         except LinkError:
             return False
         return True
+
+
+def _rounder(ref: ObjectRef) -> Callable[[float], Raw]:
+    """How a number becomes a raw value of this object: whole, or finite as it is."""
+    return _finite if ref.is_float else round
+
+
+def _finite(value: float) -> Raw:
+    if not math.isfinite(value):
+        raise ValueError(f"{value} is no number")
+    return value
+
+
+def _guard(profile: Profile, units: Units, own_node: int) -> tuple[ObjectRef, Raw]:
+    """What makes the drive stop by itself when we fall silent: the object, and its value."""
+    watchdog = profile.guard.watchdog
+    if watchdog is not None:
+        ref = watchdog.named("communication watchdog").ref
+        return ref, ref.raw(profile.guard.consume / units.factor(watchdog.unit))
+    milliseconds = round(profile.guard.consume * 1e3)
+    return ObjectRef(0x1016, 1, "u32", "consumer heartbeat time"), own_node << 16 | milliseconds

@@ -5,6 +5,8 @@ Nothing is written before all of that has been checked.
 
 from __future__ import annotations
 
+import math
+import re
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -89,6 +91,7 @@ def open_drive(
     node, sdo = Node(wire, number), Sdo(wire, number)
     identity = _identify(node, sdo)
     _compare(identity, profile, number)
+    _must_be_as_expected(node, sdo, profile)
     _must_be_free(node, sdo)
     session = Session(sdo, backup)
     try:
@@ -102,13 +105,7 @@ def _prepare(
     node: Node, sdo: Sdo, session: Session, axis: Axis, profile: Profile, identity: Mapping[str, int | str]
 ) -> CanopenDrive:
     nmt_before = _monitor(node, session, profile.guard.monitor)
-    rated = profile.torque.rated.named("rated torque")
-    units = Units.of(axis, float(sdo.read(rated.ref)) * (fixed_factor(rated.unit) or 1.0))
-    if units.rated_torque <= 0:
-        raise ConfigurationError(
-            f"{rated.ref} of node {node.number} is {units.rated_torque}; torques cannot be scaled. Set it at "
-            "the drive to the motor's rated torque"
-        )
+    units = _units(node, sdo, axis, profile)
     settings = [*_period(sdo, axis.cycle), *_settings(axis, profile, units)]
     for setting in settings:
         session.write_if_there(*setting)
@@ -192,7 +189,7 @@ def _compare(identity: Mapping[str, int | str], profile: Profile, number: int) -
         if expected is not None and (found := int(identity[name])) != expected
     ]
     if not wrong:
-        wrong = _revision(int(identity["revision"]), wanted)
+        wrong = _revision(int(identity["revision"]), wanted) or _firmware(str(identity["firmware"]), wanted)
     if wrong:
         name = f" ({identity['name']})" if identity["name"] else ""
         raise IdentityMismatch(
@@ -210,6 +207,29 @@ def _revision(found: int, wanted: Identity) -> list[str]:
     ]
 
 
+def _firmware(found: str, wanted: Identity) -> list[str]:
+    """Compares dotted numbers; a drive that tells no version cannot be compared."""
+    if wanted.firmware_min is None and wanted.firmware_max is None:
+        return []
+    match = re.search(r"\d+(?:\.\d+)*", found)
+    low, high = wanted.firmware_min or "0", wanted.firmware_max or "any"
+    if match is None:
+        return [f"firmware {found!r} has no number, the profile was checked with {low} to {high}"]
+    version = _numbers(match[0])
+    inside = _numbers(low) <= version and (high == "any" or version <= _numbers(high))
+    return (
+        [] if inside else [f"firmware {found} is outside {low} to {high}, which the profile was checked with"]
+    )
+
+
+def _numbers(version: str) -> tuple[int, ...]:
+    """`1.2` and `1.2.0` are the same version."""
+    numbers = [int(part) for part in version.split(".")]
+    while numbers and numbers[-1] == 0:
+        numbers.pop()
+    return tuple(numbers)
+
+
 def _must_be_free(node: Node, sdo: Sdo) -> None:
     """A powered drive belongs to another master, or to one of ours that has just died."""
 
@@ -224,6 +244,45 @@ def _must_be_free(node: Node, sdo: Sdo) -> None:
                 "written. Stop that master first"
             )
         node.wire.wait(0.05, lambda: False)
+
+
+def _must_be_as_expected(node: Node, sdo: Sdo, profile: Profile) -> None:
+    """The objects on which the profile's units rest."""
+    wrong = []
+    for text, wanted in profile.expects.items():
+        ref = ObjectRef.parse(text)
+        found = sdo.read(ref)
+        if found != wanted:
+            wrong.append(
+                f"{ref} is {found:g} ({int(found):#x}), the profile is for {wanted:g} ({int(wanted):#x})"
+            )
+    if wrong:
+        raise IdentityMismatch(
+            f"node {node.number} is set up otherwise than profile {profile.name!r} assumes: {'; '.join(wrong)}. "
+            "Nothing was written. Set the drive's units back with the vendor's tool, or write an own profile"
+        )
+
+
+def _units(node: Node, sdo: Sdo, axis: Axis, profile: Profile) -> Units:
+    """Rated torque and torque constant as the drive has them."""
+    constant = math.nan
+    if profile.torque.constant is not None:
+        at = profile.torque.constant.named("torque constant")
+        constant = float(sdo.read(at.ref)) * (fixed_factor(at.unit) or 1.0)
+        if not constant > 0.0:
+            raise ConfigurationError(
+                f"{at.ref} of node {node.number} is {constant:g}; torques cannot be scaled. Set it at the drive "
+                "to the motor's torque constant"
+            )
+    rated = profile.torque.rated.named("rated torque")
+    units = Units.of(axis, math.nan, constant)
+    torque = float(sdo.read(rated.ref)) * units.factor(rated.unit)
+    if not torque > 0.0:
+        raise ConfigurationError(
+            f"{rated.ref} of node {node.number} is {torque}; torques cannot be scaled. Set it at the drive to "
+            "the motor's rated torque"
+        )
+    return Units.of(axis, torque, constant)
 
 
 # What the session needs

@@ -19,7 +19,7 @@ from autotune.core.configuration import Strict, read_toml, validate
 from autotune.core.errors import ConfigurationError
 from autotune.core.paths import config_directory
 from autotune_drivers.objects import ObjectRef
-from autotune_drivers.units import UNITS, fixed_factor
+from autotune_drivers.units import TORQUE_UNITS, UNITS, is_constant, is_current
 
 PARAMETERS = (
     "limit.position_min",
@@ -44,6 +44,18 @@ PARAMETERS = (
     "feedforward.offset",
     "feedforward.reference_filter",
 )
+RECORDED = (
+    "position",
+    "reference",
+    "velocity",
+    "torque_command",
+    "torque",
+    "torque_feedback",
+    "temperature",
+    "sync",
+    "cycle",
+)
+"""What a drive's recorder can be asked for; `sync` and `cycle` are counters."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,13 +100,29 @@ ObjectField = Annotated[ObjectRef, BeforeValidator(_object)]
 Word = Annotated[int, Field(ge=0, le=0xFFFF_FFFF)]
 
 
+Version = Annotated[str, Field(pattern=r"^\d+(\.\d+)*$")]
+
+
 class Identity(Strict):
-    """Object 1018h of the drives that the profile is for; what is left out is not compared."""
+    """Objects 1018h and 100Ah of the drives that the profile is for; what is left out is not compared.
+
+    `firmware_min` and `firmware_max` are dotted numbers, both inclusive: "1.2" is below "1.10".
+    """
 
     vendor: Word | None = None
     product: Word | None = None
     revision_min: Word = 0
     revision_max: Word = 0xFFFF_FFFF
+    firmware_min: Version | None = None
+    firmware_max: Version | None = None
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Identity:
+        if self.revision_min > self.revision_max:
+            raise ValueError(
+                f"revision_min {self.revision_min:#x} must not be above revision_max {self.revision_max:#x}"
+            )
+        return self
 
 
 class Signals(Strict):
@@ -121,15 +149,25 @@ class Commands(Strict):
 
 
 class Torque(Strict):
-    """The meaning of torque objects."""
+    """The meaning of torque objects.
+
+    `constant` is the torque constant, where the drive tells currents. `find`: whether the torque demand
+    includes the feedforward differs from drive to drive, and is found by a small step before a run.
+    """
 
     rated: SignalField
+    constant: SignalField | None = None
     demand_includes_feedforward: bool
+    find: bool = False
 
     @model_validator(mode="after")
-    def _known_unit(self) -> Torque:
-        if fixed_factor(self.rated.unit) is None:
-            raise ValueError(f"torque.rated has the unit {self.rated.unit!r}; write mNm, uNm or SI")
+    def _known_units(self) -> Torque:
+        if self.rated.unit not in TORQUE_UNITS - {"permille"}:
+            raise ValueError(f"torque.rated has the unit {self.rated.unit!r}; write mNm, uNm, A, mA or SI")
+        if self.constant is not None and not is_constant(self.constant.unit):
+            raise ValueError(
+                f"torque.constant has the unit {self.constant.unit!r}; write uNm/A, mNm/A or Nm/A"
+            )
         return self
 
 
@@ -157,8 +195,13 @@ class Cycle(Strict):
 
 
 class Guard(Strict):
-    """Heartbeats [s]: ours, after which silence the drive stops, and the drive's."""
+    """Heartbeats [s]: ours, after which silence the drive stops, and the drive's.
 
+    `watchdog` is for drives without a heartbeat consumer (1016h): the time after which they stop by
+    themselves when process data no longer come; it gets `consume`.
+    """
+
+    watchdog: SignalField | None = None
     produce: Annotated[float, Field(gt=0, le=1)] = 0.025
     consume: Annotated[float, Field(gt=0, le=1)] = 0.15
     monitor: Annotated[float, Field(gt=0, le=5)] = 0.1
@@ -177,8 +220,49 @@ class Store(Strict):
     seconds: Annotated[float, Field(gt=0, le=60)] = 5.0
 
 
+class Recorder(Strict):
+    """The drive's own data recorder: what is written to start it, and where its samples are.
+
+    Each of `channels` takes an object as a PDO mapping has it (index, sub-index, bits). `columns` says
+    which signals it records, the SYNC counter among them. With the layout `rows` one object has whole
+    samples, one after the other; with `columns` there is one object a channel in `data`.
+    """
+
+    layout: Literal["rows", "columns"] = "rows"
+    control: ObjectField
+    start: Annotated[int, Field(ge=0, le=0xFFFF_FFFF)]
+    stop: Annotated[int, Field(ge=0, le=0xFFFF_FFFF)] = 0
+    wanted: ObjectField
+    capacity: Annotated[int, Field(ge=1)]
+    recorded: ObjectField
+    period: SignalField | None = None
+    setup: Mapping[str, int] = {}
+    channels: Annotated[tuple[ObjectField, ...], Field(min_length=1)]
+    data: Annotated[tuple[ObjectField, ...], Field(min_length=1)]
+    columns: Mapping[str, SignalField]
+
+    @model_validator(mode="after")
+    def _fits(self) -> Recorder:
+        if len(self.columns) > len(self.channels):
+            raise ValueError(
+                f"recorder.columns has {len(self.columns)} signals for {len(self.channels)} channels"
+            )
+        for name in self.columns:
+            if name not in RECORDED:
+                near = difflib.get_close_matches(name, RECORDED, 1)
+                hint = f"did you mean {near[0]!r}" if near else f"known are {', '.join(RECORDED)}"
+                raise ValueError(f"unknown recorder column {name!r}; {hint}?")
+        for text in self.setup:
+            ObjectRef.parse(text)
+        return self
+
+
 class Profile(Strict):
-    """A kind of drive. See the module's text."""
+    """A kind of drive. See the module's text.
+
+    `expects` are objects that must have a value for the profile's units to be right; they are compared
+    before anything is written. `remarks` are told to the person who commissions the axis.
+    """
 
     schema_version: Annotated[Literal[1], Field(alias="schema")] = 1
     name: str
@@ -190,6 +274,9 @@ class Profile(Strict):
     commands: Commands
     parameters: Mapping[str, Parameter] = {}
     session: Mapping[str, float] = {}
+    expects: Mapping[str, float] = {}
+    recorder: Recorder | None = None
+    remarks: tuple[str, ...] = ()
     quick_stop_deceleration: SignalField | None = None
     clock: Clock | None = None
     cycle: Cycle = Cycle()
@@ -205,10 +292,29 @@ class Profile(Strict):
                 near = difflib.get_close_matches(name, PARAMETERS, 1)
                 hint = f"did you mean {near[0]!r}" if near else f"known are {', '.join(PARAMETERS)}"
                 raise ValueError(f"unknown parameter {name!r}; {hint}?")
-        for text in self.session:
+        for text in (*self.session, *self.expects):
             ObjectRef.parse(text)
         for text in self.faults:
             int(text, 16)
+        return self
+
+    @model_validator(mode="after")
+    def _torques_are_torques(self) -> Profile:
+        torques = {
+            "signals.torque": self.signals.torque,
+            "signals.torque_demand": self.signals.torque_demand,
+            "signals.torque_feedback": self.signals.torque_feedback,
+            "commands.torque": self.commands.torque,
+            "commands.torque_feedforward": self.commands.torque_feedforward,
+        }
+        for name, signal in torques.items():
+            if signal is not None and signal.unit not in TORQUE_UNITS:
+                raise ValueError(
+                    f"{name} has the unit {signal.unit!r}; a torque is in {', '.join(sorted(TORQUE_UNITS))}"
+                )
+        every = [*torques.values(), self.torque.rated, *(one.at for one in self.parameters.values())]
+        if self.torque.constant is None and any(one is not None and is_current(one.unit) for one in every):
+            raise ValueError("a torque is given as a current; name the torque constant in torque.constant")
         return self
 
     @property
@@ -219,7 +325,7 @@ class Profile(Strict):
     @property
     def has_feedforward_block(self) -> bool:
         """True where the drive itself can run the LuGre feedforward."""
-        return "feedforward.stiffness" in self.parameters
+        return {"feedforward.stiffness", "feedforward.inertia", "feedforward.enabled"} <= set(self.parameters)
 
 
 def read_profile(name: str, directory: Path | None = None) -> Profile:

@@ -105,6 +105,12 @@ def test_a_profile_of_ones_own_is_beside_the_axis_file(tmp_path: Path) -> None:
         ('"6007:00 i16" = 3', '"6007 i16" = 3', "is not understood"),
         ("schema = 1", "schema = 2", "schema"),
         ("demand_includes_feedforward = true", "", "demand_includes_feedforward"),
+        ("6074:00 i16 permille", "30D0:00 i32 mA", "torque.constant"),
+        ("6074:00 i16 permille", "6074:00 i16 count", "signals.torque_demand has the unit 'count'"),
+        ("find = true", "fnid = true", "did you mean 'find'"),
+        ("[identity]", "[identity]\nrevision_min = 2\nrevision_max = 1", "revision_min"),
+        ("[identity]", '[identity]\nfirmware_min = "one"', "firmware_min"),
+        ("[session]", '[expects]\n"60A9 u32" = 1\n[session]', "is not understood"),
     ],
 )
 def test_mistakes_in_a_profile_are_named(tmp_path: Path, right: str, wrong: str, says: str) -> None:

@@ -224,4 +224,8 @@ def test_rpm_needs_a_rotary_axis() -> None:
     linear = Units(resolution=1e-6, direction=1, rated_torque=100.0, rotary=False)
     with pytest.raises(ConfigurationError, match="linear"):
         linear.factor("rpm")
-    assert all(linear.factor(unit) > 0 for unit in UNITS if unit != "rpm")
+    turning = ("rpm", "0.1mrpm", "rpm/s", "rev/s", "mrev/s", "rev/s2")
+    currents = ("A", "mA", "uA")
+    assert all(linear.factor(unit) > 0 for unit in UNITS if unit not in (*turning, *currents))
+    with pytest.raises(ConfigurationError, match="torque constant"):
+        linear.factor("mA")
