@@ -157,7 +157,7 @@ class AdaptiveFeedforward:
 
     def step(self, reference: float, velocity: float, acceleration: float, previous: Sample | None) -> float:
         """Adapts from the previous sample, then gives the torque for this reference."""
-        if previous is not None and not self._frozen:
+        if previous is not None and not self.settled:
             self._learn(previous.torque_feedback)
         return float(advance(self._p, self._state, velocity, acceleration, self._period))
 
