@@ -60,7 +60,7 @@ def commit(
     try:
         write_verified(loop, values)
         journal.note(phase=CommitPhase.STORING)
-        loop.store()
+        store_as_before(loop, journal)
         verify(loop, values)
         journal.note(phase=CommitPhase.PROVING)
         kept = proves()
@@ -77,13 +77,27 @@ def commit(
 def write_verified(loop: Loop, values: Mapping[str, float]) -> None:
     """Writes with the block switched off, and switches it as asked only when all else is right."""
     enabled = "feedforward.enabled"
-    if enabled in values:
+    if enabled in values and loop.read_parameters([enabled])[enabled]:
         loop.write_parameters({enabled: 0.0})
     loop.write_parameters({name: value for name, value in values.items() if name != enabled})
     verify(loop, {name: value for name, value in values.items() if name != enabled})
     if enabled in values:
         loop.write_parameters({enabled: values[enabled]})
     verify(loop, values)
+
+
+def store_as_before(loop: Loop, journal: Journal) -> None:
+    """Stores with the limits as they were before the run: what a run narrows must not survive it."""
+    before = {n: v for n, v in journal.state.changed.items() if not n.startswith("feedforward.")}
+    if not before:
+        loop.store()
+        return
+    narrowed = loop.read_parameters(list(before))
+    loop.write_parameters(before)
+    try:
+        loop.store()
+    finally:
+        loop.write_parameters(narrowed)
 
 
 def verify(loop: Loop, values: Mapping[str, float]) -> None:
@@ -114,7 +128,7 @@ def put_back(loop: Loop, backup: Backup, journal: Journal) -> None:
     try:
         write_verified(loop, backup.parameters)
         if journal.state.phase is not CommitPhase.WRITING:
-            loop.store()
+            store_as_before(loop, journal)
     except AutotuneError as error:
         raise DriveError(
             f"backup {backup.id} of axis {backup.axis} could not be put back ({error}); the next "

@@ -14,7 +14,7 @@ from types import MappingProxyType
 
 from autotune.core.axis import Axis
 from autotune.core.drive import Command, Mode, Sample
-from autotune.core.errors import DriveError, LinkError, StateError
+from autotune.core.errors import DriveError, LinkError, LinkTimeout, StateError
 from autotune_drivers.cia402 import (
     ENABLE_OPERATION,
     ENABLED_MASK,
@@ -30,7 +30,7 @@ from autotune_drivers.node import OPERATIONAL, PRE_OPERATIONAL, STOPPED, Node
 from autotune_drivers.objects import ObjectRef, Raw
 from autotune_drivers.parameters import DriveParameters
 from autotune_drivers.power import ERROR_CODE, STATUS, Power
-from autotune_drivers.profile import Profile, Signal
+from autotune_drivers.profile import Profile, Signal, Store
 from autotune_drivers.sdo import Sdo
 from autotune_drivers.session import Backup, Session
 from autotune_drivers.units import Units
@@ -268,9 +268,39 @@ class CanopenDrive:
         self._put_back()  # what a session changes must not survive it
         try:
             self._sdo.write(ref, _SAVE, store.seconds)
+            if store.verify != "none":
+                self._verify_stored(store)
         finally:
             for setting in self._settings:
                 self._session.write_if_there(*setting)
+            self._node.monitor(self._profile.guard.monitor)
+
+    def _verify_stored(self, store: Store) -> None:
+        """Resets the node and reads everything again; what is not in the stored area gets its value back.
+
+        Raises:
+            DriveError: a value did not survive. LinkTimeout: the node did not come back.
+        """
+        before = self._parameters.read()
+        booted = self._node.reset(store.verify, self._profile.transition_seconds)
+        self._mapped = None
+        self._session.forget_present()
+        if not booted and not self._answers():
+            raise LinkTimeout(
+                f"node {self._node.number} did not come back within {self._profile.transition_seconds:g} s after "
+                "the reset that follows storing; switch it off and on, and start again"
+            )
+        self._node.take_emergencies()
+        after = self._parameters.read()
+        changed = [name for name, value in before.items() if after[name] != value]
+        lost = [name for name in changed if self._parameters.stored_by(store.at, name)]
+        self._parameters.write({name: before[name] for name in changed if name not in lost})
+        if lost:
+            told = ", ".join(f"{name} is {after[name]:.9g} instead of {before[name]:.9g}" for name in lost)
+            raise DriveError(
+                f"node {self._node.number} has confirmed storing, but after a reset {told}: its memory does not "
+                "keep what is stored. Nothing is kept; have the drive's memory checked"
+            )
 
     def faults(self) -> list[str]:
         self._node.wire.drain()

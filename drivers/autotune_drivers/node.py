@@ -20,7 +20,9 @@ BOOT_UP = "boot-up"
 SILENT = "silent"
 
 _STATES = {0: BOOT_UP, 4: STOPPED, 5: OPERATIONAL, 127: PRE_OPERATIONAL}
-_COMMANDS = {OPERATIONAL: 1, STOPPED: 2, PRE_OPERATIONAL: 128}
+RESET_NODE = "reset-node"
+RESET_COMMUNICATION = "reset-communication"
+_COMMANDS = {OPERATIONAL: 1, STOPPED: 2, PRE_OPERATIONAL: 128, RESET_NODE: 129, RESET_COMMUNICATION: 130}
 _EMCY = struct.Struct("<HB5s")
 
 
@@ -67,6 +69,13 @@ class Node:
     def command(self, state: str) -> None:
         """Asks the node to change its NMT state."""
         self.wire.send((NMT, bytes((_COMMANDS[state], self.number))))
+
+    def reset(self, kind: str, seconds: float) -> bool:
+        """Resets the node (`RESET_NODE`, `RESET_COMMUNICATION`); False where no boot-up message came in time."""
+        boots = self.boots
+        self.period = 0.0  # its heartbeat is as it was stored
+        self.command(kind)
+        return self.wire.wait(seconds, lambda: self.boots > boots)
 
     def count_syncs(self, overflow: int) -> None:
         """SYNC carries a counter from 1 to `overflow` (object 1019h); 0: no counter."""

@@ -12,6 +12,8 @@ from autotune_drivers.profile import Parameter, Profile
 from autotune_drivers.sdo import Sdo
 from autotune_drivers.units import MIRRORED, SIGNED_PARAMETERS, Units
 
+_AREAS = {1: (0x1000, 0xFFFF), 2: (0x1000, 0x1FFF), 3: (0x6000, 0x9FFF), 4: (0x2000, 0x5FFF)}
+
 
 @dataclass(frozen=True, slots=True)
 class Place:
@@ -37,6 +39,11 @@ class DriveParameters:
         wanted = list(self._places) if names is None else names
         places = {name: self._find(name) for name in wanted}
         return {name: _si(place, self._sdo.read(place.ref)) for name, place in places.items()}
+
+    def stored_by(self, store: ObjectRef, name: str) -> bool:
+        """True where 1010h with this sub-index (CiA 301: all, communication, application, manufacturer) keeps it."""
+        low, high = _AREAS.get(store.sub, _AREAS[1]) if store.index == 0x1010 else _AREAS[1]
+        return low <= self._find(name).ref.index <= high
 
     def write(self, values: Mapping[str, float]) -> None:
         """Writes all or nothing: everything is checked first, and put back where one is refused.

@@ -214,10 +214,16 @@ class Guard(Strict):
 
 
 class Store(Strict):
-    """Object 1010h: written with "save", ready after at most `seconds`."""
+    """Object 1010h: written with "save", ready after at most `seconds`.
+
+    `verify`: the reset after which everything is read again. Only a reset of the node loads what was
+    stored of the application; where it would lose the position (incremental encoders), a reset of
+    communication is what can be had.
+    """
 
     at: ObjectField
     seconds: Annotated[float, Field(gt=0, le=60)] = 5.0
+    verify: Literal["reset-node", "reset-communication", "none"] = "reset-communication"
 
 
 class Recorder(Strict):

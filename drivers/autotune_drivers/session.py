@@ -89,6 +89,10 @@ class Session:
         write_setting(self._sdo, wanted, present)
         self._present[key] = wanted
 
+    def forget_present(self) -> None:
+        """The node was reset: what it has now is not known any more."""
+        self._present.clear()
+
     def undo(self, ref: ObjectRef) -> None:
         """Puts one object back. Raises LinkError."""
         key = (ref.index, ref.sub)
