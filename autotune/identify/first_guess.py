@@ -1,12 +1,13 @@
 """Start values from any recording in which the axis moves, whatever it was made for.
 
-Inertia, viscous and Coulomb friction and offset by weighted least squares on the filtered motion
-(inverse dynamics), away from standstill; the stiffness by trying values over the range that the data
-can tell, with the bristle driven by the measured motion.
+With the bristle driven by the measured velocity and its reach x_s = F_c/σ0 given, torque is linear in
+inertia, viscous and Coulomb friction, σ1 and offset (inverse dynamics): least squares for each of
+several reaches, the best one wins.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,14 +15,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autotune.core.errors import NotEnoughExcitation, RecordingError
-from autotune.identify.pieces import Bands, Piece, torque_error
-from autotune.models.drive_model import base_model
+from autotune.identify.pieces import Bands, Piece
+from autotune.models.compiled import compiled
+from autotune.models.lugre import bristle_rate, bristle_step
 from autotune.signals.filters import low_pass
 
 Floats = NDArray[np.float64]
-TRIALS = 9
-_SLIDING = 0.05
-"""Rows slower than this share of the 95th percentile of speed do not enter the linear fit."""
+TRIALS = 12
+LONGEST, SHORTEST = 0.1, 2e-5
+"""Reaches that are tried, as shares of the longest travel."""
+_TWO_AXES = 1.5
+_J, _COULOMB = 0, 2
+_SURE = [0, 2, 4]
+"""Columns that every recording must tell apart: inertia, Coulomb friction, offset."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,79 +38,173 @@ class Guess:
     relative_error: float
 
 
-def guess(pieces: Sequence[Piece], bands: Bands, motion_unit: str) -> Guess:
+@dataclass(frozen=True, slots=True)
+class _Trial:
+    """Least squares for one reach; `parts` are regressors and torque of each piece."""
+
+    reach: float
+    parts: list[tuple[Floats, Floats]]
+    solution: Floats
+    error: float
+
+    @property
+    def design(self) -> Floats:
+        return np.vstack([part[0] for part in self.parts])
+
+    @property
+    def target(self) -> Floats:
+        return np.concatenate([part[1] for part in self.parts])
+
+
+def guess(pieces: Sequence[Piece], bands: Bands) -> Guess:
     """Start values.
 
     Raises:
         NotEnoughExcitation: one direction only, no acceleration, or friction that cannot be seen.
-        RecordingError: a negative inertia, that is a torque of the wrong sign.
+        RecordingError: a torque of the wrong sign, or two axes in one recording.
     """
-    design, target = _regressors(pieces, bands)
-    scale = np.maximum(np.sqrt(np.mean(design**2, axis=0)), 1e-300)
-    if np.linalg.cond(design / scale) > 1e6:
-        raise NotEnoughExcitation(
-            "inertia, viscous and Coulomb friction and offset cannot be told apart in this motion; record "
-            "several speeds and accelerations in both directions"
-        )
-    solution = np.linalg.lstsq(design / scale, target, rcond=None)[0] / scale
-    inertia, viscous, coulomb, offset = (float(x) for x in solution)
-    _refuse(inertia, coulomb, design, target, solution)
+    _refuse_one_direction(pieces)
+    travel = max(float(np.ptp(piece.position)) for piece in pieces)
+    reaches = np.geomspace(SHORTEST * travel, LONGEST * travel, TRIALS).tolist()
+    best = min((_trial(pieces, bands, reach) for reach in reaches), key=lambda trial: trial.error)
+    refuse_two_axes(best.parts)
+    _refuse(best)
+    inertia, viscous, coulomb, damping, offset = (float(x) for x in best.solution)
+    speed = max(float(np.max(np.abs(piece.velocity))) for piece in pieces)
+    stiffness = coulomb / best.reach
+    usual = 0.4 * math.sqrt(stiffness * inertia)
     values = {
         "inertia": inertia,
-        "viscous": max(viscous, 1e-3 * abs(coulomb) / float(np.max(np.abs(design[:, 1])))),
+        "viscous": max(viscous, 1e-3 * coulomb / speed),
         "coulomb": coulomb,
+        "stiffness": stiffness,
+        "micro_damping": min(max(damping, 0.1 * usual), 5.0 * usual),
         "offset": offset,
     }
-    return _with_stiffness(values, pieces, bands, motion_unit)
+    return Guess(values, best.error)
 
 
-def _regressors(pieces: Sequence[Piece], bands: Bands) -> tuple[Floats, Floats]:
-    """Acceleration, velocity, direction, 1; and torque: filtered alike, decimated, sliding rows only."""
-    fast = float(np.percentile(np.concatenate([np.abs(piece.velocity) for piece in pieces]), 95))
+def _trial(pieces: Sequence[Piece], bands: Bands, reach: float) -> _Trial:
+    parts = [_regressors(piece, bands, reach) for piece in pieces]
+    design, target = np.vstack([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+    scale = np.maximum(np.sqrt(np.mean(design**2, axis=0)), 1e-300)
+    solution = np.linalg.lstsq(design / scale, target, rcond=1e-9)[0] / scale
+    error = float(np.linalg.norm(target - design @ solution)) / max(float(np.linalg.norm(target)), 1e-300)
+    return _Trial(reach, parts, np.asarray(solution, dtype=np.float64), error)
+
+
+def _regressors(piece: Piece, bands: Bands, reach: float) -> tuple[Floats, Floats]:
+    """Acceleration, velocity, bristle (±1 when sliding), its rate, 1; and torque; all filtered alike."""
+    bent, rate = np.empty(len(piece)), np.empty(len(piece))
+    _bend(piece.velocity, reach, piece.period, bent, rate)
+    columns = [
+        piece.acceleration,
+        piece.velocity,
+        bent,
+        rate,
+        np.ones(len(piece)),
+        0.5 * (piece.torque + np.concatenate([piece.torque[:1], piece.torque[:-1]])),
+    ]
+    table = low_pass(np.array(columns), bands.error, piece.period)[:, :: bands.decimation]
+    return table[:5, piece.use].T, table[5, piece.use]
+
+
+@compiled
+def _bend(velocity: Floats, reach: float, period: float, bent: Floats, rate: Floats) -> None:
+    bristle = 0.0
+    before = velocity[0]
+    for k in range(len(velocity)):
+        bristle = bristle_step(bristle, 0.5 * (before + velocity[k]), reach, period)
+        before = velocity[k]
+        bent[k] = bristle / reach
+        rate[k] = bristle_rate(bristle, before, reach)
+
+
+def refuse_two_axes(parts: Sequence[tuple[Floats, Floats]]) -> None:
+    """Raises RecordingError where two stretches, each well explained, disagree about inertia and friction.
+
+    `parts` are regressors and torques of the pieces; long pieces are looked at in quarters.
+    """
+    known: list[tuple[float, float]] = []
+    for design, target in parts:
+        quarters = 4 if len(target) > 4000 else 1
+        for rows in np.array_split(np.arange(len(target)), quarters):
+            found = _alone(design[rows], target[rows])
+            if found is None:
+                continue
+            for inertia, friction in known:
+                if max(found[0] / inertia, inertia / found[0]) > _TWO_AXES and (
+                    max(found[1] / friction, friction / found[1]) > _TWO_AXES
+                ):
+                    raise RecordingError(
+                        f"the recording mixes axes: one stretch has inertia {inertia:.3g} and friction "
+                        f"{friction:.3g}, another {found[0]:.3g} and {found[1]:.3g}; fit each axis by itself"
+                    )
+            known.append(found)
+
+
+def _alone(design: Floats, target: Floats) -> tuple[float, float] | None:
+    """Inertia and friction of a stretch by itself, where it tells both within 5 %."""
+    if len(target) < 200 or np.linalg.cond(design[:, _SURE] / _size(design[:, _SURE])) > 1e3:
+        return None
+    solution = np.linalg.lstsq(design, target, rcond=1e-9)[0]
+    error = float(np.mean((target - design @ solution) ** 2))
+    if error > 0.02 * float(np.mean(target**2)):
+        return None
+    spread = np.sqrt(np.diag(np.linalg.pinv(design.T @ design)) * error)
+    inertia, friction = float(solution[_J]), float(solution[_COULOMB])
+    sure = inertia > 0 and friction > 0
+    sure = sure and spread[_J] < 0.05 * inertia and spread[_COULOMB] < 0.05 * friction
+    return (inertia, friction) if sure else None
+
+
+def _size(design: Floats) -> Floats:
+    return np.asarray(np.maximum(np.sqrt(np.mean(design**2, axis=0)), 1e-300))
+
+
+def _refuse_one_direction(pieces: Sequence[Piece]) -> None:
+    """Both directions must be there, at speed."""
+    speed = np.concatenate([piece.velocity[:: len(piece) // 5000 + 1] for piece in pieces])
+    fast = float(np.percentile(np.abs(speed), 95))
     if fast <= 0.0:
         raise NotEnoughExcitation("the axis stands still in this recording; nothing can be fitted to it")
-    designs, targets = [], []
-    for piece in pieces:
-        columns = [
-            piece.acceleration,
-            piece.velocity,
-            np.sign(piece.velocity),
-            np.ones(len(piece)),
-            0.5 * (piece.torque + np.concatenate([piece.torque[:1], piece.torque[:-1]])),
-        ]
-        table = low_pass(np.array(columns), bands.error, piece.period)[:, :: bands.decimation]
-        moving = piece.use & (np.abs(piece.velocity[:: bands.decimation]) > _SLIDING * fast)
-        designs.append(table[:4, moving].T)
-        targets.append(table[4, moving])
-    design, target = np.vstack(designs), np.concatenate(targets)
-    directions = np.sign(design[:, 1])
-    share = float(np.mean(directions > 0)) if len(directions) else 0.0
-    if len(target) < 50 or min(share, 1.0 - share) < 0.02:
+    moving = speed[np.abs(speed) > 0.05 * fast]
+    share = float(np.mean(moving > 0))
+    if min(share, 1.0 - share) < 0.02:
         word = "positive" if share > 0.5 else "negative"
         raise NotEnoughExcitation(
-            f"the axis moved in the {word} direction only, or hardly at all ({len(target)} rows); Coulomb "
-            "friction and offset cannot be told apart. Record both directions"
+            f"the axis moved in the {word} direction only; Coulomb friction and offset cannot be told apart. "
+            "Record both directions"
         )
-    return design, target
 
 
-def _refuse(inertia: float, coulomb: float, design: Floats, target: Floats, solution: Floats) -> None:
-    error = target - design @ solution
-    unexplained = float(np.var(error)) / max(float(np.var(target)), 1e-300)
-    if unexplained > 0.9:
+def _refuse(best: _Trial) -> None:
+    """Raises where the least squares solution is no drive's."""
+    design, target = best.design, best.target
+    varying = target - target.mean()
+    error = target - design @ best.solution
+    unexplained = float(error @ error) / max(float(varying @ varying), 1e-300)
+    if unexplained > 0.8:
         raise NotEnoughExcitation(
             f"motion explains {100 * (1 - unexplained):.0f} % of the torque only; check that position and torque "
             "are of the same axis and aligned in time"
         )
-    if coulomb <= 0.0 and inertia <= 0.0:
+    if np.linalg.cond(design[:, _SURE] / _size(design[:, _SURE])) > 1e6:
+        raise NotEnoughExcitation(
+            "inertia, friction and offset cannot be told apart in this motion; record several speeds and "
+            "accelerations in both directions"
+        )
+    inertia, coulomb = float(best.solution[_J]), float(best.solution[_COULOMB])
+    variance = float(error @ error) / max(len(target) - 5, 1)
+    spread = math.sqrt(float(np.linalg.pinv(design.T @ design)[_J, _J]) * variance)
+    if coulomb < 0.0 and (inertia < 0.0 or float(np.mean(varying * design[:, _COULOMB])) < 0.0):
         raise RecordingError(
             f"inertia ({inertia:.3g}) and Coulomb friction ({coulomb:.3g}) come out negative: the torque has the "
             "wrong sign. Import it again with a factor of −1"
         )
-    spread = np.sqrt(np.diag(np.linalg.pinv(design.T @ design)) * float(np.var(error)))
-    if inertia <= 3.0 * float(spread[0]):
+    if inertia <= 3.0 * spread:
         raise NotEnoughExcitation(
-            f"inertia comes out as {inertia:.3g} ± {spread[0]:.2g}: the motion accelerates too little, or the "
+            f"inertia comes out as {inertia:.3g} ± {spread:.2g}: the motion accelerates too little, or the "
             "torque is delayed. Record faster changes of speed"
         )
     if coulomb <= 0.0:
@@ -112,22 +212,3 @@ def _refuse(inertia: float, coulomb: float, design: Floats, target: Floats, solu
             f"Coulomb friction comes out as {coulomb:.3g}; it must be above 0. Record slow moves in both "
             "directions, or check that friction is not compensated already"
         )
-
-
-def _with_stiffness(
-    values: dict[str, float], pieces: Sequence[Piece], bands: Bands, motion_unit: str
-) -> Guess:
-    """The stiffness whose bristle, driven by the measured motion, leaves the least error."""
-    travel = max(float(np.ptp(piece.position)) for piece in pieces)
-    trials: list[tuple[float, dict[str, float]]] = []
-    for reach in np.geomspace(2e-5 * travel, 0.1 * travel, TRIALS).tolist():
-        stiffness = values["coulomb"] / reach
-        damping = 0.4 * float(np.sqrt(stiffness * values["inertia"]))
-        trial = values | {"stiffness": stiffness, "micro_damping": damping}
-        packed = base_model(trial, motion_unit=motion_unit).pack()
-        rows = [torque_error(piece, packed, bands)[piece.use] for piece in pieces]
-        error = float(np.sqrt(np.mean(np.concatenate(rows) ** 2)))
-        trials.append((error, trial))
-    torque = np.concatenate([p.torque[:: bands.decimation][: len(p.use)][p.use] for p in pieces])
-    error, best = min(trials, key=lambda pair: pair[0])
-    return Guess(best, error / float(np.sqrt(np.mean(np.square(torque)))))

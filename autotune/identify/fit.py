@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,15 +20,16 @@ from autotune.identify.controller import ControlLaw, control_law
 from autotune.identify.estimate import Estimate
 from autotune.identify.first_guess import guess
 from autotune.identify.pieces import UNFITTED, Bands, Piece, cut, torque_error
-from autotune.identify.refinement import Joint, refine_recording, surroundings
+from autotune.identify.refinement import Joint, free_parameters, refine_recording, surroundings
 from autotune.identify.ripple_lines import find_lines
 from autotune.identify.twin import run_twin
-from autotune.models.drive_model import DriveModel, base_model
+from autotune.models.drive_model import DriveModel, base_model, surface_parameter
 from autotune.models.effect import Kind
 from autotune.models.table import EFFECTS, effect_kind
 from autotune.signals.filters import low_pass
 
 Floats = NDArray[np.float64]
+MOST_ROWS, STRETCH = 600_000, 20_000
 STARTED = ("stribeck", "direction_asymmetry", "torque_ripple")
 
 
@@ -119,7 +120,7 @@ def fit(recordings: Sequence[Recording] | Recording, effects: Sequence[str] = ()
     law = control_law(recording)
     bands = Bands.for_period(recording.period)
     pieces = cut(recording, bands, law, UNFITTED)
-    start = guess(pieces, bands, recording.metadata.motion_unit)
+    start = guess(pieces, bands)
     metadata = recording.metadata
     model = base_model(
         start.values,
@@ -131,7 +132,20 @@ def fit(recordings: Sequence[Recording] | Recording, effects: Sequence[str] = ()
     for kind in kinds:
         model = _started(kind, joint.model, pieces, bands)
         joint = refine_recording(model, recording, seed=seed)
+        if kind.name == "direction_asymmetry" and "offset" not in joint.estimate:
+            joint = _without_coulomb_difference(model, recording, seed)
     return _result(joint)
+
+
+def _without_coulomb_difference(model: DriveModel, recording: Recording, seed: int) -> Joint:
+    """Sliding alone cannot tell a difference of Coulomb levels from the offset: it stays zero then."""
+    free = [name for name in free_parameters(model) if name != "direction_asymmetry.coulomb"]
+    joint = refine_recording(model, recording, free, seed)
+    note = (
+        "direction_asymmetry.coulomb is held at zero: these recordings cannot tell it from the offset; "
+        "presliding would"
+    )
+    return replace(joint, estimate=replace(joint.estimate, notes=(*joint.estimate.notes, note)))
 
 
 def joined(recordings: Sequence[Recording] | Recording) -> Recording:
@@ -144,7 +158,18 @@ def joined(recordings: Sequence[Recording] | Recording) -> Recording:
     for part in parts:
         check_recording(part)
         refuse_clipping(part)
-    return concatenate(parts)
+    return thinned(concatenate(parts))
+
+
+def thinned(recording: Recording) -> Recording:
+    """Evenly spaced stretches of a recording that is too long to be used whole."""
+    if len(recording) <= MOST_ROWS:
+        return recording
+    starts = np.linspace(0, len(recording) - STRETCH, MOST_ROWS // STRETCH).astype(int)
+    keep = np.zeros(len(recording), dtype=np.bool_)
+    for start in starts:
+        keep[start : start + STRETCH] = True
+    return recording.rows(keep)
 
 
 def torque_residual(recording: Recording, model: DriveModel) -> Residual:
@@ -247,22 +272,48 @@ def _started(kind: Kind, model: DriveModel, pieces: Sequence[Piece], bands: Band
 
 
 def _started_stribeck(model: DriveModel, pieces: Sequence[Piece], bands: Bands) -> DriveModel:
-    """The Stribeck velocity, of several, that leaves the least error with 20 % of rise."""
+    """The Stribeck velocity, of several, that leaves the least error with the levels fitted for it."""
     speeds = np.concatenate([np.abs(piece.velocity[:: bands.decimation][piece.use]) for piece in pieces])
+    names = ("inertia", "viscous", "coulomb", "offset", "break_away")
     trials = []
-    for velocity in np.geomspace(0.02, 0.7, 7) * float(np.percentile(speeds, 95)):
-        values = {"break_away": 1.2 * model["coulomb"], "stribeck_velocity": float(velocity)}
-        trial = model.with_effect(EFFECTS["stribeck"].make(values))
-        packed = trial.pack()
-        errors = np.concatenate([torque_error(piece, packed, bands)[piece.use] for piece in pieces])
-        trials.append((float(np.var(errors)), trial))
+    for velocity in np.geomspace(0.01, 0.5, 6) * float(np.percentile(speeds, 95)):
+        values = {"break_away": 1.1 * model["coulomb"], "stribeck_velocity": float(velocity)}
+        trials.append(
+            least_squares_step(model.with_effect(EFFECTS["stribeck"].make(values)), pieces, bands, names)
+        )
     return min(trials, key=lambda pair: pair[0])[1]
 
 
-def _started_ripple(model: DriveModel, pieces: Sequence[Piece], bands: Bands) -> DriveModel:
+def least_squares_step(
+    model: DriveModel, pieces: Sequence[Piece], bands: Bands, names: Sequence[str]
+) -> tuple[float, DriveModel]:
+    """Two Gauss–Newton steps on the measured motion, without a twin; mean square error and model."""
+    for _ in range(2):
+        here = _errors(model, pieces, bands)
+        columns = []
+        for name in names:
+            step = 1e-3 * max(abs(model[name]), 0.01 * model["coulomb"])
+            columns.append(
+                (_errors(model.with_values({name: model[name] + step}), pieces, bands) - here) / step
+            )
+        change = -np.linalg.lstsq(np.array(columns).T, here, rcond=1e-9)[0]
+        moved = {}
+        for name, delta in zip(names, change.tolist(), strict=True):
+            lower, upper = surface_parameter(name).lower, surface_parameter(name).upper
+            positive = 0.2 * model[name] if lower >= 0.0 else lower
+            moved[name] = min(max(model[name] + delta, positive), upper)
+        model = model.with_values(moved)
+    return float(np.mean(_errors(model, pieces, bands) ** 2)), model
+
+
+def _errors(model: DriveModel, pieces: Sequence[Piece], bands: Bands) -> Floats:
     packed = model.pack()
+    return np.concatenate([torque_error(piece, packed, bands)[piece.use] for piece in pieces])
+
+
+def _started_ripple(model: DriveModel, pieces: Sequence[Piece], bands: Bands) -> DriveModel:
     position = np.concatenate([p.position[:: bands.decimation][p.use] for p in pieces])
-    error = np.concatenate([torque_error(p, packed, bands)[p.use] for p in pieces])
+    error = _errors(model, pieces, bands)
     scale = 1.0 if model.motion_unit == "rad" else 2.0 * math.pi
     lines = find_lines(position, error, np.ones((len(error), 1)), scale, most=8)
     if not lines:

@@ -20,6 +20,7 @@ from autotune.core.recording import Recording
 from autotune.identify.checks import clipped, guide_of, torque_of
 from autotune.identify.controller import ControlLaw, is_closed
 from autotune.models import layout
+from autotune.models.contact import additive, friction_limit
 from autotune.models.drive_model import Packed
 from autotune.models.inverse import applied_torque, required
 from autotune.models.plant import substeps_for
@@ -128,7 +129,7 @@ def with_motion(piece: Piece, measured: Floats, torque: Floats, bands: Bands) ->
 
 
 def start_state(piece: Piece, packed: Packed) -> Floats:
-    """Motion and bristle at the first row: the bristle carries what balances the torque, at most F_c."""
+    """Motion and bristle at the first row: the bristle carries what balances the torque, at most friction."""
     p = packed.p
     state = np.zeros(layout.STATES)
     first = slice(0, max(2, round(_START_SECONDS / piece.period)))
@@ -136,12 +137,13 @@ def start_state(piece: Piece, packed: Packed) -> Floats:
         float(np.mean(piece.torque[first]))
         - p[layout.INERTIA] * float(np.mean(piece.acceleration[first]))
         - p[layout.VISCOUS] * float(np.mean(piece.velocity[first]))
-        - p[layout.OFFSET]
+        - additive(p, packed.on, float(np.mean(piece.position[first])))
     )
-    level = p[layout.COULOMB]
-    state[layout.POSITION] = piece.position[0]
+    position, speed = float(piece.position[0]), float(np.mean(piece.velocity[first]))
+    limit = friction_limit(p, packed.on, state, position, speed)
+    state[layout.POSITION] = position
     state[layout.VELOCITY] = piece.velocity[0]
-    state[layout.BRISTLE] = min(max(spare, -level), level) / p[layout.STIFFNESS]
+    state[layout.BRISTLE] = min(max(spare / p[layout.STIFFNESS], -limit), limit)
     return state
 
 

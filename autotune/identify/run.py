@@ -19,6 +19,7 @@ from autotune.identify.combine import combine
 from autotune.identify.complexity import Complexity, judge_complexity
 from autotune.identify.dahl import Dahl, identify_dahl
 from autotune.identify.estimate import Estimate, invalid
+from autotune.identify.high_speed import HighSpeed, identify_high_speed
 from autotune.identify.presliding import Presliding, identify_presliding
 from autotune.identify.refinement import refine_recording
 from autotune.identify.ripple_lines import Line
@@ -50,6 +51,7 @@ class Identification:
     steady_state: SteadyState | None = None
     presliding: Presliding | None = None
     dahl: Dahl | None = None
+    high_speed: HighSpeed | None = None
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -99,6 +101,9 @@ def identify_run(
     dahl = attempt("dahl", lambda part: identify_dahl(part, viscous))
     if dahl is not None:
         estimates["dahl"] = dahl.estimate
+    fast = attempt("high_speed", identify_high_speed)
+    if fast is not None:
+        estimates["high_speed"] = fast.estimate
     joint = _refined(recording, combine(estimates), steady)
     speed_change = acceleration if acceleration is not None else 0.2 * (2.0 * math.pi) ** 2
     complexity = judge_complexity(joint.parameters, precision, speed_change, recording.metadata.motion_unit)
@@ -110,6 +115,7 @@ def identify_run(
         steady,
         presliding,
         dahl,
+        fast,
     )
 
 

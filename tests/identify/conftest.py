@@ -12,7 +12,7 @@ from bench.identify_data import play, varied_axis
 @cache
 def _played(name: str, seed: int) -> tuple[Preset, Recording]:
     axis = varied_axis(seed) if name == "varied" else preset(name)
-    return axis, play(axis, seed)
+    return axis, play(axis, seed, ("identification", "benchmark"))
 
 
 @pytest.fixture(scope="session")
