@@ -20,11 +20,15 @@ _EPILOG = (
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m autotune_sim",
-        description="A simulated servo drive: a CANopen node behind an slcan adapter on a pseudo-terminal.",
+        description="A simulated servo drive on a pseudo-terminal: a CANopen node behind an slcan adapter, or a "
+        "moteus controller on its serial line.",
         epilog=_EPILOG,
     )
     parser.add_argument("port", help="where the link to the pseudo-terminal is put")
     parser.add_argument("--preset", default="edm-vertical", help="the axis (default: %(default)s)")
+    parser.add_argument(
+        "--link", default="canopen", choices=("canopen", "moteus"), help="(default: %(default)s)"
+    )
     parser.add_argument("--node", type=int, default=5, help="node id (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="varies the axis; 0 is nominal")
     parser.add_argument(
@@ -53,6 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             options.node,
             seed=options.seed,
             effects=parse_effects(options.effect),
+            link=options.link,
             real_time=options.real_time,
             faults=options.fault,
             state_file=options.state,

@@ -7,8 +7,11 @@ that stays until it is reset.
 
 from __future__ import annotations
 
+import json
 import math
+import os
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from autotune.core.drive import Command, Mode, Sample
 from autotune.core.errors import (
@@ -52,7 +55,8 @@ def open_sim(url: str, cycle: float | None = None) -> SimDrive:
     """Opens `sim://PRESET?seed=3&effect=stribeck:0.05&effect=spring&cycle=0.001&friction=0`.
 
     Every key may be left out, `effect` and `fault` (`fault=silent@2.5`, see `rehearsal`) may be given
-    several times; an effect without a size has its default size (`effects`).
+    several times; an effect without a size has its default size (`effects`). With `memory=FILE` stored
+    parameters live in that file and outlast the process.
 
     Args:
         cycle: s, where the URL says none.
@@ -61,7 +65,7 @@ def open_sim(url: str, cycle: float | None = None) -> SimDrive:
         ConfigurationError: an unknown preset, effect, fault or key, or a value out of range.
     """
     request = parse_sim_url(url, cycle)
-    drive = SimDrive(request.preset, request.preset.seed)
+    drive = SimDrive(request.preset, request.preset.seed, Path(request.memory) if request.memory else None)
     for name, time in request.faults:
         drive.inject(name, time)
     return drive
@@ -73,17 +77,20 @@ class SimDrive:
     Args:
         preset: what is simulated.
         seed: of the noise.
+        memory: file that stored parameters live in; None: they go with the process.
 
     Raises:
         ConfigurationError: a cycle that the drive does not have.
     """
 
-    def __init__(self, preset: Preset, seed: int = 0) -> None:
+    def __init__(self, preset: Preset, seed: int = 0, memory: Path | None = None) -> None:
         try:
             self._servo = Servo(preset, seed)
         except ValueError as error:
             raise ConfigurationError(str(error)) from None
         self._parameters = self._servo.parameters
+        self._memory = memory
+        self._recall()
         self._stored = self._parameters.snapshot()
         self._agenda = Agenda()
         self._conditions: set[str] = set()
@@ -289,6 +296,21 @@ class SimDrive:
             raise _aborted("parameters cannot be stored")
         if "nvm" not in self._conditions:
             self._stored = self._parameters.snapshot()
+            if self._memory is not None:
+                _keep(self._memory, self._stored)
+
+    def _recall(self) -> None:
+        """Takes the stored parameters from the memory file, if there is one."""
+        if self._memory is None or not self._memory.is_file():
+            return
+        try:
+            values = json.loads(self._memory.read_text(encoding="utf-8"))
+            self._parameters.restore(values)
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            raise ConfigurationError(
+                f"the simulated drive's memory {self._memory} cannot be used ({error}); delete it, and the drive "
+                "has its factory settings"
+            ) from None
 
     def faults(self) -> list[str]:
         self._answer()
@@ -365,6 +387,17 @@ class SimDrive:
             "the simulated drive does not answer (a rehearsed failure); check that it has power and that "
             "the cable is plugged"
         )
+
+
+def _keep(memory: Path, values: Mapping[str, float]) -> None:
+    """Writes the memory whole, as a drive with two banks does."""
+    memory.parent.mkdir(parents=True, exist_ok=True)
+    temporary = memory.with_name(f".{memory.name}.{os.getpid()}.part")
+    with temporary.open("w", encoding="utf-8") as file:
+        json.dump(dict(values), file, indent=2)
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(temporary, memory)
 
 
 def _aborted(what: str) -> TransferAborted:

@@ -12,16 +12,17 @@ from autotune_sim.effects import EFFECTS, check_size
 from autotune_sim.presets import Preset, preset
 from autotune_sim.rehearsal import Agenda
 
-KEYS = ("seed", "effect", "cycle", "friction", "fault")
+KEYS = ("seed", "effect", "cycle", "friction", "fault", "memory")
 _REPEATABLE = ("effect", "fault")
 
 
 @dataclass(frozen=True, slots=True)
 class SimRequest:
-    """What a URL asks for: the axis, and faults as (name, time [s])."""
+    """What a URL asks for: the axis, faults as (name, time [s]), and the file that stored parameters live in."""
 
     preset: Preset
     faults: tuple[tuple[str, float], ...]
+    memory: str = ""
 
 
 def parse_sim_url(url: str, cycle: float | None = None) -> SimRequest:
@@ -49,7 +50,8 @@ def parse_sim_url(url: str, cycle: float | None = None) -> SimRequest:
     if "cycle" in values:
         cycle = _number(url, "cycle", values["cycle"][0])
     faults = tuple(_fault(url, text) for text in values.get("fault", []))
-    return SimRequest(axis if cycle is None else replace(axis, period=cycle), faults)
+    memory = values.get("memory", [""])[0]
+    return SimRequest(axis if cycle is None else replace(axis, period=cycle), faults, memory)
 
 
 def parse_effects(texts: Sequence[str]) -> dict[str, float]:

@@ -90,6 +90,10 @@ class PtyPort:
             written = os.write(self._master, data)
             del data[:written]
 
+    def speed(self) -> int:
+        """The line's speed as the host has set it, as a `termios` constant."""
+        return int(termios.tcgetattr(self._slave)[5])
+
     def discard(self) -> None:
         """Throws away what the host has not read yet."""
         termios.tcflush(self._slave, termios.TCIFLUSH)

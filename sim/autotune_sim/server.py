@@ -18,6 +18,8 @@ from autotune_sim.device import Device
 from autotune_sim.effects import EFFECTS, check_size
 from autotune_sim.faults import Faults, Order, parse_order
 from autotune_sim.memory import Memory
+from autotune_sim.moteus_device import MoteusDevice
+from autotune_sim.moteus_uart import UartServer
 from autotune_sim.presets import preset as find_preset
 from autotune_sim.pty_port import PtyPort
 from autotune_sim.servo import Servo
@@ -25,6 +27,7 @@ from autotune_sim.slcan import SlcanAdapter
 
 EDS = "autotune-sim.eds"
 BITRATE = 1_000_000
+LINKS = ("canopen", "moteus")
 _DRAINS = 1000  # reads before a heartbeat is judged, at most
 
 Log = Callable[[str], None]
@@ -35,6 +38,7 @@ class Server:
     """A simulated drive at a pseudo-terminal.
 
     Args:
+        link: what the drive speaks: `canopen` behind an slcan adapter, or `moteus` on its own serial line.
         commands: file descriptor that fault orders are read from, one a line; at its end the server
             stops. None for none.
 
@@ -52,6 +56,7 @@ class Server:
         faults: Sequence[Order] = (),
         state_file: Path | None = None,
         bitrate: int = BITRATE,
+        link: str = "canopen",
         commands: int | None = None,
         log: Log = lambda _: None,
         ready: Ready = lambda _: None,
@@ -59,12 +64,17 @@ class Server:
         self._ready = ready
         self._log: Log = lambda text: log(f"{time.monotonic():.6f} {text}")
         self._clock = time.monotonic
-        self._adapter = SlcanAdapter(self._deliver, self._clock, bitrate)
         self._port = PtyPort(port_path)
+        moteus = link == "moteus"
+        self._adapter: SlcanAdapter | UartServer = (
+            UartServer(self._deliver, self._port.speed)
+            if moteus
+            else SlcanAdapter(self._deliver, self._clock, bitrate)
+        )
         self._adapter.flush = self._port.discard
         eds = config_directory() / "eds" / EDS
         memory = Memory(state_file, self._log, servo.preset.name)
-        self.device = Device(
+        self.device = (MoteusDevice if moteus else Device)(
             servo, eds, node_id, self._adapter.transmit, memory, self._log, real_time=real_time
         )
         self._orders = list(faults)
@@ -195,6 +205,7 @@ def serve(
     *,
     seed: int = 0,
     effects: Mapping[str, float] | None = None,
+    link: str = "canopen",
     real_time: bool = False,
     faults: Sequence[str] = (),
     state_file: str | Path | None = None,
@@ -207,6 +218,7 @@ def serve(
     Args:
         preset: name of the axis; `seed` varies its plant, `effects` (name → size) are planted.
         port_path: where the link to the pseudo-terminal is put.
+        link: `canopen` or `moteus`.
         faults: orders as `autotune_sim.faults` describes them.
         state_file: the drive's non-volatile memory; without it, stored values live as long as the process.
         commands: reads further orders from standard input, one a line, and ends when it closes.
@@ -218,6 +230,8 @@ def serve(
     """
     if not 1 <= node_id <= 127:
         raise ConfigurationError(f"node id is {node_id}; allowed is 1 to 127")
+    if link not in LINKS:
+        raise ConfigurationError(f"link is {link!r}; known are {' and '.join(LINKS)}")
     orders = [parse_order(text) for text in faults]
     servo = Servo(find_preset(preset, seed=seed, effects=effects), seed)
     servo.cycle()  # loads the compiled code before anybody waits for it
@@ -225,6 +239,7 @@ def serve(
         servo,
         Path(port_path),
         node_id,
+        link=link,
         real_time=real_time,
         faults=orders,
         state_file=Path(state_file) if state_file is not None else None,

@@ -120,6 +120,17 @@ class Servo:
         self._switch = int(mode) if on else _OFF
         self.reset()
 
+    @property
+    def feedback_parts(self) -> tuple[float, float, float]:
+        """Proportional, integral and derivative torque of the last cycle of position control [N m]."""
+        control, memory = self.parameters.record[0], self._memory[0]
+        error = memory["demand"] - memory["measured"]
+        return (
+            float(control["controller_kp"] * error),
+            float(control["controller_ki"] * memory["sum"]),
+            float(control["controller_kd"] * memory["derivative"]),
+        )
+
     def reset(self) -> None:
         """Forgets what the controller knew: demand = measured position, no velocity, no sums."""
         cycles = self._memory["cycles"][0]
