@@ -18,6 +18,8 @@ from autotune.models.lugre import Floats
 
 BASE_STEP = 0.3
 DIFFERENCE = 2e-3
+STALE = 0.02
+"""Relative fall of the cost above which sensitivities are computed anew."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,6 +138,7 @@ def fit(
     raw = residual(data, packed, moved)
     cost = cost_of(raw - correction)
     columns, scales = jacobian(data, moved, packed, free, raw, known)
+    known = known if known is not None and known[0].shape[1] < len(free) else None
     damping = 1e-4
     for _ in range(iterations):
         inner = columns[rows] * share[:, None]
@@ -155,9 +158,10 @@ def fit(
         fall = (cost - value) / cost if cost > 0 else 0.0
         packed, raw, cost = trial, found, value
         damping = max(damping / 6.0, 1e-6)
-        columns, scales = jacobian(data, moved, packed, free, raw, known)
         if fall < stop:
             break
+        if fall > STALE:
+            columns, scales = jacobian(data, moved, packed, free, raw, known)
     return Fitted(packed, tuple(free), raw - correction, columns, scales, cost)
 
 

@@ -17,7 +17,7 @@ from autotune.diagnose.prepared import Prepared, Rows
 from autotune.models import layout
 from autotune.models.compiled import compiled
 from autotune.models.drive_model import Packed
-from autotune.models.inverse import applied_torque, required
+from autotune.models.inverse import applied_torque, load_substeps, required
 from autotune.models.lugre import Floats
 from autotune.models.plant import simulate, substeps_for
 from autotune.models.torque_path import MOTOR_TORQUE
@@ -79,7 +79,7 @@ def simulated_motion(data: Prepared, run: Simulated) -> Motion:
 def raw_residual(data: Prepared, packed: Packed, moved: Motion) -> Floats:
     """Torque that acted less the torque the model needs, sample by sample, shape (n,)."""
     needed, acted = np.zeros(len(moved.torque)), np.zeros(len(moved.torque))
-    substeps = substeps_for(packed.p, data.period, packed.on)
+    substeps = load_substeps(packed.p, packed.on, data.period)
     for stretch in data.stretches:
         rows = stretch.rows
         state = np.zeros(layout.STATES)

@@ -73,15 +73,24 @@ class Refitted:
 
 
 def settle(
-    study: Study, packed: Packed, free: Sequence[Free], rounds: int, effects: tuple[str, ...] = ()
+    study: Study,
+    packed: Packed,
+    free: Sequence[Free],
+    rounds: int,
+    effects: tuple[str, ...] = (),
+    near: Fitted | None = None,
 ) -> Level | None:
-    """Fits inside the twin: the bias is renewed between fits. None where the twin is unstable."""
+    """Fits inside the twin: the bias is renewed between fits. None where the twin is unstable.
+
+    `near` is a fit of the same parameters nearby, whose sensitivities serve the first step.
+    """
     correction = study.correction(packed)
     if not correction.stable:
         return None
     fitted: Fitted | None = None
     for _ in range(rounds):
-        fitted = refit(study, packed, list(free), correction, 4)
+        fitted = refit(study, packed, list(free), correction, 4, near)
+        near = fitted
         renewed = study.correction(fitted.packed, study.simulations + 1)
         if not renewed.stable:
             return None if fitted is None else _level(study, fitted, correction, effects)
@@ -145,7 +154,7 @@ def rank(study: Study, level: Level, nominal: Packed, progress: Progress) -> lis
 def inside_twin(study: Study, root: Level, level: Level, candidate: Screened) -> Refitted | None:
     """A candidate refitted with its own bias; shares count from the model without any found effect."""
     effects = (*level.effects, candidate.effect)
-    settled = settle(study, candidate.fitted.packed, candidate.fitted.free, 2, effects)
+    settled = settle(study, candidate.fitted.packed, candidate.fitted.free, 2, effects, candidate.fitted)
     if settled is None:
         return None
     gain, _ = gain_and_z(level.unseen, settled.unseen)

@@ -224,9 +224,13 @@ def refit(
     free: list[Free],
     correction: Correction,
     iterations: int = 5,
+    near: Fitted | None = None,
 ) -> Fitted:
-    """A fit on the training rows."""
-    return fit(study.data, study.moved, packed, free, correction.bias, study.training, iterations)
+    """A fit on the training rows; `near` lends its sensitivities to the first step."""
+    known = None if near is None else (near.jacobian, near.scales)
+    return fit(
+        study.data, study.moved, packed, free, correction.bias, study.training, iterations, known=known
+    )
 
 
 def _averaged(data: Prepared, runs: Floats) -> Correction:

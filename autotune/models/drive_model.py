@@ -16,9 +16,8 @@ import numpy as np
 from autotune.core.errors import ConfigurationError
 from autotune.models import layout
 from autotune.models.effect import Effect, Parameter, Value, check
-from autotune.models.inverse import required
+from autotune.models.inverse import load_substeps, required
 from autotune.models.lugre import Flags, Floats
-from autotune.models.plant import substeps_for
 from autotune.models.table import EFFECTS, effect_kind
 from autotune.models.torque_ripple import scale_slot
 
@@ -156,7 +155,7 @@ class DriveModel:
         if len(position):
             q, v, a = (np.ascontiguousarray(x, dtype=np.float64) for x in (position, velocity, acceleration))
             state = np.zeros(layout.STATES)
-            substeps = substeps_for(packed.p, period, packed.on)
+            substeps = load_substeps(packed.p, packed.on, period)
             required(packed.p, packed.on, state, q, v, a, period, substeps, result)
         return result
 

@@ -6,13 +6,15 @@ transmission is integrated as a body of its own, pulled by the measured motor.
 
 from __future__ import annotations
 
+import math
+
 from autotune.models.compiled import compiled
 from autotune.models.contact import additive, bend, friction_limit, remembered, viscous_coefficient
 from autotune.models.encoder_eccentricity import true_motion
 from autotune.models.layout import BRISTLE, INERTIA, MICRO_DAMPING, POSITION, STIFFNESS, VELOCITY, flag
 from autotune.models.load_dependent_friction import press
 from autotune.models.lugre import Flags, Floats, bristle_rate
-from autotune.models.plant import rubbing
+from autotune.models.plant import MOST_SUBSTEPS, rubbing
 from autotune.models.thermal_drift import warm
 from autotune.models.torque_path import delivered
 from autotune.models.transmission import (
@@ -51,14 +53,25 @@ def applied_torque(
 
 @compiled
 def _load_side(
-    p: Floats, on: Flags, state: Floats, position: float, velocity: float, period: float, substeps: int
+    p: Floats,
+    on: Flags,
+    state: Floats,
+    shares: tuple[float, float],
+    spring: tuple[float, float, float],
+    position: float,
+    velocity: float,
+    period: float,
+    substeps: int,
 ) -> float:
-    """Moves the load behind a motor that reaches `position` with `velocity`; returns the torque passed."""
+    """Moves the load behind a motor that reaches `position` with `velocity`; returns the torque passed.
+
+    `shares` are those of `load_shares`, `spring` is what `coupling` returns.
+    """
+    mass, rub = shares
+    stiffness, damping, half = spring
     if state[STARTED] == 0.0:
         state[STARTED], state[LOAD_POSITION], state[LOAD_VELOCITY] = 1.0, position, velocity
         state[POSITION], state[VELOCITY] = position, velocity
-    mass, rub = load_shares(p, on)
-    stiffness, damping, half = coupling(p, on)
     step = period / substeps
     start, rate = state[POSITION], state[VELOCITY]
     passed = 0.0
@@ -97,7 +110,9 @@ def required(
     `substeps` are for the load beyond a transmission; they do not matter for a rigid axis.
     """
     loaded = has_load(on)
-    mass, rub = load_shares(p, on) if loaded else (0.0, 0.0)
+    shares = load_shares(p, on) if loaded else (0.0, 0.0)
+    spring = coupling(p, on) if loaded else (0.0, 0.0, 0.0)
+    mass, rub = shares
     before = velocity[0]
     for k in range(len(position)):
         q, v, a = position[k], velocity[k], acceleration[k]
@@ -112,9 +127,25 @@ def required(
         friction *= 1.0 - rub
         friction += remembered(p, on, state, period * mean)
         outside = additive(p, on, q)
-        passed = _load_side(p, on, state, q, v, period, substeps) if loaded else 0.0
+        passed = _load_side(p, on, state, shares, spring, q, v, period, substeps) if loaded else 0.0
         torque[k] = p[INERTIA] * (1.0 - mass) * a + friction + outside + passed
         if on[_LOAD]:
             press(state, passed if loaded else p[INERTIA] * a + outside, period)
         if on[_WARM]:
             warm(p, state, friction * v, period)
+
+
+@compiled
+def _load_rate(p: Floats, on: Flags) -> float:
+    mass, rub = load_shares(p, on)
+    inertia = p[INERTIA] * mass
+    elastic = math.sqrt(coupling(p, on)[0] / inertia)
+    held = math.sqrt(p[STIFFNESS] * rub / inertia)
+    return float(max(max(elastic, held), 0.5 * p[MICRO_DAMPING] * rub / inertia))
+
+
+def load_substeps(p: Floats, on: Flags, period: float) -> int:
+    """Steps a sample that the load beyond a transmission needs, about 0.3 rad each; 1 for a rigid axis."""
+    if not has_load(on):
+        return 1
+    return int(min(max(math.ceil(3.0 * period * _load_rate(p, on)), 1), MOST_SUBSTEPS))
