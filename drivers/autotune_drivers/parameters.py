@@ -57,7 +57,8 @@ class DriveParameters:
         try:
             for name, (place, raw) in wanted.items():
                 before.append((place.ref, self._sdo.read(place.ref)))
-                self._write(name, place, raw)
+                if before[-1][1] != raw:
+                    self._write(name, place, raw)
         except LinkError as error:
             self._put_back(before, error)
             raise
