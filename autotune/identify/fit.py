@@ -20,13 +20,13 @@ from autotune.identify.controller import ControlLaw, control_law
 from autotune.identify.estimate import Estimate
 from autotune.identify.first_guess import guess
 from autotune.identify.pieces import UNFITTED, Bands, Piece, cut, torque_error
-from autotune.identify.refinement import Joint, free_parameters, refine_recording, surroundings
+from autotune.identify.refinement import Joint, free_parameters, refine_recording
 from autotune.identify.ripple_lines import find_lines
-from autotune.identify.twin import run_twin
+from autotune.identify.speed_curve import fit_speed_curve, holds_constant_speeds_only
+from autotune.identify.steady_state import SteadyState
 from autotune.models.drive_model import DriveModel, base_model, surface_parameter
 from autotune.models.effect import Kind
 from autotune.models.table import EFFECTS, effect_kind
-from autotune.signals.filters import low_pass
 
 Floats = NDArray[np.float64]
 MOST_ROWS, STRETCH = 600_000, 20_000
@@ -42,11 +42,14 @@ class FitResult:
         estimate: by surface name, with intervals, validity and sentences.
         relative_error: of the torque, filtered; norm of the error over norm of the torque.
         law: the controller of the twin; None where there was none or it could not be identified.
+        steady_state: the speed curve, where the recordings hold nothing else; inertia, stiffness and
+            micro_damping of the model are placeholders without a standard error then.
     """
 
     model: DriveModel
     estimate: Estimate
     law: ControlLaw | None
+    steady_state: SteadyState | None = None
 
     @property
     def valid(self) -> bool:
@@ -59,51 +62,6 @@ class FitResult:
     @property
     def relative_error(self) -> float:
         return self.estimate.relative_error
-
-
-@dataclass(frozen=True, slots=True)
-class Residual:
-    """What a model leaves unexplained, rows decimated, arrays of shape (m,).
-
-    Attributes:
-        row: row of the recording; time: s.
-        error: torque that the motion needed less what the model says [N m or N].
-        torque, position, velocity, acceleration: filtered alike.
-        use: whether the row is compared (it moves, is not clipped, not at an edge).
-    """
-
-    row: NDArray[np.int64]
-    time: Floats
-    error: Floats
-    torque: Floats
-    position: Floats
-    velocity: Floats
-    acceleration: Floats
-    use: NDArray[np.bool_]
-    experiment: NDArray[np.str_]
-    repeat: NDArray[np.int64]
-
-    @property
-    def relative_error(self) -> float:
-        used = self.use
-        return float(np.linalg.norm(self.error[used]) / np.linalg.norm(self.torque[used]))
-
-
-@dataclass(frozen=True, slots=True)
-class ClosedLoop:
-    """The model in the loop on the recorded references, arrays as long as the recording.
-
-    Attributes:
-        position, torque: nan where no twin could be run.
-        relative_position_error, relative_torque_error: norm of the error over norm of the signal.
-        law: controller used.
-    """
-
-    position: Floats
-    torque: Floats
-    relative_position_error: float
-    relative_torque_error: float
-    law: ControlLaw | None
 
 
 def fit(recordings: Sequence[Recording] | Recording, effects: Sequence[str] = (), seed: int = 0) -> FitResult:
@@ -120,6 +78,9 @@ def fit(recordings: Sequence[Recording] | Recording, effects: Sequence[str] = ()
     law = control_law(recording)
     bands = Bands.for_period(recording.period)
     pieces = cut(recording, bands, law, UNFITTED)
+    if holds_constant_speeds_only(recording):
+        speeds = fit_speed_curve(recording, effects)
+        return FitResult(speeds.model, speeds.estimate, None, speeds.steady_state)
     start = guess(pieces, bands)
     metadata = recording.metadata
     model = base_model(
@@ -170,82 +131,6 @@ def thinned(recording: Recording) -> Recording:
     for start in starts:
         keep[start : start + STRETCH] = True
     return recording.rows(keep)
-
-
-def torque_residual(recording: Recording, model: DriveModel) -> Residual:
-    """Torque residual of a model on a recording, through filters that are the same for everybody."""
-    law = control_law(recording)
-    bands = Bands.for_period(recording.period)
-    packed = model.pack()
-    pieces = cut(recording, bands, law, ())
-    parts = []
-    for piece in pieces:
-        every = slice(None, None, bands.decimation)
-        rows = np.arange(len(piece))[every]
-        error = torque_error(piece, packed, bands)
-        parts.append(
-            (
-                rows + piece.start,
-                error,
-                _filtered(piece.torque, piece, bands)[every],
-                piece.position[every],
-                piece.velocity[every],
-                piece.acceleration[every],
-                piece.use,
-            )
-        )
-    row, error, torque, position, velocity, acceleration, use = (
-        np.concatenate([part[i] for part in parts]) for i in range(7)
-    )
-    return Residual(
-        row,
-        recording["time"][row],
-        error,
-        torque,
-        position,
-        velocity,
-        acceleration,
-        use,
-        recording.experiment[row],
-        recording.repeat[row],
-    )
-
-
-def simulate_closed_loop(recording: Recording, model: DriveModel, seed: int | None = None) -> ClosedLoop:
-    """Runs the model on the recorded references with the recorded (or identified) controller.
-
-    Without `seed` the twin is free of noise and of the quantiser.
-    """
-    law = control_law(recording)
-    bands = Bands.for_period(recording.period)
-    around = surroundings(recording, law)
-    position = np.full(len(recording), math.nan)
-    torque = np.full(len(recording), math.nan)
-    packed = model.pack()
-    for number, piece in enumerate(cut(recording, bands, law, ())):
-        noise = None if seed is None else np.random.default_rng([seed, number])
-        result = run_twin(piece, packed, around, noise, quantised=seed is not None)
-        if result.follows:
-            position[piece.start : piece.start + len(piece)] = result.position
-            torque[piece.start : piece.start + len(piece)] = result.torque
-    return ClosedLoop(
-        position,
-        torque,
-        _relative(position, recording["position"]),
-        _relative(torque, recording["torque"]),
-        law,
-    )
-
-
-def _relative(simulated: Floats, measured: Floats) -> float:
-    there = np.isfinite(simulated)
-    if not np.any(there):
-        return math.nan
-    return float(np.linalg.norm((simulated - measured)[there]) / np.linalg.norm(measured[there]))
-
-
-def _filtered(values: Floats, piece: Piece, bands: Bands) -> Floats:
-    return low_pass(values, bands.error, piece.period)
 
 
 def _result(joint: Joint) -> FitResult:

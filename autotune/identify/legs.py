@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 _DEEPEST = 6
-_BEND = 0.02
+_BEND = 0.04
 """A piece is straight where it leaves its chord by less than this share of its length."""
 
 

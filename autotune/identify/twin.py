@@ -57,12 +57,13 @@ def run_twin(
 ) -> Simulated:
     """Simulates one piece; without `noise` it is free of noise.
 
-    A piece in closed loop without a usable control law does not follow.
+    A piece in closed loop without a usable control law does not follow, nor one that slides in torque
+    mode, where every error adds up.
     """
     n = len(piece)
     position, torque = np.empty(n), np.empty(n)
     law = around.law
-    if piece.closed and (law is None or not law.usable):
+    if (piece.closed and (law is None or not law.usable)) or not (piece.closed or piece.sticks):
         return Simulated(piece.measured, piece.torque, False)
     gains = law.gains if law is not None else np.zeros(5)
     resolution = around.resolution if quantised else 0.0

@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from autotune.identify.residuals import simulate_closed_loop, torque_residual
 
 from autotune.core.errors import ConfigurationError, NotEnoughExcitation, RecordingError
 from autotune.core.recording import Controller, Metadata, Recording, concatenate
 from autotune.identify.controller import control_law, identify_controller, is_closed
-from autotune.identify.fit import fit, joined, simulate_closed_loop, thinned, torque_residual
+from autotune.identify.fit import fit, joined, thinned
 from autotune.identify.high_speed import identify_high_speed
 from autotune.identify.normal import Part, assemble, whitener
 from autotune.identify.refinement import refine_recording
