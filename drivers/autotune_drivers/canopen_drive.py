@@ -38,6 +38,8 @@ from autotune_drivers.units import Units
 MODE_WANTED = ObjectRef(0x6060, 0, "i8", "mode of operation")
 MODE_SHOWN = ObjectRef(0x6061, 0, "i8", "mode of operation display")
 SUPPORTED_MODES = ObjectRef(0x6502, 0, "u32", "supported drive modes")
+INCLUDES = "torque.demand_includes_feedforward"
+"""Not in the drive, but how it is read: 1 or 0, where the profile says that it has to be found."""
 _SAVE = 0x65766173
 _MODE_TIMEOUT = 0.5
 
@@ -250,10 +252,18 @@ class CanopenDrive:
     # At rest
 
     def read_parameters(self, names: Sequence[str] | None = None) -> dict[str, float]:
-        return self._parameters.read(names)
+        found: dict[str, float] = {}
+        if self._profile.torque.find and (names is None or INCLUDES in names):
+            found[INCLUDES] = float(self._demand_has_feedforward)
+        rest = None if names is None else [name for name in names if name not in found]
+        return self._parameters.read(rest) | found
 
     def write_parameters(self, values: Mapping[str, float]) -> None:
-        self._parameters.write(values)
+        rest = dict(values)
+        includes = rest.pop(INCLUDES, None) if self._profile.torque.find else None
+        self._parameters.write(rest)
+        if includes is not None:
+            self._demand_has_feedforward = bool(includes)
 
     def store(self) -> None:
         store = self._profile.store
