@@ -216,7 +216,7 @@ def serve(connection: Connection, ring: Ring, owner: int) -> None:
     except Exception as error:  # noqa: BLE001 - reported to the owner, whatever it is
         _tell(connection, Failed(_with_origin(error)))
         return
-    priority = "lock-step with the drive's own clock" if drive.lock_step else ask_for_priority()
+    priority = ask_for_priority()  # in lock-step too: a loop that is held up would lose its heartbeat
     try:
         _tell(connection, Opened(drive.period, dict(drive.identity), priority, drive.backup()))
         Server(connection, ring, supervisor, drive).run()
