@@ -24,7 +24,7 @@ NEEDED = ("inertia", "coulomb", "offset")
 """Without these there is no model; what else is not identified is said in the reason."""
 UNKNOWN = 0.5
 """A parameter whose standard error is this share of its value is not identified."""
-SYSTEMATIC = 0.0005
+SYSTEMATIC = 0.0002
 """Of the value: what filters, integration steps and the quantiser's model are trusted to at best."""
 INFLATION = 1.25
 """Standard errors of the sandwich are too small for few blocks; found on simulated axes (`bench`)."""

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 STANDS_OUT = 25.0
 """A line counts when its power is this many times the median of the scan."""
+MOST_PASSING = 8
+"""How many that stand out but are not the same everywhere are passed over."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,13 +63,14 @@ def find_lines(
     lowest = 1.5 * 2.0 * math.pi / (span * scale)
     top = highest if highest is not None else lowest * 200.0
     orders: list[float] = []
-    for _ in range(most):
+    passing: list[float] = []
+    for _ in range(most + MOST_PASSING):
         design = np.hstack([fixed, columns(position, orders, scale)])
         rest = torque - design @ np.linalg.lstsq(design, torque, rcond=None)[0]
-        order = _strongest(position, rest, lowest, top, scale)
-        if order is None or not _in_both_halves(position, rest, order, scale):
+        order = _strongest(position, rest, lowest, top, scale, passing)
+        if order is None or len(orders) == most:
             break
-        orders.append(order)
+        (orders if _in_both_halves(position, rest, fixed, order, scale) else passing).append(order)
     if not orders:
         return []
     design = np.hstack([fixed, columns(position, orders, scale)])
@@ -75,12 +78,13 @@ def find_lines(
     return [Line(o, float(s), float(c)) for o, (s, c) in zip(orders, found, strict=True)]
 
 
-def _in_both_halves(position: Floats, rest: Floats, order: float, scale: float) -> bool:
-    """A wave fixed to position is the same in the first and the second half of the data."""
-    half = len(rest) // 2
+def _in_both_halves(position: Floats, rest: Floats, fixed: Floats, order: float, scale: float) -> bool:
+    """A wave fixed to position is the same in two halves of the data, beside the fixed columns."""
+    first = np.arange(len(rest)) < len(rest) // 2
     parts = []
-    for rows in (slice(0, half), slice(half, None)):
-        parts.append(np.linalg.lstsq(columns(position[rows], [order], scale), rest[rows], rcond=None)[0])
+    for rows in (first, ~first):
+        design = np.hstack([columns(position[rows], [order], scale), fixed[rows]])
+        parts.append(np.linalg.lstsq(design, rest[rows], rcond=None)[0][:2])
     return bool(np.linalg.norm(parts[0] - parts[1]) < 0.5 * np.linalg.norm(parts[0] + parts[1]))
 
 
@@ -93,12 +97,17 @@ def _power(position: Floats, rest: Floats, orders: Floats, scale: float) -> Floa
     return power
 
 
-def _strongest(position: Floats, rest: Floats, lowest: float, top: float, scale: float) -> float | None:
+def _strongest(
+    position: Floats, rest: Floats, lowest: float, top: float, scale: float, passing: list[float]
+) -> float | None:
+    """The order that stands out most, beside those that were found to be passing."""
     step = 2.0 * math.pi / (np.ptp(position) * scale) / 4.0
     grid = np.arange(lowest, top, step)
     if len(grid) < 16:
         return None
     power = _power(position, rest, grid, scale)
+    for order in passing:
+        power[np.abs(grid - order) < 4.0 * step] = 0.0
     best = int(np.argmax(power))
     if power[best] < STANDS_OUT * np.median(power):
         return None
