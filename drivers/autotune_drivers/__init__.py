@@ -1,4 +1,4 @@
-"""Links and drives: CAN, CiA 402, profiles, the cyclic loop.
+"""Links and drives: CAN and CiA 402, moteus, profiles, the cyclic loop.
 
 `open_loop` is the door: from an axis to a loop that plays routines on its drive. Nothing else is
 imported before it is called.
@@ -16,25 +16,38 @@ from autotune.core.loop import Loop
 
 if TYPE_CHECKING:
     from autotune_drivers.cyclic_messages import Opener
+    from autotune_drivers.moteus_profile import MoteusProfile
     from autotune_drivers.profile import Profile
     from autotune_drivers.url import LinkAddress
+
+    AnyProfile = Profile | MoteusProfile
 
 __all__ = ["OPENERS", "SCHEMES", "open_loop"]
 
 
-def _canopen(address: LinkAddress, axis: Axis, profile: Profile) -> Opener:
+def _canopen(address: LinkAddress, axis: Axis, directory: Path, profile: AnyProfile | None) -> Opener:
     from autotune_drivers.canopen_open import CanopenOpener
+    from autotune_drivers.profile import Profile, read_profile
 
-    return CanopenOpener(address, axis, profile)
+    found = profile if isinstance(profile, Profile) else read_profile(axis.profile, directory)
+    return CanopenOpener(address, axis, found)
 
 
-OPENERS: Mapping[str, Callable[[LinkAddress, Axis, Profile], Opener]] = MappingProxyType(
-    {"canopen+slcan": _canopen, "canopen+socketcan": _canopen}
+def _moteus(address: LinkAddress, axis: Axis, directory: Path, profile: AnyProfile | None) -> Opener:
+    from autotune_drivers.moteus_open import MoteusOpener
+    from autotune_drivers.moteus_profile import MoteusProfile, read_moteus_profile
+
+    found = profile if isinstance(profile, MoteusProfile) else read_moteus_profile(axis.profile, directory)
+    return MoteusOpener(address, axis, found)
+
+
+OPENERS: Mapping[str, Callable[[LinkAddress, Axis, Path, AnyProfile | None], Opener]] = MappingProxyType(
+    {"canopen+slcan": _canopen, "canopen+socketcan": _canopen, "moteus+serial": _moteus}
 )
 SCHEMES: tuple[str, ...] = tuple(OPENERS)
 
 
-def open_loop(axis: Axis, axis_directory: Path, profile: Profile | None = None) -> Loop:
+def open_loop(axis: Axis, axis_directory: Path, profile: AnyProfile | None = None) -> Loop:
     """Opens the axis's link in a cyclic process of its own.
 
     Relative paths in the link and the profile's name are relative to `axis_directory`.
@@ -44,9 +57,7 @@ def open_loop(axis: Axis, axis_directory: Path, profile: Profile | None = None) 
         StateError: another master has the drive.
     """
     from autotune_drivers.cyclic import CyclicLoop
-    from autotune_drivers.profile import read_profile
     from autotune_drivers.url import parse_link
 
     address = parse_link(axis.link, axis_directory)
-    found = profile or read_profile(axis.profile, axis_directory)
-    return CyclicLoop.open(OPENERS[address.scheme](address, axis, found))
+    return CyclicLoop.open(OPENERS[address.scheme](address, axis, axis_directory, profile))

@@ -340,12 +340,24 @@ def read_profile(name: str, directory: Path | None = None) -> Profile:
     Raises:
         ConfigurationError: there is none of that name (the nearest is named), or it is not valid.
     """
+    path = profile_path(name, directory)
+    data = read_toml(path, "profile")
+    if data.get("protocol", "canopen") != "canopen":
+        raise ConfigurationError(
+            f"profile {name!r} is for a {data['protocol']} link, but the link is CANopen; choose a profile of a "
+            "CANopen drive, or correct the link"
+        )
+    return validate(Profile, data, f"profile {path}")
+
+
+def profile_path(name: str, directory: Path | None = None) -> Path:
+    """Where a profile is; see `read_profile`. Raises ConfigurationError: there is none of that name."""
     path = Path(name) if name.endswith(".toml") else config_directory() / "profiles" / f"{name}.toml"
     if directory is not None and name.endswith(".toml"):
         path = directory / path
     if not name.endswith(".toml") and not path.is_file():
         raise ConfigurationError(_unknown(name, path.parent))
-    return validate(Profile, read_toml(path, "profile"), f"profile {path}")
+    return path
 
 
 def _unknown(name: str, directory: Path) -> str:

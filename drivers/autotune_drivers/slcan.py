@@ -9,10 +9,8 @@ hex digits of identifier, one of length, data in hex, carriage return; BEL (07h)
 from __future__ import annotations
 
 import errno
-import fcntl
 import os
 import select
-import stat
 import time
 from binascii import Error as HexError
 from binascii import hexlify, unhexlify
@@ -24,6 +22,7 @@ from can.interfaces.slcan import slcanBus
 
 from autotune.core.errors import LinkError, LinkTimeout
 from autotune_drivers.frames import Frame, unplugged
+from autotune_drivers.serial_device import lock_device
 
 BITRATES: tuple[int, ...] = tuple(sorted(slcanBus._BITRATES))
 _BLOCK = 65536
@@ -180,8 +179,7 @@ def open_slcan(path: Path, bitrate: int) -> SlcanLink:
     Raises:
         LinkError: no such device, not a serial port, not permitted, in use, or it does not take commands.
     """
-    _check_device(path)
-    lock = _lock(path)
+    lock = lock_device(path, "the CAN adapter")
     try:
         return SlcanLink(SlcanBus(str(path), bitrate), str(path), lock)
     except (OSError, serial.SerialException, can.CanError, ValueError) as error:
@@ -190,52 +188,3 @@ def open_slcan(path: Path, bitrate: int) -> SlcanLink:
             f"the CAN adapter {path} cannot be opened: {error}. Check that it is an slcan adapter, and plug it "
             "in again"
         ) from error
-
-
-def _lock(path: Path) -> int:
-    """Takes the adapter for us alone, before a single byte could disturb who has it now."""
-    descriptor = -1
-    try:
-        descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        if descriptor >= 0:
-            os.close(descriptor)
-        raise LinkError(
-            f"the CAN adapter {path} is in use or broken: {error.strerror}. Stop the other program that uses it "
-            "(another autotune, a terminal, a modem manager) and start again"
-        ) from error
-    return descriptor
-
-
-def _check_device(path: Path) -> None:
-    try:
-        mode = path.stat().st_mode
-    except PermissionError as error:
-        raise LinkError(f"the CAN adapter {path} may not be looked at: {error}. Ask for the right") from error
-    except OSError as error:
-        raise LinkError(_missing(path)) from error
-    if not stat.S_ISCHR(mode):
-        raise LinkError(f"{path} is not a serial port; name the adapter's device in the link{_candidates()}")
-    if not os.access(path, os.R_OK | os.W_OK):
-        raise LinkError(
-            f"the CAN adapter {path} may not be used by this user; add the user to the group that owns it "
-            "(on Debian: 'adduser NAME dialout', then log in again)"
-        )
-
-
-def _missing(path: Path) -> str:
-    if path.is_symlink():
-        return (
-            f"the CAN adapter {path} points to {os.readlink(path)}, which is gone: the simulator has ended. "
-            "Start it again with 'autotune sim AXIS.toml'"
-        )
-    return (
-        f"there is no CAN adapter {path}; check that it is plugged in and the name in the link"
-        f"{_candidates()}. A simulated drive is started with 'autotune sim AXIS.toml'"
-    )
-
-
-def _candidates() -> str:
-    found = sorted(str(port) for pattern in ("ttyACM*", "ttyUSB*") for port in Path("/dev").glob(pattern))
-    return f" (serial ports here: {', '.join(found)})" if found else " (no USB serial port is plugged in)"

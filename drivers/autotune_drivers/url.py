@@ -3,6 +3,8 @@
 canopen+slcan:///dev/ttyACM0?bitrate=1000000&node=5     an absolute device
 canopen+slcan:edm-vertical.tty?bitrate=1000000&node=5   relative to the axis file
 canopen+socketcan://can0?node=5                         a kernel interface
+moteus+serial:///dev/fdcanusb?id=1                      an fdcanusb, or a moteus's own serial line
+moteus+serial:edm-vertical-moteus.tty?id=1&baud=921600  relative to the axis file, with the line's speed
 """
 
 from __future__ import annotations
@@ -21,11 +23,12 @@ _SLCAN_BITRATES = (10000, 20000, 50000, 83300, 100000, 125000, 250000, 500000, 7
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """An integer option: its range, or the only values that it may have."""
+    """An integer option: its range, or the only values that it may have; what it is where left out."""
 
     low: int = 0
     high: int = 0
     choices: tuple[int, ...] = ()
+    default: int | None = None
 
     @property
     def allowed(self) -> str:
@@ -50,6 +53,11 @@ SCHEMES: Mapping[str, Scheme] = MappingProxyType(
             True,
             {"bitrate": Option(choices=_SLCAN_BITRATES), "node": Option(1, 127)},
             "canopen+slcan:///dev/ttyACM0?bitrate=1000000&node=5",
+        ),
+        "moteus+serial": Scheme(
+            True,
+            {"id": Option(1, 126), "baud": Option(9600, 12_000_000, default=921600)},
+            "moteus+serial:///dev/fdcanusb?id=1",
         ),
         "canopen+socketcan": Scheme(False, {"node": Option(1, 127)}, "canopen+socketcan://can0?node=5"),
     }
@@ -125,6 +133,8 @@ def _options(link: str, query: str, scheme: Scheme) -> Mapping[str, int]:
             raise ConfigurationError(
                 f"link {link!r}: {key} is {found[key]}; allowed is {scheme.options[key].allowed}"
             )
+    defaults = {key: option.default for key, option in scheme.options.items() if option.default is not None}
+    found = defaults | found
     missing = [key for key in scheme.options if key not in found]
     if missing:
         raise ConfigurationError(

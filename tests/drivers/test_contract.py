@@ -13,6 +13,7 @@ from autotune_drivers.profile import read_profile
 from autotune_drivers.url import parse_link
 from autotune_sim.inprocess import open_sim
 from tests.drivers.contract import Contract
+from tests.drivers.moteus_rig import moteus_opener
 from tests.drivers.simulator import Simulator, axis_of, simulator
 
 
@@ -38,6 +39,22 @@ class TestSlcan(Contract):
     @pytest.fixture
     def drive(self, running: Simulator) -> Iterator[Drive]:
         yield from opened(running.directory)
+
+
+@pytest.fixture(scope="module")
+def moteus(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Simulator]:
+    with simulator(tmp_path_factory.mktemp("moteus"), "--link", "moteus", "--node", "1") as process:
+        yield process
+
+
+class TestMoteus(Contract):
+    """The simulated drive as a moteus controller on its serial line, in lock-step."""
+
+    @pytest.fixture
+    def drive(self, moteus: Simulator) -> Iterator[Drive]:
+        drive = moteus_opener(moteus.directory)()
+        yield drive
+        drive.close()
 
 
 def opened(directory: Path) -> Iterator[Drive]:

@@ -13,7 +13,11 @@ from autotune.core.paths import config_directory
 from autotune_drivers.objects import ObjectRef
 from autotune_drivers.profile import Profile, read_profile
 
-PROFILES = sorted(path.stem for path in (config_directory() / "profiles").glob("*.toml"))
+PROFILES = sorted(
+    path.stem
+    for path in (config_directory() / "profiles").glob("*.toml")
+    if 'protocol = "moteus"' not in path.read_text(encoding="utf-8")
+)
 TYPES = {
     "bool": od.BOOLEAN,
     "u8": od.UNSIGNED8,

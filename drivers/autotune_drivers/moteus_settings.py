@@ -1,0 +1,130 @@
+"""What a session changes in a moteus's parameters, how it is put back, and how ours are stored.
+
+`conf write` stores everything as it is now, also limits that a run has narrowed and what a session has
+set. So storing loads the stored values first, puts only our parameters over them, writes, loads again to
+see that they are kept, and then gives back what was in force.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from autotune.core.errors import ConfigurationError, DriveError, LinkError, TransferAborted
+from autotune_drivers.moteus_console import Console
+from autotune_drivers.moteus_node import MoteusNode
+from autotune_drivers.moteus_parameters import MoteusParameters
+from autotune_drivers.moteus_profile import MoteusProfile
+
+_OURS = ("controller.", "feedforward.")
+
+
+class MoteusSettings:
+    """Parameters of one controller, by its own names and by ours.
+
+    Args:
+        inherited: what an earlier session has left changed, name → old text.
+    """
+
+    def __init__(
+        self,
+        node: MoteusNode,
+        profile: MoteusProfile,
+        direction: int,
+        inherited: Mapping[str, str] | None = None,
+    ) -> None:
+        self.node = node
+        self.console = Console(node)
+        self.parameters = MoteusParameters(self.console, profile, direction)
+        self._profile = profile
+        self._before: dict[str, str] = dict(inherited or {})
+        self._changed: set[str] = set(self._before)
+
+    def backup(self) -> Mapping[str, str]:
+        """Everything that was looked at in order to be changed, as it was before."""
+        return dict(self._before)
+
+    def note(self, *names: str) -> None:
+        """Notes what will be changed. Raises LinkError."""
+        for name in names:
+            if name not in self._before:
+                self._before[name] = self.console.get(name)
+
+    def change(self, name: str, value: str) -> bool:
+        """Changes a setting for the session; False where the controller does not have it. Raises LinkError."""
+        try:
+            self.note(name)
+        except TransferAborted:
+            return False
+        self._changed.add(name)
+        self.console.set(name, value)
+        return True
+
+    def restore(self) -> list[str]:
+        """Puts everything back, last change first; says what could not be."""
+        troubles: list[str] = []
+        for name in reversed([name for name in self._before if name in self._changed]):
+            try:
+                self.console.set(name, self._before[name])
+                self._changed.discard(name)
+            except TransferAborted as error:
+                troubles.append(f"{name} could not be set back to {self._before[name]}: {error}")
+            except LinkError as error:
+                return [*troubles, f"{name} and what was changed before it could not be set back: {error}"]
+        return troubles
+
+    # Storing
+
+    def store(self) -> None:
+        """Makes our parameters survive power-off, and nothing else.
+
+        Raises:
+            DriveError: the profile does not say how, or the memory does not keep them. LinkError.
+        """
+        store = self._profile.store
+        if store is None:
+            raise DriveError(
+                f"profile {self._profile.name!r} does not say how this controller stores parameters; store them "
+                "with 'conf write' in its console"
+            )
+        before = self.console.enumerate()
+        ours = self._ours(before)
+        try:
+            self.console.load()
+            for name, text in ours.items():
+                self.console.set(name, text)
+            self.console.write(store.seconds)
+            self.console.load()
+            self._verify(ours)
+        finally:
+            self._give_back(before)
+
+    def _ours(self, before: Mapping[str, str]) -> dict[str, str]:
+        names = [name for name in self._profile.parameters if name.startswith(_OURS)]
+        places = [self.parameters.place(name).at for name in names if name not in self.parameters.absent]
+        missing = [at for at in places if at not in before]
+        if missing:
+            raise ConfigurationError(
+                f"controller {self.node.number} does not list {', '.join(missing)}; nothing was stored. Check its "
+                "firmware against the profile"
+            )
+        return {at: before[at] for at in places}
+
+    def _verify(self, ours: Mapping[str, str]) -> None:
+        kept = self.console.enumerate()
+        lost = [
+            f"{name} is {kept.get(name)} instead of {text}"
+            for name, text in ours.items()
+            if kept.get(name) != text
+        ]
+        if lost:
+            raise DriveError(
+                f"controller {self.node.number} has confirmed storing, but {'; '.join(lost)}: its memory does not "
+                "keep what is stored. Nothing is kept; have the controller's memory checked"
+            )
+
+    def _give_back(self, before: Mapping[str, str]) -> None:
+        """The working values as they were, each that differs now."""
+        now = self.console.enumerate()
+        for name, text in before.items():
+            if now.get(name) != text:
+                self.console.set(name, text)
