@@ -15,12 +15,14 @@ from types import FrameType
 import typer
 
 from autotune import __version__
+from autotune.cli.check import check
 from autotune.cli.data import data
 from autotune.cli.model import model
 from autotune.cli.output import complain
 from autotune.cli.record import record
 from autotune.cli.rollback import rollback
 from autotune.cli.run import run
+from autotune.cli.serve import serve
 from autotune.cli.sim import sim
 from autotune.core.errors import AutotuneError
 
@@ -31,9 +33,11 @@ app = typer.Typer(
     help="Tunes servo axes: measures how the axis behaves, compensates it, proves the gain, commits it.",
 )
 app.command()(run)
+app.command()(check)
 app.command()(sim)
 app.command()(rollback)
 app.command()(record)
+app.command()(serve)
 app.add_typer(data, name="data")
 app.add_typer(model, name="model")
 

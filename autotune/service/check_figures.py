@@ -112,7 +112,9 @@ def friction_level(points: Points) -> tuple[float, float]:
     """
     up, down = points.velocity > 0, points.velocity < 0
     if not up.any() or not down.any():
-        raise NotEnoughExcitation("the check moved in one direction only; friction cannot be told from offset")
+        raise NotEnoughExcitation(
+            "the check moved in one direction only; friction cannot be told from offset"
+        )
     level = 0.5 * float(points.torque[up].mean() - points.torque[down].mean())
     error = points.standard_error
     variance = sum(float(np.sum(error[side] ** 2)) / int(side.sum()) ** 2 for side in (up, down))

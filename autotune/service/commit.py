@@ -70,7 +70,8 @@ def commit(
     if not kept:
         put_back(loop, backup, journal)
         return False
-    journal.note(phase=CommitPhase.KEPT)
+    committed = {name: value for name, value in journal.state.changed.items() if name not in values}
+    journal.note(phase=CommitPhase.KEPT, changed=committed)
     return True
 
 

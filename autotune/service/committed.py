@@ -60,7 +60,9 @@ def _kept_runs(runs: Path, axis: Axis) -> tuple[list[tuple[Path, Committed]], bo
             kept.append((directory, _committed(directory, content)))
             newest_kept = newest_kept or directory.name
     rolled_back = any(
-        directory.name > newest_kept and content.get("stage") == "rollback" and content.get("outcome") == "kept"
+        directory.name > newest_kept
+        and content.get("stage") == "rollback"
+        and content.get("outcome") == "kept"
         for directory, content in run_results(runs, axis.name, "journal.json")
     )
     return kept, rolled_back
@@ -76,7 +78,8 @@ def _committed(directory: Path, content: Mapping[str, Any]) -> Committed:
 def _agrees(wanted: Mapping[str, float], held: Mapping[str, float]) -> bool:
     shared = [name for name in wanted if name in held]
     return bool(shared) and all(
-        abs(held[name] - wanted[name]) <= RELATIVE_RESOLUTION * max(abs(wanted[name]), 1e-6) for name in shared
+        abs(held[name] - wanted[name]) <= RELATIVE_RESOLUTION * max(abs(wanted[name]), 1e-6)
+        for name in shared
     )
 
 

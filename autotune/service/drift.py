@@ -137,30 +137,29 @@ def judge(evidence: Evidence, settings: DriftSettings) -> Verdict:
             f"{_figure(evidence)}.",
             "Run 'autotune run' once.",
         )
-    if evidence.held is False:
-        return Verdict(
-            Drift.LOST,
-            f"The drive does not hold what was committed in {evidence.committed.run}: it was exchanged, reset, "
-            "or set by another hand.",
-            "Tune again ('autotune run'), or find out who changed it.",
-        )
     return _compared(evidence, settings)
 
 
 def _compared(evidence: Evidence, settings: DriftSettings) -> Verdict:
     change, interval, notes = friction_change(evidence)
-    friction_moved = interval is not None and (
-        interval[0] > settings.size or interval[1] < -settings.size
-    )
+    friction_moved = interval is not None and (interval[0] > settings.size or interval[1] < -settings.size)
     growth = tracking_growth(evidence)
     tracking_lost = growth is not None and growth > settings.tracking
-    if harmful(evidence.figures):
+    if evidence.held and harmful(evidence.figures):
         return Verdict(
             Drift.HARMFUL,
             "The axis follows worse with the committed compensation than without it: friction is "
             f"{_words(change)} what was committed.",
             "Tune again now, or switch the compensation off ('autotune rollback').",
             change, interval, True, notes,
+        )  # fmt: skip
+    if evidence.held is False and not friction_moved:
+        return Verdict(
+            Drift.LOST,
+            f"The drive does not hold what was committed in {_run(evidence)}: it was exchanged, reset, or set by "
+            f"another hand. Friction is {_words(change)} what was committed.",
+            "Tune again ('autotune run'), or find out who changed it.",
+            change, interval, False, notes,
         )  # fmt: skip
     if not friction_moved and not tracking_lost:
         return Verdict(
@@ -182,7 +181,9 @@ def _moved(
     agreeing = 1 + _agreeing(evidence, change if friction_moved else None)
     sure = agreeing >= settings.confirmations
     what = (
-        f"friction is {_words(change)} what was committed" if friction_moved else "the tracking error has grown"
+        f"friction is {_words(change)} what was committed"
+        if friction_moved
+        else "the tracking error has grown"
     )
     count = f"seen in {agreeing} checks in a row" if agreeing > 1 else "seen once"
     return Verdict(
@@ -214,7 +215,7 @@ def friction_change(
 def tracking_growth(evidence: Evidence) -> float | None:
     """How much the peak error exceeds what was committed, relative, less twice its own scatter."""
     committed, tracking = evidence.committed, evidence.figures.tracking
-    if committed is None or not committed.peak_error:
+    if committed is None or not committed.peak_error or not evidence.held:
         return None
     sure = tracking.error.peak_error - 2.0 * tracking.spread
     return sure / committed.peak_error - 1.0
@@ -251,6 +252,10 @@ def _rough_signal(evidence: Evidence) -> Verdict | None:
         "counts; friction and tracking of this check cannot be trusted.",
         "Check encoder, cable, plug and shielding. No tuning is started on such a signal.",
     )
+
+
+def _run(evidence: Evidence) -> str:
+    return evidence.committed.run if evidence.committed else "an earlier run"
 
 
 def _figure(evidence: Evidence) -> str:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from autotune.control.feedforward import LugreParameters
+from autotune.control.reduction import Reduction
 from autotune.core.axis import Axis
 from autotune.core.errors import ConfigurationError
 from autotune.service.files import read_json, write_json
@@ -36,6 +37,7 @@ class Findings:
     adapted: Adapted | None = None
     proved: Proved | None = None
     committed: TrackingError | None = None
+    reduction: Reduction | None = None
 
     def need_start(self) -> Start:
         """Raises ConfigurationError where the stage `fit` has not been done."""

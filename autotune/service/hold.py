@@ -14,10 +14,13 @@ from autotune.core.loop import Loop
 from autotune.experiments.limits_guarded import limits_guarded
 from autotune.experiments.runner import Budget
 from autotune.service.commit import verify
-from autotune.service.journal import Journal
+from autotune.service.journal import CommitPhase, Journal
 from autotune.service.progress import Reporter
 from autotune.service.session import LabelledWatch, Session, controller_of
 from autotune.service.stage_prove import ENABLED
+
+
+GAINS = frozenset(f"feedforward.{name}" for name in ("inertia", "viscous", "coulomb", "offset"))
 
 
 @dataclass(frozen=True)
@@ -70,7 +73,7 @@ def prepared(hold: Hold, loop: Loop, journal: Journal) -> Iterator[Session]:
     def note(before: Mapping[str, float]) -> None:
         journal.note(changed={**journal.state.changed, **before})
 
-    with limits_guarded(loop, hold.axis, note) as held, _own_feedforward_off(loop, parameters, note):
+    with limits_guarded(loop, hold.axis, note) as held, _own_feedforward_off(loop, parameters, note, journal):
         yield Session(
             axis=hold.axis,
             loop=loop,
@@ -89,16 +92,27 @@ def prepared(hold: Hold, loop: Loop, journal: Journal) -> Iterator[Session]:
 
 @contextmanager
 def _own_feedforward_off(
-    loop: Loop, parameters: Mapping[str, float], note: Callable[[Mapping[str, float]], None]
+    loop: Loop, parameters: Mapping[str, float], note: Callable[[Mapping[str, float]], None], journal: Journal
 ) -> Iterator[None]:
     """The drive's own feedforward would hide what is measured; a commit leaves it as committed."""
-    was = parameters.get(ENABLED, 0.0)
+    was = own_feedforward(parameters)
     if not was:
         yield
         return
-    note({ENABLED: was})
-    loop.write_parameters({ENABLED: 0.0})
+    note(was)
+    loop.write_parameters(dict.fromkeys(was, 0.0))
     try:
         yield
     finally:
-        loop.write_parameters({ENABLED: was})
+        if journal.state.phase is not CommitPhase.KEPT:
+            loop.write_parameters(was)
+
+
+def own_feedforward(parameters: Mapping[str, float]) -> dict[str, float]:
+    """What must be 0 for the drive's own feedforward to be off, with the values that it has now.
+
+    Its switch, where it has one; else every gain of it.
+    """
+    if ENABLED in parameters:
+        return {ENABLED: parameters[ENABLED]} if parameters[ENABLED] else {}
+    return {name: value for name, value in parameters.items() if name in GAINS and value}

@@ -27,6 +27,7 @@ OPENERS: dict[str, Callable[[Axis, Path], Loop]] = {
     "sim": _open_simulated,
     "canopen+slcan": _open_wire,
     "canopen+socketcan": _open_wire,
+    "moteus+serial": _open_wire,
 }
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
-from autotune.control.feedforward import FixedFeedforward, LugreParameters
+from autotune.control.feedforward import FeedforwardLaw, FixedFeedforward, LugreParameters
 from autotune.core.recording import Recording
 from autotune.experiments.sines import BenchmarkSine
 from autotune.service.proof import Proof, TrackingError, prove, tracking_error
@@ -24,20 +25,20 @@ class Proved:
     after: tuple[Recording, ...]
 
 
-def prove_stage(session: Session, parameters: LugreParameters, present_feedforward: bool) -> Proved:
+def prove_stage(session: Session, parameters: LugreParameters, own: Mapping[str, float]) -> Proved:
     """Measures before and after in turn.
 
     Args:
         session: of the run; the drive's own feedforward is off.
         parameters: to be proved, played by the host.
-        present_feedforward: the drive's own feedforward belongs to "before".
+        own: parameters that switch the drive's own feedforward on, which belongs to "before"; empty for none.
     """
     benchmark = session.axis.benchmark
     seconds = 2 * benchmark.repeats * (benchmark.periods + 2) / benchmark.frequency
     session.begin("prove", seconds)
     law = FixedFeedforward(parameters, session.axis.cycle)
-    if present_feedforward:
-        windows = [_pair_with_own(session, law, repeat) for repeat in range(benchmark.repeats)]
+    if own:
+        windows = [_pair_with_own(session, law, own, repeat) for repeat in range(benchmark.repeats)]
         before, after = tuple(w[0] for w in windows), tuple(w[1] for w in windows)
     else:
         before, after = _all_pairs(session, law)
@@ -46,9 +47,10 @@ def prove_stage(session: Session, parameters: LugreParameters, present_feedforwa
     return Proved(proof, before, after)
 
 
-def measure_committed(session: Session) -> TrackingError:
-    """The benchmark as the drive runs it by itself, nothing from the host."""
-    sine = BenchmarkSine(session.motion, COMMITTED_REPEATS, session.axis.benchmark.periods, label="committed")
+def measure_committed(session: Session, host: FeedforwardLaw | None = None) -> TrackingError:
+    """The benchmark as the drive runs it by itself, with nothing but `host` from the host."""
+    periods = session.axis.benchmark.periods
+    sine = BenchmarkSine(session.motion, COMMITTED_REPEATS, periods, host, label="committed")
     recording, _ = session.play("committed", [sine])
     return tracking_error(windows_of(recording, "committed"), session.axis.benchmark.frequency)
 
@@ -81,12 +83,14 @@ def _all_pairs(
     return windows_of(recording, "before"), windows_of(recording, "after")
 
 
-def _pair_with_own(session: Session, law: FixedFeedforward, repeat: int) -> tuple[Recording, Recording]:
+def _pair_with_own(
+    session: Session, law: FixedFeedforward, own: Mapping[str, float], repeat: int
+) -> tuple[Recording, Recording]:
     """The drive's own feedforward is on for "before" only; it is switched at rest."""
-    session.loop.write_parameters({ENABLED: 1.0})
+    session.loop.write_parameters(own)
     try:
         before, _ = session.play(f"proof-{repeat}-before", [_window(session, "before", repeat, None)])
     finally:
-        session.loop.write_parameters({ENABLED: 0.0})
+        session.loop.write_parameters(dict.fromkeys(own, 0.0))
     after, _ = session.play(f"proof-{repeat}-after", [_window(session, "after", repeat, law)])
     return windows_of(before, "before")[0], windows_of(after, "after")[0]

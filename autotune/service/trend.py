@@ -82,21 +82,22 @@ def analyse(times: list[datetime], values: list[float], temperatures: list[float
     )
 
 
-def sentence(change: Change, what: str, since: Change | None = None) -> str:
+def sentence(change: Change, what: str) -> str:
     """One change in plain words."""
     day = f"{change.at.day} {change.at:%B}"
     size = f"{abs(change.size):.0%}"
+    same = "at the same temperature"
     if change.kind == "odd":
         word = "above" if change.size > 0 else "below"
         return f"{what} was {size} {word} the usual on {day} only: the axis stuck, or the check was disturbed"
     direction = "up" if change.size > 0 else "down"
     if change.kind == "step" and change.size < 0:
-        return f"{what} {direction} {size} at once on {day}, at the same temperature: as after re-greasing"
+        return f"{what} {direction} {size} at once on {day}, {same}: as after re-greasing"
     if change.kind == "step":
-        return f"{what} {direction} {size} at once on {day}, at the same temperature: look for damage or a lost lubricant"
+        return f"{what} {direction} {size} at once on {day}, {same}: look for damage or lost lubricant"
     if change.size < 0:
-        return f"{what} {direction} {size} since {day}, at the same temperature: running in"
-    return f"{what} {direction} {size} since {day}, at the same temperature: check lubrication"
+        return f"{what} {direction} {size} since {day}, {same}: running in"
+    return f"{what} {direction} {size} since {day}, {same}: check lubrication"
 
 
 def _centred(temperature: Floats) -> Floats | None:
@@ -179,7 +180,9 @@ class _Fit:
                 (abs(solution[k]) / errors[k], k)
                 for k, (kind, at) in enumerate(self._meaning)
                 if kind in ("step", "trend")
-                and (abs(solution[k]) < SURE * errors[k] or abs(self._size(kind, at, solution[k])) < LEAST_SIZE)
+                and (
+                    abs(solution[k]) < SURE * errors[k] or abs(self._size(kind, at, solution[k])) < LEAST_SIZE
+                )
             ]
             if not weak:
                 return

@@ -21,7 +21,7 @@ from autotune.service.documents import Material, write_documents
 from autotune.service.files import finite, write_json
 from autotune.service.findings import Findings, latest_run, load_findings, save_findings
 from autotune.service.hold import Hold, connected, prepared
-from autotune.service.journal import Journal
+from autotune.service.journal import CommitPhase, Journal
 from autotune.service.outcome import Outcome, RunResult
 from autotune.service.proof import TrackingError
 from autotune.service.recover import recover
@@ -89,6 +89,9 @@ def tune(request: Request) -> RunResult:
             course.outcome, course.verdict = _ending(error)
         except BaseException as error:
             course.outcome, course.verdict = _ending(error)
+            if journal.state.phase is CommitPhase.KEPT:
+                course.outcome = Outcome.KEPT
+                course.verdict = f"Kept: the drive holds the proved parameters. {course.verdict}"
             _finish(request, journal, _result(request, directory, started, course, session), course, session)
             raise
         result = _result(request, directory, started, course, session)

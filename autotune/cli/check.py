@@ -1,0 +1,59 @@
+"""`autotune check`: the gentle daily look at one axis, a minute at most."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from autotune.cli.output import answer, answer_json
+from autotune.cli.run import confirmation, reporting
+from autotune.core.axis import read_axis
+from autotune.service.check import CheckRequest, check_axis
+from autotune.service.links import open_link
+from autotune.view.console import Stage
+
+
+def check(
+    axis_file: Annotated[Path, typer.Argument(metavar="AXIS.toml", help="The axis to look at.")],
+    as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON object.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Move the axis unasked.")] = False,
+    runs: Annotated[Path, typer.Option(help="Folder for what runs leave.")] = Path("runs"),
+) -> None:
+    """Look at an axis for a minute at most: friction, tracking, temperature, and whether it has drifted."""
+    axis = read_axis(axis_file)
+    confirmation(axis, yes)
+    with reporting(stages=[Stage("connect", 2.0), Stage("look", 40.0)]) as console:
+        request = CheckRequest(
+            axis,
+            lambda: open_link(axis, axis_file.resolve().parent),
+            runs,
+            console,
+            lambda: datetime.now().astimezone(),
+        )
+        content = check_axis(request).as_json()
+    show_check(content, as_json)
+
+
+def show_check(content: dict[str, Any], as_json: bool) -> None:
+    """Prints a check's result."""
+    if as_json:
+        answer_json(content)
+        return
+    answer(f"{content['verdict']} {content['advice']}".strip())
+    for line in check_lines(content):
+        answer(f"  {line}")
+
+
+def check_lines(content: dict[str, Any]) -> list[str]:
+    """Friction, tracking and temperature, a line each."""
+    level, unit = content["friction"]["level"], content["motion_unit"]
+    low, high = level["interval"]
+    lines = [f"friction {level['value']:.4g} {level['unit']} ({low:.4g} … {high:.4g})"]
+    peak, without = content["tracking_error"]["peak_error"], content["uncompensated"]["peak_error"]
+    lines.append(f"peak error {1e3 * peak:.2f} m{unit}, without compensation {1e3 * without:.2f} m{unit}")
+    if content["temperature"] is not None and content["temperature"] == content["temperature"]:
+        lines.append(f"temperature {content['temperature']:.1f} °C")
+    return [*lines, *content["notes"]]

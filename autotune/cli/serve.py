@@ -1,0 +1,37 @@
+"""`autotune serve`: look after several axes, day after day."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from autotune.cli.output import answer
+from autotune.core.paths import config_directory
+from autotune.service.daemon.settings import Configuration, read_service
+
+
+def serve(
+    service_file: Annotated[
+        Path | None, typer.Argument(metavar="SERVICE.toml", help="Which axes, and when; else the example.")
+    ] = None,
+    check: Annotated[bool, typer.Option("--check", help="Validate the files and start nothing.")] = False,
+) -> None:
+    """Look after axes: a gentle check every day, a re-tune when one has drifted, an HTTP API."""
+    file = service_file or config_directory() / "service.toml"
+    if check:
+        configuration = read_service(file)
+        answer(f"{file} is right: {_listed(configuration)}")
+        return
+    from autotune.service.daemon.daemon import serve as run_service
+
+    run_service(file, answer)
+
+
+def _listed(configuration: Configuration) -> str:
+    return "; ".join(
+        f"axis {one.name} checked at '{one.settings.check}' {one.settings.time_zone}, re-tuned: "
+        f"{one.settings.retune}, commit: {one.settings.commit}"
+        for one in configuration.axes
+    )

@@ -1,0 +1,1 @@
+"""The service: configuration, schedule, jobs, history, HTTP API, metrics, notices."""

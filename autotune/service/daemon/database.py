@@ -1,0 +1,191 @@
+"""Opening the history: a torn SQLite file is replaced by its newest sound backup, an old schema is
+brought up to date (after a backup), a newer one is refused in words.
+
+SQLite runs with write-ahead log and full synchronisation: what a transaction has confirmed survives
+`kill -9` and a power cut.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sqlite3
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from alembic import command
+from alembic.config import Config
+from alembic.migration import MigrationContext
+from alembic.script import ScriptDirectory
+from sqlalchemy import Engine, create_engine, event, make_url
+from sqlalchemy.engine.interfaces import DBAPIConnection
+from sqlalchemy.exc import ArgumentError, NoSuchModuleError, SQLAlchemyError
+from sqlalchemy.pool import ConnectionPoolEntry
+
+from autotune.core.errors import ConfigurationError, LinkError
+
+Say = Callable[[str], None]
+_MIGRATIONS = Path(__file__).parent / "migrations"
+
+
+@dataclass(frozen=True, slots=True)
+class Opened:
+    """An open history; `restored` says in words where a backup had to take its place, else ""."""
+
+    engine: Engine
+    file: Path | None
+    restored: str = ""
+
+
+def open_database(url: str, backups: Path, now: datetime, keep: int = 7) -> Opened:
+    """Opens, repairs and upgrades the history at `url`.
+
+    Raises:
+        ConfigurationError: not a URL, or a schema newer than this program.
+        LinkError: the database cannot be reached.
+    """
+    file = sqlite_file(url)
+    restored = restore_if_torn(file, backups, now) if file is not None else ""
+    try:
+        engine = _engine(url, file)
+        _upgrade(engine, url, file, backups, now, keep)
+    except SQLAlchemyError as error:
+        reason = str(getattr(error, "orig", None) or error).splitlines()[0]
+        raise LinkError(
+            f"the history database {shown(url)} cannot be reached: {reason}; start its server, or correct "
+            "history.url in the service file"
+        ) from error
+    return Opened(engine, file, restored)
+
+
+def sqlite_file(url: str) -> Path | None:
+    """The file of a SQLite URL; None for a server.
+
+    Raises:
+        ConfigurationError: not a database URL.
+    """
+    try:
+        parsed = make_url(url)
+    except ArgumentError:
+        raise ConfigurationError(
+            f"history.url {url!r} is not a database URL; write for example "
+            "'postgresql+psycopg://user:password@host/autotune', or leave it out for SQLite"
+        ) from None
+    if parsed.get_backend_name() != "sqlite":
+        return None
+    return Path(parsed.database) if parsed.database else None
+
+
+def shown(url: str) -> str:
+    """The URL without its password."""
+    return make_url(url).render_as_string(hide_password=True)
+
+
+def back_up(file: Path, backups: Path, now: datetime, keep: int) -> Path:
+    """A sound copy of a SQLite history, while it is in use; the oldest beyond `keep` are removed."""
+    backups.mkdir(parents=True, exist_ok=True)
+    target = backups / f"history-{now:%Y%m%d-%H%M%S}.sqlite"
+    temporary = target.with_suffix(".part")
+    temporary.unlink(missing_ok=True)
+    with closing(sqlite3.connect(file)) as source, closing(sqlite3.connect(temporary)) as copy:
+        source.backup(copy)
+        copy.execute("PRAGMA journal_mode=DELETE")
+    _sync(temporary)
+    os.replace(temporary, target)
+    for old in sorted(backups.glob("history-*.sqlite"))[:-keep]:
+        old.unlink()
+    return target
+
+
+def restore_if_torn(file: Path, backups: Path, now: datetime) -> str:
+    """Puts the newest sound backup in the place of a torn file; says so, or "" where all is well."""
+    if not file.exists() or (problem := damage(file)) == "":
+        return ""
+    aside = file.with_name(f"{file.name}.torn-{now:%Y%m%d-%H%M%S}")
+    for suffix in ("", "-wal", "-shm"):
+        part = file.with_name(file.name + suffix)
+        if part.exists():
+            os.replace(part, aside.with_name(aside.name + suffix))
+    sound = next((b for b in sorted(backups.glob("history-*.sqlite"), reverse=True) if not damage(b)), None)
+    if sound is None:
+        return (
+            f"THE HISTORY {file.name} IS TORN ({problem}) and there is no sound backup; it was set aside as "
+            f"{aside.name} and a new one begun. What runs and checks left in the runs folder is taken up again."
+        )
+    shutil.copyfile(sound, file)
+    _sync(file)
+    return (
+        f"THE HISTORY {file.name} IS TORN ({problem}); it was set aside as {aside.name} and the backup {sound.name} "
+        "put in its place. What runs and checks left in the runs folder since then is taken up again."
+    )
+
+
+def damage(file: Path) -> str:
+    """What is wrong with a SQLite file, in words; "" where it is sound."""
+    try:
+        with closing(sqlite3.connect(file, timeout=10.0)) as connection:
+            answer = str(connection.execute("PRAGMA quick_check").fetchone()[0])
+    except sqlite3.OperationalError as error:
+        if "locked" in str(error):
+            return ""
+        return str(error)
+    except sqlite3.DatabaseError as error:
+        return str(error)
+    return "" if answer == "ok" else answer.splitlines()[0]
+
+
+def _engine(url: str, file: Path | None) -> Engine:
+    try:
+        if file is None:
+            return create_engine(url, pool_pre_ping=True)
+        engine = create_engine(url, connect_args={"timeout": 15.0})
+    except (NoSuchModuleError, ImportError) as error:
+        raise ConfigurationError(
+            f"history.url {shown(url)!r} needs a database driver that is not installed ({error}); install it, "
+            "for example 'pip install psycopg[binary]'"
+        ) from None
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigurationError(f"the folder {file.parent} cannot be made: {error.strerror}") from error
+    event.listen(engine, "connect", _durable)
+    return engine
+
+
+def _durable(connection: DBAPIConnection, record: ConnectionPoolEntry) -> None:
+    cursor = connection.cursor()
+    for pragma in ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON"):
+        cursor.execute(f"PRAGMA {pragma}")
+    cursor.close()
+
+
+def _upgrade(engine: Engine, url: str, file: Path | None, backups: Path, now: datetime, keep: int) -> None:
+    config = Config()
+    config.set_main_option("script_location", str(_MIGRATIONS))
+    scripts = ScriptDirectory.from_config(config)
+    with engine.connect() as connection:
+        present = MigrationContext.configure(connection).get_current_revision()
+    known = {script.revision for script in scripts.walk_revisions()}
+    if present is not None and present not in known:
+        raise ConfigurationError(
+            f"the history {shown(url)} has schema revision {present}, which is newer than this program (it knows up "
+            f"to {scripts.get_current_head()}); update autotune, or name another history.url"
+        )
+    if present == scripts.get_current_head():
+        return
+    if present is not None and file is not None:
+        back_up(file, backups, now, keep)
+    with engine.begin() as connection:
+        config.attributes["connection"] = connection
+        command.upgrade(config, "head")
+
+
+def _sync(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

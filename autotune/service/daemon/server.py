@@ -1,0 +1,127 @@
+"""uvicorn in a thread, on a socket that is ours: the address is known before anything is served."""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+import socket
+import threading
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+from autotune.core.errors import ConfigurationError
+from autotune.service.daemon.api import make_api
+from autotune.service.daemon.guard import Guard, Rules
+from autotune.service.daemon.manager import Manager
+from autotune.service.daemon.settings import LOOPBACK, Http
+
+HEADER_SECONDS = 15.0
+MOST_CONNECTIONS = 1000
+
+
+class _Protocol(H11Protocol):
+    """Cuts off who connects and does not send a request's head in time."""
+
+    def connection_made(self, transport: Any) -> None:
+        super().connection_made(transport)
+        asyncio.get_running_loop().call_later(HEADER_SECONDS, self._still_silent)
+
+    def _still_silent(self) -> None:
+        begun: object = self.cycle
+        if begun is None and not self.transport.is_closing():
+            self.transport.abort()
+
+
+class HttpServer:
+    """The API on its socket."""
+
+    def __init__(self, manager: Manager, http: Http, token: str, listening: socket.socket) -> None:
+        self.address = f"http://{_shown(listening)}"
+        names = {*LOOPBACK, http.host, *http.names}
+        rules = Rules(token, not http.loopback, frozenset(names), http.body_kilobytes * 1024, http.seconds)
+        config = uvicorn.Config(
+            Guard(make_api(manager), rules),
+            http=_Protocol,
+            lifespan="off",
+            log_config=None,
+            access_log=False,
+            server_header=False,
+            limit_concurrency=MOST_CONNECTIONS,
+            timeout_keep_alive=15,
+            timeout_graceful_shutdown=2,
+            ws="none",
+        )
+        self._server = uvicorn.Server(config)
+        self._listening = listening
+        self._thread = threading.Thread(target=self._run, daemon=True, name="http")
+
+    def start(self) -> None:
+        """Serves from now on."""
+        self._thread.start()
+
+    @property
+    def alive(self) -> bool:
+        """The thread is there."""
+        return self._thread.is_alive()
+
+    def close(self) -> None:
+        """Ends serving, streams included."""
+        self._server.should_exit = True
+        self._thread.join(5.0)
+        self._listening.close()
+
+    def _run(self) -> None:
+        self._server.run(sockets=[self._listening])
+
+
+def listen(http: Http) -> socket.socket:
+    """The socket of the API.
+
+    Raises:
+        ConfigurationError: the address is in use or not this machine's.
+    """
+    family = socket.AF_INET6 if ":" in http.host else socket.AF_INET
+    listening = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.bind((http.host, http.port))
+        listening.listen(MOST_CONNECTIONS)
+    except OSError as error:
+        listening.close()
+        raise ConfigurationError(
+            f"nothing can be served at {http.host}:{http.port} ({error.strerror}); set another http.port in the "
+            "service file, or stop what is there"
+        ) from error
+    return listening
+
+
+def _shown(listening: socket.socket) -> str:
+    host, port = listening.getsockname()[:2]
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+
+def token_of(state: Path) -> str:
+    """The token that writing needs, made on the first start and readable by the owner only.
+
+    Raises:
+        ConfigurationError: the file is there but holds nothing.
+    """
+    path = token_file(state)
+    state.mkdir(parents=True, exist_ok=True)
+    if not path.exists():
+        temporary = path.with_name(".token.part")
+        temporary.touch(mode=0o600)
+        temporary.write_text(secrets.token_urlsafe(32) + "\n", encoding="utf-8")
+        temporary.replace(path)
+    token = path.read_text(encoding="utf-8").strip()
+    if len(token) < 16:
+        raise ConfigurationError(f"the token in {path} is too short; delete the file, and a new one is made")
+    return token
+
+
+def token_file(state: Path) -> Path:
+    """Where the token is."""
+    return state / "token"
