@@ -2,7 +2,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-AXIS := config/axes/edm-vertical.toml
+LINK := canopen
+AXIS := config/axes/edm-vertical$(patsubst -canopen,,-$(LINK)).toml
 STAMP := $(VENV)/.installed
 
 .PHONY: install demo test check lint types layers unit bench faults pictures clean

@@ -58,7 +58,7 @@ def _wait_until_announced(process: subprocess.Popen[str]) -> None:
     end = time.monotonic() + START_SECONDS
     while process.stdout is not None and time.monotonic() < end:
         line = process.stdout.readline()
-        if "canopen+slcan:" in line or not line:
+        if "is simulated at" in line or not line:
             break
     if process.poll() is not None:
         sys.exit(complain(f"the simulated drive ended with code {process.returncode}", 5))

@@ -15,14 +15,18 @@ from autotune_drivers.url import LinkAddress, parse_link
 
 def sim(
     axis_file: Annotated[Path, typer.Argument(metavar="AXIS.toml", help="The axis to simulate.")],
-    link: Annotated[str, typer.Option(help="Kind of wire: canopen.")] = "canopen",
+    link: Annotated[
+        str | None,
+        typer.Option(help="Kind of wire: canopen or moteus; by default what the axis file's link says."),
+    ] = None,
     effect: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME[=SIZE]", help="Plant a physical effect; may be given several times."),
     ] = None,
     seed: Annotated[int, typer.Option(help="Vary the plant's parameters by ±20 %; 0: as in the preset.")] = 0,
     real_time: Annotated[
-        bool, typer.Option("--real-time", help="Follow the wall clock instead of one period per SYNC.")
+        bool,
+        typer.Option("--real-time", help="Follow the wall clock instead of one period per SYNC or command."),
     ] = False,
     fault: Annotated[
         list[str] | None,
@@ -36,13 +40,12 @@ def sim(
     from autotune_sim.server import parse_effects, serve
 
     axis = read_axis(axis_file)
-    if link != "canopen":
-        raise ConfigurationError(f"--link is {link!r}; known is canopen")
-    address = _wire(axis, axis_file.resolve().parent)
+    address, kind = _wire(axis, axis_file.resolve().parent, link)
     serve(
         axis.simulation.preset,
         address.target,
-        address.options["node"],
+        address.options["id" if kind == "moteus" else "node"],
+        link=kind,
         seed=seed,
         effects=parse_effects(effect or []),
         real_time=real_time,
@@ -52,17 +55,30 @@ def sim(
     )
 
 
-def _wire(axis: Axis, directory: Path) -> LinkAddress:
-    """Where the axis expects its adapter.
+_KINDS = {"canopen+slcan": "canopen", "moteus+serial": "moteus"}
+
+
+def _wire(axis: Axis, directory: Path, wanted: str | None) -> tuple[LinkAddress, str]:
+    """Where the axis expects its drive, and what is spoken there.
 
     Raises:
-        ConfigurationError: the link needs no process of its own, or a kernel interface that is not ours.
+        ConfigurationError: the link needs no process of its own, is a kernel interface that is not ours, or
+            is not of the kind that is wanted.
     """
-    address = parse_link(axis.link, directory)
-    if address.scheme != "canopen+slcan":
+    if wanted is not None and wanted not in _KINDS.values():
+        raise ConfigurationError(f"--link is {wanted!r}; known are {' and '.join(_KINDS.values())}")
+    scheme = axis.link.partition(":")[0]
+    kind = _KINDS.get(scheme)
+    if kind is None:
+        parse_link(axis.link, directory)
         raise ConfigurationError(
-            f"the link {axis.link!r} is not a serial CAN adapter; to simulate behind a wire set it to, for "
-            "example, 'canopen+slcan:axis.tty?bitrate=1000000&node=5'; 'sim://edm-vertical' needs no process "
-            "of its own"
+            f"the link {axis.link!r} is not a serial line; to simulate behind a wire set it to, for example, "
+            "'canopen+slcan:axis.tty?bitrate=1000000&node=5' or 'moteus+serial:axis.tty?id=1'; "
+            "'sim://edm-vertical' needs no process of its own"
         )
-    return address
+    if wanted not in (None, kind):
+        raise ConfigurationError(
+            f"--link is {wanted!r}, but the link of axis {axis.name} is {axis.link!r}; leave --link out, or "
+            "simulate an axis file with such a link (for moteus config/axes/edm-vertical-moteus.toml)"
+        )
+    return parse_link(axis.link, directory), kind

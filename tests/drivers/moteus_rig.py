@@ -7,18 +7,23 @@ from pathlib import Path
 from autotune.core.axis import Axis, read_axis
 from autotune.core.paths import config_directory
 from autotune_drivers.moteus_open import MoteusOpener
-from autotune_drivers.moteus_profile import read_moteus_profile
+from autotune_drivers.moteus_profile import MoteusGuard, read_moteus_profile
 from autotune_drivers.url import parse_link
 
+LINK = "moteus+serial:edm.tty?id=1"
 
-def moteus_axis(link: str = "moteus+serial:edm.tty?id=1", **changes: object) -> Axis:
+
+def moteus_axis(link: str = LINK, **changes: object) -> Axis:
     """The vertical axis behind a moteus line."""
     axis = read_axis(config_directory() / "axes" / "edm-vertical-moteus.toml")
     return axis.model_copy(update={"link": link, **changes})
 
 
 def moteus_opener(
-    directory: Path, link: str = "moteus+serial:edm.tty?id=1", **changes: object
+    directory: Path, link: str = LINK, watchdog: float = 1.0, **changes: object
 ) -> MoteusOpener:
+    """`watchdog` [s] is longer than a run's, so that a loaded test machine does not trip it."""
     axis = moteus_axis(link, **changes)
-    return MoteusOpener(parse_link(axis.link, directory), axis, read_moteus_profile(axis.profile))
+    profile = read_moteus_profile(axis.profile)
+    guard = MoteusGuard.model_construct(watchdog=watchdog)
+    return MoteusOpener(parse_link(axis.link, directory), axis, profile.model_copy(update={"guard": guard}))
