@@ -2,7 +2,8 @@
 
 With the bristle driven by the measured velocity and its reach x_s = F_c/σ0 given, torque is linear in
 inertia, viscous and Coulomb friction, σ1 and offset (inverse dynamics): least squares for each of
-several reaches, the best one wins.
+several reaches. Of those that leave nearly the least error the shortest wins: a long one takes up whatever
+lags.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ Floats = NDArray[np.float64]
 TRIALS = 12
 LONGEST, SHORTEST = 0.1, 2e-5
 """Reaches that are tried, as shares of the longest travel."""
+CLEARLY = 1.03
+"""A longer reach must leave an error smaller than by this factor."""
 _TWO_AXES = 1.5
 _J, _COULOMB = 0, 2
 _SURE = [0, 2, 4]
@@ -66,8 +69,12 @@ def guess(pieces: Sequence[Piece], bands: Bands) -> Guess:
     _refuse_one_direction(pieces)
     travel = max(float(np.ptp(piece.position)) for piece in pieces)
     reaches = np.geomspace(SHORTEST * travel, LONGEST * travel, TRIALS).tolist()
-    best = min((_trial(pieces, bands, reach) for reach in reaches), key=lambda trial: trial.error)
-    refuse_two_axes(best.parts)
+    trials = [_trial(pieces, bands, reach) for reach in reaches]
+    for trial in trials:
+        refuse_two_axes(trial.parts)
+    physical = [trial for trial in trials if trial.solution[_J] > 0 and trial.solution[_COULOMB] > 0]
+    least = min(trial.error for trial in physical or trials)
+    best = next(trial for trial in physical or trials if trial.error <= CLEARLY * least)
     _refuse(best)
     inertia, viscous, coulomb, damping, offset = (float(x) for x in best.solution)
     speed = max(float(np.max(np.abs(piece.velocity))) for piece in pieces)
@@ -169,8 +176,8 @@ def _refuse_one_direction(pieces: Sequence[Piece]) -> None:
     if fast <= 0.0:
         raise NotEnoughExcitation("the axis stands still in this recording; nothing can be fitted to it")
     moving = speed[np.abs(speed) > 0.05 * fast]
-    share = float(np.mean(moving > 0))
-    if min(share, 1.0 - share) < 0.02:
+    share = float(np.sum(moving[moving > 0])) / float(np.sum(np.abs(moving)))
+    if min(share, 1.0 - share) < 0.05:
         word = "positive" if share > 0.5 else "negative"
         raise NotEnoughExcitation(
             f"the axis moved in the {word} direction only; Coulomb friction and offset cannot be told apart. "
