@@ -23,7 +23,7 @@ import numpy as np
 
 sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "sim")]
 
-from diagnosis_data import play, programme  # noqa: E402
+from diagnosis_data import play  # noqa: E402
 
 from autotune.core.recording import Recording  # noqa: E402
 from autotune.diagnose import families  # noqa: E402
@@ -37,7 +37,7 @@ MEDIUM = {
     "position_dependent_friction": 0.15, "gravity_imbalance": 0.015, "spring": 0.004,
     "reversal_memory": 0.06, "thermal_drift": 0.03, "elastic_transmission": 0.01, "backlash": 4e-3,
     "torque_lag": 5e-4, "torque_saturation": 0.2, "dwell_time_break_away": 0.08,
-    "load_dependent_friction": 0.15, "encoder_eccentricity": 2e-3,
+    "load_dependent_friction": 0.15, "encoder_eccentricity": 8e-3,
 }  # fmt: skip
 NOMINAL = {
     "inertia": 6.66e-4, "viscous": 4.13e-3, "coulomb": 0.30, "stiffness": 100.0, "micro_damping": 0.05,
@@ -133,8 +133,49 @@ def removed(runs: int, seed: int, size: float, names: list[str]) -> Iterator[Run
                 yield judge(recording, (f"-{effect}",))
 
 
+def _dip(time: float, position: float, velocity: float, acceleration: float) -> float:
+    return -0.05 * velocity * math.exp(-((velocity / 1.5) ** 2))
+
+
+def _crank(time: float, position: float, velocity: float, acceleration: float) -> float:
+    return -1.5e-4 * acceleration * math.cos(2 * position)
+
+
+def _uneven_oil(time: float, position: float, velocity: float, acceleration: float) -> float:
+    return -0.006 * velocity * math.sin(position)
+
+
+def _mains(time: float, position: float, velocity: float, acceleration: float) -> float:
+    return 0.012 * math.sin(2 * math.pi * 7.3 * time)
+
+
+class _Creep:
+    """A dashpot behind a spring: torque follows velocity late."""
+
+    def __init__(self) -> None:
+        self.late = 0.0
+
+    def __call__(self, time: float, position: float, velocity: float, acceleration: float) -> float:
+        self.late += 1e-3 / 0.3 * (velocity - self.late)
+        return -0.01 * self.late
+
+
+ALIENS = {"dip": lambda: _dip, "crank": lambda: _crank, "uneven_oil": lambda: _uneven_oil,
+          "mains": lambda: _mains, "creep": _Creep}  # fmt: skip
+
+
+def aliens(runs: int, seed: int, size: float, names: list[str]) -> Iterator[Run]:
+    for number in range(runs):
+        for i, (name, alien) in enumerate(ALIENS.items()):
+            if names and name not in names:
+                continue
+            own = seed + 100 * number + i
+            yield judge(play(plain_axis(own), own, alien=alien()), (f"alien {name}",))
+
+
 KINDS: dict[str, Callable[[int, int, float, list[str]], Iterator[Run]]] = {
     "singles": singles, "nulls": nulls, "pairs": pairs, "removed": removed,
+    "aliens": aliens,
 }  # fmt: skip
 
 

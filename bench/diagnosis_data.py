@@ -9,13 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from autotune.core.recording import Controller, Metadata, Recording
 from autotune_sim.presets import Preset
-from autotune_sim.servo import Servo
+from autotune_sim.servo import Servo, ServoState
 
 Floats = NDArray[np.float64]
 PERIOD = 1e-3
@@ -194,18 +195,19 @@ def programme(names: tuple[str, ...] = tuple(EXPERIMENTS), repeats: int = 2) -> 
     return Programme(np.concatenate(line.parts), line.names, line.repeats)
 
 
-def play(
-    axis: Preset,
-    seed: int = 0,
-    what: Programme | None = None,
-    disturbance: Callable[[float, float], float] | None = None,
-) -> Recording:
-    """Plays the programme on an axis; `disturbance(time, position)` is a torque offset [N m], an alien."""
+class Alien(Protocol):
+    """A torque that the library does not know, acting on the motor beside the drive's own."""
+
+    def __call__(self, time: float, position: float, velocity: float, acceleration: float) -> float:
+        """Torque [N m] at this instant."""
+
+
+def play(axis: Preset, seed: int = 0, what: Programme | None = None, alien: Alien | None = None) -> Recording:
+    """Plays the programme on an axis; the torque of an alien acts on the plant but is not recorded."""
     what = what or programme()
     servo = Servo(axis, seed)
     servo.power(True)
-    cycle = servo.cycle
-    states = [cycle(target) for target in what.reference.tolist()]
+    states = _played(servo, what.reference.tolist(), alien)
     gains, plant = servo.preset.gains, servo.preset.plant
     metadata = Metadata(
         sample_period=servo.period,
@@ -218,7 +220,22 @@ def play(
         "time": np.array([s.time for s in states]),
         "reference": np.array([s.position_demand for s in states]),
         "position": np.array([s.position for s in states]),
-        "torque_command": np.array([s.torque_demand for s in states]),
-        "torque": np.array([s.torque_actual for s in states]),
+        "torque_command": np.array([s.torque_demand - s.torque_offset for s in states]),
+        "torque": np.array([s.torque_actual - s.torque_offset for s in states]),
     }
     return Recording.from_columns(columns, metadata, what.names, what.repeats)
+
+
+def _played(servo: Servo, targets: list[float], alien: Alien | None) -> list[ServoState]:
+    cycle = servo.cycle
+    if alien is None:
+        return [cycle(target) for target in targets]
+    states: list[ServoState] = []
+    velocity = acceleration = extra = 0.0
+    for target in targets:
+        state = cycle(target, torque_offset=extra)
+        acceleration += 0.2 * ((state.velocity - velocity) / servo.period - acceleration)
+        velocity = state.velocity
+        states.append(state)
+        extra = alien(state.time, state.position, velocity, acceleration)
+    return states

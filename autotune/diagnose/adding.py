@@ -10,14 +10,15 @@ import numpy as np
 
 from autotune.core.errors import NotEnoughExcitation
 from autotune.core.recording import Recording
+from autotune.diagnose.bandwidth import prepared_for
 from autotune.diagnose.compare import check_same_axis
 from autotune.diagnose.fit import Fitted, standard_errors
 from autotune.diagnose.model_values import model_from
-from autotune.diagnose.prepared import TEST, TRAINING, VETO, prepare
-from autotune.diagnose.search import Level, inside_twin, screen
+from autotune.diagnose.prepared import TEST, TRAINING, VETO
+from autotune.diagnose.search import Level, inside_twin, realigned, screen, settle
 from autotune.diagnose.study import Study
 from autotune.diagnose.verdict import begin, quiet
-from autotune.models.drive_model import DriveModel, HistoryEntry
+from autotune.models.drive_model import DriveModel, HistoryEntry, Packed
 from autotune.models.table import effect_kind
 
 Progress = Callable[[str], None]
@@ -57,27 +58,41 @@ def add_effect(
         ConfigurationError: no such effect, or a model of another axis.
         NotEnoughExcitation: these data cannot say anything about the effect.
     """
-    kind = effect_kind(effect)
+    effect_kind(effect)
     check_same_axis(model, recordings)
-    study, root, nominal, notes = begin(prepare(recordings), model, progress)
+    study, root, nominal, notes = begin(prepared_for(recordings), model, progress)
     progress(f"refit with {effect}")
-    screened = screen(study, root, nominal, effect)
-    if screened is None:
-        raise NotEnoughExcitation(
-            f"these recordings cannot say anything about {effect}: {_why_not(effect, model)}. "
-            f"It would look like this: {kind.looks_like}"
-        )
-    refitted = inside_twin(study, root, root, screened)
-    level = refitted.level if refitted is not None else None
-    if level is None:
-        raise NotEnoughExcitation(
-            f"with {effect} the simulated axis becomes unstable on these recordings; record the programme "
-            "'diagnosis' once more, or add another effect first"
-        )
+    level = _with_effect(study, root, nominal, effect, model)
+    again = realigned(study, level)
+    if again is not study:
+        study = again
+        root = settle(study, root.fitted.packed, list(root.free), 2) or root
+        level = _with_effect(study, root, nominal, effect, model)
     before, after, floor, unseen = held_out_errors(study, root, level)
     improved = updated_model(model, study, level.fitted)
     entry = HistoryEntry(when, f"+ {effect}", source, before, after, floor if math.isfinite(floor) else None)
     return Added(improved.with_history(entry), before, after, floor, unseen, notes)
+
+
+def _with_effect(study: Study, root: Level, nominal: Packed, effect: str, model: DriveModel) -> Level:
+    """The model with the effect, at its best.
+
+    Raises:
+        NotEnoughExcitation: the data do not allow it, or the twin becomes unstable.
+    """
+    screened = screen(study, root, nominal, effect)
+    if screened is None:
+        raise NotEnoughExcitation(
+            f"these recordings cannot say anything about {effect}: {_why_not(effect, model)}. "
+            f"It would look like this: {effect_kind(effect).looks_like}"
+        )
+    refitted = inside_twin(study, root, root, screened)
+    if refitted is None:
+        raise NotEnoughExcitation(
+            f"with {effect} the simulated axis becomes unstable on these recordings; record the programme "
+            "'diagnosis' once more, or add another effect first"
+        )
+    return refitted.level
 
 
 def updated_model(model: DriveModel, study: Study, fitted: Fitted) -> DriveModel:

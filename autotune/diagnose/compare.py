@@ -14,14 +14,16 @@ import numpy as np
 
 from autotune.core.errors import ConfigurationError
 from autotune.core.recording import Recording
+from autotune.diagnose.bandwidth import SHIFTS, prepared_for, shifted
 from autotune.diagnose.controller import find_controller, with_feedforward
 from autotune.diagnose.coordinates import coordinates, since_reversal, variance_shares
-from autotune.diagnose.prepared import TRAINING, VETO, Prepared, prepare
-from autotune.diagnose.residual import residual, run_twin
+from autotune.diagnose.prepared import TRAINING, VETO, Prepared
+from autotune.diagnose.residual import measured_motion, residual, run_twin
 from autotune.diagnose.score import bins
 from autotune.diagnose.study import Study, estimate_noise, start_study
+from autotune.diagnose.verdict import without_outlying
 from autotune.models import layout
-from autotune.models.drive_model import DriveModel
+from autotune.models.drive_model import DriveModel, Packed
 from autotune.models.lugre import Flags, Floats
 
 WORST = 6
@@ -93,11 +95,14 @@ def compare(recordings: Sequence[Recording], model: DriveModel) -> Compared:
         RecordingError, ConfigurationError, NotEnoughExcitation: recordings that cannot be used.
     """
     check_same_axis(model, recordings)
-    data = prepare(recordings)
+    data = prepared_for(recordings)
     found = find_controller(data)
     data = with_feedforward(data, found)
     study = start_study(data, found.controller)
     packed = model.pack()
+    if not study.twin and not data.repeated:
+        data = best_aligned(data, packed)
+        study = start_study(data, None)
     raw = residual(data, packed, study.moved)
     notes = () if found.controller else (f"No twin: {found.why}.",)
     correction = study.correction(packed, 1)
@@ -109,8 +114,16 @@ def compare(recordings: Sequence[Recording], model: DriveModel) -> Compared:
         study = replace(study, controller=None)
         correction = study.correction(packed)
     error = raw - correction.bias
-    rows = np.ones(len(error), dtype=np.bool_)
+    if not data.repeated:
+        study = replace(study, weight=without_outlying(study, error))
+    rows = np.asarray(study.weight > 0)
     return _measures(study, model, error, rows, _position_error(study, model), notes)
+
+
+def best_aligned(data: Prepared, packed: Packed) -> Prepared:
+    """The data with the torque shifted to where this model explains it best."""
+    tried = [shifted(data, shift) for shift in SHIFTS]
+    return min(tried, key=lambda item: float(np.mean(residual(item, packed, measured_motion(item)) ** 2)))
 
 
 def _measures(

@@ -23,8 +23,9 @@ from autotune.models.table import EFFECTS
 from autotune.models.torque_ripple import LINES, scale_slot
 
 MEMORY_STEPS = (2.0, 5.0, 13.0, 35.0, 90.0)
-LEAST_LINE_GAIN = 0.015
-MOST_LINES = 4
+LEAST_LINE_GAIN = 0.008
+MOST_LINES = 7
+LINE_CONTRAST = 6.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -297,15 +298,19 @@ def _eccentricity(c: Context) -> Iterator[Start]:
 
 
 def _ripple(c: Context) -> Iterator[Start]:
-    orders = find_orders(c)
+    """New lines beside those that the model has already."""
+    kind = EFFECTS["torque_ripple"]
+    present = [i for i in range(1, LINES + 1) if c.p[kind.parameter(f"order_{i}").slot] > 0.0]
+    orders = find_orders(c)[: LINES - len(present)]
     if not orders:
         return
-    values: dict[str, float] = {}
+    names = {f"{part}_{i}" for i in present for part in ("order", "sin", "cos")}
+    values = {name: float(c.p[kind.parameter(name).slot]) for name in names}
     free: dict[str, tuple[float, float]] = {}
-    for i, order in enumerate(orders, 1):
+    for i, order in enumerate(orders, len(present) + 1):
         values |= {f"order_{i}": order, f"sin_{i}": 0.0, f"cos_{i}": 0.0}
         free |= {f"sin_{i}": (0.1 * c.coulomb, np.inf), f"cos_{i}": (0.1 * c.coulomb, np.inf)}
-        if abs(order - round(order)) > 1e-6 or c.angle != 1.0:
+        if c.angle != 1.0:
             reach = 1.0 / (c.angle * c.study.scales.travel)
             free[f"order_{i}"] = (0.2 * reach, 0.5 * reach)
     yield _start(c, "torque_ripple", values, free)
@@ -315,7 +320,9 @@ def candidate_orders(c: Context) -> Floats:
     """Orders that the travel can tell apart and the sampling can show."""
     travel = c.study.scales.travel * c.angle / (2 * math.pi)
     slow = float(np.percentile(np.abs(c.velocity()), 25)) * c.angle / (2 * math.pi)
-    highest = min(400.0 if c.angle == 1.0 else 4e4, 30.0 / max(slow, 1e-9), 2000.0 / max(travel, 1e-9))
+    cutoff = 0.9 / (c.study.data.period * max(len(c.study.data.taps) // 2, 1))
+    most = 400.0 if c.angle == 1.0 else 2000.0 / max(travel, 1e-9)
+    highest = min(most, 0.8 * cutoff / max(slow, 1e-9))
     lowest = 1.5 / max(travel, 1e-9)
     if c.angle == 1.0:
         first = max(2.0, math.ceil(lowest))
@@ -344,7 +351,8 @@ def find_orders(c: Context, most: int = MOST_LINES) -> list[float]:
     while len(found) < most:
         gains = np.array([thin.share(table) for table in tables])
         best = int(np.argmax(gains))
-        if gains[best] < least or gains[best] < 6.0 * np.median(gains):
+        near = (orders > 0.6 * orders[best] - 1.0) & (orders < 1.7 * orders[best] + 1.0)
+        if gains[best] < least or gains[best] < LINE_CONTRAST * np.median(gains[near]):
             break
         order = float(orders[best])
         if any(abs(order - other) < 0.5 for other in present if other > 0):

@@ -14,9 +14,10 @@ import numpy as np
 
 from autotune.core.errors import NotEnoughExcitation
 from autotune.core.recording import Recording
+from autotune.diagnose.bandwidth import prepared_for
 from autotune.diagnose.fit import standard_errors
 from autotune.diagnose.model_values import model_from
-from autotune.diagnose.prepared import Prepared, prepare
+from autotune.diagnose.prepared import Prepared
 from autotune.diagnose.residual import residual, smoothed
 from autotune.diagnose.search import Level, inside_twin, screen
 from autotune.diagnose.study import Study, start_study
@@ -24,7 +25,8 @@ from autotune.diagnose.verdict import Progress, begin, quiet
 from autotune.models.drive_model import DriveModel, base_model
 
 REACHES = (1e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2)  # of the travel
-LARGE_ERROR = 0.6
+LARGE_ERROR = 0.95
+POOR_ERROR = 0.2
 LOOSE = 1.0
 
 
@@ -47,7 +49,7 @@ def fit_model(
     Raises:
         RecordingError, ConfigurationError, NotEnoughExcitation: recordings that cannot be used.
     """
-    data = prepare(recordings)
+    data = prepared_for(recordings)
     start = starting_model(data)
     study, level, nominal, notes = begin(data, start, progress)
     for effect in effects:
@@ -63,6 +65,18 @@ def fit_model(
     model = model_from(start, level.fitted.packed, level.fitted.free, errors)
     relative = relative_error(study, level)
     reason = _reason(model, relative)
+    if not reason and relative > POOR_ERROR:
+        notes = (
+            *notes,
+            f"The base model leaves {100 * relative:.0f} % of the torque unexplained; "
+            "'autotune model diagnose' tells what is missing.",
+        )
+    if study.scales.one_way:
+        notes = (
+            *notes,
+            "The axis moved one way only: offset and Coulomb friction are one number; it is "
+            "given as Coulomb friction.",
+        )
     return FittedModel(model, not reason, reason, relative, notes)
 
 
@@ -79,10 +93,10 @@ def starting_model(data: Prepared) -> DriveModel:
     Raises:
         NotEnoughExcitation: inertia or friction cannot be told from the motion.
     """
-    values = _least_squares(data)
+    study = start_study(data, None)
+    values = _least_squares(data, study.scales.one_way)
     travel = float(np.ptp(data.position[data.grid]))
     best = (math.inf, values)
-    study = start_study(data, None)
     for reach in REACHES:
         stiffness = values["coulomb"] / (reach * travel)
         damping = 0.3 * math.sqrt(stiffness * values["inertia"])
@@ -94,7 +108,7 @@ def starting_model(data: Prepared) -> DriveModel:
     return base_model(best[1], None, meta.motion_unit, meta.axis, meta.fingerprint)
 
 
-def _least_squares(data: Prepared) -> dict[str, float]:
+def _least_squares(data: Prepared, one_way: bool) -> dict[str, float]:
     rows = data.role("training")
     speed = np.percentile(np.abs(data.velocity[data.grid[rows]]), 90)
     moving = rows & (np.abs(data.velocity[data.grid]) > 0.02 * speed)
@@ -124,6 +138,9 @@ def _least_squares(data: Prepared) -> dict[str, float]:
     values["inertia"] = max(values["inertia"], 1e-3 * scale / max(float(np.std(table[:, 0])), 1e-300))
     values["viscous"] = max(values["viscous"], 1e-3 * scale / max(float(np.std(table[:, 1])), 1e-300))
     values["coulomb"] = max(values["coulomb"], 1e-2 * scale)
+    if one_way:
+        values["coulomb"] = max(values["coulomb"] + values["offset"], 1e-2 * scale)
+        values["offset"] = 0.0
     return values
 
 

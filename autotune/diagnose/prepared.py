@@ -72,6 +72,7 @@ class Prepared:
         position, velocity, acceleration: zero-phase filtered; `measured`: the raw position.
         grid: samples at the centre of each grid row.
         taps: zero-phase low-pass that every torque goes through, shape (odd,).
+        recorded_torque: as it was in the file; `torque` is this, moved by `shift` half samples.
     """
 
     metadata: Metadata
@@ -91,6 +92,8 @@ class Prepared:
     taps: Floats
     motion_cutoff: float
     recorded_reference: bool
+    recorded_torque: Floats
+    shift: int = 0
 
     def role(self, *roles: str) -> Flags:
         """Grid rows of blocks with one of these roles, shape (m,)."""
@@ -160,6 +163,7 @@ def prepare(
         taps,
         motion_cutoff,
         all("reference" in recording for recording in recordings),
+        arrays["torque"],
     )
 
 

@@ -23,6 +23,9 @@ from autotune.models.plant import simulate, substeps_for
 from autotune.models.torque_path import MOTOR_TORQUE
 from autotune.signals.filters import motion
 
+_SATURATES = layout.flag("torque_saturation")
+_LOSS = layout.block("torque_saturation")
+
 
 @dataclass(frozen=True, slots=True)
 class Simulated:
@@ -96,7 +99,19 @@ def raw_residual(data: Prepared, packed: Packed, moved: Motion) -> Floats:
             substeps,
             needed[rows],
         )
-    return np.asarray(acted - needed)
+    return np.asarray((acted - needed) / torque_slope(packed, moved.torque))
+
+
+def torque_slope(packed: Packed, demand: Floats) -> Floats | float:
+    """How much of a change of the demand arrives at the shaft.
+
+    The residual is told in the demand's own scale; else saturation would seem to explain by shrinking.
+    """
+    if not packed.on[_SATURATES]:
+        return 1.0
+    loss, level = packed.p[_LOSS], packed.p[_LOSS + 1]
+    ratio = np.minimum(np.abs(demand) / level, 1.0)
+    return np.asarray(np.maximum(1.0 - 3.0 * loss * ratio**2, 0.05))
 
 
 def residual(data: Prepared, packed: Packed, moved: Motion) -> Floats:

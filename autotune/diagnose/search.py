@@ -8,10 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from autotune.diagnose.bandwidth import SHIFTS, shifted
 from autotune.diagnose.coordinates import generic_columns
 from autotune.diagnose.families import FAMILIES, Context, Start
 from autotune.diagnose.fit import Fitted, Free, fit
 from autotune.diagnose.prepared import TRAINING, VETO
+from autotune.diagnose.residual import measured_motion
 from autotune.diagnose.score import Explained, Unseen, explained, gain_and_z, held_out
 from autotune.diagnose.study import Correction, Study, refit
 from autotune.models import layout
@@ -144,6 +146,8 @@ def rank(study: Study, level: Level, nominal: Packed, progress: Progress) -> lis
     for effect in FAMILIES:
         if level.fitted.packed.on[layout.flag(effect)] and effect != "torque_ripple":
             continue
+        if effect == "torque_lag" and not (study.twin or study.data.repeated):
+            continue  # the torque was aligned with the motion by half samples: nothing to tell a lag by
         progress(f"candidate {effect}")
         screened = screen(study, level, nominal, effect)
         if screened is not None and np.isfinite(screened.gain):
@@ -153,15 +157,16 @@ def rank(study: Study, level: Level, nominal: Packed, progress: Progress) -> lis
 
 def inside_twin(study: Study, root: Level, level: Level, candidate: Screened) -> Refitted | None:
     """A candidate refitted with its own bias; shares count from the model without any found effect."""
-    effects = (*level.effects, candidate.effect)
+    effects = tuple(dict.fromkeys([*level.effects, candidate.effect]))
     settled = settle(study, candidate.fitted.packed, candidate.fitted.free, 2, effects, candidate.fitted)
     if settled is None:
         return None
-    gain, _ = gain_and_z(level.unseen, settled.unseen)
-    return _judged(study, root, settled, candidate.effect, gain)
+    return judged(study, root, settled, candidate.effect, level)
 
 
-def _judged(study: Study, root: Level, settled: Level, effect: str, gain: float) -> Refitted:
+def judged(study: Study, root: Level, settled: Level, effect: str, level: Level | None = None) -> Refitted:
+    """What a settled model explains; the gain counts from `level`, or from the root."""
+    gain, _ = gain_and_z((level or root).unseen, settled.unseen)
     parts = [
         explained(study, root.fitted, settled.fitted, settled.correction, role) for role in (TRAINING, VETO)
     ]
@@ -191,5 +196,24 @@ def without_effect(study: Study, root: Level, level: Level, effect: str) -> Refi
     settled = settle(study, Packed(p, on), free, 2, effects)
     if settled is None:
         return None
-    gain, _ = gain_and_z(root.unseen, settled.unseen)
-    return _judged(study, root, settled, effects[-1], gain)
+    return judged(study, root, settled, effects[-1])
+
+
+def realigned(study: Study, level: Level) -> Study:
+    """The study with torque and motion aligned as this model fits them best.
+
+    Only where neither a controller nor repeats say how the columns belong together.
+    """
+    if study.twin or study.data.repeated:
+        return study
+    costs: dict[int, float] = {}
+    for shift in SHIFTS:
+        data = shifted(study.data, shift)
+        moved = measured_motion(data)
+        trial = replace(study, data=data, moved=moved)
+        costs[shift] = refit(trial, level.fitted.packed, list(level.free), level.correction, 3).cost
+    best = min(costs, key=lambda shift: costs[shift])
+    if costs[best] > 0.98 * costs[study.data.shift]:
+        return study
+    data = shifted(study.data, best)
+    return replace(study, data=data, moved=measured_motion(data))

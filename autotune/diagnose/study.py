@@ -29,7 +29,8 @@ from autotune.models.lugre import Floats
 CHUNK = 200  # grid rows, about a second
 NOISE_CHUNK = 60
 SEED = 20_240
-OUTLIER = 6.0
+LEAST_COULOMB = 0.005  # of the torque
+LONGEST_REACH = 0.1  # of the travel
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,13 +44,17 @@ class Correction:
 
 @dataclass(frozen=True, slots=True)
 class Scales:
-    """What is large on this axis: torque [N m], velocity, travel, acceleration, and time [s]."""
+    """What is large on this axis: torque [N m], velocity, travel, acceleration, and time [s].
+
+    `one_way`: the axis practically moved in one direction only.
+    """
 
     torque: float
     velocity: float
     travel: float
     acceleration: float
     seconds: float
+    one_way: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,12 +146,23 @@ def start_study(data: Prepared, controller: Controller | None) -> Study:
         float(np.ptp(data.position[rows])) or 1.0,
         float(np.percentile(np.abs(data.acceleration[rows]), 99.5)) or 1.0,
         float(len(data.time) * data.period),
+        _one_way(data.velocity[rows]),
     )
     return Study(data, moved, controller, 0.0, scales, np.ones(len(rows)))
 
 
+def _one_way(velocity: Floats) -> bool:
+    """Whether less than a hundredth of the travel went the other way."""
+    forward = float(np.sum(velocity[velocity > 0.0]))
+    backward = -float(np.sum(velocity[velocity < 0.0]))
+    return min(forward, backward) < 0.03 * max(forward, backward)
+
+
 def base_free(packed: Packed, scales: Scales, motion_unit: str) -> list[Free]:
-    """The base parameters as free ones; break-away and Stribeck velocity where the model has them."""
+    """The base parameters as free ones, and their values in `packed` brought inside what is possible here.
+
+    On an axis that only moved one way offset and Coulomb friction are one number; the offset is held.
+    """
     p = packed.p
     typical = {
         "inertia": scales.torque / scales.acceleration,
@@ -156,18 +172,24 @@ def base_free(packed: Packed, scales: Scales, motion_unit: str) -> list[Free]:
         "micro_damping": max(p[layout.MICRO_DAMPING], 1e-2 * scales.torque / scales.velocity),
         "offset": 0.3 * scales.torque,
     }
-    return [
+    coulomb = LEAST_COULOMB * scales.torque
+    least = {"coulomb": coulomb, "stiffness": coulomb / (LONGEST_REACH * scales.travel)}
+    free = [
         Free(
             b.name,
             b.slot,
-            b.lower,
+            max(b.lower, least.get(b.name, b.lower)),
             b.upper,
             typical[b.name],
             relative=b.name != "offset",
             step=3.0 * typical[b.name],
         )
         for b in BASE
+        if b.name != "offset" or not scales.one_way
     ]
+    for parameter in free:
+        p[parameter.slot] = min(max(p[parameter.slot], parameter.lower), parameter.upper)
+    return free
 
 
 def estimate_noise(study: Study, packed: Packed, error: Floats) -> float:

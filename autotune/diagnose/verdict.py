@@ -10,12 +10,13 @@ import numpy as np
 
 from autotune.core.errors import NotEnoughExcitation
 from autotune.core.recording import Recording
+from autotune.diagnose.bandwidth import prepared_for
 from autotune.diagnose.controller import find_controller, with_feedforward
 from autotune.diagnose.coordinates import variance_shares
 from autotune.diagnose.families import FAMILIES
 from autotune.diagnose.fit import Free
 from autotune.diagnose.model_values import free_of_model
-from autotune.diagnose.prepared import TEST, TRAINING, VETO, Prepared, prepare
+from autotune.diagnose.prepared import TEST, TRAINING, VETO, Prepared
 from autotune.diagnose.search import (
     GAIN_WITHOUT_TWIN,
     LEAST_GAIN,
@@ -27,19 +28,25 @@ from autotune.diagnose.search import (
     Screened,
     generic_gains,
     inside_twin,
+    judged,
     rank,
+    realigned,
     settle,
     without_effect,
 )
 from autotune.diagnose.study import Study, base_free, estimate_noise, refit, start_study
+from autotune.diagnose.surrogates import beats_surrogates
 from autotune.diagnose.words import TORQUE_CONSTANT, separating_experiment, usual_rivals
 from autotune.models.drive_model import DriveModel, Packed
+from autotune.models.lugre import Floats
 
 Progress = Callable[[str], None]
 GENERIC_LEAD = 1.5
 GENERIC_GAIN = 0.05
 PARTLY = 0.5
-SURE_Z = 2.0
+LEAST_Z_ALONE = 2.5
+OUTLYING = 12.0
+OUTLYING_SECONDS = 0.25
 NEGLIGIBLE = 0.02
 
 
@@ -120,6 +127,9 @@ def begin(
         )
     study, settled = level
     _refuse_misfit(study, settled)
+    dropped = 1.0 - float(np.mean(study.weight > 0))
+    if dropped > 0.0:
+        notes = (*notes, f"{100 * dropped:.1f} % of the rows were left out: starts, stops or disturbances.")
     return study, settled, packed, notes
 
 
@@ -130,6 +140,9 @@ def _first_level(study: Study, packed: Packed, free: list[Free]) -> tuple[Study,
     fitted = refit(study, packed, free, start, 8)
     if not np.isfinite(fitted.cost):
         return None
+    if not study.data.repeated:
+        study = replace(study, weight=without_outlying(study, fitted.error))
+        fitted = refit(study, fitted.packed, free, start, 4)
     for _ in range(2):
         study = replace(study, noise=estimate_noise(study, fitted.packed, fitted.error))
         correction = study.correction(fitted.packed, 1)
@@ -138,6 +151,20 @@ def _first_level(study: Study, packed: Packed, free: list[Free]) -> tuple[Study,
         fitted = refit(study, fitted.packed, free, correction, 4)
     level = settle(study, fitted.packed, free, 2)
     return None if level is None else (study, level)
+
+
+def without_outlying(study: Study, error: Floats) -> Floats:
+    """Weights that leave out stretches with far more error than the usual one: starts, stops, blows."""
+    weight = study.weight.copy()
+    step = max(
+        1, round(OUTLYING_SECONDS / (study.data.period * float(np.median(np.diff(study.data.grid[:50])))))
+    )
+    pieces = np.array_split(np.arange(len(error)), max(1, len(error) // step))
+    power = np.array([float(np.mean(error[piece] ** 2)) for piece in pieces])
+    for piece, value in zip(pieces, power, strict=True):
+        if value > OUTLYING * np.median(power):
+            weight[piece] = 0.0
+    return weight if np.mean(weight > 0) > 0.5 else study.weight
 
 
 def _refuse_misfit(study: Study, level: Level) -> None:
@@ -159,7 +186,7 @@ def diagnose(recordings: Sequence[Recording], model: DriveModel, progress: Progr
         RecordingError, ConfigurationError: recordings that cannot be used.
         NotEnoughExcitation: nothing to fit, or a model that does not fit the axis at all.
     """
-    study, root, nominal, notes = begin(prepare(recordings), model, progress)
+    study, root, nominal, notes = begin(prepared_for(recordings), model, progress)
     return search_effects(study, root, nominal, notes, progress)
 
 
@@ -176,8 +203,7 @@ def search_effects(
         ranked = rank(study, level, nominal, progress)
         if number == 0:
             first, generic = ranked, generic_gains(study, root)
-        least = LEAST_GAIN if study.twin else GAIN_WITHOUT_TWIN
-        passing = [item for item in ranked if item.passes and item.gain >= least]
+        passing = _passing(study, level, ranked)
         refits = _walk(study, root, level, passing, progress)
         if number == 0:
             tried = refits
@@ -185,11 +211,33 @@ def search_effects(
         if best is None:
             break
         chosen, level = best, best.level
+        again = realigned(study, level)
+        if again is not study:
+            study, root, chosen = _once_more(again, root, chosen)
+            level = chosen.level
         if chosen.share >= 0.995 and not _more_to_explain(study, level):
             break
     if chosen is not None and len(chosen.level.effects) > 1:
         chosen = _pruned(study, root, chosen, progress)
     return _judge(study, root, chosen, first, tried, generic, notes)
+
+
+def _once_more(study: Study, root: Level, chosen: Refitted) -> tuple[Study, Level, Refitted]:
+    """Both models fitted again after torque and motion were aligned anew."""
+    before = settle(study, root.fitted.packed, list(root.free), 2) or root
+    after = settle(study, chosen.level.fitted.packed, list(chosen.level.free), 2, chosen.level.effects)
+    if after is None:
+        return study, before, chosen
+    return study, before, judged(study, before, after, chosen.effect)
+
+
+def _passing(study: Study, level: Level, ranked: Sequence[Screened]) -> list[Screened]:
+    """Candidates worth a refit; without repeats they must also beat chance."""
+    if study.data.repeated:
+        least = LEAST_GAIN if study.twin else GAIN_WITHOUT_TWIN
+        return [item for item in ranked if item.passes and item.gain >= least]
+    likely = [item for item in ranked if item.gain >= LEAST_GAIN and item.z >= LEAST_Z_ALONE][: WALK + 2]
+    return [item for item in likely if beats_surrogates(study, level.fitted, item.fitted)]
 
 
 def _walk(
@@ -199,7 +247,8 @@ def _walk(
     refits: list[Refitted] = []
     for item in passing[:WALK]:
         done = max((r.share for r in refits), default=0.0) >= NAMED
-        if done and item.gain < 0.75 * passing[0].gain:
+        close = 0.75 if study.data.repeated else 0.9
+        if done and item.gain < close * passing[0].gain:
             break
         progress(f"refit inside the twin: {item.effect}")
         refitted = inside_twin(study, root, level, item)
@@ -212,7 +261,10 @@ def _best(study: Study, chosen: Refitted | None, refits: Sequence[Refitted]) -> 
     """The refit that explains most, if it is worth having beside what is chosen already."""
     if not refits:
         return None
-    best = min(refits, key=lambda item: _both(study, item.level))
+    if study.data.repeated:
+        best = min(refits, key=lambda item: _both(study, item.level))
+    else:
+        best = max(refits, key=lambda item: item.gain)
     if chosen is None:
         return best if best.gain >= LEAST_GAIN else None
     before = chosen.level

@@ -1,0 +1,101 @@
+"""Which frequencies and which alignment a recording without repeats can be compared at.
+
+Torque and acceleration must be coherent: the cut-off is the highest frequency where their coherence is
+above 0.7; beyond the usual one only where much of the torque is there.
+Torque columns of other people's files are shifted against the motion by anything from −½ to 2 samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy import signal
+
+from autotune.core.recording import Recording
+from autotune.diagnose.prepared import CUTOFF, Prepared, prepare
+from autotune.diagnose.residual import smoothed
+from autotune.identify.checks import torque_of
+from autotune.models.lugre import Floats
+from autotune.signals.filters import low_pass
+
+CANDIDATES = (10.0, 15.0, 20.0, 30.0, 40.0, 60.0, 80.0, 90.0, 100.0, 115.0, 130.0, 160.0, 200.0)
+COHERENT = 0.7
+LOUD = 0.02
+SHIFTS = (-1, 0, 1, 2, 3, 4)
+"""Half samples by which the torque is moved."""
+
+
+def coherent_cutoff(recording: Recording) -> float:
+    """Cut-off [Hz] for a recording of one trajectory; `CUTOFF` where it is too short to tell."""
+    period = recording.period
+    longest = max(recording.segments(), key=lambda s: s.stop - s.start)
+    position, torque = recording["position"][longest.rows], torque_of(recording)[longest.rows]
+    window = min(1024, len(position) // 6)
+    if window < 64:
+        return min(CUTOFF, 0.2 / period)
+    wanted = recording["reference"][longest.rows] if "reference" in recording else position
+    # where a controller follows a reference, noise runs round the loop and is coherent with itself
+    acceleration = np.diff(wanted, 2) / period**2
+    frequency, coherence = signal.coherence(torque[1:-1], acceleration, 1.0 / period, nperseg=window)
+    best = CANDIDATES[0]
+    for candidate in CANDIDATES:
+        if candidate > 0.3 / period:
+            break
+        inside = (frequency > 0.85 * candidate) & (frequency <= candidate)
+        if inside.sum() >= 2 and np.median(coherence[inside]) > COHERENT:
+            best = candidate
+    return best if best <= CUTOFF or _power_beyond(torque, period) > LOUD else CUTOFF
+
+
+def _power_beyond(torque: Floats, period: float) -> float:
+    """Share of the torque's alternating power above the usual cut-off."""
+    slow = low_pass(torque - torque.mean(), CUTOFF, period)
+    return float(np.var(torque - torque.mean() - slow) / max(float(np.var(torque)), 1e-300))
+
+
+def shifted(data: Prepared, half_samples: int) -> Prepared:
+    """The data with the recorded torque moved to later motion by so many half samples."""
+    torque = data.recorded_torque.copy()
+    for stretch in data.stretches:
+        rows = np.arange(stretch.start, stretch.stop, dtype=np.float64)
+        recorded = data.recorded_torque[stretch.rows]
+        torque[stretch.rows] = np.interp(rows + 0.5 * half_samples, rows, recorded)
+    return replace(data, torque=torque, shift=half_samples)
+
+
+def aligned(data: Prepared) -> Prepared:
+    """The data with the torque shifted to where it fits inertia and friction best."""
+    tried = [shifted(data, shift) for shift in SHIFTS]
+    return min(tried, key=_cost)
+
+
+def _cost(data: Prepared) -> float:
+    torque = data.torque
+    acted = np.concatenate([torque[:1], 0.5 * (torque[1:] + torque[:-1])])
+    table = np.column_stack(
+        [
+            smoothed(data, data.acceleration),
+            smoothed(data, data.velocity),
+            smoothed(data, np.sign(data.velocity)),
+            np.ones(len(data.grid)),
+        ]
+    )
+    target = smoothed(data, np.ascontiguousarray(acted))
+    table = table / np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+    return float(np.sum((target - table @ np.linalg.lstsq(table, target, rcond=1e-10)[0]) ** 2))
+
+
+def prepared_for(recordings: Sequence[Recording]) -> Prepared:
+    """Recordings made ready: as the diagnosis programme wants it, or as a single trajectory allows.
+
+    Raises:
+        RecordingError, NotEnoughExcitation: as `prepare`.
+    """
+    data = prepare(recordings)
+    if data.repeated:
+        return data
+    cutoff = coherent_cutoff(max(recordings, key=len))
+    data = prepare(recordings, cutoff, 2.5 * cutoff)
+    return data if data.recorded_reference else aligned(data)
