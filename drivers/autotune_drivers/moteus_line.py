@@ -13,6 +13,7 @@ good one within it, and what has no end is forgotten but for a line's length.
 
 from __future__ import annotations
 
+import re
 from binascii import Error as HexError
 from binascii import unhexlify
 from typing import NamedTuple
@@ -21,6 +22,7 @@ LONGEST_FRAME = 64
 _LONGEST_LINE = 256
 _SIZES = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 _NOP = b"\x50"
+_FLAG = re.compile(rb"[EeBbFfRr]+|[tf][0-9]+|")
 _BEGINNINGS = (b"rcv ", b"OK", b"ERR")
 
 
@@ -141,14 +143,14 @@ def _meaning(text: bytes, checked: bool) -> Line | None:
     if text == b"OK":
         return Line("OK", checked=checked)
     words = text.split(b" ")
-    if words[0] == b"ERR":
+    if words[0] == b"ERR" and b"rcv " not in text:
         return Line("ERR", text=text[4:].decode("ascii", "replace"), checked=checked)
-    if words[0] != b"rcv" or len(words) < 2 or len(words[1]) > 8:
+    if words[0] != b"rcv" or len(words) < 2 or not all(map(_FLAG.fullmatch, words[3:])):
         return None
     try:
         data = unhexlify(words[2]) if len(words) > 2 else b""
         if len(data) > LONGEST_FRAME:
             return None
-        return Line("rcv", int(words[1], 16), data, checked=checked)
-    except (ValueError, HexError):
+        return Line("rcv", int.from_bytes(unhexlify(words[1].rjust(8, b"0"))), data, checked=checked)
+    except HexError:
         return None
