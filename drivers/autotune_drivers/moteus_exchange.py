@@ -6,8 +6,9 @@ its turn on an absolute grid; turns that were missed are skipped and counted. In
 controller's time advances with the command, so nothing waits.
 
 A reply holds mode, position, velocity, torque, control position, temperature, fault, P, I, D and
-feedforward torque, and their total: all of one control period. Firmware that refuses a subframe once 41
-bytes of a reply are used gets the longest one last.
+feedforward torque, and their total: all of one control period. It also echoes the watchdog time, whose
+last digits count the commands: a reply that is late or was asked for twice is known by them. Firmware
+that refuses a subframe once 41 bytes of a reply are used gets the longest one last.
 """
 
 from __future__ import annotations
@@ -23,15 +24,18 @@ from autotune_drivers.moteus_multiplex import FAULT, MODE, Form, parse, read, re
 from autotune_drivers.moteus_node import Heard, MoteusNode
 from autotune_drivers.moteus_profile import MoteusCycle
 
-LOCK_STEP_TIMEOUT = 1.0
+LOCK_STEP_TIMEOUT = 0.12  # s; shorter than the watchdog, so that a lost command can be sent again
 CONTROL_POSITION = 0x038
 TEMPERATURES = {"motor": 0x00A, "board": 0x00E}
 _TORQUES = 0x030
+_WATCHDOG = 0x027
 _COMMAND = struct.Struct("<5s3f2sf2s3f")
 _HEAD, _MOST, _REST = b"\x01\x00\x0a\x0f\x20", b"\x0d\x25", b"\x0f\x27"
 _NO_FEEDBACK = b"\x02\x23\x00\x00\x01\x2b\x00"  # kp and kd scale, and the integral's limit, are 0
 _NO_LIMIT = -1.0
 _TEMPERATURE_STEP = 0.1
+_COUNTED = 64
+_COUNT_STEP = 2.0**-17  # s, 8 µs: exact in single precision below a second
 _LOWEST = -32768
 
 
@@ -90,18 +94,22 @@ class MoteusExchange:
         self._timeout = LOCK_STEP_TIMEOUT if lock_step else cycle.reply_timeout
         self._tries = cycle.lost_cycles + 1
         self._torque = torque
-        self._watchdog = watchdog
+        self._watchdog = math.floor(watchdog / _COUNT_STEP) * _COUNT_STEP
+        self._number = 0
+        self._expected: float | None = None
         self._due = 0.0
         self._temperature = TEMPERATURES.get(temperature)
         self.has_control_position = True
+        self._has_echo = True
 
     def survey(self) -> None:
         """Asks once for what not every firmware has. Raises LinkError."""
-        wanted = [(Form.FLOAT, CONTROL_POSITION, 1)]
+        wanted = [(Form.FLOAT, CONTROL_POSITION, 1), (Form.FLOAT, _WATCHDOG, 1)]
         if self._temperature is not None:
             wanted.append((Form.INT16, self._temperature, 1))
         there = {entry[1]: self._node.registers(entry).get(entry[1]) for entry in wanted}
         self.has_control_position = there[CONTROL_POSITION] is not None
+        self._has_echo = there[_WATCHDOG] is not None
         if self._temperature is not None and there[self._temperature] is None:
             self._temperature = None
         self._ask()
@@ -111,6 +119,8 @@ class MoteusExchange:
         parts: list[tuple[Form, int, int]] = [(Form.INT8, MODE, 1), (Form.FLOAT, 0x001, 3)]
         if self.has_control_position:
             parts.append((Form.FLOAT, CONTROL_POSITION, 1))
+        if self._has_echo:
+            parts.append((Form.FLOAT, _WATCHDOG, 1))
         if self._temperature is not None:
             parts.append((Form.INT16, self._temperature, 1))
         parts += [(Form.INT8, FAULT, 1), (Form.FLOAT, _TORQUES, 5)]
@@ -142,13 +152,12 @@ class MoteusExchange:
             LinkTimeout: no answer several times in a row. LinkError: the line is gone or refuses.
             OverflowError: a value beyond single precision.
         """
-        data = self._command(target)
         self.healthy = False
         missed = 0
         heard = Heard(None, False, "", False)
         for _ in range(self._tries):
             missed += self._wait_turn()
-            self._node.send(data)
+            self._node.send(self._command(target))
             heard = self._node.listen(self._timeout, self._take)
             if heard.reply is not None:
                 self.count += missed + 1
@@ -157,13 +166,12 @@ class MoteusExchange:
             self._node.note_refusal(heard.refusal)
             if not heard.refusal:
                 missed += 1
-                if self._lock_step and not heard.garbled:
-                    break
         raise self._node.silence(heard)
 
     def stop(self, timeout: float) -> State | None:
         """Power off; the state after it, None where nobody answers. Raises LinkError: the line is gone."""
         data = b"\x01\x00\x00" + self._query
+        self._expected = None
         for _ in range(self._tries):
             self._node.port.drain()
             self._node.send(data)
@@ -175,6 +183,7 @@ class MoteusExchange:
 
     def look(self) -> State:
         """The state, without a command. Raises LinkError."""
+        self._expected = None
         self._node.request(self._query, self._take)
         if self.state is None:
             raise LinkError(f"controller {self._node.number} tells nothing; this is a defect")
@@ -182,10 +191,13 @@ class MoteusExchange:
 
     def _command(self, target: Target) -> bytes:
         position, velocity, feedforward, feedback = target
+        self._number = (self._number + 1) % _COUNTED
+        watchdog = self._watchdog - self._number * _COUNT_STEP
+        self._expected = watchdog if self._has_echo else None
         data = _COMMAND.pack(
             _HEAD, position, velocity, feedforward,
             _MOST, self._torque,
-            _REST, self._watchdog, _NO_LIMIT, _NO_LIMIT,
+            _REST, watchdog, _NO_LIMIT, _NO_LIMIT,
         )  # fmt: skip
         return data + (b"" if feedback else _NO_FEEDBACK) + self._query
 
@@ -208,17 +220,18 @@ class MoteusExchange:
         if len(data) >= self._layout.size:
             values = self._layout.unpack_from(data)
             if self._heads_of(values) == self._heads:
-                self._keep([*self._values_of(values)], True)
-                return True
+                return self._keep([*self._values_of(values)], True)
         found = parse(data).values
         if any(register not in found for register in self._registers):
             return False
-        self._keep([found[register] for register in self._registers], False)
-        return True
+        return self._keep([found[register] for register in self._registers], False)
 
-    def _keep(self, values: list[float], raw: bool) -> None:
+    def _keep(self, values: list[float], raw: bool) -> bool:
+        """Takes the values as the state; False where they are the answer to another command."""
         mode, position, velocity, torque, *rest = values
         control = rest.pop(0) if self.has_control_position else math.nan
+        if self._has_echo and rest.pop(0) != self._expected and self._expected is not None:
+            return False
         temperature = math.nan
         if self._temperature is not None:
             temperature = rest.pop(0)
@@ -229,3 +242,4 @@ class MoteusExchange:
             int(mode), position, velocity, torque, control, temperature, int(fault),
             proportional, integral, derivative, feedforward, total,
         )  # fmt: skip
+        return True

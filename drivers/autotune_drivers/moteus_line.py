@@ -102,9 +102,19 @@ class LineReader:
         self._rest = rest[-_LONGEST_LINE:]
         return [line for text in complete if text and (line := self._line(text)) is not None]
 
+    @property
+    def unfinished(self) -> bool:
+        """A line has begun and not ended."""
+        return bool(self._rest)
+
     def forget(self) -> None:
         """What has come of an unfinished line is no longer waited for."""
         self._rest = b""
+
+    def give_up(self) -> None:
+        """The end of a line is lost: garbled."""
+        self.garbled += 1
+        self.forget()
 
     def _line(self, text: bytes) -> Line | None:
         line = self._decode(text)

@@ -1,8 +1,7 @@
 """One moteus controller at the end of a line: frames there and back, with what is wrong in words.
 
 A frame is answered by `OK` (the adapter has it) and, where a reply is wanted, by the controller's frame.
-A reply counts only after the `OK` of its own command, so that a late one is not taken for it. What was
-garbled on the way is asked for again.
+Whose reply it is, the asker tells by its content. What was garbled on the way is asked for again.
 """
 
 from __future__ import annotations
@@ -22,6 +21,7 @@ _TRIES = 4
 _TIMEOUT = 0.25
 _GREETING = 0.15
 _AFTER_GARBAGE = 0.01  # what was garbled may have been the `OK` alone
+_LINE_TAKES = 0.02
 _SCAN_EACH = 0.002
 _SCAN_END = 0.1
 
@@ -61,12 +61,16 @@ class MoteusNode:
         end = time.monotonic() + timeout
         accepted, refusal, garbled = False, "", False
         while True:
-            for line in self.port.lines(end - time.monotonic()):
+            left = end - time.monotonic()
+            lines = self.port.lines(min(left, _LINE_TAKES) if reader.unfinished else left)
+            if not lines and reader.unfinished and left > _LINE_TAKES:
+                reader.give_up()  # its end is lost
+            for line in lines:
                 if line.kind == "OK":
                     accepted = True
                 elif line.kind == "ERR":
                     refusal = line.text or "without a reason"
-                elif (accepted or reader.garbled > before) and self._is_mine(line) and fits(line.data):
+                elif self._is_mine(line) and fits(line.data):
                     return Heard(line.data, True, "", False)
             if not garbled and reader.garbled > before:
                 garbled, end = True, min(end, time.monotonic() + _AFTER_GARBAGE)

@@ -8,6 +8,7 @@ watchdog of the last command ends it.
 from __future__ import annotations
 
 import math
+import time
 
 from autotune.core.errors import AutotuneError, DriveFault, LinkError, StateError
 from autotune_drivers.moteus_exchange import MoteusExchange, State, Target
@@ -15,8 +16,10 @@ from autotune_drivers.moteus_faults import LIMITED, STARTING, Mode, fault_text, 
 from autotune_drivers.moteus_profile import MoteusProfile
 
 _REST_CYCLES = 20
-_REST_SPEED = 2e-4
+_REST_SPEED = 1e-3  # rev/s
 _STOP_TIMEOUT = 0.25
+_LOOK = 0.005
+_REST_LOOKS = 4
 
 
 class MoteusPower:
@@ -120,6 +123,8 @@ class MoteusPower:
         if self._state.mode == Mode.POSITION:
             self._exchange.restart()
             self._brake(position, velocity)
+        if self._state.mode == Mode.TIMEOUT:
+            self._await_rest()
         if self._state.mode == Mode.FAULT:
             return  # power is off already; the fault stays for whoever looks
         state = self._exchange.stop(_STOP_TIMEOUT)
@@ -144,6 +149,17 @@ class MoteusPower:
             still = still + 1 if slower == 0.0 and abs(state.velocity) < _REST_SPEED else 0
             if still >= _REST_CYCLES:
                 return
+
+    def _await_rest(self) -> None:
+        """The controller brakes by itself; power goes when the axis rests, or after the longest stop."""
+        end = time.monotonic() + self._ramp_cycles * self._period
+        still = 0
+        while still < _REST_LOOKS and time.monotonic() < end:
+            time.sleep(_LOOK)
+            state = self._exchange.look()
+            if state.mode != Mode.TIMEOUT:
+                return
+            still = still + 1 if abs(state.velocity) < _REST_SPEED else 0
 
     def acknowledge(self) -> None:
         """Clears a fault that this session's motion has caused; others stay. Raises LinkError."""

@@ -245,12 +245,14 @@ class MoteusDevice(Device):
         """Mode 0: power off; a fault whose cause is gone is forgotten."""
         self._watchdog = None
         self._own_fault = 0
+        self.command = PositionCommand()
         if self.firmware.state in FAULTY:
             for word in (0, _RESET, 0):
                 self._control(word)
         self.firmware.disable("stop commanded")
 
     def _obey(self, command: PositionCommand) -> None:
+        self.command = command
         if self.mode == STOPPED and not self._engage():
             self.begin_cycle(self.now)
             return
@@ -278,7 +280,6 @@ class MoteusDevice(Device):
         if int(self.objects[0x6060].value) != mode:
             self.objects[0x6060].put(mode)
             self.trajectory.hold(self.firmware.servo.position / TURN)
-        self.command = command
         self._scale(command)
         feedforward = round(command.feedforward * 1e6) if math.isfinite(command.feedforward) else 0
         torque = mode == _TORQUE_MODE
