@@ -16,7 +16,8 @@ from scipy import signal
 from autotune.core.recording import Recording
 from autotune.diagnose.prepared import CUTOFF, Prepared, prepare
 from autotune.diagnose.residual import smoothed
-from autotune.identify.checks import torque_of
+from autotune.diagnose.speed_curve import as_steady_recordings, speed_points
+from autotune.identify.checks import check_recording, torque_of
 from autotune.models.lugre import Floats
 from autotune.signals.filters import low_pass
 
@@ -93,6 +94,11 @@ def prepared_for(recordings: Sequence[Recording]) -> Prepared:
     Raises:
         RecordingError, NotEnoughExcitation: as `prepare`.
     """
+    points = speed_points(recordings)
+    if points:
+        for recording in recordings:
+            check_recording(recording)
+        return prepare(as_steady_recordings(recordings, points), 1e6, 1e6, steady=True)
     data = prepare(recordings)
     if data.repeated:
         return data

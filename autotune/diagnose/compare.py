@@ -100,7 +100,7 @@ def compare(recordings: Sequence[Recording], model: DriveModel) -> Compared:
     data = with_feedforward(data, found)
     study = start_study(data, found.controller)
     packed = model.pack()
-    if not study.twin and not data.repeated:
+    if not study.twin and not data.repeated and not data.steady:
         data = best_aligned(data, packed)
         study = start_study(data, None)
     raw = residual(data, packed, study.moved)
@@ -114,7 +114,7 @@ def compare(recordings: Sequence[Recording], model: DriveModel) -> Compared:
         study = replace(study, controller=None)
         correction = study.correction(packed)
     error = raw - correction.bias
-    if not data.repeated:
+    if not data.repeated and not data.steady:
         study = replace(study, weight=without_outlying(study, error))
     rows = np.asarray(study.weight > 0)
     return _measures(study, model, error, rows, _position_error(study, model), notes)

@@ -152,13 +152,14 @@ def _asymmetry(c: Context) -> Iterator[Start]:
 
 def _stribeck(c: Context) -> Iterator[Start]:
     top = c.study.scales.velocity
-    for share in (0.01, 0.05):
-        speed = share * top
+    for share, exponent in ((0.01, 2.0), (0.05, 2.0), (0.03, 1.0)):
+        speed = share * top if not c.study.data.steady else 5.0 * share * top
         free = {
             "break_away": (0.1 * c.coulomb, 0.4 * c.coulomb),
             "stribeck_velocity": (0.3 * speed, 0.6 * speed),
         }
-        yield _start(c, "stribeck", {"break_away": 1.1 * c.coulomb, "stribeck_velocity": speed}, free)
+        values = {"break_away": 1.1 * c.coulomb, "stribeck_velocity": speed, "stribeck_exponent": exponent}
+        yield _start(c, "stribeck", values, free)
 
 
 def _nonlinear_viscous(c: Context) -> Iterator[Start]:

@@ -17,7 +17,7 @@ from autotune.core.recording import Recording
 from autotune.diagnose.bandwidth import prepared_for
 from autotune.diagnose.fit import standard_errors
 from autotune.diagnose.model_values import model_from
-from autotune.diagnose.prepared import Prepared
+from autotune.diagnose.prepared import Prepared, prepare
 from autotune.diagnose.residual import residual, smoothed
 from autotune.diagnose.search import Level, inside_twin, screen
 from autotune.diagnose.study import Study, start_study
@@ -51,6 +51,10 @@ def fit_model(
     """
     data = prepared_for(recordings)
     start = starting_model(data)
+    if data.steady:
+        # constant speeds tell nothing about inertia and presliding; the noise on them a little
+        rough = starting_model(prepare(recordings))
+        start = start.with_values({name: rough[name] for name in ("inertia", "stiffness", "micro_damping")})
     study, level, nominal, notes = begin(data, start, progress)
     for effect in effects:
         progress(f"refit with {effect}")
@@ -71,6 +75,8 @@ def fit_model(
             f"The base model leaves {100 * relative:.0f} % of the torque unexplained; "
             "'autotune model diagnose' tells what is missing.",
         )
+    if data.steady:
+        notes = (*notes, "Only the curve over constant speeds was fitted; inertia and stiffness are rough.")
     if study.scales.one_way:
         notes = (
             *notes,
@@ -97,7 +103,7 @@ def starting_model(data: Prepared) -> DriveModel:
     values = _least_squares(data, study.scales.one_way)
     travel = float(np.ptp(data.position[data.grid]))
     best = (math.inf, values)
-    for reach in REACHES:
+    for reach in REACHES[:1] if data.steady else REACHES:
         stiffness = values["coulomb"] / (reach * travel)
         damping = 0.3 * math.sqrt(stiffness * values["inertia"])
         trial = {**values, "stiffness": stiffness, "micro_damping": damping}

@@ -73,6 +73,7 @@ class Prepared:
         grid: samples at the centre of each grid row.
         taps: zero-phase low-pass that every torque goes through, shape (odd,).
         recorded_torque: as it was in the file; `torque` is this, moved by `shift` half samples.
+        steady: only the curve of torque over constant speeds is compared (see `speed_curve`).
     """
 
     metadata: Metadata
@@ -94,6 +95,7 @@ class Prepared:
     recorded_reference: bool
     recorded_torque: Floats
     shift: int = 0
+    steady: bool = False
 
     def role(self, *roles: str) -> Flags:
         """Grid rows of blocks with one of these roles, shape (m,)."""
@@ -112,7 +114,10 @@ class Prepared:
 
 
 def prepare(
-    recordings: Sequence[Recording], cutoff: float = CUTOFF, motion_cutoff: float = MOTION_CUTOFF
+    recordings: Sequence[Recording],
+    cutoff: float = CUTOFF,
+    motion_cutoff: float = MOTION_CUTOFF,
+    steady: bool = False,
 ) -> Prepared:
     """Makes recordings of one axis ready.
 
@@ -121,7 +126,8 @@ def prepare(
         NotEnoughExcitation: too short, or nothing moves outside conditioning.
     """
     for recording in recordings:
-        check_recording(recording)
+        if not steady:
+            check_recording(recording)
         refuse_mixture(recordings[0].metadata, recording.metadata)
     period = recordings[0].period
     columns = [_columns(recording) for recording in recordings]
@@ -130,7 +136,9 @@ def prepare(
     segments: list[Segment] = []
     offset = 0
     for number, recording in enumerate(recordings):
-        stretches += _stretches(recording, offset)
+        stretches += (
+            [Stretch(offset, offset + len(recording), False)] if steady else _stretches(recording, offset)
+        )
         segments += _segments(recording, offset, number if len(recordings) > 1 else 0)
         offset += len(recording)
     moved = [motion(arrays["position"][s.rows], period, motion_cutoff) for s in stretches]
@@ -164,6 +172,7 @@ def prepare(
         motion_cutoff,
         all("reference" in recording for recording in recordings),
         arrays["torque"],
+        steady=steady,
     )
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from autotune.diagnose import speed_curve
 from autotune.diagnose.bandwidth import SHIFTS, shifted
 from autotune.diagnose.coordinates import generic_columns
 from autotune.diagnose.families import FAMILIES, Context, Start
@@ -29,6 +30,8 @@ GAIN_WITHOUT_TWIN = 0.12
 NAMED = 0.9
 WALK = 4
 MOST_EFFECTS = 3
+CLOSE_START = 0.7
+"""Starts that lower the cost by this part of the best one's fall are followed to the end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,17 +117,16 @@ def _level(study: Study, fitted: Fitted, correction: Correction, effects: tuple[
 def screen(study: Study, level: Level, nominal: Packed, effect: str) -> Screened | None:
     """The best refit of one family on the measured motion; None where it has no start here."""
     context = Context(study, level.fitted, nominal)
-    best: Fitted | None = None
-    starts = list(FAMILIES[effect](context))
-    for start in starts:
-        fitted = _try(study, level, start, 2, quick=True)
-        if fitted is not None and (best is None or fitted.cost < best.cost):
-            best = fitted
-    if best is None:
+    tried = [_try(study, level, start, 2, quick=True) for start in FAMILIES[effect](context)]
+    found = sorted((fitted for fitted in tried if fitted is not None), key=lambda fitted: fitted.cost)
+    if not found:
         return None
-    if best.cost < (1.0 - 0.3 * LEAST_GAIN) * level.fitted.cost:
-        finished = _try(study, level, Start(best.packed, best.free[len(level.free) :]), 4)
-        best = finished if finished is not None and finished.cost <= best.cost else best
+    best = found[0]
+    fall = level.fitted.cost - best.cost
+    if fall > 0.3 * LEAST_GAIN * level.fitted.cost:
+        for start in [f for f in found if level.fitted.cost - f.cost > CLOSE_START * fall][:2]:
+            finished = _try(study, level, Start(start.packed, start.free[len(level.free) :]), 4)
+            best = finished if finished is not None and finished.cost <= best.cost else best
     gain, z = gain_and_z(level.unseen, held_out(study, best.error, best.jacobian))
     return Screened(effect, best, gain, z)
 
@@ -148,6 +150,8 @@ def rank(study: Study, level: Level, nominal: Packed, progress: Progress) -> lis
             continue
         if effect == "torque_lag" and not (study.twin or study.data.repeated):
             continue  # the torque was aligned with the motion by half samples: nothing to tell a lag by
+        if study.data.steady and effect not in speed_curve.FAMILIES:
+            continue
         progress(f"candidate {effect}")
         screened = screen(study, level, nominal, effect)
         if screened is not None and np.isfinite(screened.gain):
@@ -204,7 +208,7 @@ def realigned(study: Study, level: Level) -> Study:
 
     Only where neither a controller nor repeats say how the columns belong together.
     """
-    if study.twin or study.data.repeated:
+    if study.twin or study.data.repeated or study.data.steady:
         return study
     costs: dict[int, float] = {}
     for shift in SHIFTS:

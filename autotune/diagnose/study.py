@@ -46,7 +46,7 @@ class Correction:
 class Scales:
     """What is large on this axis: torque [N m], velocity, travel, acceleration, and time [s].
 
-    `one_way`: the axis practically moved in one direction only.
+    `one_way`: the axis practically moved in one direction only; `steady`: at constant speeds only.
     """
 
     torque: float
@@ -55,6 +55,7 @@ class Scales:
     acceleration: float
     seconds: float
     one_way: bool = False
+    steady: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,8 +148,16 @@ def start_study(data: Prepared, controller: Controller | None) -> Study:
         float(np.percentile(np.abs(data.acceleration[rows]), 99.5)) or 1.0,
         float(len(data.time) * data.period),
         _one_way(data.velocity[rows]),
+        data.steady,
     )
     return Study(data, moved, controller, 0.0, scales, np.ones(len(rows)))
+
+
+def _can_tell(name: str, scales: Scales) -> bool:
+    """Whether recordings of this kind can tell a base parameter."""
+    if name == "offset":
+        return not scales.one_way
+    return not scales.steady or name in ("viscous", "coulomb")
 
 
 def _one_way(velocity: Floats) -> bool:
@@ -185,7 +194,7 @@ def base_free(packed: Packed, scales: Scales, motion_unit: str) -> list[Free]:
             step=3.0 * typical[b.name],
         )
         for b in BASE
-        if b.name != "offset" or not scales.one_way
+        if _can_tell(b.name, scales)
     ]
     for parameter in free:
         p[parameter.slot] = min(max(p[parameter.slot], parameter.lower), parameter.upper)

@@ -15,6 +15,7 @@ from autotune.diagnose.controller import find_controller, with_feedforward
 from autotune.diagnose.coordinates import variance_shares
 from autotune.diagnose.families import FAMILIES
 from autotune.diagnose.fit import Free
+from autotune.diagnose.lines import time_driven_line
 from autotune.diagnose.model_values import free_of_model
 from autotune.diagnose.prepared import TEST, TRAINING, VETO, Prepared
 from autotune.diagnose.search import (
@@ -140,7 +141,7 @@ def _first_level(study: Study, packed: Packed, free: list[Free]) -> tuple[Study,
     fitted = refit(study, packed, free, start, 8)
     if not np.isfinite(fitted.cost):
         return None
-    if not study.data.repeated:
+    if not study.data.repeated and not study.data.steady:
         study = replace(study, weight=without_outlying(study, fitted.error))
         fitted = refit(study, fitted.packed, free, start, 4)
     for _ in range(2):
@@ -237,6 +238,8 @@ def _passing(study: Study, level: Level, ranked: Sequence[Screened]) -> list[Scr
         least = LEAST_GAIN if study.twin else GAIN_WITHOUT_TWIN
         return [item for item in ranked if item.passes and item.gain >= least]
     likely = [item for item in ranked if item.gain >= LEAST_GAIN and item.z >= LEAST_Z_ALONE][: WALK + 2]
+    if study.data.steady:
+        return likely
     return [item for item in likely if beats_surrogates(study, level.fitted, item.fitted)]
 
 
@@ -342,6 +345,14 @@ def _judge(
             verdict = "unknown"
     elif structured or _structure_left(study, root):
         verdict = "unknown"
+    line = time_driven_line(study, (chosen.level if chosen else root).fitted.error)
+    if line is not None:
+        notes = (
+            *notes,
+            f"A disturbance of {line.hertz:.2f} Hz runs through all experiments whatever the motion "
+            f"({100 * line.share:.0f} % of the residual's variance): look for mains, fans, pumps, neighbours.",
+        )
+        verdict = "unknown" if verdict == "none" else verdict
     if verdict == "unknown":
         notes = (*notes, _unknown_note(coordinate, free, chosen))
     if not confusable and confidence == "suspected":
@@ -385,7 +396,7 @@ def _rivals(study: Study, root: Level, chosen: Refitted, tried: Sequence[Refitte
 def _structure_left(study: Study, root: Level) -> bool:
     variance, error = study.repeatable(root.fitted.error, root.correction, TRAINING)
     noise = study.noise_variance(root.fitted.error, TRAINING)
-    return math.isfinite(variance) and variance - 4.0 * error > 0.1 * noise
+    return math.isfinite(variance) and variance > 1.5 * error and variance > 0.15 * noise
 
 
 def _unknown_note(coordinate: str, gain: float, chosen: Refitted | None) -> str:

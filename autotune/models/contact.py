@@ -21,11 +21,12 @@ from autotune.models.layout import (
     flag,
 )
 from autotune.models.load_dependent_friction import load_level
-from autotune.models.lugre import Flags, Floats, bristle_step, gaussian_level
+from autotune.models.lugre import Flags, Floats, bristle_step, falling_level
 from autotune.models.nonlinear_viscous import curved_coefficient
 from autotune.models.position_dependent_friction import place_factor
 from autotune.models.reversal_memory import memory_torque
 from autotune.models.spring import spring_torque
+from autotune.models.stribeck import EXPONENT
 from autotune.models.thermal_drift import warm_factor
 from autotune.models.torque_ripple import ripple
 
@@ -49,7 +50,7 @@ def friction_limit(p: Floats, on: Flags, state: Floats, position: float, velocit
     """g, the bristle's deflection in steady state [rad or m]."""
     level = float(p[COULOMB])
     if on[_STRIBECK]:
-        level = gaussian_level(velocity, level, p[BREAK_AWAY], p[STRIBECK_VELOCITY])
+        level = falling_level(velocity, level, p[BREAK_AWAY], p[STRIBECK_VELOCITY], p[EXPONENT])
     if on[_ASYMMETRY]:
         level += level_difference(p, velocity)
     if on[_DWELL]:

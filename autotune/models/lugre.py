@@ -38,6 +38,16 @@ def gaussian_level(velocity: float, coulomb: float, break_away: float, stribeck_
 
 
 @compiled
+def falling_level(
+    velocity: float, coulomb: float, break_away: float, stribeck_velocity: float, exponent: float
+) -> float:
+    """Generalised exponential of Table 2.1: `gaussian_level` where the exponent is 2 [N m]."""
+    ratio = abs(velocity / stribeck_velocity)
+    fall = ratio * ratio if exponent == 2.0 else ratio**exponent
+    return coulomb + (break_away - coulomb) * math.exp(-fall)
+
+
+@compiled
 def bristle_step(bristle: float, velocity: float, limit: float, duration: float) -> float:
     """Deflection after `duration` at constant velocity (5.8).
 

@@ -1,9 +1,11 @@
-"""Break-away friction above Coulomb friction, falling with speed (3.5)."""
+"""Break-away friction above Coulomb friction, falling with speed (3.5), with the shapes of Table 2.1."""
 
 from __future__ import annotations
 
 from autotune.models.effect import Kind, Parameter
-from autotune.models.layout import BREAK_AWAY, STRIBECK_VELOCITY
+from autotune.models.layout import BREAK_AWAY, STRIBECK_VELOCITY, block
+
+EXPONENT = block("stribeck")
 
 STRIBECK = Kind(
     name="stribeck",
@@ -11,6 +13,9 @@ STRIBECK = Kind(
         Parameter("break_away", "N m", 0.0, 0.0, 1e6, "torque needed to start moving", BREAK_AWAY),
         Parameter(
             "stribeck_velocity", "rad/s", 1.0, 1e-7, 1e3, "speed at which it has fallen", STRIBECK_VELOCITY
+        ),
+        Parameter(
+            "stribeck_exponent", "1", 2.0, 0.3, 4.0, "shape: 2 Gaussian, 1 exponential", EXPONENT, True
         ),
     ),
     looks_like="Friction is highest just after starting and falls with speed; slow moves may stick and slip.",

@@ -1,0 +1,78 @@
+"""Disturbances that follow the clock, not the motion: one frequency in every experiment.
+
+Repeats of a trajectory do not start in the phase of such a disturbance, so that it looks like noise; but
+its phase runs on through all experiments.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from autotune.diagnose.prepared import TRAINING
+from autotune.diagnose.study import Study
+from autotune.models.lugre import Floats
+
+LEAST_SHARE = 0.05
+CONTRAST = 60.0
+EVERYWHERE = 0.8
+LEAST_HERTZ = 0.7
+
+
+@dataclass(frozen=True, slots=True)
+class TimeLine:
+    """A disturbance of constant frequency [Hz] and its share of the residual's variance."""
+
+    hertz: float
+    share: float
+
+
+def time_driven_line(study: Study, error: Floats) -> TimeLine | None:
+    """The strongest line whose phase runs on through all experiments; None where there is none."""
+    data = study.data
+    if len(data.stretches) != 1 or len({b.name for b in data.blocks if b.role == TRAINING}) < 3:
+        return None
+    rows = study.training > 0
+    time, values = data.grid[rows] * data.period, error[rows] - error[rows].mean()
+    step = float(np.median(np.diff(np.sort(time))))
+    series = np.zeros(math.ceil(time.max() / step) + 2)
+    series[np.round(time / step).astype(np.int64)] = values
+    power = np.abs(np.fft.rfft(series)) ** 2
+    hertz = np.fft.rfftfreq(len(series), step)
+    band = (hertz > LEAST_HERTZ) & (hertz < 0.8 * hertz[-1])
+    best = int(np.argmax(np.where(band, power, 0.0)))
+    if power[best] < CONTRAST * np.median(power[band]):
+        return None
+    finest = min(
+        hertz[best] + np.linspace(-1.0, 1.0, 41) / time.max(), key=lambda f: -_share(time, values, float(f))
+    )
+    share = _share(time, values, float(finest))
+    everywhere = _everywhere(study, error, float(finest))
+    return TimeLine(float(finest), share) if share > LEAST_SHARE and everywhere else None
+
+
+def _terms(time: Floats, hertz: float) -> Floats:
+    angle = 2.0 * math.pi * hertz * time
+    return np.column_stack([np.sin(angle), np.cos(angle)])
+
+
+def _share(time: Floats, values: Floats, hertz: float) -> float:
+    terms = _terms(time, hertz)
+    slope = np.linalg.lstsq(terms, values, rcond=None)[0]
+    return float(1.0 - np.sum((values - terms @ slope) ** 2) / max(float(np.sum(values**2)), 1e-300))
+
+
+def _everywhere(study: Study, error: Floats, hertz: float) -> bool:
+    """Whether amplitude and phase are about the same in nearly every experiment."""
+    data = study.data
+    rows = study.training > 0
+    whole = np.linalg.lstsq(_terms(data.grid[rows] * data.period, hertz), error[rows], rcond=None)[0]
+    alike = []
+    for block in data.blocks:
+        if block.role == TRAINING:
+            own = np.arange(block.rows.start, block.rows.stop)
+            found = np.linalg.lstsq(_terms(data.grid[own] * data.period, hertz), error[own], rcond=None)[0]
+            alike.append(float(np.linalg.norm(found - whole)) < 0.5 * float(np.linalg.norm(whole)))
+    return float(np.mean(alike)) >= EVERYWHERE
