@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from autotune.cli.output import answer, answer_json
+from autotune.cli.owned import holding, let_service, result_of, service_of
 from autotune.cli.run import confirmation, reporting
-from autotune.core.axis import read_axis
-from autotune.service.check import CheckRequest, check_axis
-from autotune.service.links import open_link
+from autotune.core.axis import Axis, read_axis
 from autotune.view.console import Stage
+
+if TYPE_CHECKING:
+    from autotune.service.progress import Reporter
 
 
 def check(
@@ -24,17 +26,29 @@ def check(
 ) -> None:
     """Look at an axis for a minute at most: friction, tracking, temperature, and whether it has drifted."""
     axis = read_axis(axis_file)
-    confirmation(axis, yes)
+    owner = service_of(axis, axis_file)
     with reporting(stages=[Stage("connect", 2.0), Stage("look", 40.0)]) as console:
-        request = CheckRequest(
-            axis,
-            lambda: open_link(axis, axis_file.resolve().parent),
-            runs,
-            console,
-            lambda: datetime.now().astimezone(),
-        )
-        content = check_axis(request).as_json()
+        if owner is not None:
+            content = result_of(owner, let_service(owner, axis, "check", console), "check.json")
+        else:
+            confirmation(axis, yes, "check")
+            content = _look(axis, axis_file, runs, console)
     show_check(content, as_json)
+
+
+def _look(axis: Axis, axis_file: Path, runs: Path, reporter: Reporter) -> dict[str, Any]:
+    from autotune.service.check import CheckRequest, check_axis
+    from autotune.service.links import open_link
+
+    request = CheckRequest(
+        axis,
+        lambda: open_link(axis, axis_file.resolve().parent),
+        runs,
+        reporter,
+        lambda: datetime.now().astimezone(),
+    )
+    with holding(axis, axis_file, "check"):
+        return check_axis(request).as_json()
 
 
 def show_check(content: dict[str, Any], as_json: bool) -> None:

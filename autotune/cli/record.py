@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from autotune.cli.output import answer
+from autotune.cli.owned import holding
 from autotune.cli.run import confirmation, reporting
 from autotune.core.axis import read_axis
 from autotune.core.errors import ConfigurationError
@@ -37,8 +38,8 @@ def record(
     if out.suffix not in ENDINGS or not out.resolve().parent.is_dir():
         raise ConfigurationError(f"--out {out}: it must end in .parquet or .csv, in a folder that is there")
     axis = read_axis(axis_file)
-    confirmation(axis, yes)
-    with reporting(stages=[Stage("record", 60.0)]) as console:
+    confirmation(axis, yes, "record")
+    with holding(axis, axis_file, "record"), reporting(stages=[Stage("record", 60.0)]) as console:
         recording = record_programme(
             Hold(axis, lambda: open_link(axis, axis_file.resolve().parent), runs, console, datetime.now),
             programme,

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from autotune.cli.output import answer, answer_json, say
+from autotune.cli.owned import holding, let_service, result_of, service_of
 from autotune.core.axis import Axis, read_axis
 from autotune.core.errors import ConfigurationError
 from autotune.core.loop import Watch
@@ -19,6 +20,7 @@ from autotune.view.console import ConsoleProgress, Stage
 
 if TYPE_CHECKING:
     from autotune.service.outcome import RunResult
+    from autotune.service.ownership import Owner
     from autotune.service.session import LabelledWatch
 
 EXPECTED = {
@@ -52,8 +54,12 @@ def run(
     from autotune.service.tuning import Request, tune
 
     axis = read_axis(axis_file)
+    owner = service_of(axis, axis_file)
+    if owner is not None:
+        _let_service_run(owner, axis, only, view, as_json)
+        return
     confirm = confirmation(axis, yes)
-    with reporting(only) as console, _viewers(axis, view) as viewers:
+    with holding(axis, axis_file, "run"), reporting(only) as console, _viewers(axis, view) as viewers:
         request = Request(
             axis=axis,
             open_loop=lambda: open_link(axis, axis_file.resolve().parent),
@@ -67,6 +73,23 @@ def run(
         result = tune(request)
     _show(result, as_json)
     raise typer.Exit(result.exit_code if only is None or result.outcome == "rolled_back" else 0)
+
+
+def _let_service_run(owner: Owner, axis: Axis, only: str | None, view: bool, as_json: bool) -> None:
+    """The service that owns the axis does the run; it knows when a person must approve."""
+    if only is not None or view:
+        raise ConfigurationError(
+            f"axis {axis.name} is owned by the service at {owner.address}, which does whole runs without a view; "
+            "leave --only and --view out, or stop the service"
+        )
+    with reporting() as console:
+        job = let_service(owner, axis, "run", console)
+    content = result_of(owner, job, "run.json")
+    if as_json:
+        answer_json(content)
+    else:
+        answer(content["verdict"])
+    raise typer.Exit(int(job["exit_code"] or 0))
 
 
 class ConsoleReporter:
@@ -99,13 +122,13 @@ def reporting(only: str | None = None, stages: Sequence[Stage] = ()) -> Iterator
         console.finish()
 
 
-def confirmation(axis: Axis, yes: bool) -> Callable[[str], bool]:
+def confirmation(axis: Axis, yes: bool, what: str = "run") -> Callable[[str], bool]:
     """Asks a person before the axis moves; without one there must be --yes, unless nothing real moves."""
     if yes or axis.link.startswith("sim:"):
         return lambda sentence: True
     if not sys.stdin.isatty():
         raise ConfigurationError(
-            f"'autotune run' moves axis {axis.name}; nobody is there to be asked, so say --yes"
+            f"'autotune {what}' moves axis {axis.name}; nobody is there to be asked, so say --yes"
         )
     limits = axis.limits
     say(

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from autotune.cli.output import answer
 from autotune.core.paths import config_directory
-from autotune.service.daemon.settings import Configuration, read_service
+
+if TYPE_CHECKING:
+    from autotune.service.daemon.settings import Configuration
 
 
 def serve(
@@ -19,6 +21,8 @@ def serve(
     check: Annotated[bool, typer.Option("--check", help="Validate the files and start nothing.")] = False,
 ) -> None:
     """Look after axes: a gentle check every day, a re-tune when one has drifted, an HTTP API."""
+    from autotune.service.daemon.settings import read_service
+
     file = service_file or config_directory() / "service.toml"
     if check:
         configuration = read_service(file)

@@ -286,9 +286,32 @@ def _tables(material: Material) -> list[Table]:
         tables.append(
             Table("Feedforward", ("parameter", "value"), rows, f"These are {written}.", frozenset({1}))
         )
+    if result.reduction:
+        tables.append(_reduction(result))
     if result.notes:
         tables.append(Table("Notes", ("what the experiments say",), [[note] for note in result.notes]))
     return tables
+
+
+def _reduction(result: RunResult) -> Table:
+    """What the drive cannot hold: predicted before the commit, measured after it."""
+    found, unit = result.reduction, result.motion_unit
+    rows = [
+        [label, *(quantity(value, unit) if value is not None else "not measured" for value in pair)]
+        for label, pair in (
+            ("Peak error", (found["predicted_peak_error"], found["measured_peak_error"])),
+            ("Rms error", (found["predicted_rms_error"], found["measured_rms_error"])),
+            (
+                "Loss of peak error against the full feedforward",
+                (found["predicted_loss"], found["measured_loss"]),
+            ),
+        )
+    ]
+    host = f"The host has to play: {', '.join(found['host'])}." if found["host"] else ""
+    note = f"The drive holds {', '.join(found['drive'])} only. {host}"
+    return Table(
+        "Reduction to what the drive holds", ("", "predicted", "measured"), rows, note, frozenset({1, 2})
+    )
 
 
 def _unit(name: str, motion_unit: str) -> str:

@@ -19,7 +19,6 @@ from autotune.service.progress import Reporter
 from autotune.service.session import LabelledWatch, Session, controller_of
 from autotune.service.stage_prove import ENABLED
 
-
 GAINS = frozenset(f"feedforward.{name}" for name in ("inertia", "viscous", "coulomb", "offset"))
 
 

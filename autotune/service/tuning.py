@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 
+from autotune.control.reduction import Reduction
 from autotune.core.errors import AutotuneError, ConfigurationError, NotEnoughExcitation
 from autotune.core.recording_files import read_recording
 from autotune.experiments.programmes import build
@@ -20,7 +21,7 @@ from autotune.service.commit import commit, feedforward_parameters
 from autotune.service.documents import Material, write_documents
 from autotune.service.files import finite, write_json
 from autotune.service.findings import Findings, latest_run, load_findings, save_findings
-from autotune.service.hold import Hold, connected, prepared
+from autotune.service.hold import Hold, connected, own_feedforward, prepared
 from autotune.service.journal import CommitPhase, Journal
 from autotune.service.outcome import Outcome, RunResult
 from autotune.service.proof import TrackingError
@@ -30,11 +31,19 @@ from autotune.service.session import Session
 from autotune.service.stage_adapt import adapt
 from autotune.service.stage_identify import baseline, experiment, fit, start_of
 from autotune.service.stage_prove import (
-    ENABLED,
     holds_what_was_proved,
     measure_committed,
     prove_stage,
 )
+from autotune.service.stage_reduce import (
+    Plan,
+    announcement,
+    comparison,
+    holds_reduced,
+    is_worth_it,
+    plan_commit,
+)
+from autotune.service.torque_check import find_torque_semantics, must_be_found
 
 STAGES = ("check", "experiment", "fit", "adapt", "prove", "commit")
 
@@ -112,6 +121,8 @@ def _stages(request: Request, session: Session, course: _Course) -> None:
     wanted = STAGES if request.only is None else (request.only,)
     if request.only is not None:
         course.findings = load_findings(request.runs, session.axis, request.only)
+    if request.only in ("experiment", "adapt", "prove", "commit"):
+        _torque_semantics(session, course)
     for stage in wanted:
         session.journal.note(stage=stage)
         if not _STAGES[stage](request, session, course):
@@ -127,7 +138,14 @@ def _check(request: Request, session: Session, course: _Course) -> bool:
     sine = BenchmarkSine(session.motion, 1, session.axis.benchmark.periods)
     programme = Programme((sine, *build("identification", session.axis)), session.limits, session.budget.left)
     programme.check(session.loop.period)
+    _torque_semantics(session, course)
     return True
+
+
+def _torque_semantics(session: Session, course: _Course) -> None:
+    """Where the profile leaves open what the torque demand means, it is found before anything rests on it."""
+    if must_be_found(session):
+        course.notes.append(find_torque_semantics(session))
 
 
 def _experiment(request: Request, session: Session, course: _Course) -> bool:
@@ -152,7 +170,7 @@ def _adapt(request: Request, session: Session, course: _Course) -> bool:
 
 
 def _prove(request: Request, session: Session, course: _Course) -> bool:
-    own = bool(session.journal.state.changed.get(ENABLED, 0.0))
+    own = own_feedforward(session.journal.state.changed)
     course.findings.proved = prove_stage(session, course.findings.need_proposed(), own)
     proof = course.findings.proved.proof
     course.findings.better = proof.better
@@ -166,41 +184,73 @@ def _prove(request: Request, session: Session, course: _Course) -> bool:
 
 def _commit(request: Request, session: Session, course: _Course) -> bool:
     findings = course.findings
-    parameters = findings.need_proposed()
+    findings.need_proposed()
     if not findings.better:
         raise ConfigurationError(
             "nothing is proved that could be committed; run 'autotune run' with all stages"
         )
-    held = feedforward_parameters(session.loop)
-    values = {
-        name: value
-        for name, value in (parameters.drive_parameters() | {ENABLED: 1.0}).items()
-        if name in held
-    }
-    if ENABLED not in values:
+    plan = plan_commit(session, findings, feedforward_parameters(session.loop))
+    findings.reduction = plan.reduction
+    if not plan.values:
         course.verdict = "Proved, but this drive cannot hold a feedforward; the host has to play it."
         return False
-    if not request.approve("Write the proved parameters to the drive for good?"):
+    if plan.reduction is not None:
+        course.notes.append(announcement(plan.reduction, session.axis.motion_unit))
+        session.reporter.say(course.notes[-1])
+        if not _worth_it(session, course, plan.reduction):
+            return False
+    if not request.approve(_question(plan, session)):
         course.verdict = "Proved, but not written: it was not approved."
         return False
     session.begin("commit", 12.0)
     findings.committed = None
 
     def proves() -> bool:
-        findings.committed = measure_committed(session)
+        findings.committed = measure_committed(session, plan.host)
         if findings.proved is None:
             return True
+        if plan.reduction is not None and plan.host is None:
+            least = session.axis.acceptance.improvement
+            return holds_reduced(findings.proved.proof.before, findings.committed, least)
         return holds_what_was_proved(findings.proved.proof, findings.committed)
 
-    kept = commit(session.loop, values, session.journal, session.runs, session.clock(), proves)
+    kept = commit(session.loop, plan.values, session.journal, session.runs, session.clock(), proves)
     course.outcome = Outcome.KEPT if kept else Outcome.ROLLED_BACK
     course.verdict = _commit_verdict(session, course, kept)
     return kept
 
 
+def _worth_it(session: Session, course: _Course, reduction: Reduction) -> bool:
+    """Whether what the drive can hold is predicted to help at all."""
+    proved = course.findings.proved
+    least = session.axis.acceptance.improvement
+    if proved is None or reduction.host or is_worth_it(reduction, proved.proof.before, least):
+        return True
+    course.verdict = (
+        f"Proved, but not written: {announcement(reduction, session.axis.motion_unit)}, which is not better than "
+        f"{_milli(proved.proof.before.peak_error, session)} as it is now. The host has to play the feedforward."
+    )
+    return False
+
+
+def _question(plan: Plan, session: Session) -> str:
+    if plan.reduction is None:
+        return "Write the proved parameters to the drive for good?"
+    told = announcement(plan.reduction, session.axis.motion_unit)
+    return f"{told[0].upper()}{told[1:]}. Write it to the drive for good?"
+
+
 def _commit_verdict(session: Session, course: _Course, kept: bool) -> str:
     committed = course.findings.committed
     shown = _milli(committed.peak_error, session) if committed else "an unknown value"
+    if not kept and course.findings.reduction is not None and course.findings.proved is not None:
+        predicted = _milli(course.findings.reduction.predicted_peak, session)
+        before = _milli(course.findings.proved.proof.before.peak_error, session)
+        return (
+            f"Everything was put back: reduced to what this drive holds, the feedforward gave {shown} (predicted "
+            f"{predicted}), which is not better than {before} before by what acceptance.improvement asks for. "
+            "The host has to play the feedforward."
+        )
     if not kept:
         return (
             f"Everything was put back: with the parameters in the drive the peak error was {shown}, which is not "
@@ -210,6 +260,14 @@ def _commit_verdict(session: Session, course: _Course, kept: bool) -> str:
     if proved is None:
         return f"Kept: the drive runs with the committed parameters; peak error {shown}."
     before, after = proved.proof.before.peak_error, proved.proof.after.peak_error
+    reduction = course.findings.reduction
+    if reduction is not None and committed is not None:
+        with_host = f" with {', '.join(reduction.host)} from the host" if reduction.host else ""
+        return (
+            f"Kept, reduced to what this drive holds: the peak error on the benchmark fell from "
+            f"{_milli(before, session)} to {shown}{with_host} (predicted {_milli(reduction.predicted_peak, session)}; "
+            f"the full feedforward gives {_milli(after, session)})."
+        )
     return (
         f"Kept: the peak error on the benchmark fell from {_milli(before, session)} to {_milli(after, session)}, "
         f"{before / after:.1f} times less, beyond doubt; with the drive's own feedforward it is {shown}."
@@ -251,13 +309,21 @@ def _result(
         after=proof.after if proof else None,
         improvement=summary.improvement(proof, request.axis.acceptance.confidence) if proof else None,
         parameters=summary.parameters(found, request.axis.motion_unit) if found else {},
-        feedforward=findings.proposed.drive_parameters() if findings.proposed else {},
+        feedforward=_feedforward(findings),
+        reduction=comparison(findings.reduction, findings.committed) if findings.reduction else {},
         adaptation=summary.adaptation(findings.adapted) if findings.adapted else {},
         committed=findings.committed,
         notes=tuple(course.notes),
         stages=session.seconds if session else {},
         motion_unit=request.axis.motion_unit,
     )
+
+
+def _feedforward(findings: Findings) -> dict[str, float]:
+    """What is in the drive, or would be, by name."""
+    if findings.reduction is not None:
+        return {f"feedforward.{name}": value for name, value in findings.reduction.values.items()}
+    return findings.proposed.drive_parameters() if findings.proposed else {}
 
 
 def _finish(
