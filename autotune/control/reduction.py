@@ -1,0 +1,265 @@
+"""What a drive can hold of a feedforward: a LuGre model reduced to less, and what that loses.
+
+A drive that knows no presliding holds the kinetic model, or part of it,
+
+    u = J r̈ + b ṙ + F_c sign ṙ + F_g,
+
+or a table of torque over velocity. Inertia and viscous friction are what they are: bent to imitate
+presliding on one motion they would do harm on a faster one. The Coulomb torque is free. It is chosen so
+that the squared tracking error over the user's motion is least, as predicted by the closed loop with the
+full model as its axis (`closed_loop`). The torque's own least squares, F_c nearly as it is, give a jump
+at every reversal that the axis cannot follow elastically: worse than no feedforward on stiff loops.
+
+The loss is the predicted error with the reduced feedforward less that with the full one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+import numpy as np
+from scipy import optimize
+
+from autotune.control.closed_loop import steady_error
+from autotune.control.feedforward import LugreParameters, advance, feedforward_along
+from autotune.control.refinement import PeriodAverage, periodic_feedforward
+from autotune.core.drive import Sample
+from autotune.core.errors import ConfigurationError
+from autotune.core.recording import Controller, Floats
+
+LUGRE = frozenset({"inertia", "viscous", "coulomb", "break_away", "stiffness", "micro_damping", "offset"})
+KINETIC = ("inertia", "viscous", "coulomb", "offset")
+SEARCH_POINTS = 13
+SMALL = 0.02  # part of the feedforward's rms below which nothing has to be played for it
+
+
+@dataclass(frozen=True, slots=True)
+class Reduction:
+    """A feedforward reduced to what a drive holds, and what it costs.
+
+    Attributes:
+        values: of the parameters in the drive, by name without prefix; SI.
+        host: parts that the drive cannot hold and the host has to play; empty where the drive does without.
+        full_peak, full_rms: measured error with the full feedforward [motion unit].
+        predicted_peak, predicted_rms: error with the drive's part (and the host's, where there is one).
+        residual_rms: what the drive's part leaves of the full feedforward [N m].
+    """
+
+    values: Mapping[str, float]
+    host: tuple[str, ...]
+    full_peak: float
+    full_rms: float
+    predicted_peak: float
+    predicted_rms: float
+    residual_rms: float
+
+    @property
+    def predicted_loss(self) -> float:
+        """Of the peak error [motion unit]."""
+        return self.predicted_peak - self.full_peak
+
+
+def reduces(held: Collection[str]) -> bool:
+    """True where a drive that holds these parameters cannot run the full LuGre feedforward."""
+    return not set(held) >= LUGRE
+
+
+def reduce(
+    full: LugreParameters,
+    held: Collection[str],
+    measured: PeriodAverage,
+    controller: Controller,
+    limit: float = np.inf,
+) -> Reduction:
+    """Reduces the proved parameters to what a drive holds.
+
+    Args:
+        full: proved parameters; also the model that the loss is predicted with.
+        held: names that the drive can hold.
+        measured: the user's motion with the full feedforward in force.
+        controller: of the drive.
+        limit: of the torque [N m].
+
+    Raises:
+        ConfigurationError: the drive holds no part of a feedforward.
+    """
+    names = sorted(
+        (set(held) & LUGRE) - ({"break_away", "micro_damping"} if "stiffness" not in held else set())
+    )
+    if not names:
+        raise ConfigurationError("the drive holds no part of a feedforward; the host has to play all of it")
+    predict = _Prediction(full, measured, controller, limit)
+    values = {name: float(getattr(full, name)) for name in names}
+    host = _left_to_the_host(full, names, measured, controller)
+    if "stiffness" not in names and "coulomb" in names and not host:
+        values["coulomb"] = _least_error(values, full, predict)
+    part = drive_torque(values, measured.reference, measured.period)
+    wanted = predict.applied
+    error = measured.error if host else predict.error(part)
+    return Reduction(
+        MappingProxyType(values),
+        host,
+        measured.peak_error,
+        _rms(measured.error),
+        float(np.max(np.abs(error))),
+        _rms(error),
+        _rms(wanted - part),
+    )
+
+
+class _Prediction:
+    """The measured error, changed by what the closed loop says of another feedforward."""
+
+    def __init__(
+        self, full: LugreParameters, measured: PeriodAverage, controller: Controller, limit: float
+    ) -> None:
+        self.applied = periodic_feedforward(full, measured.reference, measured.period)
+        self._full, self.measured, self._controller, self._limit = full, measured, controller, limit
+        self._base = self._simulated(self.applied)
+
+    def error(self, torque: Floats) -> Floats:
+        return self.measured.error + self._simulated(torque) - self._base
+
+    def _simulated(self, torque: Floats) -> Floats:
+        m = self.measured
+        return steady_error(self._full, self._controller, m.reference, torque, m.period, self._limit)
+
+
+def _least_error(values: Mapping[str, float], full: LugreParameters, predict: _Prediction) -> float:
+    """The Coulomb torque between 0 and the full one with the least squared error."""
+    m = predict.measured
+
+    def squares(coulomb: float) -> float:
+        torque = drive_torque({**values, "coulomb": coulomb}, m.reference, m.period)
+        return _rms(predict.error(torque))
+
+    grid = np.linspace(0.0, full.coulomb, SEARCH_POINTS)
+    best = int(np.argmin([squares(float(value)) for value in grid]))
+    low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+    found = optimize.minimize_scalar(
+        squares, bounds=(low, high), method="bounded", options={"xatol": 1e-3 * full.coulomb}
+    )
+    return float(found.x) if found.fun < squares(float(grid[best])) else float(grid[best])
+
+
+def _left_to_the_host(
+    full: LugreParameters, names: Collection[str], measured: PeriodAverage, controller: Controller
+) -> tuple[str, ...]:
+    """What is missing in the drive and is felt on the user's motion.
+
+    A drive that holds the Coulomb torque does without presliding; one that does not needs the host for
+    friction, and the host then plays presliding as well. A constant is the integrator's, where there is one.
+    """
+    columns = motion_columns(measured.reference, measured.period)
+    size = _rms(periodic_feedforward(full, measured.reference, measured.period))
+    missing = [
+        name
+        for name in KINETIC
+        if name not in names
+        and not (name == "offset" and controller.ki > 0.0)
+        and _rms(getattr(full, name) * columns[name]) > SMALL * size
+    ]
+    return tuple(missing)
+
+
+def motion_columns(reference: Floats, period: float) -> dict[str, Floats]:
+    """Torque of each kinetic parameter at 1, along one period of a periodic reference; shape (n,) each."""
+    ahead, behind = np.roll(reference, -1), np.roll(reference, 1)
+    velocity = (ahead - behind) / (2.0 * period)
+    return {
+        "inertia": (ahead - 2.0 * reference + behind) / period**2,
+        "viscous": velocity,
+        "coulomb": direction(velocity),
+        "offset": np.ones(len(reference)),
+    }
+
+
+def direction(velocity: Floats) -> Floats:
+    """Sign of the velocity; while it is 0, of the motion before, as in a drive. Periodic, shape (n,)."""
+    sign = np.asarray(np.sign(velocity))
+    moving = np.flatnonzero(sign)
+    if not len(moving):
+        return sign
+    last = np.maximum.accumulate(np.where(sign != 0.0, np.arange(len(sign)), -1))
+    return np.asarray(sign[np.where(last >= 0, last, moving[-1])])
+
+
+def drive_torque(values: Mapping[str, float], reference: Floats, period: float) -> Floats:
+    """What a drive with these parameters plays along one period of a periodic reference; shape (n,) [N m]."""
+    if "stiffness" in values:
+        return periodic_feedforward(_elastic(values), reference, period)
+    columns = motion_columns(reference, period)
+    torque = np.zeros(len(reference))
+    for name in KINETIC:
+        torque += values.get(name, 0.0) * columns[name]
+    return torque
+
+
+def _elastic(values: Mapping[str, float]) -> LugreParameters:
+    """A drive with a spring rate of friction, but not all of the LuGre model."""
+    coulomb = max(values.get("coulomb", 0.0), 1e-9)
+    whole = {"inertia": 0.0, "viscous": 0.0, "micro_damping": 0.0, "offset": 0.0, "break_away": coulomb}
+    return LugreParameters(**(whole | dict(values) | {"coulomb": coulomb}))
+
+
+class Remainder:
+    """Law for the host: the full feedforward less what the drive plays by itself."""
+
+    settled = False
+
+    def __init__(self, full: LugreParameters, values: Mapping[str, float], period: float) -> None:
+        self._full, self._period = full.array(), period
+        self._elastic = "stiffness" in values
+        own = dict(values) if self._elastic else {**values, "stiffness": 1.0, "coulomb": 1.0}
+        self._own = _elastic(own).array()
+        self._kinetic = tuple(values.get(name, 0.0) for name in KINETIC)
+        self._states = np.zeros((2, 2))
+        self._sign = 0.0
+
+    def prepare(self) -> None:
+        """Compiles the kernels without changing the state."""
+        feedforward_along(LugreParameters.from_array(self._full), np.zeros(1), np.zeros(1), self._period)
+
+    def step(self, reference: float, velocity: float, acceleration: float, previous: Sample | None) -> float:
+        whole = float(advance(self._full, self._states[0], velocity, acceleration, self._period))
+        if self._elastic:
+            return whole - float(advance(self._own, self._states[1], velocity, acceleration, self._period))
+        self._sign = self._sign if velocity == 0.0 else float(np.sign(velocity))
+        inertia, viscous, coulomb, offset = self._kinetic
+        return whole - inertia * acceleration - viscous * velocity - coulomb * self._sign - offset
+
+
+@dataclass(frozen=True, slots=True)
+class VelocityTable:
+    """Torque over velocity, linear between the points and constant beyond; shape (k,) each."""
+
+    velocity: Floats
+    torque: Floats
+    residual_rms: float
+
+
+def reduce_to_table(full: LugreParameters, speeds: Floats, reference: Floats, period: float) -> VelocityTable:
+    """The table whose torque comes closest to the full feedforward, acceleration apart.
+
+    Args:
+        full: proved parameters.
+        speeds: increasing points of the table, shape (k,) [rad/s].
+        reference: one period of the user's motion, shape (n,) [rad].
+        period: sample period [s].
+
+    Raises:
+        ConfigurationError: fewer than two points, or not increasing.
+    """
+    if len(speeds) < 2 or not np.all(np.diff(speeds) > 0.0):
+        raise ConfigurationError(f"a velocity table needs at least two increasing points, got {speeds}")
+    columns = motion_columns(reference, period)
+    wanted = periodic_feedforward(replace(full, inertia=0.0), reference, period)
+    hats = np.array([np.interp(columns["viscous"], speeds, unit) for unit in np.eye(len(speeds))]).T
+    torque = np.linalg.lstsq(hats, wanted, rcond=None)[0]
+    return VelocityTable(speeds.copy(), np.asarray(torque), _rms(wanted - hats @ torque))
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))

@@ -1,0 +1,139 @@
+"""What of the proved feedforward goes into the drive: all of it, or what the drive can hold.
+
+A reduction is predicted before the commit and compared with what is measured afterwards.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from autotune.control.reduction import Reduction, Remainder, reduce, reduces
+from autotune.control.refinement import PeriodAverage
+from autotune.core.errors import ConfigurationError
+from autotune.core.recording import Controller
+from autotune.service.findings import Findings
+from autotune.service.proof import TrackingError
+from autotune.service.session import Session
+from autotune.service.stage_adapt import period_average
+from autotune.service.stage_prove import ENABLED
+
+PREFIX = "feedforward."
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What will be committed.
+
+    Attributes:
+        values: complete set of the drive's feedforward parameters that are written, SI; empty where the
+            drive holds none.
+        reduction: None where the drive holds all.
+        host: law that the host has to play beside the drive; None for none.
+    """
+
+    values: Mapping[str, float]
+    reduction: Reduction | None = None
+    host: Remainder | None = None
+
+
+def plan_commit(session: Session, findings: Findings, held: Mapping[str, float]) -> Plan:
+    """Decides from what the drive holds now (`held`) and what was proved.
+
+    Raises:
+        ConfigurationError: a reduction is needed and nothing says how the controller acts.
+    """
+    full = findings.need_proposed()
+    names = {name.removeprefix(PREFIX) for name in held}
+    if not reduces(names):
+        wanted = full.drive_parameters() | {ENABLED: 1.0}
+        return Plan({name: value for name, value in wanted.items() if name in held})
+    if not names - {"enabled", "reference_filter"}:
+        return Plan({})
+    reduction = reduce(full, names, _measured(findings, session), _controller(session), session.limits.torque)
+    values = {PREFIX + name: value for name, value in reduction.values.items()}
+    if ENABLED in held:
+        values[ENABLED] = 1.0
+    host = Remainder(full, reduction.values, session.axis.cycle) if reduction.host else None
+    return Plan(values, reduction, host)
+
+
+def _measured(findings: Findings, session: Session) -> PeriodAverage:
+    if findings.proved is None:
+        raise ConfigurationError(
+            "this drive cannot hold the whole feedforward, and what it loses is predicted from the windows of "
+            "the proof; run 'autotune run' with all stages"
+        )
+    frequency = session.axis.benchmark.frequency
+    parts = [period_average(window, frequency) for window in findings.proved.after]
+    return PeriodAverage(
+        parts[0].reference,
+        np.mean([part.error for part in parts], axis=0),
+        np.mean([part.feedback for part in parts], axis=0),
+        np.mean([part.feedforward for part in parts], axis=0),
+        parts[0].period,
+        sum(part.count for part in parts),
+    )
+
+
+def _controller(session: Session) -> Controller:
+    if session.controller is None:
+        raise ConfigurationError(
+            "this drive cannot hold the whole feedforward, and its profile does not say where its controller's "
+            "gains are (controller.kp, kd, ki); add them to predict what is lost"
+        )
+    return session.controller
+
+
+def announcement(reduction: Reduction, unit: str) -> str:
+    """What a person is told before the commit."""
+    parts = ", ".join(sorted(reduction.values))
+    if reduction.host:
+        return (
+            f"this drive holds {parts} only; {', '.join(reduction.host)} (with presliding) must come from the "
+            "host by the torque offset, else it is lost"
+        )
+    return (
+        f"this drive holds {parts} only: the peak error is predicted to be "
+        f"{1e3 * reduction.predicted_peak:.2f} m{unit} instead of {1e3 * reduction.full_peak:.2f} m{unit}"
+    )
+
+
+def is_worth_it(reduction: Reduction, before: TrackingError, least: float) -> bool:
+    """True where the reduced feedforward is predicted to be better than none by what was asked for."""
+    return reduction.predicted_peak <= (1.0 - least) * before.peak_error
+
+
+def holds_reduced(before: TrackingError, committed: TrackingError, least: float) -> bool:
+    """The drive with its reduced feedforward is better than before by what was asked for."""
+    return (
+        committed.peak_error <= (1.0 - least) * before.peak_error and committed.rms_error <= before.rms_error
+    )
+
+
+def comparison(reduction: Reduction, committed: TrackingError | None) -> dict[str, Any]:
+    """For run.json: predicted beside measured. `agreement` is measured over predicted loss."""
+    content: dict[str, Any] = {
+        "drive": dict(reduction.values),
+        "host": list(reduction.host),
+        "full_peak_error": reduction.full_peak,
+        "predicted_peak_error": reduction.predicted_peak,
+        "predicted_rms_error": reduction.predicted_rms,
+        "predicted_loss": reduction.predicted_loss,
+        "measured_peak_error": None,
+        "measured_rms_error": None,
+        "measured_loss": None,
+        "agreement": None,
+        "residual_rms": reduction.residual_rms,
+    }
+    if committed is not None:
+        loss = committed.peak_error - reduction.full_peak
+        content["measured_peak_error"] = committed.peak_error
+        content["measured_rms_error"] = committed.rms_error
+        content["measured_loss"] = loss
+        if reduction.predicted_loss:
+            content["agreement"] = loss / reduction.predicted_loss
+    return content
