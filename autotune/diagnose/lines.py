@@ -35,7 +35,8 @@ def time_driven_line(study: Study, error: Floats) -> TimeLine | None:
     if len(data.stretches) != 1 or len({b.name for b in data.blocks if b.role == TRAINING}) < 3:
         return None
     rows = study.training > 0
-    time, values = data.grid[rows] * data.period, error[rows] - error[rows].mean()
+    clock = _clock(study)
+    time, values = clock[rows], error[rows] - error[rows].mean()
     step = float(np.median(np.diff(np.sort(time))))
     series = np.zeros(math.ceil(time.max() / step) + 2)
     series[np.round(time / step).astype(np.int64)] = values
@@ -53,9 +54,14 @@ def time_driven_line(study: Study, error: Floats) -> TimeLine | None:
     return TimeLine(float(finest), share) if share > LEAST_SHARE and everywhere else None
 
 
+def _clock(study: Study) -> Floats:
+    """Time of each grid row [s], shape (m,)."""
+    return np.asarray(study.data.grid * study.data.period, dtype=np.float64)
+
+
 def _terms(time: Floats, hertz: float) -> Floats:
     angle = 2.0 * math.pi * hertz * time
-    return np.column_stack([np.sin(angle), np.cos(angle)])
+    return np.asarray(np.column_stack([np.sin(angle), np.cos(angle)]), dtype=np.float64)
 
 
 def _share(time: Floats, values: Floats, hertz: float) -> float:
@@ -67,12 +73,12 @@ def _share(time: Floats, values: Floats, hertz: float) -> float:
 def _everywhere(study: Study, error: Floats, hertz: float) -> bool:
     """Whether amplitude and phase are about the same in nearly every experiment."""
     data = study.data
-    rows = study.training > 0
-    whole = np.linalg.lstsq(_terms(data.grid[rows] * data.period, hertz), error[rows], rcond=None)[0]
+    rows, clock = study.training > 0, _clock(study)
+    whole = np.linalg.lstsq(_terms(clock[rows], hertz), error[rows], rcond=None)[0]
     alike = []
     for block in data.blocks:
         if block.role == TRAINING:
             own = np.arange(block.rows.start, block.rows.stop)
-            found = np.linalg.lstsq(_terms(data.grid[own] * data.period, hertz), error[own], rcond=None)[0]
+            found = np.linalg.lstsq(_terms(clock[own], hertz), error[own], rcond=None)[0]
             alike.append(float(np.linalg.norm(found - whole)) < 0.5 * float(np.linalg.norm(whole)))
     return float(np.mean(alike)) >= EVERYWHERE

@@ -124,8 +124,9 @@ def screen(study: Study, level: Level, nominal: Packed, effect: str) -> Screened
     best = found[0]
     fall = level.fitted.cost - best.cost
     if fall > 0.3 * LEAST_GAIN * level.fitted.cost:
-        for start in [f for f in found if level.fitted.cost - f.cost > CLOSE_START * fall][:2]:
-            finished = _try(study, level, Start(start.packed, start.free[len(level.free) :]), 4)
+        close, most, rounds = (0.0, 9, 15) if study.data.steady else (CLOSE_START, 2, 4)
+        for start in [f for f in found if level.fitted.cost - f.cost > close * fall][:most]:
+            finished = _try(study, level, Start(start.packed, start.free[len(level.free) :]), rounds)
             best = finished if finished is not None and finished.cost <= best.cost else best
     gain, z = gain_and_z(level.unseen, held_out(study, best.error, best.jacobian))
     return Screened(effect, best, gain, z)
