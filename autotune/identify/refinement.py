@@ -24,7 +24,8 @@ NEEDED = ("inertia", "coulomb", "offset")
 """Without these there is no model; what else is not identified is said in the reason."""
 UNKNOWN = 0.5
 """A parameter whose standard error is this share of its value is not identified."""
-SYSTEMATIC = 0.0002
+SYSTEMATIC = {"inertia": 1e-3, "stiffness": 2e-3}
+SYSTEMATIC_ELSE = 2e-4
 """Of the value: what filters, integration steps and the quantiser's model are trusted to at best."""
 INFLATION = 1.25
 """Standard errors of the sandwich are too small for few blocks; found on simulated axes (`bench`)."""
@@ -97,7 +98,7 @@ def _estimate(refined: Refined) -> Estimate:
     notes = list(_directions(refined))
     for name in refined.names:
         value = refined.model[name]
-        error = math.hypot(INFLATION * errors[name], SYSTEMATIC * value)
+        error = math.hypot(INFLATION * errors[name], SYSTEMATIC.get(name, SYSTEMATIC_ELSE) * value)
         quantities[name] = _quantity(refined, name, value, error, reach)
         if quantities[name].note:
             notes.append(f"{name}: {quantities[name].note}")
