@@ -57,8 +57,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point: ends the process with the exit code of what happened."""
     signal.signal(signal.SIGTERM, _terminate)
     try:
-        app(args=list(arguments) if arguments is not None else None, standalone_mode=False)
-        code = 0
+        ended = app(args=list(arguments) if arguments is not None else None, standalone_mode=False)
+        code = ended if isinstance(ended, int) else 0  # typer.Exit comes as its code
     except typer.Exit as ending:
         code = ending.exit_code
     except typer.Abort:
