@@ -7,6 +7,7 @@ from pathlib import Path
 from autotune.core.recording import Recording
 from autotune.core.recording_files import write_recording
 from autotune.experiments.programmes import build
+from autotune.service.drive_recorder import record_by_drive, recorder_fits
 from autotune.service.hold import Hold, connected, prepared
 from autotune.service.journal import Journal
 from autotune.service.recover import recover
@@ -14,7 +15,9 @@ from autotune.service.run_directory import axis_lock, make_run_directory
 
 
 def record_programme(hold: Hold, programme: str, out: Path) -> Recording:
-    """Plays `programme` and writes the recording to `out`; what was measured is kept in the run's folder too.
+    """Plays `programme` and writes the recording to `out`, sampled by the drive where it has a recorder.
+
+    What was measured is kept in the run's folder too.
 
     Raises:
         ConfigurationError: no such programme, or the limits are too small for it.
@@ -32,7 +35,11 @@ def record_programme(hold: Hold, programme: str, out: Path) -> Recording:
                     hold.reporter.say(sentence)
                 with prepared(hold, loop, journal) as session:
                     session.begin("record", sum(experiment.duration for experiment in experiments))
-                    recording, _ = session.play(programme, experiments)
+                    if recorder_fits(loop, experiments):
+                        hold.reporter.say("sampled by the drive's own recorder")
+                        recording = record_by_drive(session, programme, experiments)
+                    else:
+                        recording, _ = session.play(programme, experiments)
         finally:
             if not journal.state.left_something:
                 journal.note(outcome="not_applied")

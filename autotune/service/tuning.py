@@ -245,10 +245,10 @@ def _commit_verdict(session: Session, course: _Course, kept: bool) -> str:
     shown = _milli(committed.peak_error, session) if committed else "an unknown value"
     if not kept and course.findings.reduction is not None and course.findings.proved is not None:
         predicted = _milli(course.findings.reduction.predicted_peak, session)
-        before = _milli(course.findings.proved.proof.before.peak_error, session)
+        was = _milli(course.findings.proved.proof.before.peak_error, session)
         return (
             f"Everything was put back: reduced to what this drive holds, the feedforward gave {shown} (predicted "
-            f"{predicted}), which is not better than {before} before by what acceptance.improvement asks for. "
+            f"{predicted}), which is not better than {was} before by what acceptance.improvement asks for. "
             "The host has to play the feedforward."
         )
     if not kept:

@@ -14,6 +14,7 @@ from types import MappingProxyType
 
 from autotune.core.axis import Axis
 from autotune.core.drive import Command, Mode, Sample
+from autotune.core.drive_recording import DriveRecording
 from autotune.core.errors import DriveError, LinkError, LinkTimeout, StateError
 from autotune_drivers.cia402 import (
     ENABLE_OPERATION,
@@ -25,6 +26,7 @@ from autotune_drivers.cia402 import (
     state_of,
 )
 from autotune_drivers.codes import error_text
+from autotune_drivers.drive_recorder import DriveRecorder
 from autotune_drivers.exchange import Exchange
 from autotune_drivers.node import OPERATIONAL, PRE_OPERATIONAL, STOPPED, Node
 from autotune_drivers.objects import ObjectRef, Raw
@@ -70,6 +72,8 @@ class CanopenDrive:
         self._exchange = Exchange(node, profile, axis.cycle, lock_step)
         stop = axis.limits.speed / axis.limits.deceleration
         self._power = Power(node, sdo, self._exchange, profile, axis.cycle, stop)
+        self._recorder = DriveRecorder(sdo, session, profile, units, axis.cycle)
+        self._marks: list[tuple[int, int]] | None = None
         self._guard, self._guarded = _guard(profile, units, node.wire.own_node)
         self._mode = Mode.POSITION
         self._held: Raw = 0
@@ -201,7 +205,15 @@ class CanopenDrive:
             ) from error
         if int(self._exchange.values[0]) & ENABLED_MASK != ENABLED_VALUE or self._node.emergencies:
             self._check_power()
+        if self._marks is not None:
+            self._mark(self._marks)
         return self._sample(target, feedforward, missed)
+
+    def _mark(self, marks: list[tuple[int, int]]) -> None:
+        """Notes where our count of cycles and the drive's SYNC counter have moved against each other."""
+        count, sync = self._exchange.count, self._exchange.sync
+        if sync is not None and (not marks or (count - sync - marks[-1][0] + marks[-1][1]) & 0xFFFF):
+            marks.append((count, sync))
 
     def _raw_target(self, command: Command) -> Raw:
         if self._mode is Mode.POSITION:
@@ -312,6 +324,22 @@ class CanopenDrive:
                 "keep what is stored. Nothing is kept; have the drive's memory checked"
             )
 
+    def recorder_seconds(self) -> float:
+        """How long the drive's own recorder can record without a gap [s]; 0 where it cannot."""
+        return self._recorder.seconds
+
+    def begin_recording(self, seconds: float) -> None:
+        """Starts the drive's recorder. Raises ConfigurationError (too long), LinkError."""
+        self._recorder.begin(seconds)
+        self._marks = []
+
+    def end_recording(self) -> DriveRecording:
+        """Stops the recorder and fetches it, with power off. Raises LinkError."""
+        if self._live:
+            raise StateError("the recorder is fetched with power off only; disable the drive first")
+        marks, self._marks = self._marks or [], None
+        return self._recorder.end(tuple(marks))
+
     def faults(self) -> list[str]:
         self._node.wire.drain()
         status = int(self._sdo.read(STATUS))
@@ -345,6 +373,9 @@ class CanopenDrive:
         self._lost = False
         self._power.acknowledge()
         self._node.wire.stop_heartbeat()
+        if self._marks is not None:  # an armed recorder refuses that its settings are put back
+            self._marks = None
+            self._recorder.stop()
         troubles = self._session.restore(self._leave_operational)
         known = self._nmt_before in (OPERATIONAL, STOPPED)
         self._node.command(self._nmt_before if known else PRE_OPERATIONAL)

@@ -22,6 +22,7 @@ from multiprocessing.connection import Connection
 from types import FrameType
 from typing import Any, TypeVar
 
+from autotune.core.drive_recording import DriveRecording
 from autotune.core.errors import ConfigurationError, Interrupted, LinkError
 from autotune.core.loop import Routine, Watch
 from autotune_drivers.cyclic_messages import Call, Failed, Opened, Opener, Play, Reply
@@ -135,6 +136,22 @@ class CyclicLoop:
     def faults(self) -> list[str]:
         texts: list[str] = self._call("faults")
         return texts
+
+    def recorder_seconds(self) -> float:
+        """How long the drive's own recorder can record [s]; 0 where there is none."""
+        try:
+            return float(self._call("recorder_seconds"))
+        except ConfigurationError:
+            return 0.0
+
+    def begin_recording(self, seconds: float) -> None:
+        """Starts the drive's own recorder. Raises ConfigurationError (too long), LinkError."""
+        self._call("begin_recording", seconds)
+
+    def end_recording(self) -> DriveRecording:
+        """Stops the drive's own recorder and fetches it. Raises LinkError."""
+        recording: DriveRecording = self._call("end_recording")
+        return recording
 
     def close(self) -> None:
         """Power off, every changed setting put back, process ended. Idempotent.

@@ -153,7 +153,10 @@ class Server:
         return Returned(value, self._drive.backup())
 
     def _call(self, request: Call) -> Any:
-        return getattr(self._drive, request.method)(*request.arguments)
+        method = getattr(self._drive, request.method, None)
+        if method is None:
+            raise ConfigurationError(f"this kind of drive has no {request.method!r}")
+        return method(*request.arguments)
 
     def _play(self, routine: Routine[Any]) -> Any:
         prepare = getattr(routine, "prepare", None)

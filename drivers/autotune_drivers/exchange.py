@@ -31,6 +31,7 @@ class Exchange:
     Attributes:
         count: cycles since the start, missed ones included.
         healthy: the last cycle was answered.
+        sync: the drive's SYNC counter in the last answer, low word; None where it tells none.
         values: what the drive told last: status, position, torque demand, torque, velocity, and then
             torque feedback where the profile has it.
         slow: what the slow PDO told last (temperature), raw; None while it told nothing.
@@ -39,6 +40,7 @@ class Exchange:
     def __init__(self, node: Node, profile: Profile, period: float, lock_step: bool) -> None:
         self.count = 0
         self.healthy = False
+        self.sync: int | None = None
         self.values: tuple[Raw, ...] = ()
         self.slow: Raw | None = None
         self._node = node
@@ -178,6 +180,7 @@ class Exchange:
                 self._have = 0
                 return False
             self._expected = (counter + 1) & _WORD
+            self.sync = counter
             values = values[:2] + values[3:]
         self.values = values
         return True

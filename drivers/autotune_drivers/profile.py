@@ -231,7 +231,8 @@ class Recorder(Strict):
 
     Each of `channels` takes an object as a PDO mapping has it (index, sub-index, bits). `columns` says
     which signals it records, the SYNC counter among them. With the layout `rows` one object has whole
-    samples, one after the other; with `columns` there is one object a channel in `data`.
+    samples, one after the other; with `columns` there is one object a channel in `data`. The sampling
+    period is written to `period`, or is `sample_seconds`.
     """
 
     layout: Literal["rows", "columns"] = "rows"
@@ -242,6 +243,7 @@ class Recorder(Strict):
     capacity: Annotated[int, Field(ge=1)]
     recorded: ObjectField
     period: SignalField | None = None
+    sample_seconds: Annotated[float, Field(gt=0, le=1)] | None = None
     setup: Mapping[str, int] = {}
     channels: Annotated[tuple[ObjectField, ...], Field(min_length=1)]
     data: Annotated[tuple[ObjectField, ...], Field(min_length=1)]

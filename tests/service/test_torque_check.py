@@ -34,7 +34,6 @@ def test_what_was_found_changes_how_the_demand_is_read() -> None:
     rig = Rig({})
     with virtual_time(rig):
         drive = open_drive(rig, NODE, AXIS, read_profile("cia402"))
-        totals = {}
         for includes in (1.0, 0.0):
             drive.write_parameters({INCLUDES: includes})
             assert drive.read_parameters([INCLUDES]) == {INCLUDES: includes}
