@@ -262,6 +262,7 @@ def _walk(
 
 def _best(study: Study, chosen: Refitted | None, refits: Sequence[Refitted]) -> Refitted | None:
     """The refit that explains most, if it is worth having beside what is chosen already."""
+    refits = [item for item in refits if item.training.fall > 0.0]
     if not refits:
         return None
     if study.data.repeated:

@@ -1,0 +1,136 @@
+"""Every effect: the inverse routine gives back the torque that the forward routine was driven with.
+
+One definition of the physics serves both; the test drives the plant open loop and asks the inverse what
+torque the resulting motion needed.
+"""
+
+import math
+
+import numpy as np
+import pytest
+
+from autotune.models import layout
+from autotune.models.drive_model import DriveModel, base_model
+from autotune.models.inverse import applied_torque, load_substeps, required
+from autotune.models.plant import simulate, substeps_for
+from autotune.models.table import EFFECTS
+
+PERIOD = 1e-3
+NUMBERS = {
+    "inertia": 6.66e-4, "viscous": 4.13e-3, "coulomb": 0.30, "stiffness": 60.0, "micro_damping": 0.1,
+    "offset": 0.048,
+}  # fmt: skip
+VALUES: dict[str, dict[str, float]] = {
+    "torque_ripple": {"order_1": 12, "sin_1": 0.02, "cos_1": 0.01},
+    "direction_asymmetry": {"coulomb": 0.04, "viscous": 1e-3},
+    "stribeck": {"break_away": 0.38, "stribeck_velocity": 0.3},
+    "nonlinear_viscous": {"torque": 0.05, "exponent": 0.66, "knee": 0.05},
+    "position_dependent_friction": {"height": 0.3, "centre": 0.5, "width": 0.8},
+    "gravity_imbalance": {"sin": 0.05, "cos": -0.03},
+    "spring": {"stiffness": 0.03},
+    "reversal_memory": {"displacement_1": 0.01, "torque_1": 0.05, "displacement_2": 0.1, "torque_2": 0.05},
+    "thermal_drift": {"softening": 0.3, "time_constant": 5.0, "idle": 0.2},
+    "elastic_transmission": {
+        "compliance": 0.1, "load_inertia": 0.4, "load_friction": 0.4, "damping": 0.05,
+    },
+    "backlash": {
+        "gap": 2e-2, "contact_compliance": 3e-3, "load_inertia": 0.4, "load_friction": 0.4, "damping": 0.1,
+    },
+    "torque_lag": {"time_constant": 8e-4},
+    "torque_saturation": {"loss": 0.25, "torque": 1.3},
+    "dwell_time_break_away": {"rise": 0.25, "time_constant": 0.1, "slip": 2e-3},
+    "load_dependent_friction": {"factor": 0.2},
+    "encoder_eccentricity": {"sin": 5e-3, "cos": -3e-3},
+}  # fmt: skip
+CHAOTIC = {"backlash", "elastic_transmission"}
+
+
+def _model(effect: str) -> DriveModel:
+    return base_model(NUMBERS).with_effect(EFFECTS[effect].make(VALUES[effect]))
+
+
+def _forward(model: DriveModel, torque: np.ndarray) -> np.ndarray:
+    packed, n = model.pack(), len(torque)
+    position, demand, zero = np.empty(n), np.empty(n), np.zeros(n)
+    loop = np.array([PERIOD, 10.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    steps = 4 * substeps_for(packed.p, PERIOD, packed.on)
+    done = simulate(
+        packed.p, packed.on, np.zeros(layout.STATES), np.zeros(4), loop, False, steps, torque, zero, zero,
+        zero, position, demand,
+    )  # fmt: skip
+    assert done == n
+    return position
+
+
+def _drive() -> np.ndarray:
+    """Smooth torque that accelerates, reverses and rests."""
+    time = np.arange(4000) * PERIOD
+    wave = 0.55 * np.sin(2 * np.pi * 0.9 * time) + 0.15 * np.sin(2 * np.pi * 2.3 * time + 0.4)
+    return 0.048 + wave * np.minimum(1.0, time / 0.3)
+
+
+def _residual(model: DriveModel, torque: np.ndarray, position: np.ndarray) -> np.ndarray:
+    packed = model.pack()
+    velocity = np.gradient(position, PERIOD)
+    acceleration = np.zeros_like(position)
+    acceleration[1:-1] = np.diff(position, 2) / PERIOD**2
+    needed, acted, state = np.empty(len(torque)), np.empty(len(torque)), np.zeros(layout.STATES)
+    applied_torque(packed.p, packed.on, state, torque, PERIOD, acted)
+    steps = load_substeps(packed.p, packed.on, PERIOD)
+    required(packed.p, packed.on, state, position, velocity, acceleration, PERIOD, steps, needed)
+    return (acted - needed)[5:-5]
+
+
+@pytest.mark.parametrize("effect", list(EFFECTS))
+def test_the_inverse_gives_back_the_torque(effect: str) -> None:
+    """Discretisation costs below 2.5 mN m rms of 0.5 N m; two masses ring, and may cost 12."""
+    torque, model = _drive(), _model(effect)
+    position = _forward(model, torque)
+    right = np.sqrt(np.mean(_residual(model, torque, position) ** 2))
+    assert right < (1.2e-2 if effect in CHAOTIC else 2.5e-3)
+
+
+@pytest.mark.parametrize("effect", list(EFFECTS))
+def test_an_effect_matters_and_its_neutral_value_does_not(effect: str) -> None:
+    torque, model = _drive(), _model(effect)
+    position = _forward(model, torque)
+    with_it = np.sqrt(np.mean(_residual(model, torque, position) ** 2))
+    without = np.sqrt(np.mean(_residual(base_model(NUMBERS), torque, position) ** 2))
+    assert without > 1.5 * with_it
+    assert without > 1e-4
+
+
+def test_every_effect_is_explained_to_people() -> None:
+    assert set(EFFECTS) == set(layout.EFFECT_NAMES)
+    for kind in EFFECTS.values():
+        for text in (kind.looks_like, kind.cause, kind.remedy):
+            assert text.endswith(".")
+            assert 20 < len(text) < 220
+
+
+def test_hysteresis_elements_close_small_loops_where_they_began() -> None:
+    """Reversal-point memory: after a small loop inside a large one the torque goes on as if never left."""
+    model = base_model({**NUMBERS, "coulomb": 1e-6, "viscous": 0.0, "micro_damping": 0.0}).with_effect(
+        EFFECTS["reversal_memory"].make(VALUES["reversal_memory"])
+    )
+    leg = lambda a, b: np.linspace(a, b, 2000)  # noqa: E731
+    path = np.concatenate([leg(0, 0.15), leg(0.15, 0.05), leg(0.05, 0.08), leg(0.08, 0.05), leg(0.05, 0.0)])
+    straight = np.concatenate([leg(0, 0.15), leg(0.15, 0.05), leg(0.05, 0.0)])
+    torques = []
+    for q in (path, straight):
+        torques.append(model.torque(q, np.gradient(q, PERIOD), np.zeros(len(q)), PERIOD)[-1500:])
+    np.testing.assert_allclose(torques[0], torques[1], atol=2e-4)
+    assert np.ptp(torques[0]) > 1e-3
+
+
+def test_lag_is_smooth_down_to_zero() -> None:
+    state, torque = np.zeros(layout.STATES), np.sin(np.arange(200) * 0.1)
+    results = []
+    for lag in (0.0, 1e-9, 1e-6):
+        model = base_model(NUMBERS).with_effect(EFFECTS["torque_lag"].make({"time_constant": lag}))
+        packed, out = model.pack(), np.empty(200)
+        applied_torque(packed.p, packed.on, state.copy(), torque, PERIOD, out)
+        results.append(out)
+    np.testing.assert_allclose(results[0], results[1], atol=1e-6)
+    np.testing.assert_allclose(results[0], results[2], atol=2e-4)
+    assert math.isclose(float(results[0][10]), 0.5 * (torque[9] + torque[10]), abs_tol=1e-12)
