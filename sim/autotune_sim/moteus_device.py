@@ -85,6 +85,7 @@ class MoteusDevice(Device):
         self.command = PositionCommand(position=math.nan)
         self.trajectory = Trajectory()
         self._watchdog: float | None = None
+        self._allowed: float | None = None
         self._own_fault = 0
         self._scales = (math.nan,) * 4
         self._plain = plain_values(node_id, not real_time)
@@ -142,7 +143,7 @@ class MoteusDevice(Device):
         if mode == STOPPED:
             self._stop()
         elif mode in (ZERO_VELOCITY, BRAKE):
-            self._watchdog = None
+            self._watchdog = self._allowed = None
             self._unscale()
             if mode == ZERO_VELOCITY:
                 self.firmware.quick_stop("zero velocity commanded")
@@ -243,7 +244,7 @@ class MoteusDevice(Device):
 
     def _stop(self) -> None:
         """Mode 0: power off; a fault whose cause is gone is forgotten."""
-        self._watchdog = None
+        self._watchdog = self._allowed = None
         self._own_fault = 0
         self.command = PositionCommand()
         if self.firmware.state in FAULTY:
@@ -289,7 +290,8 @@ class MoteusDevice(Device):
 
     def _guard(self, seconds: float) -> None:
         allowed = self._plain["servo.default_timeout_s"].value if seconds == 0.0 else seconds
-        self._watchdog = None if math.isnan(allowed) or allowed < 0.0 else self.now + allowed
+        self._watchdog = None
+        self._allowed = None if math.isnan(allowed) or allowed < 0.0 else allowed
 
     def _scale(self, command: PositionCommand) -> None:
         """kp and kd scales, no integral where its limit is scaled to nothing, and the torque allowed."""
@@ -336,6 +338,10 @@ class MoteusDevice(Device):
 
     def poll(self, now: float) -> float:
         due = super().poll(now)
+        if (
+            self._allowed is not None
+        ):  # counts from the answer: a drive that was held up must not blame its host
+            self._watchdog, self._allowed = now + self._allowed, None
         return due if self._watchdog is None else min(due, self._watchdog)
 
     @property
@@ -357,7 +363,7 @@ class MoteusDevice(Device):
     # Power and memory
 
     def power_loss(self) -> None:
-        self._watchdog = None
+        self._watchdog = self._allowed = None
         self._own_fault = 0
         self.console.reset()
         self._pending = b""

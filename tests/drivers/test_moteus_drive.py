@@ -21,6 +21,7 @@ from autotune.core.errors import (
     LinkTimeout,
     StateError,
 )
+from autotune_drivers import open_loop
 from autotune_drivers.moteus_console import Console
 from autotune_drivers.moteus_drive import MoteusDrive
 from autotune_drivers.moteus_line import Line
@@ -32,6 +33,7 @@ from autotune_drivers.moteus_profile import read_moteus_profile
 from autotune_drivers.profile import read_profile
 from tests.drivers.contract import column, play, sine, where
 from tests.drivers.moteus_rig import LINK, moteus_axis, moteus_opener
+from tests.drivers.routines import Calls, Sine, kill_self
 from tests.drivers.simulator import Simulator, simulator
 
 SESSION = ("servo.timeout_mode", "servo.default_accel_limit", "autotune.period_s")
@@ -97,6 +99,25 @@ def test_a_silent_host_is_stopped_by_the_watchdog_and_the_axis_can_be_used_again
         assert abs(column(play(drive, [HOLD] * 50), "velocity")).max() < 1.0
     finally:
         drive.close()
+
+
+def test_a_killed_cyclic_process_is_stopped_by_the_watchdog_and_put_right_by_the_next(
+    running: Simulator,
+) -> None:
+    before = settings(running.directory)
+    loop = open_loop(moteus_axis(), running.directory)
+    try:
+        mark = running.mark
+        with pytest.raises(LinkError, match="has died"):
+            loop.play(Calls(kill_self))
+        killed = time.monotonic()
+        line = running.wait_for("quick stop begun (watchdog", mark, seconds=5.0)
+        assert float(line.split()[0]) - killed < 0.2
+        assert loop.read_parameters(["controller.kp"])["controller.kp"] == pytest.approx(60.0)
+        assert abs(loop.play(Sine(50))) < 100.0
+    finally:
+        loop.close()
+    assert settings(running.directory) == before
 
 
 def test_power_is_off_and_the_axis_at_rest_after_disable(drive: MoteusDrive, running: Simulator) -> None:

@@ -96,7 +96,8 @@ def test_every_resolution_says_the_same(running: Simulator, resolution: str) -> 
         return exact, found.values[R.POSITION]
 
     exact, found = with_peer(running, session)
-    assert found == pytest.approx(exact, abs=1.01 * steps[resolution])
+    # an axis that settles behind its brake may go on by a count or two of 2e-5
+    assert found == pytest.approx(exact, abs=steps[resolution] + 5e-5)
 
 
 def test_the_watchdog_stops_the_axis_and_latches(running: Simulator) -> None:
