@@ -62,16 +62,30 @@ def add_effect(
     check_same_axis(model, recordings)
     study, root, nominal, notes = begin(prepared_for(recordings), model, progress)
     progress(f"refit with {effect}")
-    level = _with_effect(study, root, nominal, effect, model)
-    again = realigned(study, level)
-    if again is not study:
-        study = again
-        root = settle(study, root.fitted.packed, list(root.free), 2) or root
-        level = _with_effect(study, root, nominal, effect, model)
+    study, root, level = grown(study, root, nominal, effect, model)
     before, after, floor, unseen = held_out_errors(study, root, level)
     improved = updated_model(model, study, level.fitted)
     entry = HistoryEntry(when, f"+ {effect}", source, before, after, floor if math.isfinite(floor) else None)
     return Added(improved.with_history(entry), before, after, floor, unseen, notes)
+
+
+def grown(
+    study: Study, root: Level, nominal: Packed, effect: str, model: DriveModel
+) -> tuple[Study, Level, Level]:
+    """The model without and with an effect, and the study, whose columns may have been aligned anew.
+
+    Raises:
+        NotEnoughExcitation: the data do not allow it, or the twin becomes unstable.
+    """
+    level = _with_effect(study, root, nominal, effect, model)
+    for _ in range(4):
+        again = realigned(study, level)
+        if again is study:
+            break
+        study = again
+        root = settle(study, root.fitted.packed, list(root.free), 2) or root
+        level = _with_effect(study, root, nominal, effect, model)
+    return study, root, level
 
 
 def _with_effect(study: Study, root: Level, nominal: Packed, effect: str, model: DriveModel) -> Level:

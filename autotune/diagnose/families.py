@@ -207,8 +207,8 @@ def _spring(c: Context) -> Iterator[Start]:
 
 
 def _memory(c: Context) -> Iterator[Start]:
-    reach = min(c.reach, 0.02 * c.study.scales.travel)
-    for stiffer in (1.0, 3.0):
+    reach = min(c.reach, 0.01 * c.study.scales.travel)
+    for stiffer in (1.0, 3.0, 9.0):
         values = {}
         free = {}
         for i, factor in enumerate(MEMORY_STEPS, 1):

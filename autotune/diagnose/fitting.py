@@ -14,12 +14,13 @@ import numpy as np
 
 from autotune.core.errors import NotEnoughExcitation
 from autotune.core.recording import Recording
+from autotune.diagnose.adding import grown
 from autotune.diagnose.bandwidth import prepared_for
 from autotune.diagnose.fit import standard_errors
 from autotune.diagnose.model_values import model_from
 from autotune.diagnose.prepared import Prepared, prepare
 from autotune.diagnose.residual import residual, smoothed
-from autotune.diagnose.search import Level, inside_twin, screen
+from autotune.diagnose.search import Level
 from autotune.diagnose.study import Study, start_study
 from autotune.diagnose.verdict import Progress, begin, quiet
 from autotune.models.drive_model import DriveModel, base_model
@@ -58,13 +59,7 @@ def fit_model(
     study, level, nominal, notes = begin(data, start, progress)
     for effect in effects:
         progress(f"refit with {effect}")
-        screened = screen(study, level, nominal, effect)
-        refitted = inside_twin(study, level, level, screened) if screened is not None else None
-        if refitted is None:
-            raise NotEnoughExcitation(
-                f"these recordings cannot say anything about {effect}; leave it out of --effects"
-            )
-        level = refitted.level
+        study, _, level = grown(study, level, nominal, effect, start)
     errors = standard_errors(level.fitted, study.training)
     model = model_from(start, level.fitted.packed, level.fitted.free, errors)
     relative = relative_error(study, level)

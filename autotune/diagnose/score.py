@@ -14,6 +14,8 @@ from autotune.models.lugre import Flags, Floats
 
 LEAST_Z = 6.0
 LEAST_SHARE = 0.1
+SURE_LEFT = 3.0
+LARGE_LEFT = 0.03
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,10 +58,14 @@ def gain_and_z(before: Unseen, after: Unseen) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True)
 class Explained:
-    """What a model explains of one role's residual: X the fall, U what is still explainable [(N m)²]."""
+    """What a model explains of one role's residual: X the fall, U what is still explainable [(N m)²].
+
+    `certain`: what is left repeats beyond doubt, so that the model cannot be all of the truth.
+    """
 
     fall: float
     left: float
+    certain: bool = False
 
     @property
     def share(self) -> float:
@@ -106,7 +112,10 @@ def drift(study: Study, fitted: Fitted, role: str) -> tuple[float, float]:
 def explained(study: Study, before: Fitted, after: Fitted, correction: Correction, role: str) -> Explained:
     """What `after` explains beyond `before` of a role's residual."""
     fall = study.mean_square(before.error, role) - study.mean_square(after.error, role)
-    return Explained(fall, still_explainable(study, after, correction, role))
+    variance, error = study.repeatable(after.error, correction, role)
+    noise = study.noise_variance(after.error, role)
+    certain = math.isfinite(variance) and variance > SURE_LEFT * error and variance > LARGE_LEFT * noise
+    return Explained(fall, still_explainable(study, after, correction, role), certain)
 
 
 def bins(values: Floats, count: int, chosen: Flags) -> Floats:

@@ -28,6 +28,8 @@ CLEAR_GAIN = 0.10
 LEAST_Z = 3.0
 GAIN_WITHOUT_TWIN = 0.12
 NAMED = 0.9
+NAMED_WITH_REST = 0.95
+"""Share to be explained where something that repeats is left beyond doubt."""
 WALK = 4
 MOST_EFFECTS = 3
 CLOSE_START = 0.7
@@ -75,6 +77,12 @@ class Refitted:
     @property
     def share(self) -> float:
         return min(self.training.share, self.veto.share if self.veto else 1.0)
+
+    @property
+    def named(self) -> bool:
+        """Whether so much is explained that the effects can be named."""
+        certain = self.training.certain or (self.veto is not None and self.veto.certain)
+        return self.share >= (NAMED_WITH_REST if certain else NAMED)
 
 
 def settle(

@@ -22,7 +22,6 @@ from autotune.diagnose.search import (
     GAIN_WITHOUT_TWIN,
     LEAST_GAIN,
     MOST_EFFECTS,
-    NAMED,
     WALK,
     Level,
     Refitted,
@@ -249,7 +248,7 @@ def _walk(
     """Full refits down the ranking until one explains nearly everything, and its close rivals."""
     refits: list[Refitted] = []
     for item in passing[:WALK]:
-        done = max((r.share for r in refits), default=0.0) >= NAMED
+        done = any(r.named for r in refits)
         close = 0.75 if study.data.repeated else 0.9
         if done and item.gain < close * passing[0].gain:
             break
@@ -335,7 +334,7 @@ def _judge(
     confusable: tuple[tuple[str, ...], ...] = ()
     if chosen is not None:
         rivals = _rivals(study, root, chosen, tried)
-        good = chosen.share >= (NAMED if study.data.repeated else PARTLY)
+        good = chosen.named if study.data.repeated else chosen.share >= PARTLY
         if good and not structured and rivals:
             verdict, confusable = "ambiguous", ((*chosen.level.effects, *rivals),)
             confidence, effects = "suspected", chosen.level.effects
@@ -389,7 +388,7 @@ def _rivals(study: Study, root: Level, chosen: Refitted, tried: Sequence[Refitte
         item.effect
         for item in tried
         if item.effect != chosen.effect
-        and item.share >= NAMED
+        and item.named
         and _both(study, item.level) - best < 0.03 * (start - best)
     ]
 
