@@ -18,6 +18,7 @@ from autotune import __version__
 from autotune.cli.check import check
 from autotune.cli.data import data
 from autotune.cli.history import history
+from autotune.cli.link import link
 from autotune.cli.model import model
 from autotune.cli.output import complain
 from autotune.cli.record import record
@@ -36,6 +37,7 @@ app = typer.Typer(
 app.command()(run)
 app.command()(check)
 app.command()(history)
+app.command()(link)
 app.command()(sim)
 app.command()(rollback)
 app.command()(record)
