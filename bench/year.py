@@ -41,10 +41,11 @@ from autotune.service.daemon.database import open_database
 from autotune.service.daemon.housekeeping import MEGABYTE, prune, used
 from autotune.service.daemon.inline import InlineLauncher
 from autotune.service.daemon.manager import Manager, plans_of
+from autotune.service.daemon.orders import Order
 from autotune.service.daemon.schedule import Schedule
 from autotune.service.daemon.settings import Configuration, read_service
 from autotune.service.daemon.store import Store, moment
-from autotune.service.daemon.work import Order, Tools
+from autotune.service.daemon.work import Tools
 from autotune.service.progress import Silent
 from autotune_sim.effects import scale_friction
 from autotune_sim.inprocess import SimDrive
@@ -195,8 +196,8 @@ def live(folder: Path, days: int, seed: int) -> dict[str, Any]:
         if number == 0 and service is not None:
             service.manager.submit("edm-vertical", "run", "http")
         world.now = START + timedelta(days=number)
-        for _ in range(24):
-            world.now += timedelta(hours=1)
+        for _ in range(8):
+            world.now += timedelta(hours=3)
             if service is not None:
                 service.round()
         prune(configuration.runs, ["edm-vertical"], BUDGET * MEGABYTE)
@@ -234,7 +235,7 @@ class _Service:
         absorb(self.store, configuration.runs)
 
     def round(self) -> None:
-        for _ in range(3):
+        for _ in range(4):
             self.manager.tick()
 
     def close(self) -> None:

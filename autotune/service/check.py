@@ -5,7 +5,6 @@ The result is `check.json` in the run's folder, the same object that `autotune c
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
@@ -15,9 +14,10 @@ from typing import Any
 
 from autotune.core.recording import Recording
 from autotune.service.check_figures import CheckFigures, Figure, figures
+from autotune.service.check_file import FILE_NAME, before_of, earlier_checks
 from autotune.service.check_plan import COMPENSATED, UNCOMPENSATED, CheckPlan, plan_check
-from autotune.service.committed import InForce, in_force, run_results
-from autotune.service.drift import Before, DriftSettings, Evidence, Verdict, judge
+from autotune.service.committed import InForce, in_force
+from autotune.service.drift import DriftSettings, Evidence, Verdict, judge
 from autotune.service.files import finite, write_json
 from autotune.service.hold import Hold, connected, prepared
 from autotune.service.journal import Journal
@@ -27,9 +27,7 @@ from autotune.service.session import Session
 from autotune.service.stage_prove import ENABLED
 from autotune.service.trend import analyse
 
-FILE_NAME = "check.json"
 SCHEMA_VERSION = 1
-REMEMBERED = 400
 
 
 @dataclass(frozen=True)
@@ -202,33 +200,6 @@ def _result(
         present.committed.peak_error if present.committed else None,
         (*notes, *verdict.notes),
     )
-
-
-def earlier_checks(runs: Path, axis: str) -> list[dict[str, Any]]:
-    """Checks of an axis that left their result in the runs folder, oldest first."""
-    found = []
-    for _, content in run_results(runs, axis, FILE_NAME):
-        found.append(content)
-        if len(found) == REMEMBERED:
-            break
-    return found[::-1]
-
-
-def before_of(content: dict[str, Any]) -> Before | None:
-    """An earlier check from its JSON object; None where it does not say enough."""
-    try:
-        drift, temperature, noise = content["drift"], content["temperature"], content["position_noise"]
-        return Before(
-            content["at"],
-            (content["committed"] or {}).get("run", ""),
-            drift["change"],
-            bool(drift["beyond"]),
-            float(content["friction"]["level"]["value"]),
-            math.nan if temperature is None else float(temperature),
-            math.nan if noise is None else float(noise),
-        )
-    except (KeyError, TypeError, ValueError):
-        return None
 
 
 def _temperature_influence(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +10,7 @@ import numpy as np
 from autotune.core.errors import NotEnoughExcitation
 from autotune.core.recording import Floats, Recording, concatenate
 from autotune.identify.characteristic import Points
-from autotune.identify.steady_state import identify_steady_state
+from autotune.identify.steady_state import steady_points
 from autotune.models.drive_model import DriveModel
 from autotune.service.proof import TrackingError, fold, tracking_error
 
@@ -81,19 +80,15 @@ def figures(
         NotEnoughExcitation: the legs cannot tell friction.
     """
     moving = legs.select("steady_state")
-    steady = identify_steady_state(moving)
+    points = steady_points(moving)
     torque = "N m" if legs.metadata.motion_unit == "rad" else "N"
-    level = friction_level(steady.points)
+    level = friction_level(points)
     whole = concatenate([legs, compensated, uncompensated])
     units = {"coulomb": torque, "offset": torque, "viscous": torque + " s/" + legs.metadata.motion_unit}
     return CheckFigures(
         Figure(*level, torque),
-        {
-            name: Figure(q.value, q.standard_error, units[name])
-            for name, q in steady.estimate.parameters.items()
-            if name in units
-        },
-        expected_level(model, steady.points) if model is not None else None,
+        {name: Figure(*found, units[name]) for name, found in straight_line(points).items()},
+        expected_level(model, points) if model is not None else None,
         _tracking(compensated, frequency),
         _tracking(uncompensated, frequency),
         _temperature(whole),
@@ -123,6 +118,20 @@ def friction_level(points: Points) -> tuple[float, float]:
             f"the friction measured is {level:.3g}, which cannot be; check the torque signal of the drive"
         )
     return level, 0.5 * math.sqrt(variance)
+
+
+def straight_line(points: Points) -> dict[str, tuple[float, float]]:
+    """Coulomb, viscous and offset with their standard errors: T = F_c sgn v + σ2 v + F_g, weighted."""
+    v = points.velocity
+    design = np.column_stack([np.sign(v), v, np.ones_like(v)]) / points.standard_error[:, None]
+    target = points.torque / points.standard_error
+    inverse = np.linalg.pinv(design.T @ design)
+    solution = inverse @ (design.T @ target)
+    free = max(len(v) - 3, 1)
+    scale = max(float(np.sum((target - design @ solution) ** 2)) / free, 1.0)
+    errors = np.sqrt(scale * np.diag(inverse))
+    names = ("coulomb", "viscous", "offset")
+    return {name: (float(solution[i]), float(errors[i])) for i, name in enumerate(names)}
 
 
 def expected_level(model: DriveModel, points: Points) -> float:
@@ -165,9 +174,3 @@ def _tracking(window: Recording, frequency: float) -> Tracking:
 
 def _spread(peaks: Floats) -> float:
     return float(np.std(peaks, ddof=1)) if len(peaks) > 1 else 0.0
-
-
-def median_of(values: Sequence[float]) -> float | None:
-    """Median of the finite values; None where there are fewer than three."""
-    finite = [value for value in values if math.isfinite(value)]
-    return float(np.median(finite)) if len(finite) >= 3 else None

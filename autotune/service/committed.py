@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from autotune.models.drive_model import DriveModel
 from autotune.models.model_file import read_model
 from autotune.service.commit import RELATIVE_RESOLUTION
 from autotune.service.drift import Committed
-from autotune.service.files import read_json
+from autotune.service.results import run_results
 from autotune.service.stage_prove import ENABLED
 
 
@@ -38,17 +38,6 @@ def in_force(runs: Path, axis: Axis, held: Mapping[str, float]) -> InForce:
         return InForce()
     path, committed = kept[0]
     return InForce(committed, _model(runs, axis, path), _agrees(committed.parameters, held))
-
-
-def run_results(runs: Path, axis: str, name: str) -> Iterator[tuple[Path, dict[str, Any]]]:
-    """Result files of an axis by the name of the file, newest first; damaged ones are passed over."""
-    for directory in sorted(runs.glob(f"2*-{axis}"), reverse=True):
-        try:
-            content = read_json(directory / name, "result")
-        except ConfigurationError:
-            continue
-        if content.get("axis") == axis:
-            yield directory, content
 
 
 def _kept_runs(runs: Path, axis: Axis) -> tuple[list[tuple[Path, Committed]], bool]:

@@ -8,15 +8,18 @@ influence is known from the history. One check alone only raises suspicion.
 from __future__ import annotations
 
 import math
+import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
 from autotune.core.configuration import Strict
-from autotune.service.check_figures import CheckFigures, median_of
+
+if TYPE_CHECKING:
+    from autotune.service.check_figures import CheckFigures
 
 SYSTEMATIC = 0.02
 """Check and identification agree on a sound axis to about this, relative (standard error)."""
@@ -256,6 +259,12 @@ def _rough_signal(evidence: Evidence) -> Verdict | None:
 
 def _run(evidence: Evidence) -> str:
     return evidence.committed.run if evidence.committed else "an earlier run"
+
+
+def median_of(values: Sequence[float]) -> float | None:
+    """Median of the finite values; None where there are fewer than three."""
+    finite = [value for value in values if math.isfinite(value)]
+    return statistics.median(finite) if len(finite) >= 3 else None
 
 
 def _figure(evidence: Evidence) -> str:

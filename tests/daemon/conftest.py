@@ -12,10 +12,10 @@ import pytest
 
 from autotune.service.daemon.database import open_database
 from autotune.service.daemon.manager import Manager, plans_of
+from autotune.service.daemon.orders import Done, Order
 from autotune.service.daemon.schedule import Schedule
 from autotune.service.daemon.settings import Configuration, read_service
 from autotune.service.daemon.store import Store
-from autotune.service.daemon.work import Done, Order
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "config" / "axes" / "edm-vertical.toml"
 WIRE = "canopen+slcan:edm-vertical.tty?bitrate=1000000&node=5"

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from autotune.service.daemon.work import Done, Order, read_done, write_done
+from autotune.service.daemon.orders import Done, Order, read_done, write_done
 
 World = Any
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from autotune.core.errors import ConfigurationError
-from autotune.service.check import FILE_NAME as CHECK_FILE
+from autotune.service.check_file import FILE_NAME as CHECK_FILE
 from autotune.service.daemon.store import Store, text
 from autotune.service.daemon.tables import checks, runs
 from autotune.service.files import finite, read_json

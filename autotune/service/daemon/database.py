@@ -16,11 +16,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from alembic import command
-from alembic.config import Config
-from alembic.migration import MigrationContext
-from alembic.script import ScriptDirectory
-from sqlalchemy import Engine, create_engine, event, make_url
+from sqlalchemy import Engine, create_engine, event, inspect, make_url, text
 from sqlalchemy.engine.interfaces import DBAPIConnection
 from sqlalchemy.exc import ArgumentError, NoSuchModuleError, SQLAlchemyError
 from sqlalchemy.pool import ConnectionPoolEntry
@@ -28,6 +24,8 @@ from sqlalchemy.pool import ConnectionPoolEntry
 from autotune.core.errors import ConfigurationError, LinkError
 
 Say = Callable[[str], None]
+REVISIONS = ("0001", "0002")
+"""In order; a test holds this to what Alembic finds in `migrations`."""
 _MIGRATIONS = Path(__file__).parent / "migrations"
 
 
@@ -162,25 +160,39 @@ def _durable(connection: DBAPIConnection, record: ConnectionPoolEntry) -> None:
     cursor.close()
 
 
-def _upgrade(engine: Engine, url: str, file: Path | None, backups: Path, now: datetime, keep: int) -> None:
-    config = Config()
-    config.set_main_option("script_location", str(_MIGRATIONS))
-    scripts = ScriptDirectory.from_config(config)
+def revision_of(engine: Engine) -> str | None:
+    """The schema revision of a database; None where it is empty."""
+    if not inspect(engine).has_table("alembic_version"):
+        return None
     with engine.connect() as connection:
-        present = MigrationContext.configure(connection).get_current_revision()
-    known = {script.revision for script in scripts.walk_revisions()}
-    if present is not None and present not in known:
+        found = connection.execute(text("SELECT version_num FROM alembic_version")).scalar()
+    return str(found) if found is not None else None
+
+
+def _upgrade(engine: Engine, url: str, file: Path | None, backups: Path, now: datetime, keep: int) -> None:
+    present = revision_of(engine)
+    if present == REVISIONS[-1]:
+        return
+    if present is not None and present not in REVISIONS:
         raise ConfigurationError(
             f"the history {shown(url)} has schema revision {present}, which is newer than this program (it knows up "
-            f"to {scripts.get_current_head()}); update autotune, or name another history.url"
+            f"to {REVISIONS[-1]}); update autotune, or name another history.url"
         )
-    if present == scripts.get_current_head():
-        return
     if present is not None and file is not None:
         back_up(file, backups, now, keep)
+    migrate(engine, REVISIONS[-1])
+
+
+def migrate(engine: Engine, revision: str) -> None:
+    """Brings a database to a revision; Alembic is loaded only where there is something to do."""
+    from alembic import command
+    from alembic.config import Config
+
+    config = Config()
+    config.set_main_option("script_location", str(_MIGRATIONS))
     with engine.begin() as connection:
         config.attributes["connection"] = connection
-        command.upgrade(config, "head")
+        command.upgrade(config, revision)
 
 
 def _sync(path: Path) -> None:

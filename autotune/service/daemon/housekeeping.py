@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from autotune.core.errors import ConfigurationError
-from autotune.service.committed import run_results
 from autotune.service.files import read_json
+from autotune.service.results import run_results
 
 HEAVY = ("recordings", "run.rrd", "report.html")
 KEPT_RUNS = 2

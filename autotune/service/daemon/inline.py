@@ -6,7 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from autotune.service.daemon.work import Done, Order, Tools, perform, write_begun, write_done
+from autotune.service.daemon.orders import Done, Order, write_begun, write_done
+from autotune.service.daemon.work import Tools, perform
 
 
 @dataclass

@@ -12,7 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol
 
-from autotune.service.daemon.work import Done, Order, read_done
+from autotune.service.daemon.orders import Done, Order, read_done
 
 Message = dict[str, Any]
 MOST_MESSAGES = 1000

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import logging
+import secrets
 import threading
 import uuid
 from collections.abc import Callable, Mapping
@@ -25,10 +26,10 @@ from autotune.service.daemon.busy import axis_busy
 from autotune.service.daemon.cron import blacked_out
 from autotune.service.daemon.feed import Feed
 from autotune.service.daemon.launcher import Handle, Launcher
+from autotune.service.daemon.orders import Done, Order, read_done, salvage
 from autotune.service.daemon.schedule import Planned, Schedule
 from autotune.service.daemon.settings import Configuration, WatchedAxis
 from autotune.service.daemon.store import Row, Store, contents, moment, text
-from autotune.service.daemon.work import Done, Order, read_done, salvage
 
 log = logging.getLogger("autotune.service")
 MOST_ATTEMPTS = 10
@@ -88,6 +89,7 @@ class Manager:
         self._not_before: dict[str, datetime] = {}
         self._offset: float | None = None
         self._accepting = True
+        self._count = 0
         self.owns: Callable[[str], bool] = lambda axis: True
 
     # What others ask
@@ -141,7 +143,7 @@ class Manager:
             if any(job["axis"] == axis and job["kind"] == kind for job in open_jobs):
                 return None
             row = {
-                "id": uuid.uuid4().hex, "axis": axis, "kind": kind, "origin": origin, "state": "queued",
+                "id": self._new_id(), "axis": axis, "kind": kind, "origin": origin, "state": "queued",
                 "due": text(due) if due else None, "created": text(self.now()), "attempts": 0,
                 "options": json.dumps(dict(options or {})),
             }  # fmt: skip
@@ -149,6 +151,11 @@ class Manager:
                 return None
             self.feed.tell({"event": "queued", "job": row["id"], "axis": axis, "kind": kind})
             return self.store.job(str(row["id"]))
+
+    def _new_id(self) -> str:
+        """32 hex digits that sort by time, then by order within this process."""
+        self._count = (self._count + 1) % 0x1000000
+        return f"{int(self.now().timestamp() * 1000):012x}{self._count:06x}{secrets.token_hex(7)}"
 
     def stop(self, identifier: str) -> bool:
         """Stops a job: a queued one is cancelled, a running one comes to rest. False where it has ended."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
 
-from autotune.service.check import before_of
+from autotune.service.check_file import before_of
 from autotune.service.trend import Change, Trend, analyse, sentence
 
 TOLD_DAYS = 25

@@ -6,6 +6,7 @@ is for every other command, so that service and command line see the same runs.
 
 from __future__ import annotations
 
+import hashlib
 import re
 from dataclasses import dataclass
 from datetime import time
@@ -15,10 +16,10 @@ from zoneinfo import ZoneInfo, available_timezones
 
 from pydantic import Field, field_validator, model_validator
 
+from autotune import __version__
 from autotune.core.axis import Axis, read_axis
 from autotune.core.configuration import Strict, read_toml, validate
 from autotune.core.errors import AutotuneError, ConfigurationError
-from autotune.service.check_plan import plan_check
 from autotune.service.daemon.cron import parse_cron
 from autotune.service.drift import DriftSettings
 from autotune.service.ownership import key_of
@@ -182,18 +183,19 @@ class Configuration:
 
 
 def read_service(path: str | Path) -> Configuration:
-    """Reads a service file and every axis file that it names.
+    """Reads a service file and every axis file that it names; each axis must be checkable in a minute.
 
     Raises:
         ConfigurationError: anything wrong in any of them, all problems together.
     """
     path = Path(path)
     service = validate(Service, read_toml(path, "service file"), f"service file {path}")
+    seen = Path(service.runs).absolute() / ".service" / "plannable"
     axes: list[WatchedAxis] = []
     problems: list[str] = []
     for watched in service.axes:
         try:
-            axes.append(_watched(watched, path.resolve().parent))
+            axes.append(_watched(watched, path.resolve().parent, seen))
         except AutotuneError as error:
             problems.append(str(error))
     problems += _twice(axes)
@@ -202,12 +204,29 @@ def read_service(path: str | Path) -> Configuration:
     return Configuration(service, tuple(axes), path)
 
 
-def _watched(watched: Watched, directory: Path) -> WatchedAxis:
+def _watched(watched: Watched, directory: Path, seen: Path) -> WatchedAxis:
     file = (directory / watched.file).resolve()
     axis = read_axis(file)
-    plan_check(axis)
+    _checkable(axis, seen)
     key = key_of(axis, file)
     return WatchedAxis(watched, axis, file, key.drive, key.bus)
+
+
+def _checkable(axis: Axis, seen: Path) -> None:
+    """Plans the axis's check; what has been found plannable is remembered, as planning takes a second to load.
+
+    Raises:
+        ConfigurationError: a check of the axis cannot be made within a minute, or its travel is too small.
+    """
+    mark = hashlib.sha256(f"{__version__} {axis!r}".encode()).hexdigest()
+    if (seen / mark).is_file():
+        return
+    from autotune.service.check_plan import plan_check
+
+    plan_check(axis)
+    if seen.parent.is_dir():
+        seen.mkdir(exist_ok=True)
+        (seen / mark).touch()
 
 
 def _twice(axes: list[WatchedAxis]) -> list[str]:

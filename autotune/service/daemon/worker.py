@@ -19,7 +19,8 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from autotune.service.daemon.work import Done, Order, Tools, perform, salvage, write_begun, write_done
+from autotune.service.daemon.orders import Done, Order, salvage, write_begun, write_done
+from autotune.service.daemon.work import Tools, perform
 from autotune.service.links import open_link
 
 LEAST_SECONDS = 0.2  # between two messages of progress
