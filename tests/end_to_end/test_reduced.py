@@ -1,0 +1,103 @@
+"""Whole runs on drives that cannot hold the LuGre model: in process, with part of the drive's block hidden."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from autotune.core.axis import Axis, read_axis
+from autotune.core.loop import LocalLoop
+from autotune.service.outcome import Outcome
+from autotune.service.progress import Silent
+from autotune.service.tuning import Request, tune
+from autotune_sim.inprocess import SimDrive
+from autotune_sim.presets import preset
+from tests.end_to_end.support import EXAMPLE
+
+KINETIC = ("enabled", "inertia", "viscous", "coulomb", "offset")
+WITHOUT_COULOMB = ("enabled", "inertia", "viscous")
+
+
+class Partly(LocalLoop):
+    """A loop whose drive is known by a part of its feedforward parameters only."""
+
+    def __init__(self, drive: SimDrive, held: Sequence[str]) -> None:
+        super().__init__(drive)
+        self._held = {f"feedforward.{name}" for name in held}
+
+    def read_parameters(self, names: Sequence[str] | None = None) -> dict[str, float]:
+        found = super().read_parameters(names)
+        return {n: v for n, v in found.items() if not n.startswith("feedforward.") or n in self._held}
+
+
+def axis_with(improvement: float) -> Axis:
+    axis = read_axis(EXAMPLE)
+    acceptance = axis.acceptance.model_copy(update={"improvement": improvement})
+    return axis.model_copy(update={"acceptance": acceptance, "link": "sim://edm-vertical"})
+
+
+def run(runs: Path, held: Sequence[str], improvement: float) -> tuple[SimDrive, dict[str, Any]]:
+    drive = SimDrive(preset("edm-vertical"))
+    asked: list[str] = []
+    request = Request(
+        axis_with(improvement),
+        lambda: Partly(drive, held),
+        runs,
+        Silent(),
+        datetime.now,
+        approve=lambda sentence: not asked.append(sentence),
+    )
+    result = tune(request)
+    content = json.loads((result.run_directory / "run.json").read_text())
+    content["asked"] = asked
+    content["report"] = (result.run_directory / "report.html").read_text()
+    return drive, content
+
+
+@pytest.mark.slow
+def test_a_kinetic_drive_gets_what_it_can_hold_and_the_loss_is_as_predicted(tmp_path: Path) -> None:
+    drive, said = run(tmp_path, KINETIC, 0.02)
+    assert said["outcome"] == Outcome.KEPT.value
+    reduction = said["reduction"]
+    assert reduction["agreement"] == pytest.approx(1.0, abs=0.25)
+    assert reduction["measured_loss"] > 0.5e-3
+    assert reduction["host"] == []
+    assert drive.read_parameters(["feedforward.coulomb"])["feedforward.coulomb"] == pytest.approx(
+        reduction["drive"]["coulomb"]
+    )
+    assert drive.read_parameters(["feedforward.stiffness"])["feedforward.stiffness"] == 0.0
+    assert said["feedforward"].keys() == {f"feedforward.{name}" for name in KINETIC if name != "enabled"}
+    assert "is predicted to be" in said["asked"][0]
+    assert "Reduction to what the drive holds" in said["report"]
+    assert said["committed"]["peak_error"] < said["before"]["peak_error"]
+
+
+@pytest.mark.slow
+def test_a_drive_without_coulomb_friction_is_kept_with_the_rest_from_the_host(tmp_path: Path) -> None:
+    drive, said = run(tmp_path, WITHOUT_COULOMB, 0.1)
+    assert said["outcome"] == Outcome.KEPT.value
+    assert said["reduction"]["host"] == ["coulomb"]
+    assert said["committed"]["peak_error"] < 1.3 * said["after"]["peak_error"]
+    assert "coulomb from the host" in said["verdict"]
+    assert drive.read_parameters(["feedforward.coulomb"])["feedforward.coulomb"] == 0.0
+
+
+@pytest.mark.slow
+def test_what_would_not_help_is_not_written(tmp_path: Path) -> None:
+    drive, said = run(tmp_path, KINETIC, 0.5)
+    assert said["outcome"] == Outcome.NOT_APPLIED.value
+    assert "The host has to play" in said["verdict"]
+    assert said["asked"] == []
+    assert drive.read_parameters(["feedforward.enabled"])["feedforward.enabled"] == 0.0
+
+
+@pytest.mark.slow
+def test_a_drive_that_holds_nothing_is_told_so(tmp_path: Path) -> None:
+    _, said = run(tmp_path, (), 0.1)
+    assert said["outcome"] == Outcome.NOT_APPLIED.value
+    assert "cannot hold a feedforward" in said["verdict"]
