@@ -91,7 +91,7 @@ class Presliding(Experiment):
 
     friction: float | None = None
     torque_mode: bool = True
-    sets: int = 5
+    sets: int = 10
 
     @property
     def name(self) -> str:

@@ -19,8 +19,8 @@ from autotune.core.errors import NotEnoughExcitation
 from autotune.core.recording import Recording
 from autotune.identify.checks import clipped, guide_of, torque_of
 from autotune.identify.controller import ControlLaw, is_closed
+from autotune.identify.start import starting_state
 from autotune.models import layout
-from autotune.models.contact import additive, friction_limit
 from autotune.models.drive_model import Packed
 from autotune.models.inverse import applied_torque, required
 from autotune.models.plant import substeps_for
@@ -30,7 +30,6 @@ Floats = NDArray[np.float64]
 Rows = NDArray[np.bool_]
 LEAST_ROWS = 150
 UNFITTED = ("conditioning", "veto", "test")
-_START_SECONDS = 0.02
 _EDGE_SECONDS = 0.03
 
 
@@ -129,22 +128,10 @@ def with_motion(piece: Piece, measured: Floats, torque: Floats, bands: Bands) ->
 
 
 def start_state(piece: Piece, packed: Packed) -> Floats:
-    """Motion and bristle at the first row: the bristle carries what balances the torque, at most friction."""
-    p = packed.p
-    state = np.zeros(layout.STATES)
-    first = slice(0, max(2, round(_START_SECONDS / piece.period)))
-    spare = (
-        float(np.mean(piece.torque[first]))
-        - p[layout.INERTIA] * float(np.mean(piece.acceleration[first]))
-        - p[layout.VISCOUS] * float(np.mean(piece.velocity[first]))
-        - additive(p, packed.on, float(np.mean(piece.position[first])))
+    """Motion and bristle at the first row."""
+    return starting_state(
+        packed, piece.torque, piece.position, piece.velocity, piece.acceleration, piece.period
     )
-    position, speed = float(piece.position[0]), float(np.mean(piece.velocity[first]))
-    limit = friction_limit(p, packed.on, state, position, speed)
-    state[layout.POSITION] = position
-    state[layout.VELOCITY] = piece.velocity[0]
-    state[layout.BRISTLE] = min(max(spare / p[layout.STIFFNESS], -limit), limit)
-    return state
 
 
 def torque_error(piece: Piece, packed: Packed, bands: Bands) -> Floats:

@@ -24,7 +24,7 @@ NEEDED = ("inertia", "coulomb", "offset")
 """Without these there is no model; what else is not identified is said in the reason."""
 UNKNOWN = 0.5
 """A parameter whose standard error is this share of its value is not identified."""
-SYSTEMATIC = {"inertia": 1e-3, "stiffness": 2e-3}
+SYSTEMATIC = {"inertia": 5e-4, "stiffness": 5e-4}
 SYSTEMATIC_ELSE = 2e-4
 """Of the value: what filters, integration steps and the quantiser's model are trusted to at best."""
 INFLATION = 1.25

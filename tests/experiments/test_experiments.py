@@ -108,9 +108,9 @@ def test_labels_and_durations_are_as_declared(name: str) -> None:
 
 def test_durations_fit_into_the_machine_time_of_a_run() -> None:
     bounds = {
-        "identification": (90, 112),
+        "identification": (105, 125),
         "steady-state": (43, 46),
-        "presliding": (15, 25),
+        "presliding": (30, 42),
         "dahl": (23, 27),
         "high-speed": (7, 13),
         "benchmark": (19, 22),
@@ -123,7 +123,7 @@ def test_durations_fit_into_the_machine_time_of_a_run() -> None:
 @pytest.mark.parametrize("cycle", [2.5e-4, 2e-3, 4e-3, 1e-2])
 def test_durations_hardly_depend_on_the_cycle(cycle: float) -> None:
     where = axis().model_copy(update={"cycle": cycle})
-    assert 85 < sum(one.duration for one in build("identification", where)) < 115
+    assert 100 < sum(one.duration for one in build("identification", where)) < 130
     assert 140 < sum(one.duration for one in build("diagnosis", where)) < 200
 
 

@@ -57,7 +57,7 @@ def test_steady_state_legs_are_steady_and_tell_friction(identification: Recordin
 
 def test_presliding_moves_counts_not_friction_elements(identification: Recording) -> None:
     sets = identification.select("presliding")
-    assert len(sets) == 15000
+    assert len(sets) == 30000
     assert 3 * COUNT < np.ptp(sets["position"]) < 16 * COUNT
     assert np.abs(sets["torque_command"] - sets["torque_command"].mean()).max() < 0.1 * 0.33
 
