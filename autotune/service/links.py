@@ -23,11 +23,19 @@ def _open_wire(axis: Axis, directory: Path) -> Loop:
     return open_loop(axis, directory)
 
 
+def _open_replay(axis: Axis, directory: Path) -> Loop:
+    from autotune_drivers.replay import open_replay
+    from autotune_drivers.url import parse_link
+
+    return LocalLoop(open_replay(Path(parse_link(axis.link, directory).target)))
+
+
 OPENERS: dict[str, Callable[[Axis, Path], Loop]] = {
     "sim": _open_simulated,
     "canopen+slcan": _open_wire,
     "canopen+socketcan": _open_wire,
     "moteus+serial": _open_wire,
+    "replay": _open_replay,
 }
 
 

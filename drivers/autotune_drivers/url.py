@@ -5,6 +5,7 @@ canopen+slcan:edm-vertical.tty?bitrate=1000000&node=5   relative to the axis fil
 canopen+socketcan://can0?node=5                         a kernel interface
 moteus+serial:///dev/fdcanusb?id=1                      an fdcanusb, or a moteus's own serial line
 moteus+serial:edm-vertical-moteus.tty?id=1&baud=921600  relative to the axis file, with the line's speed
+replay:recording.parquet                                a recording, relative to the axis file
 """
 
 from __future__ import annotations
@@ -59,6 +60,7 @@ SCHEMES: Mapping[str, Scheme] = MappingProxyType(
             {"id": Option(1, 126), "baud": Option(9600, 12_000_000, default=921600)},
             "moteus+serial:///dev/fdcanusb?id=1",
         ),
+        "replay": Scheme(True, {}, "replay:recording.parquet"),
         "canopen+socketcan": Scheme(False, {"node": Option(1, 127)}, "canopen+socketcan://can0?node=5"),
     }
 )

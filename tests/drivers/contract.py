@@ -15,6 +15,7 @@ from autotune.core.drive import HOLD, Command, Drive, Mode, Sample
 from autotune.core.errors import AutotuneError, ConfigurationError, DriveError, StateError
 
 AMPLITUDE = 0.2
+MISTYPED = ("feedforward.colomb", r"feedforward\.coulomb")
 RESOLUTION = 2.0 * math.pi / 50000.0
 
 
@@ -45,13 +46,54 @@ def column(samples: list[Sample], name: str) -> NDArray[np.float64]:
     return np.array([getattr(sample, name) for sample in samples], dtype=np.float64)
 
 
-class Contract:
-    """Behaviour of a `Drive`, whatever is behind it."""
+class Shape:
+    """What every drive has in common, also one that only replays."""
 
     def test_is_a_drive(self, drive: Drive) -> None:
         assert isinstance(drive, Drive)
         assert drive.period == pytest.approx(1e-3)
         assert {"vendor", "product"} <= set(drive.identity)
+
+    def test_time_advances_by_one_period_a_cycle(self, drive: Drive) -> None:
+        samples = play(drive, [HOLD] * 50)
+        steps = np.diff(column(samples, "time"))
+        missed = column(samples, "missed")[1:]
+        assert steps == pytest.approx((1.0 + missed) * drive.period, rel=1e-6)
+
+    def test_a_step_without_power_is_refused(self, drive: Drive) -> None:
+        with pytest.raises(AutotuneError):
+            drive.step(HOLD)
+
+    def test_enabling_twice_is_refused_or_harmless_and_power_goes(self, drive: Drive) -> None:
+        drive.enable(Mode.POSITION)
+        try:
+            drive.enable(Mode.POSITION)
+        except StateError:
+            with pytest.raises(AutotuneError):
+                drive.step(HOLD)
+        finally:
+            drive.disable()
+
+    def test_a_command_that_is_no_number_never_reaches_the_axis(self, drive: Drive) -> None:
+        drive.enable(Mode.VELOCITY)
+        try:
+            with pytest.raises((DriveError, ConfigurationError)):
+                drive.step(Command(velocity=math.nan))
+        finally:
+            drive.disable()
+
+    def test_an_unknown_parameter_is_named_with_the_nearest(self, drive: Drive) -> None:
+        mistyped, meant = MISTYPED
+        with pytest.raises(ConfigurationError, match=meant):
+            drive.read_parameters([mistyped])
+
+    def test_close_is_idempotent(self, drive: Drive) -> None:
+        drive.close()
+        drive.close()
+
+
+class Contract(Shape):
+    """Behaviour of a `Drive`, whatever is behind it."""
 
     def test_enable_holds_the_present_position(self, drive: Drive) -> None:
         samples = play(drive, [HOLD] * 100)
@@ -67,12 +109,6 @@ class Contract:
         samples = play(drive, [HOLD] * 50)
         assert samples[0].position == pytest.approx(start + 0.5, abs=0.02)
         assert np.ptp(column(samples, "position")) < 5e-3
-
-    def test_time_advances_by_one_period_a_cycle(self, drive: Drive) -> None:
-        samples = play(drive, [HOLD] * 50)
-        steps = np.diff(column(samples, "time"))
-        missed = column(samples, "missed")[1:]
-        assert steps == pytest.approx((1.0 + missed) * drive.period, rel=1e-6)
 
     def test_follows_a_sine_as_the_thesis_measured(self, drive: Drive) -> None:
         samples = play(drive, sine(2000, where(drive)))
@@ -137,28 +173,6 @@ class Contract:
         first = where(drive)
         assert where(drive) == pytest.approx(first, abs=5e-3)
 
-    def test_a_step_without_power_is_refused(self, drive: Drive) -> None:
-        with pytest.raises(AutotuneError):
-            drive.step(HOLD)
-
-    def test_enabling_twice_is_refused_or_harmless_and_power_goes(self, drive: Drive) -> None:
-        drive.enable(Mode.POSITION)
-        try:
-            drive.enable(Mode.POSITION)
-        except StateError:
-            with pytest.raises(AutotuneError):
-                drive.step(HOLD)
-        finally:
-            drive.disable()
-
-    def test_a_command_that_is_no_number_never_reaches_the_axis(self, drive: Drive) -> None:
-        drive.enable(Mode.VELOCITY)
-        try:
-            with pytest.raises((DriveError, ConfigurationError)):
-                drive.step(Command(velocity=math.nan))
-        finally:
-            drive.disable()
-
     def test_reads_all_parameters_that_it_knows(self, drive: Drive) -> None:
         values = drive.read_parameters()
         assert {"limit.torque", "controller.kp", "feedforward.coulomb"} <= set(values)
@@ -176,10 +190,6 @@ class Contract:
         finally:
             drive.write_parameters(before)
 
-    def test_an_unknown_parameter_is_named_with_the_nearest(self, drive: Drive) -> None:
-        with pytest.raises(ConfigurationError, match=r"feedforward\.coulomb"):
-            drive.read_parameters(["feedforward.colomb"])
-
     def test_a_value_out_of_range_writes_nothing_at_all(self, drive: Drive) -> None:
         before = drive.read_parameters(["controller.kp"])
         with pytest.raises(ConfigurationError, match=r"limit\.torque"):
@@ -191,7 +201,3 @@ class Contract:
     def test_has_no_faults_and_stores(self, drive: Drive) -> None:
         assert drive.faults() == []
         drive.store()
-
-    def test_close_is_idempotent(self, drive: Drive) -> None:
-        drive.close()
-        drive.close()
