@@ -22,7 +22,7 @@ LONGEST_FRAME = 64
 _LONGEST_LINE = 256
 _SIZES = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 _NOP = b"\x50"
-_FLAG = re.compile(rb"[EeBbFfRr]+|[tf][0-9]+|")
+_FLAG = re.compile(rb"[EeBbFfRr]+|[tf]-?[0-9]+|")
 _BEGINNINGS = (b"rcv ", b"OK", b"ERR")
 
 

@@ -75,8 +75,13 @@ class MoteusGuard(Strict):
 
 
 class MoteusStore(Strict):
-    """`conf write`, done after at most `seconds`."""
+    """`conf write`, done after at most `seconds`.
 
+    `reload`: only our parameters are written over what is stored, and `conf load` proves that they are
+    kept. Not for a real controller: loading sets its position up anew, and turns that it has counted are lost.
+    """
+
+    reload: bool = False
     seconds: Annotated[float, Field(gt=0, le=60)] = 5.0
 
 

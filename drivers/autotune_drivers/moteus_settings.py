@@ -1,8 +1,8 @@
 """What a session changes in a moteus's parameters, how it is put back, and how ours are stored.
 
-`conf write` stores everything as it is now, also limits that a run has narrowed and what a session has
-set. So storing loads the stored values first, puts only our parameters over them, writes, loads again to
-see that they are kept, and then gives back what was in force.
+`conf write` stores everything as it is now, so what the session has set is put back before it. Where the
+profile allows to load, nothing but our parameters is stored: what was stored before is loaded, ours are put
+over it, written, loaded again to see that they are kept, and what was in force is given back.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ class MoteusSettings:
         self._profile = profile
         self._before: dict[str, str] = dict(inherited or {})
         self._changed: set[str] = set(self._before)
+        self._wanted: dict[str, str] = {}
 
     def backup(self) -> Mapping[str, str]:
         """Everything that was looked at in order to be changed, as it was before."""
@@ -56,6 +57,7 @@ class MoteusSettings:
         except TransferAborted:
             return False
         self._changed.add(name)
+        self._wanted[name] = value
         self.console.set(name, value)
         return True
 
@@ -75,7 +77,7 @@ class MoteusSettings:
     # Storing
 
     def store(self) -> None:
-        """Makes our parameters survive power-off, and nothing else.
+        """Makes our parameters survive power-off.
 
         Raises:
             DriveError: the profile does not say how, or the memory does not keep them. LinkError.
@@ -86,6 +88,9 @@ class MoteusSettings:
                 f"profile {self._profile.name!r} does not say how this controller stores parameters; store them "
                 "with 'conf write' in its console"
             )
+        if not store.reload:
+            self._store_as_it_is(store.seconds)
+            return
         before = self.console.enumerate()
         ours = self._ours(before)
         try:
@@ -97,6 +102,18 @@ class MoteusSettings:
             self._verify(ours)
         finally:
             self._give_back(before)
+
+    def _store_as_it_is(self, seconds: float) -> None:
+        troubles = self.restore()
+        if troubles:
+            raise LinkError(
+                f"nothing was stored in controller {self.node.number}, as {'; '.join(troubles)} first"
+            )
+        try:
+            self.console.write(seconds)
+        finally:
+            for name, value in self._wanted.items():
+                self.change(name, value)
 
     def _ours(self, before: Mapping[str, str]) -> dict[str, str]:
         names = [name for name in self._profile.parameters if name.startswith(_OURS)]

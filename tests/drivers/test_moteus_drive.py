@@ -27,7 +27,7 @@ from autotune_drivers.moteus_drive import MoteusDrive
 from autotune_drivers.moteus_line import Line
 from autotune_drivers.moteus_multiplex import Form, write
 from autotune_drivers.moteus_node import MoteusNode
-from autotune_drivers.moteus_open import open_controller
+from autotune_drivers.moteus_open import MoteusOpener, open_controller
 from autotune_drivers.moteus_port import MoteusPort, open_port
 from autotune_drivers.moteus_profile import read_moteus_profile
 from autotune_drivers.profile import read_profile
@@ -453,6 +453,28 @@ def test_storing_keeps_ours_and_nothing_that_a_session_or_a_run_has_changed(tmp_
         {"limit.speed": 50.0, "feedforward.coulomb": 0.3, "feedforward.enabled": 1.0}, rel=1e-3
     )
     assert stored["servo.default_accel_limit"] == "63.662"
+
+
+def test_a_controller_that_may_not_load_stores_without_the_session(tmp_path: Path) -> None:
+    """As a real one: `conf load` would cost it its position."""
+    with simulator(
+        tmp_path, "--link", "moteus", "--node", "1", "--state", str(tmp_path / "memory")
+    ) as process:
+        opener = moteus_opener(tmp_path)
+        store = opener.profile.store
+        assert store is not None
+        profile = opener.profile.model_copy(update={"store": store.model_copy(update={"reload": False})})
+        drive = MoteusOpener(opener.address, opener.axis, profile)()
+        drive.write_parameters({"feedforward.coulomb": 0.3})
+        drive.store()
+        assert drive._settings.console.get("servo.timeout_mode") == "10"
+        drive.close()
+        mark = process.mark
+        process.order("power-loss")
+        process.wait_for("boot-up", mark)
+        stored = settings(tmp_path)
+    assert stored["autotune.feedforward.coulomb"] == "0.3"
+    assert stored["servo.timeout_mode"] == "12"
 
 
 def test_a_memory_that_keeps_nothing_is_found_out(running: Simulator, drive: MoteusDrive) -> None:
