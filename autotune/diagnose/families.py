@@ -216,7 +216,15 @@ def _memory(c: Context) -> Iterator[Start]:
             values[f"torque_{i}"] = 0.02 * c.coulomb
             free[f"torque_{i}"] = (0.1 * c.coulomb, 0.5 * c.coulomb)
         base = {layout.STIFFNESS: c.p[layout.STIFFNESS] * stiffer}
-        yield _start(c, "reversal_memory", values, free, base)
+        start = _start(c, "reversal_memory", values, free, base)
+        kind = EFFECTS["reversal_memory"]
+        moving = []
+        for i in range(1, len(MEMORY_STEPS) + 1):
+            name = f"displacement_{i}"
+            value = values[name]
+            slot = kind.parameter(name).slot
+            moving.append(Free(kind.surface(name), slot, 0.2 * value, 5.0 * value, 0.5 * value, 0.4 * value))
+        yield Start(start.packed, (*start.free, *moving))
 
 
 def _thermal(c: Context) -> Iterator[Start]:
@@ -342,25 +350,31 @@ def line_columns(c: Context, order: float, rows: Rows) -> Floats:
 
 
 def find_orders(c: Context, most: int = MOST_LINES) -> list[float]:
-    """Ripple orders in the residual, strongest first."""
+    """Ripple orders in the residual, strongest first.
+
+    A line must stand out of what its neighbours explain beside it: over a short travel a strong line
+    leaks into them, and what they seem to explain without it is its own.
+    """
     thin = thinned(c)
     present = [c.p[EFFECTS["torque_ripple"].parameter(f"order_{i}").slot] for i in range(1, LINES + 1)]
     found: list[float] = []
     orders = candidate_orders(c)
     tables = [line_columns(c, float(order), thin.rows) for order in orders]
-    least = LEAST_LINE_GAIN
+    gains = np.array([thin.share(table) for table in tables])
     while len(found) < most:
-        gains = np.array([thin.share(table) for table in tables])
         best = int(np.argmax(gains))
-        near = (orders > 0.6 * orders[best] - 1.0) & (orders < 1.7 * orders[best] + 1.0)
-        if gains[best] < least or gains[best] < LINE_CONTRAST * np.median(gains[near]):
-            break
         order = float(orders[best])
-        if any(abs(order - other) < 0.5 for other in present if other > 0):
+        if gains[best] < LEAST_LINE_GAIN or any(abs(order - other) < 0.5 for other in present if other > 0):
             break
-        found.append(order)
         extra = np.linalg.qr(thin.without_base(tables[best]))[0]
         thin = Thin(thin.rows, np.hstack([thin.basis, extra]), thin.error - extra @ (extra.T @ thin.error))
+        beside = np.array([thin.share(table) for table in tables])
+        near = (orders > 0.6 * order - 1.0) & (orders < 1.7 * order + 1.0)
+        left = (1.0 - gains[best]) * float(np.median(beside[near]))
+        if gains[best] < LINE_CONTRAST * left:
+            break
+        found.append(order)
+        gains = beside
     return found
 
 
