@@ -49,7 +49,7 @@ def wait_for(condition: object, seconds: float = 20.0) -> None:
 def test_tells_about_the_drive(loop: CyclicLoop) -> None:
     assert loop.period == 1e-3
     assert loop.identity == {"vendor": 1, "product": 2}
-    assert "lock-step" in loop.priority
+    assert "priority" in loop.priority
     assert loop.faults() == []
 
 
