@@ -16,6 +16,7 @@ from autotune.service.backup import Backup, take_backup
 from autotune.service.journal import CommitPhase, Journal
 
 RELATIVE_RESOLUTION = 1e-4
+COARSEST = 0.02  # a drive whose parameters have whole steps may hold this much beside what is wanted
 
 
 def feedforward_parameters(loop: Loop) -> dict[str, float]:
@@ -58,7 +59,7 @@ def commit(
     backup = take_backup(store, journal.state.axis, loop.identity, present, now)
     journal.note(backup=backup.id, phase=CommitPhase.WRITING)
     try:
-        write_verified(loop, values)
+        values = write_verified(loop, values)
         journal.note(phase=CommitPhase.STORING)
         store_as_before(loop, journal)
         verify(loop, values)
@@ -75,16 +76,22 @@ def commit(
     return True
 
 
-def write_verified(loop: Loop, values: Mapping[str, float]) -> None:
-    """Writes with the block switched off, and switches it as asked only when all else is right."""
+def write_verified(loop: Loop, values: Mapping[str, float]) -> dict[str, float]:
+    """Writes with the block switched off, and switches it as asked only when all else is right.
+
+    Returns what the drive holds then: `values`, rounded to its resolution.
+
+    Raises:
+        DriveError: it holds something else.
+    """
     enabled = "feedforward.enabled"
     if enabled in values and loop.read_parameters([enabled])[enabled]:
         loop.write_parameters({enabled: 0.0})
     loop.write_parameters({name: value for name, value in values.items() if name != enabled})
-    verify(loop, {name: value for name, value in values.items() if name != enabled})
+    verify(loop, {name: value for name, value in values.items() if name != enabled}, COARSEST)
     if enabled in values:
         loop.write_parameters({enabled: values[enabled]})
-    verify(loop, values)
+    return verify(loop, values, COARSEST)
 
 
 def store_as_before(loop: Loop, journal: Journal) -> None:
@@ -101,8 +108,10 @@ def store_as_before(loop: Loop, journal: Journal) -> None:
         loop.write_parameters(narrowed)
 
 
-def verify(loop: Loop, values: Mapping[str, float]) -> None:
-    """Reads back.
+def verify(
+    loop: Loop, values: Mapping[str, float], resolution: float = RELATIVE_RESOLUTION
+) -> dict[str, float]:
+    """Reads back; what the drive holds.
 
     Raises:
         DriveError: the drive holds something else than was written.
@@ -111,13 +120,14 @@ def verify(loop: Loop, values: Mapping[str, float]) -> None:
     wrong = [
         f"{name} is {held.get(name)!r} instead of {value!r}"
         for name, value in values.items()
-        if name not in held or abs(held[name] - value) > RELATIVE_RESOLUTION * max(abs(value), 1e-6)
+        if name not in held or abs(held[name] - value) > resolution * max(abs(value), 1e-6)
     ]
     if wrong:
         raise DriveError(
             f"the drive does not hold what was written: {'; '.join(wrong)}. Nothing is kept; check the "
             "drive's firmware version against the profile"
         )
+    return held
 
 
 def put_back(loop: Loop, backup: Backup, journal: Journal) -> None:

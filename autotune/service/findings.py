@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,7 @@ NEEDS = {
 
 @dataclass
 class Findings:
-    """Filled stage by stage; `proposed` goes to the proof, `better` is its verdict."""
+    """Filled stage by stage; `proposed` goes to the proof, `better` is its verdict, `held` is in the drive then."""
 
     start: Start | None = None
     proposed: LugreParameters | None = None
@@ -38,6 +38,7 @@ class Findings:
     proved: Proved | None = None
     committed: TrackingError | None = None
     reduction: Reduction | None = None
+    held: dict[str, float] = field(default_factory=dict)
 
     def need_start(self) -> Start:
         """Raises ConfigurationError where the stage `fit` has not been done."""

@@ -31,6 +31,7 @@ from autotune.service.session import Session
 from autotune.service.stage_adapt import adapt
 from autotune.service.stage_identify import baseline, experiment, fit, start_of
 from autotune.service.stage_prove import (
+    ENABLED,
     holds_what_was_proved,
     measure_committed,
     prove_stage,
@@ -216,6 +217,8 @@ def _commit(request: Request, session: Session, course: _Course) -> bool:
 
     kept = commit(session.loop, plan.values, session.journal, session.runs, session.clock(), proves)
     course.outcome = Outcome.KEPT if kept else Outcome.ROLLED_BACK
+    if kept:
+        findings.held = session.loop.read_parameters([name for name in plan.values if name != ENABLED])
     course.verdict = _commit_verdict(session, course, kept)
     return kept
 
@@ -320,7 +323,9 @@ def _result(
 
 
 def _feedforward(findings: Findings) -> dict[str, float]:
-    """What is in the drive, or would be, by name."""
+    """What is in the drive, rounded as it holds it, or would be, by name."""
+    if findings.held:
+        return findings.held
     if findings.reduction is not None:
         return {f"feedforward.{name}": value for name, value in findings.reduction.values.items()}
     return findings.proposed.drive_parameters() if findings.proposed else {}

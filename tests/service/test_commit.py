@@ -169,3 +169,26 @@ def test_a_damaged_backup_is_refused(tmp_path: Path) -> None:
     path.write_text(path.read_text().replace("0.1", "0.9"))
     with pytest.raises(ConfigurationError, match="checksum"):
         load_backup(tmp_path, "axis", identifier)
+
+
+class SteppedLoop(CuttingLoop):
+    """A drive whose parameters have whole steps of 0.001."""
+
+    def write_parameters(self, values: Mapping[str, float]) -> None:
+        super().write_parameters({name: round(value, 3) for name, value in values.items()})
+
+
+def test_a_drive_with_coarse_steps_holds_the_nearest_and_is_verified_against_that(tmp_path: Path) -> None:
+    drive, journal = MemoryDrive(), begin(tmp_path)
+    wanted = NEW | {"feedforward.coulomb": 0.30049}
+    assert commit(SteppedLoop(drive), wanted, journal, tmp_path, NOW, lambda: True)
+    assert drive.stored["feedforward.coulomb"] == 0.3
+
+
+def test_a_drive_that_cannot_come_near_is_refused_and_put_back(tmp_path: Path) -> None:
+    drive, journal = MemoryDrive(), begin(tmp_path)
+    with pytest.raises(DriveError, match="does not hold what was written"):
+        commit(
+            SteppedLoop(drive), NEW | {"feedforward.coulomb": 0.0104}, journal, tmp_path, NOW, lambda: True
+        )
+    assert drive.stored == drive.volatile == OLD
