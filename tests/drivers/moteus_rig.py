@@ -7,7 +7,7 @@ from pathlib import Path
 from autotune.core.axis import Axis, read_axis
 from autotune.core.paths import config_directory
 from autotune_drivers.moteus_open import MoteusOpener
-from autotune_drivers.moteus_profile import MoteusGuard, read_moteus_profile
+from autotune_drivers.moteus_profile import MoteusCycle, MoteusGuard, MoteusProfile, read_moteus_profile
 from autotune_drivers.url import parse_link
 
 LINK = "moteus+serial:edm.tty?id=1"
@@ -22,8 +22,12 @@ def moteus_axis(link: str = LINK, **changes: object) -> Axis:
 def moteus_opener(
     directory: Path, link: str = LINK, watchdog: float = 1.0, **changes: object
 ) -> MoteusOpener:
-    """`watchdog` [s] is longer than a run's, so that a loaded test machine does not trip it."""
     axis = moteus_axis(link, **changes)
-    profile = read_moteus_profile(axis.profile)
+    profile = patient(read_moteus_profile(axis.profile), watchdog)
+    return MoteusOpener(parse_link(axis.link, directory), axis, profile)
+
+
+def patient(profile: MoteusProfile, watchdog: float = 1.0) -> MoteusProfile:
+    """With times [s] longer than a run's, so that a loaded test machine does not trip them."""
     guard = MoteusGuard.model_construct(watchdog=watchdog)
-    return MoteusOpener(parse_link(axis.link, directory), axis, profile.model_copy(update={"guard": guard}))
+    return profile.model_copy(update={"guard": guard, "cycle": MoteusCycle(reply_timeout=0.5)})
