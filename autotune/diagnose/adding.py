@@ -84,7 +84,7 @@ def grown(
             break
         study = again
         root = settle(study, root.fitted.packed, list(root.free), 2) or root
-        level = _with_effect(study, root, nominal, effect, model)
+        level = settle(study, level.fitted.packed, list(level.free), 3, level.effects) or level
     return study, root, level
 
 

@@ -24,6 +24,8 @@ from autotune.signals.filters import low_pass
 CANDIDATES = (10.0, 15.0, 20.0, 30.0, 40.0, 60.0, 80.0, 90.0, 100.0, 115.0, 130.0, 160.0, 200.0)
 COHERENT = 0.7
 LOUD = 0.02
+FASTEST = 0.09
+"""Of the sampling rate: faster motion cannot be had from central differences."""
 SHIFTS = (-1, 0, 1, 2, 3, 4)
 """Half samples by which the torque is moved."""
 
@@ -42,7 +44,7 @@ def coherent_cutoff(recording: Recording) -> float:
     frequency, coherence = signal.coherence(torque[1:-1], acceleration, 1.0 / period, nperseg=window)
     best = CANDIDATES[0]
     for candidate in CANDIDATES:
-        if candidate > 0.3 / period:
+        if candidate > FASTEST / period:
             break
         inside = (frequency > 0.85 * candidate) & (frequency <= candidate)
         if inside.sum() >= 2 and np.median(coherence[inside]) > COHERENT:

@@ -20,8 +20,7 @@ from autotune.diagnose.coordinates import coordinates, since_reversal, variance_
 from autotune.diagnose.prepared import TRAINING, VETO, Prepared
 from autotune.diagnose.residual import measured_motion, residual, run_twin
 from autotune.diagnose.score import bins
-from autotune.diagnose.study import Study, estimate_noise, start_study
-from autotune.diagnose.verdict import without_outlying
+from autotune.diagnose.study import Study, estimate_noise, start_study, without_outlying
 from autotune.models import layout
 from autotune.models.drive_model import DriveModel, Packed
 from autotune.models.lugre import Flags, Floats

@@ -43,10 +43,10 @@ class Free:
     relative: bool = False
 
     def scale_at(self, value: float) -> float:
-        return max(abs(value), 1e-3 * self.scale) if self.relative else self.scale
+        return max(abs(value), 2e-2 * self.scale) if self.relative else self.scale
 
     def step_at(self, value: float) -> float:
-        return max(BASE_STEP * abs(value), 1e-2 * self.scale) if self.relative else self.step
+        return max(BASE_STEP * abs(value), 0.1 * self.scale) if self.relative else self.step
 
 
 @dataclass(frozen=True, slots=True)

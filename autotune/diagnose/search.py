@@ -16,7 +16,7 @@ from autotune.diagnose.fit import Fitted, Free, fit
 from autotune.diagnose.prepared import TRAINING, VETO
 from autotune.diagnose.residual import measured_motion
 from autotune.diagnose.score import Explained, Unseen, explained, gain_and_z, held_out
-from autotune.diagnose.study import Correction, Study, refit
+from autotune.diagnose.study import Correction, Study, refit, without_outlying
 from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.lugre import Floats
@@ -102,7 +102,7 @@ def settle(
         return None
     fitted: Fitted | None = None
     for _ in range(rounds):
-        fitted = refit(study, packed, list(free), correction, 4, near)
+        fitted = refit(study, packed, list(free), correction, 4 if study.twin else 12, near)
         near = fitted
         renewed = study.correction(fitted.packed, study.simulations + 1)
         if not renewed.stable:
@@ -213,20 +213,22 @@ def without_effect(study: Study, root: Level, level: Level, effect: str) -> Refi
 
 
 def realigned(study: Study, level: Level) -> Study:
-    """The study with torque and motion aligned as this model fits them best.
+    """The study with torque and motion aligned, and rows left out, as this model suggests.
 
-    Only where neither a controller nor repeats say how the columns belong together.
+    Only where neither a controller nor repeats say how the columns belong together; the same study where
+    nothing changes.
     """
     if study.twin or study.data.repeated or study.data.steady:
         return study
+    weight = without_outlying(study, level.fitted.error)
+    if np.mean(weight != study.weight) > 1e-3:
+        study = replace(study, weight=weight)
+    trials: dict[int, Study] = {}
     costs: dict[int, float] = {}
     for shift in SHIFTS:
         data = shifted(study.data, shift)
-        moved = measured_motion(data)
-        trial = replace(study, data=data, moved=moved)
-        costs[shift] = refit(trial, level.fitted.packed, list(level.free), level.correction, 3).cost
+        trials[shift] = replace(study, data=data, moved=measured_motion(data))
+        free = list(level.free)
+        costs[shift] = refit(trials[shift], level.fitted.packed, free, level.correction, 6).cost
     best = min(costs, key=lambda shift: costs[shift])
-    if costs[best] > 0.98 * costs[study.data.shift]:
-        return study
-    data = shifted(study.data, best)
-    return replace(study, data=data, moved=measured_motion(data))
+    return study if costs[best] > 0.995 * costs[study.data.shift] else trials[best]

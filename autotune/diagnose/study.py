@@ -29,6 +29,8 @@ from autotune.models.lugre import Floats
 CHUNK = 200  # grid rows, about a second
 NOISE_CHUNK = 60
 SEED = 20_240
+OUTLYING = 12.0
+OUTLYING_SECONDS = 0.25
 LEAST_COULOMB = 0.005  # of the torque
 LONGEST_REACH = 0.1  # of the travel
 
@@ -262,6 +264,20 @@ def refit(
     return fit(
         study.data, study.moved, packed, free, correction.bias, study.training, iterations, known=known
     )
+
+
+def without_outlying(study: Study, error: Floats) -> Floats:
+    """Weights that leave out stretches with far more error than the usual one: starts, stops, blows."""
+    weight = np.ones_like(study.weight)
+    step = max(
+        1, round(OUTLYING_SECONDS / (study.data.period * float(np.median(np.diff(study.data.grid[:50])))))
+    )
+    pieces = np.array_split(np.arange(len(error)), max(1, len(error) // step))
+    power = np.array([float(np.mean(error[piece] ** 2)) for piece in pieces])
+    for piece, value in zip(pieces, power, strict=True):
+        if value > OUTLYING * np.median(power):
+            weight[piece] = 0.0
+    return weight if np.mean(weight > 0) > 0.5 else np.ones_like(weight)
 
 
 def _averaged(data: Prepared, runs: Floats) -> Correction:

@@ -34,19 +34,24 @@ from autotune.diagnose.search import (
     settle,
     without_effect,
 )
-from autotune.diagnose.study import Study, base_free, estimate_noise, refit, start_study
+from autotune.diagnose.study import (
+    Study,
+    base_free,
+    estimate_noise,
+    refit,
+    start_study,
+    without_outlying,
+)
 from autotune.diagnose.surrogates import beats_surrogates
 from autotune.diagnose.words import TORQUE_CONSTANT, separating_experiment, usual_rivals
 from autotune.models.drive_model import DriveModel, Packed
-from autotune.models.lugre import Floats
 
 Progress = Callable[[str], None]
 GENERIC_LEAD = 1.5
 GENERIC_GAIN = 0.05
 PARTLY = 0.5
 LEAST_Z_ALONE = 2.5
-OUTLYING = 12.0
-OUTLYING_SECONDS = 0.25
+POLISHED = 0.98
 NEGLIGIBLE = 0.02
 
 
@@ -153,20 +158,6 @@ def _first_level(study: Study, packed: Packed, free: list[Free]) -> tuple[Study,
     return None if level is None else (study, level)
 
 
-def without_outlying(study: Study, error: Floats) -> Floats:
-    """Weights that leave out stretches with far more error than the usual one: starts, stops, blows."""
-    weight = study.weight.copy()
-    step = max(
-        1, round(OUTLYING_SECONDS / (study.data.period * float(np.median(np.diff(study.data.grid[:50])))))
-    )
-    pieces = np.array_split(np.arange(len(error)), max(1, len(error) // step))
-    power = np.array([float(np.mean(error[piece] ** 2)) for piece in pieces])
-    for piece, value in zip(pieces, power, strict=True):
-        if value > OUTLYING * np.median(power):
-            weight[piece] = 0.0
-    return weight if np.mean(weight > 0) > 0.5 else study.weight
-
-
 def _refuse_misfit(study: Study, level: Level) -> None:
     rows = study.training > 0
     torque = study.data.torque[study.data.grid[rows]]
@@ -219,6 +210,12 @@ def search_effects(
             break
     if chosen is not None and len(chosen.level.effects) > 1:
         chosen = _pruned(study, root, chosen, progress)
+    if chosen is not None and PARTLY < chosen.share < POLISHED:
+        progress("last refinement")
+        level = chosen.level
+        better = settle(study, level.fitted.packed, list(level.free), 4, level.effects, level.fitted)
+        if better is not None and better.fitted.cost < level.fitted.cost:
+            chosen = judged(study, root, better, chosen.effect)
     return _judge(study, root, chosen, first, tried, generic, notes)
 
 
