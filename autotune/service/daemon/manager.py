@@ -12,7 +12,6 @@ import json
 import logging
 import secrets
 import threading
-import uuid
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
@@ -391,7 +390,7 @@ class Manager:
             peaks = f"{run['before']:.3g} → {run['after']:.3g}"
             sentence = f"Proved on axis {row['axis']}, and waiting for approval: peak error {peaks}"
             self.store.add_proposal(
-                {"id": uuid.uuid4().hex, "axis": row["axis"], "run": done.run, "created": text(now),
+                {"id": self._new_id(), "axis": row["axis"], "run": done.run, "created": text(now),
                  "state": "open", "sentence": sentence}
             )  # fmt: skip
             self._event("proposal", row["axis"], now, sentence, row["id"], notice=True)
