@@ -61,9 +61,9 @@ class MoteusNode:
         end = time.monotonic() + timeout
         accepted, refusal, garbled = False, "", False
         while True:
-            left = end - time.monotonic()
+            left, received = end - time.monotonic(), reader.received
             lines = self.port.lines(min(left, _LINE_TAKES) if reader.unfinished else left)
-            if not lines and reader.unfinished and left > _LINE_TAKES:
+            if reader.unfinished and reader.received == received and left > _LINE_TAKES:
                 reader.give_up()  # its end is lost
             for line in lines:
                 if line.kind == "OK":

@@ -231,6 +231,20 @@ def test_where_the_torque_is_limited_the_shares_still_add_up(drive: MoteusDrive)
 # Bad lines
 
 
+class Dripping:
+    """A serial port that hands over a few bytes at a time, as a real one at its speed does."""
+
+    def __init__(self, port: serial.Serial) -> None:
+        self._port = port
+        self.baudrate = port.baudrate
+        self.write = port.write
+        self.close = port.close
+        self.fileno = port.fileno
+
+    def read(self, size: int) -> bytes:
+        return bytes(self._port.read(7))
+
+
 class Noisy:
     """A serial port on which bytes change and get lost, both ways."""
 
@@ -268,6 +282,19 @@ def noisy_drive(directory: Path, rate: float, watchdog: float = 1.0) -> tuple[Mo
     noise = Noisy(quiet._port, random.Random(5), rate)
     port = MoteusPort(noise, quiet.name, quiet._lock)
     return open_controller(port, 1, opener.axis, opener.profile), noise
+
+
+def test_lines_may_come_a_few_bytes_at_a_time(running: Simulator) -> None:
+    opener = moteus_opener(running.directory)
+    quiet = open_port(running.directory / "edm.tty", 921600)
+    port = MoteusPort(Dripping(quiet._port), quiet.name, quiet._lock)
+    drive = open_controller(port, 1, opener.axis, opener.profile)
+    try:
+        samples = play(drive, sine(300, where(drive)))
+        assert port.reader.garbled == 0
+    finally:
+        drive.close()
+    assert int(column(samples, "missed").sum()) <= 1  # none but for a test machine that stood still
 
 
 def test_a_line_that_loses_and_changes_bytes_still_carries_a_motion(running: Simulator) -> None:
