@@ -30,6 +30,8 @@ GAIN_WITHOUT_TWIN = 0.12
 NAMED = 0.9
 NAMED_WITH_REST = 0.95
 """Share to be explained where something that repeats is left beyond doubt."""
+APPROXIMATE = frozenset({"reversal_memory"})
+"""Effects whose law is a few elements in place of a distribution: some rest is their own."""
 WALK = 4
 MOST_EFFECTS = 3
 CLOSE_START = 0.7
@@ -82,7 +84,8 @@ class Refitted:
     def named(self) -> bool:
         """Whether so much is explained that the effects can be named."""
         certain = self.training.certain or (self.veto is not None and self.veto.certain)
-        return self.share >= (NAMED_WITH_REST if certain else NAMED)
+        approximate = not APPROXIMATE.isdisjoint(self.level.effects)
+        return self.share >= (NAMED_WITH_REST if certain and not approximate else NAMED)
 
 
 def settle(

@@ -1,0 +1,90 @@
+"""`autotune model`: keys of the JSON, exit codes, and sentences for bad input."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from autotune.cli.main import main
+from autotune.core.recording_files import write_recording
+from autotune.models.drive_model import DriveModel, HistoryEntry
+from autotune.models.model_file import write_model
+
+
+def _run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as ending:
+        main([str(argument) for argument in arguments])
+    captured = capsys.readouterr()
+    return int(ending.value.code or 0), captured.out, captured.err
+
+
+@pytest.fixture
+def files(tmp_path: Path, short, nominal: DriveModel) -> tuple[Path, Path]:
+    recording, model = tmp_path / "axis.csv", tmp_path / "model.toml"
+    write_recording(short, recording)
+    write_model(nominal, model)
+    return recording, model
+
+
+def test_compare_prints_one_object_with_the_agreed_keys(files, capsys) -> None:
+    recording, model = files
+    code, out, _ = _run(capsys, "model", "compare", recording, "--model", model, "--json")
+    found = json.loads(out)
+    assert code == 0
+    assert {"error_rms", "relative_error", "noise_floor_rms", "explained", "worst", "regimes"} <= set(found)
+    assert set(found["worst"][0]) == {"coordinate", "range", "share"}
+    assert set(found["regimes"]) == {"presliding", "reversal", "low_speed", "high_speed", "acceleration"}
+
+
+def test_fit_writes_a_model_with_uncertainty(files, capsys, tmp_path) -> None:
+    recording, _ = files
+    out_file = tmp_path / "fitted.toml"
+    code, out, _ = _run(capsys, "model", "fit", recording, "--out", out_file, "--json")
+    found = json.loads(out)
+    assert code == 0
+    assert found["valid"] is True
+    assert set(found["parameters"]["inertia"]) == {"value", "standard_error", "unit"}
+    assert 0.0 < found["relative_error"] < 0.1
+    assert out_file.is_file()
+
+
+def test_show_tells_the_story_as_stairs(capsys, tmp_path, nominal) -> None:
+    model = nominal.with_history(HistoryEntry("2024-05-01", "fitted", "a.csv", None, 0.02, 0.003))
+    model = model.with_history(HistoryEntry("2024-05-02", "+ spring", "a.csv", 0.02, 0.004, 0.003))
+    path = tmp_path / "story.toml"
+    write_model(model, path)
+    code, out, _ = _run(capsys, "model", "show", path)
+    assert code == 0
+    assert "+ spring" in out
+    assert "-80 %" in out
+    assert out.count("█") > 40
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ("torque", "has no column torque"),
+        ("effect", "did you mean 'spring'"),
+        ("model", "there is no model"),
+        ("ending", "must end in .toml"),
+    ],
+)
+def test_bad_input_is_a_sentence_and_exit_code_2(files, capsys, tmp_path, change: str, says: str) -> None:
+    recording, model = files
+    effect, out_file = "spring", tmp_path / "new.toml"
+    if change == "torque":
+        text = recording.read_text(encoding="utf-8")
+        recording.write_text(text.replace("torque_command,torque", "torque_command,tork"), encoding="utf-8")
+        text = recording.read_text(encoding="utf-8")
+        recording.write_text(text.replace(",torque,", ",tork,"), encoding="utf-8")
+    elif change == "effect":
+        effect = "sprung"
+    elif change == "model":
+        model = tmp_path / "nobody.toml"
+    else:
+        out_file = tmp_path / "new.txt"
+    code, out, err = _run(capsys, "model", "add", effect, recording, "--model", model, "--out", out_file)
+    assert code == 2
+    assert out == ""
+    assert says in err
+    assert not out_file.exists()
