@@ -17,6 +17,7 @@ from autotune.service.findings import Findings
 from autotune.service.outcome import Outcome, RunResult
 from autotune.service.proof import fold
 from autotune.view import data
+from autotune.view.identification_pictures import identification_pictures, methods_table
 from autotune.view.report import Change, Picture, Report, Table, write_report
 from autotune.view.rerun_file import FinalValue, Shown, write_rrd
 from autotune.view.scale import quantity
@@ -139,87 +140,9 @@ def _pictures(material: Material) -> list[Picture]:
                 figures.convergence(traces),
             )
         )
-    return pictures + _identification_pictures(material)
-
-
-def _identification_pictures(material: Material) -> list[Picture]:
-    found = material.identification
-    if found is None:
-        return []
-    drawn = (
-        _steady_state(found, material.axis),
-        _presliding(found, material.axis),
-        _dahl(found, material.axis),
-    )
-    return [picture for picture in drawn if picture is not None]
-
-
-def _steady_state(found: Identification, axis: Axis) -> Picture | None:
-    from autotune.view import figures
-
-    steady = found.steady_state
-    if steady is None or not steady.curves:
-        return None
-    speed = np.abs(steady.points.velocity)
-    grid = np.geomspace(speed.min(), speed.max(), 150)
-    both = np.concatenate([-grid[::-1], grid])
-    shown = data.SteadyState(
-        steady.points.velocity,
-        steady.points.torque,
-        1.96 * steady.points.standard_error,
-        both,
-        steady.curves[0].predict(both),
-        axis.motion_unit,
-    )
-    caption = (
-        "Torque at constant speed: Coulomb level, viscous slope, and a dip at low speed where there is one."
-    )
-    return Picture("Steady-state characteristics", caption, figures.steady_state(shown))
-
-
-def _presliding(found: Identification, axis: Axis) -> Picture | None:
-    from autotune.view import figures
-
-    small = found.presliding
-    if small is None:
-        return None
-    estimates = {
-        method: [fit.system.stiffness for fit in fits if fit.system is not None]
-        for method, fits in small.comparison.items()
-    }
-    shown = data.Presliding(
-        small.time,
-        small.torque,
-        small.position,
-        small.predicted,
-        estimates,
-        _adopted(found),
-        axis.motion_unit,
-    )
-    caption = (
-        "Small displacements: the contact is a spring with a damper; crosses compare the methods set by set."
-    )
-    return Picture("Presliding", caption, figures.presliding(shown))
-
-
-def _dahl(found: Identification, axis: Axis) -> Picture | None:
-    from autotune.view import figures
-
-    if found.dahl is None:
-        return None
-    coulomb, offset = found.joint.value("coulomb"), found.joint.value("offset", 0.0)
-    curve = data.DahlCurve(
-        found.dahl.position, found.dahl.torque, found.dahl.predicted, coulomb, offset, axis.motion_unit
-    )
-    caption = "Torque over position through slow reversals; the slope after a reversal is the stiffness."
-    return Picture("Dahl's curve", caption, figures.dahl_curve(curve))
-
-
-def _adopted(found: Identification) -> tuple[float, float] | None:
-    estimate = found.estimates.get("presliding")
-    if estimate is None or not estimate.valid or "stiffness" not in estimate:
-        return None
-    return estimate["stiffness"].value, estimate["stiffness"].standard_error
+    if material.identification is not None:
+        pictures += identification_pictures(material.identification, material.axis.motion_unit)
+    return pictures
 
 
 def _before_after(material: Material) -> data.BeforeAfter | None:
@@ -286,6 +209,8 @@ def _tables(material: Material) -> list[Table]:
         tables.append(
             Table("Feedforward", ("parameter", "value"), rows, f"These are {written}.", frozenset({1}))
         )
+    if material.identification is not None and material.identification.presliding is not None:
+        tables.append(methods_table(material.identification.presliding.comparison, unit))
     if result.reduction:
         tables.append(_reduction(result))
     if result.notes:

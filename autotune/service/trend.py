@@ -24,7 +24,8 @@ LEAST_SIZE = 0.03
 LEAST_SCATTER = 0.003
 MOST_KNOTS = 10
 LEAST_SPREAD = 3.0  # K
-SETTLED = 2  # points after a step before it is called one
+SETTLED = 2  # points from a step on before it is called one
+BENT = 6  # points from a bend on before it is called one
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +67,7 @@ def analyse(times: list[datetime], values: list[float], temperatures: list[float
     y = np.log(np.array(values))
     temperature = _centred(np.array(temperatures, dtype=np.float64))
     odd = _odd_days(y)
-    keep = np.flatnonzero(~odd)
+    keep = np.flatnonzero(~(odd | _pending(y)))
     fit = _Fit(t[keep], y[keep], temperature[keep] if temperature is not None else None)
     fit.grow()
     changes = [
@@ -125,6 +126,14 @@ def _odd_days(y: Floats) -> NDArray[np.bool_]:
     return odd
 
 
+def _pending(y: Floats) -> NDArray[np.bool_]:
+    """The last point where it stands alone: tomorrow tells whether it was an odd day or a step."""
+    alone = np.zeros(len(y), dtype=np.bool_)
+    far = max(8.0 * _scatter(y[:-1]), 2.0 * LEAST_SIZE)
+    alone[-1] = abs(y[-1] - y[-2]) > far and abs(y[-1] - np.median(y[-4:-1])) > far
+    return alone
+
+
 def _odd_change(times: list[datetime], y: Floats, fit: _Fit, keep: NDArray[np.int64], index: int) -> Change:
     near = keep[np.argsort(np.abs(keep - index))[:4]]
     size = math.expm1(float(y[index] - np.mean(y[near])))
@@ -151,7 +160,7 @@ class _Fit:
         bends = np.maximum(self._t[:, None] - self._t[None, :-2], 0.0)
         candidates = np.hstack([steps, bends])
         names = [("step", i) for i in range(1, count)] + [("trend", i) for i in range(count - 2)]
-        usable = np.array([kind == "trend" or i <= count - SETTLED for kind, i in names])
+        usable = np.array([i <= count - (SETTLED if kind == "step" else BENT) for kind, i in names])
         for _ in range(MOST_KNOTS):
             best, gain = self._best(candidates, usable)
             if gain < SURE**2:

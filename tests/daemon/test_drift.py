@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from autotune.service.check_figures import CheckFigures, Figure, Tracking, straight_line
-from autotune.service.daemon.observe import Told, decode, encode, may_tune, news
+from autotune.service.daemon.observe import Told, decode, encode, may_tune, news, worth_a_notice
 from autotune.service.drift import Before, Committed, Drift, DriftSettings, Evidence, judge
 from autotune.service.proof import TrackingError
 from autotune.service.trend import analyse, sentence
@@ -210,4 +210,18 @@ def test_tuning_is_not_tried_again_and_again() -> None:
     assert not may_tune({"outcome": "kept"}, now - timedelta(hours=3), now)
     assert may_tune({"outcome": "kept"}, now - timedelta(days=1), now)
     assert not may_tune({"outcome": "not_applied"}, now - timedelta(days=2), now)
-    assert may_tune({"outcome": "not_applied"}, now - timedelta(days=6), now)
+    assert may_tune({"outcome": "not_applied"}, now - timedelta(days=15), now)
+
+
+def test_a_last_point_that_stands_alone_says_nothing_yet() -> None:
+    times, values, temperature = series(100)
+    values[99] *= 0.7
+    trend = analyse(times, values.tolist(), temperature.tolist())
+    assert trend is not None
+    assert trend.changes == ()
+
+
+def test_the_same_state_is_told_when_it_is_new_and_then_once_a_week() -> None:
+    states = ["none"] * 3 + ["drifted"] * 15
+    told = [n for n in range(3, len(states)) if worth_a_notice(states[: n + 1])]
+    assert told == [3, 10, 17]

@@ -51,6 +51,7 @@ HEARTBEAT = 10.0
 _COMMON: dict[int | str, dict[str, Any]] = {
     code: {"model": Problem, "description": about}
     for code, about in (
+        (400, "The body is not JSON."),
         (401, "No token."),
         (403, "Another token, or a host name that the service does not go by."),
         (404, "There is none of that name or id."),
@@ -297,7 +298,7 @@ _METRICS: dict[int | str, dict[str, Any]] = {
     200: {"content": {"text/plain": {"schema": {"type": "string"}}}, "description": "Exposition format."}
 }
 _STUDIES: dict[int | str, dict[str, Any]] = {
-    422: {"model": Problem, "description": "The recording cannot be studied; says why."},
+    409: {"model": Problem, "description": "The recording cannot be studied; says why."},
     501: {"model": Problem, "description": "This installation cannot do that."},
 }
 

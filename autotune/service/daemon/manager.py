@@ -404,7 +404,8 @@ class Manager:
         state = content["drift"]["state"]
         if state not in ("none", "unknown"):
             words = f"{content['verdict']} {content['advice']}".strip()
-            self._event(f"drift:{state}", axis, now, words, done.run, notice=True)
+            states = [row["drift"] for row in self.store.list_checks(axis, 60)]
+            self._event(f"drift:{state}", axis, now, words, done.run, notice=observe.worth_a_notice(states))
         self._tell_changes(axis, now)
         watched = self.configuration.axis(axis)
         if not content["drift"]["wants_tuning"] or watched is None or watched.settings.retune != "drift":

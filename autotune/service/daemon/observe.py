@@ -13,7 +13,8 @@ from autotune.service.trend import Change, Trend, analyse, sentence
 TOLD_DAYS = 25
 NOTICEABLE = 0.08
 PAUSE = timedelta(hours=12)
-PAUSE_AFTER_FAILURE = timedelta(days=5)
+PAUSE_AFTER_FAILURE = timedelta(days=14)
+REMIND = 7
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +72,16 @@ def decode(text: str) -> Told | None:
         return Told(kind, datetime.fromisoformat(at), float(size))
     except ValueError:
         return None
+
+
+def worth_a_notice(states: Sequence[str]) -> bool:
+    """Of the newest check's state, given all states oldest first: when it is new, and then once a week."""
+    same = 0
+    for state in reversed(states):
+        if state != states[-1]:
+            break
+        same += 1
+    return same % REMIND == 1
 
 
 def may_tune(last: dict[str, Any] | None, last_time: datetime | None, now: datetime) -> bool:

@@ -40,9 +40,9 @@ def study(what: str, recording: Path, model: Path) -> Study:
     finally:
         _one_at_a_time.release()
     if done.returncode != 0:
-        return Study(422, done.stderr.strip().splitlines()[-1] if done.stderr.strip() else f"'{what}' failed")
+        return Study(409, done.stderr.strip().splitlines()[-1] if done.stderr.strip() else f"'{what}' failed")
     try:
         content = json.loads(done.stdout)
     except ValueError:
-        return Study(422, f"'{what}' gave no result")
+        return Study(409, f"'{what}' gave no result")
     return Study(200, content=content)
