@@ -52,6 +52,8 @@ GENERIC_GAIN = 0.05
 PARTLY = 0.5
 LEAST_Z_ALONE = 2.5
 POLISHED = 0.98
+HOPELESS = 0.35
+"""Part of the best candidate's gain below which a refit inside the twin is not worth its time."""
 NEGLIGIBLE = 0.02
 
 
@@ -247,7 +249,7 @@ def _walk(
     for item in passing[:WALK]:
         done = any(r.named for r in refits)
         close = 0.75 if study.data.repeated else 0.9
-        if done and item.gain < close * passing[0].gain:
+        if item.gain < (close if done else HOPELESS) * passing[0].gain:
             break
         progress(f"refit inside the twin: {item.effect}")
         refitted = inside_twin(study, root, level, item)
