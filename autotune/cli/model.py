@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -15,12 +15,16 @@ from autotune.core.recording_files import read_recording
 from autotune.models.drive_model import DriveModel, HistoryEntry
 from autotune.models.model_file import read_model, write_model
 
+if TYPE_CHECKING:
+    from autotune.cli.model_fit import Fit
+
 model = typer.Typer(no_args_is_help=True, help="Drive models: fit, compare, diagnose, add effects, show.")
 
 Recordings = Annotated[list[Path], typer.Argument(metavar="RECORDING...", help="Recordings of one axis.")]
 ModelFile = Annotated[Path, typer.Option("--model", metavar="MODEL.toml", help="The model.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object, nothing else.")]
 Html = Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write a page with figures.")]
+Rrd = Annotated[Path | None, typer.Option("--rrd", metavar="FILE", help="Write a Rerun file.")]
 APPLIED, NOTHING = 0, 3
 
 
@@ -36,31 +40,39 @@ def fit(
     effects: Annotated[
         str, typer.Option(metavar="NAME,...", help="Effects to fit beside the base model.")
     ] = "",
+    precision: Annotated[
+        float | None,
+        typer.Option(
+            metavar="RAD|M",
+            help="What positions are to be held to: decides whether the kinetic model will do. "
+            "By default 1 mrad or 10 µm.",
+        ),
+    ] = None,
     as_json: Json = False,
+    html: Html = None,
+    rrd: Rrd = None,
 ) -> None:
-    """Fit a model to recordings."""
-    from autotune.diagnose.adapter import fit_recordings
+    """Fit a model to recordings; every number with its uncertainty, what cannot be told named."""
+    from autotune.cli.model_fit import fit_files, fit_json
 
     _check_output(out)
+    for path in (html, rrd):
+        _check_folder(path)
     names = [name.strip() for name in effects.split(",") if name.strip()]
-    result = fit_recordings(_read(recordings), names, say)
+    read = _read(recordings)
+    result = fit_files(read, names, precision, say)
     entry = HistoryEntry(_now(), "fitted", _source(recordings), None, result.error_rms, result.floor)
     fitted = result.model.with_history(entry) if result.model is not None else None
     if fitted is not None and result.valid:
         write_model(fitted, out)
+    if fitted is not None:
+        _write_figures(read, fitted, result, html, rrd)
     for note in result.notes:
         say(note)
     if as_json:
-        answer_json(
-            {
-                "parameters": _parameters(fitted) if fitted else {},
-                "valid": result.valid,
-                "reason": result.reason,
-                "relative_error": result.relative_error,
-            }
-        )
+        answer_json(fit_json(result, _parameters(fitted) if fitted else {}))
     else:
-        _print_fit(fitted, result.valid, result.reason, result.relative_error, out)
+        _print_fit(fitted, result, out)
     if not result.valid:
         raise typer.Exit(NOTHING)
 
@@ -71,7 +83,7 @@ def compare(
     model_file: ModelFile,
     as_json: Json = False,
     html: Html = None,
-    rrd: Annotated[Path | None, typer.Option("--rrd", metavar="FILE", help="Write a Rerun file.")] = None,
+    rrd: Rrd = None,
 ) -> None:
     """Compare a model with recordings: how large the error is, and where it sits."""
     from autotune.cli.model_text import compared_json, compared_lines
@@ -87,10 +99,7 @@ def compare(
         write_comparison(html, result, known)
         say(f"figures: {html}")
     if rrd is not None:
-        from autotune.view.rerun_file import write_rrd
-
-        write_rrd(rrd, _joined(read))
-        say(f"Rerun recording: {rrd}")
+        _write_rerun(rrd, read, known)
     for note in result.notes:
         say(note)
     if as_json:
@@ -209,10 +218,49 @@ def _parameters(known: DriveModel) -> dict[str, Any]:
     return parameters_json(known)
 
 
-def _print_fit(known: DriveModel | None, valid: bool, reason: str, relative: float, out: Path) -> None:
+def _print_fit(known: DriveModel | None, result: Fit, out: Path) -> None:
+    from autotune.cli.model_fit import least_torque_line
     from autotune.cli.model_text import parameter_lines
 
     for line in parameter_lines(known) if known is not None else []:
-        answer(line)
-    answer(f"relative error {100 * relative:.2f} %")
-    answer(f"written to {out}" if valid else f"not valid: {reason}")
+        mark = "  not identified" if line.split()[0] in result.not_identified else ""
+        answer(line + mark)
+    answer(f"relative error {100 * result.estimate.relative_error:.2f} %")
+    if result.complexity is not None:
+        answer(result.complexity.text)
+    if result.steady is not None and known is not None:
+        answer(least_torque_line(result.steady, known.motion_unit))
+    if result.estimate.reason:
+        answer(result.estimate.reason if result.valid else f"not valid: {result.estimate.reason}")
+    if result.valid:
+        answer(f"written to {out}")
+
+
+def _write_figures(
+    read: list[Recording], known: DriveModel, result: Fit, html: Path | None, rrd: Path | None
+) -> None:
+    """The page and the Rerun recording of a fit."""
+    from autotune.cli.model_fit import compared_or_none, summary
+
+    if html is not None:
+        from autotune.view.fit_page import write_fit
+
+        compared = compared_or_none(read, known)
+        write_fit(html, _joined(read), known, result.estimate, summary(result), result.found, compared)
+        say(f"figures: {html}")
+    if rrd is not None:
+        _write_rerun(rrd, read, known)
+
+
+def _write_rerun(rrd: Path, read: list[Recording], known: DriveModel) -> None:
+    """Recording and model in one file: the model's torque beside the measured one, parameters at the end."""
+    from autotune.cli.model_fit import model_torque
+    from autotune.view.rerun_file import FinalValue, Shown, write_rrd
+
+    finals = [
+        FinalValue(name, value.value, value.standard_error, known.unit(name))
+        for name, value in known.parameters.items()
+    ]
+    whole = _joined(read)
+    write_rrd(rrd, whole, Shown(torque_model=model_torque(whole, known), parameters=finals))
+    say(f"Rerun recording: {rrd}")

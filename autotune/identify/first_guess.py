@@ -33,6 +33,10 @@ _SURE = [0, 2, 4]
 """Columns that every recording must tell apart: inertia, Coulomb friction, offset."""
 
 
+class OneDirection(NotEnoughExcitation):
+    """The axis moved one way only: Coulomb friction and offset are one number."""
+
+
 @dataclass(frozen=True, slots=True)
 class Guess:
     """Base parameters by name, and the share of the torque they leave unexplained."""
@@ -134,7 +138,7 @@ def refuse_two_axes(parts: Sequence[tuple[Floats, Floats]]) -> None:
     """
     known: list[tuple[float, float]] = []
     for design, target in parts:
-        quarters = 4 if len(target) > 4000 else 1
+        quarters = 4 if len(target) > 1600 else 1
         for rows in np.array_split(np.arange(len(target)), quarters):
             found = _alone(design[rows], target[rows])
             if found is None:
@@ -179,7 +183,7 @@ def _refuse_one_direction(pieces: Sequence[Piece]) -> None:
     share = float(np.sum(moving[moving > 0])) / float(np.sum(np.abs(moving)))
     if min(share, 1.0 - share) < 0.05:
         word = "positive" if share > 0.5 else "negative"
-        raise NotEnoughExcitation(
+        raise OneDirection(
             f"the axis moved in the {word} direction only; Coulomb friction and offset cannot be told apart. "
             "Record both directions"
         )

@@ -30,6 +30,7 @@ from autotune.models.table import EFFECTS, effect_kind
 
 Floats = NDArray[np.float64]
 MOST_ROWS, STRETCH = 600_000, 20_000
+VAGUE = 0.1
 STARTED = ("stribeck", "direction_asymmetry", "torque_ripple")
 
 
@@ -93,9 +94,15 @@ def fit(recordings: Sequence[Recording] | Recording, effects: Sequence[str] = ()
     for kind in kinds:
         model = _started(kind, joint.model, pieces, bands)
         joint = refine_recording(model, recording, seed=seed)
-        if kind.name == "direction_asymmetry" and "offset" not in joint.estimate:
+        if kind.name == "direction_asymmetry" and _vague_difference(joint):
             joint = _without_coulomb_difference(model, recording, seed)
     return _result(joint)
+
+
+def _vague_difference(joint: Joint) -> bool:
+    """Whether the difference of Coulomb levels is known to a tenth of the level at best."""
+    error = joint.refined.standard_errors["direction_asymmetry.coulomb"]
+    return "offset" not in joint.estimate or error > VAGUE * joint.model["coulomb"]
 
 
 def _without_coulomb_difference(model: DriveModel, recording: Recording, seed: int) -> Joint:

@@ -22,8 +22,12 @@ from autotune.identify.twin import Surroundings, run_twin
 from autotune.models.drive_model import DriveModel, Packed, surface_parameter
 
 Floats = NDArray[np.float64]
-ITERATIONS = 10
-SETTLED, STILL = 0.5, 0.01
+ITERATIONS = 25
+LEAST_FINE, MOST_FINE = 2, 4
+SETTLED, STILL = 1.0, 0.01
+"""Of a step: root of what it gains in information per parameter, and its largest part of a scale."""
+KNOWN = 0.5
+"""Standard error in scales below which a parameter is known."""
 LARGEST_STEP = 0.3
 _DIFFERENCE = 1e-3
 _COARSE, _FINE = 2, 6
@@ -77,30 +81,46 @@ def refine(
 ) -> Refined:
     """Refines the `free` parameters (surface names) of `model` on all pieces.
 
-    First with few runs of the twin until steps are small against the standard errors, then with more.
-    Steps stay at a few tenths of a standard error for ever, as the twin's noise differs from the axis's.
+    First with few runs of the twin until steps are small against the standard errors; then the noise is
+    calibrated anew, as a bad start looks like noise, and with more runs a few steps follow. Steps stay at
+    a few tenths of a standard error for ever, as the twin's noise differs from the axis's.
     """
     names, pieces = tuple(free), list(pieces)
     sweep = _Sweep(pieces, calibrated(model.pack(), pieces, around, bands, seed), bands, seed)
     scale = _scales(model, names)
     lower, upper = _bounds(names, model)
     values = np.array([model[name] for name in names])
-    runs, settled, passes = _COARSE, False, 0
+    runs, passes = _COARSE, 0
     linear = sweep.linearise(_packed(model, names, values), names, scale, runs)
-    for _ in range(ITERATIONS):
-        step = _limited(linear.normal.step)
-        spread = np.sqrt(np.maximum(np.diag(linear.normal.covariance), 1e-300))
-        settled = bool(np.all(np.abs(step) < SETTLED * spread + 1e-6))
-        known = spread < 0.5
-        still = settled and bool(np.all(np.abs(step[known]) < STILL))
-        if runs == _FINE and (still or passes >= 3):
+    settled, still = _judged(linear.normal)
+    for iteration in range(ITERATIONS):
+        if passes >= MOST_FINE or (still and passes >= LEAST_FINE):
             break
-        values = np.clip(values + step * scale, lower, upper)
-        if still or _ >= ITERATIONS - 4:
+        values = np.clip(values + _limited(linear.normal) * scale, lower, upper)
+        packed = _packed(model, names, values)
+        if runs == _COARSE and (settled or iteration >= ITERATIONS - MOST_FINE):
             runs = _FINE
+            sweep = replace(sweep, around=calibrated(packed, pieces, around, bands, seed))
         passes += runs == _FINE
-        linear = sweep.linearise(_packed(model, names, values), names, scale, runs)
+        linear = sweep.linearise(packed, names, scale, runs)
+        settled, still = _judged(linear.normal)
     return _result(model, names, values, (lower, upper), scale, linear, settled, sweep)
+
+
+def _judged(normal: Normal) -> tuple[bool, bool]:
+    """Whether the next step is within what the twin's noise makes of it, and whether it is small.
+
+    A step is measured by the information of the data: directions that they do not tell cannot keep it
+    from settling, nor can their large errors hide that it has not.
+    """
+    step = normal.step
+    worth = float(np.sqrt(abs(step @ normal.matrix @ step) / len(step)))
+    small = np.abs(step[_spread(normal) < KNOWN]) < STILL
+    return worth < SETTLED, worth < SETTLED and bool(np.all(small))
+
+
+def _spread(normal: Normal) -> Floats:
+    return np.asarray(np.sqrt(np.maximum(np.diag(normal.covariance), 1e-300)))
 
 
 def _result(
@@ -272,7 +292,7 @@ def _scales(model: DriveModel, names: Sequence[str]) -> Floats:
         elif unit == "N m s/rad" and name != "micro_damping":
             size = max(size, 0.1 * model["viscous"])
         elif name == "micro_damping":
-            size = max(size, 0.1 * float(np.sqrt(model["stiffness"] * model["inertia"])))
+            size = max(size, 0.5 * float(np.sqrt(model["stiffness"] * model["inertia"])))
         scales.append(size if size > 0 else 1.0)
     return np.array(scales)
 
@@ -291,10 +311,11 @@ def _bounds(names: Sequence[str], model: DriveModel) -> tuple[Floats, Floats]:
     return np.array(lower), np.array(upper)
 
 
-def _limited(step: Floats) -> Floats:
+def _limited(normal: Normal) -> Floats:
     """No parameter moves by more than 30 % of its scale at once; the direction is kept."""
+    step = normal.step
     largest = float(np.max(np.abs(step))) if len(step) else 0.0
-    return step * min(1.0, LARGEST_STEP / largest) if largest > 0 else step
+    return np.asarray(step * min(1.0, LARGEST_STEP / largest) if largest > 0 else step)
 
 
 def _torque_rms(pieces: list[Piece], bands: Bands) -> float:

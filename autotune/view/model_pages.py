@@ -37,13 +37,19 @@ def write_comparison(path: Path, result: Compared, model: DriveModel) -> None:
     )
     if floor is not None:
         text += f" {quantity(floor, unit)} of that is noise that no model explains."
-    pictures = [
-        _over_time(result.study.data, result.error, unit, floor),
-        *_over_coordinates(result.study.data, result.error, result.where, model, floor),
-    ]
+    pictures = comparison_pictures(result, model)
     write_report(
         path, Report("Model and measurement", "information", text, pictures=pictures, sign_off=False)
     )
+
+
+def comparison_pictures(result: Compared, model: DriveModel) -> list[Picture]:
+    """Measured and model over time, and the residual over what it follows most."""
+    floor = result.noise_floor_rms if math.isfinite(result.noise_floor_rms) else None
+    return [
+        _over_time(result.study.data, result.error, torque_unit(model.motion_unit), floor),
+        *_over_coordinates(result.study.data, result.error, result.where, model, floor),
+    ]
 
 
 def write_diagnosis(path: Path, result: Diagnosis, model: DriveModel) -> None:
