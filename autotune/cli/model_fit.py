@@ -88,14 +88,22 @@ def fit_files(
         raise ConfigurationError(f"--precision is {precision:g}; it must be a finite number above 0")
     whole = joined(recordings)
     result = _fitted(whole, effects, progress)
-    if result.model is None:
+    model = result.model
+    if model is None:
         return result
-    unit = whole.metadata.motion_unit
-    known = {name: quantity for name, quantity in result.estimate.parameters.items() if quantity.identified}
-    wanted = precision if precision is not None else USUAL_PRECISION[unit]
-    complexity = judge_complexity(known, wanted, USUAL_ACCELERATION, unit)
-    result = replace(result, complexity=complexity, loop=simulate_closed_loop(whole, result.model))
+    rows = sum(len(part) for part in recordings)
+    if len(whole) < rows:
+        said = f"of {rows} rows {len(whole)} were fitted, in stretches spread evenly: more would tell little more"
+        result = replace(result, notes=(*result.notes, said))
+    complexity = _complexity(result.estimate, precision, whole.metadata.motion_unit)
+    result = replace(result, complexity=complexity, loop=simulate_closed_loop(whole, model))
     return _with_error(result, recordings)
+
+
+def _complexity(estimate: Estimate, precision: float | None, unit: str) -> Complexity | None:
+    known = {name: quantity for name, quantity in estimate.parameters.items() if quantity.identified}
+    wanted = precision if precision is not None else USUAL_PRECISION[unit]
+    return judge_complexity(known, wanted, USUAL_ACCELERATION, unit)
 
 
 def _fitted(whole: Recording, effects: Sequence[str], progress: Progress) -> Fit:
