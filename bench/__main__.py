@@ -1,0 +1,40 @@
+"""`make bench`: the benchmarks, one after the other; `python -m bench NAME …` runs those named.
+
+Each prints its table; what is worth keeping goes to docs/benchmarks.md with the date and the commit. All
+are seeded. The long ones run only when named.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+USUAL: dict[str, list[list[str]]] = {
+    "identify_speed": [[]],
+    "identify": [[]],
+    "diagnosis": [["singles"], ["nulls", "--runs", "20"], ["pairs"], ["aliens"], ["removed"]],
+    "commit_cut": [[]],
+    "recorder": [[]],
+}
+LONG: dict[str, list[list[str]]] = {"year": [[]], "service_kills": [[]]}
+
+
+def main(names: list[str]) -> int:
+    """Runs benchmarks as processes of their own; returns the first exit code that is not 0."""
+    known = USUAL | LONG
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        sys.stderr.write(f"bench: there is no {', '.join(unknown)}; there are {', '.join(known)}\n")
+        return 2
+    codes = []
+    for name in names or USUAL:
+        for options in known[name]:
+            sys.stdout.write(f"\n== {' '.join([name, *options])}\n")
+            sys.stdout.flush()
+            command = [sys.executable, "-m", f"bench.{name}", *options]
+            codes.append(subprocess.run(command, check=False).returncode)
+    return next((code for code in codes if code), 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
