@@ -124,9 +124,9 @@ def test_power_is_off_and_the_axis_at_rest_after_disable(drive: MoteusDrive, run
     drive.enable(Mode.VELOCITY)
     for _ in range(300):
         drive.step(Command(velocity=8.0))
+    mark = running.mark
     drive.disable()
-    mark = running.lines[-1]
-    assert "SWITCH_ON_DISABLED (stop commanded)" in mark
+    assert running.wait_for("SWITCH_ON_DISABLED (stop commanded)", mark)
     first = where(drive)
     assert where(drive) == pytest.approx(first, abs=2e-3)
 

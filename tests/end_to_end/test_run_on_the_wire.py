@@ -11,8 +11,9 @@ from tests.end_to_end.support import Bench, read_drive
 
 
 @pytest.mark.slow
-def test_a_run_on_the_wire_is_kept_and_leaves_everything(bench: Bench) -> None:
+def test_a_run_on_the_wire_is_kept_leaves_everything_and_can_be_rolled_back(bench: Bench) -> None:
     bench.start()
+    present = read_drive(bench)
     done = bench.run()
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
@@ -36,18 +37,11 @@ def test_a_run_on_the_wire_is_kept_and_leaves_everything(bench: Bench) -> None:
     assert {"before", "after"} <= set(proof.experiment)
     assert int(proof.missed.sum()) == 0
     assert bench.last_state() == "SWITCH_ON_DISABLED"
-
-
-@pytest.mark.slow
-def test_what_a_run_committed_can_be_rolled_back(bench: Bench) -> None:
-    bench.start()
-    before = read_drive(bench)
-    assert bench.run().returncode == 0
     kept = read_drive(bench)
     assert kept["feedforward.enabled"] == 1.0
     assert {n: v for n, v in kept.items() if n.startswith("limit.")} == {
-        n: v for n, v in before.items() if n.startswith("limit.")
+        n: v for n, v in present.items() if n.startswith("limit.")
     }
     back = bench.call("rollback", str(bench.axis), "--runs", str(bench.runs))
     assert back.returncode == 0, back.stderr
-    assert read_drive(bench) == pytest.approx(before)
+    assert read_drive(bench) == pytest.approx(present)
