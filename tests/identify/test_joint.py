@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from autotune.identify.residuals import simulate_closed_loop, torque_residual
 
 from autotune.core.errors import ConfigurationError, NotEnoughExcitation, RecordingError
 from autotune.core.recording import Controller, Metadata, Recording, concatenate
@@ -13,6 +12,7 @@ from autotune.identify.fit import fit, joined, thinned
 from autotune.identify.high_speed import identify_high_speed
 from autotune.identify.normal import Part, assemble, whitener
 from autotune.identify.refinement import refine_recording
+from autotune.identify.residuals import simulate_closed_loop, torque_residual
 from autotune.identify.run import identify_run
 from autotune.models.drive_model import base_model
 from autotune_sim.presets import preset
