@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from autotune.service.ownership import Owner
     from autotune.service.session import LabelledWatch
 
+SIMULATED = "autotune-sim"  # how the profiles of simulated drives begin
 EXPECTED = {
     "connect": 2.0,
     "check": 1.0,
@@ -123,8 +124,11 @@ def reporting(only: str | None = None, stages: Sequence[Stage] = ()) -> Iterator
 
 
 def confirmation(axis: Axis, yes: bool, what: str = "run") -> Callable[[str], bool]:
-    """Asks a person before the axis moves; without one there must be --yes, unless nothing real moves."""
-    if yes or axis.link.startswith("sim:"):
+    """Asks a person before the axis moves; without one there must be --yes, unless nothing real moves.
+
+    The simulated drive's profile is enough: a drive that says it is another one is refused before it moves.
+    """
+    if yes or axis.link.startswith("sim:") or axis.profile.startswith(SIMULATED):
         return lambda sentence: True
     if not sys.stdin.isatty():
         raise ConfigurationError(

@@ -143,3 +143,17 @@ def test_an_interrupted_run_ends_at_rest_and_restores_what_it_changed(bench: Ben
     assert bench.last_state() == AT_REST
     assert limits_of(bench) == before
     assert bench.result()["outcome"] == "aborted"
+
+
+def test_a_real_drive_is_never_moved_unasked(bench: Bench) -> None:
+    bench.change('profile = "autotune-sim"', 'profile = "cia402"')
+    done = bench.call("run", str(bench.axis), "--runs", str(bench.runs))
+    assert done.returncode == 2
+    assert "--yes" in done.stderr
+    assert not bench.runs.exists()
+
+
+def test_the_simulated_drive_needs_nobody_to_be_asked(bench: Bench) -> None:
+    bench.start()
+    done = bench.call("run", str(bench.axis), "--only", "check", "--runs", str(bench.runs))
+    assert done.returncode == 0, done.stderr
