@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -66,3 +68,35 @@ def finite(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
+
+
+@contextmanager
+def file_lock(path: Path, *, unusable: str, taken: str) -> Iterator[None]:
+    """Holds a file for this process; the lock goes with the process, however it ends.
+
+    Args:
+        path: of the lock file; its folder is made where it is missing.
+        unusable: what to do where the folder cannot be used.
+        taken: the sentence where another process has it; `{owner}` stands for that process.
+
+    Raises:
+        ConfigurationError: the folder cannot be used, or another process has the lock.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    except OSError as error:
+        raise ConfigurationError(
+            f"the folder {path.parent} cannot be used ({error.strerror}); {unusable}"
+        ) from error
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            owner = os.pread(descriptor, 32, 0).decode(errors="replace").strip()
+            raise ConfigurationError(taken.replace("{owner}", owner or "unknown")) from None
+        os.ftruncate(descriptor, 0)
+        os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
+        yield
+    finally:
+        os.close(descriptor)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import datetime
@@ -12,6 +10,7 @@ from pathlib import Path
 from autotune.core.errors import ConfigurationError
 from autotune.core.recording import Recording
 from autotune.core.recording_files import write_recording
+from autotune.service.files import file_lock
 
 
 def make_run_directory(runs: Path, axis: str, now: datetime) -> Path:
@@ -51,23 +50,6 @@ def axis_lock(runs: Path, axis: str) -> Iterator[None]:
     Raises:
         ConfigurationError: another process has the axis.
     """
-    try:
-        runs.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(runs / f".{axis}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-    except OSError as error:
-        raise ConfigurationError(
-            f"the folder {runs} cannot be used ({error.strerror}); choose another with --runs"
-        ) from error
-    try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            owner = os.pread(descriptor, 32, 0).decode(errors="replace").strip()
-            raise ConfigurationError(
-                f"axis {axis} is being tuned by process {owner or 'unknown'}; wait until it has ended"
-            ) from None
-        os.ftruncate(descriptor, 0)
-        os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
+    taken = f"axis {axis} is being tuned by process {{owner}}; wait until it has ended"
+    with file_lock(runs / f".{axis}.lock", unusable="choose another with --runs", taken=taken):
         yield
-    finally:
-        os.close(descriptor)

@@ -219,7 +219,8 @@ def test_noise_at_standstill_is_no_wrong_sign(tmp_path: Path) -> None:
     random = np.random.default_rng(3)
     noise = np.round(random.standard_normal(5000)) * 1e-5
     columns = {"time": 1e-3 * np.arange(5000), "position": noise, "torque": -500 * noise}
-    bring_in(write_table(tmp_path / "t.csv", columns))
+    imported = bring_in(write_table(tmp_path / "t.csv", columns))
+    np.testing.assert_allclose(imported.recording["torque"], columns["torque"], atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ SIGTERM and SIGINT let running jobs come to rest; SIGHUP reads the configuration
 
 from __future__ import annotations
 
-import fcntl
 import logging
 import os
 import signal
@@ -29,6 +28,7 @@ from autotune.service.daemon.schedule import Schedule
 from autotune.service.daemon.server import HttpServer, listen, token_file, token_of
 from autotune.service.daemon.settings import Configuration, read_service
 from autotune.service.daemon.store import Store
+from autotune.service.files import file_lock
 from autotune.service.ownership import Key, Owner, Ownership
 
 ROUND_SECONDS = 0.25
@@ -243,23 +243,6 @@ def _alone(state: Path) -> Iterator[None]:
     Raises:
         ConfigurationError: another one is there, or the folder cannot be used.
     """
-    try:
-        state.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(state / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-    except OSError as error:
-        raise ConfigurationError(
-            f"the folder {state} cannot be used ({error.strerror}); set 'runs' in the service file to one that can"
-        ) from error
-    try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            owner = os.pread(descriptor, 32, 0).decode(errors="replace").strip()
-            raise ConfigurationError(
-                f"a service with the folder {state.parent} is running already (process {owner or 'unknown'})"
-            ) from None
-        os.ftruncate(descriptor, 0)
-        os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
+    taken = f"a service with the folder {state.parent} is running already (process {{owner}})"
+    with file_lock(state / "lock", unusable="set 'runs' in the service file to one that can", taken=taken):
         yield
-    finally:
-        os.close(descriptor)
