@@ -90,6 +90,8 @@ class Shape:
     def test_close_is_idempotent(self, drive: Drive) -> None:
         drive.close()
         drive.close()
+        with pytest.raises(AutotuneError):
+            drive.step(HOLD)
 
 
 class Contract(Shape):
