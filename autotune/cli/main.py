@@ -10,43 +10,37 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 from types import FrameType
 
 import typer
 
 from autotune import __version__
-from autotune.cli.check import check
-from autotune.cli.data import data
-from autotune.cli.history import history
-from autotune.cli.link import link
-from autotune.cli.model import model
 from autotune.cli.output import complain
-from autotune.cli.record import record
-from autotune.cli.rollback import rollback
-from autotune.cli.run import run
-from autotune.cli.serve import serve
-from autotune.cli.sim import sim
 from autotune.core.errors import AutotuneError
 
-app = typer.Typer(
-    add_completion=False,
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    help="Tunes servo axes: measures how the axis behaves, compensates it, proves the gain, commits it.",
-)
-app.command()(run)
-app.command()(check)
-app.command()(history)
-app.command()(link)
-app.command()(sim)
-app.command()(rollback)
-app.command()(record)
-app.command()(serve)
-app.add_typer(data, name="data")
-app.add_typer(model, name="model")
+COMMANDS = ("run", "check", "history", "link", "sim", "rollback", "record", "serve", "data", "model")
+"""Each is the object of that name in the module of that name here."""
 
 
-@app.callback(invoke_without_command=True)
+def application(arguments: Sequence[str]) -> typer.Typer:
+    """The commands. Where the first argument names one, only that is loaded: a restarted service answers early."""
+    app = typer.Typer(
+        add_completion=False,
+        no_args_is_help=True,
+        pretty_exceptions_enable=False,
+        help="Tunes servo axes: measures how the axis behaves, compensates it, proves the gain, commits it.",
+    )
+    app.callback(invoke_without_command=True)(_root)
+    for name in arguments[:1] if arguments and arguments[0] in COMMANDS else COMMANDS:
+        command = getattr(import_module(f"autotune.cli.{name}"), name)
+        if isinstance(command, typer.Typer):
+            app.add_typer(command, name=name)
+        else:
+            app.command()(command)
+    return app
+
+
 def _root(
     version: bool = typer.Option(False, "--version", help="Print the version and exit."),
 ) -> None:
@@ -58,8 +52,9 @@ def _root(
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point: ends the process with the exit code of what happened."""
     signal.signal(signal.SIGTERM, _terminate)
+    given = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        ended = app(args=list(arguments) if arguments is not None else None, standalone_mode=False)
+        ended = application(given)(args=given, standalone_mode=False)
         code = ended if isinstance(ended, int) else 0  # typer.Exit comes as its code
     except typer.Exit as ending:
         code = ending.exit_code
@@ -80,7 +75,7 @@ def _unexpected(error: Exception) -> int:
     """Usage errors of the parser answer 2; anything else is a defect and says where to look."""
     message = getattr(error, "format_message", None)
     if callable(message):
-        return complain(f"{message()} (see 'autotune --help')", 2)
+        return complain(f"{message() or 'no command given'} (see 'autotune --help')", 2)
     if os.environ.get("AUTOTUNE_TRACEBACK"):
         raise error
     return complain(

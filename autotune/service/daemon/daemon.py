@@ -26,7 +26,7 @@ from autotune.service.daemon.manager import Manager, plans_of
 from autotune.service.daemon.notices import Webhook
 from autotune.service.daemon.schedule import Schedule
 from autotune.service.daemon.server import HttpServer, listen, token_file, token_of
-from autotune.service.daemon.settings import Configuration, read_service
+from autotune.service.daemon.settings import Configuration, read_service, remember_checkable
 from autotune.service.daemon.store import Store
 from autotune.service.files import file_lock
 from autotune.service.ownership import Key, Owner, Ownership
@@ -136,6 +136,7 @@ def serve(file: Path, announce: Say) -> None:
     configuration = read_service(file)
     signals = _Signals()
     with _alone(configuration.state):
+        remember_checkable(configuration)
         listening = listen(configuration.service.http)
         try:
             now = datetime.now().astimezone()
@@ -221,6 +222,7 @@ def _reload(manager: Manager) -> None:
             old.history_url,
         ):
             log.warning("changes of http, runs and history need a restart; the rest is taken over")
+        remember_checkable(fresh)
         manager.reload(fresh)
         log.info("configuration read again: %s", ", ".join(one.name for one in fresh.axes))
     except AutotuneError as error:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import time
 from pathlib import Path
@@ -26,6 +27,7 @@ from autotune.service.ownership import key_of
 
 Day = Literal["mon", "tue", "wed", "thu", "fri", "sat", "sun"]
 DAYS: tuple[Day, ...] = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
+SEEN = "plannable"
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
 
@@ -190,7 +192,7 @@ def read_service(path: str | Path) -> Configuration:
     """
     path = Path(path)
     service = validate(Service, read_toml(path, "service file"), f"service file {path}")
-    seen = Path(service.runs).absolute() / ".service" / "plannable"
+    seen = Path(service.runs).absolute() / ".service" / SEEN
     axes: list[WatchedAxis] = []
     problems: list[str] = []
     for watched in service.axes:
@@ -213,20 +215,29 @@ def _watched(watched: Watched, directory: Path, seen: Path) -> WatchedAxis:
 
 
 def _checkable(axis: Axis, seen: Path) -> None:
-    """Plans the axis's check; what has been found plannable is remembered, as planning takes a second to load.
+    """Plans the axis's check, unless that is remembered: planning takes a second to load.
 
     Raises:
         ConfigurationError: a check of the axis cannot be made within a minute, or its travel is too small.
     """
-    mark = hashlib.sha256(f"{__version__} {axis!r}".encode()).hexdigest()
-    if (seen / mark).is_file():
+    if (seen / _mark(axis)).is_file():
         return
     from autotune.service.check_plan import plan_check
 
     plan_check(axis)
-    if seen.parent.is_dir():
-        seen.mkdir(exist_ok=True)
-        (seen / mark).touch()
+
+
+def remember_checkable(configuration: Configuration) -> None:
+    """Remembers that these axes can be checked, so that the next start answers early; a full disk forgets it."""
+    seen = configuration.state / SEEN
+    with suppress(OSError):
+        seen.mkdir(parents=True, exist_ok=True)
+        for one in configuration.axes:
+            (seen / _mark(one.axis)).touch()
+
+
+def _mark(axis: Axis) -> str:
+    return hashlib.sha256(f"{__version__} {axis!r}".encode()).hexdigest()
 
 
 def _twice(axes: list[WatchedAxis]) -> list[str]:
