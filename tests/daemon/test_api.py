@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from sqlalchemy.exc import OperationalError
 from starlette.testclient import TestClient
 
 from autotune.service.daemon import guard
@@ -108,6 +109,33 @@ def test_no_name_from_a_request_becomes_a_path(
 )
 def test_a_wish_that_makes_no_sense_is_422(served: tuple[World, TestClient], wish: object) -> None:
     assert served[1].post("/api/axes/one/jobs", json=wish, headers=AUTH).status_code == 422
+
+
+@pytest.mark.parametrize(
+    "body", ['{"minutes": NaN}', '{"minutes": 1e400}', '{"minutes": -Infinity}', "[" * 3000, "\x00"]
+)
+def test_a_body_that_is_no_number_or_no_json_is_refused_in_json(
+    served: tuple[World, TestClient], body: str
+) -> None:
+    answer = served[1].put(
+        "/api/axes/one/idle", content=body, headers=AUTH | {"Content-Type": "application/json"}
+    )
+    assert answer.status_code in (400, 422)
+    assert answer.json()["detail"]
+
+
+def test_a_history_that_cannot_be_read_is_503_in_words(
+    served: tuple[World, TestClient], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here, client = served
+
+    def torn(*whatever: object) -> None:
+        raise OperationalError("SELECT", {}, Exception("disk I/O error"))
+
+    monkeypatch.setattr(here.store, "list_jobs", torn)
+    answer = client.get("/api/jobs")
+    assert answer.status_code == 503
+    assert "healthz" in answer.json()["detail"]
 
 
 def test_a_large_body_is_refused(served: tuple[World, TestClient]) -> None:

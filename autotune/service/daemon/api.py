@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 import queue
 from collections.abc import AsyncIterator
 from typing import Annotated, Any
 
-from fastapi import APIRouter, FastAPI, HTTPException, Path, Query, Response
+from fastapi import APIRouter, FastAPI, HTTPException, Path, Query, Request, Response
+from fastapi.exceptions import RequestValidationError
 from fastapi.openapi.utils import get_openapi
-from fastapi.responses import FileResponse, StreamingResponse
+from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
+from sqlalchemy.exc import SQLAlchemyError
 
 from autotune import __version__
 from autotune.service.backup import backup_ids
@@ -46,6 +49,7 @@ from autotune.service.daemon.views import (
 AxisName = Annotated[str, Path(pattern=r"^[a-z0-9][a-z0-9-]{0,40}$")]
 Id = Annotated[str, Path(pattern=r"^[0-9a-f]{32}$")]
 Limit = Annotated[int, Query(ge=1, le=1000)]
+log = logging.getLogger("autotune.service")
 TICKS_LATE = 15.0  # s without a round after which the service is not healthy
 HEARTBEAT = 10.0
 _COMMON: dict[int | str, dict[str, Any]] = {
@@ -76,8 +80,30 @@ def make_api(manager: Manager) -> FastAPI:
     app.include_router(_files(manager))
     app.include_router(_proposals(manager))
     app.include_router(_health(manager))
+    app.add_exception_handler(RequestValidationError, _senseless)
+    app.add_exception_handler(SQLAlchemyError, _unreadable)
+    app.add_exception_handler(OSError, _unreadable)
     app.openapi = lambda: _openapi(app)  # type: ignore[method-assign]
     return app
+
+
+async def _senseless(request: Request, error: Exception) -> Response:
+    """What is wrong where; what was sent is not repeated: it may be anything, also what JSON cannot hold."""
+    found = error.errors() if isinstance(error, RequestValidationError) else []
+    detail = [{"loc": one["loc"], "msg": _words(one), "type": one["type"]} for one in found]
+    return JSONResponse({"detail": detail}, 422)
+
+
+async def _unreadable(request: Request, error: Exception) -> Response:
+    """History or files cannot be read now; the rounds say the same in /healthz."""
+    log.error("%s %s: %s", request.method, request.url.path, error)
+    return JSONResponse({"detail": "the history or a file of it cannot be read now; see /healthz"}, 503)
+
+
+def _words(problem: dict[str, Any]) -> str:
+    if problem["type"] == "model_attributes_type":
+        return "the body must be a JSON object, sent with 'Content-Type: application/json'"
+    return str(problem["msg"])
 
 
 def _openapi(app: FastAPI) -> dict[str, Any]:
