@@ -137,7 +137,8 @@ def _start(
 
 
 def _free(surface: str, parameter: Parameter, scale: float, step: float) -> Free:
-    return Free(surface, parameter.slot, parameter.lower, parameter.upper, scale, step)
+    above = layout.COULOMB if surface == "break_away" else -1
+    return Free(surface, parameter.slot, parameter.lower, parameter.upper, scale, step, above=above)
 
 
 def _asymmetry(c: Context) -> Iterator[Start]:
@@ -296,7 +297,9 @@ def _dwell(c: Context) -> Iterator[Start]:
 
 
 def _load(c: Context) -> Iterator[Start]:
-    yield _start(c, "load_dependent_friction", {"factor": 0.03}, {"factor": (0.1, 0.2)})
+    for share in (0.0, 1.0):
+        free = {"factor": (0.1, 0.2), "friction_share": (0.3, 0.4)}
+        yield _start(c, "load_dependent_friction", {"factor": 0.03, "friction_share": share}, free)
 
 
 def _eccentricity(c: Context) -> Iterator[Start]:

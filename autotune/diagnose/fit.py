@@ -32,6 +32,7 @@ class Free:
         scale: what a large change is: finite differences and damping go by it.
         step: largest change in one iteration, in the parameter's unit; infinite if free.
         relative: whether scale and step follow the value (positive base parameters).
+        above: slot of a parameter that this one is never below (break-away and Coulomb friction); -1: none.
     """
 
     name: str
@@ -41,6 +42,7 @@ class Free:
     scale: float
     step: float = np.inf
     relative: bool = False
+    above: int = -1
 
     def scale_at(self, value: float) -> float:
         return max(abs(value), 2e-2 * self.scale) if self.relative else self.scale
@@ -76,6 +78,9 @@ class Fitted:
 def with_values(packed: Packed, free: Sequence[Free], values: Floats) -> Packed:
     p = packed.p.copy()
     p[[f.slot for f in free]] = values
+    for parameter in free:
+        if parameter.above >= 0:
+            p[parameter.slot] = max(p[parameter.slot], p[parameter.above])
     return Packed(p, packed.on)
 
 
@@ -171,7 +176,7 @@ def _step(
     """A damped step that ends inside the bounds; parameters that would leave them are held there."""
     size = len(free)
     values = packed.p[[f.slot for f in free]]
-    lower = np.array([f.lower for f in free])
+    lower = np.array([f.lower if f.above < 0 else max(f.lower, packed.p[f.above]) for f in free])
     upper = np.array([f.upper for f in free])
     limit = np.array([f.step_at(v) for f, v in zip(free, values, strict=True)])
     change = np.zeros(size)
