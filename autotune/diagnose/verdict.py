@@ -14,7 +14,7 @@ from autotune.diagnose.bandwidth import prepared_for
 from autotune.diagnose.controller import find_controller, with_feedforward
 from autotune.diagnose.coordinates import variance_shares
 from autotune.diagnose.families import FAMILIES
-from autotune.diagnose.fit import Free
+from autotune.diagnose.fit import Fitted, Free, standard_errors
 from autotune.diagnose.lines import time_driven_line
 from autotune.diagnose.model_values import free_of_model
 from autotune.diagnose.prepared import TEST, TRAINING, VETO, Prepared
@@ -55,6 +55,8 @@ POLISHED = 0.98
 HOPELESS = 0.35
 """Part of the best candidate's gain below which a refit inside the twin is not worth its time."""
 NEGLIGIBLE = 0.02
+LOOSE = 1.0
+"""Relative standard error from which a contact parameter is held in a single recording."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,6 +152,7 @@ def _first_level(study: Study, packed: Packed, free: list[Free]) -> tuple[Study,
     if not study.data.repeated and not study.data.steady:
         study = replace(study, weight=without_outlying(study, fitted.error))
         fitted = refit(study, fitted.packed, free, start, 4)
+        free = _told(study, fitted, free)
     for _ in range(2):
         study = replace(study, noise=estimate_noise(study, fitted.packed, fitted.error))
         correction = study.correction(fitted.packed, 1)
@@ -158,6 +161,18 @@ def _first_level(study: Study, packed: Packed, free: list[Free]) -> tuple[Study,
         fitted = refit(study, fitted.packed, free, correction, 4)
     level = settle(study, fitted.packed, free, 2)
     return None if level is None else (study, level)
+
+
+def _told(study: Study, fitted: Fitted, free: list[Free]) -> list[Free]:
+    """Without the bristle's parameters that a single recording says nothing about: free, they would only
+    make predictions of held-out data worse, and every candidate that settles them look good."""
+    errors = dict(zip((f.name for f in free), standard_errors(fitted, study.training), strict=True))
+    values = fitted.packed.p
+    return [
+        f
+        for f in free
+        if f.name not in ("stiffness", "micro_damping") or errors[f.name] < LOOSE * abs(values[f.slot])
+    ]
 
 
 def _refuse_misfit(study: Study, level: Level) -> None:
