@@ -1,6 +1,7 @@
-"""Friction that grows with the torque transmitted: level + factor·|J·q'' + load|.
+"""Friction that grows with the torque transmitted: level + factor·|J·q'' + load + share·friction|.
 
-The transmitted torque presses the contacts; it is smoothed over a millisecond.
+The transmitted torque presses the contacts; it is smoothed over a millisecond. `friction_share` says on
+which side of the friction the pressed contact sits: 0 at the load, 1 at the motor, which drives friction too.
 """
 
 from __future__ import annotations
@@ -16,7 +17,10 @@ SMOOTHING = 1e-3  # s
 
 LOAD_DEPENDENT_FRICTION = Kind(
     name="load_dependent_friction",
-    parameters=(Parameter("factor", "1", 0.0, 0.0, 5.0, "friction torque per torque transmitted", _AT),),
+    parameters=(
+        Parameter("factor", "1", 0.0, 0.0, 5.0, "friction torque per torque transmitted", _AT),
+        Parameter("friction_share", "1", 0.0, 0.0, 1.0, "of the friction that is transmitted too", _AT + 1),
+    ),
     looks_like="Friction is higher while the axis accelerates, brakes or carries a load.",
     cause="Worm and screw drives, gears and nuts whose flanks are pressed by what they transmit.",
     remedy="Lubricate the flanks; an efficiency that has fallen points to wear or dry teeth.",
@@ -30,6 +34,7 @@ def load_level(p: Floats, state: Floats) -> float:
 
 
 @compiled
-def press(state: Floats, torque: float, duration: float) -> None:
-    """Presses the contacts with the torque transmitted."""
-    state[PRESSED] += (abs(torque) - state[PRESSED]) * duration / (SMOOTHING + duration)
+def press(p: Floats, state: Floats, torque: float, friction: float, duration: float) -> None:
+    """Presses the contacts with the torque transmitted, `friction` beside what the load takes."""
+    passed = abs(torque + p[_AT + 1] * friction)
+    state[PRESSED] += (passed - state[PRESSED]) * duration / (SMOOTHING + duration)

@@ -66,7 +66,7 @@ def one_mass(p: Floats, on: Flags, state: Floats, drive: float, step: float) -> 
     state[POSITION] = position + 0.5 * step * (velocity + later)
     state[VELOCITY] = later
     if on[_LOAD]:
-        press(state, p[INERTIA] * (later - velocity) / step + outside, step)
+        press(p, state, p[INERTIA] * (later - velocity) / step + outside, friction, step)
     if on[_WARM]:
         warm(p, state, friction * later, step)
 
@@ -92,7 +92,7 @@ def two_masses(p: Floats, on: Flags, state: Floats, drive: float, step: float) -
     state[POSITION], state[VELOCITY] = position + 0.5 * step * (velocity + later), later
     state[LOAD_POSITION], state[LOAD_VELOCITY] = beyond + 0.5 * step * (speed + faster), faster
     if on[_LOAD]:
-        press(state, passed, step)
+        press(p, state, passed, 0.0, step)
     if on[_WARM]:
         warm(p, state, friction * later + carried * faster, step)
 
