@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -21,6 +22,7 @@ def serve(
     check: Annotated[bool, typer.Option("--check", help="Validate the files and start nothing.")] = False,
 ) -> None:
     """Look after axes: a gentle check every day, a re-tune when one has drifted, an HTTP API."""
+    os.environ.setdefault("OMP_NUM_THREADS", "1")  # jobs share the cores among axes, not within one sum
     from autotune.service.daemon.settings import read_service
 
     file = service_file or config_directory() / "service.toml"

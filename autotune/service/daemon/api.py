@@ -25,7 +25,7 @@ from autotune.service.daemon import studies
 from autotune.service.daemon.feed import Feed, Follower
 from autotune.service.daemon.manager import Manager
 from autotune.service.daemon.metrics import exposition
-from autotune.service.daemon.report_history import history_of
+from autotune.service.daemon.report_history import Histories
 from autotune.service.daemon.settings import WatchedAxis
 from autotune.service.daemon.store import Row
 from autotune.service.daemon.views import (
@@ -42,7 +42,6 @@ from autotune.service.daemon.views import (
     models,
     recordings,
     view_axis,
-    view_check,
     view_job,
 )
 
@@ -123,6 +122,7 @@ def _openapi(app: FastAPI) -> dict[str, Any]:
 
 def _axes(manager: Manager) -> APIRouter:
     routes = APIRouter(prefix="/api/axes", tags=["axes"], responses=_COMMON)
+    histories = Histories(manager.store)
 
     @routes.get("", response_model=list[AxisView])
     def axes() -> list[dict[str, Any]]:
@@ -135,14 +135,14 @@ def _axes(manager: Manager) -> APIRouter:
         return view_axis(manager, _axis(manager, axis))
 
     @routes.get("/{axis}/history", response_model=HistoryView)
-    def history(axis: AxisName, checks: Limit = 400) -> dict[str, Any]:
+    def history(axis: AxisName, checks: Limit = 400) -> Response:
         """Parameters, temperature and events over time, and what the trend says."""
-        return history_of(manager.store, _axis(manager, axis).name, checks)
+        return Response(histories.of(_axis(manager, axis).name, checks), media_type="application/json")
 
     @routes.get("/{axis}/checks", response_model=list[dict[str, Any]])
     def checks(axis: AxisName, limit: Limit = 50) -> list[dict[str, Any]]:
         """Checks, oldest first."""
-        return [view_check(row) for row in manager.store.list_checks(_axis(manager, axis).name, limit)]
+        return manager.store.list_checks(_axis(manager, axis).name, limit, whole=False)
 
     @routes.get("/{axis}/backups", response_model=list[str])
     def backups(axis: AxisName) -> list[str]:

@@ -205,6 +205,7 @@ def _rounds(manager: Manager, server: HttpServer, owners: Owners, upkeep: Upkeep
         if now >= next_upkeep:
             problems = upkeep.run(manager.configuration, datetime.now().astimezone())
             manager.set_problem("upkeep", "; ".join(problems))
+            manager.health.recordings_bytes = housekeeping.used(manager.configuration.runs)
             next_upkeep = now + UPKEEP_SECONDS
         if server.alive:
             systemd.notify("WATCHDOG=1")

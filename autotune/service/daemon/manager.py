@@ -53,11 +53,12 @@ class Running:
 
 @dataclass
 class Health:
-    """What /healthz says; `problems` by their source."""
+    """What /healthz says; `problems` by their source. `recordings_bytes`: disk they took when last looked."""
 
     problems: dict[str, str] = field(default_factory=dict)
     restored: str = ""
     ticked: float = 0.0
+    recordings_bytes: int = 0
 
 
 Notify = Callable[[Mapping[str, Any]], None]

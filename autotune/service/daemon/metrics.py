@@ -62,7 +62,7 @@ class _Service(Collector):
         yield GaugeMetricFamily(
             "autotune_recordings_bytes",
             "Disk that recordings, traces and reports take.",
-            housekeeping.used(runs),
+            health.recordings_bytes,
         )
         yield GaugeMetricFamily(
             "autotune_disk_free_bytes", "Room left on that disk.", housekeeping.free(runs)

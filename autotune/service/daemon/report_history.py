@@ -2,14 +2,40 @@
 
 from __future__ import annotations
 
+import json
+import threading
 from typing import Any
 
 from autotune.service.daemon.observe import trend_of
 from autotune.service.daemon.store import Store, contents
+from autotune.service.files import finite
 from autotune.service.trend import Trend, sentence
 
 QUANTILE = 1.96
 FEW = 6
+MOST_KEPT = 32
+
+
+class Histories:
+    """Histories as JSON texts, made anew only where something was added: reading them costs nothing else."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._kept: dict[tuple[str, int], tuple[int, bytes]] = {}
+        self._making = threading.Lock()
+
+    def of(self, axis: str, checks: int) -> bytes:
+        """The JSON text of `history_of`."""
+        with self._making:
+            additions = self._store.additions
+            known = self._kept.get((axis, checks))
+            if known is not None and known[0] == additions:
+                return known[1]
+            made = json.dumps(finite(history_of(self._store, axis, checks)), allow_nan=False).encode()
+            if len(self._kept) >= MOST_KEPT:
+                self._kept.clear()
+            self._kept[axis, checks] = additions, made
+            return made
 
 
 def history_of(store: Store, axis: str, checks: int = 400) -> dict[str, Any]:

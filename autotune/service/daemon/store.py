@@ -31,6 +31,7 @@ class Store:
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
+        self.additions = 0  # checks, runs and events that have been added through this object
 
     def close(self) -> None:
         """Lets go of the database."""
@@ -109,11 +110,13 @@ class Store:
                     connection.execute(insert(events).values(**event))
         except IntegrityError:
             return False
+        self.additions += 1
         return True
 
-    def list_checks(self, axis: str, limit: int = 400) -> list[Row]:
-        """Newest checks of an axis, oldest first."""
-        query = select(checks).where(checks.c.axis == axis).order_by(checks.c.at.desc(), checks.c.run.desc())
+    def list_checks(self, axis: str, limit: int = 400, whole: bool = True) -> list[Row]:
+        """Newest checks of an axis, oldest first; without `whole` their JSON objects are left out."""
+        wanted = [column for column in checks.c if whole or column.name != "content"]
+        query = select(*wanted).where(checks.c.axis == axis).order_by(checks.c.at.desc(), checks.c.run.desc())
         return self._all(query.limit(limit))[::-1]
 
     def list_runs(self, axis: str, limit: int = 200) -> list[Row]:
@@ -147,6 +150,7 @@ class Store:
                 connection.execute(insert(events).values(**values))
         except IntegrityError:
             return False
+        self.additions += 1
         return True
 
     def list_events(self, axis: str | None = None, limit: int = 200) -> list[Row]:
