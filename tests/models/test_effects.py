@@ -39,7 +39,7 @@ VALUES: dict[str, dict[str, float]] = {
     "torque_lag": {"time_constant": 8e-4},
     "torque_saturation": {"loss": 0.25, "torque": 1.3},
     "dwell_time_break_away": {"rise": 0.25, "time_constant": 0.1, "slip": 2e-3},
-    "load_dependent_friction": {"factor": 0.2},
+    "load_dependent_friction": {"factor": 0.2, "friction_share": 0.3},
     "encoder_eccentricity": {"sin": 5e-3, "cos": -3e-3},
 }  # fmt: skip
 CHAOTIC = {"backlash", "elastic_transmission"}
