@@ -16,7 +16,7 @@ _AT = block("nonlinear_viscous")
 NONLINEAR_VISCOUS = Kind(
     name="nonlinear_viscous",
     parameters=(
-        Parameter("torque", "N m", 0.0, -1e9, 1e9, "torque at a speed of one unit", _AT),
+        Parameter("torque", "N m", 0.0, 0.0, 1e9, "torque at a speed of one unit", _AT),
         Parameter("exponent", "1", 1.0, 0.1, 3.0, "power of the speed", _AT + 1),
         Parameter("knee", "rad/s", 1e-3, 1e-9, 1e3, "below it the torque is linear in speed", _AT + 2),
     ),
