@@ -21,6 +21,7 @@ from autotune.identify.spring_mass import SpringMass, from_difference
 from autotune.signals.filters import block_mean
 
 Floats = NDArray[np.float64]
+MOST_REFLECTED = 0.98  # of the reflection coefficients of the noise model; stable below 1
 ITERATIONS = 20
 METHODS = ("LS", "LSdv", "IV", "IVdv", "BJ")
 
@@ -85,11 +86,11 @@ def box_jenkins(torque: Floats, position: Floats, period: float, start: SpringMa
     noise = _noise_model(coarse.fun)
 
     def prediction_error(x: Floats) -> Floats:
-        c1, c2, d1, d2 = x[3:]
-        return _free_residual(_system(x[:3]), torque, position, period, ([1.0, d1, d2], [1.0, c1, c2]))
+        colour = (stable_polynomial(*x[5:7]), stable_polynomial(*x[3:5]))
+        return _free_residual(_system(x[:3]), torque, position, period, colour)
 
     begin = np.concatenate([coarse.x, noise])
-    limits = np.concatenate([np.full(3, bound), np.array([1.98, 0.98, 1.98, 0.98])])
+    limits = np.concatenate([np.full(3, bound), np.full(4, MOST_REFLECTED)])
     centre = np.concatenate([log_start, np.zeros(4)])
     begin = np.clip(begin, centre - 0.999 * limits, centre + 0.999 * limits)
     fine = least_squares(prediction_error, begin, bounds=(centre - limits, centre + limits), max_nfev=60)
@@ -170,8 +171,14 @@ def _free_residual(
     return np.asarray(error - loose.T @ np.linalg.lstsq(loose.T, error, rcond=None)[0])
 
 
+def stable_polynomial(first: float, second: float) -> list[float]:
+    """Polynomial 1 + c₁z⁻¹ + c₂z⁻² of two reflection coefficients, stable where both are within ±1."""
+    return [1.0, first * (1.0 + second), second]
+
+
 def _noise_model(error: Floats) -> Floats:
-    """Starting values c1, c2, d1, d2: an autoregression of second order (1/D)."""
+    """Starting reflection coefficients of C and D: an autoregression of second order (1/D)."""
     design = np.stack([-error[1:-1], -error[:-2]], axis=1)
     d = np.linalg.lstsq(design, error[2:], rcond=None)[0]
-    return np.array([0.0, 0.0, float(np.clip(d[0], -1.9, 1.9)), float(np.clip(d[1], -0.9, 0.9))])
+    second = float(np.clip(d[1], -0.9, 0.9))
+    return np.array([0.0, 0.0, float(np.clip(d[0] / (1.0 + second), -0.95, 0.95)), second])
