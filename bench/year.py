@@ -12,6 +12,8 @@ What happens to the axis (nobody tells the service):
 | 290–330 | slower wear, 20 % |
 | 40, 41, 180, 181, 182 | power cuts over night: the service is not there |
 
+The jobs are done by a process of their own, as in the real service, so that the memory is the service's.
+
     python -m bench.year [--days 365] [--seed 1] [--out FILE.json]
 """
 
@@ -20,11 +22,13 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import multiprocessing
 import resource
 import shutil
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -39,9 +43,10 @@ from autotune.core.paths import config_directory
 from autotune.service.daemon.absorb import absorb
 from autotune.service.daemon.database import open_database
 from autotune.service.daemon.housekeeping import MEGABYTE, prune, used
-from autotune.service.daemon.inline import InlineLauncher
+from autotune.service.daemon.inline import Ended, do_at_once
 from autotune.service.daemon.manager import Manager, plans_of
 from autotune.service.daemon.orders import Order
+from autotune.service.daemon.report_history import history_of
 from autotune.service.daemon.schedule import Schedule
 from autotune.service.daemon.settings import Configuration, read_service
 from autotune.service.daemon.store import Store, moment
@@ -133,9 +138,10 @@ class YearDrive:
 
 @dataclass
 class World:
-    """The clock, the axis of today, and what its drive remembers."""
+    """The clock, the axis of today, and what its drive remembers. Launches the jobs of the day."""
 
     seed: int
+    workers: ProcessPoolExecutor
     now: datetime = START
     day: Day = Day(1.0, 25.0, 50_000)
     jobs: int = 0
@@ -147,13 +153,21 @@ class World:
     def number(self) -> int:
         return (self.now - START).days
 
-    def tools(self, order: Order) -> Tools:
+    def start(self, order: Order) -> Ended:
+        """Does a job on today's axis in the worker process, to its end."""
         self.jobs += 1
         seed = 1000 * self.seed + self.jobs
-        axis = read_axis(order.file)
-        return Tools(
-            axis, lambda: LocalLoop(YearDrive(self.day, seed, self.stored)), Silent(), lambda: self.now
-        )
+        ended, self.stored = self.workers.submit(_do, order, self.day, seed, self.stored, self.now).result()
+        return ended
+
+
+def _do(
+    order: Order, day: Day, seed: int, stored: dict[str, float], now: datetime
+) -> tuple[Ended, dict[str, float]]:
+    """A job, in the worker process; returns what the drive remembers afterwards as well."""
+    axis = read_axis(order.file)
+    tools = Tools(axis, lambda: LocalLoop(YearDrive(day, seed, stored)), Silent(), lambda: now)
+    return do_at_once(order, tools), stored
 
 
 def main() -> None:
@@ -165,8 +179,10 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     folder = Path(tempfile.mkdtemp(prefix="autotune-year-"))
+    spawn = multiprocessing.get_context("spawn")
     try:
-        found = live(folder, options.days, options.seed)
+        with ProcessPoolExecutor(1, mp_context=spawn) as workers:
+            found = live(folder, options.days, World(options.seed, workers))
     finally:
         shutil.rmtree(folder, ignore_errors=True)
     print(json.dumps(found, indent=2))
@@ -174,11 +190,10 @@ def main() -> None:
         options.out.write_text(json.dumps(found, indent=2))
 
 
-def live(folder: Path, days: int, seed: int) -> dict[str, Any]:
+def live(folder: Path, days: int, world: World) -> dict[str, Any]:
     """Lives through the days; returns the figures that the year is judged by."""
     configuration = _configuration(folder)
-    world = World(seed)
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(world.seed)
     notices: list[dict[str, Any]] = []
     memory: list[float] = []
     truth: list[Day] = []
@@ -210,6 +225,7 @@ def live(folder: Path, days: int, seed: int) -> dict[str, Any]:
     half = memory[len(memory) // 2 :]
     return {
         **found,
+        "memory_MB": [round(memory[index]) for index in range(0, len(memory), 30)],
         "memory_growth_last_half_MB": round(half[-1] - half[0], 1),
         "largest_disk_MB": round(biggest / MEGABYTE),
         "disk_budget_MB": BUDGET,
@@ -229,7 +245,7 @@ class _Service:
             notices.append({**notice, "day": world.number})
 
         self.manager = Manager(
-            configuration, self.store, self._schedule, InlineLauncher(world.tools), tell,
+            configuration, self.store, self._schedule, world, tell,
             lambda: world.now, lambda: world.now.timestamp(),
         )  # fmt: skip
         absorb(self.store, configuration.runs)
@@ -281,6 +297,7 @@ def _judged(store: Store, truth: list[Day], notices: list[dict[str, Any]]) -> di
         "encoder": _noticed(notices, BAD_ENCODER.start, BAD_ENCODER.stop + 2, "position signal"),
         "slow_wear": _noticed(notices, SLOW_WEAR, 360, "up"),
         "jobs": store.outcomes(),
+        "history_sentences": history_of(store, "edm-vertical")["sentences"],
         "notices": [f"{n['day']}: {n['kind']}: {n['sentence']}" for n in notices],
     }
 

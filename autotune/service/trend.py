@@ -2,10 +2,11 @@
 
     ln F_i = a + b·t_i + c·(T_i − T̄) + Σ s_k·[t_i ≥ t_k] + Σ h_k·max(t_i − t_k, 0) + e_i
 
-Steps and bends are added one by one, each where it explains most, as long as it explains more than
-chance could (5.5 standard deviations, which allows for the many places tried). Days that lie apart from
-both neighbours are set aside first. The scatter of e is taken from second differences, so that slow
-changes do not count as noise.
+Days that lie apart from both neighbours are set aside first. Where the history breaks is found by cutting
+it into straight pieces (`segments`); each break may be a step, a bend or both, and what chance could have
+made is dropped, weakest first (5.5 standard deviations, which allows for the many places tried). The
+scatter of e is taken from second differences, and a first c from first ones, so that slow changes count
+neither as noise nor as temperature.
 """
 
 from __future__ import annotations
@@ -13,16 +14,21 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from datetime import datetime
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+
+from autotune.service.segments import breaks
 
 Floats = NDArray[np.float64]
 LEAST_POINTS = 6
 SURE = 5.5
 LEAST_SIZE = 0.03
 LEAST_SCATTER = 0.003
-MOST_KNOTS = 10
+MOST_KNOTS = 20
+TURNS = 3
+FEW = 5.0
 LEAST_SPREAD = 3.0  # K
 SETTLED = 2  # points from a step on before it is called one
 BENT = 6  # points from a bend on before it is called one
@@ -30,12 +36,16 @@ BENT = 6  # points from a bend on before it is called one
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """One change: `step` at once, `trend` beginning then, `odd` one day only. `size` is relative."""
+    """One change: `step` at once, `trend` beginning then, `odd` one day only. `size` is relative.
+
+    `over`: a trend that had come to its end before the last point.
+    """
 
     kind: str
     at: datetime
     size: float
     standard_error: float
+    over: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,11 +119,22 @@ def _centred(temperature: Floats) -> Floats | None:
 
 
 def _scatter(y: Floats) -> float:
-    """Standard deviation of a single point from second differences, robust."""
+    """Standard deviation of a single point from second differences, robust; few points tell it badly."""
     if len(y) < 4:
         return LEAST_SCATTER
     bends = np.abs(np.diff(y, 2))
-    return max(float(np.median(bends)) / (0.6745 * math.sqrt(6.0)), LEAST_SCATTER)
+    caution = 1.0 + FEW / len(y)
+    return max(caution * float(np.median(bends)) / (0.6745 * math.sqrt(6.0)), LEAST_SCATTER)
+
+
+def _first_coefficient(y: Floats, temperature: Floats | None) -> float:
+    """Influence of temperature from day to day, which no slow change can imitate; outliers weigh little."""
+    if temperature is None:
+        return 0.0
+    warmer, more = np.diff(temperature), np.diff(y)
+    usual = np.abs(more - np.median(more)) < 4.0 * max(float(np.median(np.abs(more))), LEAST_SCATTER)
+    warmth = float(np.sum(warmer[usual] ** 2))
+    return float(np.sum(warmer[usual] * more[usual])) / warmth if warmth > 0.0 else 0.0
 
 
 def _odd_days(y: Floats) -> NDArray[np.bool_]:
@@ -141,45 +162,52 @@ def _odd_change(times: list[datetime], y: Floats, fit: _Fit, keep: NDArray[np.in
 
 
 class _Fit:
-    """The regression, grown greedily. Columns are kept with what they mean."""
+    """The regression. Columns are kept with what they mean."""
 
     def __init__(self, t: Floats, y: Floats, temperature: Floats | None) -> None:
-        self._t, self._y = t, y
-        self.scatter = _scatter(y)
-        self._columns: list[Floats] = [np.ones_like(t)]
-        self._meaning: list[tuple[str, int]] = [("level", 0)]
-        if temperature is not None:
-            self._columns.append(temperature)
+        self._t, self._y, self._temperature = t, y, temperature
+        self.scatter = _scatter(y - self._warmth(_first_coefficient(y, temperature)))
+        self._columns: list[Floats] = []
+        self._meaning: list[tuple[str, int]] = []
+        self._begin()
+
+    def _begin(self) -> None:
+        self._columns, self._meaning = [np.ones_like(self._t)], [("level", 0)]
+        if self._temperature is not None:
+            self._columns.append(self._temperature)
             self._meaning.append(("temperature", 0))
 
-    def grow(self) -> None:
-        """Adds steps and bends while they are beyond doubt; a bend at the first point is a plain trend."""
-        count = len(self._t)
-        index = np.arange(count)
-        steps = (index[:, None] >= index[None, 1:]).astype(float)
-        bends = np.maximum(self._t[:, None] - self._t[None, :-2], 0.0)
-        candidates = np.hstack([steps, bends])
-        names = [("step", i) for i in range(1, count)] + [("trend", i) for i in range(count - 2)]
-        usable = np.array([i <= count - (SETTLED if kind == "step" else BENT) for kind, i in names])
-        for _ in range(MOST_KNOTS):
-            best, gain = self._best(candidates, usable)
-            if gain < SURE**2:
-                break
-            self._columns.append(np.asarray(candidates[:, best]))
-            self._meaning.append(names[best])
-            usable[best] = False
-        self._prune()
+    def _warmth(self, coefficient: float) -> Floats:
+        return np.zeros_like(self._y) if self._temperature is None else coefficient * self._temperature
 
-    def _best(self, candidates: Floats, usable: NDArray[np.bool_]) -> tuple[int, float]:
-        """Candidate that explains most, and how much, in variances of a point."""
-        basis = np.linalg.qr(np.column_stack(self._columns))[0]
-        rest = self._y - basis @ (basis.T @ self._y)
-        free = candidates - basis @ (basis.T @ candidates)
-        norm = np.sum(free**2, axis=0)
-        share = (free.T @ rest) ** 2 / np.where(norm > 1e-9, norm, np.inf)
-        share[~usable] = 0.0
-        best = int(np.argmax(share))
-        return best, float(share[best]) / self.scatter**2
+    def grow(self) -> None:
+        """Steps and bends where the history breaks; breaks and temperature are found in turns."""
+        coefficient = _first_coefficient(self._y, self._temperature)
+        for _ in range(TURNS):
+            found = breaks(self._t, self._y - self._warmth(coefficient), self.scatter, SURE**2)
+            self._begin()
+            for at in found[-MOST_KNOTS:]:
+                self._add("step", at, SETTLED)
+                self._add("trend", at, BENT)
+            self._add("trend", 0, BENT)
+            self._prune()
+            coefficient = self._coefficient()[0]
+
+    def _add(self, kind: str, at: int, least: int) -> None:
+        """A bend at the first point is a plain trend."""
+        if at > len(self._t) - least:
+            return
+        since = self._t - self._t[at]
+        self._columns.append((since >= 0).astype(float) if kind == "step" else np.maximum(since, 0.0))
+        self._meaning.append((kind, at))
+
+    def _coefficient(self) -> tuple[float, float]:
+        """Influence of temperature and its standard error; (0, inf) where there is none."""
+        solution, errors = self._solve()
+        for k, (kind, _) in enumerate(self._meaning):
+            if kind == "temperature":
+                return float(solution[k]), float(errors[k])
+        return 0.0, math.inf
 
     def _prune(self) -> None:
         """Drops, weakest first, what later additions have made superfluous or too small to matter."""
@@ -212,11 +240,8 @@ class _Fit:
     @property
     def temperature_coefficient(self) -> float | None:
         """Where it is known to a fifth."""
-        solution, errors = self._solve()
-        for k, (kind, _) in enumerate(self._meaning):
-            if kind == "temperature" and abs(solution[k]) > 5.0 * errors[k]:
-                return float(solution[k])
-        return None
+        value, error = self._coefficient()
+        return value if abs(value) > 5.0 * error else None
 
     @property
     def level(self) -> float:
@@ -236,13 +261,23 @@ class _Fit:
         return found + self._stretches(times, solution)
 
     def _stretches(self, times: list[datetime], solution: Floats) -> list[Change]:
-        bends = sorted((at, solution[k]) for k, (kind, at) in enumerate(self._meaning) if kind == "trend")
-        slope, found = 0.0, []
-        for number, (at, bend) in enumerate(bends):
-            slope += float(bend)
-            until = bends[number + 1][0] if number + 1 < len(bends) else len(self._t) - 1
+        """Straight pieces, from each bend or step to the next; those that go on the same way are one."""
+        bends = {at: float(solution[k]) for k, (kind, at) in enumerate(self._meaning) if kind == "trend"}
+        steps = {at for kind, at in self._meaning if kind == "step"}
+        slope = 0.0
+        pieces: list[tuple[int, int, float]] = []
+        for at, until in pairwise([*sorted({*bends, *steps}), len(self._t) - 1]):
+            slope += bends.get(at, 0.0)
             moved = slope * float(self._t[until] - self._t[at])
-            if abs(moved) >= LEAST_SIZE:
-                error = self.scatter * 2.0 / math.sqrt(max(until - at, 1))
-                found.append(Change("trend", times[at], math.expm1(moved), error))
-        return found
+            if abs(moved) < LEAST_SIZE:
+                continue
+            if pieces and pieces[-1][1] == at and at not in steps and (pieces[-1][2] > 0) == (moved > 0):
+                at, moved = pieces[-1][0], pieces.pop()[2] + moved
+            pieces.append((at, until, moved))
+        return [
+            Change(
+                "trend", times[at], math.expm1(moved), self.scatter * 2.0 / math.sqrt(max(until - at, 1)),
+                over=until < len(self._t) - 1,
+            )
+            for at, until, moved in pieces
+        ]  # fmt: skip
