@@ -1,11 +1,13 @@
-"""kill -9 at random moments of a service at work: in checks, in runs, in commits.
+"""kill -9 of a service at work, at random moments in every stage of checks, runs and commits.
 
-The drive is a process of its own (`autotune sim`), as a real one would be, or with --in-process a simulated
-one with a memory file. After each kill the service is started again; asked is how long until /healthz
-answers, and in the end whether every job that was confirmed was done, none of them twice, every confirmed
-row is there, and the drive holds what the history says.
+Each kill has a stage that it waits for; then it strikes at a random moment of what that stage takes. Half of
+them are the service alone (its worker must notice and bring the axis to rest), half are everything at once, as
+a power cut of the host. The drive is a simulated one with a memory file in the worker, or with --wire a process
+of its own behind slcan (`autotune sim`), as a real one would be. After each kill the service is started again;
+asked is how long until /healthz answers, and in the end whether every job that was confirmed was done, none of
+them twice, every confirmed row is there, and the drive holds what the history says.
 
-    python -m bench.service_kills [--kills 100] [--seed 1] [--out FILE.json]
+    python -m bench.service_kills [--kills 100] [--seed 1] [--wire] [--out FILE.json]
 """
 
 from __future__ import annotations
@@ -16,102 +18,39 @@ import os
 import random
 import shutil
 import signal
-import socket
 import subprocess
-import sys
 import tempfile
 import time
-import urllib.error
-import urllib.request
+from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from autotune.core.axis import read_axis
-from autotune.core.paths import config_directory
+from autotune.core.loop import Loop
 from autotune.service.committed import in_force
+from autotune.service.links import open_link
+from bench.service_rig import CLI, WIRE, Service, write_axis, write_service
 
-CLI = [sys.executable, "-m", "autotune.cli.main"]
-WIRE = "canopen+slcan:edm-vertical.tty?bitrate=1000000&node=5"
+AXIS = "edm-vertical"
+STAGES = {
+    "nothing": 0.05, "check:connect": 0.05, "check:look": 0.2, "run:connect": 0.05, "run:check": 0.05,
+    "run:experiment": 0.1, "run:fit": 0.13, "run:adapt": 0.13, "run:prove": 0.1, "run:commit": 0.14,
+}  # fmt: skip
+"""Share of the kills that wait for each stage."""
+MOST_ATTEMPTS = 6
+LONGEST_WAIT = 400.0
 
 
 @dataclass
-class Bench:
-    """One service on one simulated axis."""
+class Story:
+    """What was confirmed on the way, and where the kills struck."""
 
-    folder: Path
-    port: int = 0
-    process: subprocess.Popen[bytes] | None = None
-    started: list[float] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            self.port = free.getsockname()[1]
-        axis = (config_directory() / "axes" / "edm-vertical.toml").read_text()
-        memory = self.folder / "memory.json"
-        (self.folder / "axis.toml").write_text(axis.replace(WIRE, f"sim://edm-vertical?memory={memory}"))
-        (self.folder / "service.toml").write_text(
-            f'schema = 1\nruns = "{self.folder / "runs"}"\n[http]\nport = {self.port}\n'
-            '[recordings]\nbudget_megabytes = 400\n[[axes]]\nfile = "axis.toml"\ncheck = "0 0 1 1 *"\n'
-        )
-
-    def start(self) -> float:
-        """Starts the service; returns seconds until it is healthy."""
-        log = (self.folder / "log").open("ab")
-        began = time.monotonic()
-        self.process = subprocess.Popen(
-            [*CLI, "serve", str(self.folder / "service.toml")], stdout=log, stderr=log,
-            env={**os.environ, "AUTOTUNE_LOCKS": str(self.folder / "locks")},
-        )  # fmt: skip
-        log.close()
-        while time.monotonic() - began < 60.0:
-            if (answer := self.get("/healthz")) is not None and answer.get("status") == "ok":
-                self.started.append(time.monotonic() - began)
-                return self.started[-1]
-            if self.process.poll() is not None:
-                break
-            time.sleep(0.02)
-        raise SystemExit(f"the service did not start:\n{(self.folder / 'log').read_text()[-3000:]}")
-
-    def kill(self) -> None:
-        if self.process is not None:
-            self.process.send_signal(signal.SIGKILL)
-            self.process.wait()
-
-    def end(self) -> None:
-        if self.process is not None:
-            self.process.send_signal(signal.SIGTERM)
-            self.process.wait(60.0)
-
-    def get(self, path: str) -> Any:
-        try:
-            with urllib.request.urlopen(f"http://127.0.0.1:{self.port}{path}", timeout=5.0) as answer:
-                return json.loads(answer.read())
-        except (OSError, urllib.error.URLError, ValueError):
-            return None
-
-    def submit(self, kind: str) -> str | None:
-        """A job's id once the service has confirmed it; None where it refused or was gone."""
-        token = (self.folder / "runs" / ".service" / "token").read_text().strip()
-        request = urllib.request.Request(
-            f"http://127.0.0.1:{self.port}/api/axes/edm-vertical/jobs", json.dumps({"kind": kind}).encode(),
-            {"Content-Type": "application/json", "Authorization": f"Bearer {token}"}, method="POST",
-        )  # fmt: skip
-        try:
-            with urllib.request.urlopen(request, timeout=5.0) as answer:
-                return str(json.loads(answer.read())["id"])
-        except (OSError, urllib.error.URLError, ValueError):
-            return None
-
-    def wait_until_done(self, seconds: float) -> list[dict[str, Any]]:
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            jobs = self.get("/api/jobs?limit=1000")
-            if jobs is not None and all(job["state"] == "done" for job in jobs):
-                return list(jobs)
-            time.sleep(0.3)
-        raise SystemExit("the jobs did not end")
+    confirmed: list[str] = field(default_factory=list)
+    rows: set[str] = field(default_factory=set)
+    struck: Counter[str] = field(default_factory=Counter)
+    phases: Counter[str] = field(default_factory=Counter)
 
 
 def main() -> None:
@@ -120,69 +59,165 @@ def main() -> None:
     )
     parser.add_argument("--kills", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--longest", type=float, default=15.0, help="seconds between start and kill, at most")
+    parser.add_argument("--wire", action="store_true", help="the drive is a process of its own")
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     folder = Path(tempfile.mkdtemp(prefix="autotune-kills-"))
+    drive: subprocess.Popen[str] | None = None
     try:
-        found = torture(folder, options.kills, random.Random(options.seed), options.longest)
+        drive = _prepare(folder, options.wire)
+        found = torture(folder, options.kills, random.Random(options.seed))
     finally:
+        if drive is not None:
+            drive.send_signal(signal.SIGINT)
+            drive.wait(20.0)
         shutil.rmtree(folder, ignore_errors=True)
     print(json.dumps(found, indent=2))
     if options.out:
         options.out.write_text(json.dumps(found, indent=2))
 
 
-def torture(folder: Path, kills: int, chance: random.Random, longest: float = 15.0) -> dict[str, Any]:
+def _prepare(folder: Path, wire: bool) -> subprocess.Popen[str] | None:
+    """Axis and service file; the drive's process where it is one of its own."""
+    axis = write_axis(folder, AXIS, WIRE if wire else f"sim://edm-vertical?memory={folder / 'memory.json'}")
+    write_service(folder, [AXIS], more="[recordings]\nbudget_megabytes = 400")
+    if not wire:
+        return None
+    log = (folder / "drive.log").open("w")
+    drive = subprocess.Popen([*CLI, "sim", str(axis)], stdout=subprocess.PIPE, stderr=log, text=True)
+    log.close()
+    if drive.stdout is None or "is simulated at" not in drive.stdout.readline():
+        raise SystemExit((folder / "drive.log").read_text())
+    return drive
+
+
+def torture(folder: Path, kills: int, chance: random.Random) -> dict[str, Any]:
     """Kills and restarts, then lets everything end; returns what must hold."""
-    bench = Bench(folder)
-    confirmed: list[str] = []
-    rows: set[str] = set()
-    stages: dict[str, int] = {}
-    bench.start()
+    service, story = Service(folder), Story()
+    wanted = [stage for stage, share in STAGES.items() for _ in range(round(share * kills))]
+    chance.shuffle(wanted)
+    typical = dict.fromkeys(STAGES, 0.5)
+    service.start()
     try:
-        for _ in range(kills):
-            for kind in ("run", "check") if chance.random() < 0.6 else ("check",):
-                if (job := bench.submit(kind)) is not None:
-                    confirmed.append(job)
-            time.sleep(chance.uniform(0.0, longest))
-            stage = _stage(bench)
-            stages[stage] = stages.get(stage, 0) + 1
-            rows |= _rows(bench)
-            bench.kill()
-            bench.start()
-        jobs = bench.wait_until_done(300.0)
-        left = _rows(bench)
+        for stage in wanted:
+            _wait_for(service, stage, story, typical)
+            time.sleep(chance.uniform(0.0, typical[stage]))
+            _note(service, folder, story)
+            _kill(service, everything=chance.random() < 0.5)
+            service.start()
+        jobs = service.wait_until_done(LONGEST_WAIT)
+        story.rows -= _rows(service)
     finally:
-        bench.end()
-    return _judged(folder, bench, jobs, confirmed, rows - left) | {"kills": kills, "killed_in_stage": stages}
+        service.end()
+    return _judged(folder, service, jobs, story) | {"kills": len(wanted)}
 
 
-def _judged(
-    folder: Path, bench: Bench, jobs: list[dict[str, Any]], confirmed: list[str], missing: set[str]
-) -> dict[str, Any]:
-    done = {job["id"]: job for job in jobs}
-    outcomes: dict[str, int] = {}
-    for job in jobs:
-        outcomes[f"{job['kind']} {job['outcome']}"] = outcomes.get(f"{job['kind']} {job['outcome']}", 0) + 1
-    memory = folder / "memory.json"
-    held = json.loads(memory.read_text()) if memory.exists() else {}
-    present = in_force(folder / "runs", read_axis(folder / "axis.toml"), held)
+def _wait_for(service: Service, stage: str, story: Story, typical: dict[str, float]) -> None:
+    """Until a job is in the stage; orders one where none is open. Learns what stages take on the way."""
+    kind = stage.partition(":")[0]
+    if any(job["attempts"] >= MOST_ATTEMPTS for job in service.jobs() if job["state"] != "done"):
+        service.wait_until_done(LONGEST_WAIT)
+    if kind == "nothing":
+        service.wait_until_done(LONGEST_WAIT)
+        return
+    end = time.monotonic() + LONGEST_WAIT
+    seen, since = "", time.monotonic()
+    while time.monotonic() < end:
+        jobs = [job for job in service.jobs() if job["state"] != "done"]
+        if all(job["kind"] != kind for job in jobs):
+            _order(service, kind, story)
+        now = _stage(jobs)
+        if now != seen:
+            if seen in typical and since > 0.0:
+                typical[seen] = 0.5 * (typical[seen] + time.monotonic() - since)
+            seen, since = now, time.monotonic()
+        if now == stage:
+            return
+        time.sleep(0.01)
+    raise SystemExit(f"stage {stage} was not reached in {LONGEST_WAIT} s")
+
+
+def _order(service: Service, kind: str, story: Story) -> None:
+    """A job of the kind; before a run, what an earlier one has committed is rolled back, or nothing would be gained."""
+    tuned = [job for job in service.jobs() if job["kind"] in ("run", "rollback")]
+    kinds = ["rollback", kind] if kind == "run" and tuned and tuned[0]["outcome"] == "kept" else [kind]
+    for one in kinds:
+        if (job := service.submit(AXIS, one)) is not None:
+            story.confirmed.append(job)
+
+
+def _note(service: Service, folder: Path, story: Story) -> None:
+    """Where the kill strikes, and what the service has shown until then."""
+    stage = _stage([job for job in service.jobs() if job["state"] == "running"])
+    story.struck[stage] += 1
+    story.rows |= _rows(service)
+    if stage == "run:commit":
+        newest = max((folder / "runs").glob("2*/journal.json"))
+        story.phases[str(json.loads(newest.read_text()).get("phase") or "before")] += 1
+
+
+def _stage(jobs: list[dict[str, Any]]) -> str:
+    running = [job for job in jobs if job["state"] == "running"]
+    return f"{running[0]['kind']}:{running[0]['stage']}" if running else "nothing"
+
+
+def _kill(service: Service, everything: bool) -> None:
+    """The service alone, or with all its descendants (the worker may have one of its own for the link)."""
+    processes = _descendants(service.process.pid) if service.process and everything else []
+    service.end(signal.SIGKILL)
+    for process in processes:
+        with suppress(ProcessLookupError):
+            os.kill(process, signal.SIGKILL)
+
+
+def _descendants(process: int) -> list[int]:
+    found: list[int] = []
+    for task in Path(f"/proc/{process}/task").glob("*/children"):
+        for child in map(int, task.read_text().split()):
+            found += [child, *_descendants(child)]
+    return found
+
+
+def _judged(folder: Path, service: Service, jobs: list[dict[str, Any]], story: Story) -> dict[str, Any]:
+    done = {job["id"] for job in jobs}
+    runs = folder / "runs"
+    axis = read_axis(folder / f"{AXIS}.toml")
+    loop = open_link(axis, folder)
+    try:
+        held = loop.read_parameters()
+        at_rest = _without_power(loop)
+    finally:
+        loop.close()
+    present = in_force(runs, axis, held)
     return {
-        "jobs_confirmed": len(confirmed),
-        "jobs_lost": sum(job not in done for job in confirmed),
-        "jobs_done_twice": _twice(folder / "runs", jobs),
-        "rows_missing": sorted(missing),
-        "outcomes": outcomes,
+        "killed_in": dict(sorted(story.struck.items())),
+        "killed_in_commit_phase": dict(story.phases),
+        "jobs_confirmed": len(story.confirmed),
+        "jobs_lost": sum(job not in done for job in story.confirmed),
+        "jobs_done_twice": _twice(runs, jobs),
+        "rows_missing": sorted(story.rows),
+        "outcomes": dict(Counter(f"{job['kind']} {job['outcome']}" for job in jobs)),
         "drive_holds_what_history_says": present.held
         if present.committed
         else not held.get("feedforward.enabled"),
-        "open_journals": _open_journals(folder / "runs"),
-        "healthy_after_s": {
-            "longest": round(max(bench.started), 2),
-            "median": round(sorted(bench.started)[len(bench.started) // 2], 2),
-        },
+        "drive_faults": at_rest,
+        "open_journals": sum(
+            not json.loads(path.read_text()).get("outcome") for path in runs.glob("2*/journal.json")
+        ),
+        "restarts": len(service.starts),
+        "healthy_after_s": _spread([start.wall for start in service.starts]),
+        "processor_s": _spread([start.processor for start in service.starts]),
+        "load": round(os.getloadavg()[0], 1),
     }
+
+
+def _without_power(loop: Loop) -> list[str]:
+    return list(loop.faults())
+
+
+def _spread(values: list[float]) -> dict[str, float]:
+    ordered = sorted(values)
+    return {"median": round(ordered[len(ordered) // 2], 2), "longest": round(ordered[-1], 2)}
 
 
 def _twice(runs: Path, jobs: list[dict[str, Any]]) -> int:
@@ -194,20 +229,12 @@ def _twice(runs: Path, jobs: list[dict[str, Any]]) -> int:
     return max(checks - wanted, 0) + max(kept - wanted_kept, 0)
 
 
-def _open_journals(runs: Path) -> int:
-    return sum(not json.loads(path.read_text()).get("outcome") for path in runs.glob("2*/journal.json"))
-
-
-def _rows(bench: Bench) -> set[str]:
+def _rows(service: Service) -> set[str]:
     """Ids of everything that the service has shown."""
-    jobs = bench.get("/api/jobs?limit=1000") or []
-    history = bench.get("/api/axes/edm-vertical/history?checks=1000") or {"checks": [], "runs": []}
-    return {job["id"] for job in jobs} | {row["run"] for row in (*history["checks"], *history["runs"])}
-
-
-def _stage(bench: Bench) -> str:
-    running = bench.get("/api/jobs?state=running") or []
-    return f"{running[0]['kind']}:{running[0]['stage']}" if running else "no job"
+    history = service.get(f"/api/axes/{AXIS}/history?checks=1000") or {"checks": [], "runs": []}
+    return {job["id"] for job in service.jobs()} | {
+        row["run"] for row in (*history["checks"], *history["runs"])
+    }
 
 
 if __name__ == "__main__":
