@@ -312,7 +312,19 @@ def _health(manager: Manager) -> APIRouter:
 
 
 _STREAM: dict[int | str, dict[str, Any]] = {
-    200: {"content": {"text/event-stream": {"schema": {"type": "string"}}}, "description": "Events."}
+    200: {
+        "content": {
+            "text/event-stream": {
+                "schema": {
+                    "description": "Of each event; its data are a JSON object.",
+                    "type": "object",
+                    "properties": {"event": {"type": "string"}, "data": {"type": "string"}},
+                    "required": ["event", "data"],
+                }
+            }
+        },
+        "description": "Events, as they happen.",
+    }
 }
 _PARQUET: dict[int | str, dict[str, Any]] = {
     200: {

@@ -1,4 +1,7 @@
-"""Compare and diagnose for the API: the command line's own, in a process of its own, one at a time."""
+"""Compare and diagnose for the API: the command line's own, in a process of its own, one at a time.
+
+Neither a recording nor a model ever changes, so what was found is kept.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,9 @@ from pathlib import Path
 from typing import Any
 
 SECONDS = 120.0
+MOST_KEPT = 100
 _one_at_a_time = threading.Lock()
+_kept: dict[tuple[str, Path, Path], Study] = {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +30,10 @@ class Study:
 
 
 def study(what: str, recording: Path, model: Path) -> Study:
-    """Runs `autotune model compare|diagnose`."""
+    """What `autotune model compare|diagnose` finds."""
+    known = _kept.get((what, recording, model))
+    if known is not None:
+        return known
     if importlib.util.find_spec("autotune.cli.model") is None:
         return Study(501, f"this installation of autotune has no '{what}'; update it")
     if not _one_at_a_time.acquire(blocking=False):
@@ -39,6 +47,15 @@ def study(what: str, recording: Path, model: Path) -> Study:
         return Study(504, f"'{what}' took longer than {SECONDS:.0f} s")
     finally:
         _one_at_a_time.release()
+    found = _found(what, done)
+    if found.status == 200:
+        if len(_kept) >= MOST_KEPT:
+            _kept.clear()
+        _kept[what, recording, model] = found
+    return found
+
+
+def _found(what: str, done: subprocess.CompletedProcess[str]) -> Study:
     if done.returncode != 0:
         return Study(409, done.stderr.strip().splitlines()[-1] if done.stderr.strip() else f"'{what}' failed")
     try:
