@@ -21,7 +21,7 @@ from autotune.core.errors import AutotuneError, ConfigurationError
 from autotune.service.daemon import housekeeping, systemd
 from autotune.service.daemon.absorb import absorb
 from autotune.service.daemon.database import Opened, back_up, open_database
-from autotune.service.daemon.launcher import ProcessLauncher
+from autotune.service.daemon.launcher import ProcessLauncher, place_for_kernels
 from autotune.service.daemon.manager import Manager, plans_of
 from autotune.service.daemon.notices import Webhook
 from autotune.service.daemon.schedule import Schedule
@@ -137,6 +137,7 @@ def serve(file: Path, announce: Say) -> None:
     signals = _Signals()
     with _alone(configuration.state):
         remember_checkable(configuration)
+        place_for_kernels(configuration.state)
         listening = listen(configuration.service.http)
         try:
             now = datetime.now().astimezone()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol
 
+import autotune
 from autotune.service.daemon.orders import Done, Order, read_done
 
 Message = dict[str, Any]
@@ -48,6 +50,18 @@ class ProcessLauncher:
 
     def start(self, order: Order) -> Handle:
         return _Process(order)
+
+
+def place_for_kernels(state: Path) -> None:
+    """Compiled kernels go below `state` where an installation and its user's home cannot take them.
+
+    A system user has no home and may not write into the installation; without a place a job cannot begin.
+    """
+    beside = Path(autotune.__file__).parent
+    home = Path(os.environ.get("XDG_CACHE_HOME", "") or Path("~/.cache").expanduser())
+    if any(os.access(folder, os.W_OK) for folder in (beside, home, home.parent)):
+        return
+    os.environ.setdefault("NUMBA_CACHE_DIR", str(state / "kernels"))
 
 
 class _Process:

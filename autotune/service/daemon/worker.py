@@ -14,6 +14,7 @@ import signal
 import sys
 import threading
 import time
+import traceback
 from datetime import datetime
 from pathlib import Path
 from types import FrameType
@@ -86,6 +87,9 @@ def main() -> int:
         if lifeline.cut and kept is None:
             return 130
         done = kept or Done("aborted", 130, "Stopped: the axis is at rest and without power.")
+    except Exception as error:  # noqa: BLE001 - the last line of defence: said in the history as well
+        traceback.print_exc()
+        done = Done("died", 5, f"Unexpected {type(error).__name__}, a defect of autotune: {error}")
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     write_done(order, done)
     tell({"event": "done", **done.as_json()})
