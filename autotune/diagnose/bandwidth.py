@@ -11,10 +11,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy import signal
+from scipy import ndimage, signal
 
 from autotune.core.recording import Recording
-from autotune.diagnose.prepared import CUTOFF, Prepared, prepare
+from autotune.diagnose.prepared import CUTOFF, Block, Prepared, Rows, prepare
 from autotune.diagnose.residual import smoothed
 from autotune.diagnose.speed_curve import as_steady_recordings, speed_points
 from autotune.identify.checks import check_recording, torque_of
@@ -26,6 +26,11 @@ COHERENT = 0.7
 LOUD = 0.02
 FASTEST = 0.09
 """Of the sampling rate: faster motion cannot be had from central differences."""
+REST = 0.002
+"""Of the largest speed: slower for `REST_SECONDS` is rest."""
+REST_SECONDS = 0.02
+LEAST_MOVING = 0.4
+LEAST_ROWS = 8
 SHIFTS = (-1, 0, 1, 2, 3, 4)
 """Half samples by which the torque is moved."""
 
@@ -90,6 +95,31 @@ def _cost(data: Prepared) -> float:
     return float(np.sum((target - table @ np.linalg.lstsq(table, target, rcond=1e-10)[0]) ** 2))
 
 
+def without_rest(data: Prepared) -> Prepared:
+    """The data without rows whose low-pass reaches into a rest: there friction holds any torque.
+
+    The data as they are where that would leave less than half of them.
+    """
+    shortest = max(3, round(REST_SECONDS / data.period))
+    reach = len(data.taps) // 2 + round(1.0 / (data.motion_cutoff * data.period)) + shortest
+    speed = np.abs(data.velocity)
+    least = max(REST * float(np.percentile(speed, 99.5)), 0.25 * data.resolution / REST_SECONDS)
+    still = ndimage.uniform_filter1d((speed < least).astype(np.float64), shortest) > 0.999
+    moving = ~ndimage.maximum_filter1d(still, 2 * reach + 1)[data.grid]
+    rows: list[Rows] = []
+    blocks: list[Block] = []
+    for block in data.blocks:
+        kept = moving[block.rows].reshape(block.repeats, block.count).all(axis=0)
+        if kept.sum() >= LEAST_ROWS:
+            table = data.grid[block.rows].reshape(block.repeats, block.count)[:, kept]
+            start = sum(len(part) for part in rows)
+            blocks.append(replace(block, start=start, count=table.shape[1]))
+            rows.append(table.ravel())
+    if sum(len(part) for part in rows) < LEAST_MOVING * len(data.grid):
+        return data
+    return replace(data, grid=np.concatenate(rows), blocks=tuple(blocks))
+
+
 def prepared_for(recordings: Sequence[Recording]) -> Prepared:
     """Recordings made ready: as the diagnosis programme wants it, or as a single trajectory allows.
 
@@ -105,5 +135,5 @@ def prepared_for(recordings: Sequence[Recording]) -> Prepared:
     if data.repeated:
         return data
     cutoff = coherent_cutoff(max(recordings, key=len))
-    data = prepare(recordings, cutoff, 2.5 * cutoff)
+    data = without_rest(prepare(recordings, cutoff, 2.5 * cutoff))
     return data if data.recorded_reference else aligned(data)

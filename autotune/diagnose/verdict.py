@@ -11,10 +11,11 @@ import numpy as np
 from autotune.core.errors import NotEnoughExcitation
 from autotune.core.recording import Recording
 from autotune.diagnose.bandwidth import prepared_for
+from autotune.diagnose.contact import settled_contact
 from autotune.diagnose.controller import find_controller, with_feedforward
 from autotune.diagnose.coordinates import variance_shares
 from autotune.diagnose.families import FAMILIES
-from autotune.diagnose.fit import Fitted, Free, standard_errors
+from autotune.diagnose.fit import Free
 from autotune.diagnose.lines import time_driven_line
 from autotune.diagnose.model_values import free_of_model
 from autotune.diagnose.prepared import TEST, TRAINING, VETO, Prepared
@@ -34,6 +35,7 @@ from autotune.diagnose.search import (
     settle,
     without_effect,
 )
+from autotune.diagnose.single import capped
 from autotune.diagnose.study import (
     Study,
     base_free,
@@ -54,9 +56,9 @@ LEAST_Z_ALONE = 2.5
 POLISHED = 0.98
 HOPELESS = 0.35
 """Part of the best candidate's gain below which a refit inside the twin is not worth its time."""
+HOPELESS_BESIDE = 0.6
+"""The same for a further effect."""
 NEGLIGIBLE = 0.02
-LOOSE = 1.0
-"""Relative standard error from which a contact parameter is held in a single recording."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +154,7 @@ def _first_level(study: Study, packed: Packed, free: list[Free]) -> tuple[Study,
     if not study.data.repeated and not study.data.steady:
         study = replace(study, weight=without_outlying(study, fitted.error))
         fitted = refit(study, fitted.packed, free, start, 4)
-        free = _told(study, fitted, free)
+        fitted, free = settled_contact(study, fitted, start, free)
     for _ in range(2):
         study = replace(study, noise=estimate_noise(study, fitted.packed, fitted.error))
         correction = study.correction(fitted.packed, 1)
@@ -161,18 +163,6 @@ def _first_level(study: Study, packed: Packed, free: list[Free]) -> tuple[Study,
         fitted = refit(study, fitted.packed, free, correction, 4)
     level = settle(study, fitted.packed, free, 2)
     return None if level is None else (study, level)
-
-
-def _told(study: Study, fitted: Fitted, free: list[Free]) -> list[Free]:
-    """Without the bristle's parameters that a single recording says nothing about: free, they would only
-    make predictions of held-out data worse, and every candidate that settles them look good."""
-    errors = dict(zip((f.name for f in free), standard_errors(fitted, study.training), strict=True))
-    values = fitted.packed.p
-    return [
-        f
-        for f in free
-        if f.name not in ("stiffness", "micro_damping") or errors[f.name] < LOOSE * abs(values[f.slot])
-    ]
 
 
 def _refuse_misfit(study: Study, level: Level) -> None:
@@ -209,6 +199,8 @@ def search_effects(
     chosen: Refitted | None = None
     for number in range(MOST_EFFECTS):
         ranked = rank(study, level, nominal, progress)
+        if not study.data.repeated:
+            ranked = capped(level, ranked)
         if number == 0:
             first, generic = ranked, generic_gains(study, root)
         passing = _passing(study, level, ranked)
@@ -264,7 +256,8 @@ def _walk(
     for item in passing[:WALK]:
         done = any(r.named for r in refits)
         close = 0.75 if study.data.repeated else 0.9
-        if item.gain < (close if done else HOPELESS) * passing[0].gain:
+        hopeless = HOPELESS_BESIDE if level.effects else HOPELESS
+        if item.gain < (close if done else hopeless) * passing[0].gain:
             break
         progress(f"refit inside the twin: {item.effect}")
         refitted = inside_twin(study, root, level, item)
