@@ -134,7 +134,10 @@ def _wait_for(service: Service, stage: str, story: Story, typical: dict[str, flo
         if now == stage:
             return
         time.sleep(0.01)
-    raise SystemExit(f"stage {stage} was not reached in {LONGEST_WAIT} s")
+    told = "\n".join(
+        f"{job['kind']} {job['state']} {job['outcome']} {job['sentence']}" for job in service.jobs()
+    )
+    raise SystemExit(f"stage {stage} was not reached in {LONGEST_WAIT} s; jobs, newest first:\n{told}")
 
 
 def _order(service: Service, kind: str, story: Story) -> None:

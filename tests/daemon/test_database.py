@@ -109,7 +109,7 @@ def test_a_newer_schema_is_refused_in_words_and_left_alone(tmp_path: Path) -> No
         open_database(url_of(tmp_path), tmp_path / "backups", NOW)
 
 
-@pytest.mark.parametrize("harm", ["header", "middle", "cut", "text", "empty-pages"])
+@pytest.mark.parametrize("harm", ["header", "middle", "cut", "text", "empty-pages", "empty"])
 def test_a_torn_file_is_replaced_by_its_backup_and_this_is_said(tmp_path: Path, harm: str) -> None:
     file = tmp_path / "history.sqlite"
     opened = open_database(url_of(tmp_path), tmp_path / "backups", NOW)
@@ -126,6 +126,8 @@ def test_a_torn_file_is_replaced_by_its_backup_and_this_is_said(tmp_path: Path, 
         content[half - 6000 : half + 6000] = os.urandom(12000)
     elif harm == "cut":
         del content[half:]
+    elif harm == "empty":
+        content = bytearray()
     elif harm == "text":
         content = bytearray(b"this was a database once\n" * 100)
     else:

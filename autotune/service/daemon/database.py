@@ -100,7 +100,10 @@ def back_up(file: Path, backups: Path, now: datetime, keep: int) -> Path:
 
 def restore_if_torn(file: Path, backups: Path, now: datetime) -> str:
     """Puts the newest sound backup in the place of a torn file; says so, or "" where all is well."""
-    if not file.exists() or (problem := damage(file)) == "":
+    if not file.exists():
+        return ""
+    problem = damage(file) or (_emptied(file) if any(backups.glob("history-*.sqlite")) else "")
+    if not problem:
         return ""
     aside = file.with_name(f"{file.name}.torn-{now:%Y%m%d-%H%M%S}")
     for suffix in ("", "-wal", "-shm"):
@@ -131,6 +134,13 @@ def damage(file: Path) -> str:
     except sqlite3.DatabaseError as error:
         return str(error)
     return "" if answer == "ok" else answer.splitlines()[0]
+
+
+def _emptied(file: Path) -> str:
+    """A file of no length is a database to SQLite, but not one that had a backup."""
+    journal = file.with_name(file.name + "-wal")
+    left = file.stat().st_size + (journal.stat().st_size if journal.exists() else 0)
+    return "" if left else "it is empty"
 
 
 def _engine(url: str, file: Path | None) -> Engine:
