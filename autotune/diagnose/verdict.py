@@ -35,7 +35,7 @@ from autotune.diagnose.search import (
     settle,
     without_effect,
 )
-from autotune.diagnose.single import capped
+from autotune.diagnose.single import capped, credible
 from autotune.diagnose.study import (
     Study,
     base_free,
@@ -242,7 +242,8 @@ def _passing(study: Study, level: Level, ranked: Sequence[Screened]) -> list[Scr
     if study.data.repeated:
         least = LEAST_GAIN if study.twin else GAIN_WITHOUT_TWIN
         return [item for item in ranked if item.passes and item.gain >= least]
-    likely = [item for item in ranked if item.gain >= LEAST_GAIN and item.z >= LEAST_Z_ALONE][: WALK + 2]
+    likely = [item for item in ranked if item.gain >= LEAST_GAIN and item.z >= LEAST_Z_ALONE]
+    likely = [item for item in likely if credible(study, item)][: WALK + 2]
     if study.data.steady:
         return likely
     return [item for item in likely if beats_surrogates(study, level.fitted, item.fitted)]
