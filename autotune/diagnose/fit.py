@@ -127,11 +127,13 @@ def fit(
     iterations: int = 5,
     stop: float = 2e-4,
     known: tuple[Floats, Floats] | None = None,
+    hopeful: float = np.inf,
 ) -> Fitted:
     """Fits the free parameters on rows where `weight` (shape (m,), usually 0 and 1) is above 0.
 
     `correction` is the twin's bias, subtracted from the residual. The result is never worse than the start.
-    `known`: see `jacobian`.
+    `known`: see `jacobian`. `hopeful`: a fit that cannot be expected to get below this cost, as its linear
+    model at the start has it without any bounds, is not begun.
     """
     rows = weight > 0
     share = weight[rows]
@@ -149,6 +151,8 @@ def fit(
         inner = columns[rows] * share[:, None]
         normal, slope = inner.T @ columns[rows] / total, inner.T @ (raw - correction)[rows] / total
         improved = False
+        if cost - _most_gained(normal, slope) > hopeful:
+            break
         for _ in range(6):
             change = _step(normal, slope, damping, packed, free, scales)
             trial = with_values(packed, free, packed.p[[f.slot for f in free]] + change)
@@ -168,6 +172,12 @@ def fit(
         if fall > STALE:
             columns, scales = jacobian(data, moved, packed, free, raw, known)
     return Fitted(packed, tuple(free), raw - correction, columns, scales, cost)
+
+
+def _most_gained(normal: Floats, slope: Floats) -> float:
+    """By how much the cost falls at the minimum of its quadratic model."""
+    ridge = 1e-9 * float(np.trace(normal)) / len(normal) * np.eye(len(normal))
+    return float(slope @ np.linalg.lstsq(normal + ridge, slope, rcond=1e-12)[0])
 
 
 def _step(

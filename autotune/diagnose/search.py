@@ -34,6 +34,8 @@ APPROXIMATE = frozenset({"reversal_memory"})
 """Effects whose law is a few elements in place of a distribution: some rest is their own."""
 WALK = 4
 MOST_EFFECTS = 3
+NEAR_BEST = 0.3
+"""Of the best short refit's fall: what a second effect must come to, to be followed to its end."""
 CLOSE_START = 0.7
 """Starts that lower the cost by this part of the best one's fall are followed to the end."""
 
@@ -127,18 +129,29 @@ def _level(study: Study, fitted: Fitted, correction: Correction, effects: tuple[
 
 def screen(study: Study, level: Level, nominal: Packed, effect: str) -> Screened | None:
     """The best refit of one family on the measured motion; None where it has no start here."""
+    tried = _quick(study, level, nominal, effect)
+    return _finished(study, level, effect, tried) if tried else None
+
+
+def _quick(study: Study, level: Level, nominal: Packed, effect: str) -> list[Fitted]:
+    """Short refits from all starts of a family, the best first."""
     context = Context(study, level.fitted, nominal)
     tried = [_try(study, level, start, 2, quick=True) for start in FAMILIES[effect](context)]
-    found = sorted((fitted for fitted in tried if fitted is not None), key=lambda fitted: fitted.cost)
-    if not found:
-        return None
+    return sorted((fitted for fitted in tried if fitted is not None), key=lambda fitted: fitted.cost)
+
+
+def _finished(
+    study: Study, level: Level, effect: str, found: list[Fitted], least: float = 0.3 * LEAST_GAIN
+) -> Screened:
+    """Promising starts followed to their end; `least` is the relative fall of the cost that promises."""
     best = found[0]
     fall = level.fitted.cost - best.cost
-    if fall > 0.3 * LEAST_GAIN * level.fitted.cost:
+    if fall > least * level.fitted.cost:
         close, most, rounds = (0.0, 9, 15) if study.data.steady else (CLOSE_START, 2, 4)
         for start in [f for f in found if level.fitted.cost - f.cost > close * fall][:most]:
-            finished = _try(study, level, Start(start.packed, start.free[len(level.free) :]), rounds)
-            best = finished if finished is not None and finished.cost <= best.cost else best
+            near = start if level.effects else None
+            finished = refit(study, start.packed, list(start.free), level.correction, rounds, near)
+            best = finished if finished.cost <= best.cost else best
     gain, z = gain_and_z(level.unseen, held_out(study, best.error, best.jacobian))
     return Screened(effect, best, gain, z)
 
@@ -147,16 +160,21 @@ def _try(study: Study, level: Level, start: Start, iterations: int, quick: bool 
     """Fits from a start; `quick` takes the sensitivities of what is already in the model from there."""
     free = [*level.free, *start.free]
     known = (level.fitted.jacobian, level.fitted.scales) if quick else None
+    hopeful = (1.0 - 0.1 * LEAST_GAIN) * level.fitted.cost if quick else math.inf
     fitted = fit(
         study.data, study.moved, start.packed, free, level.correction.bias, study.training, iterations,
-        known=known,
+        known=known, hopeful=hopeful,
     )  # fmt: skip
     return fitted if math.isfinite(fitted.cost) else None
 
 
 def rank(study: Study, level: Level, nominal: Packed, progress: Progress) -> list[Screened]:
-    """All families that are not in the model, by their gain on unseen experiments."""
-    found: list[Screened] = []
+    """All families that are not in the model, by their gain on unseen experiments.
+
+    Beside an effect that is there already only those are followed to the end whose short refits come
+    near the best one.
+    """
+    tried: dict[str, list[Fitted]] = {}
     for effect in FAMILIES:
         if level.fitted.packed.on[layout.flag(effect)] and effect != "torque_ripple":
             continue
@@ -165,10 +183,13 @@ def rank(study: Study, level: Level, nominal: Packed, progress: Progress) -> lis
         if study.data.steady and effect not in speed_curve.FAMILIES:
             continue
         progress(f"candidate {effect}")
-        screened = screen(study, level, nominal, effect)
-        if screened is not None and np.isfinite(screened.gain):
-            found.append(screened)
-    return sorted(found, key=lambda item: -item.gain)
+        if fits := _quick(study, level, nominal, effect):
+            tried[effect] = fits
+    cost = level.fitted.cost
+    largest = max((1.0 - fits[0].cost / cost for fits in tried.values()), default=0.0)
+    least = max(0.3 * LEAST_GAIN, NEAR_BEST * largest if level.effects else 0.0)
+    found = [_finished(study, level, effect, fits, least) for effect, fits in tried.items()]
+    return sorted((item for item in found if np.isfinite(item.gain)), key=lambda item: -item.gain)
 
 
 def inside_twin(study: Study, root: Level, level: Level, candidate: Screened) -> Refitted | None:
