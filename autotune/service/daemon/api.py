@@ -94,9 +94,9 @@ async def _senseless(request: Request, error: Exception) -> Response:
 
 
 async def _unreadable(request: Request, error: Exception) -> Response:
-    """History or files cannot be read now; the rounds say the same in /healthz."""
+    """History or files cannot be used now; the rounds say the same in /healthz."""
     log.error("%s %s: %s", request.method, request.url.path, error)
-    return JSONResponse({"detail": "the history or a file of it cannot be read now; see /healthz"}, 503)
+    return JSONResponse({"detail": "the history or a file of it cannot be used now; see /healthz"}, 503)
 
 
 def _words(problem: dict[str, Any]) -> str:
@@ -290,7 +290,7 @@ def _health(manager: Manager) -> APIRouter:
     @routes.get("/healthz", responses={503: {"description": "Something is wrong; says what."}})
     def healthz(response: Response) -> dict[str, Any]:
         """Whether the service does its work."""
-        problems = dict(manager.health.problems)
+        problems = manager.problems()
         late = manager.seconds_since_tick()
         if late > TICKS_LATE:
             problems["rounds"] = f"no round for {late:.0f} s"

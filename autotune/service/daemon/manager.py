@@ -118,12 +118,24 @@ class Manager:
         return self._steady() - self.health.ticked
 
     def set_problem(self, source: str, problem: str) -> None:
-        """A present problem of the service; "" where it is over."""
+        """A present problem of the service, logged once; "" where it is over."""
+        if problem and self.health.problems.get(source) != problem:
+            log.error("%s", problem)
         if problem:
             self.health.problems[source] = problem
-            log.error("%s", problem)
         else:
             self.health.problems.pop(source, None)
+
+    def problems(self) -> dict[str, str]:
+        """Present problems by their source, a full disk among them."""
+        full = self._full()
+        return dict(self.health.problems) | ({"disk": full + ": no job starts"} if full else {})
+
+    def _full(self) -> str:
+        """What is wrong with the room on the disk; "" where there is enough."""
+        least = self.configuration.service.recordings.least_free_megabytes
+        scarce = housekeeping.free(self.configuration.runs) < least * housekeeping.MEGABYTE
+        return f"less than {least} MB are free on the disk" if scarce else ""
 
     def say_restored(self, sentence: str) -> None:
         """The history was torn; everybody is told."""
@@ -186,8 +198,7 @@ class Manager:
                     self._dispatch(now)
                 self.health.problems.pop("history", None)
             except (SQLAlchemyError, OSError) as error:
-                self.health.problems["history"] = f"the history cannot be used: {str(error).splitlines()[0]}"
-                log.error("%s", self.health.problems["history"])
+                self.set_problem("history", f"the history cannot be used: {str(error).splitlines()[0]}")
             self.health.ticked = self._steady()
 
     def reload(self, configuration: Configuration) -> None:
@@ -320,10 +331,7 @@ class Manager:
                 return "the machine has not been called idle (PUT /api/axes/NAME/idle)"
         if not self.owns(watched.name) or axis_busy(self.configuration.runs, watched.name):
             return "another program has the axis"
-        least = self.configuration.service.recordings.least_free_megabytes
-        if housekeeping.free(self.configuration.runs) < least * housekeeping.MEGABYTE:
-            return f"less than {least} MB are free on the disk"
-        return ""
+        return self._full()
 
     def _permitted(self, axis: str, now: datetime) -> bool:
         until = self.store.permitted_until(axis)

@@ -67,7 +67,9 @@ class _Service(Collector):
         yield GaugeMetricFamily(
             "autotune_disk_free_bytes", "Room left on that disk.", housekeeping.free(runs)
         )
-        yield GaugeMetricFamily("autotune_problems", "Present problems of the service.", len(health.problems))
+        yield GaugeMetricFamily(
+            "autotune_problems", "Present problems of the service.", len(self._manager.problems())
+        )
         yield GaugeMetricFamily(
             "autotune_history_restored",
             "1: the history was torn and a backup took its place.",
