@@ -14,11 +14,12 @@ import numpy as np
 from scipy import ndimage, signal
 
 from autotune.core.recording import Recording
+from autotune.diagnose.coordinates import travel_since_reversal
 from autotune.diagnose.prepared import CUTOFF, Block, Prepared, Rows, prepare
 from autotune.diagnose.residual import smoothed
 from autotune.diagnose.speed_curve import as_steady_recordings, speed_points
 from autotune.identify.checks import check_recording, torque_of
-from autotune.models.lugre import Floats
+from autotune.models.lugre import Flags, Floats
 from autotune.signals.filters import low_pass
 
 CANDIDATES = (10.0, 15.0, 20.0, 30.0, 40.0, 60.0, 80.0, 90.0, 100.0, 115.0, 130.0, 160.0, 200.0)
@@ -29,8 +30,11 @@ FASTEST = 0.09
 REST = 0.002
 """Of the largest speed: slower for `REST_SECONDS` is rest."""
 REST_SECONDS = 0.02
+GRAIN = 5.0
+"""Counts after a reversal."""
 LEAST_MOVING = 0.4
 LEAST_ROWS = 8
+LEAST_FAST = 0.2
 SHIFTS = (-1, 0, 1, 2, 3, 4)
 """Half samples by which the torque is moved."""
 
@@ -74,12 +78,25 @@ def shifted(data: Prepared, half_samples: int) -> Prepared:
 
 
 def aligned(data: Prepared) -> Prepared:
-    """The data with the torque shifted to where it fits inertia and friction best."""
+    """The data with the torque shifted to where it fits inertia and friction best.
+
+    Rows near a reversal do not count: friction that reverses over some travel looks like a delay.
+    """
+    rows = _away_from_reversals(data)
     tried = [shifted(data, shift) for shift in SHIFTS]
-    return min(tried, key=_cost)
+    return min(tried, key=lambda item: _cost(item, rows))
 
 
-def _cost(data: Prepared) -> float:
+def _away_from_reversals(data: Prepared) -> Flags:
+    """Grid rows whose low-pass sees one direction only, shape (m,); all where those are too few."""
+    speed = np.abs(data.velocity)
+    slow = speed < 0.1 * float(np.percentile(speed, 99.5))
+    near = ndimage.maximum_filter1d(slow, 2 * (len(data.taps) // 2) + 1)
+    rows = np.asarray(~near[data.grid])
+    return rows if rows.mean() > LEAST_FAST else np.ones(len(rows), dtype=np.bool_)
+
+
+def _cost(data: Prepared, rows: Flags) -> float:
     torque = data.torque
     acted = np.concatenate([torque[:1], 0.5 * (torque[1:] + torque[:-1])])
     table = np.column_stack(
@@ -90,13 +107,14 @@ def _cost(data: Prepared) -> float:
             np.ones(len(data.grid)),
         ]
     )
-    target = smoothed(data, np.ascontiguousarray(acted))
+    target, table = smoothed(data, np.ascontiguousarray(acted))[rows], table[rows]
     table = table / np.maximum(np.linalg.norm(table, axis=0), 1e-300)
     return float(np.sum((target - table @ np.linalg.lstsq(table, target, rcond=1e-10)[0]) ** 2))
 
 
 def without_rest(data: Prepared) -> Prepared:
-    """The data without rows whose low-pass reaches into a rest: there friction holds any torque.
+    """The data without rows whose low-pass reaches into a rest, where friction holds any torque, or into
+    the first counts after a reversal, where the encoder does not see the bristle bend.
 
     The data as they are where that would leave less than half of them.
     """
@@ -105,7 +123,10 @@ def without_rest(data: Prepared) -> Prepared:
     speed = np.abs(data.velocity)
     least = max(REST * float(np.percentile(speed, 99.5)), 0.25 * data.resolution / REST_SECONDS)
     still = ndimage.uniform_filter1d((speed < least).astype(np.float64), shortest) > 0.999
-    moving = ~ndimage.maximum_filter1d(still, 2 * reach + 1)[data.grid]
+    unseen = travel_since_reversal(data) < GRAIN * data.resolution
+    near = ndimage.maximum_filter1d(still, 2 * reach + 1)
+    near |= ndimage.maximum_filter1d(unseen, 2 * (len(data.taps) // 2) + 1)
+    moving = ~near[data.grid]
     rows: list[Rows] = []
     blocks: list[Block] = []
     for block in data.blocks:

@@ -19,11 +19,21 @@ def since_reversal(data: Prepared) -> tuple[Floats, Floats]:
 
     A reversal counts once the axis has come back by three counts.
     """
+    travel, samples = _by_sample(data)
+    return travel[data.grid], samples[data.grid] * data.period
+
+
+def travel_since_reversal(data: Prepared) -> Floats:
+    """Travel since the last reversal [motion unit] of every sample, shape (n,)."""
+    return _by_sample(data)[0]
+
+
+def _by_sample(data: Prepared) -> tuple[Floats, Floats]:
     travel, samples = np.zeros(len(data.time)), np.zeros(len(data.time))
     least = 3.0 * data.resolution if data.resolution > 0 else 1e-4 * float(np.ptp(data.position))
     for stretch in data.stretches:
         _since(data.position[stretch.rows], least, travel[stretch.rows], samples[stretch.rows])
-    return travel[data.grid], samples[data.grid] * data.period
+    return travel, samples
 
 
 @compiled
