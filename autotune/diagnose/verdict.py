@@ -36,6 +36,7 @@ from autotune.diagnose.search import (
     without_effect,
 )
 from autotune.diagnose.single import capped, credible
+from autotune.diagnose.score import gain_and_z
 from autotune.diagnose.study import (
     Study,
     base_free,
@@ -136,7 +137,7 @@ def begin(
             "the model does not fit these recordings at all; check that model and recordings are of the "
             "same axis, or fit a new model: autotune model fit"
         )
-    study, settled = level
+    study, settled = _aligned(*level)
     _refuse_misfit(study, settled)
     dropped = 1.0 - float(np.mean(study.weight > 0))
     if dropped > 0.0:
@@ -163,6 +164,14 @@ def _first_level(study: Study, packed: Packed, free: list[Free]) -> tuple[Study,
         fitted = refit(study, fitted.packed, free, correction, 4)
     level = settle(study, fitted.packed, free, 2)
     return None if level is None else (study, level)
+
+
+def _aligned(study: Study, level: Level) -> tuple[Study, Level]:
+    """Torque and motion of a single recording aligned to this model, and the model fitted again."""
+    again = realigned(study, level)
+    if again is study:
+        return study, level
+    return again, settle(again, level.fitted.packed, list(level.free), 2) or level
 
 
 def _refuse_misfit(study: Study, level: Level) -> None:
@@ -335,6 +344,8 @@ def _judge(
     notes: tuple[str, ...],
 ) -> Diagnosis:
     lead = max((item.gain for item in first), default=0.0)
+    if chosen is not None:
+        lead = max(lead, gain_and_z(root.unseen, chosen.level.unseen)[0])
     coordinate, free = max(generic.items(), key=lambda item: item[1], default=("", 0.0))
     structured = free > GENERIC_GAIN and free > GENERIC_LEAD * max(lead, 0.0)
     verdict, confidence = "none", None
