@@ -19,6 +19,7 @@ from autotune.diagnose.fit import Free
 from autotune.diagnose.lines import time_driven_line
 from autotune.diagnose.model_values import free_of_model
 from autotune.diagnose.prepared import TEST, TRAINING, VETO, Prepared
+from autotune.diagnose.score import gain_and_z
 from autotune.diagnose.search import (
     GAIN_WITHOUT_TWIN,
     LEAST_GAIN,
@@ -36,7 +37,6 @@ from autotune.diagnose.search import (
     without_effect,
 )
 from autotune.diagnose.single import capped, credible
-from autotune.diagnose.score import gain_and_z
 from autotune.diagnose.study import (
     Study,
     base_free,
