@@ -16,6 +16,7 @@ from autotune.service.daemon.orders import Done, Order
 from autotune.service.daemon.schedule import Schedule
 from autotune.service.daemon.settings import Configuration, read_service
 from autotune.service.daemon.store import Store
+from tests.daemon import postgres
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "config" / "axes" / "edm-vertical.toml"
 WIRE = "canopen+slcan:edm-vertical.tty?bitrate=1000000&node=5"
@@ -91,6 +92,7 @@ class World:
     axes: list[str]
     extra: str = ""
     head: str = ""
+    url: str = ""
     now: datetime = START
     steady: float = 1000.0
     notices: list[Mapping[str, Any]] = field(default_factory=list)
@@ -103,8 +105,9 @@ class World:
 
     def open(self) -> None:
         """Starts the service, also again after `close`."""
+        head = f'{self.head}\n[history]\nurl = "{self.url}"' if self.url else self.head
         self.configuration: Configuration = read_service(
-            write_service(self.folder, self.axes, self.extra, self.head)
+            write_service(self.folder, self.axes, self.extra, head)
         )
         opened = open_database(self.configuration.history_url, self.configuration.state / "backups", self.now)
         self.store = Store(opened.engine)
@@ -135,12 +138,34 @@ class World:
         self.manager.tick()
 
 
+@pytest.fixture(scope="session")
+def database_server() -> Iterator[str]:
+    """URL of a PostgreSQL server."""
+    if reason := postgres.missing():
+        pytest.skip(reason)
+    with postgres.server() as url:
+        yield url
+
+
 @pytest.fixture
-def world(tmp_path: Path) -> Iterator[Callable[..., World]]:
+def history_url(request: pytest.FixtureRequest, worker_id: str) -> Iterator[str]:
+    """Where the history is: SQLite in the test's folder (""), or with the parameter `server` a database of its own."""
+    if getattr(request, "param", "") != "server":
+        yield ""
+        return
+    with postgres.database(request.getfixturevalue("database_server"), f"autotune-{worker_id}") as url:
+        yield url
+
+
+ON_BOTH = pytest.mark.parametrize("history_url", ["sqlite", "server"], indirect=True)
+
+
+@pytest.fixture
+def world(tmp_path: Path, history_url: str) -> Iterator[Callable[..., World]]:
     made: list[World] = []
 
     def make(axes: list[str] | None = None, **options: Any) -> World:
-        made.append(World(tmp_path, axes or ["one"], **options))
+        made.append(World(tmp_path, axes or ["one"], url=history_url, **options))
         return made[-1]
 
     yield make

@@ -19,11 +19,9 @@ from autotune.service.daemon import database
 from autotune.service.daemon.database import REVISIONS, back_up, damage, migrate, open_database, revision_of
 from autotune.service.daemon.store import Store
 from autotune.service.daemon.tables import metadata
+from tests.daemon.conftest import ON_BOTH
 
 NOW = datetime(2026, 3, 1, 12, tzinfo=UTC)
-SERVER = os.environ.get("AUTOTUNE_TEST_DATABASE", "")
-NEEDS_SERVER = pytest.mark.skipif(not SERVER, reason="AUTOTUNE_TEST_DATABASE names no database server")
-URLS = ["sqlite", pytest.param("server", marks=NEEDS_SERVER)]
 
 
 def url_of(folder: Path) -> str:
@@ -37,12 +35,12 @@ def job(identifier: str, due: str | None = None) -> dict[str, object]:
     }  # fmt: skip
 
 
-@pytest.fixture(params=URLS)
-def store(request: pytest.FixtureRequest, tmp_path: Path) -> Store:
-    url = url_of(tmp_path) if request.param == "sqlite" else SERVER
-    return Store(open_database(url, tmp_path / "backups", NOW).engine)
+@pytest.fixture
+def store(history_url: str, tmp_path: Path) -> Store:
+    return Store(open_database(history_url or url_of(tmp_path), tmp_path / "backups", NOW).engine)
 
 
+@ON_BOTH
 def test_a_job_is_there_once_for_each_due_time(store: Store) -> None:
     assert store.add_job(job("a", "2026-03-01T03:00:00+00:00"))
     assert not store.add_job(job("b", "2026-03-01T03:00:00+00:00"))
@@ -51,6 +49,7 @@ def test_a_job_is_there_once_for_each_due_time(store: Store) -> None:
     store.close()
 
 
+@ON_BOTH
 def test_a_newer_proposal_replaces_an_open_one_and_is_decided_once(store: Store) -> None:
     for name in ("a", "b"):
         store.add_proposal(
@@ -88,25 +87,29 @@ def test_the_revisions_are_those_that_alembic_finds() -> None:
     assert tuple(reversed(found)) == REVISIONS
 
 
-def test_an_old_schema_is_upgraded_with_its_rows_after_a_backup(tmp_path: Path) -> None:
-    engine = create_engine(url_of(tmp_path))
+@ON_BOTH
+def test_an_old_schema_is_upgraded_with_its_rows_after_a_backup(history_url: str, tmp_path: Path) -> None:
+    url = history_url or url_of(tmp_path)
+    engine = create_engine(url)
     migrate(engine, "0001")
     Store(engine).add_job(job("a"))
     engine.dispose()
-    opened = open_database(url_of(tmp_path), tmp_path / "backups", NOW)
+    opened = open_database(url, tmp_path / "backups", NOW)
     assert revision_of(opened.engine) == REVISIONS[-1]
     assert Store(opened.engine).job("a") is not None
-    assert len(list((tmp_path / "backups").glob("*.sqlite"))) == 1
+    assert len(list((tmp_path / "backups").glob("*.sqlite"))) == (0 if history_url else 1)
     opened.engine.dispose()
 
 
-def test_a_newer_schema_is_refused_in_words_and_left_alone(tmp_path: Path) -> None:
-    opened = open_database(url_of(tmp_path), tmp_path / "backups", NOW)
+@ON_BOTH
+def test_a_newer_schema_is_refused_in_words_and_left_alone(history_url: str, tmp_path: Path) -> None:
+    url = history_url or url_of(tmp_path)
+    opened = open_database(url, tmp_path / "backups", NOW)
     with opened.engine.begin() as connection:
         connection.execute(text("UPDATE alembic_version SET version_num = '0999'"))
     opened.engine.dispose()
     with pytest.raises(ConfigurationError, match=r"0999.*newer than this program.*update autotune"):
-        open_database(url_of(tmp_path), tmp_path / "backups", NOW)
+        open_database(url, tmp_path / "backups", NOW)
 
 
 @pytest.mark.parametrize("harm", ["header", "middle", "cut", "text", "empty-pages", "empty"])

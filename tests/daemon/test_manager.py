@@ -10,8 +10,10 @@ from typing import Any
 import pytest
 
 from autotune.service.daemon.orders import Done, Order, read_done, write_done
+from tests.daemon.conftest import ON_BOTH
 
 World = Any
+pytestmark = ON_BOTH
 
 
 def test_axes_do_not_wait_for_one_another(world: Callable[..., World]) -> None:
@@ -213,7 +215,7 @@ def test_jobs_on_one_serial_link_take_turns(tmp_path: Path, world: Callable[...,
     assert len(here.launcher.started) == 2
 
 
-def test_a_result_on_disk_is_read_back_as_it_was(tmp_path: Path) -> None:
+def test_a_result_on_disk_is_read_back_as_it_was(tmp_path: Path, history_url: str) -> None:
     order = Order("a" * 32, "one", "check", "one.toml", str(tmp_path))
     assert read_done(tmp_path, order.id) is None
     write_done(order, Done("kept", 0, "Better.", "20260301-120000-one"))

@@ -47,15 +47,19 @@ def open_database(url: str, backups: Path, now: datetime, keep: int = 7) -> Open
     """
     file = sqlite_file(url)
     restored = restore_if_torn(file, backups, now) if file is not None else ""
+    engine = _engine(url, file)
     try:
-        engine = _engine(url, file)
         _upgrade(engine, url, file, backups, now, keep)
     except SQLAlchemyError as error:
+        engine.dispose()
         reason = str(getattr(error, "orig", None) or error).splitlines()[0]
         raise LinkError(
             f"the history database {shown(url)} cannot be reached: {reason}; start its server, or correct "
             "history.url in the service file"
         ) from error
+    except BaseException:
+        engine.dispose()
+        raise
     return Opened(engine, file, restored)
 
 
@@ -146,7 +150,8 @@ def _emptied(file: Path) -> str:
 def _engine(url: str, file: Path | None) -> Engine:
     try:
         if file is None:
-            return create_engine(url, pool_pre_ping=True)
+            limits = {"connect_timeout": 5} if make_url(url).get_backend_name() == "postgresql" else {}
+            return create_engine(url, pool_pre_ping=True, connect_args=limits)
         engine = create_engine(url, connect_args={"timeout": 15.0})
     except (NoSuchModuleError, ImportError) as error:
         raise ConfigurationError(

@@ -116,7 +116,9 @@ def _commit(order: Order, tools: Tools) -> Done:
     )  # fmt: skip
     if result.outcome is not Outcome.KEPT or result.committed is None:
         return Done(result.outcome.value, result.exit_code, result.verdict, result.run_directory.name)
-    before, after = proved["before"]["peak_error"], proved["after"]["peak_error"]
+    before = proved["before"]["peak_error"]
+    held = proved.get("reduction") or {}  # what the drive was to give by itself, where that is less
+    after = held.get("predicted_peak_error") or proved["after"]["peak_error"]
     if result.committed.peak_error <= before - GIVEN_BACK * (before - after):
         return Done("kept", 0, result.verdict, result.run_directory.name)
     backup = roll_back(tools.axis, tools.open_loop, runs, tools.clock())
