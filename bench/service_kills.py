@@ -142,9 +142,8 @@ def _wait_for(service: Service, stage: str, story: Story, typical: dict[str, flo
 
 def _order(service: Service, kind: str, story: Story) -> None:
     """A job of the kind; before a run, what an earlier one has committed is rolled back, or nothing would be gained."""
-    tuned = [job for job in service.jobs() if job["kind"] in ("run", "rollback")]
-    kinds = ["rollback", kind] if kind == "run" and tuned and tuned[0]["outcome"] == "kept" else [kind]
-    for one in kinds:
+    settled = [job["outcome"] for job in service.jobs() if job["outcome"] in ("kept", "restored")]
+    for one in ["rollback", kind] if kind == "run" and settled[:1] == ["kept"] else [kind]:
         if (job := service.submit(AXIS, one)) is not None:
             story.confirmed.append(job)
 
