@@ -1,8 +1,8 @@
-"""Which frequencies and which alignment a recording without repeats can be compared at.
+"""Which frequencies and which rows a recording without repeats can be compared at.
 
 Torque and acceleration must be coherent: the cut-off is the highest frequency where their coherence is
-above 0.7; beyond the usual one only where much of the torque is there.
-Torque columns of other people's files are shifted against the motion by anything from −½ to 2 samples.
+above 0.7; beyond the usual one only where much of the torque is there. Rests, and reversals that the
+encoder does not resolve, are left out.
 """
 
 from __future__ import annotations
@@ -14,19 +14,40 @@ import numpy as np
 from scipy import ndimage, signal
 
 from autotune.core.recording import Recording
+from autotune.diagnose.alignment import aligned
 from autotune.diagnose.coordinates import travel_since_reversal
 from autotune.diagnose.prepared import CUTOFF, Block, Prepared, Rows, prepare
-from autotune.diagnose.residual import smoothed
 from autotune.diagnose.speed_curve import as_steady_recordings, speed_points
 from autotune.identify.checks import check_recording, torque_of
-from autotune.models.lugre import Flags, Floats
+from autotune.models.lugre import Floats
 from autotune.signals.filters import low_pass
 
-CANDIDATES = (10.0, 15.0, 20.0, 30.0, 40.0, 60.0, 80.0, 90.0, 100.0, 115.0, 130.0, 160.0, 200.0)
+CANDIDATES = (
+    3.0,
+    4.5,
+    7.0,
+    10.0,
+    15.0,
+    20.0,
+    30.0,
+    40.0,
+    60.0,
+    80.0,
+    90.0,
+    100.0,
+    115.0,
+    130.0,
+    160.0,
+    200.0,
+)
 COHERENT = 0.7
 LOUD = 0.02
 FASTEST = 0.09
 """Of the sampling rate: faster motion cannot be had from central differences."""
+LEAST = 15.0  # Hz
+ABOVE = 1.2
+MOST_POWER = 0.99
+"""Without a reference a loop's own noise looks like motion: not far above what most of the torque is."""
 REST = 0.002
 """Of the largest speed: slower for `REST_SECONDS` is rest."""
 REST_SECONDS = 0.02
@@ -34,9 +55,6 @@ GRAIN = 5.0
 """Counts after a reversal."""
 LEAST_MOVING = 0.4
 LEAST_ROWS = 8
-LEAST_FAST = 0.2
-SHIFTS = (-1, 0, 1, 2, 3, 4)
-"""Half samples by which the torque is moved."""
 
 
 def coherent_cutoff(recording: Recording) -> float:
@@ -46,70 +64,36 @@ def coherent_cutoff(recording: Recording) -> float:
     position, torque = recording["position"][longest.rows], torque_of(recording)[longest.rows]
     window = min(1024, len(position) // 6)
     if window < 64:
-        return min(CUTOFF, 0.2 / period)
+        return min(CUTOFF, FASTEST / period)
     wanted = recording["reference"][longest.rows] if "reference" in recording else position
     # where a controller follows a reference, noise runs round the loop and is coherent with itself
     acceleration = np.diff(wanted, 2) / period**2
     frequency, coherence = signal.coherence(torque[1:-1], acceleration, 1.0 / period, nperseg=window)
-    best = CANDIDATES[0]
+    best = min(CANDIDATES[0], FASTEST / period)
     for candidate in CANDIDATES:
         if candidate > FASTEST / period:
             break
         inside = (frequency > 0.85 * candidate) & (frequency <= candidate)
         if inside.sum() >= 2 and np.median(coherence[inside]) > COHERENT:
             best = candidate
-    return best if best <= CUTOFF or _power_beyond(torque, period) > LOUD else CUTOFF
+    if "reference" not in recording:
+        return min(best, max(LEAST, ABOVE * loud_below(torque, period)), FASTEST / period)
+    return best if best <= CUTOFF or _power_beyond(torque, period) > LOUD else min(CUTOFF, FASTEST / period)
+
+
+def loud_below(torque: Floats, period: float) -> float:
+    """Frequency [Hz] below which nearly all of the torque's power above its noise lies."""
+    window = min(2048, len(torque) // 4)
+    frequency, power = signal.welch(torque, 1.0 / period, nperseg=window)
+    floor = float(np.median(power[3 * len(power) // 4 :]))
+    total = np.cumsum(np.maximum(power - 2.0 * floor, 0.0))
+    return float(frequency[np.searchsorted(total, MOST_POWER * total[-1])])
 
 
 def _power_beyond(torque: Floats, period: float) -> float:
     """Share of the torque's alternating power above the usual cut-off."""
     slow = low_pass(torque - torque.mean(), CUTOFF, period)
     return float(np.var(torque - torque.mean() - slow) / max(float(np.var(torque)), 1e-300))
-
-
-def shifted(data: Prepared, half_samples: int) -> Prepared:
-    """The data with the recorded torque moved to later motion by so many half samples."""
-    torque = data.recorded_torque.copy()
-    for stretch in data.stretches:
-        rows = np.arange(stretch.start, stretch.stop, dtype=np.float64)
-        recorded = data.recorded_torque[stretch.rows]
-        torque[stretch.rows] = np.interp(rows + 0.5 * half_samples, rows, recorded)
-    return replace(data, torque=torque, shift=half_samples)
-
-
-def aligned(data: Prepared) -> Prepared:
-    """The data with the torque shifted to where it fits inertia and friction best.
-
-    Rows near a reversal do not count: friction that reverses over some travel looks like a delay.
-    """
-    rows = _away_from_reversals(data)
-    tried = [shifted(data, shift) for shift in SHIFTS]
-    return min(tried, key=lambda item: _cost(item, rows))
-
-
-def _away_from_reversals(data: Prepared) -> Flags:
-    """Grid rows whose low-pass sees one direction only, shape (m,); all where those are too few."""
-    speed = np.abs(data.velocity)
-    slow = speed < 0.1 * float(np.percentile(speed, 99.5))
-    near = ndimage.maximum_filter1d(slow, 2 * (len(data.taps) // 2) + 1)
-    rows = np.asarray(~near[data.grid])
-    return rows if rows.mean() > LEAST_FAST else np.ones(len(rows), dtype=np.bool_)
-
-
-def _cost(data: Prepared, rows: Flags) -> float:
-    torque = data.torque
-    acted = np.concatenate([torque[:1], 0.5 * (torque[1:] + torque[:-1])])
-    table = np.column_stack(
-        [
-            smoothed(data, data.acceleration),
-            smoothed(data, data.velocity),
-            smoothed(data, np.sign(data.velocity)),
-            np.ones(len(data.grid)),
-        ]
-    )
-    target, table = smoothed(data, np.ascontiguousarray(acted))[rows], table[rows]
-    table = table / np.maximum(np.linalg.norm(table, axis=0), 1e-300)
-    return float(np.sum((target - table @ np.linalg.lstsq(table, target, rcond=1e-10)[0]) ** 2))
 
 
 def without_rest(data: Prepared) -> Prepared:

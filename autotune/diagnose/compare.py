@@ -14,7 +14,8 @@ import numpy as np
 
 from autotune.core.errors import ConfigurationError
 from autotune.core.recording import Recording
-from autotune.diagnose.bandwidth import SHIFTS, prepared_for, shifted
+from autotune.diagnose.alignment import best_shift, shifted
+from autotune.diagnose.bandwidth import prepared_for
 from autotune.diagnose.controller import find_controller, with_feedforward
 from autotune.diagnose.coordinates import coordinates, since_reversal, variance_shares
 from autotune.diagnose.prepared import TRAINING, VETO, Prepared
@@ -121,8 +122,12 @@ def compare(recordings: Sequence[Recording], model: DriveModel) -> Compared:
 
 def best_aligned(data: Prepared, packed: Packed) -> Prepared:
     """The data with the torque shifted to where this model explains it best."""
-    tried = [shifted(data, shift) for shift in SHIFTS]
-    return min(tried, key=lambda item: float(np.mean(residual(item, packed, measured_motion(item)) ** 2)))
+
+    def cost(shift: float) -> float:
+        moved = shifted(data, shift)
+        return float(np.mean(residual(moved, packed, measured_motion(moved)) ** 2))
+
+    return shifted(data, best_shift(cost, data.shift)[0])
 
 
 def _measures(

@@ -94,7 +94,7 @@ class Prepared:
     motion_cutoff: float
     recorded_reference: bool
     recorded_torque: Floats
-    shift: int = 0
+    shift: float = 0.0
     steady: bool = False
 
     def role(self, *roles: str) -> Flags:

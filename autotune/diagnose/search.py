@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from autotune.diagnose import speed_curve
-from autotune.diagnose.bandwidth import SHIFTS, shifted
+from autotune.diagnose.alignment import best_shift, shifted
 from autotune.diagnose.coordinates import generic_columns
 from autotune.diagnose.families import FAMILIES, Context, Start
 from autotune.diagnose.fit import Fitted, Free, fit
@@ -32,6 +32,8 @@ NAMED_WITH_REST = 0.95
 """Share to be explained where something that repeats is left beyond doubt."""
 APPROXIMATE = frozenset({"reversal_memory"})
 """Effects whose law is a few elements in place of a distribution: some rest is their own."""
+WORTH_MOVING = 0.998
+"""Of the cost: less must be left for torque and motion to be aligned anew."""
 WALK = 4
 MOST_EFFECTS = 3
 NEAR_BEST = 0.3
@@ -247,12 +249,14 @@ def realigned(study: Study, level: Level) -> Study:
     weight = without_outlying(study, level.fitted.error)
     if np.mean(weight != study.weight) > 1e-3:
         study = replace(study, weight=weight)
-    trials: dict[int, Study] = {}
-    costs: dict[int, float] = {}
-    for shift in SHIFTS:
+
+    def moved_by(shift: float) -> Study:
         data = shifted(study.data, shift)
-        trials[shift] = replace(study, data=data, moved=measured_motion(data))
-        free = list(level.free)
-        costs[shift] = refit(trials[shift], level.fitted.packed, free, level.correction, 6).cost
-    best = min(costs, key=lambda shift: costs[shift])
-    return study if costs[best] > 0.995 * costs[study.data.shift] else trials[best]
+        return replace(study, data=data, moved=measured_motion(data))
+
+    def cost(shift: float) -> float:
+        return refit(moved_by(shift), level.fitted.packed, list(level.free), level.correction, 6).cost
+
+    here = study.data.shift
+    best, lowest = best_shift(cost, here)
+    return study if best == here or lowest > WORTH_MOVING * cost(here) else moved_by(best)
