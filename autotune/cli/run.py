@@ -29,6 +29,7 @@ EXPECTED = {
     "check": 1.0,
     "experiment": 110.0,
     "fit": 5.0,
+    "diagnose": 25.0,
     "adapt": 60.0,
     "prove": 60.0,
     "commit": 12.0,
@@ -43,7 +44,7 @@ def run(
     only: Annotated[
         str | None,
         typer.Option(
-            metavar="STAGE", help="One stage alone: check, experiment, fit, adapt, prove or commit."
+            metavar="STAGE", help="One stage alone: check, experiment, fit, diagnose, adapt, prove or commit."
         ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON object.")] = False,

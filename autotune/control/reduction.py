@@ -23,7 +23,7 @@ import numpy as np
 from scipy import optimize
 
 from autotune.control.closed_loop import steady_error
-from autotune.control.feedforward import LugreParameters, advance, feedforward_along
+from autotune.control.feedforward import FeedforwardLaw, LugreParameters, advance
 from autotune.control.refinement import PeriodAverage, periodic_feedforward
 from autotune.core.drive import Sample
 from autotune.core.errors import ConfigurationError
@@ -45,6 +45,7 @@ class Reduction:
         full_peak, full_rms: measured error with the full feedforward [motion unit].
         predicted_peak, predicted_rms: error with the drive's part (and the host's, where there is one).
         residual_rms: what the drive's part leaves of the full feedforward [N m].
+        lost: effects beyond the LuGre model that no drive's block knows: lost where the host does not play.
     """
 
     values: Mapping[str, float]
@@ -54,6 +55,7 @@ class Reduction:
     predicted_peak: float
     predicted_rms: float
     residual_rms: float
+    lost: tuple[str, ...] = ()
 
     @property
     def predicted_loss(self) -> float:
@@ -209,23 +211,24 @@ class Remainder:
 
     settled = False
 
-    def __init__(self, full: LugreParameters, values: Mapping[str, float], period: float) -> None:
-        self._full, self._period = full.array(), period
+    def __init__(self, full: FeedforwardLaw, values: Mapping[str, float], period: float) -> None:
+        self._full, self._period = full, period
         self._elastic = "stiffness" in values
         own = dict(values) if self._elastic else {**values, "stiffness": 1.0, "coulomb": 1.0}
         self._own = _elastic(own).array()
         self._kinetic = tuple(values.get(name, 0.0) for name in KINETIC)
-        self._states = np.zeros((2, 2))
+        self._state = np.zeros(2)
         self._sign = 0.0
 
     def prepare(self) -> None:
         """Compiles the kernels without changing the state."""
-        feedforward_along(LugreParameters.from_array(self._full), np.zeros(1), np.zeros(1), self._period)
+        self._full.prepare()
+        advance(self._own, np.zeros(2), 0.0, 0.0, self._period)
 
     def step(self, reference: float, velocity: float, acceleration: float, previous: Sample | None) -> float:
-        whole = float(advance(self._full, self._states[0], velocity, acceleration, self._period))
+        whole = self._full.step(reference, velocity, acceleration, previous)
         if self._elastic:
-            return whole - float(advance(self._own, self._states[1], velocity, acceleration, self._period))
+            return whole - float(advance(self._own, self._state, velocity, acceleration, self._period))
         self._sign = self._sign if velocity == 0.0 else float(np.sign(velocity))
         inertia, viscous, coulomb, offset = self._kinetic
         return whole - inertia * acceleration - viscous * velocity - coulomb * self._sign - offset

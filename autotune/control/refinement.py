@@ -40,6 +40,7 @@ class PeriodAverage:
         feedback, feedforward: u_PID and the feedforward in force, shape (n,) [N m].
         period: sample period [s].
         count: how many periods were averaged.
+        noise: standard deviation of the averaged error, from period to period [rad]; 0 where not known.
     """
 
     reference: Floats
@@ -48,6 +49,7 @@ class PeriodAverage:
     feedforward: Floats
     period: float
     count: int
+    noise: float = 0.0
 
     @property
     def peak_error(self) -> float:

@@ -73,6 +73,12 @@ def diagnosis(motion: Motion, rng: np.random.Generator) -> tuple[Experiment, ...
     )
 
 
+def confirmation(motion: Motion, seconds: float, rng: np.random.Generator) -> tuple[Experiment, ...]:
+    """A trajectory that nothing is fitted on, at most `seconds` long, played twice: it confirms a name."""
+    positions = mixture(motion, rng, seconds)
+    return tuple(Trajectory(motion, "veto", positions, repeat) for repeat in (0, 1))
+
+
 def conditioning(motion: Motion) -> Floats:
     """Forth and back, briskly, over the travel that the other trajectories use."""
     path, speed = _path(motion), 0.5 * motion.top_speed

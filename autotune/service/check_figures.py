@@ -139,9 +139,10 @@ def expected_level(model: DriveModel, points: Points) -> float:
     values = model.parameters
     coulomb, viscous = values["coulomb"].value, values["viscous"].value
     break_away = values["break_away"].value if "break_away" in values else coulomb
+    elements = sum(v.value for name, v in values.items() if name.startswith("reversal_memory.torque_"))
     scale = values["stribeck_velocity"].value if "stribeck_velocity" in values else 1.0
     speed = np.abs(points.velocity)
-    torque = coulomb + (break_away - coulomb) * np.exp(-((speed / scale) ** 2)) + viscous * speed
+    torque = coulomb + (break_away - coulomb) * np.exp(-((speed / scale) ** 2)) + viscous * speed + elements
     sides = [torque[points.velocity > 0], torque[points.velocity < 0]]
     return 0.5 * float(sum(side.mean() for side in sides))
 

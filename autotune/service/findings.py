@@ -6,20 +6,28 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from autotune.control.feedforward import LugreParameters
+from autotune.control.feedforward import FeedforwardLaw, FixedFeedforward, LugreParameters
+from autotune.control.model_feedforward import ModelFeedforward
 from autotune.control.reduction import Reduction
 from autotune.core.axis import Axis
 from autotune.core.errors import ConfigurationError
+from autotune.models.drive_model import DriveModel
+from autotune.models.model_file import read_model
 from autotune.service.files import read_json, write_json
 from autotune.service.proof import TrackingError
 from autotune.service.stage_adapt import Adapted
+from autotune.service.stage_diagnose import Diagnosed
 from autotune.service.stage_identify import Start
+from autotune.service.stage_model import ModelAdapted
 from autotune.service.stage_prove import Proved
 
 FILE_NAME = "findings.json"
 SCHEMA_VERSION = 1
+HOST_FILE = "feedforward.toml"
+"""The model that the host has to play, where it is more than the drive's block can hold."""
 NEEDS = {
     "fit": "recordings/experiment.parquet",
+    "diagnose": FILE_NAME,
     "adapt": FILE_NAME,
     "prove": FILE_NAME,
     "commit": FILE_NAME,
@@ -29,10 +37,18 @@ NEEDS = {
 
 @dataclass
 class Findings:
-    """Filled stage by stage; `proposed` goes to the proof, `better` is its verdict, `held` is in the drive then."""
+    """Filled stage by stage.
+
+    `model` is the diagnosed one. `proposed` is what a drive's block can hold; `proposed_model` goes to the
+    proof in its place where it is better beyond doubt. `better` is the verdict, `held` is in the drive then.
+    """
 
     start: Start | None = None
+    diagnosed: Diagnosed | None = None
+    model: DriveModel | None = None
     proposed: LugreParameters | None = None
+    proposed_model: DriveModel | None = None
+    modelled: ModelAdapted | None = None
     better: bool = False
     adapted: Adapted | None = None
     proved: Proved | None = None
@@ -54,6 +70,17 @@ class Findings:
             raise ConfigurationError("there are no adapted parameters; run the stage adapt first")
         return self.proposed
 
+    def law(self, period: float) -> FeedforwardLaw:
+        """What is proved, and played by the host as far as the drive does not hold it.
+
+        Raises:
+            ConfigurationError: the stage `adapt` has not been done.
+        """
+        proposed = self.need_proposed()
+        if self.proposed_model is not None:
+            return ModelFeedforward(self.proposed_model, period)
+        return FixedFeedforward(proposed, period)
+
 
 def save_findings(directory: Path, findings: Findings) -> None:
     """Writes what later runs may take up."""
@@ -63,6 +90,8 @@ def save_findings(directory: Path, findings: Findings) -> None:
         content["stiffness_range"] = list(findings.start.stiffness_range)
     if findings.proposed is not None:
         content["proposed"] = asdict(findings.proposed)
+    content["diagnosed"] = findings.model is not None
+    content["law"] = "model" if findings.proposed_model is not None else "lugre"
     write_json(directory / FILE_NAME, content)
 
 
@@ -88,6 +117,10 @@ def load_findings(runs: Path, axis: Axis, stage: str) -> Findings:
         findings.start = Start(LugreParameters(**content["start"]), (low, high))
     if "proposed" in content:
         findings.proposed = LugreParameters(**content["proposed"])
+    if content.get("diagnosed"):
+        findings.model = read_model(latest_run(runs, axis, "model.toml") / "model.toml")
+    if content.get("law") == "model":
+        findings.proposed_model = read_model(latest_run(runs, axis, HOST_FILE) / HOST_FILE)
     return findings
 
 

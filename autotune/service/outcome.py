@@ -36,6 +36,7 @@ class RunResult:
         parameters: {name → {value, standard_error, unit}} of the identified model.
         feedforward: what was proved, as the drive's block names it.
         adaptation: the thesis's laws alone (`thesis`) and the refinement (`refined`).
+        diagnosis: verdict, effects, confidence, error before, after and floor; what the model's feedforward gave.
         reduction: what the drive cannot hold: predicted and measured loss; empty where it holds all.
         committed: re-measured with the drive's own feedforward; None where nothing was committed.
         notes: sentences on validity, recovery, limits.
@@ -54,6 +55,7 @@ class RunResult:
     parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     feedforward: Mapping[str, float] = field(default_factory=dict)
     adaptation: Mapping[str, Any] = field(default_factory=dict)
+    diagnosis: Mapping[str, Any] = field(default_factory=dict)
     reduction: Mapping[str, Any] = field(default_factory=dict)
     committed: TrackingError | None = None
     notes: Sequence[str] = ()

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from autotune.control.adaptation import AdaptationResult, AdaptiveFeedforward, Bounds
-from autotune.control.feedforward import FixedFeedforward, LugreParameters
+from autotune.control.feedforward import FeedforwardLaw, FixedFeedforward, LugreParameters
 from autotune.control.refinement import PeriodAverage, refine
 from autotune.core.errors import NotEnoughExcitation
 from autotune.core.recording import Recording
@@ -16,7 +16,7 @@ from autotune.experiments.sines import AdaptiveSine, BenchmarkSine
 from autotune.service.proof import fold
 from autotune.service.session import Session
 
-LONGEST_SECONDS = 60.0
+LONGEST_SECONDS, LEAST_SECONDS = 60.0, 25.0
 REFINEMENT_STEPS = 4
 REFINEMENT_PERIODS = 6
 LEAST_GAIN = 0.03  # predicted, for which another step is worth its machine time
@@ -31,8 +31,16 @@ class RefinementStep:
     """
 
     parameters: LugreParameters
-    peak_error: float
-    smooth_peak: float
+    measured: PeriodAverage = field(repr=False)
+    window: Recording = field(repr=False)
+
+    @property
+    def peak_error(self) -> float:
+        return self.measured.peak_error
+
+    @property
+    def smooth_peak(self) -> float:
+        return self.measured.smooth_peak
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,13 +55,16 @@ class Adapted:
         return min(self.steps, key=lambda step: step.smooth_peak)
 
 
-def adapt(session: Session, start: LugreParameters, stiffness_range: tuple[float, float]) -> Adapted:
+def adapt(
+    session: Session, start: LugreParameters, stiffness_range: tuple[float, float], reserve: float = 0.0
+) -> Adapted:
     """Adapts and refines from the identified values.
 
     Args:
         session: of the run.
         start: identified parameters; `stiffness` somewhere inside `stiffness_range`.
         stiffness_range: bounds of the stiffness, from what presliding and Dahl's curve say.
+        reserve: machine time that must be left afterwards [s].
 
     Raises:
         NotEnoughExcitation: adaptation gave nothing that may be used.
@@ -62,24 +73,31 @@ def adapt(session: Session, start: LugreParameters, stiffness_range: tuple[float
     session.begin("adapt", LONGEST_SECONDS + steps)
     bounds = Bounds.around(start, stiffness_range)
     law = AdaptiveFeedforward(start, bounds, session.axis.benchmark.frequency, session.axis.cycle)
-    _, played = session.play("adaptation", [AdaptiveSine(session.motion, law, LONGEST_SECONDS)])
+    left = session.budget.left - reserve - 2.0 * window_seconds(session)
+    longest = min(max(left, LEAST_SECONDS), LONGEST_SECONDS)
+    _, played = session.play("adaptation", [AdaptiveSine(session.motion, law, longest)])
     settled = played.result("adaptation")
     if not isinstance(settled, AdaptiveFeedforward):
         raise NotEnoughExcitation("the adaptation gave no result; run again")
     laws = settled.result()
     if not laws.valid and not laws.frozen:
         session.reporter.say(f"adaptation: {laws.reason}")
-    return Adapted(laws, tuple(_refine(session, laws.parameters, bounds)))
+    return Adapted(laws, tuple(_refine(session, laws.parameters, bounds, reserve)))
 
 
-def _refine(session: Session, start: LugreParameters, bounds: Bounds) -> list[RefinementStep]:
+def _refine(session: Session, start: LugreParameters, bounds: Bounds, reserve: float) -> list[RefinementStep]:
     """Measures, predicts a better step, measures again; ends where the next gains next to nothing."""
-    current, done = start, []
+    current = start
+    done: list[RefinementStep] = []
     for number in range(REFINEMENT_STEPS + 1):
-        measured = _measure(session, current, number)
-        done.append(RefinementStep(current, measured.peak_error, measured.smooth_peak))
+        law = FixedFeedforward(current, session.axis.cycle)
+        window = measure_window(session, law, f"refinement-{number}", number)
+        measured = period_average(window, session.axis.benchmark.frequency)
+        done.append(RefinementStep(current, measured, window))
         worse = measured.smooth_peak > WORSE * min(step.smooth_peak for step in done)
         if worse or number == REFINEMENT_STEPS or session.controller is None:
+            break
+        if session.budget.left < reserve + window_seconds(session):
             break
         low, high = limits_of(current, bounds)
         proposed = refine(measured, current, session.controller, low, high)
@@ -89,16 +107,23 @@ def _refine(session: Session, start: LugreParameters, bounds: Bounds) -> list[Re
     return done
 
 
-def _measure(session: Session, parameters: LugreParameters, number: int) -> PeriodAverage:
-    law = FixedFeedforward(parameters, session.axis.cycle)
+def window_seconds(session: Session) -> float:
+    """Machine time of one measured step, with its way there and its fading in and out [s]."""
+    return (REFINEMENT_PERIODS + 2) / session.axis.benchmark.frequency + 1.0
+
+
+def measure_window(session: Session, law: FeedforwardLaw, name: str, number: int) -> Recording:
+    """Whole periods of the benchmark with a law in force."""
     sine = BenchmarkSine(session.motion, 1, REFINEMENT_PERIODS, law, first_repeat=number, label="refinement")
-    recording, _ = session.play(f"refinement-{number}", [sine])
-    return period_average(recording.select("refinement"), session.axis.benchmark.frequency)
+    recording, _ = session.play(name, [sine])
+    return recording.select("refinement")
 
 
 def period_average(window: Recording, frequency: float) -> PeriodAverage:
     """Averages whole periods of a window of the benchmark."""
     samples = round(1.0 / (frequency * window.period))
+    errors = fold(window["reference"] - window["position"], samples)
+    spread = float(np.sqrt(errors.var(axis=0, ddof=1).mean() / len(errors))) if len(errors) > 1 else 0.0
     average = {
         name: fold(window[name], samples).mean(axis=0)
         for name in ("reference", "position", "torque_feedback", "torque_feedforward")
@@ -110,6 +135,7 @@ def period_average(window: Recording, frequency: float) -> PeriodAverage:
         average["torque_feedforward"],
         window.period,
         len(window) // samples,
+        spread,
     )
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from autotune.control.feedforward import FeedforwardLaw, FixedFeedforward, LugreParameters
+from autotune.control.feedforward import FeedforwardLaw
+from autotune.core.axis import Benchmark
 from autotune.core.recording import Recording
 from autotune.experiments.sines import BenchmarkSine
 from autotune.service.proof import Proof, TrackingError, prove, tracking_error
@@ -25,18 +26,16 @@ class Proved:
     after: tuple[Recording, ...]
 
 
-def prove_stage(session: Session, parameters: LugreParameters, own: Mapping[str, float]) -> Proved:
+def prove_stage(session: Session, law: FeedforwardLaw, own: Mapping[str, float]) -> Proved:
     """Measures before and after in turn.
 
     Args:
         session: of the run; the drive's own feedforward is off.
-        parameters: to be proved, played by the host.
+        law: to be proved, played by the host.
         own: parameters that switch the drive's own feedforward on, which belongs to "before"; empty for none.
     """
     benchmark = session.axis.benchmark
-    seconds = 2 * benchmark.repeats * (benchmark.periods + 2) / benchmark.frequency
-    session.begin("prove", seconds)
-    law = FixedFeedforward(parameters, session.axis.cycle)
+    session.begin("prove", proof_seconds(benchmark))
     if own:
         windows = [_pair_with_own(session, law, own, repeat) for repeat in range(benchmark.repeats)]
         before, after = tuple(w[0] for w in windows), tuple(w[1] for w in windows)
@@ -45,6 +44,16 @@ def prove_stage(session: Session, parameters: LugreParameters, own: Mapping[str,
     acceptance = session.axis.acceptance
     proof = prove(before, after, benchmark.frequency, acceptance.improvement, acceptance.confidence)
     return Proved(proof, before, after)
+
+
+def proof_seconds(benchmark: Benchmark) -> float:
+    """Machine time of the proof [s]."""
+    return 2 * benchmark.repeats * (benchmark.periods + 2) / benchmark.frequency
+
+
+def committed_seconds(benchmark: Benchmark) -> float:
+    """Machine time of the measurement after a commit [s]."""
+    return (COMMITTED_REPEATS * benchmark.periods + 2) / benchmark.frequency
 
 
 def measure_committed(session: Session, host: FeedforwardLaw | None = None) -> TrackingError:
@@ -66,14 +75,12 @@ def windows_of(recording: Recording, label: str) -> tuple[Recording, ...]:
     return tuple(rows for segment, rows in recording.split() if segment.experiment == label)
 
 
-def _window(session: Session, label: str, repeat: int, law: FixedFeedforward | None) -> BenchmarkSine:
+def _window(session: Session, label: str, repeat: int, law: FeedforwardLaw | None) -> BenchmarkSine:
     periods = session.axis.benchmark.periods
     return BenchmarkSine(session.motion, 1, periods, law, first_repeat=repeat, label=label)
 
 
-def _all_pairs(
-    session: Session, law: FixedFeedforward
-) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
+def _all_pairs(session: Session, law: FeedforwardLaw) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
     experiments = [
         _window(session, label, repeat, played)
         for repeat in range(session.axis.benchmark.repeats)
@@ -84,7 +91,7 @@ def _all_pairs(
 
 
 def _pair_with_own(
-    session: Session, law: FixedFeedforward, own: Mapping[str, float], repeat: int
+    session: Session, law: FeedforwardLaw, own: Mapping[str, float], repeat: int
 ) -> tuple[Recording, Recording]:
     """The drive's own feedforward is on for "before" only; it is switched at rest."""
     session.loop.write_parameters(own)

@@ -6,20 +6,21 @@ A reduction is predicted before the commit and compared with what is measured af
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from autotune.control.reduction import Reduction, Remainder, reduce, reduces
-from autotune.control.refinement import PeriodAverage
+from autotune.control.model_feedforward import FED_FORWARD, periodic_model_feedforward
+from autotune.control.reduction import LUGRE, Reduction, Remainder, reduce, reduces
+from autotune.control.refinement import PeriodAverage, periodic_feedforward
 from autotune.core.errors import ConfigurationError
 from autotune.core.recording import Controller
 from autotune.service.findings import Findings
 from autotune.service.proof import TrackingError
 from autotune.service.session import Session
 from autotune.service.stage_adapt import period_average
-from autotune.service.stage_prove import ENABLED
+from autotune.service.stage_prove import ENABLED, GIVEN_BACK
 
 PREFIX = "feedforward."
 
@@ -50,15 +51,53 @@ def plan_commit(session: Session, findings: Findings, held: Mapping[str, float])
     names = {name.removeprefix(PREFIX) for name in held}
     if not reduces(names):
         wanted = full.drive_parameters() | {ENABLED: 1.0}
-        return Plan({name: value for name, value in wanted.items() if name in held})
+        return Plan({name: value for name, value in wanted.items() if name in held}, lugre_part(findings))
     if not names - {"enabled", "reference_filter"}:
         return Plan({})
     reduction = reduce(full, names, _measured(findings, session), _controller(session), session.limits.torque)
+    reduction = _of_the_whole(reduction, findings)
     values = {PREFIX + name: value for name, value in reduction.values.items()}
     if ENABLED in held:
         values[ENABLED] = 1.0
-    host = Remainder(full, reduction.values, session.axis.cycle) if reduction.host else None
+    law = findings.law(session.axis.cycle)
+    host = Remainder(law, reduction.values, session.axis.cycle) if reduction.host else None
     return Plan(values, reduction, host)
+
+
+def lugre_part(findings: Findings) -> Reduction | None:
+    """What a drive that holds the LuGre model loses of a model with more effects; None for nothing.
+
+    Nothing has to be simulated: the refined LuGre feedforward was measured on its way here.
+    """
+    model, proved, adapted = findings.proposed_model, findings.proved, findings.adapted
+    if model is None or proved is None or adapted is None:
+        return None
+    full, best = findings.need_proposed(), adapted.best
+    whole = periodic_model_feedforward(model, best.measured.reference, best.measured.period)
+    part = periodic_feedforward(full, best.measured.reference, best.measured.period)
+    held = {name: float(getattr(full, name)) for name in sorted(LUGRE)}
+    return _of_the_whole(
+        Reduction(
+            held,
+            (),
+            0.0,
+            0.0,
+            best.peak_error,
+            float(np.sqrt(np.mean(best.measured.error**2))),
+            float(np.sqrt(np.mean((whole - part) ** 2))),
+        ),
+        findings,
+    )
+
+
+def _of_the_whole(reduction: Reduction, findings: Findings) -> Reduction:
+    """The same, measured against the feedforward that was proved, where that is a model with more effects."""
+    model, proved = findings.proposed_model, findings.proved
+    if model is None or proved is None:
+        return reduction
+    lost = tuple(e.name for e in model.effects if e.name in FED_FORWARD and e.name != "stribeck")
+    after = proved.proof.after
+    return replace(reduction, full_peak=after.peak_error, full_rms=after.rms_error, lost=lost)
 
 
 def _measured(findings: Findings, session: Session) -> PeriodAverage:
@@ -67,6 +106,8 @@ def _measured(findings: Findings, session: Session) -> PeriodAverage:
             "this drive cannot hold the whole feedforward, and what it loses is predicted from the windows of "
             "the proof; run 'autotune run' with all stages"
         )
+    if findings.proposed_model is not None and findings.adapted is not None:
+        return findings.adapted.best.measured
     frequency = session.axis.benchmark.frequency
     parts = [period_average(window, frequency) for window in findings.proved.after]
     return PeriodAverage(
@@ -91,6 +132,12 @@ def _controller(session: Session) -> Controller:
 def announcement(reduction: Reduction, unit: str) -> str:
     """What a person is told before the commit."""
     parts = ", ".join(sorted(reduction.values))
+    if not reduces(reduction.values):
+        return (
+            f"this drive holds the LuGre part of the feedforward; {', '.join(reduction.lost)} would have to come "
+            f"from the host by the torque offset: without it the peak error is predicted to be "
+            f"{1e3 * reduction.predicted_peak:.2f} m{unit} instead of {1e3 * reduction.full_peak:.2f} m{unit}"
+        )
     if reduction.host:
         return (
             f"this drive holds {parts} only; {', '.join(reduction.host)} (with presliding) must come from the "
@@ -114,11 +161,18 @@ def holds_reduced(before: TrackingError, committed: TrackingError, least: float)
     )
 
 
+def holds_predicted(before: TrackingError, committed: TrackingError, reduction: Reduction) -> bool:
+    """The drive by itself gives at least half of the gain that was measured for what it holds."""
+    gain = before.peak_error - reduction.predicted_peak
+    return committed.peak_error <= before.peak_error - GIVEN_BACK * gain
+
+
 def comparison(reduction: Reduction, committed: TrackingError | None) -> dict[str, Any]:
     """For run.json: predicted beside measured. `agreement` is measured over predicted loss."""
     content: dict[str, Any] = {
         "drive": dict(reduction.values),
         "host": list(reduction.host),
+        "lost": list(reduction.lost),
         "full_peak_error": reduction.full_peak,
         "predicted_peak_error": reduction.predicted_peak,
         "predicted_rms_error": reduction.predicted_rms,

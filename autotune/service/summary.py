@@ -10,6 +10,8 @@ from autotune.identify.run import Identification
 from autotune.models.drive_model import surface_parameter
 from autotune.service.proof import Proof
 from autotune.service.stage_adapt import Adapted
+from autotune.service.stage_diagnose import Diagnosed
+from autotune.service.stage_model import ModelAdapted
 
 
 def parameters(found: Identification, motion_unit: str) -> dict[str, dict[str, Any]]:
@@ -53,6 +55,43 @@ def adaptation(adapted: Adapted) -> dict[str, Any]:
         "refined": {**_adapted_values(adapted.best.parameters), "peak_error": adapted.best.peak_error},
         "steps": [
             {"peak_error": step.peak_error, "parameters": asdict(step.parameters)} for step in adapted.steps
+        ],
+    }
+
+
+def diagnosis(found: Diagnosed, modelled: ModelAdapted | None) -> dict[str, Any]:
+    """The verdict, what became of the model, and what its feedforward gave on the benchmark."""
+    model = found.model
+    return {
+        "verdict": found.verdict,
+        "effects": list(found.effects),
+        "confidence": found.confidence,
+        "error_before": found.error_before,
+        "error_after": found.error_after,
+        "noise_floor_rms": found.noise_floor_rms,
+        "unseen": found.unseen,
+        "twin": found.twin,
+        "candidates": [dict(candidate) for candidate in found.candidates],
+        "next_experiment": found.next_experiment,
+        "stiffness": found.stiffness,
+        "not_fed_forward": dict(found.not_fed_forward),
+        "parameters": {
+            name: {"value": v.value, "standard_error": v.standard_error, "unit": model.unit(name)}
+            for name, v in model.parameters.items()
+        }
+        if model is not None
+        else {},
+        "feedforward": _modelled(modelled) if modelled is not None else None,
+    }
+
+
+def _modelled(modelled: ModelAdapted) -> dict[str, Any]:
+    return {
+        "chosen": modelled.chosen,
+        "reason": modelled.reason,
+        "steps": [
+            {"peak_error": step.measured.peak_error, "smooth_peak": step.measured.smooth_peak}
+            for step in modelled.steps
         ],
     }
 

@@ -9,18 +9,19 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 
-from autotune.control.reduction import Reduction
+from autotune.control.reduction import Reduction, reduces
 from autotune.core.errors import AutotuneError, ConfigurationError, NotEnoughExcitation
 from autotune.core.recording_files import read_recording
 from autotune.experiments.programmes import build
 from autotune.experiments.runner import Programme
 from autotune.experiments.sines import BenchmarkSine
 from autotune.identify.run import Identification
+from autotune.models.model_file import read_model, write_model
 from autotune.service import summary
 from autotune.service.commit import commit, feedforward_parameters
 from autotune.service.documents import Material, write_documents
 from autotune.service.files import finite, write_json
-from autotune.service.findings import Findings, latest_run, load_findings, save_findings
+from autotune.service.findings import HOST_FILE, Findings, latest_run, load_findings, save_findings
 from autotune.service.hold import Hold, connected, own_feedforward, prepared
 from autotune.service.journal import CommitPhase, Journal
 from autotune.service.outcome import Outcome, RunResult
@@ -28,25 +29,31 @@ from autotune.service.proof import TrackingError
 from autotune.service.recover import recover
 from autotune.service.run_directory import axis_lock, make_run_directory
 from autotune.service.session import Session
-from autotune.service.stage_adapt import adapt
+from autotune.service.stage_adapt import LEAST_SECONDS, adapt, window_seconds
+from autotune.service.stage_diagnose import diagnose_stage
 from autotune.service.stage_identify import baseline, experiment, fit, start_of
+from autotune.service.stage_model import adapt_model
 from autotune.service.stage_prove import (
     ENABLED,
+    committed_seconds,
     holds_what_was_proved,
     measure_committed,
+    proof_seconds,
     prove_stage,
 )
 from autotune.service.stage_reduce import (
     Plan,
     announcement,
     comparison,
+    holds_predicted,
     holds_reduced,
     is_worth_it,
     plan_commit,
 )
 from autotune.service.torque_check import find_torque_semantics, must_be_found
 
-STAGES = ("check", "experiment", "fit", "adapt", "prove", "commit")
+STAGES = ("check", "experiment", "fit", "diagnose", "adapt", "prove", "commit")
+SPARE_SECONDS = 10.0  # of machine time, for ways between windows
 
 
 @dataclass(frozen=True)
@@ -122,7 +129,7 @@ def _stages(request: Request, session: Session, course: _Course) -> None:
     wanted = STAGES if request.only is None else (request.only,)
     if request.only is not None:
         course.findings = load_findings(request.runs, session.axis, request.only)
-    if request.only in ("experiment", "adapt", "prove", "commit"):
+    if request.only in ("experiment", "diagnose", "adapt", "prove", "commit"):
         _torque_semantics(session, course)
     for stage in wanted:
         session.journal.note(stage=stage)
@@ -163,16 +170,42 @@ def _fit(request: Request, session: Session, course: _Course) -> bool:
     return True
 
 
+def _diagnose(request: Request, session: Session, course: _Course) -> bool:
+    path = session.written.get("experiment") or _earlier(request, "recordings/experiment.parquet")
+    model = course.identification.model if course.identification else None
+    if model is None:
+        model = read_model(_earlier(request, "model.toml"))
+    reserve = _later_seconds(session) + LEAST_SECONDS + 2.0 * window_seconds(session)
+    course.findings.diagnosed = found = diagnose_stage(session, read_recording(path), model, reserve)
+    course.findings.model = found.model
+    course.notes += found.notes
+    return True
+
+
+def _later_seconds(session: Session) -> float:
+    """Machine time that proof and commit will take."""
+    benchmark = session.axis.benchmark
+    return proof_seconds(benchmark) + committed_seconds(benchmark) + SPARE_SECONDS
+
+
 def _adapt(request: Request, session: Session, course: _Course) -> bool:
-    start = course.findings.need_start()
-    course.findings.adapted = adapt(session, start.parameters, start.stiffness_range)
-    course.findings.proposed = course.findings.adapted.best.parameters
+    findings, later = course.findings, _later_seconds(session)
+    start = findings.need_start()
+    more = window_seconds(session) if findings.model is not None else 0.0
+    findings.adapted = adapt(session, start.parameters, start.stiffness_range, later + more)
+    findings.proposed = findings.adapted.best.parameters
+    if findings.model is None:
+        return True
+    findings.modelled = adapt_model(session, findings.model, findings.adapted.best, later)
+    if findings.modelled is not None and findings.modelled.chosen:
+        findings.proposed_model = findings.modelled.best.model
+        write_model(findings.proposed_model, session.directory / HOST_FILE)
     return True
 
 
 def _prove(request: Request, session: Session, course: _Course) -> bool:
     own = own_feedforward(session.journal.state.changed)
-    course.findings.proved = prove_stage(session, course.findings.need_proposed(), own)
+    course.findings.proved = prove_stage(session, course.findings.law(session.axis.cycle), own)
     proof = course.findings.proved.proof
     course.findings.better = proof.better
     if not proof.better:
@@ -211,8 +244,11 @@ def _commit(request: Request, session: Session, course: _Course) -> bool:
         if findings.proved is None:
             return True
         if plan.reduction is not None and plan.host is None:
-            least = session.axis.acceptance.improvement
-            return holds_reduced(findings.proved.proof.before, findings.committed, least)
+            least, before = session.axis.acceptance.improvement, findings.proved.proof.before
+            enough = reduces(plan.reduction.values) or holds_predicted(
+                before, findings.committed, plan.reduction
+            )
+            return enough and holds_reduced(before, findings.committed, least)
         return holds_what_was_proved(findings.proved.proof, findings.committed)
 
     kept = commit(session.loop, plan.values, session.journal, session.runs, session.clock(), proves)
@@ -264,6 +300,14 @@ def _commit_verdict(session: Session, course: _Course, kept: bool) -> str:
         return f"Kept: the drive runs with the committed parameters; peak error {shown}."
     before, after = proved.proof.before.peak_error, proved.proof.after.peak_error
     reduction = course.findings.reduction
+    if reduction is not None and not reduces(reduction.values):
+        return (
+            f"Kept: the peak error on the benchmark fell from {_milli(before, session)} to {_milli(after, session)}, "
+            f"{before / after:.1f} times less, beyond doubt, with the feedforward of the diagnosed model "
+            f"({', '.join(reduction.lost)}) played by the host. The drive holds the LuGre part of it: by itself "
+            f"it gives {shown} (predicted {_milli(reduction.predicted_peak, session)}); the rest is lost where "
+            f"the host does not play {HOST_FILE}."
+        )
     if reduction is not None and committed is not None:
         with_host = f" with {', '.join(reduction.host)} from the host" if reduction.host else ""
         return (
@@ -285,6 +329,7 @@ _STAGES: dict[str, Callable[[Request, Session, _Course], bool]] = {
     "check": _check,
     "experiment": _experiment,
     "fit": _fit,
+    "diagnose": _diagnose,
     "adapt": _adapt,
     "prove": _prove,
     "commit": _commit,
@@ -315,6 +360,7 @@ def _result(
         feedforward=_feedforward(findings),
         reduction=comparison(findings.reduction, findings.committed) if findings.reduction else {},
         adaptation=summary.adaptation(findings.adapted) if findings.adapted else {},
+        diagnosis=summary.diagnosis(findings.diagnosed, findings.modelled) if findings.diagnosed else {},
         committed=findings.committed,
         notes=tuple(course.notes),
         stages=session.seconds if session else {},

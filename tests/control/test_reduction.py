@@ -138,7 +138,7 @@ def test_who_holds_all_is_not_reduced_and_who_holds_nothing_cannot_be() -> None:
 )
 def test_host_and_drive_together_play_the_full_feedforward(held: tuple[str, ...]) -> None:
     values = {name: float(getattr(PROVED, name)) for name in held}
-    law = Remainder(PROVED, values, 1e-3)
+    law = Remainder(FixedFeedforward(PROVED, 1e-3), values, 1e-3)
     law.prepare()
     ahead, behind = np.roll(REFERENCE, -1), np.roll(REFERENCE, 1)
     rows = zip(REFERENCE, (ahead - behind) / 2e-3, (ahead - 2 * REFERENCE + behind) / 1e-6, strict=True)

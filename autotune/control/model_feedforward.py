@@ -1,0 +1,123 @@
+"""Feedforward from a drive model: the torque that the reference needs, with every effect that it decides.
+
+    u_ff = J r̈ + F(r, ṙ; contact) + σ2 ṙ + F_g + Σ (ripple, imbalance, spring, reversal memory, …)
+
+with the kernels of the inverse routine (`models.inverse`) stepped along the reference. The torque is held
+from one sample to the next, so the place is that of the middle between the two: half a sample ahead of
+the reference; the contact bends with the mean velocity up to there. As in section 5.1.2 the torque
+depends on the reference only and cannot destabilise the loop.
+
+Not every effect of a model belongs into a feedforward; `LEFT_OUT` says which do not, and why.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+import numpy as np
+
+from autotune.control.feedforward import LugreParameters
+from autotune.core.drive import Sample
+from autotune.core.recording import Floats
+from autotune.models import layout
+from autotune.models.drive_model import DriveModel, base_model
+from autotune.models.inverse import required
+
+FED_FORWARD = (
+    "torque_ripple",
+    "direction_asymmetry",
+    "stribeck",
+    "nonlinear_viscous",
+    "position_dependent_friction",
+    "gravity_imbalance",
+    "spring",
+    "reversal_memory",
+)
+LEFT_OUT: Mapping[str, str] = MappingProxyType(
+    {
+        "thermal_drift": "it depends on how warm the axis is, which the reference does not know",
+        "elastic_transmission": "its inverse asks for derivatives of the reference that excite the resonance",
+        "backlash": "a torque that crosses the play at the wrong moment is a blow",
+        "torque_lag": "its inverse amplifies what the torque loop cannot follow",
+        "torque_saturation": "it acts where there is no torque in reserve",
+        "dwell_time_break_away": "it depends on how long the axis has rested, and on every small motion then",
+        "load_dependent_friction": "it depends on the load of the moment",
+        "encoder_eccentricity": "it is an error of the measurement, not a torque",
+    }
+)
+
+
+def fed_forward(model: DriveModel) -> DriveModel:
+    """The model with those effects only that a feedforward can play."""
+    for effect in model.effects:
+        if effect.name not in FED_FORWARD:
+            model = model.without_effect(effect.name)
+    return model
+
+
+def left_out(model: DriveModel) -> dict[str, str]:
+    """Effects of the model that the feedforward does not play, and why."""
+    return {effect.name: LEFT_OUT[effect.name] for effect in model.effects if effect.name in LEFT_OUT}
+
+
+def lugre_model(parameters: LugreParameters, motion_unit: str = "rad") -> DriveModel:
+    """The drive model that LuGre feedforward parameters describe."""
+    names = ("inertia", "viscous", "coulomb", "stiffness", "micro_damping", "offset")
+    values = {name: float(getattr(parameters, name)) for name in names}
+    if parameters.break_away > parameters.coulomb:
+        values |= {
+            "break_away": parameters.break_away,
+            "stribeck_velocity": parameters.stribeck_velocity,
+        }
+    return base_model(values, None, motion_unit)
+
+
+class ModelFeedforward:
+    """Feedforward law of a drive model; see `control.feedforward.FeedforwardLaw`."""
+
+    settled = False
+
+    def __init__(self, model: DriveModel, period: float) -> None:
+        packed = fed_forward(model).pack()
+        self._p, self._on = packed.p, packed.on
+        self._period = period
+        self._state = np.zeros(layout.STATES)
+        self._row = np.zeros((4, 1))
+
+    def prepare(self) -> None:
+        """Compiles the kernel without changing the state."""
+        row = np.zeros((4, 1))
+        state = np.zeros(layout.STATES)
+        required(self._p, self._on, state, row[0], row[1], row[2], self._period, 1, row[3])
+
+    def step(self, reference: float, velocity: float, acceleration: float, previous: Sample | None) -> float:
+        row = self._row
+        row[0, 0] = reference + 0.5 * self._period * velocity
+        row[1, 0] = velocity
+        row[2, 0] = acceleration
+        required(self._p, self._on, self._state, row[0], row[1], row[2], self._period, 1, row[3])
+        return float(row[3, 0])
+
+
+def torque_along(
+    model: DriveModel, reference: Floats, velocity: Floats, acceleration: Floats, period: float
+) -> Floats:
+    """Torque that `ModelFeedforward` plays along a reference, from relaxed junctions; shapes (n,) [N m]."""
+    packed = fed_forward(model).pack()
+    torque = np.empty(len(reference))
+    middle = reference + 0.5 * period * velocity
+    # the inverse takes the mean of this velocity and the one before: that of the middles is `velocity`
+    between = velocity + 0.5 * period * acceleration
+    state = np.zeros(layout.STATES)
+    required(packed.p, packed.on, state, middle, between, acceleration, period, 1, torque)
+    return torque
+
+
+def periodic_model_feedforward(model: DriveModel, reference: Floats, period: float) -> Floats:
+    """Torque along one period of a periodic reference in its steady cycle; shape (n,)."""
+    ahead, behind = np.roll(reference, -1), np.roll(reference, 1)
+    velocity = (ahead - behind) / (2.0 * period)
+    acceleration = (ahead - 2.0 * reference + behind) / period**2
+    place, speed, change = (np.tile(column, 2) for column in (reference, velocity, acceleration))
+    return torque_along(model, place, speed, change, period)[len(reference) :]
