@@ -38,7 +38,7 @@ MEDIUM = {
     "torque_ripple": 0.01, "direction_asymmetry": 0.06, "stribeck": 0.04, "nonlinear_viscous": 0.02,
     "position_dependent_friction": 0.15, "gravity_imbalance": 0.015, "spring": 0.004,
     "reversal_memory": 0.06, "thermal_drift": 0.03, "elastic_transmission": 0.01, "backlash": 4e-3,
-    "torque_lag": 5e-4, "torque_saturation": 0.2, "dwell_time_break_away": 0.08,
+    "torque_lag": 5e-4, "torque_saturation": 0.13, "dwell_time_break_away": 0.08,
     "load_dependent_friction": 0.15, "encoder_eccentricity": 8e-3,
 }  # fmt: skip
 NOMINAL = {
