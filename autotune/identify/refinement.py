@@ -36,8 +36,8 @@ INFLATION = {
     "stribeck_velocity": 1.12,
 }
 """Of the sandwich's standard errors, found on 162 simulated axes (seeds 5000 to 5079 and 6000 to 6099;
-figures with others in docs/benchmarks.md). Blocks of a second do not see that Coulomb friction and offset settle within a block;
-only the few sets in presliding tell σ1."""
+figures with others in docs/benchmarks.md). Blocks of a second do not see that Coulomb friction and offset
+settle within a block; only the few sets in presliding tell σ1."""
 _REMEDIES = {
     "inertia": "accelerate harder: a multisine of 5 to 50 Hz, or point-to-point moves",
     "viscous": "move faster, over a wide range of speeds",
