@@ -141,8 +141,11 @@ def prepare(
         )
         segments += _segments(recording, offset, number if len(recordings) > 1 else 0)
         offset += len(recording)
-    moved = [motion(arrays["position"][s.rows], period, motion_cutoff) for s in stretches]
-    position, velocity, acceleration = (np.concatenate([m[i] for m in moved]) for i in range(3))
+    position, velocity, acceleration = (np.zeros(offset) for _ in range(3))
+    for s in stretches:
+        position[s.rows], velocity[s.rows], acceleration[s.rows] = motion(
+            arrays["position"][s.rows], period, motion_cutoff
+        )
     resolution = _resolution(recordings[0].metadata, arrays["position"])
     taps = low_pass_taps(cutoff, period)
     allowed = _usable(arrays["position"], stretches, resolution, period, len(taps) // 2)
