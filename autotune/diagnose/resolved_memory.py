@@ -29,6 +29,8 @@ NEW_ELEMENTS = 3
 NEAREST, FARTHEST = 0.2, 1.4  # of the bristle's reach
 LEAST_COUNTS = 3.0
 KEPT = 0.1  # of the bristle
+SPENT = 0.05  # of all friction: a bristle that carries less is not taken apart
+ROUNDS = 2
 IDLE = 0.01  # of all friction: an element that carries less is given up
 LONGEST = 0.3  # of the travel: elements beyond it never slide
 
@@ -48,10 +50,19 @@ def resolved(study: Study, level: Level) -> Level | None:
         study: of the diagnosis that named the effect.
         level: the model with it.
     """
+    best: Level | None = None
+    for _ in range(ROUNDS):
+        finer = _taken_apart(study, best or level)
+        if finer is None:
+            break
+        best = finer
+    return best
+
+
+def _taken_apart(study: Study, level: Level) -> Level | None:
+    """One step of it; None where there is nothing left of the bristle, or no gain."""
     packed = level.fitted.packed
-    if not packed.on[layout.flag(EFFECT)]:
-        return None
-    elements = _elements(study, packed)
+    elements = _elements(study, packed) if packed.on[layout.flag(EFFECT)] else []
     if not elements:
         return None
     finer = settle(study, _started(packed, elements), _free(study, level, elements), 2, level.effects)
@@ -90,6 +101,8 @@ def _elements(study: Study, packed: Packed) -> list[_Element]:
     coulomb, reach = float(p[layout.COULOMB]), float(p[layout.COULOMB] / p[layout.STIFFNESS])
     present = _present(p)
     friction = coulomb + sum(one.torque for one in present)
+    if coulomb < SPENT * friction:
+        return []
     longest = LONGEST * study.scales.travel
     used = [one for one in present if one.torque > IDLE * friction and one.displacement < longest]
     places = np.geomspace(

@@ -6,6 +6,7 @@ proof against the axis as it was comes after that, as for any other change.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -107,13 +108,13 @@ def _measured(session: Session, model: DriveModel, number: int) -> ModelStep:
 def _next(session: Session, steps: Sequence[ModelStep]) -> DriveModel | None:
     """A model that is predicted to be clearly better than the last one; None where there is none."""
     last = steps[-1]
-    if session.controller is None or last.measured.noise <= 0.0:
+    if session.controller is None:
         return None
     if last.measured.smooth_peak > min(step.measured.smooth_peak for step in steps):
         return None
-    proposed = refine_model(
-        last.measured, last.model, session.controller, session.limits.torque, last.measured.noise
-    )
+    # a sine meets the counts of the sensor at the same places in every period: that does not average out
+    noise = math.hypot(last.measured.noise, session.axis.position_resolution / math.sqrt(12.0))
+    proposed = refine_model(last.measured, last.model, session.controller, session.limits.torque, noise)
     if proposed is None or proposed.predicted_smooth_peak > (1.0 - LEAST_GAIN) * last.measured.smooth_peak:
         return None
     return proposed.model
