@@ -64,7 +64,7 @@ class Store:
 
     def list_jobs(self, axis: str | None = None, state: str | None = None, limit: int = 50) -> list[Row]:
         """Newest jobs first."""
-        query = select(jobs).order_by(jobs.c.created.desc(), jobs.c.id).limit(limit)
+        query = select(jobs).order_by(jobs.c.created.desc(), jobs.c.id.desc()).limit(limit)
         if axis is not None:
             query = query.where(jobs.c.axis == axis)
         if state is not None:
@@ -76,7 +76,7 @@ class Store:
         query = select(jobs).where(jobs.c.axis == axis, jobs.c.kind == kind)
         if origin is not None:
             query = query.where(jobs.c.origin == origin)
-        return self._one(query.order_by(jobs.c.created.desc()).limit(1))
+        return self._one(query.order_by(jobs.c.created.desc(), jobs.c.id.desc()).limit(1))
 
     def outcomes(self) -> list[tuple[str, str, str, int]]:
         """(axis, kind, outcome, count) of all finished jobs."""
@@ -195,7 +195,7 @@ class Store:
 
     def list_proposals(self, axis: str | None = None, limit: int = 50) -> list[Row]:
         """Newest proposals first."""
-        query = select(proposals).order_by(proposals.c.created.desc()).limit(limit)
+        query = select(proposals).order_by(proposals.c.created.desc(), proposals.c.id.desc()).limit(limit)
         if axis is not None:
             query = query.where(proposals.c.axis == axis)
         return self._all(query)
