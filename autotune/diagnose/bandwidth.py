@@ -109,7 +109,7 @@ def without_rest(data: Prepared) -> Prepared:
     still = ndimage.uniform_filter1d((speed < least).astype(np.float64), shortest) > 0.999
     unseen = travel_since_reversal(data) < GRAIN * data.resolution
     near = ndimage.maximum_filter1d(still, 2 * reach + 1)
-    near |= ndimage.maximum_filter1d(unseen, 2 * (len(data.taps) // 2) + 1)
+    near |= ndimage.maximum_filter1d(unseen, 2 * (reach - shortest) + 1)
     moving = ~near[data.grid]
     rows: list[Rows] = []
     blocks: list[Block] = []

@@ -31,6 +31,9 @@ NOISE_CHUNK = 60
 SEED = 20_240
 OUTLYING = 12.0
 OUTLYING_SECONDS = 0.25
+LONELY = 6.0  # standard deviations
+FEW = 0.02
+"""Of the rows: so few may be left out one by one."""
 LEAST_COULOMB = 0.005  # of the torque
 LONGEST_REACH = 0.1  # of the travel
 
@@ -277,7 +280,15 @@ def without_outlying(study: Study, error: Floats) -> Floats:
     for piece, value in zip(pieces, power, strict=True):
         if value > OUTLYING * np.median(power):
             weight[piece] = 0.0
-    return weight if np.mean(weight > 0) > 0.5 else np.ones_like(weight)
+    if np.mean(weight > 0) <= 0.5:
+        weight = np.ones_like(weight)
+    if study.twin:
+        return weight
+    size = np.abs(error)
+    lonely = size > LONELY * float(np.median(size[weight > 0])) / 0.6745
+    if np.mean(lonely) < FEW:  # more of them are structure
+        weight[lonely] = 0.0
+    return weight
 
 
 def _averaged(data: Prepared, runs: Floats) -> Correction:
