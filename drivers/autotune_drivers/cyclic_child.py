@@ -22,7 +22,7 @@ from autotune.core.drive import Command, Drive, Mode, Sample
 from autotune.core.errors import AutotuneError, ConfigurationError, Interrupted, LinkError
 from autotune.core.loop import Publish, Routine
 from autotune_drivers.cyclic_messages import Call, Failed, LinkedDrive, Opened, Play, Reply, Returned
-from autotune_drivers.realtime import ask_for_priority, no_collection
+from autotune_drivers.realtime import ask_for_priority, first_in_line, give_back_priority, no_collection
 from autotune_drivers.ring import Ring
 
 _IDLE = 0.02
@@ -172,7 +172,7 @@ class Server:
     def _guarded(self, routine: Routine[Any], publish: Publish) -> Any:
         self._supervisor.new_routine()
         drive: Drive = SupervisedDrive(self._drive, self._supervisor.check)
-        with no_collection():
+        with no_collection(), first_in_line():
             try:
                 return routine(drive, publish)
             finally:
@@ -219,7 +219,8 @@ def serve(connection: Connection, ring: Ring, owner: int) -> None:
     except Exception as error:  # noqa: BLE001 - reported to the owner, whatever it is
         _tell(connection, Failed(_with_origin(error)))
         return
-    priority = ask_for_priority()  # in lock-step too: a loop that is held up would lose its heartbeat
+    priority = ask_for_priority()  # for every routine, in lock-step too: held up, it would lose its heartbeat
+    give_back_priority()
     try:
         _tell(connection, Opened(drive.period, dict(drive.identity), priority, drive.backup()))
         Server(connection, ring, supervisor, drive).run()
