@@ -140,9 +140,9 @@ def _axes(manager: Manager) -> APIRouter:
         return Response(histories.of(_axis(manager, axis).name, checks), media_type="application/json")
 
     @routes.get("/{axis}/checks", response_model=list[dict[str, Any]])
-    def checks(axis: AxisName, limit: Limit = 50) -> list[dict[str, Any]]:
+    def checks(axis: AxisName, limit: Limit = 50) -> Response:
         """Checks, oldest first."""
-        return manager.store.list_checks(_axis(manager, axis).name, limit, whole=False)
+        return JSONResponse(manager.store.list_checks(_axis(manager, axis).name, limit, whole=False))
 
     @routes.get("/{axis}/backups", response_model=list[str])
     def backups(axis: AxisName) -> list[str]:
