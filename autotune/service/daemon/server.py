@@ -19,19 +19,27 @@ from autotune.service.daemon.manager import Manager
 from autotune.service.daemon.settings import LOOPBACK, Http
 
 HEADER_SECONDS = 15.0
+KEPT_SECONDS = 15
 MOST_CONNECTIONS = 1000
 
 
 class _Protocol(H11Protocol):
-    """Cuts off who connects and does not send a request's head in time."""
+    """Cuts off who connects, or keeps a connection, and does not send a request's head in time."""
 
     def connection_made(self, transport: Any) -> None:
         super().connection_made(transport)
-        asyncio.get_running_loop().call_later(HEADER_SECONDS, self._still_silent)
+        self._expect(HEADER_SECONDS)
 
-    def _still_silent(self) -> None:
-        begun: object = self.cycle
-        if begun is None and not self.transport.is_closing():
+    def on_response_complete(self) -> None:
+        super().on_response_complete()
+        self._expect(KEPT_SECONDS + HEADER_SECONDS)
+
+    def _expect(self, seconds: float) -> None:
+        asyncio.get_running_loop().call_later(seconds, self._cut_if_still, self.cycle)
+
+    def _cut_if_still(self, before: object) -> None:
+        now: object = self.cycle
+        if now is before and not self.transport.is_closing():
             self.transport.abort()
 
 
@@ -50,7 +58,7 @@ class HttpServer:
             access_log=False,
             server_header=False,
             limit_concurrency=MOST_CONNECTIONS,
-            timeout_keep_alive=15,
+            timeout_keep_alive=KEPT_SECONDS,
             timeout_graceful_shutdown=2,
             ws="none",
         )
