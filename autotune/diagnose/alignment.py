@@ -61,11 +61,11 @@ def aligned(data: Prepared) -> Prepared:
 
     Rows near a reversal do not count: friction that reverses over some travel looks like a delay.
     """
-    rows = _away_from_reversals(data)
-    return shifted(data, best_shift(lambda shift: _cost(shifted(data, shift), rows), 0.0)[0])
+    rows = away_from_reversals(data)
+    return shifted(data, best_shift(lambda shift: linear_misfit(shifted(data, shift), rows), 0.0)[0])
 
 
-def _away_from_reversals(data: Prepared) -> Flags:
+def away_from_reversals(data: Prepared) -> Flags:
     """Grid rows whose low-pass sees one direction only, shape (m,); all where those are too few."""
     speed = np.abs(data.velocity)
     slow = speed < 0.1 * float(np.percentile(speed, 99.5))
@@ -74,7 +74,8 @@ def _away_from_reversals(data: Prepared) -> Flags:
     return rows if rows.mean() > LEAST_FAST else np.ones(len(rows), dtype=np.bool_)
 
 
-def _cost(data: Prepared, rows: Flags) -> float:
+def linear_misfit(data: Prepared, rows: Flags) -> float:
+    """Share of the torque's variance that inertia, friction and offset leave on some grid rows."""
     torque = data.torque
     acted = np.concatenate([torque[:1], 0.5 * (torque[1:] + torque[:-1])])
     table = np.column_stack(
@@ -87,4 +88,5 @@ def _cost(data: Prepared, rows: Flags) -> float:
     )
     target, table = smoothed(data, np.ascontiguousarray(acted))[rows], table[rows]
     table = table / np.maximum(np.linalg.norm(table, axis=0), 1e-300)
-    return float(np.sum((target - table @ np.linalg.lstsq(table, target, rcond=1e-10)[0]) ** 2))
+    left = target - table @ np.linalg.lstsq(table, target, rcond=1e-10)[0]
+    return float(np.sum(left**2)) / max(float(np.sum((target - target.mean()) ** 2)), 1e-300)

@@ -18,6 +18,7 @@ from autotune.diagnose.alignment import best_shift, shifted
 from autotune.diagnose.bandwidth import prepared_for
 from autotune.diagnose.controller import find_controller, with_feedforward
 from autotune.diagnose.coordinates import coordinates, since_reversal, variance_shares
+from autotune.diagnose.filtered import without_twin
 from autotune.diagnose.prepared import TRAINING, VETO, Prepared
 from autotune.diagnose.residual import measured_motion, residual, run_twin
 from autotune.diagnose.score import bins
@@ -100,19 +101,20 @@ def compare(recordings: Sequence[Recording], model: DriveModel) -> Compared:
     data = with_feedforward(data, found)
     study = start_study(data, found.controller)
     packed = model.pack()
-    if not study.twin and not data.repeated and not data.steady:
-        data = best_aligned(data, packed)
-        study = start_study(data, None)
-    raw = residual(data, packed, study.moved)
     notes = () if found.controller else (f"No twin: {found.why}.",)
-    correction = study.correction(packed, 1)
-    if study.twin and correction.stable:
-        study = replace(study, noise=estimate_noise(study, packed, raw))
-        correction = study.correction(packed, 3)
-    if study.twin and not correction.stable:
-        notes = ("No twin: a simulation of the model with this controller is unstable.",)
+    if study.twin and not study.correction(packed, 1).stable:
         study = replace(study, controller=None)
-        correction = study.correction(packed)
+        notes = ("No twin: a simulation of the model with this controller is unstable.",)
+    if not study.twin:
+        data, said = without_twin(data)
+        data = data if data.repeated or data.steady else best_aligned(data, packed)
+        study, notes = start_study(data, None), (*notes, *said)
+    raw = residual(data, packed, study.moved)
+    if study.twin:
+        study = replace(study, noise=estimate_noise(study, packed, raw))
+    correction = study.correction(packed, 3)
+    if not correction.stable:
+        study, correction = replace(study, controller=None), replace(correction, stable=True)
     error = raw - correction.bias
     if not data.repeated and not data.steady:
         study = replace(study, weight=without_outlying(study, error))

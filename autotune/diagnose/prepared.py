@@ -73,6 +73,7 @@ class Prepared:
         grid: samples at the centre of each grid row.
         taps: zero-phase low-pass that every torque goes through, shape (odd,).
         recorded_torque: as it was in the file; `torque` is this, moved by `shift` half samples.
+        filtered: one side was put through a low-pass that the file's other column had gone through.
         steady: only the curve of torque over constant speeds is compared (see `speed_curve`).
     """
 
@@ -95,6 +96,7 @@ class Prepared:
     recorded_reference: bool
     recorded_torque: Floats
     shift: float = 0.0
+    filtered: bool = False
     steady: bool = False
 
     def role(self, *roles: str) -> Flags:

@@ -15,10 +15,12 @@ from dataclasses import replace
 import numpy as np
 from scipy import ndimage
 
+from autotune.diagnose.bandwidth import loud_below
 from autotune.diagnose.search import Level, Screened
 from autotune.diagnose.study import Study
 from autotune.models import layout
 from autotune.models.lugre import Floats
+from autotune.models.reversal_memory import ELEMENTS
 from autotune.models.table import EFFECTS
 
 COUNTS = 5.0
@@ -28,8 +30,27 @@ LEAST_RECORDING = 2.0  # time constants of warming
 LEAST_RESTS = 6
 REST_RATIO = 3.0
 SHORTEST_REST = 0.05  # s
+UNRESOLVED = 1.5
+"""Times the cut-off: torque above it was sampled too slowly."""
 BEYOND = 1.5
 """Of the cut-off: the highest resonance that can be seen."""
+DYNAMIC = frozenset(
+    {
+        "elastic_transmission",
+        "backlash",
+        "encoder_eccentricity",
+        "torque_lag",
+        "torque_saturation",
+        "load_dependent_friction",
+        "reversal_memory",
+        "dwell_time_break_away",
+    }
+)
+"""Effects that live in quick changes of torque: not to be told where a column was filtered."""
+OF_PLACE = frozenset(
+    {"torque_ripple", "direction_asymmetry", "position_dependent_friction", "gravity_imbalance", "spring"}
+)
+"""Effects that show even where the sampling does not follow the torque."""
 Credible = Callable[[Study, Floats], bool]
 
 
@@ -42,6 +63,10 @@ def capped(level: Level, ranked: Sequence[Screened]) -> list[Screened]:
 
 def credible(study: Study, item: Screened) -> bool:
     """Whether this recording could show the effect with the parameters that were fitted."""
+    if item.effect in DYNAMIC and study.data.filtered:
+        return False
+    if item.effect not in OF_PLACE and _highest(study) > UNRESOLVED * _cutoff(study):
+        return False
     check = _CHECKS.get(item.effect)
     return check is None or check(study, item.fitted.packed.p)
 
@@ -57,7 +82,7 @@ def _warms_slowly(study: Study, p: Floats) -> bool:
 
 def _long_memory(study: Study, p: Floats) -> bool:
     """Whether the elements that carry most of the torque bend further than the encoder's grain."""
-    lines = [n for n in range(1, 6) if _value(p, "reversal_memory", f"displacement_{n}") > 0.0]
+    lines = [n for n in range(1, ELEMENTS + 1) if _value(p, "reversal_memory", f"displacement_{n}") > 0.0]
     torque = np.array([_value(p, "reversal_memory", f"torque_{n}") for n in lines])
     reach = np.array([_value(p, "reversal_memory", f"displacement_{n}") for n in lines])
     mean = float(torque @ reach) / max(float(torque.sum()), 1e-300)
@@ -91,6 +116,26 @@ def _wide_gap(study: Study, p: Floats) -> bool:
 def _seen_eccentricity(study: Study, p: Floats) -> bool:
     size = math.hypot(*(_value(p, "encoder_eccentricity", name) for name in ("sin", "cos")))
     return size > study.data.resolution
+
+
+def limits(study: Study) -> tuple[str, ...]:
+    """What the sampling of a single recording does not allow to be told, in words."""
+    if study.data.repeated or _highest(study) <= UNRESOLVED * _cutoff(study):
+        return ()
+    return (
+        f"The torque holds frequencies up to {_highest(study):.3g} Hz, samples of {1e3 * study.data.period:.3g} ms "
+        f"allow {_cutoff(study):.2g} Hz: only effects of place and direction can be told. Record faster, or "
+        "move more gently.",
+    )
+
+
+def _highest(study: Study) -> float:
+    """Frequency below which nearly all of the torque's power lies [Hz]; 0 where a twin accounts for it."""
+    if study.twin or study.data.steady:
+        return 0.0
+    longest = max(study.data.stretches, key=lambda stretch: stretch.stop - stretch.start)
+    torque = study.data.recorded_torque[longest.rows]
+    return loud_below(torque, study.data.period) if len(torque) > 64 else 0.0
 
 
 def _cutoff(study: Study) -> float:

@@ -15,6 +15,7 @@ from autotune.diagnose.contact import settled_contact
 from autotune.diagnose.controller import find_controller, with_feedforward
 from autotune.diagnose.coordinates import variance_shares
 from autotune.diagnose.families import FAMILIES
+from autotune.diagnose.filtered import without_twin
 from autotune.diagnose.fit import Free
 from autotune.diagnose.lines import time_driven_line
 from autotune.diagnose.model_values import free_of_model
@@ -36,7 +37,7 @@ from autotune.diagnose.search import (
     settle,
     without_effect,
 )
-from autotune.diagnose.single import capped, credible
+from autotune.diagnose.single import capped, credible, limits
 from autotune.diagnose.study import (
     Study,
     base_free,
@@ -54,7 +55,10 @@ GENERIC_LEAD = 1.5
 GENERIC_GAIN = 0.05
 PARTLY = 0.5
 LEAST_Z_ALONE = 2.5
+LEAST_GAIN_ALONE = 0.08
+"""Without repeats: smaller gains are as often the measurement chain as the axis."""
 POLISHED = 0.98
+NEARLY = 0.8
 HOPELESS = 0.35
 """Part of the best candidate's gain below which a refit inside the twin is not worth its time."""
 HOPELESS_BESIDE = 0.6
@@ -123,14 +127,18 @@ def begin(
     found = find_controller(data)
     data = with_feedforward(data, found)
     packed = model.pack()
+    notes: tuple[str, ...] = ()
+    if found.controller is None:
+        data, said = without_twin(data)
+        notes = (f"No twin: {found.why}. Confidence is lower.", *said)
     study = start_study(data, found.controller)
-    notes = () if found.controller else (f"No twin: {found.why}. Confidence is lower.",)
     progress("fit of the model as it is")
     free = [*base_free(packed, study.scales, data.metadata.motion_unit), *free_of_model(model, study.scales)]
     level = _first_level(replace(study, simulations=simulations), packed, free)
     if level is None and study.twin:
-        notes = ("No twin: a simulation of the model with this controller is unstable.",)
-        study = replace(study, controller=None)
+        data, said = without_twin(data)
+        notes = ("No twin: a simulation of the model with this controller is unstable.", *said)
+        study = start_study(data, None)
         level = _first_level(study, packed, free)
     if level is None:
         raise NotEnoughExcitation(
@@ -142,7 +150,7 @@ def begin(
     dropped = 1.0 - float(np.mean(study.weight > 0))
     if dropped > 0.0:
         notes = (*notes, f"{100 * dropped:.1f} % of the rows were left out: starts, stops or disturbances.")
-    return study, settled, packed, notes
+    return study, settled, packed, (*notes, *limits(study))
 
 
 def _first_level(study: Study, packed: Packed, free: list[Free]) -> tuple[Study, Level] | None:
@@ -223,18 +231,26 @@ def search_effects(
         again = realigned(study, level)
         if again is not study:
             study, root, chosen = _once_more(again, root, chosen)
-            level = chosen.level
+        if study.data.repeated and NEARLY < chosen.share < POLISHED:
+            chosen = _polished(study, root, chosen, progress)
+        level = chosen.level
         if chosen.share >= 0.995 and not _more_to_explain(study, level):
             break
     if chosen is not None and len(chosen.level.effects) > 1:
         chosen = _pruned(study, root, chosen, progress)
     if chosen is not None and PARTLY < chosen.share < POLISHED:
-        progress("last refinement")
-        level = chosen.level
-        better = settle(study, level.fitted.packed, list(level.free), 4, level.effects, level.fitted)
-        if better is not None and better.fitted.cost < level.fitted.cost:
-            chosen = judged(study, root, better, chosen.effect)
+        chosen = _polished(study, root, chosen, progress)
     return _judge(study, root, chosen, first, tried, generic, notes)
+
+
+def _polished(study: Study, root: Level, chosen: Refitted, progress: Progress) -> Refitted:
+    """More rounds of the same fit, where that helps: two masses need them, and what they leave misleads."""
+    progress(f"refinement with {' and '.join(chosen.level.effects)}")
+    level = chosen.level
+    better = settle(study, level.fitted.packed, list(level.free), 4, level.effects, level.fitted)
+    if better is None or better.fitted.cost >= level.fitted.cost:
+        return chosen
+    return judged(study, root, better, chosen.effect)
 
 
 def _once_more(study: Study, root: Level, chosen: Refitted) -> tuple[Study, Level, Refitted]:
@@ -251,7 +267,8 @@ def _passing(study: Study, level: Level, ranked: Sequence[Screened]) -> list[Scr
     if study.data.repeated:
         least = LEAST_GAIN if study.twin else GAIN_WITHOUT_TWIN
         return [item for item in ranked if item.passes and item.gain >= least]
-    likely = [item for item in ranked if item.gain >= LEAST_GAIN and item.z >= LEAST_Z_ALONE]
+    least = LEAST_GAIN if study.data.steady else LEAST_GAIN_ALONE
+    likely = [item for item in ranked if item.gain >= least and item.z >= LEAST_Z_ALONE]
     likely = [item for item in likely if credible(study, item)][: WALK + 2]
     if study.data.steady:
         return likely
