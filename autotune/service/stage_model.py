@@ -24,6 +24,7 @@ from autotune.service.stage_adapt import RefinementStep, measure_window, period_
 
 MOST_WINDOWS = 3
 LEAST_GAIN = 0.1  # predicted, for which another step is worth its machine time
+LEAST_MEASURED = 0.05  # gain of the step before, without which there is no other
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,10 +111,11 @@ def _next(session: Session, steps: Sequence[ModelStep]) -> DriveModel | None:
     last = steps[-1]
     if session.controller is None:
         return None
-    if last.measured.smooth_peak > min(step.measured.smooth_peak for step in steps):
+    before = min((step.measured.smooth_peak for step in steps[:-1]), default=math.inf)
+    if last.measured.smooth_peak > (1.0 - LEAST_MEASURED) * before:
         return None
-    # a sine meets the counts of the sensor at the same places in every period: that does not average out
-    noise = math.hypot(last.measured.noise, session.axis.position_resolution / math.sqrt(12.0))
+    # sensor and target are whole counts, met at the same places in every period: that does not average out
+    noise = math.hypot(last.measured.noise, session.axis.position_resolution / math.sqrt(6.0))
     proposed = refine_model(last.measured, last.model, session.controller, session.limits.torque, noise)
     if proposed is None or proposed.predicted_smooth_peak > (1.0 - LEAST_GAIN) * last.measured.smooth_peak:
         return None

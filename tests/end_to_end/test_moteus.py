@@ -54,7 +54,7 @@ def test_a_run_over_the_line_is_kept_and_can_be_rolled_back(bench: Bench) -> Non
     result = json.loads(done.stdout)
     assert result["outcome"] == "kept"
     assert 1.7e-3 <= result["before"]["peak_error"] <= 2.2e-3
-    assert 2.5 < result["before"]["peak_error"] / result["after"]["peak_error"] < 10.0
+    assert 2.5 < result["before"]["peak_error"] / result["after"]["peak_error"] < 50.0
     assert result["committed"]["peak_error"] <= 0.7e-3
     proof = read_recording(bench.newest() / "recordings" / "proof.parquet")
     assert {"before", "after"} <= set(proof.experiment)
