@@ -7,10 +7,12 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 import urllib.request
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
@@ -48,14 +50,17 @@ class Live:
             self.process.communicate(timeout=PATIENCE)
 
     def get(self, path: str) -> Any:
-        with urllib.request.urlopen(self.address + path, timeout=30.0) as answer:
-            return json.loads(answer.read())
+        return json.loads(self.read(path))
 
-    def submit(self, kind: str) -> str:
+    def read(self, path: str) -> bytes:
+        with urllib.request.urlopen(self.address + path, timeout=30.0) as answer:
+            return bytes(answer.read())
+
+    def submit(self, kind: str, axis: str = "one") -> str:
         token = (self.folder / "runs" / ".service" / "token").read_text().strip()
         headers = {"Authorization": f"Bearer {token}", "Content-Type": "application/json"}
         body = json.dumps({"kind": kind}).encode()
-        request = urllib.request.Request(f"{self.address}/api/axes/one/jobs", body, headers, method="POST")
+        request = urllib.request.Request(f"{self.address}/api/axes/{axis}/jobs", body, headers, method="POST")
         with urllib.request.urlopen(request, timeout=30.0) as answer:
             return str(json.loads(answer.read())["id"])
 
@@ -115,6 +120,120 @@ def test_kill_9_in_the_middle_of_a_job_loses_nothing_and_does_nothing_twice(live
     journals = [json.loads(path.read_text()) for path in (live.folder / "runs").glob("2*/journal.json")]
     assert all(journal["outcome"] for journal in journals)
     assert not any(journal["changed"] for journal in journals)
+
+
+@dataclass
+class Listener:
+    """A real HTTP server that notices are posted to; it refuses the first one."""
+
+    heard: list[dict[str, Any]] = field(default_factory=list)
+    refused: int = 0
+
+    def __enter__(self) -> str:
+        outer = self
+
+        class Handler(BaseHTTPRequestHandler):
+            def do_POST(self) -> None:
+                body = self.rfile.read(int(self.headers["Content-Length"]))
+                if outer.refused == 0:
+                    outer.refused += 1
+                    self.send_error(500)
+                    return
+                outer.heard.append(json.loads(body))
+                self.send_response(204)
+                self.end_headers()
+
+            def log_message(self, format: str, *arguments: Any) -> None:
+                return
+
+        self._server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+        threading.Thread(target=self._server.serve_forever, daemon=True).start()
+        return f"http://127.0.0.1:{self._server.server_port}/notices"
+
+    def __exit__(self, *whatever: object) -> None:
+        self._server.shutdown()
+        self._server.server_close()
+
+
+@pytest.mark.slow
+def test_reloading_drops_no_job_and_a_dead_drive_is_told_and_delays_nobody(live: Live) -> None:
+    (live.folder / "dead.toml").write_text(
+        EXAMPLE.read_text()
+        .replace('name = "edm-vertical"', 'name = "dead"')
+        .replace("edm-vertical.tty", "dead.tty")
+    )
+    service = live.folder / "service.toml"
+    listener = Listener()
+    with listener as url:
+        only_one = (
+            f'schema = 1\n[http]\nport = 0\n[notices]\nwebhook = "{url}"\n[[axes]]\nfile = "one.toml"\n'
+        )
+        service.write_text(only_one)
+        live.start()
+        job = live.submit("check")
+        live.wait_for(lambda: live.get(f"/api/jobs/{job}")["state"] == "running")
+        service.write_text(only_one + '[[axes]]\nfile = "dead.toml"\n')
+        assert live.process is not None
+        live.process.send_signal(signal.SIGHUP)
+        live.wait_for(lambda: len(live.get("/api/axes")) == 2)
+        dead = live.submit("check", "dead")
+        live.wait_for(lambda: live.get(f"/api/jobs/{job}")["state"] == "done")
+        row = live.get(f"/api/jobs/{job}")
+        assert (row["outcome"], row["attempts"]) == ("done", 1)
+        live.wait_for(lambda: live.get(f"/api/jobs/{dead}")["state"] == "done")
+        assert live.get(f"/api/jobs/{dead}")["outcome"] == "fault"
+        live.wait_for(lambda: bool(listener.heard))
+        assert listener.refused == 1
+        assert listener.heard[0]["axis"] == "dead"
+        assert set(listener.heard[0]) == {"kind", "axis", "at", "sentence"}
+        service.write_text("schema = 1\naxes = [{}]\n")
+        live.process.send_signal(signal.SIGHUP)
+        live.wait_for(lambda: "configuration not taken over" in (live.folder / "log").read_text())
+        assert len(live.get("/api/axes")) == 2
+        live.end(signal.SIGTERM)
+
+
+@pytest.mark.slow
+def test_a_torn_history_is_restored_on_the_start_and_this_is_said_loudly(live: Live) -> None:
+    live.start()
+    job = live.submit("check")
+    live.wait_for(lambda: live.get(f"/api/jobs/{job}")["state"] == "done")
+    live.end(signal.SIGTERM)
+    history = live.folder / "runs" / ".service" / "history.sqlite"
+    history.write_bytes(b"\xff" * 100 + history.read_bytes()[100:])
+    live.start()
+    health = live.get("/healthz")
+    assert health["status"] == "ok"
+    assert "TORN" in health["restored"]
+    assert "autotune_history_restored 1.0" in live.read("/metrics").decode()
+    assert len(live.get("/api/axes/one/checks")) == 1
+    assert any(event["kind"] == "restored" for event in live.get("/api/history/events"))
+
+
+@pytest.mark.slow
+def test_kill_9_with_the_drive_behind_a_wire_loses_no_job(live: Live) -> None:
+    axis = live.folder / "one.toml"
+    axis.write_text(EXAMPLE.read_text().replace('name = "edm-vertical"', 'name = "one"'))
+    drive = subprocess.Popen(
+        [*CLI, "sim", str(axis)], stdout=subprocess.PIPE, text=True, env=live.environment
+    )
+    try:
+        assert drive.stdout is not None
+        assert "is simulated at" in drive.stdout.readline()
+        live.start()
+        job = live.submit("check")
+        live.wait_for(lambda: live.get(f"/api/jobs/{job}")["stage"] == "look")
+        live.end(signal.SIGKILL)
+        live.start()
+        live.wait_for(lambda: live.get(f"/api/jobs/{job}")["state"] == "done")
+        row = live.get(f"/api/jobs/{job}")
+        assert row["outcome"] == "done", row
+        (check,) = live.get("/api/axes/one/checks")
+        assert check["level"] == pytest.approx(0.333, abs=0.01)
+    finally:
+        live.end(signal.SIGTERM)
+        drive.send_signal(signal.SIGINT)
+        drive.communicate(timeout=PATIENCE)
 
 
 def test_serve_check_starts_nothing(live: Live) -> None:

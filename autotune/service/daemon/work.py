@@ -8,7 +8,7 @@ from datetime import datetime
 from pathlib import Path
 
 from autotune.core.axis import Axis
-from autotune.core.errors import AutotuneError, ConfigurationError
+from autotune.core.errors import AutotuneError, ConfigurationError, Interrupted
 from autotune.core.loop import Loop
 from autotune.service.check import CheckRequest, check_axis
 from autotune.service.daemon.orders import DONE, Done, Order
@@ -44,7 +44,7 @@ def perform(order: Order, tools: Tools) -> Done:
     """Does the job.
 
     Raises:
-        KeyboardInterrupt: the axis is at rest, everything put back.
+        KeyboardInterrupt, Interrupted: the axis is at rest, everything put back.
     """
     doing = {"check": _check, "run": _run, "commit": _commit, "rollback": _rollback}[order.kind]
     idle = Idle(**order.options.get("idle", {}))
@@ -54,6 +54,8 @@ def perform(order: Order, tools: Tools) -> Done:
         return doing(order, tools)
     except NotIdle as error:
         return Done("not_idle", error.exit_code, str(error))
+    except Interrupted:
+        raise
     except AutotuneError as error:
         outcome = {3: "not_enough", 4: "guard", 5: "fault"}.get(error.exit_code, "refused")
         return Done(outcome, error.exit_code, str(error))

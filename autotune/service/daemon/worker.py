@@ -20,6 +20,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from autotune.core.errors import Interrupted
 from autotune.core.loop import Loop
 from autotune.service.daemon.orders import Done, Order, salvage, write_begun, write_done
 from autotune.service.daemon.work import Tools, perform
@@ -84,7 +85,7 @@ def main() -> int:
     try:
         write_begun(order, os.getpid(), datetime.now().astimezone())
         done = _perform(order)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, Interrupted):  # in this process, or in the cyclic one
         kept = salvage(Path(order.runs), order.axis, order.id)
         if lifeline.cut and kept is None:
             return 130
