@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,7 +22,8 @@ from autotune.models.lugre import Floats
 from autotune.models.table import EFFECTS
 from autotune.models.torque_ripple import LINES, scale_slot
 
-MEMORY_STEPS = (2.0, 5.0, 13.0, 35.0, 90.0)
+MEMORY_STEPS = (0.5, 1.0, 2.0, 4.0, 9.0, 25.0, 80.0)
+MEMORY_IN_USE = 0.05  # of what all elements carry
 LEAST_LINE_GAIN = 0.008
 MOST_LINES = 7
 LINE_CONTRAST = 6.0
@@ -208,24 +209,34 @@ def _spring(c: Context) -> Iterator[Start]:
 
 
 def _memory(c: Context) -> Iterator[Start]:
+    """Elements on a raster of displacements: what they carry enters linearly."""
     reach = min(c.reach, 0.01 * c.study.scales.travel)
     for stiffer in (1.0, 3.0, 9.0):
         values = {}
         free = {}
         for i, factor in enumerate(MEMORY_STEPS, 1):
             values[f"displacement_{i}"] = factor * reach / stiffer
-            values[f"torque_{i}"] = 0.02 * c.coulomb
+            values[f"torque_{i}"] = 0.01 * c.coulomb
             free[f"torque_{i}"] = (0.1 * c.coulomb, 0.5 * c.coulomb)
         base = {layout.STIFFNESS: c.p[layout.STIFFNESS] * stiffer}
-        start = _start(c, "reversal_memory", values, free, base)
-        kind = EFFECTS["reversal_memory"]
-        moving = []
-        for i in range(1, len(MEMORY_STEPS) + 1):
+        yield _start(c, "reversal_memory", values, free, base)
+
+
+def shapes(effect: str, packed: Packed) -> tuple[Free, ...]:
+    """What becomes free once a family's first fit is there: displacements of the elements that carry."""
+    if effect != "reversal_memory":
+        return ()
+    kind = EFFECTS[effect]
+    numbers = range(1, len(MEMORY_STEPS) + 1)
+    torque = [float(packed.p[kind.parameter(f"torque_{i}").slot]) for i in numbers]
+    moving = []
+    for i in numbers:
+        if torque[i - 1] > MEMORY_IN_USE * sum(torque):
             name = f"displacement_{i}"
-            value = values[name]
             slot = kind.parameter(name).slot
+            value = float(packed.p[slot])
             moving.append(Free(kind.surface(name), slot, 0.2 * value, 5.0 * value, 0.5 * value, 0.4 * value))
-        yield Start(start.packed, (*start.free, *moving))
+    return tuple(moving)
 
 
 def _thermal(c: Context) -> Iterator[Start]:
@@ -243,6 +254,16 @@ def _thermal(c: Context) -> Iterator[Start]:
         )
 
 
+LEAST_LOAD = 0.1
+"""Share of the inertia beyond a transmission: less, behind a soft spring, is a hysteresis element."""
+
+
+def _beyond(start: Start) -> Start:
+    """The start with a load that deserves the name."""
+    free = [replace(f, lower=LEAST_LOAD) if f.name.endswith(".load_inertia") else f for f in start.free]
+    return Start(start.packed, tuple(free))
+
+
 def _load_side(friction: float) -> dict[str, float]:
     return {"load_inertia": 0.4, "load_friction": friction, "damping": 0.05}
 
@@ -256,7 +277,8 @@ def _elastic(c: Context) -> Iterator[Start]:
             "load_inertia": (0.2, 0.2),
             "load_friction": (0.2, 0.3),
         }
-        yield _start(c, "elastic_transmission", {"compliance": compliance, **_load_side(0.4)}, free)
+        values = {"compliance": compliance, **_load_side(0.4)}
+        yield _beyond(_start(c, "elastic_transmission", values, free))
 
 
 def _backlash(c: Context) -> Iterator[Start]:
@@ -271,7 +293,7 @@ def _backlash(c: Context) -> Iterator[Start]:
             "load_inertia": (0.2, 0.2),
             "load_friction": (0.2, 0.3),
         }
-        yield _start(c, "backlash", values, free)
+        yield _beyond(_start(c, "backlash", values, free))
 
 
 def _lag(c: Context) -> Iterator[Start]:

@@ -74,6 +74,7 @@ class Prepared:
         taps: zero-phase low-pass that every torque goes through, shape (odd,).
         recorded_torque: as it was in the file; `torque` is this, moved by `shift` half samples.
         filtered: one side was put through a low-pass that the file's other column had gone through.
+        starts: first sample of each recording.
         steady: only the curve of torque over constant speeds is compared (see `speed_curve`).
     """
 
@@ -97,6 +98,7 @@ class Prepared:
     recorded_torque: Floats
     shift: float = 0.0
     filtered: bool = False
+    starts: tuple[int, ...] = (0,)
     steady: bool = False
 
     def role(self, *roles: str) -> Flags:
@@ -136,11 +138,13 @@ def prepare(
     arrays = {name: np.concatenate([column[name] for column in columns]) for name in columns[0]}
     stretches: list[Stretch] = []
     segments: list[Segment] = []
+    starts: list[int] = []
     offset = 0
     for number, recording in enumerate(recordings):
         stretches += (
             [Stretch(offset, offset + len(recording), False)] if steady else _stretches(recording, offset)
         )
+        starts.append(offset)
         segments += _segments(recording, offset, number if len(recordings) > 1 else 0)
         offset += len(recording)
     position, velocity, acceleration = (np.zeros(offset) for _ in range(3))
@@ -178,6 +182,7 @@ def prepare(
         all("reference" in recording for recording in recordings),
         arrays["torque"],
         steady=steady,
+        starts=tuple(starts),
     )
 
 

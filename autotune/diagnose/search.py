@@ -11,7 +11,7 @@ import numpy as np
 from autotune.diagnose import speed_curve
 from autotune.diagnose.alignment import best_shift, shifted
 from autotune.diagnose.coordinates import generic_columns
-from autotune.diagnose.families import FAMILIES, Context, Start
+from autotune.diagnose.families import FAMILIES, Context, Start, shapes
 from autotune.diagnose.fit import Fitted, Free, fit
 from autotune.diagnose.prepared import TRAINING, VETO
 from autotune.diagnose.residual import measured_motion
@@ -152,7 +152,8 @@ def _finished(
         close, most, rounds = (0.0, 9, 15) if study.data.steady else (CLOSE_START, 2, 4)
         for start in [f for f in found if level.fitted.cost - f.cost > close * fall][:most]:
             near = start if level.effects else None
-            finished = refit(study, start.packed, list(start.free), level.correction, rounds, near)
+            free = [*start.free, *shapes(effect, start.packed)]
+            finished = refit(study, start.packed, free, level.correction, rounds, near)
             best = finished if finished.cost <= best.cost else best
     gain, z = gain_and_z(level.unseen, held_out(study, best.error, best.jacobian))
     return Screened(effect, best, gain, z)

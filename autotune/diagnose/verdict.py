@@ -14,7 +14,15 @@ from autotune.diagnose.bandwidth import prepared_for
 from autotune.diagnose.contact import settled_contact
 from autotune.diagnose.controller import find_controller, with_feedforward
 from autotune.diagnose.coordinates import variance_shares
-from autotune.diagnose.families import FAMILIES
+from autotune.diagnose.elsewhere import Elsewhere, carried_on, said
+from autotune.diagnose.evidence import (
+    GENERIC_GAIN,
+    PARTLY,
+    Candidate,
+    candidates,
+    next_experiment,
+    unknown_note,
+)
 from autotune.diagnose.filtered import without_twin
 from autotune.diagnose.fit import Free
 from autotune.diagnose.lines import time_driven_line
@@ -47,40 +55,26 @@ from autotune.diagnose.study import (
     without_outlying,
 )
 from autotune.diagnose.surrogates import beats_surrogates
-from autotune.diagnose.words import TORQUE_CONSTANT, separating_experiment, usual_rivals
+from autotune.diagnose.words import TORQUE_CONSTANT, usual_rivals
 from autotune.models.drive_model import DriveModel, Packed
 
 Progress = Callable[[str], None]
 GENERIC_LEAD = 1.5
-GENERIC_GAIN = 0.05
-PARTLY = 0.5
 LEAST_Z_ALONE = 2.5
 LEAST_GAIN_ALONE = 0.08
 """Without repeats: smaller gains are as often the measurement chain as the axis."""
-POLISHED = 0.98
+POLISHED = 0.99
+MOST_POLISHES, WORTH_POLISHING = 3, 0.02
 NEARLY = 0.8
 HOPELESS = 0.35
 """Part of the best candidate's gain below which a refit inside the twin is not worth its time."""
 HOPELESS_BESIDE = 0.6
 """The same for a further effect."""
+WORTH_BESIDE = 0.01
+"""Of what is explained already: the least that a further effect must explain."""
+ROUGH, WORTH_BESIDE_ROUGH = frozenset({"backlash", "elastic_transmission"}), 0.04
+"""The same beside two masses, whose blows no fit follows to the last."""
 NEGLIGIBLE = 0.02
-
-
-@dataclass(frozen=True, slots=True)
-class Candidate:
-    """One family's evidence.
-
-    Attributes:
-        gain: fall of the squared error on unseen experiments, relative.
-        error_before, error_after: rms on unseen experiments [N m or N].
-    """
-
-    effect: str
-    gain: float
-    error_before: float
-    error_after: float
-    accepted: bool
-    why: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,17 +234,26 @@ def search_effects(
         chosen = _pruned(study, root, chosen, progress)
     if chosen is not None and PARTLY < chosen.share < POLISHED:
         chosen = _polished(study, root, chosen, progress)
-    return _judge(study, root, chosen, first, tried, generic, notes)
+    carried: list[Elsewhere] = []
+    if chosen is not None:
+        progress("does another trajectory confirm it")
+        chosen, carried = carried_on(study, root, chosen)
+    return _judge(study, root, chosen, first, tried, generic, (*notes, *said(carried)), carried)
 
 
 def _polished(study: Study, root: Level, chosen: Refitted, progress: Progress) -> Refitted:
-    """More rounds of the same fit, where that helps: two masses need them, and what they leave misleads."""
+    """More rounds of the same fit, as long as they help: two masses need them, and what they leave misleads."""
     progress(f"refinement with {' and '.join(chosen.level.effects)}")
-    level = chosen.level
-    better = settle(study, level.fitted.packed, list(level.free), 4, level.effects, level.fitted)
-    if better is None or better.fitted.cost >= level.fitted.cost:
-        return chosen
-    return judged(study, root, better, chosen.effect)
+    for _ in range(MOST_POLISHES):
+        level = chosen.level
+        better = settle(study, level.fitted.packed, list(level.free), 4, level.effects, level.fitted)
+        if better is None or better.fitted.cost >= level.fitted.cost:
+            break
+        gained = 1.0 - better.fitted.cost / level.fitted.cost
+        chosen = judged(study, root, better, chosen.effect)
+        if chosen.share >= POLISHED or gained < WORTH_POLISHING:
+            break
+    return chosen
 
 
 def _once_more(study: Study, root: Level, chosen: Refitted) -> tuple[Study, Level, Refitted]:
@@ -306,7 +309,9 @@ def _best(study: Study, chosen: Refitted | None, refits: Sequence[Refitted]) -> 
         return best if best.gain >= LEAST_GAIN else None
     before = chosen.level
     fall = _mean_square(study, before, TRAINING) - _mean_square(study, best.level, TRAINING)
-    worth = fall >= 0.01 * max(chosen.training.fall, 0.0) and best.gain >= LEAST_GAIN
+    rough = not ROUGH.isdisjoint(before.effects)
+    least = WORTH_BESIDE_ROUGH if rough else WORTH_BESIDE
+    worth = fall >= least * max(chosen.training.fall, 0.0) and best.gain >= LEAST_GAIN
     if study.has(VETO):
         worth &= _mean_square(study, best.level, VETO) < _mean_square(study, before, VETO)
     return best if worth else None
@@ -359,6 +364,7 @@ def _judge(
     tried: Sequence[Refitted],
     generic: Mapping[str, float],
     notes: tuple[str, ...],
+    carried: Sequence[Elsewhere] = (),
 ) -> Diagnosis:
     lead = max((item.gain for item in first), default=0.0)
     if chosen is not None:
@@ -376,10 +382,10 @@ def _judge(
             confidence, effects = "suspected", chosen.level.effects
         elif good and not structured:
             verdict, effects = "named", chosen.level.effects
-            confidence = "confirmed" if study.twin and study.has_veto else "suspected"
+            confidence = "confirmed" if _confirmed(study, effects, carried) else "suspected"
         else:
             verdict = "unknown"
-    elif structured or _structure_left(study, root):
+    elif structured or carried or _structure_left(study, root):
         verdict = "unknown"
     line = time_driven_line(study, (chosen.level if chosen else root).fitted.error)
     if line is not None:
@@ -390,7 +396,7 @@ def _judge(
         )
         verdict = "unknown" if verdict == "none" else verdict
     if verdict == "unknown":
-        notes = (*notes, _unknown_note(coordinate, free, chosen))
+        notes = (*notes, unknown_note(coordinate, free, chosen))
     if not confusable and confidence == "suspected":
         near = [r for e in effects for r in usual_rivals(e)]
         confusable = (tuple(dict.fromkeys([*effects, *near])),)
@@ -400,11 +406,11 @@ def _judge(
         verdict,
         _by_strength(study, final, effects),
         confidence,
-        _candidates(study, root, first, tried, effects),
+        candidates(study, root, first, tried, effects),
         confusable,
         variance_shares(study.data, root.fitted.error, rows),
         _floor(study, final),
-        _next(verdict, effects, confusable, confidence, chosen),
+        next_experiment(verdict, effects, confusable, confidence, chosen),
         study.twin,
         math.sqrt(study.mean_square(final.fitted.error, TEST)) if study.has(TEST) else math.nan,
         (*notes, TORQUE_CONSTANT),
@@ -412,6 +418,13 @@ def _judge(
         final,
         root,
     )
+
+
+def _confirmed(study: Study, effects: Sequence[str], carried: Sequence[Elsewhere]) -> bool:
+    """Whether data that were not fitted confirm every effect."""
+    if study.data.repeated:
+        return study.twin and study.has_veto
+    return set(effects) <= {item.effect for item in carried if item.confirmed}
 
 
 def _rivals(study: Study, root: Level, chosen: Refitted, tried: Sequence[Refitted]) -> list[str]:
@@ -435,16 +448,6 @@ def _structure_left(study: Study, root: Level) -> bool:
     return math.isfinite(variance) and variance > 1.5 * error and variance > 0.15 * noise
 
 
-def _unknown_note(coordinate: str, gain: float, chosen: Refitted | None) -> str:
-    text = "Something repeatable is missing that none of the known effects explains"
-    if gain > GENERIC_GAIN:
-        text += f"; it is structured in {coordinate.replace('_', ' ')}"
-    if chosen is not None and chosen.share >= PARTLY:
-        names = ", ".join(chosen.level.effects).replace("_", " ")
-        text += f"; {names} explains {100 * chosen.share:.0f} % of it and may be part of the truth"
-    return text + "."
-
-
 def _by_strength(study: Study, level: Level, effects: Sequence[str]) -> tuple[str, ...]:
     return tuple(effects)
 
@@ -455,47 +458,3 @@ def _floor(study: Study, level: Level) -> float:
         if study.data.repeated
         else math.nan
     )
-
-
-def _candidates(
-    study: Study, root: Level, first: Sequence[Screened], tried: Sequence[Refitted], effects: Sequence[str]
-) -> tuple[Candidate, ...]:
-    count = max(float(study.training.sum()), 1.0)
-    before = math.sqrt(root.unseen.total / count)
-    refits = {item.effect: item for item in tried}
-    table = []
-    for item in first:
-        accepted = item.effect in effects
-        gain = refits[item.effect].gain if item.effect in refits else item.gain
-        after = before * math.sqrt(max(1.0 - gain, 0.0))
-        table.append(Candidate(item.effect, gain, before, after, accepted, _why(item, refits, accepted)))
-    return tuple(table)
-
-
-def _why(item: Screened, refits: Mapping[str, Refitted], accepted: bool) -> str:
-    if item.effect in refits:
-        done = refits[item.effect]
-        veto = f", {100 * done.veto.share:.0f} % on the veto trajectory" if done.veto else ""
-        text = f"explains {100 * done.training.share:.0f} % of the explainable error{veto}"
-        return text if accepted else text + "; not the best explanation"
-    if item.gain < LEAST_GAIN:
-        return f"gain {100 * item.gain:.1f} % on unseen experiments; {100 * LEAST_GAIN:.0f} % are needed"
-    return f"gain {100 * item.gain:.1f} % on unseen experiments, less than others"
-
-
-def _next(
-    verdict: str,
-    effects: Sequence[str],
-    confusable: Sequence[Sequence[str]],
-    confidence: str | None,
-    chosen: Refitted | None,
-) -> str | None:
-    if verdict == "ambiguous":
-        return separating_experiment(set(confusable[0]))
-    if verdict == "named" and confidence == "suspected":
-        near = set(effects) | {r for e in effects for r in usual_rivals(e)}
-        return separating_experiment(near) + ". A second trajectory confirms or refutes the name."
-    if verdict == "unknown":
-        near = set(chosen.level.effects) if chosen else set(FAMILIES)
-        return separating_experiment(near | {r for e in near for r in usual_rivals(e)})
-    return None

@@ -13,7 +13,7 @@ from autotune.models.effect import Kind, Parameter
 from autotune.models.layout import block, state_block
 from autotune.models.lugre import Floats
 
-ELEMENTS = 8
+ELEMENTS = 10
 _AT = block("reversal_memory")
 _STATE = state_block("reversal_memory")
 

@@ -1,0 +1,137 @@
+"""Another trajectory decides: an effect found on one recording, carried unchanged to another.
+
+In one recording several effects may explain the same error. Carried to a second trajectory the right one
+lowers the error there, the wrong ones raise it. Each recording is held out in turn, the model with and
+without the effect is fitted on the others and not changed any more; a `veto` segment is held out always.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from autotune.diagnose.prepared import VETO
+from autotune.diagnose.score import Unseen, gain_and_z
+from autotune.diagnose.search import Level, Refitted, without_effect
+from autotune.diagnose.study import CHUNK, Study, refit
+from autotune.models.lugre import Flags, Floats
+
+LEAST_GAIN = 0.03
+LEAST_Z = 2.0
+CLEAR_GAIN = 0.3
+LEAST_REST = 0.25
+"""Of the rows: with fewer left the other recordings say too little to be carried anywhere."""
+LOST = 10.0
+"""Times the mean square of the fit: where with and without the effect the model is so far off, nothing is compared."""
+ITERATIONS = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Elsewhere:
+    """What an effect does to the error on trajectories that were not fitted.
+
+    Attributes:
+        gain: relative fall of the squared error there; below 0 it rose.
+    """
+
+    effect: str
+    gain: float
+    z: float
+
+    @property
+    def confirmed(self) -> bool:
+        return self.gain >= CLEAR_GAIN or (self.gain >= LEAST_GAIN and self.z >= LEAST_Z)
+
+    @property
+    def refuted(self) -> bool:
+        return self.gain < 0.0
+
+
+def elsewhere(study: Study, root: Level, chosen: Refitted) -> list[Elsewhere]:
+    """For every effect found: what it does on other trajectories; empty where there is none."""
+    folds = list(_folds(study))
+    if study.data.repeated or study.data.steady or not folds:
+        return []
+    found = []
+    for effect in chosen.level.effects:
+        less = root
+        if len(chosen.level.effects) > 1:
+            without = without_effect(study, root, chosen.level, effect)
+            if without is None:
+                continue
+            less = without.level
+        found += _judged(study, folds, less, chosen.level, effect)
+    return found
+
+
+def carried_on(study: Study, root: Level, chosen: Refitted) -> tuple[Refitted | None, list[Elsewhere]]:
+    """What was found, without the effects that another trajectory refutes."""
+    carried = elsewhere(study, root, chosen)
+    for item in carried:
+        if not item.refuted:
+            continue
+        if len(chosen.level.effects) < 2:
+            return None, carried
+        less = without_effect(study, root, chosen.level, item.effect)
+        chosen = less if less is not None else chosen
+    return chosen, carried
+
+
+def said(carried: Sequence[Elsewhere]) -> tuple[str, ...]:
+    """What another trajectory says, one sentence an effect."""
+    return tuple(
+        f"Carried unchanged to another trajectory, {item.effect.replace('_', ' ')} "
+        + (
+            f"raises the squared error there by {-100 * item.gain:.0f} %: it is not the cause."
+            if item.refuted
+            else f"lowers the squared error there by {100 * item.gain:.0f} %."
+        )
+        for item in carried
+    )
+
+
+def _judged(study: Study, folds: list[Flags], less: Level, more: Level, effect: str) -> list[Elsewhere]:
+    before: list[float] = []
+    after: list[float] = []
+    for held in folds:
+        plain, with_effect = _carried(study, less, held), _carried(study, more, held)
+        size = min(float(np.mean(error[held] ** 2)) for error in (plain, with_effect))
+        if not size < LOST * max(less.fitted.cost, 1e-300):
+            continue
+        before += _chunks(plain[held])
+        after += _chunks(with_effect[held])
+    if not before:
+        return []
+    gain, z = gain_and_z(Unseen(np.array(before)), Unseen(np.array(after)))
+    return [Elsewhere(effect, gain, z)] if math.isfinite(gain) else []
+
+
+def _folds(study: Study) -> Iterator[Flags]:
+    """Grid rows to be held out: the veto trajectory, else each recording in turn."""
+    data = study.data
+    if study.has(VETO):
+        yield data.role(VETO) & (study.weight > 0)
+        return
+    if len(data.starts) < 2:
+        return
+    number = np.searchsorted(np.array(data.starts), data.grid, side="right")
+    fitted = study.training > 0
+    for one in np.unique(number):
+        held = fitted & (number == one)
+        left = fitted & (number != one)
+        if held.sum() >= CHUNK and left.sum() >= LEAST_REST * fitted.sum():
+            yield held
+
+
+def _carried(study: Study, level: Level, held: Flags) -> Floats:
+    """Error of the model fitted without the rows held out, shape (m,)."""
+    others = replace(study, weight=study.weight * ~held)
+    return refit(others, level.fitted.packed, list(level.free), level.correction, ITERATIONS).error
+
+
+def _chunks(error: Floats) -> list[float]:
+    pieces = max(1, len(error) // CHUNK)
+    return [float(np.sum(part**2)) for part in np.array_split(error, pieces)]
