@@ -35,6 +35,7 @@ class Candidate:
 def candidates(
     study: Study, root: Level, first: Sequence[Screened], tried: Sequence[Refitted], effects: Sequence[str]
 ) -> tuple[Candidate, ...]:
+    """One row for every family that was tried."""
     count = max(float(study.training.sum()), 1.0)
     before = math.sqrt(root.unseen.total / count)
     refits = {item.effect: item for item in tried}
@@ -43,28 +44,37 @@ def candidates(
         accepted = item.effect in effects
         gain = refits[item.effect].gain if item.effect in refits else item.gain
         after = before * math.sqrt(max(1.0 - gain, 0.0))
-        table.append(Candidate(item.effect, gain, before, after, accepted, why(item, refits, accepted)))
+        text = why(item, refits, accepted, study.data.repeated)
+        table.append(Candidate(item.effect, gain, before, after, accepted, text))
     return tuple(table)
 
 
-def why(item: Screened, refits: Mapping[str, Refitted], accepted: bool) -> str:
+def why(item: Screened, refits: Mapping[str, Refitted], accepted: bool, repeated: bool) -> str:
+    """Why a candidate was taken or left; what is explainable is known from repeats only."""
+    if item.effect in refits and not repeated:
+        text = f"lowers the squared error on unseen stretches by {100 * refits[item.effect].gain:.0f} %"
+        return text if accepted else text + "; not the best explanation"
     if item.effect in refits:
         done = refits[item.effect]
         veto = f", {100 * done.veto.share:.0f} % on the veto trajectory" if done.veto else ""
         text = f"explains {100 * done.training.share:.0f} % of the explainable error{veto}"
         return text if accepted else text + "; not the best explanation"
+    if accepted:
+        return "taken beside the others: lowers what they leave"
     if item.gain < LEAST_GAIN:
         return f"gain {100 * item.gain:.1f} % on unseen experiments; {100 * LEAST_GAIN:.0f} % are needed"
     return f"gain {100 * item.gain:.1f} % on unseen experiments, less than others"
 
 
-def unknown_note(coordinate: str, gain: float, chosen: Refitted | None) -> str:
+def unknown_note(coordinate: str, gain: float, chosen: Refitted | None, repeated: bool) -> str:
+    """What is known about what is unknown: where it sits, and what explains a part."""
     text = "Something repeatable is missing that none of the known effects explains"
     if gain > GENERIC_GAIN:
         text += f"; it is structured in {coordinate.replace('_', ' ')}"
     if chosen is not None and chosen.share >= PARTLY:
         names = ", ".join(chosen.level.effects).replace("_", " ")
-        text += f"; {names} explains {100 * chosen.share:.0f} % of it and may be part of the truth"
+        part = f"explains {100 * chosen.share:.0f} % of it" if repeated else "fits some of it"
+        text += f"; {names} {part} and may be part of the truth"
     return text + "."
 
 
@@ -75,6 +85,7 @@ def next_experiment(
     confidence: str | None,
     chosen: Refitted | None,
 ) -> str | None:
+    """What to record next, where that would tell more; None where nothing is missing or all is confirmed."""
     if verdict == "ambiguous":
         return separating_experiment(set(confusable[0]))
     if verdict == "named" and confidence == "suspected":

@@ -396,7 +396,7 @@ def _judge(
         )
         verdict = "unknown" if verdict == "none" else verdict
     if verdict == "unknown":
-        notes = (*notes, unknown_note(coordinate, free, chosen))
+        notes = (*notes, unknown_note(coordinate, free, chosen, study.data.repeated))
     if not confusable and confidence == "suspected":
         near = [r for e in effects for r in usual_rivals(e)]
         confusable = (tuple(dict.fromkeys([*effects, *near])),)
