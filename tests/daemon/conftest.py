@@ -96,7 +96,7 @@ class World:
     now: datetime = START
     steady: float = 1000.0
     notices: list[Mapping[str, Any]] = field(default_factory=list)
-    launcher: FakeLauncher = field(default_factory=FakeLauncher)
+    launcher: Any = field(default_factory=FakeLauncher)
 
     def __post_init__(self) -> None:
         for name in self.axes:
