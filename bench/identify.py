@@ -7,6 +7,7 @@ Prints the table beside Table 6.2 of the thesis.
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from dataclasses import dataclass
@@ -42,7 +43,10 @@ class Row:
 def measure(axes: int, first: int) -> dict[str, Row]:
     """Identifies `axes` axes, seeds from `first`."""
     rows = {name: Row([], [], []) for name in THESIS}
-    for seed in range(first, first + axes):
+    begin = time.monotonic()
+    for done, seed in enumerate(range(first, first + axes)):
+        left = (time.monotonic() - begin) / done * (axes - done) if done else math.nan
+        sys.stderr.write(f"axis {done + 1} of {axes}, {left:.0f} s left\n")
         axis = varied_axis(seed)
         found = identify_run(play(axis, seed)).joint
         for name, value in truth(axis.plant).items():

@@ -20,7 +20,7 @@ from autotune.core.recording import Recording
 from autotune.diagnose.compare import Compared, compare
 from autotune.diagnose.fitting import fit_model
 from autotune.identify.complexity import Complexity, judge_complexity
-from autotune.identify.estimate import Estimate
+from autotune.identify.estimate import Estimate, Quantity
 from autotune.identify.first_guess import OneDirection
 from autotune.identify.fit import STARTED, fit, joined
 from autotune.identify.residuals import ClosedLoop, simulate_closed_loop, torque_residual
@@ -33,6 +33,8 @@ Floats = NDArray[np.float64]
 Progress = Callable[[str], None]
 USUAL_ACCELERATION = 0.2 * (2.0 * math.pi) ** 2
 """Of the benchmark sine, at its reversals."""
+ONE_NUMBER = ("coulomb", "offset")
+"""What motion in one direction cannot tell apart."""
 BEYOND_SPEEDS = ("inertia", "stiffness", "micro_damping")
 USUAL_PRECISION = {"rad": 1e-3, "m": 1e-5}
 
@@ -136,10 +138,24 @@ def _by_experiments(whole: Recording) -> Fit:
 def _by_search(whole: Recording, effects: Sequence[str], notes: tuple[str, ...], progress: Progress) -> Fit:
     result = fit_model([whole], effects, progress)
     reason = "; ".join(text for text in (result.reason, *notes) if text)
+    model = result.model
+    unknown: dict[str, Quantity] = {}
+    if notes:
+        model, unknown = _as_one_number(model, notes[0])
     estimate = Estimate(
-        "search", {}, result.valid, reason, result.relative_error, tuple(result.notes) + notes
+        "search", unknown, result.valid, reason, result.relative_error, tuple(result.notes) + notes
     )
-    return Fit(result.model, "search", estimate, estimate.notes)
+    return Fit(model, "search", estimate, estimate.notes)
+
+
+def _as_one_number(model: DriveModel, why: str) -> tuple[DriveModel, dict[str, Quantity]]:
+    """The model of an axis that moved one way only: neither part of a sum has an error of its own."""
+    base = dict(model.base)
+    unknown = {}
+    for name in ONE_NUMBER:
+        base[name] = replace(base[name], standard_error=None)
+        unknown[name] = Quantity(model[name], math.inf, identified=False, note=why)
+    return replace(model, base=base), unknown
 
 
 def _with_errors(model: DriveModel, estimate: Estimate) -> DriveModel:
@@ -213,7 +229,11 @@ def fit_json(result: Fit, parameters: Mapping[str, Any]) -> dict[str, Any]:
         "reason": result.estimate.reason,
         "relative_error": result.estimate.relative_error,
         "method": result.method,
-        "intervals": {name: list(q.interval) for name, q in result.estimate.parameters.items()},
+        "intervals": {
+            name: list(q.interval)
+            for name, q in result.estimate.parameters.items()
+            if math.isfinite(q.standard_error)
+        },
         "not_identified": result.not_identified,
         "complexity": _complexity_json(result.complexity),
         "closed_loop": _loop_json(result.loop),

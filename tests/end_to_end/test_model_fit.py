@@ -213,6 +213,8 @@ def test_one_direction_is_handled_and_said(call: Call) -> None:
         found = json.loads(out)
         assert "direction only" in found["reason"]
         assert found["parameters"]["coulomb"]["value"] == pytest.approx(0.33, rel=0.05)
+        assert found["parameters"]["coulomb"]["standard_error"] is None
+        assert found["not_identified"] == ["coulomb", "offset"]
 
 
 @pytest.mark.parametrize(
