@@ -22,6 +22,8 @@ from autotune.models.lugre import Flags, Floats
 LEAST_GAIN = 0.03
 LEAST_Z = 2.0
 CLEAR_GAIN = 0.3
+ALIKE = 0.6
+"""Of the best gain: so near another trajectory decides."""
 LEAST_REST = 0.25
 """Of the rows: with fewer left the other recordings say too little to be carried anywhere."""
 LOST = 10.0
@@ -65,6 +67,23 @@ def elsewhere(study: Study, root: Level, chosen: Refitted) -> list[Elsewhere]:
             less = without.level
         found += _judged(study, folds, less, chosen.level, effect)
     return found
+
+
+def best_elsewhere(study: Study, refits: Sequence[Refitted]) -> Refitted:
+    """Of candidates that explain nearly alike the one that errs least on other trajectories.
+
+    The one of the highest gain where there is no other trajectory.
+    """
+    best = max(refits, key=lambda item: item.gain)
+    near = [item for item in refits if item.gain >= ALIKE * best.gain]
+    folds = list(_folds(study)) if len(near) > 1 and not study.data.steady else []
+    if not folds:
+        return best
+    return min(near, key=lambda item: _error_elsewhere(study, folds, item.level))
+
+
+def _error_elsewhere(study: Study, folds: list[Flags], level: Level) -> float:
+    return sum(float(np.sum(_carried(study, level, held)[held] ** 2)) for held in folds)
 
 
 def carried_on(study: Study, root: Level, chosen: Refitted) -> tuple[Refitted | None, list[Elsewhere]]:

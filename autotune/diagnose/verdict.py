@@ -14,7 +14,7 @@ from autotune.diagnose.bandwidth import prepared_for
 from autotune.diagnose.contact import settled_contact
 from autotune.diagnose.controller import find_controller, with_feedforward
 from autotune.diagnose.coordinates import variance_shares
-from autotune.diagnose.elsewhere import Elsewhere, carried_on, said
+from autotune.diagnose.elsewhere import Elsewhere, best_elsewhere, carried_on, said
 from autotune.diagnose.evidence import (
     GENERIC_GAIN,
     PARTLY,
@@ -285,7 +285,7 @@ def _walk(
     refits: list[Refitted] = []
     for item in passing[:WALK]:
         done = any(r.named for r in refits)
-        close = 0.75 if study.data.repeated else 0.9
+        close = 0.75 if study.data.repeated or len(study.data.starts) > 1 else 0.9
         hopeless = HOPELESS_BESIDE if level.effects else HOPELESS
         if item.gain < (close if done else hopeless) * passing[0].gain:
             break
@@ -304,7 +304,7 @@ def _best(study: Study, chosen: Refitted | None, refits: Sequence[Refitted]) -> 
     if study.data.repeated:
         best = min(refits, key=lambda item: _both(study, item.level))
     else:
-        best = max(refits, key=lambda item: item.gain)
+        best = best_elsewhere(study, refits)
     if chosen is None:
         return best if best.gain >= LEAST_GAIN else None
     before = chosen.level
