@@ -75,7 +75,8 @@ def _verdict(output: str, code: int) -> int:
     for name, what in (
         ("report.html", "the report: figures first; open it in a browser"),
         ("run.json", "everything as data"),
-        ("model.toml", "the model of the axis"),
+        ("model.toml", "the model of the axis, with the effects that were found"),
+        ("feedforward.toml", "what the host has to play beyond the drive's own block"),
         ("run.rrd", "all traces for the Rerun viewer"),
         ("recordings", "what was measured (Parquet)"),
     ):

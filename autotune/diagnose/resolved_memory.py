@@ -31,6 +31,7 @@ LEAST_COUNTS = 3.0
 KEPT = 0.1  # of the bristle
 SPENT = 0.05  # of all friction: a bristle that carries less is not taken apart
 ROUNDS = 2
+MORE_FITS = 3
 IDLE = 0.01  # of all friction: an element that carries less is given up
 LONGEST = 0.3  # of the travel: elements beyond it never slide
 
@@ -65,7 +66,7 @@ def _taken_apart(study: Study, level: Level) -> Level | None:
     elements = _elements(study, packed) if packed.on[layout.flag(EFFECT)] else []
     if not elements:
         return None
-    finer = settle(study, _started(packed, elements), _free(study, level, elements), 2, level.effects)
+    finer = _settled(study, _started(packed, elements), _free(study, level, elements), level.effects)
     if finer is None or finer.unseen.total > (1.0 - LEAST_GAIN) * level.unseen.total:
         return None
     if study.has(VETO):
@@ -73,6 +74,22 @@ def _taken_apart(study: Study, level: Level) -> Level | None:
         if after >= before:
             return None
     return finer
+
+
+def _settled(study: Study, packed: Packed, free: list[Free], effects: tuple[str, ...]) -> Level | None:
+    """Fits inside the twin until no more is gained: two elements that should be one find it slowly."""
+    level = settle(study, packed, free, 2, effects)
+    for _ in range(MORE_FITS):
+        if level is None:
+            break
+        again = settle(study, level.fitted.packed, free, 2, effects, level.fitted)
+        if again is None or again.fitted.cost >= level.fitted.cost:
+            break
+        gained = level.fitted.cost - again.fitted.cost > LEAST_GAIN * level.fitted.cost
+        level = again
+        if not gained:
+            break
+    return level
 
 
 def stiffness_at_rest(model: DriveModel) -> float:

@@ -13,6 +13,7 @@ from autotune.core.recording import Floats, Recording, concatenate
 from autotune.core.recording_files import read_recording
 from autotune.identify.run import Identification
 from autotune.models.drive_model import surface_parameter
+from autotune.service.diagnosis_pages import diagnosis_pictures, diagnosis_tables
 from autotune.service.findings import Findings
 from autotune.service.outcome import Outcome, RunResult
 from autotune.service.proof import fold
@@ -140,6 +141,7 @@ def _pictures(material: Material) -> list[Picture]:
                 figures.convergence(traces),
             )
         )
+    pictures += diagnosis_pictures(material.findings, material.axis.motion_unit)
     if material.identification is not None:
         pictures += identification_pictures(material.identification, material.axis.motion_unit)
     return pictures
@@ -209,6 +211,7 @@ def _tables(material: Material) -> list[Table]:
         tables.append(
             Table("Feedforward", ("parameter", "value"), rows, f"These are {written}.", frozenset({1}))
         )
+    tables += diagnosis_tables(material.findings, unit)
     if material.identification is not None and material.identification.presliding is not None:
         tables.append(methods_table(material.identification.presliding.comparison, unit))
     if result.reduction:
@@ -233,6 +236,8 @@ def _reduction(result: RunResult) -> Table:
         )
     ]
     host = f"The host has to play: {', '.join(found['host'])}." if found["host"] else ""
+    if found["lost"]:
+        host += f" Lost where the host does not play feedforward.toml: {', '.join(found['lost'])}."
     note = f"The drive holds {', '.join(found['drive'])} only. {host}"
     return Table(
         "Reduction to what the drive holds", ("", "predicted", "measured"), rows, note, frozenset({1, 2})
