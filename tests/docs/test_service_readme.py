@@ -138,8 +138,9 @@ def test_systemd_gets_a_service_that_is_ready_alive_and_ends_politely(machine: M
     channel.bind(str(machine.root / "notify"))
     variables = dict(pair.split("=", 1) for pair in shlex.split(settings["Environment"]))
     process = machine.start(
-        shlex.split(settings["ExecStart"]), NOTIFY_SOCKET=str(machine.root / "notify"), **variables
-    )
+        shlex.split(settings["ExecStart"]), NOTIFY_SOCKET=str(machine.root / "notify"), JOURNAL_STREAM="8:1",
+        **variables,
+    )  # fmt: skip
     address = machine.address_of(process)
     heard = [channel.recv(4096).decode() for _ in range(3)]
     assert heard[0].startswith("READY=1")
@@ -154,6 +155,7 @@ def test_systemd_gets_a_service_that_is_ready_alive_and_ends_politely(machine: M
     channel.settimeout(1.0)
     wait_for(lambda: "STOPPING=1" in channel.recv(4096).decode())
     channel.close()
+    assert "<6>axes: simulated" in (machine.root / "log").read_text()
     assert (machine.root / "var/lib/autotune/runs/.service/history.sqlite").is_file()
 
 

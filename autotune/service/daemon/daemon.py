@@ -131,6 +131,8 @@ def serve(file: Path, announce: Say) -> None:
         ConfigurationError, LinkError: nothing was started.
     """
     logging.basicConfig(level=logging.INFO, format="%(levelname)s %(message)s")
+    if systemd.to_journal():
+        logging.getLogger().handlers[0].setFormatter(systemd.JournalFormatter("%(message)s"))
     for chatty in ("alembic", "apscheduler", "uvicorn"):
         logging.getLogger(chatty).setLevel(logging.WARNING)
     configuration = read_service(file)

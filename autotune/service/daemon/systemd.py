@@ -1,9 +1,27 @@
-"""Telling systemd that the service is ready, alive, reloading or stopping: sd_notify in ten lines."""
+"""Telling systemd that the service is ready, alive, reloading or stopping (sd_notify in ten lines), and its
+journal how grave a line is (sd-daemon(3): a syslog level in angle brackets at its beginning).
+"""
 
 from __future__ import annotations
 
+import logging
 import os
 import socket
+
+_GRAVITY = ((logging.CRITICAL, 2), (logging.ERROR, 3), (logging.WARNING, 4), (logging.INFO, 6))
+
+
+class JournalFormatter(logging.Formatter):
+    """One line a record with its level for the journal; a traceback follows on lines of the same level."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        level = next((number for least, number in _GRAVITY if record.levelno >= least), 7)
+        return "\n".join(f"<{level}>{line}" for line in super().format(record).splitlines())
+
+
+def to_journal() -> bool:
+    """What is written to standard error goes to the journal."""
+    return bool(os.environ.get("JOURNAL_STREAM"))
 
 
 def notify(message: str) -> bool:
