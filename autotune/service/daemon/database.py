@@ -156,7 +156,7 @@ def _engine(url: str, file: Path | None) -> Engine:
     except (NoSuchModuleError, ImportError) as error:
         raise ConfigurationError(
             f"history.url {shown(url)!r} needs a database driver that is not installed ({error}); install it, "
-            "for example 'pip install psycopg[binary]'"
+            "for PostgreSQL: pip install 'autotune[postgresql]'"
         ) from None
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
