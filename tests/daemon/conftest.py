@@ -130,11 +130,11 @@ class World:
         """Only the wall clock is put forward or back."""
         self.now += timedelta(**span)
 
-    def finish(self, outcome: str = "done", code: int = 0, run: str = "") -> None:
+    def finish(self, outcome: str = "done", code: int = 0, run: str = "", asked: str = "") -> None:
         """All started jobs end."""
         for handle in self.launcher.started:
             if handle.ended is None:
-                handle.ended = Done(outcome, code, "It ended.", run)
+                handle.ended = Done(outcome, code, "It ended.", run, asked)
         self.manager.tick()
 
 

@@ -267,9 +267,10 @@ def test_a_proved_commit_waits_for_a_person_and_is_decided_once(served: tuple[Wo
     here.manager.submit("one", "run", "http")
     here.manager.tick()
     run = left_run(here.configuration.runs, "one", "not_applied", better=True)
-    here.finish("not_applied", 3, run)
+    here.finish("not_applied", 3, run, "Write it?")
     (proposal,) = client.get("/api/proposals").json()
     assert proposal["state"] == "open"
+    assert proposal["sentence"].endswith("peak error from 2.00 to 0.50 mrad. Write it?")
     answer = client.post(f"/api/proposals/{proposal['id']}/approve", headers=AUTH)
     assert answer.status_code == 202
     assert client.post(f"/api/proposals/{proposal['id']}/reject", headers=AUTH).status_code == 409
@@ -278,11 +279,12 @@ def test_a_proved_commit_waits_for_a_person_and_is_decided_once(served: tuple[Wo
     assert (order.kind, order.options["proposal"]) == ("commit", run)
 
 
-def test_a_run_that_was_not_better_makes_no_proposal(served: tuple[World, TestClient]) -> None:
+@pytest.mark.parametrize("better", [False, True])
+def test_a_run_that_asked_nobody_makes_no_proposal(served: tuple[World, TestClient], better: bool) -> None:
     here, client = served
     here.manager.submit("one", "run", "http")
     here.manager.tick()
-    here.finish("not_applied", 3, left_run(here.configuration.runs, "one", "not_applied", better=False))
+    here.finish("not_applied", 3, left_run(here.configuration.runs, "one", "not_applied", better=better))
     assert client.get("/api/proposals").json() == []
 
 

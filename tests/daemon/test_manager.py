@@ -218,5 +218,6 @@ def test_jobs_on_one_serial_link_take_turns(tmp_path: Path, world: Callable[...,
 def test_a_result_on_disk_is_read_back_as_it_was(tmp_path: Path, history_url: str) -> None:
     order = Order("a" * 32, "one", "check", "one.toml", str(tmp_path))
     assert read_done(tmp_path, order.id) is None
-    write_done(order, Done("kept", 0, "Better.", "20260301-120000-one"))
-    assert read_done(tmp_path, order.id) == Done("kept", 0, "Better.", "20260301-120000-one")
+    ended = Done("not_applied", 3, "Better.", "20260301-120000-one", "Write it?")
+    write_done(order, ended)
+    assert read_done(tmp_path, order.id) == ended

@@ -394,10 +394,10 @@ class Manager:
             self._notify({"kind": "commit", "axis": row["axis"], "at": text(now), "sentence": done.sentence})
         self.store.close_proposals(row["axis"], now)
         run = self.store.run_by_name(done.run) if done.run else None
-        better = run is not None and (json.loads(run["content"]).get("improvement") or {}).get("better")
-        if row["kind"] == "run" and done.outcome == "not_applied" and better and run is not None:
-            peaks = f"{run['before']:.3g} → {run['after']:.3g}"
-            sentence = f"Proved on axis {row['axis']}, and waiting for approval: peak error {peaks}"
+        if done.asked and done.outcome == "not_applied" and run is not None:
+            unit = json.loads(run["content"]).get("motion_unit", "rad")
+            peaks = f"{1e3 * run['before']:.2f} to {1e3 * run['after']:.2f} m{unit}"
+            sentence = f"Proved on axis {row['axis']}, and waiting for approval: peak error from {peaks}. {done.asked}"
             self.store.add_proposal(
                 {"id": self._new_id(), "axis": row["axis"], "run": done.run, "created": text(now),
                  "state": "open", "sentence": sentence}

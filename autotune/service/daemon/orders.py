@@ -34,12 +34,13 @@ class Order:
 
 @dataclass(frozen=True, slots=True)
 class Done:
-    """How a job ended. `run`: name of the folder that it left."""
+    """How a job ended. `run`: name of the folder that it left; `asked`: what a person has to approve, or ""."""
 
     outcome: str
     exit_code: int
     sentence: str
     run: str = ""
+    asked: str = ""
 
     def as_json(self) -> dict[str, Any]:
         return asdict(self)
@@ -68,7 +69,8 @@ def read_done(runs: Path, identifier: str) -> Done | None:
     """How the job ended, if its worker came that far."""
     try:
         content = read_json(result_file(runs, identifier), "job")
-        return Done(content["outcome"], content["exit_code"], content["sentence"], content["run"])
+        asked = content.get("asked", "")
+        return Done(content["outcome"], content["exit_code"], content["sentence"], content["run"], asked)
     except (ConfigurationError, KeyError):
         return None
 

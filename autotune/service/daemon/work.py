@@ -94,13 +94,22 @@ def _check(order: Order, tools: Tools) -> Done:
 
 def _run(order: Order, tools: Tools) -> Done:
     automatic = bool(order.options.get("automatic", True))
+    asked: list[str] = []
+
+    def approve(question: str) -> bool:
+        if not automatic:
+            asked.append(question)
+        return automatic
+
     result = tune(
         Request(
             tools.axis, tools.open_loop, Path(order.runs), tools.reporter, tools.clock,
-            only=order.options.get("only"), approve=lambda sentence: automatic,
+            only=order.options.get("only"), approve=approve,
         )
     )  # fmt: skip
-    return Done(result.outcome.value, result.exit_code, result.verdict, result.run_directory.name)
+    return Done(
+        result.outcome.value, result.exit_code, result.verdict, result.run_directory.name, " ".join(asked)
+    )
 
 
 def _commit(order: Order, tools: Tools) -> Done:
