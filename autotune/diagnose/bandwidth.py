@@ -15,6 +15,7 @@ from scipy import ndimage, signal
 
 from autotune.core.recording import Recording
 from autotune.diagnose.alignment import aligned
+from autotune.diagnose.controller import find_controller
 from autotune.diagnose.coordinates import travel_since_reversal
 from autotune.diagnose.prepared import CUTOFF, Block, Prepared, Rows, prepare
 from autotune.diagnose.speed_curve import as_steady_recordings, speed_points
@@ -57,8 +58,11 @@ LEAST_MOVING = 0.4
 LEAST_ROWS = 8
 
 
-def coherent_cutoff(recording: Recording) -> float:
-    """Cut-off [Hz] for a recording of one trajectory; `CUTOFF` where it is too short to tell."""
+def coherent_cutoff(recording: Recording, twin: bool = False) -> float:
+    """Cut-off [Hz] for a recording of one trajectory; `CUTOFF` where it is too short to tell.
+
+    `twin`: a controller is known, so that noise that runs round the loop is accounted for.
+    """
     period = recording.period
     longest = max(recording.segments(), key=lambda s: s.stop - s.start)
     position, torque = recording["position"][longest.rows], torque_of(recording)[longest.rows]
@@ -76,7 +80,7 @@ def coherent_cutoff(recording: Recording) -> float:
         inside = (frequency > 0.85 * candidate) & (frequency <= candidate)
         if inside.sum() >= 2 and np.median(coherence[inside]) > COHERENT:
             best = candidate
-    if "reference" not in recording:
+    if not twin:
         return min(best, max(LEAST, ABOVE * loud_below(torque, period)), FASTEST / period)
     return best if best <= CUTOFF or _power_beyond(torque, period) > LOUD else min(CUTOFF, FASTEST / period)
 
@@ -139,6 +143,7 @@ def prepared_for(recordings: Sequence[Recording]) -> Prepared:
     data = prepare(recordings)
     if data.repeated:
         return data
-    cutoff = coherent_cutoff(max(recordings, key=len))
+    known = data.recorded_reference and find_controller(data).controller is not None
+    cutoff = coherent_cutoff(max(recordings, key=len), known)
     data = without_rest(prepare(recordings, cutoff, 2.5 * cutoff))
-    return data if data.recorded_reference else aligned(data)
+    return data if known else aligned(data)

@@ -30,7 +30,6 @@ from autotune.models.lugre import Flags, Floats
 WORST = 6
 BINS = 12
 REGIMES = ("presliding", "reversal", "low_speed", "high_speed", "acceleration")
-_COLUMNS = ("position", "velocity", "acceleration", "time", "travel_since_reversal", "time_since_reversal")
 _LOGARITHMIC = ("travel_since_reversal", "time_since_reversal")
 
 
@@ -176,8 +175,7 @@ def worst_places(data: Prepared, error: Floats, rows: Flags) -> tuple[Worst, ...
     table = coordinates(data)
     total = max(float(np.sum(error[rows] ** 2)), 1e-300)
     found: list[tuple[float, Worst]] = []
-    for name in _COLUMNS:
-        values = table[name]
+    for name, values in table.items():
         member = bins(values, BINS, rows)
         for column in member.T:
             inside = rows & (column > 0)

@@ -57,10 +57,11 @@ def _since(position: Floats, least: float, travel: Floats, samples: Floats) -> N
 
 
 def coordinates(data: Prepared) -> dict[str, Floats]:
-    """Values of every coordinate on the grid, shape (m,) each."""
+    """Values of every coordinate on the grid, shape (m,) each; temperature where it was recorded."""
     travel, time = since_reversal(data)
     velocity = data.velocity[data.grid]
-    return {
+    warmth = {} if data.temperature is None else {"temperature": data.temperature[data.grid]}
+    return warmth | {
         "position": data.position[data.grid],
         "velocity": velocity,
         "acceleration": data.acceleration[data.grid],
@@ -79,7 +80,7 @@ def variance_shares(data: Prepared, error: Floats, rows: Flags) -> dict[str, flo
     shares: dict[str, float] = {}
     for name, values in table.items():
         columns = bins(values, COUNT, rows)
-        if name not in ("velocity", "direction", "time"):
+        if name not in ("velocity", "direction", "time", "temperature"):
             columns = np.hstack([columns * sign[:, None], columns * ~sign[:, None]])
         shares[name] = _eta_squared(columns[rows], error[rows], total)
     return shares

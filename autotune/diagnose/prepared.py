@@ -75,6 +75,7 @@ class Prepared:
         recorded_torque: as it was in the file; `torque` is this, moved by `shift` half samples.
         filtered: one side was put through a low-pass that the file's other column had gone through.
         starts: first sample of each recording.
+        temperature: °C, shape (n,); None unless every recording has it.
         steady: only the curve of torque over constant speeds is compared (see `speed_curve`).
     """
 
@@ -99,6 +100,7 @@ class Prepared:
     shift: float = 0.0
     filtered: bool = False
     starts: tuple[int, ...] = (0,)
+    temperature: Floats | None = None
     steady: bool = False
 
     def role(self, *roles: str) -> Flags:
@@ -183,6 +185,7 @@ def prepare(
         arrays["torque"],
         steady=steady,
         starts=tuple(starts),
+        temperature=_temperature(recordings),
     )
 
 
@@ -203,6 +206,13 @@ def _columns(recording: Recording) -> dict[str, Floats]:
         "torque": torque_of(recording),
         "feedforward": recording["torque_feedforward"] if "torque_feedforward" in recording else np.zeros(n),
     }
+
+
+def _temperature(recordings: Sequence[Recording]) -> Floats | None:
+    if not all("temperature" in recording for recording in recordings):
+        return None
+    values = np.concatenate([recording["temperature"] for recording in recordings])
+    return values if np.all(np.isfinite(values)) and float(np.ptp(values)) > 0.0 else None
 
 
 def _stretches(recording: Recording, offset: int) -> list[Stretch]:

@@ -24,6 +24,7 @@ from autotune.view.scale import quantity
 _UNITS = {
     "position": "{0}", "velocity": "{0}/s", "acceleration": "{0}/s²", "time": "s", "direction": "",
     "travel_since_reversal": "log10 {0}", "time_since_reversal": "log10 s",
+    "temperature": "°C",
 }  # fmt: skip
 SHOWN = 3
 
