@@ -14,7 +14,7 @@ from autotune.diagnose.coordinates import generic_columns
 from autotune.diagnose.families import FAMILIES, Context, Start, shapes
 from autotune.diagnose.fit import Fitted, Free, fit
 from autotune.diagnose.prepared import TRAINING, VETO
-from autotune.diagnose.residual import measured_motion
+from autotune.diagnose.residual import measured_motion, residual
 from autotune.diagnose.score import Explained, Unseen, explained, gain_and_z, held_out
 from autotune.diagnose.study import Correction, Study, refit, without_outlying
 from autotune.models import layout
@@ -34,6 +34,9 @@ APPROXIMATE = frozenset({"reversal_memory"})
 """Effects whose law is a few elements in place of a distribution: some rest is their own."""
 WORTH_MOVING = 0.998
 """Of the cost: less must be left for torque and motion to be aligned anew."""
+LEVEL_GROUND = 1.005
+"""What the cost may rise by from a twin to the next: its noise."""
+MOST_HALVINGS = 3
 WALK = 4
 MOST_EFFECTS = 3
 NEAR_BEST = 0.3
@@ -104,20 +107,57 @@ def settle(
 
     `near` is a fit of the same parameters nearby, whose sensitivities serve the first step.
     """
-    correction = study.correction(packed)
+    best = _twinned(study, None, packed)
+    if best is None:
+        return None
+    last: Fitted | None = None
+    for _ in range(rounds):
+        last = refit(study, best.packed, list(free), best.correction, 4 if study.twin else 12, near)
+        found = _downhill(study, last, best)
+        if found is None:
+            break
+        best, near = found, last
+    if last is None:
+        return None
+    fitted = replace(last, packed=best.packed, error=best.error, cost=best.cost)
+    return _level(study, fitted, best.correction, effects)
+
+
+@dataclass(frozen=True, slots=True)
+class _Twinned:
+    """A residual with the bias that belongs to its parameters, and its mean square."""
+
+    packed: Packed
+    error: Floats
+    correction: Correction
+    cost: float
+
+
+def _twinned(study: Study, fitted: Fitted | None, packed: Packed) -> _Twinned | None:
+    """The residual at `packed`; of a fit just made its own is taken. None where the twin is unstable."""
+    correction = study.correction(packed, study.simulations + 1)
     if not correction.stable:
         return None
-    fitted: Fitted | None = None
-    for _ in range(rounds):
-        fitted = refit(study, packed, list(free), correction, 4 if study.twin else 12, near)
-        near = fitted
-        renewed = study.correction(fitted.packed, study.simulations + 1)
-        if not renewed.stable:
-            return None if fitted is None else _level(study, fitted, correction, effects)
-        shifted = fitted.error + correction.bias - renewed.bias
-        fitted = replace(fitted, error=shifted, cost=_cost(study, shifted))
-        packed, correction = fitted.packed, renewed
-    return _level(study, fitted, correction, effects) if fitted is not None else None
+    raw = residual(study.data, packed, study.moved) if fitted is None else fitted.error
+    error = raw - correction.bias
+    return _Twinned(packed, error, correction, _cost(study, error))
+
+
+def _downhill(study: Study, fitted: Fitted, best: _Twinned) -> _Twinned | None:
+    """The fit with its own bias where that is better than before, else a point on the way there.
+
+    A fit holds the bias; where two masses ring, the bias changes so fast with the parameters that a whole
+    step leads uphill. None where no part of the step is better.
+    """
+    whole = replace(fitted, error=fitted.error + best.correction.bias)
+    found = _twinned(study, whole, fitted.packed)
+    packed = fitted.packed
+    for _ in range(MOST_HALVINGS):
+        if found is not None and found.cost <= LEVEL_GROUND * best.cost:
+            return found
+        packed = Packed(0.5 * (packed.p + best.packed.p), packed.on)
+        found = _twinned(study, None, packed)
+    return found if found is not None and found.cost <= LEVEL_GROUND * best.cost else None
 
 
 def _cost(study: Study, error: Floats) -> float:
