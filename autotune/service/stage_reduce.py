@@ -97,6 +97,14 @@ def _of_the_whole(reduction: Reduction, findings: Findings) -> Reduction:
         return reduction
     lost = tuple(e.name for e in model.effects if e.name in FED_FORWARD and e.name != "stribeck")
     after = proved.proof.after
+    if reduction.host:  # the host then plays all that the drive does not
+        return replace(
+            reduction,
+            full_peak=after.peak_error,
+            full_rms=after.rms_error,
+            predicted_peak=after.peak_error,
+            predicted_rms=after.rms_error,
+        )
     return replace(reduction, full_peak=after.peak_error, full_rms=after.rms_error, lost=lost)
 
 

@@ -16,7 +16,7 @@ from autotune.experiments.programmes import build
 from autotune.experiments.runner import Programme
 from autotune.experiments.sines import BenchmarkSine
 from autotune.identify.run import Identification
-from autotune.models.model_file import read_model, write_model
+from autotune.models.model_file import write_model
 from autotune.service import summary
 from autotune.service.commit import commit, feedforward_parameters
 from autotune.service.documents import Material, write_documents
@@ -172,13 +172,14 @@ def _fit(request: Request, session: Session, course: _Course) -> bool:
 
 def _diagnose(request: Request, session: Session, course: _Course) -> bool:
     path = session.written.get("experiment") or _earlier(request, "recordings/experiment.parquet")
-    model = course.identification.model if course.identification else None
-    if model is None:
-        model = read_model(_earlier(request, "model.toml"))
+    recording = read_recording(path)
+    found = course.identification or fit(session, recording)
+    if found.model is None:  # `fit` refuses that
+        return True
     reserve = _later_seconds(session) + LEAST_SECONDS + 2.0 * window_seconds(session)
-    course.findings.diagnosed = found = diagnose_stage(session, read_recording(path), model, reserve)
-    course.findings.model = found.model
-    course.notes += found.notes
+    course.findings.diagnosed = told = diagnose_stage(session, recording, found.model, reserve)
+    course.findings.model = told.model
+    course.notes += told.notes
     return True
 
 

@@ -82,12 +82,16 @@ def test_a_drive_without_coulomb_friction_is_kept_with_the_rest_from_the_host(tm
     drive, said = run(tmp_path, WITHOUT_COULOMB, 0.1)
     assert said["outcome"] == Outcome.KEPT.value
     assert said["reduction"]["host"] == ["coulomb"]
-    assert said["committed"]["peak_error"] < 1.3 * said["after"]["peak_error"]
+    # the peak of six averaged periods has more noise in it than that of the proof's eighteen
+    assert said["committed"]["peak_error"] < 1.3 * said["after"]["peak_error"] + 0.05e-3
+    assert said["after"]["peak_error"] < 0.25e-3
+    assert said["reduction"]["lost"] == []
     assert "coulomb from the host" in said["verdict"]
     assert drive.read_parameters(["feedforward.coulomb"])["feedforward.coulomb"] == 0.0
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_what_would_not_help_is_not_written(tmp_path: Path) -> None:
     drive, said = run(tmp_path, KINETIC, 0.5)
     assert said["outcome"] == Outcome.NOT_APPLIED.value
@@ -97,6 +101,7 @@ def test_what_would_not_help_is_not_written(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_drive_that_holds_nothing_is_told_so(tmp_path: Path) -> None:
     _, said = run(tmp_path, (), 0.1)
     assert said["outcome"] == Outcome.NOT_APPLIED.value
