@@ -134,6 +134,38 @@ def test_stopping_a_running_job_asks_its_worker_and_then_insists(world: Callable
     assert handle.killed
 
 
+def test_a_job_that_a_person_stopped_does_not_begin_again_after_a_kill(world: Callable[..., World]) -> None:
+    here = world()
+    job = here.manager.submit("one", "run", "http")
+    here.manager.tick()
+    assert here.manager.stop(job["id"])
+    here.close()
+    here.open()
+    here.manager.tick()
+    here.manager.tick()
+    assert len(here.launcher.started) == 1
+    assert here.store.job(job["id"])["outcome"] == "aborted"
+
+
+def test_a_defect_met_by_one_job_holds_up_no_other(
+    world: Callable[..., World], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = world(["one", "two"])
+    for name in ("one", "two"):
+        here.manager.submit(name, "check", "http")
+    start = here.launcher.start
+
+    def broken(order: Order) -> Any:
+        if order.axis == "one":
+            raise KeyError("a defect")
+        return start(order)
+
+    monkeypatch.setattr(here.launcher, "start", broken)
+    here.manager.tick()
+    assert [handle.order.axis for handle in here.launcher.started] == ["two"]
+    assert "defect" in str(here.manager.problems())
+
+
 def test_stopping_a_queued_job_cancels_it(world: Callable[..., World]) -> None:
     here = world()
     here.manager.submit("one", "check", "http")

@@ -15,6 +15,7 @@ import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from typing import Any
 
 from sqlalchemy.exc import SQLAlchemyError
@@ -35,6 +36,7 @@ MOST_ATTEMPTS = 10
 MOST_DEATHS = 2
 STOP_SECONDS = 30.0
 JUMP_SECONDS = 90.0
+STOPPING = "stopping"
 BY_ITSELF = ("schedule", "drift")
 RETRY_IDLE = timedelta(minutes=5)
 
@@ -174,6 +176,7 @@ class Manager:
         with self._lock:
             running = self._running.get(identifier)
             if running is not None:
+                self.store.change_job(identifier, outcome=STOPPING)
                 running.stopping = running.stopping or self._steady()
                 running.handle.stop()
                 return True
@@ -247,42 +250,57 @@ class Manager:
 
     def _settle_orphans(self, now: datetime) -> None:
         for row in self.store.jobs_in("running"):
-            if row["id"] in self._running or axis_busy(self.configuration.runs, row["axis"]):
-                continue
-            runs = self.configuration.runs
-            done = read_done(runs, row["id"]) or salvage(runs, row["axis"], row["id"])
-            if done is not None:
-                self._finish(row, done)
-            elif row["attempts"] >= MOST_ATTEMPTS:
-                self._finish(row, Done("died", 5, f"Given up after {row['attempts']} attempts."))
-            else:
-                self.store.change_job(row["id"], state="queued")
-                self._event(
-                    "again", row["axis"], now, f"The {row['kind']} was cut off with the service; it is done again.",
-                    f"{row['id']}:{row['attempts']}",
-                )  # fmt: skip
+            if row["id"] not in self._running and not axis_busy(self.configuration.runs, row["axis"]):
+                self._apart(row["id"], partial(self._settle, row, now))
+
+    def _settle(self, row: Row, now: datetime) -> None:
+        runs = self.configuration.runs
+        done = read_done(runs, row["id"]) or salvage(runs, row["axis"], row["id"])
+        if done is None and row["outcome"] == STOPPING:
+            done = Done("aborted", 130, "Stopped, and cut off with the service; it is not done again.")
+        if done is None and row["attempts"] >= MOST_ATTEMPTS:
+            done = Done("died", 5, f"Given up after {row['attempts']} attempts.")
+        if done is not None:
+            self._finish(row, done)
+            return
+        self.store.change_job(row["id"], state="queued")
+        self._event(
+            "again", row["axis"], now, f"The {row['kind']} was cut off with the service; it is done again.",
+            f"{row['id']}:{row['attempts']}",
+        )  # fmt: skip
+
+    def _apart(self, job: str, act: Callable[[], None]) -> None:
+        """Does something for one job; a defect that it meets is said, and holds up no other."""
+        try:
+            act()
+        except (SQLAlchemyError, OSError):
+            raise
+        except Exception as error:  # noqa: BLE001 - the last line of defence of all other axes
+            self.set_problem(f"job {job}", f"a defect of autotune, {type(error).__name__}: {error}")
 
     # Workers
 
     def _collect(self, now: datetime) -> None:
         for identifier, running in list(self._running.items()):
-            for message in running.handle.messages():
-                self._hear(running, message)
-            done = running.handle.done()
-            if done is None:
-                self._press(running)
-                continue
-            del self._running[identifier]
-            if done.outcome == "died":
-                done = salvage(self.configuration.runs, running.axis.name, identifier) or done
-            if done.outcome == "died" and running.job["attempts"] < MOST_DEATHS and running.stopping is None:
-                self.store.change_job(identifier, state="queued")
-                continue
-            if done.outcome == "not_idle":
-                self.store.change_job(identifier, state="queued")
-                self._not_before[identifier] = now + RETRY_IDLE
-                self._waiting[identifier] = done.sentence
-                continue
+            self._apart(identifier, partial(self._look_after, identifier, running, now))
+
+    def _look_after(self, identifier: str, running: Running, now: datetime) -> None:
+        for message in running.handle.messages():
+            self._hear(running, message)
+        done = running.handle.done()
+        if done is None:
+            self._press(running)
+            return
+        del self._running[identifier]
+        if done.outcome == "died":
+            done = salvage(self.configuration.runs, running.axis.name, identifier) or done
+        if done.outcome == "died" and running.job["attempts"] < MOST_DEATHS and running.stopping is None:
+            self.store.change_job(identifier, state="queued")
+        elif done.outcome == "not_idle":
+            self.store.change_job(identifier, state="queued")
+            self._not_before[identifier] = now + RETRY_IDLE
+            self._waiting[identifier] = done.sentence
+        else:
             self._finish(running.job, done)
 
     def _press(self, running: Running) -> None:
@@ -298,22 +316,23 @@ class Manager:
         self.feed.tell({**message, "job": running.job["id"], "axis": running.axis.name})
 
     def _dispatch(self, now: datetime) -> None:
-        limit = self.configuration.service.at_once or 10_000
         for row in self.store.jobs_in("queued"):
-            watched = self.configuration.axis(row["axis"])
-            if watched is None:
-                self._finish(
-                    row, Done("refused", 2, f"Axis {row['axis']} is not in the service file any more.")
-                )
-                continue
-            reason = self._obstacle(row, watched, now)
-            if not reason and len(self._running) >= limit:
-                reason = f"{limit} jobs are running already"
-            if reason:
-                self._waiting[row["id"]] = reason
-                continue
-            self._waiting.pop(row["id"], None)
-            self._start(row, watched, now)
+            self._apart(row["id"], partial(self._begin, row, now))
+
+    def _begin(self, row: Row, now: datetime) -> None:
+        limit = self.configuration.service.at_once or 10_000
+        watched = self.configuration.axis(row["axis"])
+        if watched is None:
+            self._finish(row, Done("refused", 2, f"Axis {row['axis']} is not in the service file any more."))
+            return
+        reason = self._obstacle(row, watched, now)
+        if not reason and len(self._running) >= limit:
+            reason = f"{limit} jobs are running already"
+        if reason:
+            self._waiting[row["id"]] = reason
+            return
+        self._waiting.pop(row["id"], None)
+        self._start(row, watched, now)
 
     def _obstacle(self, row: Row, watched: WatchedAxis, now: datetime) -> str:
         """Why the job cannot begin now; "" where it can."""

@@ -80,9 +80,8 @@ class Store:
 
     def outcomes(self) -> list[tuple[str, str, str, int]]:
         """(axis, kind, outcome, count) of all finished jobs."""
-        query = select(jobs.c.axis, jobs.c.kind, jobs.c.outcome, func.count()).group_by(
-            jobs.c.axis, jobs.c.kind, jobs.c.outcome
-        )
+        query = select(jobs.c.axis, jobs.c.kind, jobs.c.outcome, func.count()).where(jobs.c.state == "done")
+        query = query.group_by(jobs.c.axis, jobs.c.kind, jobs.c.outcome)
         with self._engine.connect() as connection:
             return [(a, k, o, n) for a, k, o, n in connection.execute(query) if o]
 
