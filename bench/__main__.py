@@ -16,7 +16,13 @@ USUAL: dict[str, list[list[str]]] = {
     "commit_cut": [[]],
     "recorder": [[]],
 }
-LONG: dict[str, list[list[str]]] = {"year": [[]], "service_kills": [[]]}
+LONG: dict[str, list[list[str]]] = {
+    "service_axes": [[]],
+    "service_reads": [[]],
+    "service_schema": [[]],
+    "service_kills": [[], ["--wire", "--kills", "20"]],
+    "year": [[]],
+}
 
 
 def main(names: list[str]) -> int:

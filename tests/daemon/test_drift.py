@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from itertools import combinations, pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from autotune.core.axis import read_axis
+from autotune.core.paths import config_directory
 from autotune.service.check_figures import CheckFigures, Figure, Tracking, straight_line
+from autotune.service.committed import in_force
 from autotune.service.daemon.observe import Told, decode, encode, may_tune, news, worth_a_notice
 from autotune.service.drift import Before, Committed, Drift, DriftSettings, Evidence, judge
 from autotune.service.proof import TrackingError
@@ -110,6 +115,24 @@ def test_straight_line_gives_back_what_was_put_in() -> None:
     for name, value in (("coulomb", 0.3), ("viscous", 0.02), ("offset", 0.05)):
         assert found[name][0] == pytest.approx(value, abs=1e-9)
         assert 0.0 < found[name][1] < 5e-3
+
+
+@pytest.mark.parametrize(("host", "known"), [([], True), (["offset"], False)])
+def test_tracking_with_a_host_beside_the_drive_is_no_measure_for_a_check(
+    tmp_path: Path, host: list[str], known: bool
+) -> None:
+    axis = read_axis(config_directory() / "axes" / "simulated.toml")
+    run = tmp_path / "20260301-120000-simulated"
+    run.mkdir()
+    content = {
+        "axis": axis.name, "outcome": "kept", "fingerprint": axis.fingerprint, "reduction": {"host": host},
+        "committed": {"peak_error": 1e-4}, "feedforward": {"feedforward.coulomb": 0.3},
+    }  # fmt: skip
+    (run / "run.json").write_text(json.dumps(content))
+    found = in_force(tmp_path, axis, {"feedforward.coulomb": 0.3, "feedforward.enabled": 1.0})
+    assert found.held
+    assert found.committed is not None
+    assert (found.committed.peak_error == 1e-4) is known
 
 
 # Trends
