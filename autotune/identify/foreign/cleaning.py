@@ -17,6 +17,11 @@ MOST = 1e12
 _NEEDED = ("time", "position", "velocity", "torque", "reference", "torque_command")
 _REGISTERS = (2.0**16, 2.0**24, 2.0**32)
 
+_GRAIN_ROWS = 50_000
+_FINEST = 1e-7  # of the travel
+_OFF_GRID, _ON_GRID = 0.05, 0.99
+LEAST_STEPS = 50
+
 
 def without_missing(columns: Mapping[str, Floats], path: Path, notes: list[str]) -> dict[str, Floats]:
     """The rows that have all numbers.
@@ -125,3 +130,23 @@ def refuse_jump(position: Floats, path: Path, row: int) -> None:
             f"{path}: position jumps from {position[largest]:.6g} to {position[largest + 1]:.6g} in one sample at row "
             f"{row + largest + 2}: a sensor that was set anew, or a wrong value. Cut the file there, or remove the row"
         )
+
+
+def grain(position: Floats) -> float | None:
+    """One count of the sensor, or of the digits in the file, where all steps are whole multiples of it.
+
+    Found as the smallest step, then from all steps together; None where positions lie on no grid, or on
+    one too fine to matter.
+    """
+    step = np.abs(np.diff(position[:_GRAIN_ROWS]))
+    travel = float(np.ptp(position))
+    step = step[step > _FINEST * travel]
+    if len(step) < LEAST_STEPS:
+        return None
+    count = float(np.percentile(step, 1.0))
+    for _ in range(3):
+        whole = np.round(step / count)
+        if float(np.mean(np.abs(step / count - whole) < _OFF_GRID)) < _ON_GRID or whole.max() < 1.0:
+            return None
+        count = float(step @ whole) / float(whole @ whole)
+    return count

@@ -16,6 +16,7 @@ from autotune.core.errors import ConfigurationError, RecordingError
 from autotune.core.recording import RESERVED_EXPERIMENTS, Controller, Metadata, Recording, concatenate
 from autotune.identify.foreign import FORMATS
 from autotune.identify.foreign.cleaning import (
+    grain,
     refuse_absurd,
     refuse_jump,
     unwrap_clock,
@@ -84,6 +85,7 @@ class _File:
     unit: str
     facts: Mapping[str, str]
     lines: list[str]
+    resolution: float | None = None
 
 
 def import_files(paths: Sequence[Path], options: Options) -> Imported:
@@ -128,7 +130,20 @@ def _read(path: Path, options: Options) -> _File:
     factor = next((choice.factor for choice in choices if choice.target == "position"), 1.0)
     stretches, period = _stretches(columns, path, source, options, lines, facts)
     stretches = [_positioned(s, path, unit, factor, lines, facts) for s in stretches]
-    return _File(path, stretches, period, unit, facts, lines)
+    resolution = _resolution(columns, options, unit, lines)
+    return _File(path, stretches, period, unit, facts, lines, resolution)
+
+
+def _resolution(columns: dict[str, Floats], options: Options, unit: str, lines: list[str]) -> float | None:
+    """One count of the position, as said or as the steps in the file show."""
+    if options.wishes.resolution is not None or "position" not in columns:
+        return options.wishes.resolution
+    found = grain(columns["position"])
+    if found is not None:
+        lines.append(
+            f"position moves in steps of {found:.6g} {unit}: taken as its resolution (else --resolution)"
+        )
+    return found
 
 
 def _load(source: Source, choices: list[Choice], lines: list[str]) -> dict[str, Floats]:
@@ -300,7 +315,7 @@ def _segments(file: _File, number: int, period: float, options: Options) -> list
     metadata = Metadata(
         motion_unit=file.unit,
         sample_period=period,
-        position_resolution=options.wishes.resolution,
+        position_resolution=file.resolution,
         torque_limit=options.torque_limit,
         controller=options.controller,
     )
