@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from autotune.control.model_feedforward import FED_FORWARD, periodic_model_feedforward
-from autotune.control.reduction import LUGRE, Reduction, Remainder, reduce, reduces
+from autotune.control.reduction import Reduction, Remainder, reduce, reduces
 from autotune.control.refinement import PeriodAverage, periodic_feedforward
 from autotune.core.errors import ConfigurationError
 from autotune.core.recording import Controller
@@ -75,7 +75,7 @@ def lugre_part(findings: Findings) -> Reduction | None:
     full, best = findings.need_proposed(), adapted.best
     whole = periodic_model_feedforward(model, best.measured.reference, best.measured.period)
     part = periodic_feedforward(full, best.measured.reference, best.measured.period)
-    held = {name: float(getattr(full, name)) for name in sorted(LUGRE)}
+    held = {name.removeprefix(PREFIX): value for name, value in full.drive_parameters().items()}
     return _of_the_whole(
         Reduction(
             held,

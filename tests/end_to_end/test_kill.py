@@ -32,7 +32,9 @@ def powered(bench: Bench) -> bool:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("stage", ["experiment", "adapt", "prove", "commit"])
+@pytest.mark.parametrize(
+    "stage", ["experiment", pytest.param("diagnose", marks=pytest.mark.long), "adapt", "prove", "commit"]
+)
 def test_a_killed_run_is_stopped_by_the_drive_and_put_right_by_the_next(bench: Bench, stage: str) -> None:
     bench.start()
     before = read_drive(bench)
