@@ -10,6 +10,8 @@ from autotune.view.data import Rank, Step, torque_unit
 from autotune.view.report import Picture, Table
 from autotune.view.scale import quantity
 
+SHOWN = 8
+HARMFUL = -0.05  # candidates that make it worse than this are left out of the picture
 _VERDICTS = {
     "none": "Nothing is missing in the identified model that this run could show.",
     "unknown": "Something repeatable is missing that is none of the known effects.",
@@ -25,7 +27,8 @@ def diagnosis_pictures(findings: Findings, motion_unit: str) -> list[Picture]:
     found = findings.diagnosed
     if found is None or not found.candidates:
         return []
-    ranks = [Rank(c["effect"], c["gain"], c["accepted"], c["why"]) for c in found.candidates]
+    judged = sorted(found.candidates, key=lambda c: -float(c["gain"]))[:SHOWN]
+    ranks = [Rank(c["effect"], c["gain"], c["accepted"], c["why"]) for c in judged if c["gain"] > HARMFUL]
     caption = "How far each effect lowers the squared torque error on experiments that its fit has not seen."
     pictures = [Picture("What the identified model lacks", caption, figures.ranking(ranks))]
     if found.model is not None and found.model.history:

@@ -78,8 +78,20 @@ def build_report(material: Material) -> Report:
         tables=_tables(material),
         identity={"axis file": material.axis.name, "link": material.axis.link, **_texts(material.identity)},
         limits=_limits(material.limits or material.axis.limits, unit),
-        next_steps=NEXT_STEPS[result.outcome],
+        next_steps=_next_steps(result),
         data=result.as_json(),
+    )
+
+
+def _next_steps(result: RunResult) -> tuple[str, ...]:
+    steps = NEXT_STEPS[result.outcome]
+    if result.outcome is not Outcome.KEPT or not result.reduction.get("lost"):
+        return steps
+    rest = ", ".join(name.replace("_", " ") for name in result.reduction["lost"])
+    return (
+        f"Let the host play feedforward.toml as torque offset, less what the drive plays, to have the whole gain "
+        f"({rest}); or leave it at what the drive does by itself.",
+        *steps,
     )
 
 
@@ -96,11 +108,14 @@ def _changes(material: Material) -> list[Change]:
         return []
     interval = (-proof.proof.interval[1], -proof.proof.interval[0]) if proof else None
     confidence = material.axis.acceptance.confidence
+    alone = result.committed if result.reduction.get("lost") else None
     return [
         Change("Peak error (quadrant glitch)", before.peak_error, after.peak_error if after else None, unit,
                interval, confidence, "peak of the period-averaged error on the benchmark sine"),
         Change("Rms error", before.rms_error, after.rms_error if after else None, unit),
         Change("Largest single error", before.raw_peak_error, after.raw_peak_error if after else None, unit),
+        *([Change("Peak error, the drive by itself", before.peak_error, alone.peak_error, unit,
+                  note="as committed, without the host")] if alone else []),
     ]  # fmt: skip
 
 
