@@ -14,8 +14,10 @@ from dataclasses import replace
 
 import numpy as np
 from scipy import ndimage
+from scipy.spatial import cKDTree
 
 from autotune.diagnose.bandwidth import loud_below
+from autotune.diagnose.coordinates import coordinates
 from autotune.diagnose.search import Level, Screened
 from autotune.diagnose.study import Study
 from autotune.models import layout
@@ -30,6 +32,11 @@ LEAST_RECORDING = 2.0  # time constants of warming
 LEAST_RESTS = 6
 REST_RATIO = 3.0
 SHORTEST_REST = 0.05  # s
+LARGE_REST = 0.03
+"""Of the torque: less may be left without a word."""
+MOST_NEIGHBOURS, LEAST_NEIGHBOURS, NEIGHBOURS = 6000, 300, 40
+APART = 0.5  # s
+MOST_NOISE = 0.5
 UNRESOLVED = 1.5
 """Times the cut-off: torque above it was sampled too slowly."""
 BEYOND = 1.5
@@ -127,6 +134,37 @@ def limits(study: Study) -> tuple[str, ...]:
         f"allow {_cutoff(study):.2g} Hz: only effects of place and direction can be told. Record faster, or "
         "move more gently.",
     )
+
+
+def alike_where_motion_is(study: Study, error: Floats) -> bool:
+    """Whether what is left is large and alike where the motion is alike, so that a model could explain more.
+
+    Rows are compared with their nearest neighbours in position, velocity, acceleration and travel since the
+    reversal, at another time; half their mean squared difference is what no function of these explains.
+    """
+    rows = np.flatnonzero(study.training > 0)
+    rows = rows[:: max(1, len(rows) // MOST_NEIGHBOURS)]
+    rest = error[rows]
+    torque = study.data.torque[study.data.grid[rows]]
+    if (
+        study.data.repeated
+        or len(rows) < LEAST_NEIGHBOURS
+        or np.var(rest) < LARGE_REST**2 * np.mean(torque**2)
+    ):
+        return False
+    table = coordinates(study.data)
+    names = ("position", "velocity", "acceleration", "travel_since_reversal")
+    place = np.column_stack([table[name][rows] for name in names])
+    place = (place - place.mean(axis=0)) / np.maximum(place.std(axis=0), 1e-300)
+    time = study.data.grid[rows] * study.data.period
+    near = np.asarray(cKDTree(place).query(place, k=NEIGHBOURS)[1])
+    apart = np.abs(time[near] - time[:, None]) > APART
+    found = apart.any(axis=1)
+    if found.mean() < 0.5:
+        return False
+    other = near[np.arange(len(rows)), np.argmax(apart, axis=1)]
+    noise = 0.5 * float(np.mean((rest[found] - rest[other[found]]) ** 2))
+    return noise < MOST_NOISE * float(np.var(rest[found]))
 
 
 def _highest(study: Study) -> float:

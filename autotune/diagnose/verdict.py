@@ -45,7 +45,7 @@ from autotune.diagnose.search import (
     settle,
     without_effect,
 )
-from autotune.diagnose.single import capped, credible, limits
+from autotune.diagnose.single import alike_where_motion_is, capped, credible, limits
 from autotune.diagnose.study import (
     Study,
     base_free,
@@ -68,6 +68,8 @@ MOST_POLISHES, WORTH_POLISHING = 3, 0.02
 NEARLY = 0.8
 HOPELESS = 0.35
 """Part of the best candidate's gain below which a refit inside the twin is not worth its time."""
+LEFT_TO_EXPLAIN = 0.02
+"""Of the noise: repeatable rest, with its standard error, below which no second effect is looked for."""
 HOPELESS_BESIDE = 0.6
 """The same for a further effect."""
 WORTH_BESIDE = 0.01
@@ -218,6 +220,8 @@ def search_effects(
         refits = _walk(study, root, level, passing, progress)
         if number == 0:
             tried = refits
+        if chosen is not None and study.data.repeated:
+            refits = _best_polished(study, root, refits, progress)
         best = _best(study, chosen, refits)
         if best is None:
             break
@@ -239,6 +243,19 @@ def search_effects(
         progress("does another trajectory confirm it")
         chosen, carried = carried_on(study, root, chosen)
     return _judge(study, root, chosen, first, tried, generic, (*notes, *said(carried)), carried)
+
+
+def _best_polished(
+    study: Study, root: Level, refits: Sequence[Refitted], progress: Progress
+) -> list[Refitted]:
+    """The refit that leaves least, polished: beside another effect it has not settled after two rounds."""
+    if not refits:
+        return []
+    best = min(refits, key=lambda item: _both(study, item.level))
+    if not NEARLY < best.share < POLISHED:
+        return list(refits)
+    polished = _polished(study, root, best, progress)
+    return [replace(polished, effect=best.effect, gain=max(best.gain, polished.gain))]
 
 
 def _polished(study: Study, root: Level, chosen: Refitted, progress: Progress) -> Refitted:
@@ -332,7 +349,7 @@ def _more_to_explain(study: Study, level: Level) -> bool:
     noise = study.noise_variance(level.fitted.error, TRAINING)
     if not math.isfinite(variance):
         return True
-    return variance - 2.0 * error > 0.01 * noise
+    return variance + error > LEFT_TO_EXPLAIN * noise
 
 
 def _pruned(study: Study, root: Level, chosen: Refitted, progress: Progress) -> Refitted:
@@ -443,6 +460,8 @@ def _rivals(study: Study, root: Level, chosen: Refitted, tried: Sequence[Refitte
 
 
 def _structure_left(study: Study, root: Level) -> bool:
+    if not study.data.repeated:
+        return alike_where_motion_is(study, root.fitted.error)
     variance, error = study.repeatable(root.fitted.error, root.correction, TRAINING)
     noise = study.noise_variance(root.fitted.error, TRAINING)
     return math.isfinite(variance) and variance > 1.5 * error and variance > 0.15 * noise

@@ -19,6 +19,7 @@ from autotune.identify.foreign.source import Floats
 from autotune.signals.filters import low_pass
 
 _MOST_ROWS = 400_000
+_LEAST_FOLLOWED = 0.1
 _RATIOS = {
     "rpm": 60.0 / (2.0 * math.pi),
     "deg/s": 180.0 / math.pi,
@@ -51,7 +52,7 @@ def refuse_wrong_sign(recording: Recording, where: str) -> None:
     """Raises RecordingError where torque and motion count in opposite directions."""
     parts = _parts(recording)
     energy = energy_balance(parts)
-    if energy is not None and energy.negative and _two_ways(parts):
+    if energy is not None and energy.negative and _two_ways(parts) and _follows(parts):
         raise RecordingError(
             f"{where}: the torque acts against the motion it causes (inertia and friction come out negative): "
             "torque and position count in opposite directions. Turn one of them, for example "
@@ -99,6 +100,21 @@ def _regress(work: Floats, terms: Floats) -> Energy | None:
     left, without = float(np.var(work - normal @ full)), float(np.var(work - normal[:, 2:] @ less))
     explained = 1.0 - left / without if without > 1e-9 * total**2 else 0.0
     return Energy(float(full[0]) / total, float(full[1]) / total, explained)
+
+
+def _follows(parts: list[Recording]) -> bool:
+    """Whether the torque follows the motion at all: of a torque of something else no sign can be wrong."""
+    terms, torques = [], []
+    for part in parts:
+        cutoff = min(20.0, 0.05 / part.period)
+        velocity = np.gradient(low_pass(part["position"], cutoff, part.period), part.period)
+        acceleration = np.gradient(velocity, part.period)
+        terms.append(np.column_stack([acceleration, velocity, np.sign(velocity), np.ones(len(part))]))
+        torques.append(low_pass(part["torque"], cutoff, part.period))
+    table, torque = np.concatenate(terms), np.concatenate(torques)
+    table = table / np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+    left = torque - table @ np.linalg.lstsq(table, torque, rcond=1e-9)[0]
+    return float(np.var(left)) < (1.0 - _LEAST_FOLLOWED) * float(np.var(torque))
 
 
 def _two_ways(parts: list[Recording]) -> bool:
