@@ -121,6 +121,7 @@ class Comparison:
     Attributes:
         time, measured, modelled: shape (n,), torque [N m or N] unless `unit` says otherwise.
         noise_floor: rms that no model can explain; None without repeats.
+        left_out: stretches of time [s] that were not compared.
     """
 
     time: Floats
@@ -129,6 +130,7 @@ class Comparison:
     unit: str = "N m"
     quantity: str = "torque"
     noise_floor: float | None = None
+    left_out: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from autotune.diagnose.compare import Compared
+from autotune.diagnose.compare import Compared, Worst
 from autotune.diagnose.coordinates import coordinates
 from autotune.diagnose.prepared import Prepared
 from autotune.diagnose.residual import smoothed
 from autotune.diagnose.verdict import Diagnosis
 from autotune.models.drive_model import DriveModel
-from autotune.models.lugre import Floats
+from autotune.models.lugre import Flags, Floats
 from autotune.models.table import effect_kind
 from autotune.view.data import Comparison, Rank, Residual, Step, torque_unit
 from autotune.view.figures import measured_and_model, ranking, residual_over_coordinate, staircase
@@ -27,6 +27,7 @@ _UNITS = {
     "temperature": "°C",
 }  # fmt: skip
 SHOWN = 3
+LEAST_SHARE = 0.02
 
 
 def write_comparison(path: Path, result: Compared, model: DriveModel) -> None:
@@ -38,17 +39,28 @@ def write_comparison(path: Path, result: Compared, model: DriveModel) -> None:
     )
     if floor is not None:
         text += f" {quantity(floor, unit)} of that is noise that no model explains."
+    text += "".join(f" Worst where {worst_place(worst, model)}." for worst in result.worst[:2])
+    text += "".join(f" {note}" for note in result.notes)
     pictures = comparison_pictures(result, model)
     write_report(
         path, Report("Model and measurement", "information", text, pictures=pictures, sign_off=False)
     )
 
 
+def worst_place(worst: Worst, model: DriveModel) -> str:
+    """A stretch of a coordinate in words, with its part of the squared error."""
+    unit = _UNITS[worst.coordinate].format(model.motion_unit).removeprefix("log10 ")
+    spoken = worst.coordinate.replace("_", " ")
+    return f"{spoken} is {worst.low:.4g} to {worst.high:.4g} {unit}: {100 * worst.share:.0f} % of the squared error"
+
+
 def comparison_pictures(result: Compared, model: DriveModel) -> list[Picture]:
     """Measured and model over time, and the residual over what it follows most."""
     floor = result.noise_floor_rms if math.isfinite(result.noise_floor_rms) else None
     return [
-        _over_time(result.study.data, result.error, torque_unit(model.motion_unit), floor),
+        _over_time(
+            result.study.data, result.error, result.study.weight, torque_unit(model.motion_unit), floor
+        ),
         *_over_coordinates(result.study.data, result.error, result.where, model, floor),
     ]
 
@@ -64,7 +76,7 @@ def write_diagnosis(path: Path, result: Diagnosis, model: DriveModel) -> None:
         floor = result.noise_floor_rms if math.isfinite(result.noise_floor_rms) else None
         error, data = result.root.fitted.error, result.study.data
         pictures += [
-            _over_time(data, error, unit, floor),
+            _over_time(data, error, result.study.weight, unit, floor),
             *_over_coordinates(data, error, result.where, model, floor),
         ]
     steps = [effect_kind(effect).remedy for effect in result.effects]
@@ -102,28 +114,40 @@ def _verdict(result: Diagnosis) -> str:
     return " ".join([text, *result.notes])
 
 
-def _over_time(data: Prepared, error: Floats, unit: str, floor: float | None) -> Picture:
+def _over_time(data: Prepared, error: Floats, weight: Floats, unit: str, floor: float | None) -> Picture:
     order = np.argsort(data.grid, kind="stable")
     torque = smoothed(data, data.torque)
     # time goes on over pauses and recordings, so that one curve can be drawn
-    time = data.grid[order] * data.period
+    time = np.asarray(data.grid[order] * data.period, dtype=np.float64)
     figure = measured_and_model(
         Comparison(
-            np.asarray(time, dtype=np.float64),
+            time,
             torque[order],
             (torque - error)[order],
             unit,
             noise_floor=floor,
+            left_out=left_out(time, weight[order] <= 0.0),
         )
     )
-    return Picture("Measured and model over time", "Torque, and below it what is left.", figure)
+    caption = "Torque, and below it what is left."
+    if np.any(weight <= 0.0):
+        share = 100.0 * float(np.mean(weight <= 0.0))
+        caption += f" Shaded: {share:.1f} % of the rows, left out as starts, stops or disturbances."
+    return Picture("Measured and model over time", caption, figure)
+
+
+def left_out(time: Floats, out: Flags) -> tuple[tuple[float, float], ...]:
+    """Stretches of time that were left out, neighbours joined."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], out.astype(np.int8), [0]])))
+    return tuple((float(time[a]), float(time[b - 1])) for a, b in edges.reshape(-1, 2))
 
 
 def _over_coordinates(
     data: Prepared, error: Floats, where: Mapping[str, float], model: DriveModel, floor: float | None
 ) -> list[Picture]:
     values = coordinates(data)
-    chosen = sorted((n for n in where if n != "direction"), key=lambda n: -where[n])[:SHOWN]
+    ranked = sorted((n for n in where if n != "direction"), key=lambda n: -where[n])
+    chosen = [n for n in ranked if where[n] > LEAST_SHARE or n == ranked[0]][:SHOWN]
     pictures = []
     for name in chosen:
         figure = residual_over_coordinate(

@@ -44,6 +44,8 @@ def measured_and_model(data: Comparison) -> go.Figure:
         ends, name = (float(time[0]), float(time[-1])), _floor_name(data.noise_floor, data.unit)
         for trace in floor_lines(ends, data.noise_floor * rest_factor, name):
             figure.add_trace(trace, row=2, col=1)
+    for start, stop in data.left_out:
+        figure.add_vrect(x0=start, x1=stop, fillcolor=theme.REFERENCE, opacity=0.15, line_width=0)
     figure.update_yaxes(title=titled(data.quantity, unit), row=1, col=1)
     figure.update_yaxes(title=titled("residual", rest_unit), row=2, col=1)
     figure.update_xaxes(title=titled("time", "s"), row=2, col=1)
