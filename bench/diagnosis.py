@@ -29,6 +29,7 @@ from autotune.diagnose.prepared import TEST, TRAINING
 from autotune.diagnose.residual import residual
 from autotune.diagnose.verdict import Diagnosis, diagnose
 from autotune.models.drive_model import DriveModel, base_model
+from autotune_sim.effects import EFFECTS
 from autotune_sim.presets import Preset, preset
 from bench.diagnosis_data import play
 from bench.diagnosis_summary import summary
@@ -38,8 +39,8 @@ MEDIUM = {
     "torque_ripple": 0.01, "direction_asymmetry": 0.06, "stribeck": 0.04, "nonlinear_viscous": 0.02,
     "position_dependent_friction": 0.15, "gravity_imbalance": 0.015, "spring": 0.004,
     "reversal_memory": 0.06, "thermal_drift": 0.03, "elastic_transmission": 0.01, "backlash": 4e-3,
-    "torque_lag": 5e-4, "torque_saturation": 0.13, "dwell_time_break_away": 0.08,
-    "load_dependent_friction": 0.15, "encoder_eccentricity": 8e-3,
+    "torque_lag": 5e-4, "torque_saturation": 0.2, "dwell_time_break_away": 0.08,
+    "load_dependent_friction": 0.15, "encoder_eccentricity": 1.6e-2,
 }  # fmt: skip
 NOMINAL = {
     "inertia": 6.66e-4, "viscous": 4.13e-3, "coulomb": 0.30, "stiffness": 100.0, "micro_damping": 0.05,
@@ -74,6 +75,11 @@ def plain_axis(seed: int, effects: Mapping[str, float] | None = None) -> Preset:
     if bristle is None:
         raise ValueError("the preset 'lugre' has a bristle")
     return replace(axis, plant=replace(axis.plant, bristle=replace(bristle, break_away=bristle.coulomb)))
+
+
+def planted_size(effect: str, size: float) -> float:
+    """As much of an effect as the simulator allows."""
+    return min(size, EFFECTS[effect].high)
 
 
 def judge(recording: Recording, planted: tuple[str, ...], axis: Preset | None = None) -> Run:
@@ -150,7 +156,7 @@ def singles(runs: int, seed: int, size: float, names: list[str]) -> Iterator[Run
             if names and effect not in names:
                 continue
             own = seed + 100 * number + i
-            axis = plain_axis(own, {effect: medium * size})
+            axis = plain_axis(own, {effect: planted_size(effect, medium * size)})
             yield judge(play(axis, own), (effect,), axis)
 
 
@@ -164,7 +170,9 @@ def pairs(runs: int, seed: int, size: float, names: list[str]) -> Iterator[Run]:
     for number in range(runs):
         random = np.random.default_rng([seed, number])
         one, two = (names or random.choice(every, 2, replace=False).tolist())[:2]
-        axis = plain_axis(seed + number, {one: MEDIUM[one] * size, two: MEDIUM[two] * size})
+        axis = plain_axis(
+            seed + number, {name: planted_size(name, MEDIUM[name] * size) for name in (one, two)}
+        )
         yield judge(play(axis, seed + number), (one, two), axis)
 
 
@@ -175,7 +183,7 @@ def removed(runs: int, seed: int, size: float, names: list[str]) -> Iterator[Run
             if names and effect not in names:
                 continue
             own = seed + 100 * number + i
-            recording = play(plain_axis(own, {effect: medium * size}), own)
+            recording = play(plain_axis(own, {effect: planted_size(effect, medium * size)}), own)
             kept = {name: f for name, f in families.FAMILIES.items() if name != effect}
             with mock.patch("autotune.diagnose.search.FAMILIES", kept):
                 yield judge(recording, (f"-{effect}",))

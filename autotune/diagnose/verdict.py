@@ -45,7 +45,7 @@ from autotune.diagnose.search import (
     settle,
     without_effect,
 )
-from autotune.diagnose.single import alike_where_motion_is, capped, credible, limits
+from autotune.diagnose.single import alike_where_motion_is, capped, credible, limits, noticeable
 from autotune.diagnose.study import (
     Study,
     base_free,
@@ -77,6 +77,8 @@ WORTH_BESIDE = 0.01
 ROUGH, WORTH_BESIDE_ROUGH = frozenset({"backlash", "elastic_transmission"}), 0.04
 """The same beside two masses, whose blows no fit follows to the last."""
 NEGLIGIBLE = 0.02
+NEAR, NEAR_ALONE = 0.03, 0.1
+"""Of the fall: rivals that come so near cannot be told apart, with repeats and without."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -292,6 +294,7 @@ def _passing(study: Study, level: Level, ranked: Sequence[Screened]) -> list[Scr
     likely = [item for item in likely if credible(study, item)][: WALK + 2]
     if study.data.steady:
         return likely
+    likely = [item for item in likely if noticeable(study, level, item)]
     return [item for item in likely if beats_surrogates(study, level.fitted, item.fitted)]
 
 
@@ -421,7 +424,7 @@ def _judge(
     rows = study.training > 0
     return Diagnosis(
         verdict,
-        _by_strength(study, final, effects),
+        effects,
         confidence,
         candidates(study, root, first, tried, effects),
         confusable,
@@ -450,12 +453,13 @@ def _rivals(study: Study, root: Level, chosen: Refitted, tried: Sequence[Refitte
         return []
     best = _both(study, chosen.level)
     start = _both(study, root)
+    near = NEAR if study.data.repeated or study.data.steady or len(study.data.starts) > 1 else NEAR_ALONE
     return [
         item.effect
         for item in tried
         if item.effect != chosen.effect
         and item.named
-        and _both(study, item.level) - best < 0.03 * (start - best)
+        and _both(study, item.level) - best < near * (start - best)
     ]
 
 
@@ -465,10 +469,6 @@ def _structure_left(study: Study, root: Level) -> bool:
     variance, error = study.repeatable(root.fitted.error, root.correction, TRAINING)
     noise = study.noise_variance(root.fitted.error, TRAINING)
     return math.isfinite(variance) and variance > 1.5 * error and variance > 0.15 * noise
-
-
-def _by_strength(study: Study, level: Level, effects: Sequence[str]) -> tuple[str, ...]:
-    return tuple(effects)
 
 
 def _floor(study: Study, level: Level) -> float:
