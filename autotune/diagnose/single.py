@@ -37,6 +37,8 @@ LARGE_REST = 0.03
 MOST_NEIGHBOURS, LEAST_NEIGHBOURS, NEIGHBOURS = 6000, 300, 40
 APART = 0.5  # s
 MOST_NOISE = 0.5
+LEAST_PART = 0.007
+"""Of the torque's rms."""
 UNRESOLVED = 1.5
 """Times the cut-off: torque above it was sampled too slowly."""
 BEYOND = 1.5
@@ -66,6 +68,12 @@ def capped(level: Level, ranked: Sequence[Screened]) -> list[Screened]:
     cost = max(level.fitted.cost, 1e-300)
     found = [replace(item, gain=min(item.gain, 1.0 - item.fitted.cost / cost)) for item in ranked]
     return sorted(found, key=lambda item: -item.gain)
+
+
+def noticeable(study: Study, level: Level, item: Screened) -> bool:
+    """Whether the effect is large enough to matter: less is as often the measurement chain as the axis."""
+    fall = max(item.gain * level.fitted.cost, 0.0)
+    return math.sqrt(fall) >= LEAST_PART * study.scales.torque
 
 
 def credible(study: Study, item: Screened) -> bool:
