@@ -24,9 +24,6 @@ from autotune.models.lugre import Floats
 from autotune.signals.filters import low_pass
 
 CANDIDATES = (
-    3.0,
-    4.5,
-    7.0,
     10.0,
     15.0,
     20.0,

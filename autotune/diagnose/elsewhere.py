@@ -24,6 +24,7 @@ LEAST_Z = 2.0
 CLEAR_GAIN = 0.3
 ALIKE = 0.6
 """Of the best gain: so near another trajectory decides."""
+LEAST_ROWS = 60
 LEAST_REST = 0.25
 """Of the rows: with fewer left the other recordings say too little to be carried anywhere."""
 LOST = 10.0
@@ -141,7 +142,7 @@ def _folds(study: Study) -> Iterator[Flags]:
     for one in np.unique(number):
         held = fitted & (number == one)
         left = fitted & (number != one)
-        if held.sum() >= CHUNK and left.sum() >= LEAST_REST * fitted.sum():
+        if held.sum() >= LEAST_ROWS and left.sum() >= LEAST_REST * fitted.sum():
             yield held
 
 
@@ -152,5 +153,5 @@ def _carried(study: Study, level: Level, held: Flags) -> Floats:
 
 
 def _chunks(error: Floats) -> list[float]:
-    pieces = max(1, len(error) // CHUNK)
+    pieces = max(1, min(len(error) // 20, max(10, len(error) // CHUNK)))
     return [float(np.sum(part**2)) for part in np.array_split(error, pieces)]
