@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import stats
 
-from autotune.control.model_feedforward import FED_FORWARD, ModelFeedforward
+from autotune.control.model_feedforward import FED_FORWARD, ModelFeedforward, periodic_model_feedforward
 from autotune.control.model_refinement import refine_model
-from autotune.control.refinement import PeriodAverage
+from autotune.control.refinement import PeriodAverage, periodic_feedforward
 from autotune.core.recording import Floats, Recording
 from autotune.models.drive_model import DriveModel
 from autotune.service.proof import fold
@@ -24,6 +24,7 @@ from autotune.service.stage_adapt import RefinementStep, measure_window, period_
 
 MOST_WINDOWS = 3
 LEAST_GAIN = 0.1  # predicted, for which another step is worth its machine time
+FARTHEST = 0.5  # of the torque of the LuGre feedforward
 LEAST_MEASURED = 0.05  # gain of the step before, without which there is no other
 
 
@@ -64,6 +65,11 @@ def adapt_model(
     """
     if not any(name in model for name in FED_FORWARD):
         return None
+    if not plausible(model, rival, session.limits.torque):
+        session.reporter.say(
+            "the feedforward of the diagnosed model is far from the one that was measured; it is not played"
+        )
+        return None
     steps: list[ModelStep] = []
     current: DriveModel | None = model
     while current is not None and len(steps) < MOST_WINDOWS:
@@ -76,6 +82,19 @@ def adapt_model(
     best = min(steps, key=lambda step: step.measured.smooth_peak)
     chosen, reason = beats(best.window, rival.window, session)
     return ModelAdapted(tuple(steps), chosen, reason)
+
+
+def plausible(model: DriveModel, rival: RefinementStep, limit: float) -> bool:
+    """Whether the model's torque is near enough to what was played already to be tried on the axis.
+
+    A diagnosis that went wrong must not be found out by a blow: the difference may be half of the torque
+    that is known to be right, and the whole must leave the controller a tenth of the limit.
+    """
+    reference, period = rival.measured.reference, rival.measured.period
+    whole = periodic_model_feedforward(model, reference, period)
+    known = periodic_feedforward(rival.parameters, reference, period)
+    apart = float(np.max(np.abs(whole - known)))
+    return apart < FARTHEST * float(np.max(np.abs(known))) and float(np.max(np.abs(whole))) < 0.9 * limit
 
 
 def beats(one: Recording, other: Recording, session: Session) -> tuple[bool, str]:

@@ -8,16 +8,21 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from autotune.control.feedforward import LugreParameters
+from autotune.control.model_feedforward import lugre_model
 from autotune.control.reduction import LUGRE, Reduction
+from autotune.control.refinement import PeriodAverage
 from autotune.core.axis import read_axis
 from autotune.core.recording import Floats, Metadata, Recording
 from autotune.experiments.diagnosis import confirmation
 from autotune.experiments.path import Motion
 from autotune.experiments.runner import Budget
+from autotune.models.table import EFFECTS
 from autotune.service.proof import TrackingError
 from autotune.service.session import Session
+from autotune.service.stage_adapt import RefinementStep
 from autotune.service.stage_diagnose import SECONDS, confirming, fitted_part
-from autotune.service.stage_model import beats
+from autotune.service.stage_model import beats, plausible
 from autotune.service.stage_reduce import announcement, comparison, holds_predicted
 from tests.end_to_end.support import EXAMPLE
 
@@ -105,6 +110,20 @@ def test_a_model_is_chosen_only_where_it_is_better_beyond_doubt() -> None:
     assert not same
     assert "not better" in told
     assert not beats(window(glitch, 1), window(0.3 * glitch, 2), session)[0]
+
+
+def test_a_model_that_is_far_from_what_was_played_is_not_tried_on_the_axis() -> None:
+    reference = 0.2 * np.sin(2.0 * np.pi * np.arange(N) / N)
+    nothing = np.zeros(N)
+    known = LugreParameters(6.66e-4, 4.13e-3, 0.30, 60.0, 0.05, 0.048, 0.30)
+    measured = PeriodAverage(reference, nothing, nothing, nothing, 1e-3, 6)
+    rival = RefinementStep(known, measured, window(nothing, 1))
+    model = lugre_model(known).with_effect(
+        EFFECTS["torque_ripple"].make({"order_1": 72.0, "sin_1": 0.02, "cos_1": 0.0})
+    )
+    assert plausible(model, rival, 1.34)
+    assert not plausible(model.with_values({"torque_ripple.sin_1": 0.5}), rival, 1.34)
+    assert not plausible(model, rival, 0.4)
 
 
 def test_what_a_drive_loses_of_a_model_is_said_and_measured() -> None:
