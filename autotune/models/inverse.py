@@ -130,7 +130,9 @@ def required(
         passed = _load_side(p, on, state, shares, spring, q, v, period, substeps) if loaded else 0.0
         torque[k] = p[INERTIA] * (1.0 - mass) * a + friction + outside + passed
         if on[_LOAD]:
-            press(p, state, passed if loaded else p[INERTIA] * a + outside, 0.0 if loaded else friction, period)
+            press(
+                p, state, passed if loaded else p[INERTIA] * a + outside, 0.0 if loaded else friction, period
+            )
         if on[_WARM]:
             warm(p, state, friction * v, period)
 
