@@ -107,9 +107,11 @@ def _follows(parts: list[Recording]) -> bool:
     terms, torques = [], []
     for part in parts:
         cutoff = min(20.0, 0.05 / part.period)
-        velocity = np.gradient(low_pass(part["position"], cutoff, part.period), part.period)
+        place = low_pass(part["position"], cutoff, part.period) - part["position"][0]
+        velocity = np.gradient(place, part.period)
         acceleration = np.gradient(velocity, part.period)
-        terms.append(np.column_stack([acceleration, velocity, np.sign(velocity), np.ones(len(part))]))
+        columns = [acceleration, velocity, np.sign(velocity), place, place**2, np.ones(len(part))]
+        terms.append(np.column_stack(columns))
         torques.append(low_pass(part["torque"], cutoff, part.period))
     table, torque = np.concatenate(terms), np.concatenate(torques)
     table = table / np.maximum(np.linalg.norm(table, axis=0), 1e-300)
