@@ -38,14 +38,14 @@ BENT = 6  # points from a bend on before it is called one
 class Change:
     """One change: `step` at once, `trend` beginning then, `odd` one day only. `size` is relative.
 
-    `over`: a trend that had come to its end before the last point.
+    `until`: end of a trend that had come to its end before the last point; None where it goes on.
     """
 
     kind: str
     at: datetime
     size: float
     standard_error: float
-    over: bool = False
+    until: datetime | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,9 +106,12 @@ def sentence(change: Change, what: str) -> str:
         return f"{what} {direction} {size} at once on {day}, {same}: as after re-greasing"
     if change.kind == "step":
         return f"{what} {direction} {size} at once on {day}, {same}: look for damage or lost lubricant"
+    span = f"since {day}"
+    if change.until is not None:
+        span = f"from {day} to {change.until.day} {change.until:%B}"
     if change.size < 0:
-        return f"{what} {direction} {size} since {day}, {same}: running in"
-    return f"{what} {direction} {size} since {day}, {same}: check lubrication"
+        return f"{what} {direction} {size} {span}, {same}: running in"
+    return f"{what} {direction} {size} {span}, {same}: check lubrication"
 
 
 def _centred(temperature: Floats) -> Floats | None:
@@ -277,7 +280,7 @@ class _Fit:
         return [
             Change(
                 "trend", times[at], math.expm1(moved), self.scatter * 2.0 / math.sqrt(max(until - at, 1)),
-                over=until < len(self._t) - 1,
+                times[until] if until < len(self._t) - 1 else None,
             )
             for at, until, moved in pieces
         ]  # fmt: skip

@@ -219,6 +219,9 @@ def test_wear_between_a_season_and_a_re_greasing_is_said_as_it_is() -> None:
     assert (wear.kind, greased.kind, greased.at) == ("trend", "step", times[131])
     assert wear.size == pytest.approx(0.4, abs=0.03)
     assert greased.size == pytest.approx(-0.35, abs=0.02)
+    assert wear.until is not None
+    assert abs((wear.until - times[131]).days) <= 1
+    assert "from" in sentence(wear, "Coulomb friction")
     assert trend.temperature_coefficient == pytest.approx(-0.007, abs=0.0007)
     first, words = heard[0]
     assert first <= 69 + 3, "5 % up on day 69"

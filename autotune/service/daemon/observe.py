@@ -55,7 +55,7 @@ def _known(change: Change, told: Sequence[Told]) -> bool:
     for one in told:
         near = abs(change.at - one.at) <= timedelta(days=TOLD_DAYS if change.kind == "trend" else 4)
         same = one.kind == change.kind and (one.size > 0) == (change.size > 0)
-        if near and same and (change.over or abs(change.size) < abs(one.size) + 0.10):
+        if near and same and (change.until is not None or abs(change.size) < abs(one.size) + 0.10):
             return True
     return False
 
