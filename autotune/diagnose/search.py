@@ -37,6 +37,8 @@ WORTH_MOVING = 0.998
 LEVEL_GROUND = 1.005
 """What the cost may rise by from a twin to the next: its noise."""
 MOST_HALVINGS = 3
+ACROSS_A_RIDGE = 1.5
+"""What the cost may rise by where only a whole step is left to try."""
 WALK = 4
 MOST_EFFECTS = 3
 NEAR_BEST = 0.3
@@ -107,16 +109,17 @@ def settle(
 
     `near` is a fit of the same parameters nearby, whose sensitivities serve the first step.
     """
-    best = _twinned(study, None, packed)
-    if best is None:
+    here = best = _twinned(study, None, packed)
+    if here is None or best is None:
         return None
     last: Fitted | None = None
     for _ in range(rounds):
-        last = refit(study, best.packed, list(free), best.correction, 4 if study.twin else 12, near)
-        found = _downhill(study, last, best)
+        last = refit(study, here.packed, list(free), here.correction, 4 if study.twin else 12, near)
+        found = _downhill(study, last, here)
         if found is None:
             break
-        best, near = found, last
+        here, near = found, last
+        best = here if here.cost < best.cost else best
     if last is None:
         return None
     fitted = replace(last, packed=best.packed, error=best.error, cost=best.cost)
@@ -147,17 +150,19 @@ def _downhill(study: Study, fitted: Fitted, best: _Twinned) -> _Twinned | None:
     """The fit with its own bias where that is better than before, else a point on the way there.
 
     A fit holds the bias; where two masses ring, the bias changes so fast with the parameters that a whole
-    step leads uphill. None where no part of the step is better.
+    step leads uphill. Where no part of the step is better the whole of it may still lead across a ridge;
+    None where it is far worse.
     """
-    whole = replace(fitted, error=fitted.error + best.correction.bias)
-    found = _twinned(study, whole, fitted.packed)
-    packed = fitted.packed
+    whole = _twinned(study, replace(fitted, error=fitted.error + best.correction.bias), fitted.packed)
+    found, packed = whole, fitted.packed
     for _ in range(MOST_HALVINGS):
         if found is not None and found.cost <= LEVEL_GROUND * best.cost:
             return found
         packed = Packed(0.5 * (packed.p + best.packed.p), packed.on)
         found = _twinned(study, None, packed)
-    return found if found is not None and found.cost <= LEVEL_GROUND * best.cost else None
+    if found is not None and found.cost <= LEVEL_GROUND * best.cost:
+        return found
+    return whole if whole is not None and whole.cost <= ACROSS_A_RIDGE * best.cost else None
 
 
 def _cost(study: Study, error: Floats) -> float:
@@ -188,15 +193,26 @@ def _finished(
     """Promising starts followed to their end; `least` is the relative fall of the cost that promises."""
     best = found[0]
     fall = level.fitted.cost - best.cost
-    if fall > least * level.fitted.cost:
+    if fall > least * level.fitted.cost or _promises(study, level, best):
         close, most, rounds = (0.0, 9, 15) if study.data.steady else (CLOSE_START, 2, 4)
-        for start in [f for f in found if level.fitted.cost - f.cost > close * fall][:most]:
+        enough = close * fall if fall > 0.0 else -math.inf
+        for start in [f for f in found if level.fitted.cost - f.cost > enough][:most]:
             near = start if level.effects else None
             free = [*start.free, *shapes(effect, start.packed)]
             finished = refit(study, start.packed, free, level.correction, rounds, near)
             best = finished if finished.cost <= best.cost else best
     gain, z = gain_and_z(level.unseen, held_out(study, best.error, best.jacobian))
     return Screened(effect, best, gain, z)
+
+
+def _promises(study: Study, level: Level, short: Fitted) -> bool:
+    """Whether a short refit that has not got below the model without the family would, by its linear model.
+
+    Some base parameter then has further to go than two steps.
+    """
+    if short.cost <= level.fitted.cost or study.data.steady:
+        return False
+    return gain_and_z(level.unseen, held_out(study, short.error, short.jacobian))[0] > CLEAR_GAIN
 
 
 def _try(study: Study, level: Level, start: Start, iterations: int, quick: bool = False) -> Fitted | None:
