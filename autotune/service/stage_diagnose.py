@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -18,7 +18,7 @@ import numpy as np
 
 from autotune.control.model_feedforward import left_out
 from autotune.core.errors import AutotuneError, ConfigurationError
-from autotune.core.recording import Recording
+from autotune.core.recording import Recording, Segment
 from autotune.diagnose.adding import held_out_errors, updated_model
 from autotune.diagnose.resolved_memory import resolved, stiffness_at_rest
 from autotune.diagnose.search import Level, without_effect
@@ -26,6 +26,7 @@ from autotune.diagnose.study import Study
 from autotune.diagnose.verdict import Diagnosis, diagnose
 from autotune.experiments.diagnosis import confirmation
 from autotune.experiments.experiment import Experiment
+from autotune.experiments.path import CONDITIONING
 from autotune.experiments.runner import Programme
 from autotune.models.drive_model import DriveModel, HistoryEntry
 from autotune.models.model_file import write_model
@@ -36,6 +37,8 @@ SEED = 7
 RECORDING = "confirmation"
 _LEFT_OUT = "presliding"
 _STROKES = "steady_state"
+_REPEATED = "dahl"
+REPEATS = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,19 +111,39 @@ def confirming(session: Session, reserve: float) -> tuple[Experiment, ...]:
 
 
 def fitted_part(recording: Recording) -> Recording:
-    """The position-controlled experiments; each stroke of the steady state by a name of its own."""
+    """The position-controlled experiments; each stroke of the steady state by a name of its own.
+
+    Every second speed and two repeats of Dahl's curve say as much as all of them, in half the time.
+    """
     segments = recording.segments()
     out = [i for i, segment in enumerate(segments) if segment.experiment == _LEFT_OUT]
     keep = np.ones(len(recording), dtype=np.bool_)
     if out:  # with the relaxing before and the way back after it, which are partly in torque mode
         for segment in segments[max(out[0] - 1, 0) : out[-1] + 2]:
             keep[segment.rows] = False
+    for i in _spare(recording, segments):
+        keep[segments[i].rows] = False
+        if i > 0 and segments[i - 1].experiment == CONDITIONING:
+            keep[segments[i - 1].rows] = False
     kept = recording.rows(keep)
     names = kept.experiment.astype(f"<U{max(kept.experiment.dtype.itemsize // 4, len(_STROKES) + 5)}")
     for segment in kept.segments():
         if segment.experiment == _STROKES:
             names[segment.rows] = f"{_STROKES}/{segment.repeat}"
     return Recording(kept.metadata, kept.floats, names, kept.repeat, kept.missed)
+
+
+def _spare(recording: Recording, segments: Sequence[Segment]) -> list[int]:
+    """Segments that are not needed: pairs of strokes (there and back) at every second speed, spare repeats."""
+    strokes = [i for i, segment in enumerate(segments) if segment.experiment == _STROKES]
+    ordered = sorted(strokes, key=lambda i: -_speed(recording, segments[i]))
+    spare = [i for place, i in enumerate(ordered) if place // 2 % 2 == 1]
+    return spare + [i for i, s in enumerate(segments) if s.experiment == _REPEATED and s.repeat >= REPEATS]
+
+
+def _speed(recording: Recording, segment: Segment) -> float:
+    position = recording["position"][segment.rows]
+    return abs(float(position[-1] - position[0])) / len(position)
 
 
 def _found(session: Session, recordings: list[Recording], model: DriveModel) -> Diagnosed:

@@ -55,6 +55,25 @@ def test_presliding_with_its_way_there_and_back_is_not_fitted() -> None:
     assert [s.experiment for s in whole.segments()].count("presliding") == 2
 
 
+def test_every_second_speed_and_two_repeats_are_fitted() -> None:
+    strokes: list[tuple[str, int, int]] = []
+    for repeat, length in enumerate((40, 40, 50, 50, 60, 60, 70, 70)):
+        strokes += [("conditioning", 0, 10), ("steady_state", repeat, length)]
+    whole = recording_of(*strokes, ("dahl", 0, 60), ("dahl", 1, 60), ("dahl", 2, 60))
+    position = np.concatenate([np.linspace(0.0, speed, len(r)) for speed, r in zip(
+        (0, 8, 0, 8, 0, 1, 0, 1, 0, 5, 0, 5, 0, 3, 0, 3, 0, 0, 0), (rows for _, rows in whole.split()), strict=True
+    )])  # fmt: skip
+    moved = Recording(
+        whole.metadata, {**whole.floats, "position": position}, whole.experiment, whole.repeat, whole.missed
+    )
+    kept = [(s.experiment, s.repeat) for s in fitted_part(moved).segments() if s.experiment != "conditioning"]
+    fast, slow = (
+        [("steady_state/0", 0), ("steady_state/1", 1)],
+        [("steady_state/6", 6), ("steady_state/7", 7)],
+    )
+    assert kept == [*fast, *slow, ("dahl", 0), ("dahl", 1)]
+
+
 def test_a_recording_without_presliding_is_fitted_whole() -> None:
     whole = recording_of(("dahl", 0, 60), ("high_speed", 0, 80))
     assert len(fitted_part(whole)) == len(whole)
