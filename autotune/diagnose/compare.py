@@ -20,7 +20,7 @@ from autotune.diagnose.controller import find_controller, with_feedforward
 from autotune.diagnose.coordinates import coordinates, since_reversal, variance_shares
 from autotune.diagnose.filtered import without_twin
 from autotune.diagnose.prepared import TRAINING, VETO, Prepared
-from autotune.diagnose.residual import measured_motion, residual, run_twin
+from autotune.diagnose.residual import measured_motion, residual, run_twin, smoothed
 from autotune.diagnose.score import bins
 from autotune.diagnose.study import Study, estimate_noise, start_study, without_outlying
 from autotune.models import layout
@@ -135,7 +135,7 @@ def _measures(
     study: Study, model: DriveModel, error: Floats, rows: Flags, position: float, notes: tuple[str, ...]
 ) -> Compared:
     data = study.data
-    torque = data.torque[data.grid[rows]]
+    torque = smoothed(data, data.torque)[rows]
     square = float(np.mean(error[rows] ** 2))
     noise = _noise(study, error)
     floor = noise if math.isfinite(noise) else 0.0

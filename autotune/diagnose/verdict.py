@@ -28,6 +28,7 @@ from autotune.diagnose.fit import Free
 from autotune.diagnose.lines import time_driven_line
 from autotune.diagnose.model_values import free_of_model
 from autotune.diagnose.prepared import TEST, TRAINING, VETO, Prepared
+from autotune.diagnose.residual import smoothed
 from autotune.diagnose.score import gain_and_z
 from autotune.diagnose.search import (
     GAIN_WITHOUT_TWIN,
@@ -182,7 +183,7 @@ def _aligned(study: Study, level: Level) -> tuple[Study, Level]:
 
 def _refuse_misfit(study: Study, level: Level) -> None:
     rows = study.training > 0
-    torque = study.data.torque[study.data.grid[rows]]
+    torque = smoothed(study.data, study.data.torque)[rows]
     share = float(np.var(level.fitted.error[rows])) / max(float(np.var(torque)), 1e-300)
     if share > 0.8:
         raise NotEnoughExcitation(
