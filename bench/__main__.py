@@ -15,6 +15,7 @@ USUAL: dict[str, list[list[str]]] = {
     "diagnosis": [["singles"], ["nulls", "--runs", "20"], ["pairs"], ["aliens"], ["removed"]],
     "commit_cut": [[]],
     "recorder": [[]],
+    "measured": [[]],
 }
 LONG: dict[str, list[list[str]]] = {
     "service_axes": [[]],
