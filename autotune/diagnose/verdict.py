@@ -27,6 +27,14 @@ from autotune.diagnose.filtered import without_twin
 from autotune.diagnose.fit import Free
 from autotune.diagnose.lines import time_driven_line
 from autotune.diagnose.model_values import free_of_model
+from autotune.diagnose.polish import (
+    NEARLY,
+    POLISHED,
+    best_polished,
+    error_left,
+    polished,
+    without_needless_gap,
+)
 from autotune.diagnose.prepared import TEST, TRAINING, VETO, Prepared
 from autotune.diagnose.residual import smoothed
 from autotune.diagnose.score import gain_and_z
@@ -64,9 +72,6 @@ GENERIC_LEAD = 1.5
 LEAST_Z_ALONE = 2.5
 LEAST_GAIN_ALONE = 0.08
 """Without repeats: smaller gains are as often the measurement chain as the axis."""
-POLISHED = 0.99
-MOST_POLISHES, WORTH_POLISHING = 3, 0.02
-NEARLY = 0.8
 HOPELESS = 0.35
 """Part of the best candidate's gain below which a refit inside the twin is not worth its time."""
 LEFT_TO_EXPLAIN = 0.02
@@ -220,11 +225,11 @@ def search_effects(
         if number == 0:
             first, generic = ranked, generic_gains(study, root)
         passing = _passing(study, level, ranked)
-        refits = _walk(study, root, level, passing, progress)
+        refits = without_needless_gap(study, _walk(study, root, level, passing, progress))
         if number == 0:
             tried = refits
         if chosen is not None and study.data.repeated:
-            refits = _best_polished(study, root, refits, progress)
+            refits = best_polished(study, root, refits, progress)
         best = _best(study, chosen, refits)
         if best is None:
             break
@@ -233,47 +238,19 @@ def search_effects(
         if again is not study:
             study, root, chosen = _once_more(again, root, chosen)
         if study.data.repeated and NEARLY < chosen.share < POLISHED:
-            chosen = _polished(study, root, chosen, progress)
+            chosen = polished(study, root, chosen, progress)
         level = chosen.level
         if chosen.share >= 0.995 and not _more_to_explain(study, level):
             break
     if chosen is not None and len(chosen.level.effects) > 1:
         chosen = _pruned(study, root, chosen, progress)
     if chosen is not None and PARTLY < chosen.share < POLISHED:
-        chosen = _polished(study, root, chosen, progress)
+        chosen = polished(study, root, chosen, progress)
     carried: list[Elsewhere] = []
     if chosen is not None:
         progress("does another trajectory confirm it")
         chosen, carried = carried_on(study, root, chosen)
     return _judge(study, root, chosen, first, tried, generic, (*notes, *said(carried)), carried)
-
-
-def _best_polished(
-    study: Study, root: Level, refits: Sequence[Refitted], progress: Progress
-) -> list[Refitted]:
-    """The refit that leaves least, polished: beside another effect it has not settled after two rounds."""
-    if not refits:
-        return []
-    best = min(refits, key=lambda item: _both(study, item.level))
-    if not NEARLY < best.share < POLISHED:
-        return list(refits)
-    polished = _polished(study, root, best, progress)
-    return [replace(polished, effect=best.effect, gain=max(best.gain, polished.gain))]
-
-
-def _polished(study: Study, root: Level, chosen: Refitted, progress: Progress) -> Refitted:
-    """More rounds of the same fit, as long as they help: two masses need them, and what they leave misleads."""
-    progress(f"refinement with {' and '.join(chosen.level.effects)}")
-    for _ in range(MOST_POLISHES):
-        level = chosen.level
-        better = settle(study, level.fitted.packed, list(level.free), 4, level.effects, level.fitted)
-        if better is None or better.fitted.cost >= level.fitted.cost:
-            break
-        gained = 1.0 - better.fitted.cost / level.fitted.cost
-        chosen = judged(study, root, better, chosen.effect)
-        if chosen.share >= POLISHED or gained < WORTH_POLISHING:
-            break
-    return chosen
 
 
 def _once_more(study: Study, root: Level, chosen: Refitted) -> tuple[Study, Level, Refitted]:
@@ -323,7 +300,7 @@ def _best(study: Study, chosen: Refitted | None, refits: Sequence[Refitted]) -> 
     if not refits:
         return None
     if study.data.repeated:
-        best = min(refits, key=lambda item: _both(study, item.level))
+        best = min(refits, key=lambda item: error_left(study, item.level))
     else:
         best = best_elsewhere(study, refits)
     if chosen is None:
@@ -336,12 +313,6 @@ def _best(study: Study, chosen: Refitted | None, refits: Sequence[Refitted]) -> 
     if study.has(VETO):
         worth &= _mean_square(study, best.level, VETO) < _mean_square(study, before, VETO)
     return best if worth else None
-
-
-def _both(study: Study, level: Level) -> float:
-    """Error on training and veto together, each by its own share of the rows."""
-    total = _mean_square(study, level, TRAINING)
-    return total + (_mean_square(study, level, VETO) if study.has(VETO) else 0.0)
 
 
 def _mean_square(study: Study, level: Level, role: str) -> float:
@@ -452,15 +423,15 @@ def _rivals(study: Study, root: Level, chosen: Refitted, tried: Sequence[Refitte
     """Single effects that explain as much as the chosen single one."""
     if len(chosen.level.effects) != 1:
         return []
-    best = _both(study, chosen.level)
-    start = _both(study, root)
+    best = error_left(study, chosen.level)
+    start = error_left(study, root)
     near = NEAR if study.data.repeated or study.data.steady or len(study.data.starts) > 1 else NEAR_ALONE
     return [
         item.effect
         for item in tried
         if item.effect != chosen.effect
         and item.named
-        and _both(study, item.level) - best < near * (start - best)
+        and error_left(study, item.level) - best < near * (start - best)
     ]
 
 

@@ -1,0 +1,88 @@
+"""More rounds for fits that two do not settle: two masses, and effects beside others.
+
+What an unsettled fit leaves would look like a further effect, and a rival that has settled sooner like the
+better name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from autotune.diagnose.prepared import TRAINING, VETO
+from autotune.diagnose.search import Level, Refitted, judged, settle
+from autotune.diagnose.study import Study
+from autotune.models.drive_model import Packed
+from autotune.models.table import EFFECTS
+
+Progress = Callable[[str], None]
+POLISHED = 0.99
+NEARLY = 0.8
+COMPLIANCES = {"elastic_transmission": "compliance", "backlash": "contact_compliance"}
+RESTARTS = (2.0, 0.5)
+MOST_POLISHES, WORTH_POLISHING = 3, 0.02
+PLAINER = 1.2
+"""What a plain spring may leave of what a spring with a gap leaves, to be preferred."""
+
+
+def without_needless_gap(study: Study, refits: Sequence[Refitted]) -> list[Refitted]:
+    """The refits without backlash where an elastic transmission without a gap explains about as much."""
+    found = {item.effect: item for item in refits}
+    spring, gap = found.get("elastic_transmission"), found.get("backlash")
+    if spring is None or gap is None or spring.share < NEARLY:
+        return list(refits)
+    if error_left(study, spring.level) > PLAINER * error_left(study, gap.level):
+        return list(refits)
+    return [item for item in refits if item is not gap]
+
+
+def best_polished(
+    study: Study, root: Level, refits: Sequence[Refitted], progress: Progress
+) -> list[Refitted]:
+    """The refit that leaves least, polished: beside another effect it has not settled after two rounds."""
+    if not refits:
+        return []
+    best = min(refits, key=lambda item: error_left(study, item.level))
+    if not NEARLY < best.share < POLISHED:
+        return list(refits)
+    done = polished(study, root, best, progress)
+    return [replace(done, effect=best.effect, gain=max(best.gain, done.gain))]
+
+
+def polished(study: Study, root: Level, chosen: Refitted, progress: Progress) -> Refitted:
+    """More rounds of the same fit, as long as they help: two masses need them, and what they leave misleads."""
+    progress(f"refinement with {' and '.join(chosen.level.effects)}")
+    for _ in range(MOST_POLISHES):
+        level = chosen.level
+        better = settle(study, level.fitted.packed, list(level.free), 4, level.effects, level.fitted)
+        if better is None or better.fitted.cost >= level.fitted.cost:
+            break
+        gained = 1.0 - better.fitted.cost / level.fitted.cost
+        chosen = judged(study, root, better, chosen.effect)
+        if chosen.share >= POLISHED or gained < WORTH_POLISHING:
+            break
+    return chosen if chosen.share >= POLISHED else _restarted(study, root, chosen)
+
+
+def _restarted(study: Study, root: Level, chosen: Refitted) -> Refitted:
+    """The fit begun anew with a softer and a stiffer transmission, where there is one: it has several minima."""
+    best = chosen
+    for effect, name in COMPLIANCES.items():
+        if effect not in chosen.level.effects:
+            continue
+        for factor in RESTARTS:
+            level = chosen.level
+            p = level.fitted.packed.p.copy()
+            p[EFFECTS[effect].parameter(name).slot] *= factor
+            packed = Packed(p, level.fitted.packed.on)
+            other = settle(study, packed, list(level.free), 3, level.effects)
+            if other is not None and other.fitted.cost < best.level.fitted.cost:
+                best = judged(study, root, other, chosen.effect)
+    return best
+
+
+def error_left(study: Study, level: Level) -> float:
+    """Error on training and veto together, each by its own share of the rows."""
+    error = level.fitted.error
+    total = study.mean_square(error, TRAINING)
+    return total + (study.mean_square(error, VETO) if study.has(VETO) else 0.0)
