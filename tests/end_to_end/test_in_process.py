@@ -70,6 +70,7 @@ def test_an_axis_without_friction_is_left_as_it_is(bench: Bench) -> None:
     assert not (bench.runs / "backups").exists()
 
 
+@pytest.mark.long
 def test_one_stage_after_the_other_gives_what_a_whole_run_gives(bench: Bench) -> None:
     in_process(bench)
     for stage in ("check", "experiment", "fit", "diagnose", "adapt"):

@@ -33,7 +33,12 @@ def powered(bench: Bench) -> bool:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "stage", ["experiment", pytest.param("diagnose", marks=pytest.mark.long), "adapt", "prove", "commit"]
+    "stage",
+    [
+        "experiment",
+        *(pytest.param(stage, marks=pytest.mark.long) for stage in ("diagnose", "adapt", "prove")),
+        "commit",
+    ],
 )
 def test_a_killed_run_is_stopped_by_the_drive_and_put_right_by_the_next(bench: Bench, stage: str) -> None:
     bench.start()

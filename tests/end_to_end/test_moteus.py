@@ -43,7 +43,7 @@ def stops_after(bench: Bench, when: float) -> list[float]:
     return [time for match in stop.finditer(bench.log.read_text()) if (time := float(match[1])) > when]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(900)
 def test_a_run_over_the_line_is_kept_and_can_be_rolled_back(bench: Bench) -> None:
     bench.start("--link", "moteus")

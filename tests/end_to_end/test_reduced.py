@@ -77,7 +77,7 @@ def test_a_kinetic_drive_gets_what_it_can_hold_and_the_loss_is_as_predicted(tmp_
     assert said["committed"]["peak_error"] < said["before"]["peak_error"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_drive_without_coulomb_friction_is_kept_with_the_rest_from_the_host(tmp_path: Path) -> None:
     drive, said = run(tmp_path, WITHOUT_COULOMB, 0.1)
     assert said["outcome"] == Outcome.KEPT.value
