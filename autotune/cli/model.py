@@ -140,11 +140,11 @@ def add(
 ) -> None:
     """Add an effect to a model and show how far the error falls on data that the fit never saw."""
     from autotune.cli.model_text import added_json, added_lines
-    from autotune.diagnose.adapter import add_to_model
+    from autotune.diagnose.adding import add_effect
 
     _check_output(out)
     known = read_model(model_file)
-    result = add_to_model(effect, _read(recordings), known, _now(), _source(recordings), say)
+    result = add_effect(effect, _read(recordings), known, _now(), _source(recordings), say)
     kept = result.error_after < result.error_before
     if kept:
         write_model(result.model, out)

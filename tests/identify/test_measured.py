@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.io import loadmat
-from scipy.signal import butter, decimate, filtfilt
 
 from autotune.core.recording import Metadata, Recording
 from autotune.identify.controller import control_law
@@ -13,6 +12,7 @@ from autotune.identify.fit import fit
 from autotune.identify.foreign.importing import Options, import_files
 from autotune.identify.residuals import simulate_closed_loop
 from autotune.identify.steady_state import identify_steady_state
+from bench.measured import authors_error
 
 SHARED = Path(__file__).resolve().parents[2] / "../shared/data"
 RPM = 2 * np.pi / 60
@@ -43,20 +43,6 @@ def asymmetric(emps):
     return fit(emps, ["direction_asymmetry"])
 
 
-def _authors_error(recording: Recording, model) -> float:
-    """Relative force error [%] as the authors measure it: 100 Hz, differences, decimated by 10."""
-    period = recording.period
-    b, a = butter(4, 100 * 2 * period)
-    position = filtfilt(b, a, recording["position"])
-    velocity = np.gradient(position, period)
-    acceleration = np.gradient(velocity, period)
-    inner = slice(50, -50)
-    predicted = model.torque(position, velocity, acceleration, period)[inner]
-    measured = recording["torque"][inner]
-    error = decimate(measured, 10, zero_phase=True) - decimate(predicted, 10, zero_phase=True)
-    return 100 * float(np.linalg.norm(error) / np.linalg.norm(decimate(measured, 10, zero_phase=True)))
-
-
 def test_emps_parameters_are_the_authors(symmetric) -> None:
     assert symmetric.valid, symmetric.reason
     assert symmetric.model["inertia"] == pytest.approx(95.1089, rel=0.02)
@@ -67,8 +53,8 @@ def test_emps_parameters_are_the_authors(symmetric) -> None:
 
 def test_emps_force_error_is_at_most_the_authors(emps, symmetric, asymmetric) -> None:
     """Authors: 4.083 % and 3.112 %; far below would be another metric."""
-    assert 3.0 < _authors_error(emps, symmetric.model) <= 4.08
-    assert 2.3 < _authors_error(emps, asymmetric.model) <= 3.11
+    assert 3.0 < authors_error(emps, symmetric.model) <= 4.08
+    assert 2.3 < authors_error(emps, asymmetric.model) <= 3.11
 
 
 def test_emps_asymmetry_is_that_of_the_authors(asymmetric) -> None:
