@@ -94,8 +94,12 @@ class Service:
 
     def submit(self, axis: str, kind: str) -> str | None:
         """A job's id once the service has confirmed it; None where it refused or was gone."""
+        return self.post(f"/api/axes/{axis}/jobs", {"kind": kind})
+
+    def post(self, path: str, content: dict[str, Any]) -> str | None:
+        """The id in the answer; None where it refused or was gone."""
         request = urllib.request.Request(
-            f"{self.address}/api/axes/{axis}/jobs", json.dumps({"kind": kind}).encode(),
+            self.address + path, json.dumps(content).encode(),
             {"Content-Type": "application/json", "Authorization": f"Bearer {self.token}"}, method="POST",
         )  # fmt: skip
         try:
