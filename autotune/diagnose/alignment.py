@@ -18,12 +18,16 @@ from autotune.diagnose.residual import smoothed
 from autotune.models.lugre import Flags
 
 EARLIEST, LATEST = -4.0, 6.0
-"""Half samples by which the torque may be moved."""
+"""Half samples of the file by which the torque may be moved."""
 LEAST_FAST = 0.2
 
 
-def best_shift(cost: Callable[[float], float], start: float) -> tuple[float, float]:
-    """The nearest minimum of a cost over the shift, in tenths of half samples, and its cost there."""
+def best_shift(cost: Callable[[float], float], start: float, finer: int = 1) -> tuple[float, float]:
+    """The nearest minimum of a cost over the shift, in tenths of half samples, and its cost there.
+
+    `finer`: rows for each sample of the file.
+    """
+    earliest, latest = finer * EARLIEST, finer * LATEST
     known: dict[float, float] = {}
 
     def at(shift: float) -> float:
@@ -32,13 +36,13 @@ def best_shift(cost: Callable[[float], float], start: float) -> tuple[float, flo
         return known[shift]
 
     best = start
-    for _ in range(round(LATEST - EARLIEST)):
-        near = [s for s in (best - 1.0, best + 1.0) if EARLIEST <= s <= LATEST]
+    for _ in range(round(latest - earliest)):
+        near = [s for s in (best - 1.0, best + 1.0) if earliest <= s <= latest]
         better = min(near, key=at)
         if at(better) >= at(best):
             break
         best = better
-    if not EARLIEST <= best - 1.0 <= best + 1.0 <= LATEST:
+    if not earliest <= best - 1.0 <= best + 1.0 <= latest:
         return best, at(best)
     before, here, after = at(best - 1.0), at(best), at(best + 1.0)
     curve = before - 2.0 * here + after
@@ -62,7 +66,9 @@ def aligned(data: Prepared) -> Prepared:
     Rows near a reversal do not count: friction that reverses over some travel looks like a delay.
     """
     rows = away_from_reversals(data)
-    return shifted(data, best_shift(lambda shift: linear_misfit(shifted(data, shift), rows), 0.0)[0])
+    return shifted(
+        data, best_shift(lambda shift: linear_misfit(shifted(data, shift), rows), 0.0, data.finer)[0]
+    )
 
 
 def away_from_reversals(data: Prepared) -> Flags:

@@ -17,6 +17,7 @@ from autotune.core.recording import Recording
 from autotune.diagnose.alignment import aligned
 from autotune.diagnose.controller import find_controller
 from autotune.diagnose.coordinates import travel_since_reversal
+from autotune.diagnose.finer import finer, needed
 from autotune.diagnose.prepared import CUTOFF, Block, Prepared, Rows, prepare
 from autotune.diagnose.speed_curve import as_steady_recordings, speed_points
 from autotune.identify.checks import check_recording, torque_of
@@ -142,5 +143,8 @@ def prepared_for(recordings: Sequence[Recording]) -> Prepared:
         return data
     known = data.recorded_reference and find_controller(data).controller is not None
     cutoff = coherent_cutoff(max(recordings, key=len), known)
-    data = without_rest(prepare(recordings, cutoff, 2.5 * cutoff))
-    return data if known else aligned(data)
+    if known:
+        return without_rest(prepare(recordings, cutoff, 2.5 * cutoff))
+    factor = needed(cutoff, recordings[0].period)
+    fine = [finer(recording, factor) for recording in recordings]
+    return aligned(replace(without_rest(prepare(fine, cutoff, 2.5 * cutoff)), finer=factor))

@@ -128,7 +128,7 @@ def best_aligned(data: Prepared, packed: Packed) -> Prepared:
         moved = shifted(data, shift)
         return float(np.mean(residual(moved, packed, measured_motion(moved)) ** 2))
 
-    return shifted(data, best_shift(cost, data.shift)[0])
+    return shifted(data, best_shift(cost, data.shift, data.finer)[0])
 
 
 def _measures(

@@ -19,7 +19,7 @@ from autotune.diagnose.prepared import Prepared
 from autotune.models.lugre import Floats
 
 SAMPLES = (2.0, 4.0, 8.0, 16.0)
-"""Time constants tried."""
+"""Time constants tried, of the file."""
 CLEARLY = 0.4
 """Of the misfit: less must be left."""
 LARGE = 0.1
@@ -40,7 +40,7 @@ def compensated(data: Prepared) -> tuple[Prepared, str | None]:
     if plain > LARGE:
         return data, None
     trials: list[tuple[float, str, float]] = []
-    for samples in SAMPLES:
+    for samples in (data.finer * count for count in SAMPLES):
         trials.append((_misfit(_motion_through(data, samples)), "torque", samples))
         trials.append((_misfit(_torque_through(data, samples)), "position", samples))
     misfit, column, samples = min(trials)
@@ -58,13 +58,13 @@ def compensated(data: Prepared) -> tuple[Prepared, str | None]:
 
 def _best(data: Prepared) -> float:
     rows = away_from_reversals(data)
-    return best_shift(lambda shift: linear_misfit(shifted(data, shift), rows), data.shift)[0]
+    return best_shift(lambda shift: linear_misfit(shifted(data, shift), rows), data.shift, data.finer)[0]
 
 
 def _misfit(data: Prepared) -> float:
     """Share of the torque's variance that inertia and friction leave, at the best shift."""
     rows = away_from_reversals(data)
-    return best_shift(lambda shift: linear_misfit(shifted(data, shift), rows), data.shift)[1]
+    return best_shift(lambda shift: linear_misfit(shifted(data, shift), rows), data.shift, data.finer)[1]
 
 
 def _motion_through(data: Prepared, samples: float) -> Prepared:

@@ -77,6 +77,7 @@ class Prepared:
         starts: first sample of each recording.
         temperature: °C, shape (n,); None unless every recording has it.
         steady: only the curve of torque over constant speeds is compared (see `speed_curve`).
+        finer: rows for each one of the file.
     """
 
     metadata: Metadata
@@ -102,6 +103,7 @@ class Prepared:
     starts: tuple[int, ...] = (0,)
     temperature: Floats | None = None
     steady: bool = False
+    finer: int = 1
 
     def role(self, *roles: str) -> Flags:
         """Grid rows of blocks with one of these roles, shape (m,)."""
@@ -144,7 +146,7 @@ def prepare(
     offset = 0
     for number, recording in enumerate(recordings):
         stretches += (
-            [Stretch(offset, offset + len(recording), False)] if steady else _stretches(recording, offset)
+            [Stretch(offset, offset + len(recording), False)] if steady else stretches_of(recording, offset)
         )
         starts.append(offset)
         segments += _segments(recording, offset, number if len(recordings) > 1 else 0)
@@ -154,7 +156,7 @@ def prepare(
         position[s.rows], velocity[s.rows], acceleration[s.rows] = motion(
             arrays["position"][s.rows], period, motion_cutoff
         )
-    resolution = _resolution(recordings[0].metadata, arrays["position"])
+    resolution = known_resolution(recordings[0].metadata, arrays["position"])
     taps = low_pass_taps(cutoff, period)
     allowed = _usable(arrays["position"], stretches, resolution, period, len(taps) // 2)
     step = max(1, round(1.0 / (GRID / CUTOFF * cutoff * period)))
@@ -215,7 +217,7 @@ def _temperature(recordings: Sequence[Recording]) -> Floats | None:
     return values if np.all(np.isfinite(values)) and float(np.ptp(values)) > 0.0 else None
 
 
-def _stretches(recording: Recording, offset: int) -> list[Stretch]:
+def stretches_of(recording: Recording, offset: int) -> list[Stretch]:
     """Cuts where samples were lost, time starts again, the axis was re-homed, or the mode changed."""
     time, position = recording["time"], recording["position"]
     step = np.abs(np.diff(position))
@@ -267,7 +269,8 @@ def _least_chunk(recording: Recording) -> int:
     return round(max(CHUNK_SECONDS, seconds / 24.0) / recording.period)
 
 
-def _resolution(metadata: Metadata, position: Floats) -> float:
+def known_resolution(metadata: Metadata, position: Floats) -> float:
+    """One count of the position: as the file says, else the step that all steps are multiples of; 0 if none."""
     if metadata.position_resolution is not None:
         return metadata.position_resolution
     step = np.abs(np.diff(position))

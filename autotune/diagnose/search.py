@@ -315,5 +315,5 @@ def realigned(study: Study, level: Level) -> Study:
         return refit(moved_by(shift), level.fitted.packed, list(level.free), level.correction, 6).cost
 
     here = study.data.shift
-    best, lowest = best_shift(cost, here)
+    best, lowest = best_shift(cost, here, study.data.finer)
     return study if best == here or lowest > WORTH_MOVING * cost(here) else moved_by(best)

@@ -137,8 +137,9 @@ def limits(study: Study) -> tuple[str, ...]:
     """What the sampling of a single recording does not allow to be told, in words."""
     if study.data.repeated or _highest(study) <= UNRESOLVED * _cutoff(study):
         return ()
+    period = 1e3 * study.data.finer * study.data.period
     return (
-        f"The torque holds frequencies up to {_highest(study):.3g} Hz, samples of {1e3 * study.data.period:.3g} ms "
+        f"The torque holds frequencies up to {_highest(study):.3g} Hz, samples of {period:.3g} ms "
         f"allow {_cutoff(study):.2g} Hz: only effects of place and direction can be told. Record faster, or "
         "move more gently.",
     )
@@ -180,8 +181,9 @@ def _highest(study: Study) -> float:
     if study.twin or study.data.steady:
         return 0.0
     longest = max(study.data.stretches, key=lambda stretch: stretch.stop - stretch.start)
-    torque = study.data.recorded_torque[longest.rows]
-    return loud_below(torque, study.data.period) if len(torque) > 64 else 0.0
+    every = study.data.finer
+    torque = study.data.recorded_torque[longest.rows][::every]
+    return loud_below(torque, every * study.data.period) if len(torque) > 64 else 0.0
 
 
 def _cutoff(study: Study) -> float:
