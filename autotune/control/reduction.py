@@ -206,13 +206,13 @@ def _elastic(values: Mapping[str, float]) -> LugreParameters:
     return LugreParameters(**(whole | dict(values) | {"coulomb": coulomb}))
 
 
-class Remainder:
-    """Law for the host: the full feedforward less what the drive plays by itself."""
+class DrivePart:
+    """Law that plays what a drive with these parameters plays by itself."""
 
     settled = False
 
-    def __init__(self, full: FeedforwardLaw, values: Mapping[str, float], period: float) -> None:
-        self._full, self._period = full, period
+    def __init__(self, values: Mapping[str, float], period: float) -> None:
+        self._period = period
         self._elastic = "stiffness" in values
         own = dict(values) if self._elastic else {**values, "stiffness": 1.0, "coulomb": 1.0}
         self._own = _elastic(own).array()
@@ -222,16 +222,32 @@ class Remainder:
 
     def prepare(self) -> None:
         """Compiles the kernels without changing the state."""
-        self._full.prepare()
         advance(self._own, np.zeros(2), 0.0, 0.0, self._period)
 
     def step(self, reference: float, velocity: float, acceleration: float, previous: Sample | None) -> float:
-        whole = self._full.step(reference, velocity, acceleration, previous)
         if self._elastic:
-            return whole - float(advance(self._own, self._state, velocity, acceleration, self._period))
+            return float(advance(self._own, self._state, velocity, acceleration, self._period))
         self._sign = self._sign if velocity == 0.0 else float(np.sign(velocity))
         inertia, viscous, coulomb, offset = self._kinetic
-        return whole - inertia * acceleration - viscous * velocity - coulomb * self._sign - offset
+        return inertia * acceleration + viscous * velocity + coulomb * self._sign + offset
+
+
+class Remainder:
+    """Law for the host: the full feedforward less what the drive plays by itself."""
+
+    settled = False
+
+    def __init__(self, full: FeedforwardLaw, values: Mapping[str, float], period: float) -> None:
+        self._full, self._part = full, DrivePart(values, period)
+
+    def prepare(self) -> None:
+        """Compiles the kernels without changing the state."""
+        self._full.prepare()
+        self._part.prepare()
+
+    def step(self, reference: float, velocity: float, acceleration: float, previous: Sample | None) -> float:
+        whole = self._full.step(reference, velocity, acceleration, previous)
+        return whole - self._part.step(reference, velocity, acceleration, previous)
 
 
 @dataclass(frozen=True, slots=True)

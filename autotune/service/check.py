@@ -17,7 +17,7 @@ from autotune.service.check_figures import CheckFigures, Figure, figures
 from autotune.service.check_file import FILE_NAME, before_of, earlier_checks
 from autotune.service.check_plan import COMPENSATED, UNCOMPENSATED, CheckPlan, plan_check
 from autotune.service.committed import InForce, in_force
-from autotune.service.drift import DriftSettings, Evidence, Verdict, judge
+from autotune.service.drift import Committed, DriftSettings, Evidence, Verdict, judge
 from autotune.service.files import finite, write_json
 from autotune.service.hold import Hold, connected, prepared
 from autotune.service.journal import Journal
@@ -51,8 +51,7 @@ class CheckResult:
     motion_unit: str
     figures: CheckFigures
     verdict: Verdict
-    committed_run: str
-    committed_peak: float | None
+    committed: Committed | None
     notes: tuple[str, ...]
 
     def as_json(self) -> dict[str, Any]:
@@ -77,9 +76,7 @@ class CheckResult:
             "expected_friction": measured.expected,
             "tracking_error": asdict(measured.tracking.error),
             "uncompensated": asdict(measured.uncompensated.error),
-            "committed": {"run": self.committed_run, "peak_error": self.committed_peak}
-            if self.committed_run
-            else None,
+            "committed": self.committed.as_json() if self.committed else None,
             "temperature": measured.temperature,
             "position_noise": measured.position_noise,
             "torque_noise": measured.torque_noise,
@@ -196,8 +193,7 @@ def _result(
         axis.motion_unit,
         measured,
         verdict,
-        present.committed.run if present.committed else "",
-        present.committed.peak_error if present.committed else None,
+        present.committed,
         (*notes, *verdict.notes),
     )
 
@@ -207,7 +203,7 @@ def _temperature_influence(
 ) -> tuple[float | None, float]:
     """Relative change of friction a kelvin, and the temperature at which the committed model holds."""
     known = [one for content in history if (one := before_of(content)) is not None]
-    run = present.committed.run if present.committed else ""
+    run = present.committed.baseline if present.committed else ""
     reference = next((one.temperature for one in known if one.run == run), measured.temperature)
     trend = analyse(
         [datetime.fromisoformat(one.at) for one in known],

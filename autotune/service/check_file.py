@@ -27,9 +27,10 @@ def before_of(content: dict[str, Any]) -> Before | None:
     """An earlier check from its JSON object; None where it does not say enough."""
     try:
         drift, temperature, noise = content["drift"], content["temperature"], content["position_noise"]
+        committed = content["committed"] or {}
         return Before(
             content["at"],
-            (content["committed"] or {}).get("run", ""),
+            committed.get("accepted") or committed.get("run", ""),
             drift["change"],
             bool(drift["beyond"]),
             float(content["friction"]["level"]["value"]),

@@ -57,10 +57,10 @@ def commit(
             f"the drive cannot hold {', '.join(unknown)}; it holds {', '.join(present) or 'none'}"
         )
     backup = take_backup(store, journal.state.axis, loop.identity, present, now)
-    journal.note(backup=backup.id, phase=CommitPhase.WRITING)
+    journal.note(backup=backup.id, phase=CommitPhase.WRITING, written=dict(values))
     try:
         values = write_verified(loop, values)
-        journal.note(phase=CommitPhase.STORING)
+        journal.note(phase=CommitPhase.STORING, written=values)
         store_as_before(loop, journal)
         verify(loop, values)
         journal.note(phase=CommitPhase.PROVING)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ from autotune.core.axis import Axis
 from autotune.core.errors import ConfigurationError
 from autotune.models.drive_model import DriveModel
 from autotune.models.model_file import read_model
+from autotune.service.accepted import accepted_since
 from autotune.service.commit import RELATIVE_RESOLUTION
 from autotune.service.drift import Committed
 from autotune.service.results import run_results
@@ -29,7 +30,8 @@ class InForce:
 def in_force(runs: Path, axis: Axis, held: Mapping[str, float]) -> InForce:
     """What is committed to the axis, given the drive's parameters.
 
-    The newest kept run counts; after a rollback, the newest kept run that the drive agrees with.
+    The newest kept run counts; after a rollback, the newest kept run that the drive agrees with. The model is
+    that of a later run where drift was accepted since.
     """
     kept, rolled_back = _kept_runs(runs, axis)
     if rolled_back:
@@ -37,7 +39,13 @@ def in_force(runs: Path, axis: Axis, held: Mapping[str, float]) -> InForce:
     if not kept:
         return InForce()
     path, committed = kept[0]
-    return InForce(committed, _model(runs, axis, path), _agrees(committed.parameters, held))
+    holds = _agrees(committed.parameters, held)
+    accepted = accepted_since(runs, axis, committed.run)
+    if accepted is not None:
+        path = accepted.directory
+        peak = max(accepted.peak_error, committed.peak_error or 0.0)
+        committed = replace(committed, accepted=path.name, peak_error=peak)
+    return InForce(committed, _model(runs, axis, path), holds)
 
 
 def _kept_runs(runs: Path, axis: Axis) -> tuple[list[tuple[Path, Committed]], bool]:

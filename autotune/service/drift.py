@@ -35,11 +35,13 @@ class DriftSettings(Strict):
         size: relative change of friction that is worth a re-tune.
         tracking: relative growth of the tracking error over what was committed.
         confirmations: checks in a row that must agree before anything is done.
+        gain: share of the peak error that a re-tune must gain; 0: whatever is better beyond doubt.
     """
 
     size: Share = 0.15
     tracking: Share = 0.5
     confirmations: Annotated[int, Field(ge=1, le=10)] = 2
+    gain: Annotated[float, Field(ge=0, lt=1)] = 0.0
 
 
 class Drift(StrEnum):
@@ -62,16 +64,27 @@ class Committed:
         run: name of the run's folder that was committed.
         peak_error: on the benchmark, as re-measured after the commit [motion unit]; None if not known.
         parameters: feedforward parameters written.
+        accepted: a later run that found nothing better; model and peak error are then its own. "" for none.
     """
 
     run: str
     peak_error: float | None
     parameters: dict[str, float]
+    accepted: str = ""
+
+    @property
+    def baseline(self) -> str:
+        """The run that checks compare with."""
+        return self.accepted or self.run
+
+    def as_json(self) -> dict[str, str | float | None]:
+        """As in check.json."""
+        return {"run": self.run, "peak_error": self.peak_error, "accepted": self.accepted or None}
 
 
 @dataclass(frozen=True, slots=True)
 class Before:
-    """An earlier check, as far as a verdict needs it. `change` is relative to the model in force then."""
+    """An earlier check, as far as a verdict needs it; `run`: what it compared with, by `change`."""
 
     at: str
     run: str
@@ -152,7 +165,7 @@ def _compared(evidence: Evidence, settings: DriftSettings) -> Verdict:
         return Verdict(
             Drift.HARMFUL,
             "The axis follows worse with the committed compensation than without it: friction is "
-            f"{_words(change)} what was committed.",
+            f"{_words(change)} {_baseline(evidence)}.",
             "Tune again now, or switch the compensation off ('autotune rollback').",
             change, interval, True, notes,
         )  # fmt: skip
@@ -160,13 +173,13 @@ def _compared(evidence: Evidence, settings: DriftSettings) -> Verdict:
         return Verdict(
             Drift.LOST,
             f"The drive does not hold what was committed in {_run(evidence)}: it was exchanged, reset, or set by "
-            f"another hand. Friction is {_words(change)} what was committed.",
+            f"another hand. Friction is {_words(change)} {_baseline(evidence)}.",
             "Tune again ('autotune run'), or find out who changed it.",
             change, interval, False, notes,
         )  # fmt: skip
     if not friction_moved and not tracking_lost:
         return Verdict(
-            Drift.NONE, f"No drift: friction is {_words(change)} what was committed{_followed(growth)}.", "",
+            Drift.NONE, f"No drift: friction is {_words(change)} {_baseline(evidence)}{_followed(growth)}.", "",
             change, interval, False, notes,
         )  # fmt: skip
     return _moved(evidence, settings, change, interval, growth, friction_moved, notes)
@@ -184,7 +197,7 @@ def _moved(
     agreeing = 1 + _agreeing(evidence, change if friction_moved else None)
     sure = agreeing >= settings.confirmations
     what = (
-        f"friction is {_words(change)} what was committed"
+        f"friction is {_words(change)} {_baseline(evidence)}"
         if friction_moved
         else "the tracking error has grown"
     )
@@ -234,7 +247,7 @@ def harmful(figures: CheckFigures) -> bool:
 def _agreeing(evidence: Evidence, change: float | None) -> int:
     """Checks directly before this one that were beyond the size as well, in the same direction."""
     count = 0
-    run = evidence.committed.run if evidence.committed else ""
+    run = evidence.committed.baseline if evidence.committed else ""
     for before in reversed(evidence.earlier):
         same_sign = change is None or before.change is None or (before.change > 0) == (change > 0)
         if before.run != run or not before.beyond or not same_sign:
@@ -255,6 +268,14 @@ def _rough_signal(evidence: Evidence) -> Verdict | None:
         "counts; friction and tracking of this check cannot be trusted.",
         "Check encoder, cable, plug and shielding. No tuning is started on such a signal.",
     )
+
+
+def _baseline(evidence: Evidence) -> str:
+    """What friction is compared with, in words."""
+    committed = evidence.committed
+    if committed is None or not committed.accepted:
+        return "what was committed"
+    return f"what the run {committed.accepted} found"
 
 
 def _run(evidence: Evidence) -> str:

@@ -35,12 +35,21 @@ NEEDS = {
 """What a stage by itself needs from an earlier run."""
 
 
+@dataclass(frozen=True, slots=True)
+class Planned:
+    """Parameters that go into the drive, decided in an earlier stage or run; `host`: it plays the rest."""
+
+    values: dict[str, float]
+    host: bool = False
+
+
 @dataclass
 class Findings:
     """Filled stage by stage.
 
     `model` is the diagnosed one. `proposed` is what a drive's block can hold; `proposed_model` goes to the
-    proof in its place where it is better beyond doubt. `better` is the verdict, `held` is in the drive then.
+    proof in its place where it is better beyond doubt. `better` is the verdict; `planned` goes into the drive,
+    where that is not just what is proposed; `held` is in the drive then.
     """
 
     start: Start | None = None
@@ -54,6 +63,7 @@ class Findings:
     proved: Proved | None = None
     committed: TrackingError | None = None
     reduction: Reduction | None = None
+    planned: Planned | None = None
     held: dict[str, float] = field(default_factory=dict)
 
     def need_start(self) -> Start:
@@ -90,6 +100,8 @@ def save_findings(directory: Path, findings: Findings) -> None:
         content["stiffness_range"] = list(findings.start.stiffness_range)
     if findings.proposed is not None:
         content["proposed"] = asdict(findings.proposed)
+    if findings.planned is not None:
+        content["planned"] = asdict(findings.planned)
     content["diagnosed"] = findings.model is not None
     content["law"] = "model" if findings.proposed_model is not None else "lugre"
     write_json(directory / FILE_NAME, content)
@@ -117,6 +129,8 @@ def load_findings(runs: Path, axis: Axis, stage: str) -> Findings:
         findings.start = Start(LugreParameters(**content["start"]), (low, high))
     if "proposed" in content:
         findings.proposed = LugreParameters(**content["proposed"])
+    if stage == "commit" and "planned" in content:
+        findings.planned = Planned(**content["planned"])
     if content.get("diagnosed"):
         findings.model = read_model(latest_run(runs, axis, "model.toml") / "model.toml")
     if content.get("law") == "model":

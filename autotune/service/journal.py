@@ -44,6 +44,7 @@ class JournalState:
         changed: parameters changed for the run's duration, with the values to put back.
         backup: id of the backup that the commit rests on, or "".
         phase: how far the commit has come.
+        written: what it writes to the drive.
         outcome: "" while the run is under way.
     """
 
@@ -55,6 +56,7 @@ class JournalState:
     changed: Mapping[str, float] = field(default_factory=dict)
     backup: str = ""
     phase: CommitPhase = CommitPhase.NONE
+    written: Mapping[str, float] = field(default_factory=dict)
     outcome: str = ""
 
     @property
@@ -96,7 +98,11 @@ class Journal:
         """Changes fields of the state and writes it before returning."""
         self.state = replace(self.state, **changes)
         content = {name: getattr(self.state, name) for name in JournalState.__dataclass_fields__}
-        content |= {"changed": dict(self.state.changed), "phase": self.state.phase.value}
+        content |= {
+            "changed": dict(self.state.changed),
+            "written": dict(self.state.written),
+            "phase": self.state.phase.value,
+        }
         write_json(self.directory / FILE_NAME, {"schema": SCHEMA_VERSION, **content})
 
 

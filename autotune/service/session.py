@@ -76,6 +76,10 @@ class Session:
                 self.written[name] = save_recording(self.directory, name, recording)
         return recording, played
 
+    def milli(self, value: float) -> str:
+        """A tracking error in words: in thousandths of the motion unit."""
+        return f"{1e3 * value:.2f} m{self.axis.motion_unit}"
+
     def begin(self, stage: str, seconds: float) -> None:
         """Tells the reporter and the journal that a stage of about `seconds` machine time begins."""
         self._stage_seconds, self._stage_began = seconds, self.budget.used

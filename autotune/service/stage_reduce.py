@@ -11,12 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from autotune.control.feedforward import FeedforwardLaw, FixedFeedforward, LugreParameters
 from autotune.control.model_feedforward import FED_FORWARD, periodic_model_feedforward
-from autotune.control.reduction import Reduction, Remainder, reduce, reduces
+from autotune.control.reduction import DrivePart, Reduction, Remainder, reduce, reduces
 from autotune.control.refinement import PeriodAverage, periodic_feedforward
 from autotune.core.errors import ConfigurationError
 from autotune.core.recording import Controller
-from autotune.service.findings import Findings
+from autotune.service.findings import Findings, Planned
 from autotune.service.proof import TrackingError
 from autotune.service.session import Session
 from autotune.service.stage_adapt import period_average
@@ -47,6 +48,11 @@ def plan_commit(session: Session, findings: Findings, held: Mapping[str, float])
     Raises:
         ConfigurationError: a reduction is needed and nothing says how the controller acts.
     """
+    if findings.planned is not None:
+        law = findings.law(session.axis.cycle)
+        values = {name: value for name, value in findings.planned.values.items() if name in held}
+        part = {name.removeprefix(PREFIX): value for name, value in values.items() if name != ENABLED}
+        return Plan(values, None, Remainder(law, part, session.axis.cycle) if findings.planned.host else None)
     full = findings.need_proposed()
     names = {name.removeprefix(PREFIX) for name in held}
     if not reduces(names):
@@ -64,6 +70,31 @@ def plan_commit(session: Session, findings: Findings, held: Mapping[str, float])
     return Plan(values, reduction, host)
 
 
+def plan_retune(session: Session, findings: Findings, held: Mapping[str, float]) -> FeedforwardLaw | None:
+    """Law of what this drive will hold by itself; decides on it for the commit. None where that does not suffice.
+
+    Nobody plays the rest at night, so it is this that has to be better than what the drive holds now.
+    """
+    full, period = findings.need_proposed(), session.axis.cycle
+    names = {name.removeprefix(PREFIX) for name in held}
+    if not reduces(names):
+        findings.planned = Planned({PREFIX + n: v for n, v in _named(full).items()} | {ENABLED: 1.0})
+        return FixedFeedforward(full, period)
+    if findings.adapted is None or not names - {"enabled", "reference_filter"}:
+        return None
+    measured = findings.adapted.best.measured
+    reduction = reduce(full, names, measured, _controller(session), session.limits.torque)
+    if reduction.host:
+        return None
+    enabled = {ENABLED: 1.0} if ENABLED in held else {}
+    findings.planned = Planned({PREFIX + n: v for n, v in reduction.values.items()} | enabled)
+    return DrivePart(reduction.values, period)
+
+
+def _named(full: LugreParameters) -> dict[str, float]:
+    return {name.removeprefix(PREFIX): value for name, value in full.drive_parameters().items()}
+
+
 def lugre_part(findings: Findings) -> Reduction | None:
     """What a drive that holds the LuGre model loses of a model with more effects; None for nothing.
 
@@ -75,7 +106,7 @@ def lugre_part(findings: Findings) -> Reduction | None:
     full, best = findings.need_proposed(), adapted.best
     whole = periodic_model_feedforward(model, best.measured.reference, best.measured.period)
     part = periodic_feedforward(full, best.measured.reference, best.measured.period)
-    held = {name.removeprefix(PREFIX): value for name, value in full.drive_parameters().items()}
+    held = _named(full)
     return _of_the_whole(
         Reduction(
             held,

@@ -9,47 +9,38 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 
-from autotune.control.reduction import Reduction, reduces
 from autotune.core.errors import AutotuneError, ConfigurationError, NotEnoughExcitation
 from autotune.core.recording_files import read_recording
 from autotune.experiments.programmes import build
 from autotune.experiments.runner import Programme
 from autotune.experiments.sines import BenchmarkSine
-from autotune.identify.run import Identification
 from autotune.models.model_file import write_model
 from autotune.service import summary
-from autotune.service.commit import commit, feedforward_parameters
+from autotune.service.accepted import accept
+from autotune.service.commit import feedforward_parameters
+from autotune.service.committed import InForce, in_force
+from autotune.service.course import Course
 from autotune.service.documents import Material, write_documents
 from autotune.service.files import finite, write_json
 from autotune.service.findings import HOST_FILE, Findings, latest_run, load_findings, save_findings
 from autotune.service.hold import Hold, connected, own_feedforward, prepared
 from autotune.service.journal import CommitPhase, Journal
 from autotune.service.outcome import Outcome, RunResult
-from autotune.service.proof import TrackingError
 from autotune.service.recover import recover
 from autotune.service.run_directory import axis_lock, make_run_directory
 from autotune.service.session import Session
 from autotune.service.stage_adapt import LEAST_SECONDS, adapt, window_seconds
+from autotune.service.stage_commit import commit_stage
 from autotune.service.stage_diagnose import diagnose_stage
 from autotune.service.stage_identify import baseline, experiment, fit, start_of
 from autotune.service.stage_model import adapt_model
 from autotune.service.stage_prove import (
     ENABLED,
     committed_seconds,
-    holds_what_was_proved,
-    measure_committed,
     proof_seconds,
     prove_stage,
 )
-from autotune.service.stage_reduce import (
-    Plan,
-    announcement,
-    comparison,
-    holds_predicted,
-    holds_reduced,
-    is_worth_it,
-    plan_commit,
-)
+from autotune.service.stage_reduce import comparison, plan_retune
 from autotune.service.torque_check import find_torque_semantics, must_be_found
 
 STAGES = ("check", "experiment", "fit", "diagnose", "adapt", "prove", "commit")
@@ -62,23 +53,14 @@ class Request(Hold):
 
     Attributes:
         only: a single stage, or None for all.
+        gain: None for a tuning. For a re-tune after drift: what the drive will hold by itself is proved against
+            what it holds now, and this share of the peak error must be gained; 0: whatever is better beyond doubt.
         approve: asked before anything is written to the drive for good.
     """
 
     only: str | None = None
+    gain: float | None = None
     approve: Callable[[str], bool] = field(default=lambda sentence: True)
-
-
-@dataclass
-class _Course:
-    """How far a run has come; becomes the result."""
-
-    findings: Findings = field(default_factory=Findings)
-    identification: Identification | None = None
-    baseline: TrackingError | None = None
-    outcome: Outcome = Outcome.NOT_APPLIED
-    verdict: str = ""
-    notes: list[str] = field(default_factory=list)
 
 
 def tune(request: Request) -> RunResult:
@@ -94,14 +76,16 @@ def tune(request: Request) -> RunResult:
         started = request.clock()
         directory = make_run_directory(request.runs, axis.name, started)
         journal = Journal.begin(directory, axis.name, axis.fingerprint, started)
-        course = _Course()
+        course = Course()
         session: Session | None = None
         try:
             request.reporter.stage("connect", 3.0)
             with connected(request.open_loop, journal, request.reporter) as loop:
                 course.notes += recover(loop, request.runs, journal)
+                present = in_force(request.runs, axis, loop.read_parameters())
                 with prepared(request, loop, journal) as session:
                     _stages(request, session, course)
+            _accept(request, directory, present, course)
         except NotEnoughExcitation as error:
             course.outcome, course.verdict = _ending(error)
         except BaseException as error:
@@ -116,6 +100,17 @@ def tune(request: Request) -> RunResult:
         return result
 
 
+def _accept(request: Request, directory: Path, present: InForce, course: Course) -> None:
+    """Where nothing can be gained, what was found becomes what checks compare with."""
+    committed, proved = present.committed, course.findings.proved
+    if request.only is not None or not course.nothing_to_gain or proved is None:
+        return
+    if committed is None or not present.held or not (directory / "model.toml").is_file():
+        return
+    accept(directory, request.axis, committed.run, proved.proof.before.peak_error)
+    course.verdict += " What is committed stays; checks compare with what this run has found."
+
+
 def _ending(error: BaseException) -> tuple[Outcome, str]:
     if isinstance(error, NotEnoughExcitation):
         return Outcome.NOT_APPLIED, f"Nothing was applied: {error}"
@@ -125,7 +120,7 @@ def _ending(error: BaseException) -> tuple[Outcome, str]:
     return Outcome.ABORTED, f"The run was stopped: {error}" + (f" ({notes})" if notes else "")
 
 
-def _stages(request: Request, session: Session, course: _Course) -> None:
+def _stages(request: Request, session: Session, course: Course) -> None:
     wanted = STAGES if request.only is None else (request.only,)
     if request.only is not None:
         course.findings = load_findings(request.runs, session.axis, request.only)
@@ -140,7 +135,7 @@ def _stages(request: Request, session: Session, course: _Course) -> None:
         course.verdict = f"Stage '{request.only}' is done; nothing was applied."
 
 
-def _check(request: Request, session: Session, course: _Course) -> bool:
+def _check(request: Request, session: Session, course: Course) -> bool:
     """All experiments fit into the limits and the machine time, before anything moves."""
     session.begin("check", 1.0)
     sine = BenchmarkSine(session.motion, 1, session.axis.benchmark.periods)
@@ -150,19 +145,19 @@ def _check(request: Request, session: Session, course: _Course) -> bool:
     return True
 
 
-def _torque_semantics(session: Session, course: _Course) -> None:
+def _torque_semantics(session: Session, course: Course) -> None:
     """Where the profile leaves open what the torque demand means, it is found before anything rests on it."""
     if must_be_found(session):
         course.notes.append(find_torque_semantics(session))
 
 
-def _experiment(request: Request, session: Session, course: _Course) -> bool:
+def _experiment(request: Request, session: Session, course: Course) -> bool:
     course.baseline = baseline(session)
     experiment(session)
     return True
 
 
-def _fit(request: Request, session: Session, course: _Course) -> bool:
+def _fit(request: Request, session: Session, course: Course) -> bool:
     path = session.written.get("experiment") or _earlier(request, "recordings/experiment.parquet")
     course.identification = fit(session, read_recording(path))
     course.findings.start = start_of(course.identification)
@@ -170,7 +165,7 @@ def _fit(request: Request, session: Session, course: _Course) -> bool:
     return True
 
 
-def _diagnose(request: Request, session: Session, course: _Course) -> bool:
+def _diagnose(request: Request, session: Session, course: Course) -> bool:
     path = session.written.get("experiment") or _earlier(request, "recordings/experiment.parquet")
     recording = read_recording(path)
     found = course.identification or fit(session, recording)
@@ -189,7 +184,7 @@ def _later_seconds(session: Session) -> float:
     return proof_seconds(benchmark) + committed_seconds(benchmark) + SPARE_SECONDS
 
 
-def _adapt(request: Request, session: Session, course: _Course) -> bool:
+def _adapt(request: Request, session: Session, course: Course) -> bool:
     findings, later = course.findings, _later_seconds(session)
     start = findings.need_start()
     more = window_seconds(session) if findings.model is not None else 0.0
@@ -204,129 +199,30 @@ def _adapt(request: Request, session: Session, course: _Course) -> bool:
     return True
 
 
-def _prove(request: Request, session: Session, course: _Course) -> bool:
+def _prove(request: Request, session: Session, course: Course) -> bool:
+    findings = course.findings
     own = own_feedforward(session.journal.state.changed)
-    course.findings.proved = prove_stage(session, course.findings.law(session.axis.cycle), own)
-    proof = course.findings.proved.proof
-    course.findings.better = proof.better
+    law, least = findings.law(session.axis.cycle), session.axis.acceptance.improvement
+    if request.gain is not None:
+        least = request.gain
+        law = plan_retune(session, findings, feedforward_parameters(session.loop)) or law
+    findings.proved = prove_stage(session, law, own, least)
+    proof = findings.proved.proof
+    findings.better = proof.better
     if not proof.better:
+        course.nothing_to_gain = True
         course.verdict = (
-            f"Nothing was applied: the peak error would go from {_milli(proof.before.peak_error, session)} to "
-            f"{_milli(proof.after.peak_error, session)}, which is not better beyond doubt."
+            f"Nothing was applied: the peak error would go from {session.milli(proof.before.peak_error)} to "
+            f"{session.milli(proof.after.peak_error)}, which is not better beyond doubt."
         )
     return proof.better
 
 
-def _commit(request: Request, session: Session, course: _Course) -> bool:
-    findings = course.findings
-    findings.need_proposed()
-    if not findings.better:
-        raise ConfigurationError(
-            "nothing is proved that could be committed; run 'autotune run' with all stages"
-        )
-    plan = plan_commit(session, findings, feedforward_parameters(session.loop))
-    findings.reduction = plan.reduction
-    if not plan.values:
-        course.verdict = "Proved, but this drive cannot hold a feedforward; the host has to play it."
-        return False
-    if plan.reduction is not None:
-        course.notes.append(announcement(plan.reduction, session.axis.motion_unit))
-        session.reporter.say(course.notes[-1])
-        if not _worth_it(session, course, plan.reduction):
-            return False
-    if not request.approve(_question(plan, session)):
-        course.verdict = "Proved, but not written: it was not approved."
-        return False
-    session.begin("commit", 12.0)
-    findings.committed = None
-
-    def proves() -> bool:
-        findings.committed = measure_committed(session, plan.host)
-        if findings.proved is None:
-            return True
-        if plan.reduction is not None and plan.host is None:
-            least, before = session.axis.acceptance.improvement, findings.proved.proof.before
-            enough = reduces(plan.reduction.values) or holds_predicted(
-                before, findings.committed, plan.reduction
-            )
-            return enough and holds_reduced(before, findings.committed, least)
-        return holds_what_was_proved(findings.proved.proof, findings.committed)
-
-    kept = commit(session.loop, plan.values, session.journal, session.runs, session.clock(), proves)
-    course.outcome = Outcome.KEPT if kept else Outcome.ROLLED_BACK
-    if kept:
-        findings.held = session.loop.read_parameters([name for name in plan.values if name != ENABLED])
-    course.verdict = _commit_verdict(session, course, kept)
-    return kept
+def _commit(request: Request, session: Session, course: Course) -> bool:
+    return commit_stage(session, course, request.approve)
 
 
-def _worth_it(session: Session, course: _Course, reduction: Reduction) -> bool:
-    """Whether what the drive can hold is predicted to help at all."""
-    proved = course.findings.proved
-    least = session.axis.acceptance.improvement
-    if proved is None or reduction.host or is_worth_it(reduction, proved.proof.before, least):
-        return True
-    course.verdict = (
-        f"Proved, but not written: {announcement(reduction, session.axis.motion_unit)}, which is not better than "
-        f"{_milli(proved.proof.before.peak_error, session)} as it is now. The host has to play the feedforward."
-    )
-    return False
-
-
-def _question(plan: Plan, session: Session) -> str:
-    if plan.reduction is None:
-        return "Write the proved parameters to the drive for good?"
-    told = announcement(plan.reduction, session.axis.motion_unit)
-    return f"{told[0].upper()}{told[1:]}. Write it to the drive for good?"
-
-
-def _commit_verdict(session: Session, course: _Course, kept: bool) -> str:
-    committed = course.findings.committed
-    shown = _milli(committed.peak_error, session) if committed else "an unknown value"
-    if not kept and course.findings.reduction is not None and course.findings.proved is not None:
-        predicted = _milli(course.findings.reduction.predicted_peak, session)
-        was = _milli(course.findings.proved.proof.before.peak_error, session)
-        return (
-            f"Everything was put back: reduced to what this drive holds, the feedforward gave {shown} (predicted "
-            f"{predicted}), which is not better than {was} before by what acceptance.improvement asks for. "
-            "The host has to play the feedforward."
-        )
-    if not kept:
-        return (
-            f"Everything was put back: with the parameters in the drive the peak error was {shown}, which is not "
-            "what had been proved."
-        )
-    proved = course.findings.proved
-    if proved is None:
-        return f"Kept: the drive runs with the committed parameters; peak error {shown}."
-    before, after = proved.proof.before.peak_error, proved.proof.after.peak_error
-    reduction = course.findings.reduction
-    if reduction is not None and not reduces(reduction.values):
-        return (
-            f"Kept: the peak error on the benchmark fell from {_milli(before, session)} to {_milli(after, session)}, "
-            f"{before / after:.1f} times less, beyond doubt, with the feedforward of the diagnosed model "
-            f"({', '.join(reduction.lost)}) played by the host. The drive holds the LuGre part of it: by itself "
-            f"it gives {shown} (predicted {_milli(reduction.predicted_peak, session)}); the rest is lost where "
-            f"the host does not play {HOST_FILE}."
-        )
-    if reduction is not None and committed is not None:
-        with_host = f" with {', '.join(reduction.host)} from the host" if reduction.host else ""
-        return (
-            f"Kept, reduced to what this drive holds: the peak error on the benchmark fell from "
-            f"{_milli(before, session)} to {shown}{with_host} (predicted {_milli(reduction.predicted_peak, session)}; "
-            f"the full feedforward gives {_milli(after, session)})."
-        )
-    return (
-        f"Kept: the peak error on the benchmark fell from {_milli(before, session)} to {_milli(after, session)}, "
-        f"{before / after:.1f} times less, beyond doubt; with the drive's own feedforward it is {shown}."
-    )
-
-
-def _milli(value: float, session: Session) -> str:
-    return f"{1e3 * value:.2f} m{session.axis.motion_unit}"
-
-
-_STAGES: dict[str, Callable[[Request, Session, _Course], bool]] = {
+_STAGES: dict[str, Callable[[Request, Session, Course], bool]] = {
     "check": _check,
     "experiment": _experiment,
     "fit": _fit,
@@ -342,7 +238,7 @@ def _earlier(request: Request, name: str) -> Path:
 
 
 def _result(
-    request: Request, directory: Path, started: datetime, course: _Course, session: Session | None
+    request: Request, directory: Path, started: datetime, course: Course, session: Session | None
 ) -> RunResult:
     findings, found = course.findings, course.identification
     proof = findings.proved.proof if findings.proved else None
@@ -373,13 +269,15 @@ def _feedforward(findings: Findings) -> dict[str, float]:
     """What is in the drive, rounded as it holds it, or would be, by name."""
     if findings.held:
         return findings.held
+    if findings.planned is not None:
+        return {name: value for name, value in findings.planned.values.items() if name != ENABLED}
     if findings.reduction is not None:
         return {f"feedforward.{name}": value for name, value in findings.reduction.values.items()}
     return findings.proposed.drive_parameters() if findings.proposed else {}
 
 
 def _finish(
-    request: Request, journal: Journal, result: RunResult, course: _Course, session: Session | None
+    request: Request, journal: Journal, result: RunResult, course: Course, session: Session | None
 ) -> None:
     """run.json, a closed journal where nothing is left to be put right, then what is there to look at."""
     write_json(result.run_directory / "run.json", finite(result.as_json()))

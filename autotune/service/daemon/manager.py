@@ -20,6 +20,7 @@ from typing import Any
 
 from sqlalchemy.exc import SQLAlchemyError
 
+from autotune.service.accepted import FILE_NAME as ACCEPTED
 from autotune.service.daemon import housekeeping, observe
 from autotune.service.daemon.absorb import absorb_check, absorb_run
 from autotune.service.daemon.busy import axis_busy
@@ -362,6 +363,7 @@ class Manager:
             "drift": settings.drift.model_dump(),
             "idle": settings.idle.model_dump(),
             "automatic": settings.commit == "automatic" or row["origin"] == "cli",
+            "gain": settings.drift.gain if row["origin"] == "drift" else None,
         }
         order = Order(
             row["id"], watched.name, row["kind"], str(watched.file), str(self.configuration.runs), options
@@ -411,6 +413,8 @@ class Manager:
     def _after_tuning(self, row: Row, done: Done, now: datetime) -> None:
         if done.outcome == "kept":
             self._notify({"kind": "commit", "axis": row["axis"], "at": text(now), "sentence": done.sentence})
+        elif done.run and (self.configuration.runs / done.run / ACCEPTED).is_file():
+            self._event("accepted", row["axis"], now, done.sentence, row["id"], notice=True)
         self.store.close_proposals(row["axis"], now)
         run = self.store.run_by_name(done.run) if done.run else None
         if done.asked and done.outcome == "not_applied" and run is not None:

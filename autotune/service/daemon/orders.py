@@ -14,7 +14,7 @@ from autotune.service.journal import CommitPhase, Journal
 from autotune.service.results import run_results
 
 DONE = "done"
-FINDINGS = "findings.json"
+ENABLED = "feedforward.enabled"
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,12 +99,11 @@ def _salvaged(directory: Path, journal: Journal) -> Done | None:
         "Kept: the drive holds the proved parameters; the run was cut off before its report was written."
     )
     if not (directory / "run.json").is_file():
-        proposed = read_json(directory / FINDINGS, "findings file").get("proposed") or {}
         content = {
             "schema": 1, "outcome": "kept", "verdict": sentence, "axis": state.axis, "fingerprint": state.fingerprint,
             "started": state.started, "machine_seconds": 0.0, "run_directory": str(directory),
             "before": None, "after": None, "committed": None, "parameters": {},
-            "feedforward": {f"feedforward.{name}": value for name, value in proposed.items()},
+            "feedforward": {name: value for name, value in state.written.items() if name != ENABLED},
         }  # fmt: skip
         write_json(directory / "run.json", content)
     if not state.changed:

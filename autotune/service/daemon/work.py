@@ -104,7 +104,7 @@ def _run(order: Order, tools: Tools) -> Done:
     result = tune(
         Request(
             tools.axis, tools.open_loop, Path(order.runs), tools.reporter, tools.clock,
-            only=order.options.get("only"), approve=approve,
+            only=order.options.get("only"), gain=order.options.get("gain"), approve=approve,
         )
     )  # fmt: skip
     return Done(
