@@ -18,6 +18,10 @@ from autotune.models import layout
 from autotune.models.drive_model import Packed
 
 REACHES = (1e-5, 1e-4, 1e-3)  # of the travel
+DAMPING = 0.3
+"""Of what is critical."""
+UNDAMPED = 0.05
+"""Of the usual damping: a fit that ends there knows nothing about it."""
 LOOSE = 1.0
 """Relative standard error from which a contact parameter is held."""
 _CONTACT = ("stiffness", "micro_damping")
@@ -30,7 +34,7 @@ def best_contact(study: Study, fitted: Fitted, correction: Correction) -> Fitted
     for reach in REACHES:
         p = fitted.packed.p.copy()
         p[layout.STIFFNESS] = p[layout.COULOMB] / (reach * study.scales.travel)
-        p[layout.MICRO_DAMPING] = 0.3 * math.sqrt(p[layout.STIFFNESS] * p[layout.INERTIA])
+        p[layout.MICRO_DAMPING] = DAMPING * math.sqrt(p[layout.STIFFNESS] * p[layout.INERTIA])
         again = refit(study, Packed(p, fitted.packed.on), free, correction, 8)
         if np.isfinite(again.cost):
             found.append(again)
@@ -49,4 +53,12 @@ def settled_contact(
 ) -> tuple[Fitted, list[Free]]:
     """Fit and free parameters that the search of a single recording begins with."""
     best = best_contact(study, fitted, correction)
-    return best, told(study, best, free)
+    kept = told(study, best, free)
+    p = best.packed.p.copy()
+    usual = DAMPING * math.sqrt(p[layout.STIFFNESS] * p[layout.INERTIA])
+    if p[layout.MICRO_DAMPING] > UNDAMPED * usual:
+        return best, kept
+    p[layout.MICRO_DAMPING] = usual  # without any its twin rings in the loop
+    kept = [f for f in kept if f.slot != layout.MICRO_DAMPING]
+    damped = refit(study, Packed(p, best.packed.on), kept, correction, 4)
+    return (damped, kept) if np.isfinite(damped.cost) else (best, kept)

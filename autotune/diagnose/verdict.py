@@ -43,7 +43,6 @@ from autotune.diagnose.search import (
     LEAST_GAIN,
     MOST_EFFECTS,
     WALK,
-    Level,
     Refitted,
     Screened,
     generic_gains,
@@ -51,9 +50,9 @@ from autotune.diagnose.search import (
     judged,
     rank,
     realigned,
-    settle,
     without_effect,
 )
+from autotune.diagnose.settling import Level, settle
 from autotune.diagnose.single import alike_where_motion_is, capped, credible, limits, noticeable
 from autotune.diagnose.study import (
     Study,
@@ -83,6 +82,8 @@ WORTH_BESIDE = 0.01
 ROUGH, WORTH_BESIDE_ROUGH = frozenset({"backlash", "elastic_transmission"}), 0.04
 """The same beside two masses, whose blows no fit follows to the last."""
 NEGLIGIBLE = 0.02
+WORSE_WITH_TWIN = 2.0
+"""Times the cost before: a twin that rings where the axis did not corrects nothing."""
 NEAR, NEAR_ALONE = 0.03, 0.1
 """Of the fall: rivals that come so near cannot be told apart, with repeats and without."""
 
@@ -141,7 +142,7 @@ def begin(
     level = _first_level(replace(study, simulations=simulations), packed, free)
     if level is None and study.twin:
         data, said = without_twin(data)
-        notes = ("No twin: a simulation of the model with this controller is unstable.", *said)
+        notes = ("No twin: a simulation of the model with this controller is unstable or rings.", *said)
         study = start_study(data, None)
         level = _first_level(study, packed, free)
     if level is None:
@@ -168,6 +169,7 @@ def _first_level(study: Study, packed: Packed, free: list[Free]) -> tuple[Study,
         study = replace(study, weight=without_outlying(study, fitted.error))
         fitted = refit(study, fitted.packed, free, start, 4)
         fitted, free = settled_contact(study, fitted, start, free)
+    plain = fitted.cost
     for _ in range(2):
         study = replace(study, noise=estimate_noise(study, fitted.packed, fitted.error))
         correction = study.correction(fitted.packed, 1)
@@ -175,6 +177,8 @@ def _first_level(study: Study, packed: Packed, free: list[Free]) -> tuple[Study,
             return None
         fitted = refit(study, fitted.packed, free, correction, 4)
     level = settle(study, fitted.packed, free, 2)
+    if level is not None and not study.data.repeated and level.fitted.cost > WORSE_WITH_TWIN * plain:
+        return None
     return None if level is None else (study, level)
 
 
