@@ -75,6 +75,18 @@ def test_two_that_contradict_or_belong_to_another_commit_do_not_confirm() -> Non
     assert judge(evidence(figures(1.3), before(0.3, True, "earlier")), SETTINGS).drift is Drift.SUSPECTED
 
 
+def test_after_acceptance_only_what_moved_since_counts() -> None:
+    accepted = replace(COMMITTED, accepted="20260201-030000-one")
+    old = replace(evidence(figures(1.3), before(0.3, True)), committed=accepted)
+    verdict = judge(old, SETTINGS)
+    assert verdict.drift is Drift.SUSPECTED, "checks against the model before do not confirm"
+    assert "20260201-030000-one" in verdict.sentence
+    new = replace(evidence(figures(1.3), before(0.3, True, accepted.accepted)), committed=accepted)
+    assert judge(new, SETTINGS).drift is Drift.DRIFTED
+    harms = replace(evidence(figures(1.0, peak=3e-3, without=1e-3)), committed=accepted)
+    assert judge(harms, SETTINGS).drift is Drift.HARMFUL, "no acceptance hides harm"
+
+
 def test_compensation_that_harms_is_acted_on_at_once() -> None:
     verdict = judge(evidence(figures(0.4, peak=3e-3, without=1e-3)), SETTINGS)
     assert verdict.drift is Drift.HARMFUL
@@ -133,6 +145,34 @@ def test_tracking_with_a_host_beside_the_drive_is_no_measure_for_a_check(
     assert found.held
     assert found.committed is not None
     assert (found.committed.peak_error == 1e-4) is known
+
+
+def left(folder: Path, file: str, **content: object) -> None:
+    folder.mkdir(exist_ok=True)
+    (folder / file).write_text(json.dumps({"axis": "simulated", **content}))
+
+
+def test_what_is_accepted_belongs_to_what_is_committed(tmp_path: Path) -> None:
+    axis = read_axis(config_directory() / "axes" / "simulated.toml")
+    mark = axis.fingerprint
+    first, later, other = (tmp_path / f"2026030{day}-120000-simulated" for day in (1, 2, 3))
+    gains = {"feedforward.coulomb": 0.3}
+    left(
+        first, "run.json", outcome="kept", fingerprint=mark, committed={"peak_error": 1e-4}, feedforward=gains
+    )
+    left(other, "accepted.json", committed="20260101-000000-simulated", peak_error=9e-4, fingerprint=mark)
+    held = {**gains, "feedforward.enabled": 1.0}
+    assert in_force(tmp_path, axis, held).committed == Committed(first.name, 1e-4, held)
+    left(later, "accepted.json", committed=first.name, peak_error=2e-4, fingerprint=mark)
+    found = in_force(tmp_path, axis, held)
+    assert found.held
+    assert found.committed is not None
+    assert found.committed == Committed(first.name, 2e-4, held, later.name)
+    assert found.committed.baseline == later.name
+    left(
+        other, "run.json", outcome="kept", fingerprint=mark, committed={"peak_error": 1e-4}, feedforward=gains
+    )
+    assert in_force(tmp_path, axis, held).committed == Committed(other.name, 1e-4, held)
 
 
 # Trends

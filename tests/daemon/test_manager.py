@@ -96,9 +96,9 @@ def test_a_run_that_was_kept_and_then_cut_off_counts_as_kept(world: Callable[...
     journal = {
         "schema": 1, "axis": "one", "fingerprint": "f", "started": "2026-03-01T12:00:01", "process": 4711,
         "stage": "commit", "changed": {}, "backup": "b", "phase": "kept", "outcome": "",
+        "written": {"feedforward.coulomb": 0.3, "feedforward.enabled": 1.0},
     }  # fmt: skip
     (left / "journal.json").write_text(json.dumps(journal))
-    (left / "findings.json").write_text(json.dumps({"schema": 1, "proposed": {"coulomb": 0.3}}))
     here.close()
     here.open()
     here.manager.tick()
@@ -106,7 +106,23 @@ def test_a_run_that_was_kept_and_then_cut_off_counts_as_kept(world: Callable[...
     assert (row["outcome"], row["run"]) == ("kept", left.name)
     (run,) = here.store.list_runs("one")
     assert run["outcome"] == "kept"
+    assert json.loads(run["content"])["feedforward"] == {"feedforward.coulomb": 0.3}
     assert len(here.launcher.started) == 1
+
+
+@pytest.mark.parametrize(("origin", "gain"), [("drift", 0.05), ("http", None)])
+def test_drift_that_nothing_can_be_gained_from_is_told_once_in_a_notice(
+    world: Callable[..., World], origin: str, gain: float | None
+) -> None:
+    here = world(extra="[axes.drift]\ngain = 0.05")
+    here.manager.submit("one", "run", origin)
+    here.manager.tick()
+    assert here.launcher.started[-1].order.options["gain"] == gain
+    left = here.configuration.runs / "20260301-120001-one"
+    left.mkdir(parents=True)
+    (left / "accepted.json").write_text("{}")
+    here.finish("not_applied", 3, left.name)
+    assert [notice["kind"] for notice in here.notices] == ["accepted"]
 
 
 def test_a_worker_that_dies_is_tried_once_more_then_given_up(world: Callable[..., World]) -> None:
