@@ -30,6 +30,9 @@ CLEARLY = 1.03
 _TWO_AXES = 1.5
 _J, _COULOMB = 0, 2
 _SURE = [0, 2, 4]
+_SHARED = [0, 2]
+_NOT_TOGETHER = 0.02
+"""Of the torque's power: what a fit of two stretches of one axis leaves at most."""
 """Columns that every recording must tell apart: inertia, Coulomb friction, offset."""
 
 
@@ -136,25 +139,61 @@ def refuse_two_axes(parts: Sequence[tuple[Floats, Floats]]) -> None:
 
     `parts` are regressors and torques of the pieces; long pieces are looked at in quarters.
     """
-    known: list[tuple[float, float]] = []
+    known: list[_Stretch] = []
     for design, target in parts:
         quarters = 4 if len(target) > 1600 else 1
         for rows in np.array_split(np.arange(len(target)), quarters):
             found = _alone(design[rows], target[rows])
             if found is None:
                 continue
-            for inertia, friction in known:
-                if max(found[0] / inertia, inertia / found[0]) > _TWO_AXES and (
-                    max(found[1] / friction, friction / found[1]) > _TWO_AXES
-                ):
+            for other in known:
+                if _differ(found, other) and _apart(found, other):
                     raise RecordingError(
-                        f"the recording mixes axes: one stretch has inertia {inertia:.3g} and friction "
-                        f"{friction:.3g}, another {found[0]:.3g} and {found[1]:.3g}; fit each axis by itself"
+                        f"the recording mixes axes: one stretch has inertia {other.inertia:.3g} and friction "
+                        f"{other.friction:.3g}, another {found.inertia:.3g} and {found.friction:.3g}; fit each axis "
+                        "by itself"
                     )
             known.append(found)
 
 
-def _alone(design: Floats, target: Floats) -> tuple[float, float] | None:
+@dataclass(frozen=True, slots=True)
+class _Stretch:
+    """Regressors and torque of a stretch, and what it tells by itself."""
+
+    design: Floats
+    target: Floats
+    inertia: float
+    friction: float
+
+
+def _differ(one: _Stretch, other: _Stretch) -> bool:
+    ratios = (one.inertia / other.inertia, one.friction / other.friction)
+    return all(max(ratio, 1.0 / ratio) > _TWO_AXES for ratio in ratios)
+
+
+def _apart(one: _Stretch, other: _Stretch) -> bool:
+    """Whether no inertia and friction serve both stretches, each with a viscous friction and offset of its own.
+
+    Where friction is curved over speed, stretches of different speed disagree by themselves, not together.
+    """
+    size, own = len(one.target), [i for i in range(one.design.shape[1]) if i not in _SHARED]
+    tables = [np.vstack([one.design[:, _SHARED], other.design[:, _SHARED]])]
+    for first, stretch in ((True, one), (False, other)):
+        table = np.zeros((size + len(other.target), len(own)))
+        table[:size] = stretch.design[:, own] if first else 0.0
+        table[size:] = 0.0 if first else stretch.design[:, own]
+        tables.append(table)
+    design, target = np.hstack(tables), np.concatenate([one.target, other.target])
+    scale = _size(design)
+    error = target - design @ (np.linalg.lstsq(design / scale, target, rcond=1e-9)[0] / scale)
+    shares = [
+        float(np.mean(error[rows] ** 2)) / float(np.mean(target[rows] ** 2))
+        for rows in (slice(0, size), slice(size, None))
+    ]
+    return max(shares) > _NOT_TOGETHER
+
+
+def _alone(design: Floats, target: Floats) -> _Stretch | None:
     """Inertia and friction of a stretch by itself, where it tells both within 5 %."""
     if len(target) < 200 or np.linalg.cond(design[:, _SURE] / _size(design[:, _SURE])) > 1e3:
         return None
@@ -166,7 +205,7 @@ def _alone(design: Floats, target: Floats) -> tuple[float, float] | None:
     inertia, friction = float(solution[_J]), float(solution[_COULOMB])
     sure = inertia > 0 and friction > 0
     sure = sure and spread[_J] < 0.05 * inertia and spread[_COULOMB] < 0.05 * friction
-    return (inertia, friction) if sure else None
+    return _Stretch(design, target, inertia, friction) if sure else None
 
 
 def _size(design: Floats) -> Floats:

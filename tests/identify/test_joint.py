@@ -16,7 +16,9 @@ from autotune.identify.residuals import simulate_closed_loop, torque_residual
 from autotune.identify.run import identify_run
 from autotune.models.drive_model import base_model
 from autotune_sim.presets import preset
+from bench.diagnosis import plain_axis
 from bench.identify_data import play, truth
+from bench.single import DRESSES, played
 
 
 def _model(plant):
@@ -200,6 +202,13 @@ def test_two_axes_one_after_the_other_are_recognised(varied) -> None:
     mixed = concatenate([part, heavier]).with_metadata(torque_limit=None)
     with pytest.raises(RecordingError, match="mixes axes"):
         fit(mixed)
+
+
+def test_friction_curved_over_speed_is_not_two_axes() -> None:
+    """Stretches at other speeds tell other inertias and frictions; one axis explains them together."""
+    axis = plain_axis(20_029, {"nonlinear_viscous": 0.03})
+    found = fit(played(axis, DRESSES[0], "triangles", 20_029, 25.0))
+    assert found.estimate.parameters["inertia"].value == pytest.approx(axis.plant.inertia, rel=0.4)
 
 
 def test_recordings_of_different_axes_are_not_joined(varied) -> None:
