@@ -279,6 +279,46 @@ def test_a_proved_commit_waits_for_a_person_and_is_decided_once(served: tuple[Wo
     assert (order.kind, order.options["proposal"]) == ("commit", run)
 
 
+def test_a_proposal_is_there_before_its_run_counts_as_done(
+    served: tuple[World, TestClient], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here, client = served
+    job = here.manager.submit("one", "run", "http")
+    here.manager.tick()
+    run = left_run(here.configuration.runs, "one", "not_applied", better=True)
+    with monkeypatch.context() as cut:
+        cut.setattr(here.store, "change_job", lambda *_, **__: 1 / 0)
+        here.finish("not_applied", 3, run, "Write it?")
+    assert [one["state"] for one in client.get("/api/proposals").json()] == ["open"]
+    jobs = here.configuration.runs / ".service" / "jobs"
+    jobs.mkdir(parents=True)
+    result = {"outcome": "not_applied", "exit_code": 3, "sentence": "s", "run": run, "asked": "Write it?"}
+    (jobs / f"{job['id']}.json").write_text(json.dumps(result))
+    here.manager.tick()
+    assert here.store.job(job["id"])["state"] == "done"
+    assert sorted(one["state"] for one in client.get("/api/proposals").json()) == ["open", "superseded"]
+    assert len(here.notices) == 1
+
+
+def test_an_approval_that_is_cut_off_has_its_commit_queued(
+    served: tuple[World, TestClient], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here, client = served
+    here.manager.submit("one", "run", "http")
+    here.manager.tick()
+    here.finish(
+        "not_applied", 3, left_run(here.configuration.runs, "one", "not_applied", better=True), "Write?"
+    )
+    (proposal,) = client.get("/api/proposals").json()
+    with monkeypatch.context() as cut:
+        cut.setattr(here.store, "decide_proposal", lambda *_: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            client.post(f"/api/proposals/{proposal['id']}/approve", headers=AUTH)
+    assert [job["kind"] for job in here.store.jobs_in("queued")] == ["commit"]
+    again = client.post(f"/api/proposals/{proposal['id']}/approve", headers=AUTH)
+    assert (again.status_code, "waiting or running" in again.text) == (409, True)
+
+
 @pytest.mark.parametrize("better", [False, True])
 def test_a_run_that_asked_nobody_makes_no_proposal(served: tuple[World, TestClient], better: bool) -> None:
     here, client = served
@@ -309,6 +349,15 @@ def test_metrics_can_be_scraped(served: tuple[World, TestClient]) -> None:
     text = served[1].get("/metrics").text
     assert 'autotune_job_running{axis="one"} 0.0' in text
     assert "autotune_disk_free_bytes" in text
+
+
+@pytest.mark.parametrize("path", ["/healthz", "/metrics"])
+def test_monitoring_may_ask_for_the_head_only(served: tuple[World, TestClient], path: str) -> None:
+    here, client = served
+    here.manager.tick()
+    assert client.head(path).status_code == 200
+    here.manager.set_problem("history", "the history cannot be used")
+    assert client.head("/healthz").status_code == 503
 
 
 def test_health_tells_a_problem(served: tuple[World, TestClient]) -> None:

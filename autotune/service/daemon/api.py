@@ -270,16 +270,21 @@ def _proposals(manager: Manager) -> APIRouter:
     @routes.post("/{proposal}/approve", status_code=202, response_model=Job, responses=_CONFLICT)
     def approve(proposal: Id) -> dict[str, Any]:
         """Writes what was proved to the drive."""
-        row = _decided(manager, proposal, "approved")
-        job = manager.submit(row["axis"], "commit", "http", {"proposal": row["run"]})
+        row = _proposal(manager, proposal)
+        job = manager.approve(proposal)
         if job is None:
-            raise HTTPException(409, f"a commit of axis {row['axis']} is waiting or running already")
+            state = _proposal(manager, proposal)["state"]
+            under_way = f"a commit of axis {row['axis']} is waiting or running already"
+            raise HTTPException(409, under_way if state == "open" else f"this proposal is {state} already")
         return view_job(manager, job)
 
     @routes.post("/{proposal}/reject", response_model=Proposal, responses=_CONFLICT)
     def reject(proposal: Id) -> Row:
         """Leaves the drive as it is."""
-        return _decided(manager, proposal, "rejected")
+        row = _proposal(manager, proposal)
+        if not manager.store.decide_proposal(proposal, "rejected", manager.now()):
+            raise HTTPException(409, f"this proposal is {row['state']} already")
+        return _proposal(manager, proposal)
 
     return routes
 
@@ -308,6 +313,8 @@ def _health(manager: Manager) -> APIRouter:
         """For Prometheus."""
         return Response(exposition(manager), media_type="text/plain; version=0.0.4; charset=utf-8")
 
+    for path, answer in (("/healthz", healthz), ("/metrics", metrics)):
+        routes.head(path, include_in_schema=False)(answer)  # the server leaves the body out
     return routes
 
 
@@ -375,13 +382,11 @@ def _study(manager: Manager, what: str, recording: str, model: str | None) -> di
     return found.content
 
 
-def _decided(manager: Manager, identifier: str, state: str) -> Row:
+def _proposal(manager: Manager, identifier: str) -> Row:
     row = manager.store.proposal(identifier)
     if row is None:
         raise HTTPException(404, f"there is no proposal {identifier}")
-    if not manager.store.decide_proposal(identifier, state, manager.now()):
-        raise HTTPException(409, f"this proposal is {row['state']} already")
-    return manager.store.proposal(identifier) or row
+    return row
 
 
 def _stream(manager: Manager, job: str | None, row: Row | None) -> StreamingResponse:

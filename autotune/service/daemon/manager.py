@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 import logging
-import secrets
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -20,17 +19,17 @@ from typing import Any
 
 from sqlalchemy.exc import SQLAlchemyError
 
-from autotune.service.accepted import FILE_NAME as ACCEPTED
-from autotune.service.daemon import housekeeping, observe
+from autotune.service.daemon import housekeeping
 from autotune.service.daemon.absorb import absorb_check, absorb_run
 from autotune.service.daemon.busy import axis_busy
 from autotune.service.daemon.cron import blacked_out
 from autotune.service.daemon.feed import Feed
+from autotune.service.daemon.follow_up import FollowUp, Notify, new_id
 from autotune.service.daemon.launcher import Handle, Launcher
 from autotune.service.daemon.orders import Done, Order, read_done, salvage
 from autotune.service.daemon.schedule import Planned, Schedule
 from autotune.service.daemon.settings import Configuration, WatchedAxis
-from autotune.service.daemon.store import Row, Store, contents, moment, text
+from autotune.service.daemon.store import Row, Store, moment, text
 
 log = logging.getLogger("autotune.service")
 MOST_ATTEMPTS = 10
@@ -64,9 +63,6 @@ class Health:
     recordings_bytes: int = 0
 
 
-Notify = Callable[[Mapping[str, Any]], None]
-
-
 class Manager:
     """Owns the jobs of all axes. Every public method may be called from any thread."""
 
@@ -84,7 +80,8 @@ class Manager:
         self.store = store
         self.feed = Feed()
         self.health = Health()
-        self._schedule, self._launcher, self._notify = schedule, launcher, notify
+        self._schedule, self._launcher = schedule, launcher
+        self._follow_up = FollowUp(store, configuration.runs, self.feed, notify, self.submit)
         self._wall, self._steady = wall, steady
         self._lock = threading.RLock()
         self._running: dict[str, Running] = {}
@@ -144,7 +141,7 @@ class Manager:
         """The history was torn; everybody is told."""
         self.health.restored = sentence
         log.error("%s", sentence)
-        self._event("restored", "*", self.now(), sentence, notice=True)
+        self._follow_up.event("restored", "*", self.now(), sentence, notice=True)
 
     def permit(self, axis: str, minutes: float) -> None:
         """The machine is idle for so many minutes."""
@@ -167,10 +164,24 @@ class Manager:
             self.feed.tell({"event": "queued", "job": row["id"], "axis": axis, "kind": kind})
             return self.store.job(str(row["id"]))
 
+    def approve(self, identifier: str) -> Row | None:
+        """Queues the commit of an open proposal; None where it is not open any more, or a commit is under way.
+
+        The job is in the history before the proposal counts as approved: a kill in between loses nothing.
+        """
+        with self._lock:
+            proposal = self.store.proposal(identifier)
+            if proposal is None or proposal["state"] != "open":
+                return None
+            job = self.submit(proposal["axis"], "commit", "http", {"proposal": proposal["run"]})
+            if job is not None and not self.store.decide_proposal(identifier, "approved", self.now()):
+                self.stop(job["id"])
+                return None
+            return job
+
     def _new_id(self) -> str:
-        """32 hex digits that sort by time, then by order within this process."""
         self._count = (self._count + 1) % 0x1000000
-        return f"{int(self.now().timestamp() * 1000):012x}{self._count:06x}{secrets.token_hex(7)}"
+        return new_id(self.now(), self._count)
 
     def stop(self, identifier: str) -> bool:
         """Stops a job: a queued one is cancelled, a running one comes to rest. False where it has ended."""
@@ -233,7 +244,7 @@ class Manager:
             return
         jump = offset - before
         word = "forward" if jump > 0 else "back"
-        self._event("clock", "*", now, f"The clock was put {word} by {abs(jump) / 3600:.1f} h.")
+        self._follow_up.event("clock", "*", now, f"The clock was put {word} by {abs(jump) / 3600:.1f} h.")
         if jump < 0:
             self._schedule.rebase(now)
             self._not_before.clear()
@@ -265,7 +276,7 @@ class Manager:
             self._finish(row, done)
             return
         self.store.change_job(row["id"], state="queued")
-        self._event(
+        self._follow_up.event(
             "again", row["axis"], now, f"The {row['kind']} was cut off with the service; it is done again.",
             f"{row['id']}:{row['attempts']}",
         )  # fmt: skip
@@ -382,6 +393,7 @@ class Manager:
             absorb_check(self.store, directory)
             absorb_run(self.store, directory)
         now = self.now()
+        self._follow_up.propose(row, done, now)
         self.store.change_job(
             row["id"], state="done", finished=text(now), outcome=done.outcome, exit_code=done.exit_code,
             sentence=done.sentence, run=done.run or None,
@@ -397,77 +409,7 @@ class Manager:
             **done.as_json(),
         }
         self.feed.tell(message)
-        self._follow_up(row, done, now)
-
-    def _follow_up(self, row: Row, done: Done, now: datetime) -> None:
-        if done.outcome in ("guard", "fault", "died", "refused", "rolled_back"):
-            sentence = f"The {row['kind']} of axis {row['axis']} ended: {done.sentence}"
-            self._event(done.outcome, row["axis"], now, sentence, row["id"], notice=True)
-        if row["kind"] == "rollback" and done.exit_code == 0:
-            self._event("rollback", row["axis"], now, done.sentence, row["id"])
-        if row["kind"] in ("run", "commit", "rollback"):
-            self._after_tuning(row, done, now)
-        elif done.outcome == "done":
-            self._after_check(row, done, now)
-
-    def _after_tuning(self, row: Row, done: Done, now: datetime) -> None:
-        if done.outcome == "kept":
-            self._notify({"kind": "commit", "axis": row["axis"], "at": text(now), "sentence": done.sentence})
-        elif done.run and (self.configuration.runs / done.run / ACCEPTED).is_file():
-            self._event("accepted", row["axis"], now, done.sentence, row["id"], notice=True)
-        self.store.close_proposals(row["axis"], now)
-        run = self.store.run_by_name(done.run) if done.run else None
-        if done.asked and done.outcome == "not_applied" and run is not None:
-            unit = json.loads(run["content"]).get("motion_unit", "rad")
-            peaks = f"{1e3 * run['before']:.2f} to {1e3 * run['after']:.2f} m{unit}"
-            sentence = f"Proved on axis {row['axis']}, and waiting for approval: peak error from {peaks}. {done.asked}"
-            self.store.add_proposal(
-                {"id": self._new_id(), "axis": row["axis"], "run": done.run, "created": text(now),
-                 "state": "open", "sentence": sentence}
-            )  # fmt: skip
-            self._event("proposal", row["axis"], now, sentence, row["id"], notice=True)
-
-    def _after_check(self, row: Row, done: Done, now: datetime) -> None:
-        axis = row["axis"]
-        last = self.store.last_check(axis)
-        if last is None or last["run"] != done.run:
-            return
-        content = json.loads(last["content"])
-        state = content["drift"]["state"]
-        if state not in ("none", "unknown"):
-            words = f"{content['verdict']} {content['advice']}".strip()
-            states = [row["drift"] for row in self.store.list_checks(axis, 60)]
-            self._event(f"drift:{state}", axis, now, words, done.run, notice=observe.worth_a_notice(states))
-        self._tell_changes(axis, now)
-        watched = self.configuration.axis(axis)
-        if not content["drift"]["wants_tuning"] or watched is None or watched.settings.retune != "drift":
-            return
-        tuned = self.store.last_job(axis, "run")
-        when = moment(tuned["finished"] or tuned["created"]) if tuned else None
-        if observe.may_tune(tuned, when, now) and self.submit(axis, "run", "drift"):
-            self._event("retune", axis, now, f"Re-tuning axis {axis}: {content['verdict']}", done.run)
-
-    def _tell_changes(self, axis: str, now: datetime) -> None:
-        trend = observe.trend_of(contents(self.store.list_checks(axis)))
-        told = [
-            one for event in self.store.events_of(axis, "change") if (one := observe.decode(event["key"]))
-        ]
-        for one, sentence in observe.news(trend, told):
-            self._event("change", axis, now, sentence, f"{axis}:trend:{observe.encode(one)}", notice=True)
-
-    def _event(
-        self, kind: str, axis: str, now: datetime, sentence: str, key: str = "", notice: bool = False
-    ) -> None:
-        fresh = self.store.add_event(
-            key if ":trend:" in key else f"{kind}:{key or text(now)}", axis, now, kind, sentence
-        )
-        if not fresh:
-            return
-        message = {"kind": kind, "axis": axis, "at": text(now), "sentence": sentence}
-        self.feed.tell({"event": "event", **message})
-        if notice:
-            log.warning("axis %s: %s", axis, sentence)
-            self._notify(message)
+        self._follow_up.after(row, done, self.configuration.axis(row["axis"]), now)
 
 
 def plans_of(configuration: Configuration) -> list[Planned]:

@@ -128,6 +128,10 @@ class Store:
         found = self.list_checks(axis, 1)
         return found[0] if found else None
 
+    def check_by_name(self, run: str) -> Row | None:
+        """A check by the name of its folder."""
+        return self._one(select(checks).where(checks.c.run == run))
+
     def run_by_name(self, run: str) -> Row | None:
         """A run by the name of its folder."""
         return self._one(select(runs).where(runs.c.run == run))
@@ -173,10 +177,10 @@ class Store:
             connection.execute(update(proposals).where(mine).values(state="superseded"))
             connection.execute(insert(proposals).values(**values))
 
-    def close_proposals(self, axis: str, when: datetime) -> None:
-        """Whatever is open on the axis is superseded by what has happened since."""
+    def close_proposals(self, axis: str, when: datetime, but: str) -> None:
+        """Whatever is open on the axis, but for that of one run, is superseded by what has happened since."""
         with self._engine.begin() as connection:
-            mine = (proposals.c.axis == axis) & (proposals.c.state == "open")
+            mine = (proposals.c.axis == axis) & (proposals.c.state == "open") & (proposals.c.run != but)
             connection.execute(update(proposals).where(mine).values(state="superseded", decided=text(when)))
 
     def decide_proposal(self, identifier: str, state: str, when: datetime) -> bool:
