@@ -15,7 +15,8 @@ from autotune.diagnose.compare import check_same_axis
 from autotune.diagnose.fit import Fitted, standard_errors
 from autotune.diagnose.model_values import model_from
 from autotune.diagnose.prepared import TEST, TRAINING, VETO
-from autotune.diagnose.search import Level, inside_twin, realigned, screen, settle
+from autotune.diagnose.search import inside_twin, realigned, screen
+from autotune.diagnose.settling import Level, settle
 from autotune.diagnose.study import Study
 from autotune.diagnose.verdict import begin, quiet
 from autotune.models.drive_model import DriveModel, HistoryEntry, Packed

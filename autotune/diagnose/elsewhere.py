@@ -15,7 +15,8 @@ import numpy as np
 
 from autotune.diagnose.prepared import VETO
 from autotune.diagnose.score import Unseen, gain_and_z
-from autotune.diagnose.search import Level, Refitted, without_effect
+from autotune.diagnose.search import Refitted, without_effect
+from autotune.diagnose.settling import Level
 from autotune.diagnose.study import CHUNK, Study, refit
 from autotune.models.lugre import Flags, Floats
 

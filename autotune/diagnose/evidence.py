@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from autotune.diagnose.families import FAMILIES
-from autotune.diagnose.search import LEAST_GAIN, Level, Refitted, Screened
+from autotune.diagnose.search import LEAST_GAIN, Refitted, Screened
+from autotune.diagnose.settling import Level
 from autotune.diagnose.study import Study
 from autotune.diagnose.words import separating_experiment, usual_rivals
 

@@ -6,7 +6,7 @@ inner steps. Steps of a base parameter are limited to 30 % of it, those of a sha
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -91,11 +91,12 @@ def jacobian(
     free: Sequence[Free],
     at: Floats,
     known: tuple[Floats, Floats] | None = None,
+    difference: float = DIFFERENCE,
 ) -> tuple[Floats, Floats]:
     """Sensitivities of the residual, shape (m, parameters), and the scales of its columns.
 
     `at` is the residual at `packed`; `known` are columns and scales of the first parameters, from a fit
-    nearby, taken over to save time.
+    nearby, taken over to save time. `difference` is the change, in scales, that a column is taken over.
     """
     columns = np.empty((len(at), len(free)), order="F")
     scales = np.empty(len(free))
@@ -108,7 +109,7 @@ def jacobian(
             continue
         value = packed.p[parameter.slot]
         scales[i] = parameter.scale_at(value)
-        change = DIFFERENCE * scales[i]
+        change = difference * scales[i]
         if value + change > parameter.upper:
             change = -change
         p = packed.p.copy()
@@ -128,12 +129,15 @@ def fit(
     stop: float = 2e-4,
     known: tuple[Floats, Floats] | None = None,
     hopeful: float = np.inf,
+    bias_at: Callable[[Packed], Floats | None] | None = None,
+    difference: float = DIFFERENCE,
 ) -> Fitted:
     """Fits the free parameters on rows where `weight` (shape (m,), usually 0 and 1) is above 0.
 
     `correction` is the twin's bias, subtracted from the residual. The result is never worse than the start.
     `known`: see `jacobian`. `hopeful`: a fit that cannot be expected to get below this cost, as its linear
-    model at the start has it without any bounds, is not begun.
+    model at the start has it without any bounds, is not begun. `bias_at` renews the bias at every step,
+    None where the twin is unstable (the step is rejected). `difference`: see `jacobian`.
     """
     rows = weight > 0
     share = weight[rows]
@@ -144,7 +148,7 @@ def fit(
 
     raw = residual(data, packed, moved)
     cost = cost_of(raw - correction)
-    columns, scales = jacobian(data, moved, packed, free, raw, known)
+    columns, scales = jacobian(data, moved, packed, free, raw, known, difference)
     known = known if known is not None and known[0].shape[1] < len(free) else None
     damping = 1e-4
     for _ in range(iterations):
@@ -157,9 +161,10 @@ def fit(
             change = _step(normal, slope, damping, packed, free, scales)
             trial = with_values(packed, free, packed.p[[f.slot for f in free]] + change)
             found = residual(data, trial, moved)
-            value = cost_of(found - correction)
-            if np.isfinite(value) and value < cost:
-                improved = True
+            shift = correction if bias_at is None else bias_at(trial)
+            value = np.inf if shift is None else cost_of(found - shift)
+            if shift is not None and np.isfinite(value) and value < cost:
+                improved, correction = True, shift
                 break
             damping = max(damping * 8.0, 1e-3)
         if not improved:
@@ -170,7 +175,7 @@ def fit(
         if fall < stop:
             break
         if fall > STALE:
-            columns, scales = jacobian(data, moved, packed, free, raw, known)
+            columns, scales = jacobian(data, moved, packed, free, raw, known, difference)
     return Fitted(packed, tuple(free), raw - correction, columns, scales, cost)
 
 

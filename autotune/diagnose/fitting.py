@@ -20,7 +20,7 @@ from autotune.diagnose.fit import standard_errors
 from autotune.diagnose.model_values import model_from
 from autotune.diagnose.prepared import Prepared, prepare
 from autotune.diagnose.residual import residual, smoothed
-from autotune.diagnose.search import Level
+from autotune.diagnose.settling import Level
 from autotune.diagnose.study import Study, start_study
 from autotune.diagnose.verdict import Progress, begin, quiet
 from autotune.models.drive_model import DriveModel, base_model

@@ -10,7 +10,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from autotune.diagnose.prepared import TRAINING, VETO
-from autotune.diagnose.search import Level, Refitted, judged, settle
+from autotune.diagnose.search import Refitted, judged
+from autotune.diagnose.settling import Level, settle
 from autotune.diagnose.study import Study
 from autotune.models.drive_model import Packed
 from autotune.models.table import EFFECTS
@@ -61,7 +62,7 @@ def polished(study: Study, root: Level, chosen: Refitted, progress: Progress) ->
         chosen = judged(study, root, better, chosen.effect)
         if chosen.share >= POLISHED or gained < WORTH_POLISHING:
             break
-    return chosen if chosen.share >= POLISHED else _restarted(study, root, chosen)
+    return chosen
 
 
 def _restarted(study: Study, root: Level, chosen: Refitted) -> Refitted:

@@ -17,7 +17,8 @@ from scipy.optimize import nnls
 
 from autotune.diagnose.fit import Free
 from autotune.diagnose.prepared import VETO
-from autotune.diagnose.search import LEAST_GAIN, Level, settle
+from autotune.diagnose.search import LEAST_GAIN
+from autotune.diagnose.settling import Level, settle
 from autotune.diagnose.study import Study
 from autotune.models import layout
 from autotune.models.drive_model import DriveModel, Packed

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,14 +12,14 @@ from autotune.diagnose import speed_curve
 from autotune.diagnose.alignment import best_shift, shifted
 from autotune.diagnose.coordinates import generic_columns
 from autotune.diagnose.families import FAMILIES, Context, Start, shapes
-from autotune.diagnose.fit import Fitted, Free, fit
+from autotune.diagnose.fit import Fitted, fit
 from autotune.diagnose.prepared import TRAINING, VETO
-from autotune.diagnose.residual import measured_motion, residual
-from autotune.diagnose.score import Explained, Unseen, explained, gain_and_z, held_out
-from autotune.diagnose.study import Correction, Study, refit, without_outlying
+from autotune.diagnose.residual import measured_motion
+from autotune.diagnose.score import Explained, explained, gain_and_z, held_out
+from autotune.diagnose.settling import Level, settle
+from autotune.diagnose.study import Study, refit, without_outlying
 from autotune.models import layout
 from autotune.models.drive_model import Packed
-from autotune.models.lugre import Floats
 from autotune.models.table import EFFECTS
 
 Progress = Callable[[str], None]
@@ -34,31 +34,13 @@ APPROXIMATE = frozenset({"reversal_memory"})
 """Effects whose law is a few elements in place of a distribution: some rest is their own."""
 WORTH_MOVING = 0.998
 """Of the cost: less must be left for torque and motion to be aligned anew."""
-LEVEL_GROUND = 1.005
-"""What the cost may rise by from a twin to the next: its noise."""
-MOST_HALVINGS = 3
-ACROSS_A_RIDGE = 1.5
-"""What the cost may rise by where only a whole step is left to try."""
 WALK = 4
 MOST_EFFECTS = 3
 NEAR_BEST = 0.3
 """Of the best short refit's fall: what a second effect must come to, to be followed to its end."""
+TWO_MASSES = frozenset({"elastic_transmission", "backlash"})
 CLOSE_START = 0.7
 """Starts that lower the cost by this part of the best one's fall are followed to the end."""
-
-
-@dataclass(frozen=True, slots=True)
-class Level:
-    """A model at its best: fit, the bias that belongs to it, and its error on unseen experiments."""
-
-    fitted: Fitted
-    correction: Correction
-    unseen: Unseen
-    effects: tuple[str, ...] = ()
-
-    @property
-    def free(self) -> tuple[Free, ...]:
-        return self.fitted.free
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,83 +79,6 @@ class Refitted:
         return self.share >= (NAMED_WITH_REST if certain and not approximate else NAMED)
 
 
-def settle(
-    study: Study,
-    packed: Packed,
-    free: Sequence[Free],
-    rounds: int,
-    effects: tuple[str, ...] = (),
-    near: Fitted | None = None,
-) -> Level | None:
-    """Fits inside the twin: the bias is renewed between fits. None where the twin is unstable.
-
-    `near` is a fit of the same parameters nearby, whose sensitivities serve the first step.
-    """
-    here = best = _twinned(study, None, packed)
-    if here is None or best is None:
-        return None
-    last: Fitted | None = None
-    for _ in range(rounds):
-        last = refit(study, here.packed, list(free), here.correction, 4 if study.twin else 12, near)
-        found = _downhill(study, last, here)
-        if found is None:
-            break
-        here, near = found, last
-        best = here if here.cost < best.cost else best
-    if last is None:
-        return None
-    fitted = replace(last, packed=best.packed, error=best.error, cost=best.cost)
-    return _level(study, fitted, best.correction, effects)
-
-
-@dataclass(frozen=True, slots=True)
-class _Twinned:
-    """A residual with the bias that belongs to its parameters, and its mean square."""
-
-    packed: Packed
-    error: Floats
-    correction: Correction
-    cost: float
-
-
-def _twinned(study: Study, fitted: Fitted | None, packed: Packed) -> _Twinned | None:
-    """The residual at `packed`; of a fit just made its own is taken. None where the twin is unstable."""
-    correction = study.correction(packed, study.simulations + 1)
-    if not correction.stable:
-        return None
-    raw = residual(study.data, packed, study.moved) if fitted is None else fitted.error
-    error = raw - correction.bias
-    return _Twinned(packed, error, correction, _cost(study, error))
-
-
-def _downhill(study: Study, fitted: Fitted, best: _Twinned) -> _Twinned | None:
-    """The fit with its own bias where that is better than before, else a point on the way there.
-
-    A fit holds the bias; where two masses ring, the bias changes so fast with the parameters that a whole
-    step leads uphill. Where no part of the step is better the whole of it may still lead across a ridge;
-    None where it is far worse.
-    """
-    whole = _twinned(study, replace(fitted, error=fitted.error + best.correction.bias), fitted.packed)
-    found, packed = whole, fitted.packed
-    for _ in range(MOST_HALVINGS):
-        if found is not None and found.cost <= LEVEL_GROUND * best.cost:
-            return found
-        packed = Packed(0.5 * (packed.p + best.packed.p), packed.on)
-        found = _twinned(study, None, packed)
-    if found is not None and found.cost <= LEVEL_GROUND * best.cost:
-        return found
-    return whole if whole is not None and whole.cost <= ACROSS_A_RIDGE * best.cost else None
-
-
-def _cost(study: Study, error: Floats) -> float:
-    weight = study.training
-    return float(np.dot(weight, error**2) / max(weight.sum(), 1.0))
-
-
-def _level(study: Study, fitted: Fitted, correction: Correction, effects: tuple[str, ...]) -> Level:
-    return Level(fitted, correction, held_out(study, fitted.error, fitted.jacobian), effects)
-
-
 def screen(study: Study, level: Level, nominal: Packed, effect: str) -> Screened | None:
     """The best refit of one family on the measured motion; None where it has no start here."""
     tried = _quick(study, level, nominal, effect)
@@ -193,7 +98,10 @@ def _finished(
     """Promising starts followed to their end; `least` is the relative fall of the cost that promises."""
     best = found[0]
     fall = level.fitted.cost - best.cost
-    if fall > least * level.fitted.cost or _promises(study, level, best):
+    rings = study.twin and effect in TWO_MASSES
+    if rings:
+        pass
+    elif fall > least * level.fitted.cost or _promises(study, level, best):
         close, most, rounds = (0.0, 9, 15) if study.data.steady else (CLOSE_START, 2, 4)
         enough = close * fall if fall > 0.0 else -math.inf
         for start in [f for f in found if level.fitted.cost - f.cost > enough][:most]:

@@ -18,7 +18,8 @@ from scipy.spatial import cKDTree
 
 from autotune.diagnose.bandwidth import loud_below
 from autotune.diagnose.coordinates import coordinates
-from autotune.diagnose.search import Level, Screened
+from autotune.diagnose.search import Screened
+from autotune.diagnose.settling import Level
 from autotune.diagnose.study import Study
 from autotune.models import layout
 from autotune.models.lugre import Floats

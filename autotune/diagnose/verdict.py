@@ -69,6 +69,8 @@ from autotune.models.drive_model import DriveModel, Packed
 Progress = Callable[[str], None]
 GENERIC_LEAD = 1.5
 LEAST_Z_ALONE = 2.5
+LEAST_Z_BY_PHASE = 2.0
+"""Where ranges of phases are held out, which differ more from one another than stretches of time."""
 LEAST_GAIN_ALONE = 0.08
 """Without repeats: smaller gains are as often the measurement chain as the axis."""
 HOPELESS = 0.35
@@ -272,7 +274,8 @@ def _passing(study: Study, level: Level, ranked: Sequence[Screened]) -> list[Scr
         least = LEAST_GAIN if study.twin else GAIN_WITHOUT_TWIN
         return [item for item in ranked if item.passes and item.gain >= least]
     least = LEAST_GAIN if study.data.steady else LEAST_GAIN_ALONE
-    likely = [item for item in ranked if item.gain >= least and item.z >= LEAST_Z_ALONE]
+    least_z = LEAST_Z_BY_PHASE if study.data.periodic else LEAST_Z_ALONE
+    likely = [item for item in ranked if item.gain >= least and item.z >= least_z]
     likely = [item for item in likely if credible(study, item)][: WALK + 2]
     if study.data.steady:
         return likely

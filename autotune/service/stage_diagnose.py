@@ -21,7 +21,8 @@ from autotune.core.errors import AutotuneError, ConfigurationError
 from autotune.core.recording import Recording, Segment
 from autotune.diagnose.adding import held_out_errors, updated_model
 from autotune.diagnose.resolved_memory import resolved, stiffness_at_rest
-from autotune.diagnose.search import Level, without_effect
+from autotune.diagnose.search import without_effect
+from autotune.diagnose.settling import Level
 from autotune.diagnose.study import Study
 from autotune.diagnose.verdict import Diagnosis, diagnose
 from autotune.experiments.diagnosis import confirmation

@@ -1,0 +1,141 @@
+"""Fits inside the twin: what a model's own bias makes of its residual, followed to where nothing is better.
+
+On a rigid axis the bias changes slowly with the parameters: it is held during a fit and renewed after it.
+Two masses ring, and their bias changes as fast as the residual itself: there every single step is judged by
+the bias that belongs to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from autotune.diagnose.fit import Fitted, Free, fit
+from autotune.diagnose.residual import residual
+from autotune.diagnose.score import Unseen, held_out
+from autotune.diagnose.study import Correction, Study, refit
+from autotune.models.drive_model import Packed
+from autotune.models.lugre import Floats
+from autotune.models.transmission import has_load
+
+LEVEL_GROUND = 1.005
+"""What the cost may rise by from a twin to the next: its noise."""
+MOST_HALVINGS = 3
+ACROSS_A_RIDGE = 1.5
+"""What the cost may rise by where only a whole step is left to try."""
+STEPS_A_ROUND = 4
+COARSE = 0.03
+"""Of a parameter's scale: difference for sensitivities of two masses, whose contact makes small ones noise."""
+ENOUGH = 3e-3
+"""Relative fall of the cost that is not worth another step between two masses."""
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """A model at its best: fit, the bias that belongs to it, and its error on unseen experiments."""
+
+    fitted: Fitted
+    correction: Correction
+    unseen: Unseen
+    effects: tuple[str, ...] = ()
+
+    @property
+    def free(self) -> tuple[Free, ...]:
+        return self.fitted.free
+
+
+def settle(
+    study: Study,
+    packed: Packed,
+    free: Sequence[Free],
+    rounds: int,
+    effects: tuple[str, ...] = (),
+    near: Fitted | None = None,
+) -> Level | None:
+    """Fits inside the twin. None where the twin is unstable.
+
+    `near` is a fit of the same parameters nearby, whose sensitivities serve the first step.
+    """
+    here = best = _twinned(study, None, packed)
+    if here is None or best is None:
+        return None
+    if study.twin and has_load(packed.on):
+        return _step_by_step(study, here, free, STEPS_A_ROUND * rounds, effects)
+    last: Fitted | None = None
+    for _ in range(rounds):
+        last = refit(study, here.packed, list(free), here.correction, 4 if study.twin else 12, near)
+        found = _downhill(study, last, here)
+        if found is None:
+            break
+        here, near = found, last
+        best = here if here.cost < best.cost else best
+    if last is None:
+        return None
+    fitted = replace(last, packed=best.packed, error=best.error, cost=best.cost)
+    return _level(study, fitted, best.correction, effects)
+
+
+def _step_by_step(
+    study: Study, here: _Twinned, free: Sequence[Free], steps: int, effects: tuple[str, ...]
+) -> Level | None:
+    """A fit whose every step is judged by its own bias."""
+
+    def bias_at(packed: Packed) -> Floats | None:
+        correction = study.correction(packed, study.simulations + 1)
+        return correction.bias if correction.stable else None
+
+    fitted = fit(
+        study.data, study.moved, here.packed, free, here.correction.bias, study.training, steps,
+        ENOUGH, bias_at=bias_at, difference=COARSE,
+    )  # fmt: skip
+    return _level(study, fitted, study.correction(fitted.packed, study.simulations + 1), effects)
+
+
+@dataclass(frozen=True, slots=True)
+class _Twinned:
+    """A residual with the bias that belongs to its parameters, and its mean square."""
+
+    packed: Packed
+    error: Floats
+    correction: Correction
+    cost: float
+
+
+def _twinned(study: Study, fitted: Fitted | None, packed: Packed) -> _Twinned | None:
+    """The residual at `packed`; of a fit just made its own is taken. None where the twin is unstable."""
+    correction = study.correction(packed, study.simulations + 1)
+    if not correction.stable:
+        return None
+    raw = residual(study.data, packed, study.moved) if fitted is None else fitted.error
+    error = raw - correction.bias
+    return _Twinned(packed, error, correction, _cost(study, error))
+
+
+def _downhill(study: Study, fitted: Fitted, best: _Twinned) -> _Twinned | None:
+    """The fit with its own bias where that is better than before, else a point on the way there.
+
+    A fit holds the bias; where two masses ring, the bias changes so fast with the parameters that a whole
+    step leads uphill. Where no part of the step is better the whole of it may still lead across a ridge;
+    None where it is far worse.
+    """
+    whole = _twinned(study, replace(fitted, error=fitted.error + best.correction.bias), fitted.packed)
+    found, packed = whole, fitted.packed
+    for _ in range(MOST_HALVINGS):
+        if found is not None and found.cost <= LEVEL_GROUND * best.cost:
+            return found
+        packed = Packed(0.5 * (packed.p + best.packed.p), packed.on)
+        found = _twinned(study, None, packed)
+    if found is not None and found.cost <= LEVEL_GROUND * best.cost:
+        return found
+    return whole if whole is not None and whole.cost <= ACROSS_A_RIDGE * best.cost else None
+
+
+def _cost(study: Study, error: Floats) -> float:
+    weight = study.training
+    return float(np.dot(weight, error**2) / max(weight.sum(), 1.0))
+
+
+def _level(study: Study, fitted: Fitted, correction: Correction, effects: tuple[str, ...]) -> Level:
+    return Level(fitted, correction, held_out(study, fitted.error, fitted.jacobian), effects)
