@@ -8,7 +8,7 @@ from datetime import datetime
 from pathlib import Path
 
 from autotune.core.errors import ConfigurationError
-from autotune.service.files import checksum, read_json, write_json
+from autotune.service.files import checksum, read_json, stamp_after, write_json
 
 SCHEMA_VERSION = 1
 
@@ -34,11 +34,8 @@ def take_backup(
     """Writes a backup below `store` and reads it back before anything may rely on it."""
     folder = store / "backups" / axis
     folder.mkdir(parents=True, exist_ok=True)
-    stamp = now.strftime("%Y%m%d-%H%M%S")
-    number = next(n for n in range(1, 1000) if not (folder / f"{stamp}-{n}.json").exists())
-    backup = Backup(
-        f"{stamp}-{number}", axis, now.isoformat(timespec="seconds"), dict(identity), dict(parameters)
-    )
+    stamp = stamp_after(backup_ids(store, axis), now)
+    backup = Backup(f"{stamp}-1", axis, now.isoformat(timespec="seconds"), dict(identity), dict(parameters))
     content = {
         "schema": SCHEMA_VERSION,
         "axis": axis,

@@ -14,7 +14,7 @@ from autotune.models.model_file import read_model
 from autotune.service.accepted import accepted_since
 from autotune.service.commit import RELATIVE_RESOLUTION
 from autotune.service.drift import Committed
-from autotune.service.results import run_results
+from autotune.service.results import run_folders, run_results
 from autotune.service.stage_prove import ENABLED
 
 
@@ -84,7 +84,7 @@ def _agrees(wanted: Mapping[str, float], held: Mapping[str, float]) -> bool:
 
 def _model(runs: Path, axis: Axis, kept: Path) -> DriveModel | None:
     """The model of the kept run, or of the newest run before it that has one."""
-    for directory in sorted(runs.glob(f"2*-{axis.name}"), reverse=True):
+    for directory in run_folders(runs, axis.name):
         if directory.name > kept.name or not (directory / "model.toml").is_file():
             continue
         try:

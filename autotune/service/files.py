@@ -7,12 +7,15 @@ import hashlib
 import json
 import math
 import os
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 from autotune.core.errors import ConfigurationError
+
+_FORMAT = "%Y%m%d-%H%M%S"
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
@@ -44,6 +47,20 @@ def read_json(path: Path, kind: str) -> dict[str, Any]:
             f"{kind} {path} is damaged: it holds {type(content).__name__}, not an object"
         )
     return content
+
+
+def stamp_after(present: Iterable[str], now: datetime) -> str:
+    """`YYYYMMDD-HHMMSS` of now; where the clock was put back, a second after the latest of those present.
+
+    Names that begin with it sort in the order in which they were made, whatever the clock does.
+    """
+    stamp = now.strftime(_FORMAT)
+    for name in sorted(present, reverse=True):
+        if name[: len(stamp)] < stamp:
+            break
+        with suppress(ValueError, OverflowError):  # somebody else's name
+            return (datetime.strptime(name[: len(stamp)], _FORMAT) + timedelta(seconds=1)).strftime(_FORMAT)
+    return stamp
 
 
 def checksum(content: dict[str, Any]) -> str:

@@ -15,6 +15,7 @@ from autotune.models.drive_model import DriveModel
 from autotune.models.model_file import read_model
 from autotune.service.files import read_json, write_json
 from autotune.service.proof import TrackingError
+from autotune.service.results import run_folders
 from autotune.service.stage_adapt import Adapted
 from autotune.service.stage_diagnose import Diagnosed
 from autotune.service.stage_identify import Start
@@ -144,7 +145,7 @@ def latest_run(runs: Path, axis: Axis, name: str) -> Path:
     Raises:
         ConfigurationError: there is none.
     """
-    for directory in sorted(runs.glob(f"*-{axis.name}"), reverse=True):
+    for directory in run_folders(runs, axis.name):
         if (directory / name).is_file():
             return directory
     raise ConfigurationError(

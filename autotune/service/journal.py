@@ -16,6 +16,7 @@ from typing import Any
 
 from autotune.core.errors import ConfigurationError
 from autotune.service.files import read_json, write_json
+from autotune.service.results import run_folders
 
 SCHEMA_VERSION = 1
 FILE_NAME = "journal.json"
@@ -112,7 +113,7 @@ def unfinished(runs: Path, axis: str) -> list[Journal]:
     A damaged journal is skipped: writing is atomic, so only a foreign hand can have damaged it.
     """
     found: list[Journal] = []
-    for directory in sorted(runs.glob(f"*-{axis}"), reverse=True):
+    for directory in run_folders(runs, axis):
         try:
             journal = Journal.load(directory)
         except (ConfigurationError, KeyError, TypeError, ValueError):

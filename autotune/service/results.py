@@ -9,10 +9,17 @@ from typing import Any
 from autotune.core.errors import ConfigurationError
 from autotune.service.files import read_json
 
+STAMP = len("20260301-120000")
+
+
+def run_folders(runs: Path, axis: str) -> list[Path]:
+    """Run folders of an axis, newest first; those of an axis whose name ends like this one's are not among them."""
+    return sorted((p for p in runs.glob(f"2*-{axis}") if p.name[STAMP:] == f"-{axis}"), reverse=True)
+
 
 def run_results(runs: Path, axis: str, name: str) -> Iterator[tuple[Path, dict[str, Any]]]:
     """Result files of an axis by the name of the file, newest first; damaged ones are passed over."""
-    for directory in sorted(runs.glob(f"2*-{axis}"), reverse=True):
+    for directory in run_folders(runs, axis):
         try:
             content = read_json(directory / name, "result")
         except ConfigurationError:

@@ -10,30 +10,25 @@ from pathlib import Path
 from autotune.core.errors import ConfigurationError
 from autotune.core.recording import Recording
 from autotune.core.recording_files import write_recording
-from autotune.service.files import file_lock
+from autotune.service.files import file_lock, stamp_after
+from autotune.service.results import run_folders
 
 
 def make_run_directory(runs: Path, axis: str, now: datetime) -> Path:
-    """Makes the folder of a run; a second run within the same second waits for the next number.
+    """Makes the folder of a run. The folders of an axis sort by name in the order in which they were made.
 
     Raises:
         ConfigurationError: the folder cannot be made.
     """
-    stamp = now.strftime("%Y%m%d-%H%M%S")
-    for suffix in ["", *(f"-{n}" for n in range(2, 100))]:
-        directory = runs / f"{stamp}{suffix}-{axis}"
-        try:
-            (directory / "recordings").mkdir(parents=True)
-        except FileExistsError:
-            continue
-        except OSError as error:
-            raise ConfigurationError(
-                f"the run's folder {directory} cannot be made ({error.strerror}); choose another with --runs"
-            ) from error
-        return directory
-    raise ConfigurationError(
-        f"there are too many runs of {stamp} in {runs}; choose another folder with --runs"
-    )
+    there = [path.name for path in run_folders(runs, axis)]
+    directory = runs / f"{stamp_after(there, now)}-{axis}"
+    try:
+        (directory / "recordings").mkdir(parents=True)
+    except OSError as error:
+        raise ConfigurationError(
+            f"the run's folder {directory} cannot be made ({error.strerror}); choose another with --runs"
+        ) from error
+    return directory
 
 
 def save_recording(directory: Path, name: str, recording: Recording) -> Path:

@@ -14,9 +14,10 @@ from autotune.core.axis import read_axis
 from autotune.core.errors import ConfigurationError
 from autotune.core.paths import config_directory
 from autotune.service.check_plan import LONGEST_SECONDS, plan_check
-from autotune.service.daemon.housekeeping import prune, used
+from autotune.service.daemon.housekeeping import protected, prune, used
 from autotune.service.daemon.settings import read_service
 from autotune.service.ownership import Key, Owner, Ownership, key_of, owner_of
+from autotune.service.results import run_folders
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "config" / "axes" / "edm-vertical.toml"
 
@@ -130,6 +131,18 @@ def test_the_oldest_goes_first_and_what_a_commit_rests_on_never(tmp_path: Path) 
     assert (tmp_path / "20260300-120000-one" / "run.json").exists()
     assert [path.name[:8] for path in prune(tmp_path, ["one"], 0)] == ["20260305"]
     assert used(tmp_path) == 3000  # two commits and a run that has not ended
+
+
+def test_an_approved_commit_keeps_the_recordings_of_the_run_that_proposed_it(tmp_path: Path) -> None:
+    names = [
+        f"2026030{day}-120000-{axis}" for day, axis in ((1, "one"), (2, "not-one"), (3, "one"), (4, "one"))
+    ]
+    for name, outcome in zip(names, ("not_applied", "not_applied", "not_applied", "kept"), strict=True):
+        folder(tmp_path, name, outcome, 1000)
+    (tmp_path / names[1] / "model.toml").touch()
+    (tmp_path / names[2] / "model.toml").touch()
+    assert protected(tmp_path, ["one"]) == {names[2], names[3]}
+    assert [path.name for path in run_folders(tmp_path, "one")] == [names[3], names[2], names[0]]
 
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed")

@@ -96,7 +96,8 @@ class Upkeep:
         if self._opened.file is None:
             return problems
         folder = configuration.state / "backups"
-        newest = max((path.stat().st_mtime for path in folder.glob("history-*.sqlite")), default=0.0)
+        backups = sorted(folder.glob("history-*.sqlite"))
+        newest = backups[-1].stat().st_mtime if backups else 0.0
         if abs(now.timestamp() - newest) > BACKUP_EVERY.total_seconds():
             try:
                 back_up(self._opened.file, folder, now, configuration.service.history.backups)

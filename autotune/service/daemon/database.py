@@ -22,6 +22,7 @@ from sqlalchemy.exc import ArgumentError, NoSuchModuleError, SQLAlchemyError
 from sqlalchemy.pool import ConnectionPoolEntry
 
 from autotune.core.errors import ConfigurationError, LinkError
+from autotune.service.files import stamp_after
 
 Say = Callable[[str], None]
 REVISIONS = ("0001", "0002")
@@ -89,7 +90,8 @@ def shown(url: str) -> str:
 def back_up(file: Path, backups: Path, now: datetime, keep: int) -> Path:
     """A sound copy of a SQLite history, while it is in use; the oldest beyond `keep` are removed."""
     backups.mkdir(parents=True, exist_ok=True)
-    target = backups / f"history-{now:%Y%m%d-%H%M%S}.sqlite"
+    there = [path.name.removeprefix("history-") for path in backups.glob("history-*.sqlite")]
+    target = backups / f"history-{stamp_after(there, now)}.sqlite"
     temporary = target.with_suffix(".part")
     temporary.unlink(missing_ok=True)
     with closing(sqlite3.connect(file)) as source, closing(sqlite3.connect(temporary)) as copy:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from autotune.core.errors import ConfigurationError
 from autotune.service.files import read_json
-from autotune.service.results import run_results
+from autotune.service.results import run_folders, run_results
 
 HEAVY = ("recordings", "run.rrd", "report.html")
 KEPT_RUNS = 2
@@ -51,12 +51,10 @@ def protected(runs: Path, axes: Iterable[str]) -> set[str]:
     """Names of the folders that committed models rest on."""
     names: set[str] = set()
     for axis in axes:
-        kept = [
-            path.name
-            for path, content in run_results(runs, axis, "run.json")
-            if content.get("outcome") == "kept"
-        ]
-        names.update(kept[:KEPT_RUNS])
+        kept = [p for p, content in run_results(runs, axis, "run.json") if content.get("outcome") == "kept"]
+        with_model = [path for path in run_folders(runs, axis) if (path / "model.toml").is_file()]
+        for one in kept[:KEPT_RUNS]:  # an approved commit rests on the run that proposed it
+            names |= {one.name, *[path.name for path in with_model if path.name <= one.name][:1]}
     return names
 
 

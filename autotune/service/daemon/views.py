@@ -12,6 +12,7 @@ from pydantic import BaseModel, Field
 from autotune.service.daemon.manager import Manager
 from autotune.service.daemon.settings import WatchedAxis
 from autotune.service.daemon.store import Row, job_view, text
+from autotune.service.results import run_folders
 
 
 class Problem(BaseModel):
@@ -153,13 +154,14 @@ def view_check(row: Row) -> dict[str, Any]:
 
 def models(runs: Path, axis: str) -> list[tuple[dict[str, Any], Path]]:
     """Models of an axis with their files, newest first."""
-    found = sorted(runs.glob(f"2*-{axis}/model.toml"), reverse=True)
-    return [(_file(path, axis, path.parent.name), path) for path in found]
+    found = [folder / "model.toml" for folder in run_folders(runs, axis)]
+    return [(_file(path, axis, path.parent.name), path) for path in found if path.is_file()]
 
 
 def recordings(runs: Path, axis: str) -> list[tuple[dict[str, Any], Path]]:
     """Recordings of an axis with their files, newest first."""
-    found = sorted(runs.glob(f"2*-{axis}/recordings/*.parquet"), reverse=True)
+    folders = run_folders(runs, axis)
+    found = [path for folder in folders for path in sorted(folder.glob("recordings/*.parquet"), reverse=True)]
     return [(_file(path, axis, path.parent.parent.name), path) for path in found]
 
 
