@@ -17,6 +17,7 @@ from scipy import signal
 
 from autotune.core.errors import NotEnoughExcitation
 from autotune.core.recording import Metadata, Recording, Segment, refuse_mixture
+from autotune.diagnose.periodic import Periodic, periodic
 from autotune.identify.checks import check_recording, torque_of
 from autotune.models.lugre import Flags, Floats
 from autotune.signals.filters import motion
@@ -78,6 +79,7 @@ class Prepared:
         temperature: °C, shape (n,); None unless every recording has it.
         steady: only the curve of torque over constant speeds is compared (see `speed_curve`).
         finer: rows for each one of the file.
+        periodic: stretches whose motion repeats itself: they are held out by phase.
     """
 
     metadata: Metadata
@@ -104,6 +106,7 @@ class Prepared:
     temperature: Floats | None = None
     steady: bool = False
     finer: int = 1
+    periodic: tuple[Periodic, ...] = ()
 
     def role(self, *roles: str) -> Flags:
         """Grid rows of blocks with one of these roles, shape (m,)."""
@@ -111,6 +114,20 @@ class Prepared:
         for block in self.blocks:
             chosen[block.rows] = block.role in roles
         return chosen
+
+    @property
+    def folds(self) -> Rows:
+        """What is held out together, as a number for each grid row, in order of appearance; shape (m,)."""
+        names = {name: i for i, name in enumerate(dict.fromkeys(block.name for block in self.blocks))}
+        fold = np.empty(len(self.grid), dtype=np.int64)
+        for block in self.blocks:
+            fold[block.rows] = names[block.name]
+        first = len(names)
+        for part in self.periodic:
+            inside = (self.grid >= part.start) & (self.grid < part.stop)
+            fold[inside] = first + part.fold(self.grid[inside])
+            first += part.folds
+        return fold
 
     @property
     def repeated(self) -> bool:
@@ -142,6 +159,7 @@ def prepare(
     arrays = {name: np.concatenate([column[name] for column in columns]) for name in columns[0]}
     stretches: list[Stretch] = []
     segments: list[Segment] = []
+    alike: list[Periodic] = []
     starts: list[int] = []
     offset = 0
     for number, recording in enumerate(recordings):
@@ -150,6 +168,8 @@ def prepare(
         )
         starts.append(offset)
         segments += _segments(recording, offset, number if len(recordings) > 1 else 0)
+        if not steady:
+            alike += _periodic(recording, offset)
         offset += len(recording)
     position, velocity, acceleration = (np.zeros(offset) for _ in range(3))
     for s in stretches:
@@ -188,6 +208,7 @@ def prepare(
         steady=steady,
         starts=tuple(starts),
         temperature=_temperature(recordings),
+        periodic=tuple(alike),
     )
 
 
@@ -245,9 +266,7 @@ def _segments(recording: Recording, offset: int, number: int) -> list[Segment]:
     """Segments in absolute rows; a long one without repeats is cut into chunks to hold out."""
     found: list[Segment] = []
     segments = recording.segments()
-    training = [s for s in segments if s.experiment not in ("conditioning", *_ROLES)]
-    names = [s.experiment for s in training]
-    cut = len(set(names)) == len(names) and len(set(names)) < 4
+    cut = _cut(segments)
     chunk = max(_least_chunk(recording), 10)
     for segment in segments:
         role = segment.experiment
@@ -262,6 +281,23 @@ def _segments(recording: Recording, offset: int, number: int) -> list[Segment]:
             name = f"{role or 'recording'}/{number}.{segment.start}.{i}"
             found.append(Segment(name, 0, a + offset, b + offset))
     return found
+
+
+def _cut(segments: Sequence[Segment]) -> bool:
+    """Whether there are so few experiments, none of them repeated, that each must be cut to be held out."""
+    names = [s.experiment for s in segments if s.experiment not in ("conditioning", *_ROLES)]
+    return len(set(names)) == len(names) < 4
+
+
+def _periodic(recording: Recording, offset: int) -> list[Periodic]:
+    """Segments without repeats whose motion repeats itself, in absolute rows."""
+    segments = recording.segments()
+    if not _cut(segments):
+        return []
+    guide = recording["reference" if "reference" in recording else "position"]
+    fitted = [s for s in segments if s.experiment not in ("conditioning", *_ROLES)]
+    found = [periodic(guide[s.rows], offset + s.start, recording.period) for s in fitted]
+    return [part for part in found if part is not None]
 
 
 def _least_chunk(recording: Recording) -> int:

@@ -30,15 +30,15 @@ class Unseen:
 
 
 def held_out(study: Study, error: Floats, columns: Floats) -> Unseen:
-    """Leave one experiment out: the rest refits the columns (linearised), the experiment is predicted."""
+    """Leave one experiment (or range of phases) out: the rest refits the columns, linearised, and predicts it."""
     weight = study.training
     inner = columns.T @ (columns * weight[:, None])
     ridge = 1e-7 * np.trace(inner) / max(len(inner), 1) * np.eye(len(inner))
     slope = columns.T @ (error * weight)
     chunks: list[float] = []
-    for name in dict.fromkeys(b.name for b in study.data.blocks if b.role == TRAINING):
-        blocks = [b for b in study.data.blocks if b.name == name and b.role == TRAINING]
-        rows = np.concatenate([np.arange(b.rows.start, b.rows.stop) for b in blocks])
+    fold, fitted = study.data.folds, study.data.role(TRAINING)
+    for number in np.unique(fold[fitted]):
+        rows = np.flatnonzero(fitted & (fold == number))
         part = columns[rows]
         left = inner - part.T @ (part * weight[rows, None]) + ridge
         change = -np.linalg.solve(left, slope - part.T @ (error[rows] * weight[rows]))

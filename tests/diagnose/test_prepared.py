@@ -1,11 +1,18 @@
 """Grid, blocks of repeats, roles and cuts."""
 
+from unittest import mock
+
+import hypothesis
 import numpy as np
 import pytest
+from hypothesis import strategies as st
 
 from autotune.core.errors import NotEnoughExcitation, RecordingError
 from autotune.core.recording import Metadata, Recording
+from autotune.diagnose.fitting import fit_model
+from autotune.diagnose.periodic import period_of
 from autotune.diagnose.prepared import TEST, TRAINING, VETO, prepare
+from autotune.diagnose.verdict import diagnose
 
 
 def test_repeats_are_paired_row_by_row(short) -> None:
@@ -61,3 +68,63 @@ def test_one_long_trajectory_is_cut_into_blocks_to_hold_out() -> None:
     data = prepare([Recording.from_columns(columns, Metadata())])
     assert len({block.name for block in data.blocks}) >= 8
     assert not data.repeated
+
+
+def _periodic(seconds: float = 24.0, hertz: float = 0.5) -> Recording:
+    """Two harmonics again and again, and a torque of the place times the speed, which no known effect is."""
+    time = np.arange(0.0, seconds, 1e-3)
+    count = 2 * np.pi / 20_000
+    q = 1.2 * np.sin(2 * np.pi * hertz * time) + 0.3 * np.sin(6 * np.pi * hertz * time + 1.0)
+    v = np.gradient(q, 1e-3)
+    needed = 3e-4 * np.gradient(v, 1e-3) + 1.2e-3 * v + 0.06 * np.tanh(v / 5e-3) + 4e-3 * v * np.sin(2 * q)
+    held = 0.5 * (needed + np.append(needed[1:], needed[-1]))
+    torque = held + np.random.default_rng(3).normal(0.0, 2e-3, len(q))
+    columns = {"time": time, "position": np.round(q / count) * count, "torque": torque}
+    return Recording.from_columns(columns, Metadata(position_resolution=count), "again")
+
+
+def test_a_motion_that_repeats_itself_is_held_out_by_phase() -> None:
+    data = prepare([_periodic()])
+    (part,) = data.periodic
+    assert part.samples == pytest.approx(2000.0, abs=0.1)
+    assert len(set(data.folds)) == part.folds
+    phase = (data.grid - part.start) % part.samples
+    for number in set(data.folds):
+        assert np.ptp(phase[data.folds == number]) <= part.samples / part.folds + 1.0
+    assert not data.repeated
+
+
+def test_by_time_place_times_speed_would_be_learned_by_heart() -> None:
+    recording = _periodic()
+    model = fit_model([recording]).model
+    by_phase = diagnose([recording], model)
+    assert (by_phase.verdict, by_phase.effects) == ("unknown", ())
+    with mock.patch("autotune.diagnose.prepared.periodic", return_value=None):
+        by_time = diagnose([recording], model)
+    assert by_time.effects  # a wrong name
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_motion_that_never_comes_again_has_no_period(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    time = np.arange(0.0, 20.0, 1e-3)
+    waves = [np.sin(2 * np.pi * f * time) / f for f in random.uniform(0.1, 3.0, 4)]
+    assert period_of(np.sum(waves, axis=0)) is None
+    assert period_of(np.linspace(0.0, 5.0, 4000)) is None
+    assert period_of(np.zeros(4000)) is None
+
+
+@hypothesis.given(
+    st.floats(37.0, 4000.0), st.floats(0.0, 6.28), st.floats(0.0, 1e-3), st.integers(2_200, 60_000)
+)
+@hypothesis.settings(max_examples=40, deadline=None)
+def test_a_period_is_found_to_a_fraction_of_a_row(
+    samples: float, phase: float, noise: float, rows: int
+) -> None:
+    hypothesis.assume(rows > 2.6 * samples)
+    angle = 2 * np.pi * np.arange(rows) / samples
+    wave = np.sin(angle) + 0.4 * np.sin(3 * angle + phase)
+    wave += noise * np.random.default_rng(1).normal(size=rows)
+    found = period_of(wave)
+    assert found is not None
+    assert found == pytest.approx(samples, rel=2e-3, abs=0.1)
