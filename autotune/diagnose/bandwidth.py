@@ -20,7 +20,7 @@ from autotune.diagnose.coordinates import travel_since_reversal
 from autotune.diagnose.finer import finer, needed
 from autotune.diagnose.prepared import CUTOFF, Block, Prepared, Rows, prepare
 from autotune.diagnose.speed_curve import as_steady_recordings, speed_points
-from autotune.identify.checks import check_recording, torque_of
+from autotune.identify.checks import check_recording, guide_of, torque_of
 from autotune.models.lugre import Floats
 from autotune.signals.filters import low_pass
 
@@ -67,7 +67,8 @@ def coherent_cutoff(recording: Recording, twin: bool = False) -> float:
     window = min(1024, len(position) // 6)
     if window < 64:
         return min(CUTOFF, FASTEST / period)
-    wanted = recording["reference"][longest.rows] if "reference" in recording else position
+    wanted = guide_of(recording)[longest.rows]
+    wanted = wanted if np.ptp(wanted) > 0.0 else position
     # where a controller follows a reference, noise runs round the loop and is coherent with itself
     acceleration = np.diff(wanted, 2) / period**2
     frequency, coherence = signal.coherence(torque[1:-1], acceleration, 1.0 / period, nperseg=window)

@@ -47,6 +47,8 @@ def find_controller(data: Prepared) -> Found:
     if not all(stretch.closed for stretch in data.stretches):
         return Found(None, nothing, 0.0, "none", "parts were recorded without position control")
     rows = _regular(data)
+    if rows.sum() < SHORTEST_RUN:
+        return Found(None, nothing, 0.0, "none", "the torque is clamped nearly everywhere")
     if data.metadata.controller is not None:
         share = _explained(data, data.metadata.controller, rows)
         if share > USABLE:
@@ -139,8 +141,6 @@ def _identified(data: Prepared, rows: Flags) -> Found:
     for index, run in enumerate(_runs(data, rows)):
         number[run] = index
     chosen = np.flatnonzero(rows)[:: max(1, int(rows.sum()) // 40_000)]
-    if len(chosen) < SHORTEST_RUN:
-        return Found(None, data.feedforward, 0.0, "none", "the torque is clamped nearly everywhere")
     scan = [(*_regress(data, a, chosen, number[chosen]), a) for a in _FILTERS]
     best = max(scan, key=lambda item: item[0])
     fine = np.clip(best[2] + np.linspace(-0.05, 0.05, 11), 0.01, 1.0)

@@ -49,9 +49,16 @@ def time_driven_line(study: Study, error: Floats) -> TimeLine | None:
     finest = min(
         hertz[best] + np.linspace(-1.0, 1.0, 41) / time.max(), key=lambda f: -_share(time, values, float(f))
     )
+    if any(_of_the_motion(float(finest), part.samples * data.period, time.max()) for part in data.periodic):
+        return None
     share = _share(time, values, float(finest))
     everywhere = _everywhere(study, error, float(finest))
     return TimeLine(float(finest), share) if share > LEAST_SHARE and everywhere else None
+
+
+def _of_the_motion(hertz: float, period: float, seconds: float) -> bool:
+    """Whether a line is a harmonic of a motion that repeats itself: nothing says then that time drives it."""
+    return abs(hertz - round(hertz * period) / period) < 2.0 / seconds
 
 
 def _clock(study: Study) -> Floats:

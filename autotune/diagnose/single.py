@@ -40,6 +40,8 @@ APART = 0.5  # s
 MOST_NOISE = 0.5
 LEAST_PART = 0.007
 """Of the torque's rms."""
+CLEAR_GAIN, CLEAR_Z, CLEAR_PART = 0.5, 3.0, 0.002
+"""What explains most of the error, everywhere alike, may be smaller."""
 UNRESOLVED = 1.5
 """Times the cut-off: torque above it was sampled too slowly."""
 BEYOND = 1.5
@@ -73,8 +75,9 @@ def capped(level: Level, ranked: Sequence[Screened]) -> list[Screened]:
 
 def noticeable(study: Study, level: Level, item: Screened) -> bool:
     """Whether the effect is large enough to matter: less is as often the measurement chain as the axis."""
-    fall = max(item.gain * level.fitted.cost, 0.0)
-    return math.sqrt(fall) >= LEAST_PART * study.scales.torque
+    part = math.sqrt(max(item.gain * level.fitted.cost, 0.0)) / study.scales.torque
+    clear = item.gain >= CLEAR_GAIN and item.z >= CLEAR_Z and part >= CLEAR_PART
+    return clear or part >= LEAST_PART
 
 
 def credible(study: Study, item: Screened) -> bool:

@@ -25,6 +25,7 @@ from autotune.diagnose.evidence import (
 )
 from autotune.diagnose.filtered import without_twin
 from autotune.diagnose.fit import Free
+from autotune.diagnose.linear import loop_like, loop_note, refuse_answers
 from autotune.diagnose.lines import time_driven_line
 from autotune.diagnose.model_values import free_of_model
 from autotune.diagnose.polish import (
@@ -131,13 +132,14 @@ def begin(
     Raises:
         NotEnoughExcitation: the model cannot be made to fit this axis at all.
     """
+    refuse_answers(data)
     found = find_controller(data)
     data = with_feedforward(data, found)
     packed = model.pack()
     notes: tuple[str, ...] = ()
     if found.controller is None:
         data, said = without_twin(data)
-        notes = (f"No twin: {found.why}. Confidence is lower.", *said)
+        notes = (f"No twin: {found.why}. Confidence is lower.", *said, *loop_note(data))
     study = start_study(data, found.controller)
     progress("fit of the model as it is")
     free = [*base_free(packed, study.scales, data.metadata.motion_unit), *free_of_model(model, study.scales)]
@@ -423,7 +425,8 @@ def _confirmed(study: Study, effects: Sequence[str], carried: Sequence[Elsewhere
     """Whether data that were not fitted confirm every effect."""
     if study.data.repeated:
         return study.twin and study.has_veto
-    return set(effects) <= {item.effect for item in carried if item.confirmed}
+    sure = {item.effect for item in carried if item.confirmed}
+    return set(effects) <= (sure if study.twin else sure - loop_like(study.data))
 
 
 def _rivals(study: Study, root: Level, chosen: Refitted, tried: Sequence[Refitted]) -> list[str]:
