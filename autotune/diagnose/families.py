@@ -307,6 +307,10 @@ def _saturation(c: Context) -> Iterator[Start]:
     yield _start(c, "torque_saturation", {"loss": 0.05, "torque": limit}, {"loss": (0.2, 0.3)})
 
 
+LEAST_AGE = 0.1
+"""Seconds in which a contact ages: one that is faster falls with speed, as Stribeck's does, at every speed."""
+
+
 def _dwell(c: Context) -> Iterator[Start]:
     for slip in (0.3 * c.reach, 2.0 * c.reach):
         values = {"rise": 0.1 * c.coulomb, "time_constant": 1.0, "slip": slip}
@@ -315,7 +319,9 @@ def _dwell(c: Context) -> Iterator[Start]:
             "time_constant": (0.5, 0.8),
             "slip": (0.5 * slip, 0.7 * slip),
         }
-        yield _start(c, "dwell_time_break_away", values, free)
+        start = _start(c, "dwell_time_break_away", values, free)
+        bounded = [replace(f, lower=LEAST_AGE) if f.name.endswith(".time_constant") else f for f in start.free]
+        yield Start(start.packed, tuple(bounded))
 
 
 def _load(c: Context) -> Iterator[Start]:
