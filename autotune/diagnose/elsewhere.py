@@ -39,15 +39,21 @@ class Elsewhere:
 
     Attributes:
         gain: relative fall of the squared error there; below 0 it rose.
+        rivals: effects in its place that do nearly as well there.
     """
 
     effect: str
     gain: float
     z: float
+    rivals: tuple[str, ...] = ()
+
+    @property
+    def lowers(self) -> bool:
+        return self.gain >= CLEAR_GAIN or (self.gain >= LEAST_GAIN and self.z >= LEAST_Z)
 
     @property
     def confirmed(self) -> bool:
-        return self.gain >= CLEAR_GAIN or (self.gain >= LEAST_GAIN and self.z >= LEAST_Z)
+        return self.lowers and not self.rivals
 
     @property
     def refuted(self) -> bool:
@@ -56,19 +62,23 @@ class Elsewhere:
 
 def elsewhere(study: Study, root: Level, chosen: Refitted) -> list[Elsewhere]:
     """For every effect found: what it does on other trajectories; empty where there is none."""
-    folds = list(_folds(study))
+    folds = list(folds_of(study))
     if study.data.repeated or study.data.steady or not folds:
         return []
     found = []
     for effect in chosen.level.effects:
-        less = root
-        if len(chosen.level.effects) > 1:
-            without = without_effect(study, root, chosen.level, effect)
-            if without is None:
-                continue
-            less = without.level
-        found += _judged(study, folds, less, chosen.level, effect)
+        less = level_without(study, root, chosen.level, effect)
+        if less is not None:
+            found += _judged(study, folds, less, chosen.level, effect)
     return found
+
+
+def level_without(study: Study, root: Level, level: Level, effect: str) -> Level | None:
+    """The model refitted without one of its effects."""
+    if len(level.effects) < 2:
+        return root
+    without = without_effect(study, root, level, effect)
+    return None if without is None else without.level
 
 
 def best_elsewhere(study: Study, refits: Sequence[Refitted]) -> Refitted:
@@ -78,14 +88,14 @@ def best_elsewhere(study: Study, refits: Sequence[Refitted]) -> Refitted:
     """
     best = max(refits, key=lambda item: item.gain)
     near = [item for item in refits if item.gain >= ALIKE * best.gain]
-    folds = list(_folds(study)) if len(near) > 1 and not study.data.steady else []
+    folds = list(folds_of(study)) if len(near) > 1 and not study.data.steady else []
     if not folds:
         return best
     return min(near, key=lambda item: _error_elsewhere(study, folds, item.level))
 
 
 def _error_elsewhere(study: Study, folds: list[Flags], level: Level) -> float:
-    return sum(float(np.sum(_carried(study, level, held)[held] ** 2)) for held in folds)
+    return sum(float(np.sum(carried_error(study, level, held)[held] ** 2)) for held in folds)
 
 
 def carried_on(study: Study, root: Level, chosen: Refitted) -> tuple[Refitted | None, list[Elsewhere]]:
@@ -108,29 +118,34 @@ def said(carried: Sequence[Elsewhere]) -> tuple[str, ...]:
         + (
             f"raises the squared error there by {-100 * item.gain:.0f} %: it is not the cause."
             if item.refuted
-            else f"lowers the squared error there by {100 * item.gain:.0f} %."
+            else f"lowers the squared error there by {100 * item.gain:.0f} %"
+            + (f"; {_listed(item.rivals)} in its place does nearly as well." if item.rivals else ".")
         )
         for item in carried
     )
+
+
+def _listed(effects: Sequence[str]) -> str:
+    return " or ".join(effect.replace("_", " ") for effect in effects)
 
 
 def _judged(study: Study, folds: list[Flags], less: Level, more: Level, effect: str) -> list[Elsewhere]:
     before: list[float] = []
     after: list[float] = []
     for held in folds:
-        plain, with_effect = _carried(study, less, held), _carried(study, more, held)
+        plain, with_effect = carried_error(study, less, held), carried_error(study, more, held)
         size = min(float(np.mean(error[held] ** 2)) for error in (plain, with_effect))
         if not size < LOST * max(less.fitted.cost, 1e-300):
             continue
-        before += _chunks(plain[held])
-        after += _chunks(with_effect[held])
+        before += chunks_of(plain[held])
+        after += chunks_of(with_effect[held])
     if not before:
         return []
     gain, z = gain_and_z(Unseen(np.array(before)), Unseen(np.array(after)))
     return [Elsewhere(effect, gain, z)] if math.isfinite(gain) else []
 
 
-def _folds(study: Study) -> Iterator[Flags]:
+def folds_of(study: Study) -> Iterator[Flags]:
     """Grid rows to be held out: the veto trajectory, else each recording in turn."""
     data = study.data
     if study.has(VETO):
@@ -147,12 +162,13 @@ def _folds(study: Study) -> Iterator[Flags]:
             yield held
 
 
-def _carried(study: Study, level: Level, held: Flags) -> Floats:
+def carried_error(study: Study, level: Level, held: Flags) -> Floats:
     """Error of the model fitted without the rows held out, shape (m,)."""
     others = replace(study, weight=study.weight * ~held)
     return refit(others, level.fitted.packed, list(level.free), level.correction, ITERATIONS).error
 
 
-def _chunks(error: Floats) -> list[float]:
+def chunks_of(error: Floats) -> list[float]:
+    """Squared error of pieces that are compared pairwise."""
     pieces = max(1, min(len(error) // 20, max(10, len(error) // CHUNK)))
     return [float(np.sum(part**2)) for part in np.array_split(error, pieces)]

@@ -16,7 +16,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from autotune.diagnose.bandwidth import loud_below
+from autotune.diagnose.bandwidth import FASTEST, loud_below
 from autotune.diagnose.coordinates import coordinates
 from autotune.diagnose.search import Screened
 from autotune.diagnose.settling import Level
@@ -43,7 +43,7 @@ LEAST_PART = 0.007
 CLEAR_GAIN, CLEAR_Z, CLEAR_PART = 0.5, 3.0, 0.002
 """What explains most of the error, everywhere alike, may be smaller."""
 UNRESOLVED = 1.5
-"""Times the cut-off: torque above it was sampled too slowly."""
+"""Times what the sampling allows: torque above it was sampled too slowly."""
 BEYOND = 1.5
 """Of the cut-off: the highest resonance that can be seen."""
 DYNAMIC = frozenset(
@@ -84,7 +84,7 @@ def credible(study: Study, item: Screened) -> bool:
     """Whether this recording could show the effect with the parameters that were fitted."""
     if item.effect in DYNAMIC and study.data.filtered:
         return False
-    if item.effect not in OF_PLACE and _highest(study) > UNRESOLVED * _cutoff(study):
+    if item.effect not in OF_PLACE and _highest(study) > UNRESOLVED * _resolved(study):
         return False
     check = _CHECKS.get(item.effect)
     return check is None or check(study, item.fitted.packed.p)
@@ -139,12 +139,12 @@ def _seen_eccentricity(study: Study, p: Floats) -> bool:
 
 def limits(study: Study) -> tuple[str, ...]:
     """What the sampling of a single recording does not allow to be told, in words."""
-    if study.data.repeated or _highest(study) <= UNRESOLVED * _cutoff(study):
+    if study.data.repeated or _highest(study) <= UNRESOLVED * _resolved(study):
         return ()
     period = 1e3 * study.data.finer * study.data.period
     return (
         f"The torque holds frequencies up to {_highest(study):.3g} Hz, samples of {period:.3g} ms "
-        f"allow {_cutoff(study):.2g} Hz: only effects of place and direction can be told. Record faster, or "
+        f"allow {_resolved(study):.2g} Hz: only effects of place and direction can be told. Record faster, or "
         "move more gently.",
     )
 
@@ -188,6 +188,11 @@ def _highest(study: Study) -> float:
     every = study.data.finer
     torque = study.data.recorded_torque[longest.rows][::every]
     return loud_below(torque, every * study.data.period) if len(torque) > 64 else 0.0
+
+
+def _resolved(study: Study) -> float:
+    """Highest frequency that the samples of the file allow [Hz]."""
+    return FASTEST / (study.data.finer * study.data.period)
 
 
 def _cutoff(study: Study) -> float:

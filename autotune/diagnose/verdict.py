@@ -38,6 +38,7 @@ from autotune.diagnose.polish import (
 )
 from autotune.diagnose.prepared import TEST, TRAINING, VETO, Prepared
 from autotune.diagnose.residual import smoothed
+from autotune.diagnose.rivals import challenged
 from autotune.diagnose.score import gain_and_z
 from autotune.diagnose.search import (
     GAIN_WITHOUT_TWIN,
@@ -58,6 +59,7 @@ from autotune.diagnose.single import alike_where_motion_is, capped, credible, li
 from autotune.diagnose.study import (
     Study,
     base_free,
+    by_steadiness,
     estimate_noise,
     refit,
     start_study,
@@ -82,9 +84,12 @@ HOPELESS_BESIDE = 0.6
 """The same for a further effect."""
 WORTH_BESIDE = 0.01
 """Of what is explained already: the least that a further effect must explain."""
-ROUGH, WORTH_BESIDE_ROUGH = frozenset({"backlash", "elastic_transmission"}), 0.04
-"""The same beside two masses, whose blows no fit follows to the last."""
-NEGLIGIBLE = 0.02
+CLEAR_BESIDE, WORTH_IF_CLEAR = 0.15, 0.003
+"""Of what is left: an effect that explains so much of it may be smaller beside a strong one."""
+ROUGH, WORTH_BESIDE_ROUGH = frozenset({"backlash", "elastic_transmission"}), 0.02
+"""The least beside two masses, whose blows no fit follows to the last."""
+NEGLIGIBLE, NEGLIGIBLE_LEFT = 0.02, 0.1
+"""Of what is explained, and of what is left: an effect that is worth less than both is dropped."""
 WORSE_WITH_TWIN = 2.0
 """Times the cost before: a twin that rings where the axis did not corrects nothing."""
 NEAR, NEAR_ALONE = 0.03, 0.1
@@ -180,6 +185,7 @@ def _first_level(study: Study, packed: Packed, free: list[Free]) -> tuple[Study,
         if not correction.stable:
             return None
         fitted = refit(study, fitted.packed, free, correction, 4)
+    study = by_steadiness(study, fitted.error)
     level = settle(study, fitted.packed, free, 2)
     if level is not None and not study.data.repeated and level.fitted.cost > WORSE_WITH_TWIN * plain:
         return None
@@ -258,6 +264,7 @@ def search_effects(
     if chosen is not None:
         progress("does another trajectory confirm it")
         chosen, carried = carried_on(study, root, chosen)
+        carried = challenged(study, root, chosen, carried, nominal)
     return _judge(study, root, chosen, first, tried, generic, (*notes, *said(carried)), carried)
 
 
@@ -316,12 +323,19 @@ def _best(study: Study, chosen: Refitted | None, refits: Sequence[Refitted]) -> 
         return best if best.gain >= LEAST_GAIN else None
     before = chosen.level
     fall = _mean_square(study, before, TRAINING) - _mean_square(study, best.level, TRAINING)
-    rough = not ROUGH.isdisjoint(before.effects)
-    least = WORTH_BESIDE_ROUGH if rough else WORTH_BESIDE
-    worth = fall >= least * max(chosen.training.fall, 0.0) and best.gain >= LEAST_GAIN
+    worth = fall >= _least_fall(study, chosen) and best.gain >= LEAST_GAIN
     if study.has(VETO):
         worth &= _mean_square(study, best.level, VETO) < _mean_square(study, before, VETO)
     return best if worth else None
+
+
+def _least_fall(study: Study, chosen: Refitted) -> float:
+    """By how much an effect beside the chosen ones must lower the mean square [(N m)²]."""
+    explained = max(chosen.training.fall, 0.0)
+    if not ROUGH.isdisjoint(chosen.level.effects):
+        return WORTH_BESIDE_ROUGH * explained
+    left = _mean_square(study, chosen.level, TRAINING)
+    return min(WORTH_BESIDE * explained, max(CLEAR_BESIDE * left, WORTH_IF_CLEAR * explained))
 
 
 def _mean_square(study: Study, level: Level, role: str) -> float:
@@ -346,15 +360,18 @@ def _pruned(study: Study, root: Level, chosen: Refitted, progress: Progress) -> 
         less = without_effect(study, root, current.level, effect)
         if less is None:
             continue
-        loss = [
-            _mean_square(study, less.level, role) - _mean_square(study, current.level, role)
-            for role in (TRAINING, VETO)
-            if study.has(role)
-        ]
-        falls = [current.training.fall, current.veto.fall if current.veto else math.inf]
-        if all(lost < NEGLIGIBLE * max(fall, 0.0) for lost, fall in zip(loss, falls, strict=False)):
+        falls = {TRAINING: current.training.fall, VETO: current.veto.fall if current.veto else math.inf}
+        roles = [role for role in (TRAINING, VETO) if study.has(role)]
+        if all(_negligible(study, current.level, less.level, role, falls[role]) for role in roles):
             current = less
     return current
+
+
+def _negligible(study: Study, level: Level, less: Level, role: str, fall: float) -> bool:
+    """Whether an effect is worth next to nothing on one role, beside what all explain and what is left."""
+    left = _mean_square(study, level, role)
+    lost = _mean_square(study, less, role) - left
+    return lost < NEGLIGIBLE * max(fall, 0.0) and lost < NEGLIGIBLE_LEFT * left
 
 
 def _judge(
@@ -399,7 +416,8 @@ def _judge(
     if verdict == "unknown":
         notes = (*notes, unknown_note(coordinate, free, chosen, study.data.repeated))
     if not confusable and confidence == "suspected":
-        near = [r for e in effects for r in usual_rivals(e)]
+        near = [r for item in carried for r in item.rivals]
+        near += [r for e in effects for r in usual_rivals(e)]
         confusable = (tuple(dict.fromkeys([*effects, *near])),)
     final = chosen.level if chosen is not None and effects else root
     rows = study.training > 0
@@ -455,7 +473,7 @@ def _structure_left(study: Study, root: Level) -> bool:
 
 def _floor(study: Study, level: Level) -> float:
     return (
-        math.sqrt(max(study.noise_variance(level.fitted.error, TRAINING), 0.0))
+        math.sqrt(max(study.noise_variance(level.fitted.error, TRAINING, plain=True), 0.0))
         if study.data.repeated
         else math.nan
     )

@@ -173,3 +173,30 @@ def test_sampling_too_slow_for_the_torque_is_said() -> None:
     found = diagnose([slow], fit_model([slow]).model)
     assert found.confidence != "confirmed"
     assert set(found.effects) <= {"direction_asymmetry"}
+
+
+def test_two_files_that_do_not_tell_rivals_apart_confirm_neither() -> None:
+    """Within a fifth of a turn a spring and an imbalance are the same, in both files."""
+    files = []
+    for kind in ("slow", "quick"):
+        q = 0.12 * _path(kind, 20.0)
+        torque = _torque(q, slope=0.05) + np.random.default_rng([len(kind), 5]).normal(0.0, 2e-3, len(q))
+        columns = {"time": np.arange(len(q)) * PERIOD, "position": np.round(q / COUNT) * COUNT}
+        metadata = Metadata(sample_period=PERIOD, position_resolution=COUNT)
+        files.append(Recording.from_columns(columns | {"torque": torque}, metadata, kind))
+    found = diagnose(files, fit_model(files[:1]).model)
+    assert set(found.effects) <= {"spring", "gravity_imbalance"}
+    assert found.confidence == "suspected"
+    assert {"spring", "gravity_imbalance"} <= set(found.confusable[0])
+    assert any("in its place does nearly as well" in note for note in found.notes)
+
+
+def test_samples_fast_enough_judge_every_effect() -> None:
+    """A slow motion is compared at low frequencies only; that is not for want of samples."""
+    q = _path("slow", 20.0)
+    torque = _torque(q, curved=0.01) + np.random.default_rng(5).normal(0.0, 2e-3, len(q))
+    columns = {"time": np.arange(len(q)) * PERIOD, "position": np.round(q / COUNT) * COUNT, "torque": torque}
+    recording = Recording.from_columns(columns, Metadata(position_resolution=COUNT), "slow")
+    found = diagnose([recording], fit_model([recording]).model)
+    assert (found.effects, found.confidence) == (("nonlinear_viscous",), "suspected")
+    assert not any("samples of" in note for note in found.notes)
