@@ -7,7 +7,8 @@ The bias of the twin is an average over few simulations; its own variance is tak
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -34,6 +35,8 @@ OUTLYING_SECONDS = 0.25
 LONELY = 6.0  # standard deviations
 FEW = 0.02
 """Of the rows: so few may be left out one by one."""
+LEAST_WEIGHT = 0.1
+"""Of the steadiest experiment: an unsteady one is never left out."""
 LEAST_COULOMB = 0.005  # of the torque
 LONGEST_REACH = 0.1  # of the travel
 
@@ -106,13 +109,21 @@ class Study:
             table = _table(error, block)
             k = block.repeats
             product = (table.sum(axis=0) ** 2 - (table**2).sum(axis=0)) / (k * (k - 1)) - spare
-            chunks.append(_chunk_means(product))
+            means = _chunk_means(product)
+            means[:, 1] *= self._steadiness(block)
+            chunks.append(means)
         return _mean_and_error(chunks)
 
-    def noise_variance(self, error: Floats, role: str) -> float:
-        """Variance that differs from repeat to repeat [(N m)²]; nan without repeats."""
+    def noise_variance(self, error: Floats, role: str, plain: bool = False) -> float:
+        """Variance that differs from repeat to repeat [(N m)²]; nan without repeats.
+
+        Experiments count by their weight, or, where it is asked for `plain`, by their length only.
+        """
         values = [
-            (_table(error, block).var(axis=0, ddof=1).mean(), block.count)
+            (
+                _table(error, block).var(axis=0, ddof=1).mean(),
+                block.count * (1.0 if plain else self._steadiness(block)),
+            )
             for block in self.data.blocks
             if block.role == role and block.repeats > 1
         ]
@@ -122,12 +133,13 @@ class Study:
         return float(np.average(variances, weights=counts))
 
     def mean_square(self, error: Floats, role: str) -> float:
-        rows = self.data.role(role) & (self.weight_all > 0)
-        return float(np.mean(error[rows] ** 2)) if rows.any() else float("nan")
+        """Of the rows of a role, by their weight [(N m)²]; nan without any."""
+        weight = self.weight * self.data.role(role)
+        total = float(weight.sum())
+        return float(np.dot(weight, error**2)) / total if total > 0.0 else float("nan")
 
-    @property
-    def weight_all(self) -> Floats:
-        return self.weight
+    def _steadiness(self, block: Block) -> float:
+        return float(self.weight[block.rows].max(initial=0.0))
 
     @property
     def training(self) -> Floats:
@@ -232,17 +244,39 @@ def estimate_noise(study: Study, packed: Packed, error: Floats) -> float:
     return float(np.sqrt(level))
 
 
+def by_steadiness(study: Study, error: Floats) -> Study:
+    """The study with every experiment weighted by how well its repeats agree.
+
+    Where the quantiser makes slow motion chaotic, repeats differ far more than elsewhere; such an experiment
+    would drown what the others tell.
+    """
+    noise = {i: np.mean(v) for i, v in _noise_by_block(study, error)}
+    if not noise:
+        return study
+    quietest = min(noise.values())
+    weight = study.weight.copy()
+    for i, level in noise.items():
+        weight[study.data.blocks[i].rows] *= max(quietest / max(level, 1e-300), LEAST_WEIGHT)
+    return replace(study, weight=weight)
+
+
 def _chunk_noise(study: Study, error: Floats) -> Floats:
-    """Variance between repeats of every chunk of training data [(N m)²], shape (chunks,).
+    """Variance between repeats of every chunk of training data [(N m)²], shape (chunks,)."""
+    values = [levels for _, levels in _noise_by_block(study, error)]
+    return np.concatenate(values) if values else np.zeros(0)
+
+
+def _noise_by_block(study: Study, error: Floats) -> Iterator[tuple[int, Floats]]:
+    """Numbers of repeated training blocks, and the variance between repeats of their chunks [(N m)²].
 
     A friction level that differs between repeats (warming, memory) is no noise: offset and friction of
     each chunk are taken out first.
     """
     direction = np.sign(study.data.velocity[study.data.grid])
-    values: list[float] = []
-    for block in study.data.blocks:
+    for i, block in enumerate(study.data.blocks):
         if block.role != TRAINING or block.repeats < 2:
             continue
+        values: list[float] = []
         table, sign = _table(error, block), _table(direction, block)
         difference = (table[1:] - table[:-1]) / math.sqrt(2.0)
         pieces = max(1, block.count // NOISE_CHUNK)
@@ -251,7 +285,7 @@ def _chunk_noise(study: Study, error: Floats) -> Floats:
             for row in difference[:, part]:
                 rest = row - terms @ np.linalg.lstsq(terms, row, rcond=None)[0]
                 values.append(float(rest @ rest) / max(len(part) - 2, 1))
-    return np.array(values)
+        yield i, np.array(values)
 
 
 def refit(
