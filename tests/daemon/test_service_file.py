@@ -67,6 +67,8 @@ def test_all_problems_are_named_together(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("extra", "word"),
     [("[htp]\nport = 1", "'http'"), ("[http]\nport = 70000", "http.port"), ("at_once = 0", "at_once"),
+     ('[history]\nurl = "no url"', "database URL"), ('[history]\nurl = "sqlite://"', "go with the process"),
+     ('[history]\nurl = "sqlite:///:memory:"', "names no file"), ('[history]\nurl = "none://x/y"', "none://x/y"),
      ('[notices]\nwebhook = "ftp://x"', "webhook"), ("[recordings]\nbudget_megabytes = 1", "budget_megabytes")],
 )  # fmt: skip
 def test_a_wrong_key_or_value_is_named(tmp_path: Path, extra: str, word: str) -> None:

@@ -79,7 +79,22 @@ def sqlite_file(url: str) -> Path | None:
         ) from None
     if parsed.get_backend_name() != "sqlite":
         return None
-    return Path(parsed.database) if parsed.database else None
+    if not parsed.database or parsed.database == ":memory:":
+        raise ConfigurationError(
+            f"history.url {url!r} names no file, so the history would go with the process; write for example "
+            "'sqlite:////var/lib/autotune/history.sqlite', or leave it out"
+        )
+    return Path(parsed.database)
+
+
+def check_url(url: str) -> None:
+    """Looks at a database URL without connecting.
+
+    Raises:
+        ConfigurationError: not a database URL, in memory only, or its driver is not installed.
+    """
+    if sqlite_file(url) is None:
+        _engine(url, None).dispose()
 
 
 def shown(url: str) -> str:

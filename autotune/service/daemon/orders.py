@@ -84,7 +84,10 @@ def salvage(runs: Path, axis: str, identifier: str) -> Done | None:
     for directory, content in run_results(runs, axis, "journal.json"):
         if content.get("process") != begun.get("process") or content.get("started", "") < begun["at"]:
             continue
-        return _salvaged(directory, Journal.load(directory))
+        try:
+            return _salvaged(directory, Journal.load(directory))
+        except (ConfigurationError, KeyError, TypeError, ValueError):
+            return None  # a damaged file; the job is done again
     return None
 
 

@@ -200,10 +200,22 @@ def read_service(path: str | Path) -> Configuration:
             axes.append(_watched(watched, path.resolve().parent, seen))
         except AutotuneError as error:
             problems.append(str(error))
-    problems += _twice(axes)
+    problems += _twice(axes) + _url_problems(service.history.url)
     if problems:
         raise ConfigurationError(f"service file {path}: " + "; ".join(problems))
     return Configuration(service, tuple(axes), path)
+
+
+def _url_problems(url: str) -> list[str]:
+    if not url:
+        return []
+    from autotune.service.daemon.database import check_url
+
+    try:
+        check_url(url)
+    except ConfigurationError as error:
+        return [str(error)]
+    return []
 
 
 def _watched(watched: Watched, directory: Path, seen: Path) -> WatchedAxis:
