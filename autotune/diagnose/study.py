@@ -250,7 +250,7 @@ def by_steadiness(study: Study, error: Floats) -> Study:
     Where the quantiser makes slow motion chaotic, repeats differ far more than elsewhere; such an experiment
     would drown what the others tell.
     """
-    noise = {i: np.mean(v) for i, v in _noise_by_block(study, error)}
+    noise = {i: float(v.mean()) for i, v in _noise_by_block(study, error)}
     if not noise:
         return study
     quietest = min(noise.values())
