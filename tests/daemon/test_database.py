@@ -13,10 +13,14 @@ import pytest
 from alembic.config import Config
 from alembic.script import ScriptDirectory
 from sqlalchemy import create_engine, inspect, text
+from sqlalchemy.exc import OperationalError
 
 from autotune.core.errors import ConfigurationError, LinkError
-from autotune.service.daemon import database
+from autotune.core.paths import config_directory
+from autotune.service.daemon import daemon, database
+from autotune.service.daemon.daemon import Upkeep
 from autotune.service.daemon.database import REVISIONS, back_up, damage, migrate, open_database, revision_of
+from autotune.service.daemon.settings import read_service
 from autotune.service.daemon.store import Store
 from autotune.service.daemon.tables import metadata
 from tests.daemon.conftest import ON_BOTH
@@ -181,6 +185,24 @@ def test_a_database_that_cannot_be_reached_is_named_without_its_password(tmp_pat
     with pytest.raises((ConfigurationError, LinkError)) as refused:
         open_database("postgresql+psycopg://me:secret@127.0.0.1:1/none", tmp_path / "backups", NOW)
     assert "secret" not in str(refused.value)
+
+
+def test_a_full_disk_at_the_start_is_a_problem_and_is_tried_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    configuration = read_service(config_directory() / "service.toml")
+    opened = open_database(f"sqlite:///{tmp_path / 'history.sqlite'}", tmp_path / "backups", NOW)
+    upkeep = Upkeep(opened, Store(opened.engine))
+
+    def full(*_: object) -> int:
+        raise OperationalError("insert", {}, Exception("database or disk is full"))
+
+    with monkeypatch.context() as disk:
+        disk.setattr(daemon, "absorb", full)
+        assert "full" in upkeep.take_up(configuration)
+    monkeypatch.setattr(daemon, "absorb", lambda *_: 3)
+    assert upkeep.take_up(configuration) == ""
+    opened.engine.dispose()
 
 
 WRITER = """

@@ -140,6 +140,18 @@ def test_a_check_waits_until_the_machine_is_called_idle(world: Callable[..., Any
     assert len(here.launcher.started) == 1
 
 
+def test_a_clock_put_back_makes_no_permission_last_longer(world: Callable[..., Any]) -> None:
+    here = world(extra='check = "0 3 * * *"\nidle = { by = "http" }')
+    here.manager.tick()
+    here.manager.permit("one", 30)
+    here.jump(hours=-5)
+    here.manager.tick()
+    assert here.store.permitted_until("one") is None
+    here.pass_time(hours=20)
+    here.manager.tick()
+    assert not here.launcher.started
+
+
 def test_what_a_person_asks_for_does_not_wait_for_idle_or_blackout(world: Callable[..., Any]) -> None:
     here = world(extra='idle = { by = "http" }\nblackout = [{ start = "00:00", until = "23:59" }]')
     here.manager.submit("one", "check", "http")

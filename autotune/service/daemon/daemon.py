@@ -17,10 +17,12 @@ from datetime import datetime, timedelta
 from pathlib import Path
 from types import FrameType
 
-from autotune.core.errors import AutotuneError, ConfigurationError
+from sqlalchemy.exc import SQLAlchemyError
+
+from autotune.core.errors import AutotuneError, ConfigurationError, LinkError
 from autotune.service.daemon import housekeeping, systemd
 from autotune.service.daemon.absorb import absorb
-from autotune.service.daemon.database import Opened, back_up, open_database
+from autotune.service.daemon.database import Opened, back_up, open_database, shown
 from autotune.service.daemon.launcher import ProcessLauncher, place_for_kernels
 from autotune.service.daemon.manager import Manager, plans_of
 from autotune.service.daemon.notices import Webhook
@@ -78,14 +80,28 @@ class Owners:
 
 
 class Upkeep:
-    """Disk budget and backups, now and then."""
+    """What the folders hold taken up into the history, then disk budget and backups, now and then."""
 
-    def __init__(self, opened: Opened) -> None:
-        self._opened = opened
+    def __init__(self, opened: Opened, store: Store) -> None:
+        self._opened, self._store, self._taken_up = opened, store, False
+
+    def take_up(self, configuration: Configuration) -> str:
+        """Takes up runs and checks that the history lacks, until that has succeeded once; a problem in words or ""."""
+        if self._taken_up:
+            return ""
+        try:
+            taken = absorb(self._store, configuration.runs)
+        except (SQLAlchemyError, OSError) as error:
+            return f"runs and checks cannot be taken up into the history: {str(error).splitlines()[0]}"
+        self._taken_up = True
+        if taken:
+            log.info("%d runs and checks in %s taken up into the history", taken, configuration.runs)
+        return ""
 
     def run(self, configuration: Configuration, now: datetime) -> list[str]:
         """Prunes and backs up; returns problems in words."""
-        problems: list[str] = []
+        untaken = self.take_up(configuration)
+        problems = [untaken] if untaken else []
         try:
             budget = configuration.service.recordings.budget_megabytes * housekeeping.MEGABYTE
             axes = [one.name for one in configuration.axes]
@@ -152,7 +168,13 @@ def serve(file: Path, announce: Say) -> None:
             listening.close()
             raise
         signals.install()
-        _serve(configuration, opened, listening, signals, announce)
+        try:
+            _serve(configuration, opened, listening, signals, announce)
+        except SQLAlchemyError as error:
+            reason = str(getattr(error, "orig", None) or error).splitlines()[0]
+            raise LinkError(
+                f"the history {shown(configuration.history_url)} cannot be used: {reason}"
+            ) from error
 
 
 def _serve(
@@ -173,9 +195,8 @@ def _serve(
         owners.ensure(configuration, set())
         if opened.restored:
             manager.say_restored(opened.restored)
-        taken = absorb(store, configuration.runs)
-        if taken:
-            log.info("%d runs and checks in %s taken up into the history", taken, configuration.runs)
+        upkeep = Upkeep(opened, store)
+        manager.set_problem("upkeep", upkeep.take_up(configuration))
         manager.tick()
         server.start()
         announce(server.address)
@@ -183,7 +204,7 @@ def _serve(
             "axes: %s; changes need the token in %s", ", ".join(a.name for a in configuration.axes), place
         )
         systemd.notify(f"READY=1\nSTATUS=serving at {server.address}")
-        _rounds(manager, server, owners, Upkeep(opened), signals)
+        _rounds(manager, server, owners, upkeep, signals)
     finally:
         systemd.notify("STOPPING=1")
         _end(manager)

@@ -26,6 +26,7 @@ from autotune.service.files import stamp_after
 
 Say = Callable[[str], None]
 REVISIONS = ("0001", "0002")
+LEAST_FREE = 1_000_000  # bytes without which SQLite may not even open
 """In order; a test holds this to what Alembic finds in `migrations`."""
 _MIGRATIONS = Path(__file__).parent / "migrations"
 
@@ -54,10 +55,10 @@ def open_database(url: str, backups: Path, now: datetime, keep: int = 7) -> Open
     except SQLAlchemyError as error:
         engine.dispose()
         reason = str(getattr(error, "orig", None) or error).splitlines()[0]
-        raise LinkError(
-            f"the history database {shown(url)} cannot be reached: {reason}; start its server, or correct "
-            "history.url in the service file"
-        ) from error
+        advice = "start its server, or correct history.url in the service file"
+        if file is not None and shutil.disk_usage(file.parent).free < LEAST_FREE:
+            advice = "the disk is full: make room on it"
+        raise LinkError(f"the history database {shown(url)} cannot be reached: {reason}; {advice}") from error
     except BaseException:
         engine.dispose()
         raise

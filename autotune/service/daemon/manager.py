@@ -248,6 +248,7 @@ class Manager:
         if jump < 0:
             self._schedule.rebase(now)
             self._not_before.clear()
+            self.store.withdraw_permissions()  # they would last longer than was meant
 
     def _enqueue_due(self, now: datetime) -> None:
         for due in self._schedule.process(now):

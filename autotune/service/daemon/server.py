@@ -76,9 +76,10 @@ class HttpServer:
         return self._thread.is_alive()
 
     def close(self) -> None:
-        """Ends serving, streams included."""
+        """Ends serving, streams included; also where it has not begun."""
         self._server.should_exit = True
-        self._thread.join(5.0)
+        if self._thread.ident is not None:
+            self._thread.join(5.0)
         self._listening.close()
 
     def _run(self) -> None:

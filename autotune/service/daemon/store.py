@@ -209,6 +209,11 @@ class Store:
             connection.execute(delete(permissions).where(permissions.c.axis == axis))
             connection.execute(insert(permissions).values(axis=axis, until=text(until)))
 
+    def withdraw_permissions(self) -> None:
+        """No machine counts as idle until somebody says so again."""
+        with self._engine.begin() as connection:
+            connection.execute(delete(permissions))
+
     def permitted_until(self, axis: str) -> datetime | None:
         """Until when the machine has been called idle."""
         row = self._one(select(permissions).where(permissions.c.axis == axis))

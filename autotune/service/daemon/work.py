@@ -60,7 +60,8 @@ def perform(order: Order, tools: Tools) -> Done:
         outcome = {3: "not_enough", 4: "guard", 5: "fault"}.get(error.exit_code, "refused")
         return Done(outcome, error.exit_code, str(error))
     except OSError as error:
-        return Done("refused", 2, f"{error.strerror or error}: {error.filename or 'no file named'}")
+        where = f": {error.filename}" if error.filename else ""
+        return Done("refused", 2, f"{error.strerror or error}{where}")
 
 
 def idle_only(loop: Loop, idle: Idle) -> Loop:
