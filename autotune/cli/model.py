@@ -103,7 +103,7 @@ def compare(
     for note in result.notes:
         say(note)
     if as_json:
-        answer_json(compared_json(result))
+        answer_json(compared_json(result, known))
     else:
         for line in compared_lines(result, known):
             answer(line)
@@ -124,7 +124,7 @@ def diagnose(recordings: Recordings, model_file: ModelFile, as_json: Json = Fals
         write_diagnosis(html, result, known)
         say(f"figures: {html}")
     if as_json:
-        answer_json(diagnosis_json(result))
+        answer_json(diagnosis_json(result, known))
     else:
         for line in diagnosis_lines(result, known):
             answer(line)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autotune.core.errors import ConfigurationError, NotEnoughExcitation
-from autotune.core.recording import Recording
+from autotune.core.recording import Metadata, Recording
 from autotune.diagnose.compare import Compared, compare
 from autotune.diagnose.fitting import fit_model
 from autotune.identify.complexity import Complexity, judge_complexity
@@ -97,15 +97,15 @@ def fit_files(
     if len(whole) < rows:
         said = f"of {rows} rows {len(whole)} were fitted, in stretches spread evenly: more would tell little more"
         result = replace(result, notes=(*result.notes, said))
-    complexity = _complexity(result.estimate, precision, whole.metadata.motion_unit)
+    complexity = _complexity(result.estimate, precision, whole.metadata)
     result = replace(result, complexity=complexity, loop=simulate_closed_loop(whole, model))
     return _with_error(result, recordings)
 
 
-def _complexity(estimate: Estimate, precision: float | None, unit: str) -> Complexity | None:
+def _complexity(estimate: Estimate, precision: float | None, metadata: Metadata) -> Complexity | None:
     known = {name: quantity for name, quantity in estimate.parameters.items() if quantity.identified}
-    wanted = precision if precision is not None else USUAL_PRECISION[unit]
-    return judge_complexity(known, wanted, USUAL_ACCELERATION, unit)
+    wanted = precision if precision is not None else USUAL_PRECISION[metadata.motion_unit]
+    return judge_complexity(known, wanted, USUAL_ACCELERATION, metadata)
 
 
 def _fitted(whole: Recording, effects: Sequence[str], progress: Progress) -> Fit:

@@ -25,9 +25,10 @@ def parameters_json(model: DriveModel) -> dict[str, Any]:
     }
 
 
-def compared_json(result: Compared) -> dict[str, Any]:
+def compared_json(result: Compared, model: DriveModel) -> dict[str, Any]:
     """The object of `compare --json`."""
     return {
+        "torque_unit": model.torque_symbol,
         "error_rms": result.error_rms,
         "relative_error": result.relative_error,
         "noise_floor_rms": result.noise_floor_rms,
@@ -42,9 +43,10 @@ def compared_json(result: Compared) -> dict[str, Any]:
     }
 
 
-def diagnosis_json(result: Diagnosis) -> dict[str, Any]:
+def diagnosis_json(result: Diagnosis, model: DriveModel) -> dict[str, Any]:
     """The object of `diagnose --json`."""
     return {
+        "torque_unit": model.torque_symbol,
         "verdict": result.verdict,
         "effects": list(result.effects),
         "confidence": result.confidence,
@@ -72,6 +74,7 @@ def diagnosis_json(result: Diagnosis) -> dict[str, Any]:
 def added_json(result: Added) -> dict[str, Any]:
     """The object of `add --json`."""
     return {
+        "torque_unit": result.model.torque_symbol,
         "error_before": result.error_before,
         "error_after": result.error_after,
         "noise_floor_rms": result.noise_floor_rms,
@@ -96,18 +99,15 @@ def shown_json(model: DriveModel) -> dict[str, Any]:
     return {
         "axis": model.axis,
         "motion_unit": model.motion_unit,
+        "torque_unit": model.torque_symbol,
         "parameters": parameters_json(model),
         "effects": [effect.name for effect in model.effects],
         "history": history,
     }
 
 
-def torque_unit(model: DriveModel) -> str:
-    return "N" if model.motion_unit == "m" else "N m"
-
-
 def compared_lines(result: Compared, model: DriveModel) -> Iterator[str]:
-    unit = torque_unit(model)
+    unit = model.torque_symbol
     yield f"error {quantity(result.error_rms, unit)} rms, {100 * result.relative_error:.2f} % of the torque"
     if math.isfinite(result.noise_floor_rms):
         yield f"noise floor {quantity(result.noise_floor_rms, unit)} rms: no model gets below"
@@ -125,7 +125,7 @@ def compared_lines(result: Compared, model: DriveModel) -> Iterator[str]:
 
 
 def diagnosis_lines(result: Diagnosis, model: DriveModel) -> Iterator[str]:
-    unit = torque_unit(model)
+    unit = model.torque_symbol
     names = ", ".join(result.effects)
     yield {
         "named": f"missing: {names} ({result.confidence})",
@@ -154,7 +154,7 @@ def diagnosis_lines(result: Diagnosis, model: DriveModel) -> Iterator[str]:
 
 
 def added_lines(effect: str, result: Added, out: Path | None) -> Iterator[str]:
-    unit = torque_unit(result.model)
+    unit = result.model.torque_symbol
     fall = 1.0 - result.error_after / result.error_before if result.error_before else 0.0
     yield (
         f"error on {result.unseen}: {quantity(result.error_before, unit)} before, "
@@ -183,7 +183,7 @@ def model_lines(model: DriveModel) -> Iterator[str]:
     if not steps:
         yield "no history"
         return
-    unit = torque_unit(model)
+    unit = model.torque_symbol
     yield "error on data that the fit never saw, step by step:"
     largest = max(max(e.error_after or 0.0, e.error_before or 0.0) for e in steps)
     for entry in steps:

@@ -102,6 +102,11 @@ class Metadata:
     schema: int = SCHEMA_VERSION
     extra: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
 
+    @property
+    def torque_unit(self) -> str:
+        """What the torque is in where it is neither N m nor N: A or V of an import; else empty."""
+        return self.extra.get("torque_unit", "")
+
 
 @dataclass(frozen=True, slots=True)
 class Segment:
@@ -257,12 +262,23 @@ def concatenate(recordings: Iterable[Recording]) -> Recording:
     )
 
 
+def torque_symbol(motion_unit: str, torque_unit: str = "") -> str:
+    """N m on axes that turn, N on axes that slide, unless the torque is in another unit."""
+    return torque_unit or ("N" if motion_unit == "m" else "N m")
+
+
 def refuse_mixture(one: Metadata, other: Metadata) -> None:
     """Raises RecordingError where two recordings cannot be of the same axis."""
     if one.motion_unit != other.motion_unit:
         raise RecordingError(
             f"the recordings mix axes: motion unit {one.motion_unit} and {other.motion_unit}; "
             "fit each axis by itself"
+        )
+    if one.torque_unit != other.torque_unit:
+        units = [torque_symbol(m.motion_unit, m.torque_unit) for m in (one, other)]
+        raise RecordingError(
+            f"the recordings mix units: torque in {units[0]} and in {units[1]}; import both alike, with the same "
+            "--torque-unit or a torque constant"
         )
     if one.fingerprint and other.fingerprint and one.fingerprint != other.fingerprint:
         raise RecordingError(

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from autotune.core.errors import ConfigurationError
-from autotune.core.recording import Recording
+from autotune.core.recording import Recording, torque_symbol
 from autotune.diagnose.alignment import best_shift, shifted
 from autotune.diagnose.bandwidth import prepared_for
 from autotune.diagnose.controller import find_controller, with_feedforward
@@ -80,6 +80,12 @@ def check_same_axis(model: DriveModel, recordings: Sequence[Recording]) -> None:
             raise ConfigurationError(
                 f"the model is for motion in {model.motion_unit}, the recording is in {other.motion_unit}; "
                 "use the model of this axis, or fit one: autotune model fit"
+            )
+        if model.torque_unit != other.torque_unit:
+            raise ConfigurationError(
+                f"the model is for torque in {model.torque_symbol}, the recording is in "
+                f"{torque_symbol(other.motion_unit, other.torque_unit)}; import the file with the unit of the model, "
+                "or fit one to it: autotune model fit"
             )
         if model.fingerprint and other.fingerprint and model.fingerprint != other.fingerprint:
             raise ConfigurationError(

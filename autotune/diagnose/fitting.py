@@ -106,7 +106,7 @@ def starting_model(data: Prepared) -> DriveModel:
         cost = float(np.mean(residual(data, packed, study.moved)[study.training > 0] ** 2))
         best = min(best, (cost, trial), key=lambda item: item[0])
     meta = data.metadata
-    return base_model(best[1], None, meta.motion_unit, meta.axis, meta.fingerprint)
+    return base_model(best[1], None, meta.motion_unit, meta.axis, meta.fingerprint, meta.torque_unit)
 
 
 def _least_squares(data: Prepared, one_way: bool) -> dict[str, float]:

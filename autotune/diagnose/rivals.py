@@ -7,7 +7,7 @@ trajectory: confirmed is what errs clearly less there than every rival.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -30,24 +30,41 @@ CLEARLY, LEAST, LEAST_Z = 0.3, 0.1, 2.0
 
 
 def challenged(
-    study: Study, root: Level, chosen: Refitted | None, carried: Sequence[Elsewhere], nominal: Packed
+    study: Study,
+    root: Level,
+    chosen: Refitted | None,
+    carried: Sequence[Elsewhere],
+    first: Sequence[Screened],
+    nominal: Packed,
 ) -> list[Elsewhere]:
-    """What another trajectory said, with the rivals that do nearly as well there."""
+    """What another trajectory said, with the rivals that do nearly as well there.
+
+    `first` are the candidates as they were ranked before anything was found.
+    """
     folds = [] if chosen is None else list(folds_of(study))
     if chosen is None or not folds:
         return list(carried)
-    return [_challenged(study, root, chosen, item, nominal, folds) for item in carried]
+
+    def ranked(less: Level) -> Sequence[Screened]:
+        return rank(study, less, nominal, lambda _: None) if less.effects else first
+
+    return [_challenged(study, root, chosen, item, ranked, folds) for item in carried]
 
 
 def _challenged(
-    study: Study, root: Level, chosen: Refitted, item: Elsewhere, nominal: Packed, folds: Sequence[Flags]
+    study: Study,
+    root: Level,
+    chosen: Refitted,
+    item: Elsewhere,
+    ranking: Callable[[Level], Sequence[Screened]],
+    folds: Sequence[Flags],
 ) -> Elsewhere:
     if not item.lowers or item.effect not in chosen.level.effects:
         return item
     less = level_without(study, root, chosen.level, item.effect)
     if less is None:
         return item
-    ranked = rank(study, less, nominal, lambda _: None)
+    ranked = ranking(less)
     own = next((one.gain for one in ranked if one.effect == item.effect), item.gain)
     near = [one for one in ranked if _rival(study, one, item.effect, own)][:MOST]
     error = _pieces(study, chosen.level, folds)

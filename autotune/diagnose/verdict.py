@@ -269,7 +269,7 @@ def search_effects(
     if chosen is not None:
         progress("does another trajectory confirm it")
         chosen, carried = carried_on(study, root, chosen)
-        carried = challenged(study, root, chosen, carried, nominal)
+        carried = challenged(study, root, chosen, carried, first, nominal)
     return _judge(study, root, chosen, first, tried, generic, (*notes, *said(carried)), carried)
 
 

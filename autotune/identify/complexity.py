@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from autotune.core.recording import Metadata, torque_symbol
 from autotune.identify.estimate import Quantity
 
 Floats = NDArray[np.float64]
@@ -51,7 +52,7 @@ def kinetic_difference(
 
 
 def judge_complexity(
-    parameters: Mapping[str, Quantity], precision: float, acceleration: float, motion_unit: str = "rad"
+    parameters: Mapping[str, Quantity], precision: float, acceleration: float, metadata: Metadata
 ) -> Complexity | None:
     """Whether the axis needs LuGre for a precision [rad or m]; None without friction or stiffness."""
     friction = parameters.get("break_away") or parameters.get("coulomb")
@@ -69,15 +70,15 @@ def judge_complexity(
         needed,
         2.0 * friction.value,
         duration,
-        _sentence(value, precision, needed, 2.0 * friction.value, duration, motion_unit),
+        _sentence(value, precision, needed, 2.0 * friction.value, duration, metadata),
     )
 
 
 def _sentence(
-    value: float, precision: float, needed: bool, peak: float, duration: float, motion_unit: str
+    value: float, precision: float, needed: bool, peak: float, duration: float, metadata: Metadata
 ) -> str:
-    scale, unit = (1e3, "mrad") if motion_unit == "rad" else (1e6, "µm")
-    torque = "N m" if motion_unit == "rad" else "N"
+    scale, unit = (1e3, "mrad") if metadata.motion_unit == "rad" else (1e6, "µm")
+    torque = torque_symbol(metadata.motion_unit, metadata.torque_unit)
     verdict = (
         "the axis needs the LuGre model"
         if needed

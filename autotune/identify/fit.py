@@ -89,6 +89,7 @@ def fit(recordings: Sequence[Recording] | Recording, effects: Sequence[str] = ()
         motion_unit=metadata.motion_unit,
         axis=metadata.axis,
         fingerprint=metadata.fingerprint,
+        torque_unit=metadata.torque_unit,
     )
     joint = refine_recording(model, recording, seed=seed)
     for kind in kinds:

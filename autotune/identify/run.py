@@ -13,7 +13,7 @@ from types import MappingProxyType
 from typing import TypeVar
 
 from autotune.core.errors import NotEnoughExcitation
-from autotune.core.recording import Recording
+from autotune.core.recording import Metadata, Recording, torque_symbol
 from autotune.identify.checks import check_recording
 from autotune.identify.combine import combine
 from autotune.identify.complexity import Complexity, judge_complexity
@@ -106,7 +106,7 @@ def identify_run(
         estimates["high_speed"] = fast.estimate
     joint = _refined(recording, combine(estimates), steady)
     speed_change = acceleration if acceleration is not None else 0.2 * (2.0 * math.pi) ** 2
-    complexity = judge_complexity(joint.parameters, precision, speed_change, recording.metadata.motion_unit)
+    complexity = judge_complexity(joint.parameters, precision, speed_change, recording.metadata)
     return Identification(
         MappingProxyType(estimates),
         joint,
@@ -136,7 +136,7 @@ def _refined(recording: Recording, combined: Estimate, steady: SteadyState | Non
     for name, quantity in joint.parameters.items():
         if name in kept and quantity.identified and _near(quantity.value, kept[name].value):
             kept[name] = quantity
-    notes = [*combined.notes, *joint.notes, *_ripple_notes(lines, recording.metadata.motion_unit)]
+    notes = [*combined.notes, *joint.notes, *_ripple_notes(lines, recording.metadata)]
     return Estimate("joint", MappingProxyType(kept), True, "", joint.relative_error, tuple(notes))
 
 
@@ -154,8 +154,9 @@ def with_ripple(model: DriveModel, lines: Sequence[Line]) -> DriveModel:
     return model.with_effect(EFFECTS["torque_ripple"].make(values)) if values else model
 
 
-def _ripple_notes(lines: Sequence[Line], motion_unit: str) -> list[str]:
-    per, unit = ("revolution", "N m") if motion_unit == "rad" else ("metre", "N")
+def _ripple_notes(lines: Sequence[Line], metadata: Metadata) -> list[str]:
+    per = "revolution" if metadata.motion_unit == "rad" else "metre"
+    unit = torque_symbol(metadata.motion_unit, metadata.torque_unit)
     return [
         f"torque ripple of {line.order:g} periods a {per}, {line.amplitude:.2g} {unit}: the effect "
         "torque_ripple describes it"
@@ -173,4 +174,6 @@ def model_of(estimate: Estimate, recording: Recording) -> DriveModel:
         name: estimate[name].standard_error for name in names if math.isfinite(estimate[name].standard_error)
     }
     metadata = recording.metadata
-    return base_model(values, errors, metadata.motion_unit, metadata.axis, metadata.fingerprint)
+    return base_model(
+        values, errors, metadata.motion_unit, metadata.axis, metadata.fingerprint, metadata.torque_unit
+    )

@@ -72,6 +72,7 @@ def fit_speed_curve(recording: Recording, effects: Sequence[str]) -> SpeedCurve:
         metadata.motion_unit,
         metadata.axis,
         metadata.fingerprint,
+        metadata.torque_unit,
     )
     if "direction_asymmetry" in effects:
         name = "direction_asymmetry.viscous"

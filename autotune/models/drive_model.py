@@ -14,6 +14,7 @@ from types import MappingProxyType
 import numpy as np
 
 from autotune.core.errors import ConfigurationError
+from autotune.core.recording import torque_symbol
 from autotune.models import layout
 from autotune.models.effect import Effect, Parameter, Value, check
 from autotune.models.inverse import load_substeps, required
@@ -58,6 +59,8 @@ class Packed:
 class DriveModel:
     """Base values by name and effects, in the order in which they were added.
 
+    `torque_unit` is A or V where the torque of its recordings was; else empty: N m or N.
+
     Raises:
         ConfigurationError: a base parameter missing, unknown or out of bounds, an effect twice.
     """
@@ -68,6 +71,7 @@ class DriveModel:
     axis: str = ""
     fingerprint: str = ""
     history: tuple[HistoryEntry, ...] = field(default=())
+    torque_unit: str = ""
 
     def __post_init__(self) -> None:
         wrong = set(self.base) ^ set(_BASE_BY_NAME)
@@ -99,7 +103,12 @@ class DriveModel:
 
     def unit(self, surface: str) -> str:
         """Unit of a parameter on this axis."""
-        return surface_parameter(surface).unit_for(self.motion_unit)
+        return surface_parameter(surface).unit_for(self.motion_unit, self.torque_unit)
+
+    @property
+    def torque_symbol(self) -> str:
+        """Unit of torque in what people read."""
+        return torque_symbol(self.motion_unit, self.torque_unit)
 
     def pack(self) -> Packed:
         """Vector and flags for the compiled routine."""
@@ -166,13 +175,16 @@ def base_model(
     motion_unit: str = "rad",
     axis: str = "",
     fingerprint: str = "",
+    torque_unit: str = "",
 ) -> DriveModel:
     """A model from plain numbers; with `break_away` and `stribeck_velocity` it has the effect `stribeck`."""
     errors = errors or {}
     base = {n: Value(float(v), errors.get(n)) for n, v in values.items() if n in _BASE_BY_NAME}
     rest = {name: value for name, value in values.items() if name not in _BASE_BY_NAME}
     effects = (EFFECTS["stribeck"].make(rest, errors),) if rest else ()
-    return DriveModel(MappingProxyType(base), effects, motion_unit, axis, fingerprint)
+    return DriveModel(
+        MappingProxyType(base), effects, motion_unit, axis, fingerprint, torque_unit=torque_unit
+    )
 
 
 def surface_parameter(surface: str) -> Parameter:

@@ -38,11 +38,19 @@ class Parameter:
     slot: int
     optional: bool = False
 
-    def unit_for(self, motion_unit: str) -> str:
-        """Unit on an axis whose motion is in `motion_unit`: N m, kg m² and rad become N, kg and m."""
+    def unit_for(self, motion_unit: str, torque_unit: str = "") -> str:
+        """Unit on an axis whose motion is in `motion_unit`: N m, kg m² and rad become N, kg and m.
+
+        `torque_unit` stands in place of N m or N where the torque is in A or V; inertia is in A s²/rad then.
+        """
+        unit = self.unit
+        if torque_unit:
+            unit = (
+                unit.replace("kg m²", "N m s²/rad").replace("(N m)", torque_unit).replace("N m", torque_unit)
+            )
         if motion_unit == "rad":
-            return self.unit
-        linear = self.unit.replace("kg m²", "kg").replace("N m", "N")
+            return unit
+        linear = unit.replace("kg m²", "kg").replace("N m", "N")
         return linear.replace("cycles/rev", "cycles/m").replace("rad", "m")
 
 

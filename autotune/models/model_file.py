@@ -59,6 +59,7 @@ class _File(Strict):
     axis: str = ""
     fingerprint: str = ""
     motion_unit: Literal["rad", "m"] = "rad"
+    torque_unit: Literal["", "A", "V"] = ""
     inertia: _Number
     viscous: _Number
     coulomb: _Number
@@ -111,6 +112,8 @@ def model_text(model: DriveModel) -> str:
     document["schema"] = SCHEMA_VERSION
     for key in ("axis", "fingerprint", "motion_unit"):
         document[key] = getattr(model, key)
+    if model.torque_unit:
+        document["torque_unit"] = model.torque_unit
     for parameter in BASE:
         document[parameter.name] = _number(model, parameter, model.base[parameter.name])
     if model.effects:
@@ -138,7 +141,7 @@ def _number(model: DriveModel, parameter: Parameter, value: Value) -> Table:
     table["value"] = float(value.value)
     if value.standard_error is not None:
         table["standard_error"] = float(value.standard_error)
-    table["unit"] = parameter.unit_for(model.motion_unit)
+    table["unit"] = parameter.unit_for(model.motion_unit, model.torque_unit)
     table["about"] = parameter.meaning
     return table
 
@@ -167,12 +170,18 @@ def _model(file: _File) -> DriveModel:
         effects.append(kind.make({key: v.value for key, v in values.items()}, errors))
     history = tuple(HistoryEntry(**entry.model_dump()) for entry in file.history)
     return DriveModel(
-        MappingProxyType(base), tuple(effects), file.motion_unit, file.axis, file.fingerprint, history
+        MappingProxyType(base),
+        tuple(effects),
+        file.motion_unit,
+        file.axis,
+        file.fingerprint,
+        history,
+        file.torque_unit,
     )
 
 
 def _value(number: _Number, parameter: Parameter, surface: str, file: _File) -> Value:
-    unit = parameter.unit_for(file.motion_unit)
+    unit = parameter.unit_for(file.motion_unit, file.torque_unit)
     if number.unit is not None and number.unit != unit:
         raise ConfigurationError(
             f"{surface} is in {number.unit!r}; on an axis in {file.motion_unit} it must be in {unit!r}"

@@ -13,6 +13,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from autotune.core.recording import torque_symbol
+
 Floats = NDArray[np.float64]
 
 
@@ -33,6 +35,7 @@ class SteadyState:
     model_velocity: Floats
     model_torque: Floats
     motion_unit: str = "rad"
+    torque_unit: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,6 +202,6 @@ class History:
     events: Sequence[tuple[float, str]] = ()
 
 
-def torque_unit(motion_unit: str) -> str:
-    """N m for axes that turn, N for axes that slide."""
-    return "N" if motion_unit == "m" else "N m"
+def torque_unit(motion_unit: str, torque: str = "") -> str:
+    """N m for axes that turn, N for axes that slide; `torque` where it is in another unit."""
+    return torque_symbol(motion_unit, torque)

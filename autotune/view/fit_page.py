@@ -39,7 +39,7 @@ def write_fit(
         if found.presliding is not None:
             tables.append(methods_table(found.presliding.comparison, unit))
     else:
-        pictures += _speed_curve(recording, unit)
+        pictures += _speed_curve(recording)
     if compared is not None:
         pictures += comparison_pictures(compared, model)
     notes = [[note] for note in estimate.notes]
@@ -49,9 +49,10 @@ def write_fit(
     write_report(path, report)
 
 
-def _speed_curve(recording: Recording, unit: str) -> list[Picture]:
+def _speed_curve(recording: Recording) -> list[Picture]:
+    units = recording.metadata.motion_unit, recording.metadata.torque_unit
     try:
-        return [steady_state_picture(identify_steady_state(recording), unit)]
+        return [steady_state_picture(identify_steady_state(recording), *units)]
     except NotEnoughExcitation:
         return []
 

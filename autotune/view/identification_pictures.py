@@ -33,7 +33,7 @@ def identification_pictures(found: Identification, motion_unit: str) -> list[Pic
     return pictures
 
 
-def steady_state_picture(steady: SteadyState, motion_unit: str) -> Picture:
+def steady_state_picture(steady: SteadyState, motion_unit: str, torque_unit: str = "") -> Picture:
     """Torque at constant speed with the best shape (figure 6.11)."""
     from autotune.view import figures
 
@@ -47,6 +47,7 @@ def steady_state_picture(steady: SteadyState, motion_unit: str) -> Picture:
         both,
         steady.curves[0].predict(both),
         motion_unit,
+        torque_unit,
     )
     caption = (
         "Torque at constant speed: Coulomb level, viscous slope, and a dip at low speed where there is one."

@@ -16,7 +16,7 @@ from autotune.diagnose.verdict import Diagnosis
 from autotune.models.drive_model import DriveModel
 from autotune.models.lugre import Flags, Floats
 from autotune.models.table import effect_kind
-from autotune.view.data import Comparison, Rank, Residual, Step, torque_unit
+from autotune.view.data import Comparison, Rank, Residual, Step
 from autotune.view.figures import measured_and_model, ranking, residual_over_coordinate, staircase
 from autotune.view.report import Picture, Report, write_report
 from autotune.view.scale import quantity
@@ -32,7 +32,7 @@ LEAST_SHARE = 0.02
 
 def write_comparison(path: Path, result: Compared, model: DriveModel) -> None:
     """Measured and model over time, and the residual where it lives."""
-    unit = torque_unit(model.motion_unit)
+    unit = model.torque_symbol
     floor = result.noise_floor_rms if math.isfinite(result.noise_floor_rms) else None
     text = f"The model misses the torque by {quantity(result.error_rms, unit)} rms, " + (
         f"{100 * result.relative_error:.1f} % of it."
@@ -58,16 +58,14 @@ def comparison_pictures(result: Compared, model: DriveModel) -> list[Picture]:
     """Measured and model over time, and the residual over what it follows most."""
     floor = result.noise_floor_rms if math.isfinite(result.noise_floor_rms) else None
     return [
-        _over_time(
-            result.study.data, result.error, result.study.weight, torque_unit(model.motion_unit), floor
-        ),
+        _over_time(result.study.data, result.error, result.study.weight, model.torque_symbol, floor),
         *_over_coordinates(result.study.data, result.error, result.where, model, floor),
     ]
 
 
 def write_diagnosis(path: Path, result: Diagnosis, model: DriveModel) -> None:
     """Verdict, ranking with evidence, and the residual where it lives."""
-    unit = torque_unit(model.motion_unit)
+    unit = model.torque_symbol
     ranks = [Rank(c.effect, c.gain, c.accepted, c.why) for c in result.candidates]
     pictures = [
         Picture("Candidates", "How far each effect lowers the squared error on unseen data.", ranking(ranks))
@@ -95,7 +93,7 @@ def write_story(path: Path, model: DriveModel) -> None:
     if entries and entries[0].error_before is not None:
         steps.insert(0, Step("before", entries[0].error_before))
     floor = entries[-1].noise_floor if entries else None
-    figure = staircase(steps, floor, torque_unit(model.motion_unit))
+    figure = staircase(steps, floor, model.torque_symbol)
     picture = Picture("How the error fell", "Rms error on unseen data after every effect added.", figure)
     text = f"Model of {model.axis or 'an axis'} with " + (
         ", ".join(effect.name.replace("_", " ") for effect in model.effects) or "no effects beside the base"
@@ -158,7 +156,7 @@ def _over_coordinates(
                 error,
                 floor,
                 where[name],
-                torque_unit(model.motion_unit),
+                model.torque_symbol,
             )
         )
         spoken = name.replace("_", " ")

@@ -92,7 +92,9 @@ def _write(path: Path, recording: Recording, shown: Shown) -> None:
     if shown.torque_model is not None:
         columns["torque_model"] = shown.torque_model
     present = [
-        p for plot in plots.plots(recording.metadata.motion_unit) if (p := plots.available(plot, columns))
+        p
+        for plot in plots.plots(recording.metadata.motion_unit, recording.metadata.torque_unit)
+        if (p := plots.available(plot, columns))
     ]
     plane = _plane(recording)
     parameters = {trace.name: trace.unit for trace in shown.traces}
@@ -158,7 +160,7 @@ def _plane(recording: Recording) -> Plane | None:
     return Plane(
         "Torque over velocity",
         f"velocity [{unit}/s]",
-        f"torque [{torque_unit(unit)}]",
+        f"torque [{torque_unit(unit, recording.metadata.torque_unit)}]",
         symmetric(peak(recording["velocity"])),
         symmetric(peak(recording["torque"])),
     )

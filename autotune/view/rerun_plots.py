@@ -47,9 +47,9 @@ class Plot(NamedTuple):
     lines: tuple[Line, ...]
 
 
-def plots(motion_unit: str) -> tuple[Plot, ...]:
-    """The plots of an axis, most telling first."""
-    torque = torque_unit(motion_unit)
+def plots(motion_unit: str, unit_of_torque: str = "") -> tuple[Plot, ...]:
+    """The plots of an axis, most telling first; the torque is in N m or N unless a unit is given."""
+    torque = torque_unit(motion_unit, unit_of_torque)
     return (
         Plot(
             "traces/error",

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 _MULTIPLES = ((1e-9, "n"), (1e-6, "µ"), (1e-3, "m"), (1.0, ""))
-_SCALABLE = frozenset({"rad", "m", "N m", "N", "s", "N m/rad", "rad/s", "m/s"})
+_SCALABLE = frozenset({"rad", "m", "N m", "N", "A", "V", "s", "N m/rad", "rad/s", "m/s"})
 
 
 def multiple(largest: float, unit: str) -> tuple[float, str]:

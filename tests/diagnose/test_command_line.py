@@ -1,11 +1,15 @@
 """`autotune model`: keys of the JSON, exit codes, and sentences for bad input."""
 
 import json
+import re
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from autotune.cli.main import main
+from autotune.core.recording import Recording
 from autotune.core.recording_files import write_recording
 from autotune.models.drive_model import DriveModel, HistoryEntry
 from autotune.models.model_file import write_model
@@ -88,3 +92,49 @@ def test_bad_input_is_a_sentence_and_exit_code_2(files, capsys, tmp_path, change
     assert out == ""
     assert says in err
     assert not out_file.exists()
+
+
+def _words(page: Path) -> str:
+    """What a page says, without the programs in it."""
+    return re.sub(r"<script.*?</script>", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+
+
+def _in_amperes(recording: Recording) -> Recording:
+    """The recording as an import with --torque-unit A leaves it."""
+    columns = {name: recording[name] for name in ("time", "position")}
+    columns["torque"] = recording["torque"] / 0.12
+    metadata = replace(recording.metadata, controller=None, torque_limit=None, extra={"torque_unit": "A"})
+    return Recording.from_columns(columns, metadata, "moves")
+
+
+def test_a_torque_in_amperes_is_told_in_amperes(capsys, tmp_path: Path, short: Recording) -> None:
+    part = short.rows(np.flatnonzero(short.experiment == "points")[:6000])
+    recording, model, page = (tmp_path / name for name in ("a.csv", "m.toml", "m.html"))
+    write_recording(_in_amperes(part), recording)
+    code, out, err = _run(capsys, "model", "fit", recording, "--out", model)
+    assert code == 0, err
+    assert "N m" not in out
+    assert 'torque_unit = "A"' in model.read_text(encoding="utf-8")
+    assert 'unit = "A s²/rad"' in model.read_text(encoding="utf-8")
+    for arguments in (
+        ("compare", recording, "--model", model),
+        ("compare", recording, "--model", model, "--html", page),
+        ("diagnose", recording, "--model", model),
+        ("show", model),
+    ):
+        code, out, err = _run(capsys, "model", *arguments)
+        assert code == 0, err
+        assert "N m" not in out + err
+    assert "N m" not in _words(page)
+    code, out, _ = _run(capsys, "model", "compare", recording, "--model", model, "--json")
+    assert json.loads(out)["torque_unit"] == "A"
+
+
+def test_amperes_and_newton_metres_are_not_compared(
+    capsys, tmp_path: Path, short: Recording, nominal
+) -> None:
+    write_model(nominal, tmp_path / "m.toml")
+    write_recording(_in_amperes(short), tmp_path / "a.csv")
+    code, out, err = _run(capsys, "model", "compare", tmp_path / "a.csv", "--model", tmp_path / "m.toml")
+    assert (code, out) == (2, "")
+    assert "for torque in N m, the recording is in A" in err

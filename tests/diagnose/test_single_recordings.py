@@ -179,7 +179,7 @@ def test_two_files_that_do_not_tell_rivals_apart_confirm_neither() -> None:
     """Within a fifth of a turn a spring and an imbalance are the same, in both files."""
     files = []
     for kind in ("slow", "quick"):
-        q = 0.12 * _path(kind, 20.0)
+        q = 0.12 * _path(kind, 10.0)
         torque = _torque(q, slope=0.05) + np.random.default_rng([len(kind), 5]).normal(0.0, 2e-3, len(q))
         columns = {"time": np.arange(len(q)) * PERIOD, "position": np.round(q / COUNT) * COUNT}
         metadata = Metadata(sample_period=PERIOD, position_resolution=COUNT)

@@ -16,7 +16,9 @@ def steady_state(data: SteadyState) -> go.Figure:
     """Torque over velocity with error bars, and the model's curve (figure 6.11)."""
     if len(data.velocity) == 0:
         return empty("No constant-velocity points were measured.")
-    factor, unit = multiple(peak(data.torque, data.model_torque), torque_unit(data.motion_unit))
+    factor, unit = multiple(
+        peak(data.torque, data.model_torque), torque_unit(data.motion_unit, data.torque_unit)
+    )
     figure = go.Figure()
     for side, name in ((data.model_velocity < 0, "model"), (data.model_velocity > 0, None)):
         if np.any(side):
