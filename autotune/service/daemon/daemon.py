@@ -204,7 +204,7 @@ def _serve(
             "axes: %s; changes need the token in %s", ", ".join(a.name for a in configuration.axes), place
         )
         systemd.notify(f"READY=1\nSTATUS=serving at {server.address}")
-        _rounds(manager, server, owners, upkeep, signals)
+        _rounds(manager, server, owners, upkeep, webhook, signals)
     finally:
         systemd.notify("STOPPING=1")
         _end(manager)
@@ -215,14 +215,18 @@ def _serve(
         store.close()
 
 
-def _rounds(manager: Manager, server: HttpServer, owners: Owners, upkeep: Upkeep, signals: _Signals) -> None:
+def _rounds(
+    manager: Manager, server: HttpServer, owners: Owners, upkeep: Upkeep, webhook: Webhook, signals: _Signals
+) -> None:
     next_upkeep = next_owning = time.monotonic()
     while not signals.end.wait(ROUND_SECONDS):
         if signals.reload.is_set():
             signals.reload.clear()
             _reload(manager)
+            webhook.change(manager.configuration.service.notices)
             next_owning = 0.0
         manager.tick()
+        manager.health.notices_lost = webhook.lost
         now = time.monotonic()
         if now >= next_owning:
             owners.ensure(manager.configuration, {one.axis.name for one in manager.running.values()})

@@ -61,6 +61,7 @@ class Health:
     restored: str = ""
     ticked: float = 0.0
     recordings_bytes: int = 0
+    notices_lost: int = 0
 
 
 class Manager:

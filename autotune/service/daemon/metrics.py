@@ -75,6 +75,9 @@ class _Service(Collector):
             "1: the history was torn and a backup took its place.",
             float(bool(health.restored)),
         )
+        yield CounterMetricFamily(
+            "autotune_notices_lost", "Notices that the webhook did not take.", health.notices_lost
+        )
         yield GaugeMetricFamily("autotune_event_followers", "Open event streams.", self._manager.feed.count)
 
 

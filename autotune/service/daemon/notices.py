@@ -15,7 +15,7 @@ from typing import Any
 from autotune.service.daemon.settings import Notices
 
 MOST_WAITING = 200
-LONGEST_PAUSE = 60.0
+GROWTH, LONGEST_PAUSE = 4.0, 600.0  # s between attempts: 1, 4, 16, 64, 256, 600, 600, …
 log = logging.getLogger("autotune.notices")
 
 
@@ -42,6 +42,10 @@ class Webhook:
             self.lost += 1
             log.warning("a notice was lost: %d are waiting for the webhook already", MOST_WAITING)
 
+    def change(self, settings: Notices) -> None:
+        """Takes over other settings, also for what is waiting."""
+        self._settings = settings
+
     def close(self) -> None:
         """Stops after the notice in hand."""
         self._ended.set()
@@ -52,20 +56,21 @@ class Webhook:
                 notice = self._waiting.get(timeout=1.0)
             except queue.Empty:
                 continue
-            self._post(notice)
+            self._deliver(notice)
 
-    def _post(self, notice: Mapping[str, Any]) -> None:
-        pause = 1.0
-        for attempt in range(1, self._settings.attempts + 1):
-            problem = post(self._settings.webhook, notice, self._settings.seconds)
+    def _deliver(self, notice: Mapping[str, Any]) -> None:
+        """Tries as often as the settings say; a network that is down for minutes costs no notice."""
+        pause, attempt = 1.0, 0
+        while True:
+            settings = self._settings
+            attempt += 1
+            problem = post(settings.webhook, notice, settings.seconds) if settings.webhook else ""
             if not problem:
                 return
-            log.warning(
-                "notice not delivered (attempt %d of %d): %s", attempt, self._settings.attempts, problem
-            )
-            if attempt < self._settings.attempts and self._ended.wait(pause):
-                return
-            pause = min(2.0 * pause, LONGEST_PAUSE)
+            log.warning("notice not delivered (attempt %d of %d): %s", attempt, settings.attempts, problem)
+            if attempt >= settings.attempts or self._ended.wait(pause):
+                break
+            pause = min(GROWTH * pause, LONGEST_PAUSE)
         self.lost += 1
 
 

@@ -65,7 +65,7 @@ class Notices(Strict):
 
     webhook: Annotated[str, Field(pattern=r"^(https?://\S+)?$")] = ""
     seconds: Annotated[float, Field(gt=0, le=60)] = 5.0
-    attempts: Annotated[int, Field(ge=1, le=20)] = 4
+    attempts: Annotated[int, Field(ge=1, le=100)] = 10
 
 
 class Blackout(Strict):
