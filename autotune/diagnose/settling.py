@@ -28,6 +28,8 @@ ACROSS_A_RIDGE = 1.5
 STEPS_A_ROUND = 4
 COARSE = 0.03
 """Of a parameter's scale: difference for sensitivities of two masses, whose contact makes small ones noise."""
+SHARP = 9
+"""Simulations for the bias that two masses are judged by: their blows make that of a few a matter of luck."""
 ENOUGH = 3e-3
 """Relative fall of the cost that is not worth another step between two masses."""
 
@@ -90,7 +92,11 @@ def _step_by_step(
         study.data, study.moved, here.packed, free, here.correction.bias, study.training, steps,
         ENOUGH, bias_at=bias_at, difference=COARSE,
     )  # fmt: skip
-    return _level(study, fitted, study.correction(fitted.packed, study.simulations + 1), effects)
+    correction = study.correction(fitted.packed, SHARP)
+    if not correction.stable:
+        return None
+    error = residual(study.data, fitted.packed, study.moved) - correction.bias
+    return _level(study, replace(fitted, error=error, cost=_cost(study, error)), correction, effects)
 
 
 @dataclass(frozen=True, slots=True)

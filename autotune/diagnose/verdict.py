@@ -85,11 +85,9 @@ HOPELESS_BESIDE = 0.6
 """The same for a further effect."""
 WORTH_BESIDE = 0.01
 """Of what is explained already: the least that a further effect must explain."""
-CLEAR_BESIDE, WORTH_IF_CLEAR = 0.15, 0.003
+CLEAR_BESIDE, WORTH_IF_CLEAR = 0.1, 0.003
 """Of what is left: an effect that explains so much of it may be smaller beside a strong one."""
-ROUGH, WORTH_BESIDE_ROUGH = frozenset({"backlash", "elastic_transmission"}), 0.02
-"""The least beside two masses, whose blows no fit follows to the last."""
-NEGLIGIBLE, NEGLIGIBLE_LEFT = 0.02, 0.1
+NEGLIGIBLE, NEGLIGIBLE_LEFT = 0.02, 0.05
 """Of what is explained, and of what is left: an effect that is worth less than both is dropped."""
 WORSE_WITH_TWIN = 2.0
 """Times the cost before: a twin that rings where the axis did not corrects nothing."""
@@ -337,8 +335,6 @@ def _best(study: Study, chosen: Refitted | None, refits: Sequence[Refitted]) -> 
 def _least_fall(study: Study, chosen: Refitted) -> float:
     """By how much an effect beside the chosen ones must lower the mean square [(N m)²]."""
     explained = max(chosen.training.fall, 0.0)
-    if not ROUGH.isdisjoint(chosen.level.effects):
-        return WORTH_BESIDE_ROUGH * explained
     left = _mean_square(study, chosen.level, TRAINING)
     return min(WORTH_BESIDE * explained, max(CLEAR_BESIDE * left, WORTH_IF_CLEAR * explained))
 
