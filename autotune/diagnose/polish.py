@@ -13,14 +13,10 @@ from autotune.diagnose.prepared import TRAINING, VETO
 from autotune.diagnose.search import Refitted, judged
 from autotune.diagnose.settling import Level, settle
 from autotune.diagnose.study import Study
-from autotune.models.drive_model import Packed
-from autotune.models.table import EFFECTS
 
 Progress = Callable[[str], None]
 POLISHED = 0.99
 NEARLY = 0.8
-COMPLIANCES = {"elastic_transmission": "compliance", "backlash": "contact_compliance"}
-RESTARTS = (2.0, 0.5)
 MOST_POLISHES, WORTH_POLISHING = 3, 0.02
 PLAINER = 1.2
 """What a plain spring may leave of what a spring with a gap leaves, to be preferred."""
@@ -63,23 +59,6 @@ def polished(study: Study, root: Level, chosen: Refitted, progress: Progress) ->
         if chosen.share >= POLISHED or gained < WORTH_POLISHING:
             break
     return chosen
-
-
-def _restarted(study: Study, root: Level, chosen: Refitted) -> Refitted:
-    """The fit begun anew with a softer and a stiffer transmission, where there is one: it has several minima."""
-    best = chosen
-    for effect, name in COMPLIANCES.items():
-        if effect not in chosen.level.effects:
-            continue
-        for factor in RESTARTS:
-            level = chosen.level
-            p = level.fitted.packed.p.copy()
-            p[EFFECTS[effect].parameter(name).slot] *= factor
-            packed = Packed(p, level.fitted.packed.on)
-            other = settle(study, packed, list(level.free), 3, level.effects)
-            if other is not None and other.fitted.cost < best.level.fitted.cost:
-                best = judged(study, root, other, chosen.effect)
-    return best
 
 
 def error_left(study: Study, level: Level) -> float:

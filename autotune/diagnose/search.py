@@ -39,6 +39,7 @@ MOST_EFFECTS = 3
 NEAR_BEST = 0.3
 """Of the best short refit's fall: what a second effect must come to, to be followed to its end."""
 TWO_MASSES = frozenset({"elastic_transmission", "backlash"})
+"""Families that are followed inside the twin only: with a held bias a longer fit leads them away."""
 CLOSE_START = 0.7
 """Starts that lower the cost by this part of the best one's fall are followed to the end."""
 
@@ -98,10 +99,8 @@ def _finished(
     """Promising starts followed to their end; `least` is the relative fall of the cost that promises."""
     best = found[0]
     fall = level.fitted.cost - best.cost
-    rings = study.twin and effect in TWO_MASSES
-    if rings:
-        pass
-    elif fall > least * level.fitted.cost or _promises(study, level, best):
+    in_twin = study.twin and effect in TWO_MASSES
+    if not in_twin and (fall > least * level.fitted.cost or _promises(study, level, best)):
         close, most, rounds = (0.0, 9, 15) if study.data.steady else (CLOSE_START, 2, 4)
         enough = close * fall if fall > 0.0 else -math.inf
         for start in [f for f in found if level.fitted.cost - f.cost > enough][:most]:
