@@ -122,7 +122,8 @@ def test_drift_that_nothing_can_be_gained_from_is_told_once_in_a_notice(
     left.mkdir(parents=True)
     (left / "accepted.json").write_text("{}")
     here.finish("not_applied", 3, left.name)
-    assert [notice["kind"] for notice in here.notices] == ["accepted"]
+    assert [notice["kind"] for notice in here.notices] == (["accepted"] if origin == "drift" else [])
+    assert [event["kind"] for event in here.store.list_events("one")] == ["accepted"]
 
 
 def test_a_worker_that_dies_is_tried_once_more_then_given_up(world: Callable[..., World]) -> None:

@@ -19,6 +19,7 @@ from autotune.service.daemon.store import Row, Store, contents, moment, text
 
 log = logging.getLogger("autotune.service")
 WORTH_A_WORD = ("guard", "fault", "died", "refused", "rolled_back")
+ACCEPTED_WORDS = "Nothing more is told until the axis moves further; if it should be better than this, look at its mechanics."
 Notify = Callable[[Mapping[str, Any]], None]
 Submit = Callable[[str, str, str], Row | None]
 
@@ -65,7 +66,8 @@ class FollowUp:
         if done.outcome == "kept":
             self._notify({"kind": "commit", "axis": axis, "at": text(now), "sentence": done.sentence})
         if done.run and (self._runs / done.run / ACCEPTED).is_file():
-            self.event("accepted", axis, now, done.sentence, row["id"], notice=True)
+            sentence = f"{done.sentence} {ACCEPTED_WORDS}"
+            self.event("accepted", axis, now, sentence, row["id"], notice=row["origin"] == "drift")
         self._store.close_proposals(axis, now, but=done.run)
 
     def _after_check(self, row: Row, done: Done, watched: WatchedAxis | None, now: datetime) -> None:
