@@ -320,7 +320,9 @@ def _dwell(c: Context) -> Iterator[Start]:
             "slip": (0.5 * slip, 0.7 * slip),
         }
         start = _start(c, "dwell_time_break_away", values, free)
-        bounded = [replace(f, lower=LEAST_AGE) if f.name.endswith(".time_constant") else f for f in start.free]
+        bounded = [
+            replace(f, lower=LEAST_AGE) if f.name.endswith(".time_constant") else f for f in start.free
+        ]
         yield Start(start.packed, tuple(bounded))
 
 
