@@ -19,7 +19,7 @@ from autotune.service.daemon.store import Row, Store, contents, moment, text
 
 log = logging.getLogger("autotune.service")
 WORTH_A_WORD = ("guard", "fault", "died", "refused", "rolled_back")
-ACCEPTED_WORDS = "Nothing more is told until the axis moves further; if it should be better than this, look at its mechanics."
+ACCEPTED_WORDS = "Told again only when the axis moves further; if it should be better, look at its mechanics."
 Notify = Callable[[Mapping[str, Any]], None]
 Submit = Callable[[str, str, str], Row | None]
 
