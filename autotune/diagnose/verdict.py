@@ -11,7 +11,7 @@ import numpy as np
 from autotune.core.errors import NotEnoughExcitation
 from autotune.core.recording import Recording
 from autotune.diagnose.bandwidth import prepared_for
-from autotune.diagnose.contact import settled_contact
+from autotune.diagnose.contact import as_rough, settled_contact
 from autotune.diagnose.controller import find_controller, with_feedforward
 from autotune.diagnose.coordinates import variance_shares
 from autotune.diagnose.elsewhere import Elsewhere, best_elsewhere, carried_on, said
@@ -180,6 +180,7 @@ def _first_level(study: Study, packed: Packed, free: list[Free]) -> tuple[Study,
     plain = fitted.cost
     for _ in range(2):
         study = replace(study, noise=estimate_noise(study, fitted.packed, fitted.error))
+        study = as_rough(study, fitted.packed)
         correction = study.correction(fitted.packed, 1)
         if not correction.stable:
             return None
