@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -75,6 +76,28 @@ def test_a_kinetic_drive_gets_what_it_can_hold_and_the_loss_is_as_predicted(tmp_
     assert "is predicted to be" in said["asked"][0]
     assert "Reduction to what the drive holds" in said["report"]
     assert said["committed"]["peak_error"] < said["before"]["peak_error"]
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_what_a_kinetic_drive_can_hold_waits_for_approval_and_is_then_written(tmp_path: Path) -> None:
+    drive = SimDrive(preset("edm-vertical"))
+    request = Request(
+        axis_with(0.02),
+        lambda: Partly(drive, KINETIC),
+        tmp_path,
+        Silent(),
+        datetime.now,
+        approve=lambda _: False,
+    )
+    asked = tune(request)
+    assert asked.outcome is Outcome.NOT_APPLIED
+    assert drive.read_parameters(["feedforward.enabled"])["feedforward.enabled"] == 0.0
+    written = tune(replace(request, only="commit", approve=lambda _: True))
+    assert written.outcome is Outcome.KEPT
+    held = drive.read_parameters(list(asked.feedforward))
+    assert held == pytest.approx(dict(asked.feedforward), rel=1e-6)
+    assert held["feedforward.coulomb"] < 0.2, "reduced, not the full Coulomb torque"
 
 
 @pytest.mark.long

@@ -116,8 +116,7 @@ def _perform(order: Order) -> Done:
 
 def _behind(loop: Loop) -> Loop:
     """Fits wait for the service and for cyclic loops, whose process was there before and keeps its place."""
-    if os.nice(0) < NICE:
-        os.nice(NICE)
+    os.nice(max(NICE - os.nice(0), 0))
     return loop
 
 
