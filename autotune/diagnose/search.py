@@ -21,6 +21,7 @@ from autotune.diagnose.study import Study, refit, without_outlying
 from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.table import EFFECTS
+from autotune.models.transmission import has_load
 
 Progress = Callable[[str], None]
 LEAST_GAIN = 0.03
@@ -169,11 +170,23 @@ def inside_twin(study: Study, root: Level, level: Level, candidate: Screened) ->
 
 def judged(study: Study, root: Level, settled: Level, effect: str, level: Level | None = None) -> Refitted:
     """What a settled model explains; the gain counts from `level`, or from the root."""
-    gain, _ = gain_and_z((level or root).unseen, settled.unseen)
+    gain = _gain_on_veto if has_load(settled.fitted.packed.on) and study.has_veto else _gain_held_out
     parts = [
         explained(study, root.fitted, settled.fitted, settled.correction, role) for role in (TRAINING, VETO)
     ]
-    return Refitted(effect, settled, gain, parts[0], parts[1] if study.has(VETO) else None)
+    veto = parts[1] if study.has(VETO) else None
+    return Refitted(effect, settled, gain(study, level or root, settled), parts[0], veto)
+
+
+def _gain_held_out(study: Study, before: Level, after: Level) -> float:
+    """Fall of the squared error on experiments held out, each predicted by a linearised refit."""
+    return gain_and_z(before.unseen, after.unseen)[0]
+
+
+def _gain_on_veto(study: Study, before: Level, after: Level) -> float:
+    """The same on the veto trajectory: blows between two masses are not linear in anything."""
+    errors = [study.mean_square(level.fitted.error, VETO) for level in (before, after)]
+    return 1.0 - errors[1] / max(errors[0], 1e-300)
 
 
 def generic_gains(study: Study, level: Level) -> dict[str, float]:
