@@ -17,8 +17,8 @@ from autotune.core.recording import Recording
 from autotune.diagnose.prepared import known_resolution, stretches_of
 from autotune.models.lugre import Floats
 
-FINE = 25.0
-"""Samples a period of the highest frequency compared, from which differences do."""
+FINE = 20.0
+"""Samples a period of the highest frequency compared, from which differences do: within 1.6 %."""
 MOST = 4
 DEGREE = 5
 

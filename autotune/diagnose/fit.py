@@ -154,6 +154,9 @@ def fit(
     for _ in range(iterations):
         inner = columns[rows] * share[:, None]
         normal, slope = inner.T @ columns[rows] / total, inner.T @ (raw - correction)[rows] / total
+        if not (np.all(np.isfinite(normal)) and np.all(np.isfinite(slope))):
+            cost = np.inf  # it diverges: nothing can be expected from here
+            break
         improved = False
         if cost - _most_gained(normal, slope) > hopeful:
             break

@@ -210,7 +210,7 @@ def _refuse_misfit(study: Study, level: Level) -> None:
     share = float(np.var(level.fitted.error[rows])) / max(float(np.var(torque)), 1e-300)
     if share > 0.8:
         raise NotEnoughExcitation(
-            f"the model explains only {100 * (1 - share):.0f} % of the torque even after refitting; is the "
+            f"the model explains only {100 * max(1 - share, 0.0):.0f} % of the torque even after refitting; is the "
             "sign or the unit of the torque wrong, or the model of another axis? Fit a new model with "
             "'autotune model fit', or import the file again with another torque factor"
         )

@@ -1,7 +1,9 @@
 """What is handed in wrongly ends with a sentence and an exit code, and writes nothing."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -9,9 +11,15 @@ import pytest
 from autotune.cli.main import main
 from autotune.core.recording import Recording
 from autotune.core.recording_files import write_recording
-from autotune.models.drive_model import DriveModel, base_model
+from autotune.diagnose.families import Context, Start
+from autotune.diagnose.fit import Free
+from autotune.diagnose.verdict import diagnose
+from autotune.models import layout
+from autotune.models.drive_model import DriveModel, Packed, base_model
 from autotune.models.model_file import write_model
-from bench.diagnosis import NOMINAL
+from autotune.models.table import EFFECTS
+from bench.diagnosis import NOMINAL, plain_axis
+from bench.single import DRESSES, played
 
 
 def _run(capsys, *arguments: object) -> tuple[int, str, str]:
@@ -88,3 +96,97 @@ def test_a_controller_that_is_none_is_said_and_the_rest_is_judged(capsys, tmp_pa
     assert code == 0
     assert "No twin" in err
     assert "noise floor unknown" in out
+
+
+def _changed(recording: Recording, **columns: np.ndarray) -> Recording:
+    return Recording.from_columns(dict(recording.floats) | columns, recording.metadata, "sine")
+
+
+def _hole(recording: Recording) -> Recording:
+    torque = recording["torque"].copy()
+    torque[500] = np.nan
+    return _changed(recording, torque=torque)
+
+
+def _still(recording: Recording) -> Recording:
+    return _changed(recording, position=np.full(len(recording), 0.3))
+
+
+def _of_another_axis(recording: Recording) -> Recording:
+    return recording.with_metadata(axis="left", fingerprint="a1")
+
+
+@pytest.mark.parametrize("command", ["compare", "diagnose", "add"])
+@pytest.mark.parametrize(
+    ("change", "expected", "says"),
+    [
+        (_hole, 2, "not numbers, the first in row 500"),
+        (_still, 3, "position is 0.3 in all"),
+        (lambda r: r.rows(slice(0, 150)), 3, "too short: 150 rows"),
+        (_of_another_axis, 2, "the model is of axis right, the recording of left"),
+    ],
+)
+def test_what_cannot_be_judged_ends_with_one_sentence(
+    capsys, tmp_path, plain, nominal, command: str, change, expected: int, says: str
+) -> None:
+    path = _file(tmp_path, "one.csv", change(plain))
+    write_model(replace(nominal, axis="right", fingerprint="b2"), tmp_path / "m.toml")
+    more = ["spring", path, "--out", tmp_path / "o.toml"] if command == "add" else [path]
+    code, out, err = _run(capsys, "model", command, *more, "--model", tmp_path / "m.toml")
+    assert (code, out) == (expected, "")
+    assert says in err.strip().splitlines()[-1]
+    assert not (tmp_path / "o.toml").exists()
+
+
+def test_a_recording_without_torque_names_what_it_has(capsys, tmp_path, plain, model) -> None:
+    path = _file(tmp_path, "one.csv", plain)
+    lines = path.read_text(encoding="utf-8").splitlines()
+    head = next(i for i, line in enumerate(lines) if not line.startswith("#"))
+    at = lines[head].split(",").index("torque")
+    kept = [",".join(part for i, part in enumerate(line.split(",")) if i != at) for line in lines[head:]]
+    path.write_text("\n".join([*lines[:head], *kept]) + "\n", encoding="utf-8")
+    code, out, err = _run(capsys, "model", "diagnose", path, "--model", model)
+    assert (code, out) == (2, "")
+    assert "has no column torque; it has time" in err
+
+
+def test_a_torque_of_the_wrong_sign_is_asked_for(capsys, tmp_path, plain, model) -> None:
+    path = _file(tmp_path, "one.csv", _changed(plain, torque=-plain["torque"]))
+    code, _, err = _run(capsys, "model", "fit", path, "--out", tmp_path / "o.toml")
+    assert code == 2
+    assert "wrong sign" in err
+    code, out, err = _run(capsys, "model", "diagnose", path, "--model", model)
+    assert (code, out) == (3, "")
+    assert "% of the torque even after refitting; is the sign" in err
+
+
+def _diverging(context: Context) -> Iterator[Start]:
+    """Starts that no fit survives: no number, and a spring that throws the twin out."""
+    for stiffness in (np.nan, -1e9):
+        p, on = context.p.copy(), context.fitted.packed.on.copy()
+        slot = EFFECTS["spring"].parameter("stiffness").slot
+        p[slot] = stiffness
+        on[layout.flag("spring")] = True
+        yield Start(Packed(p, on), (Free("spring.stiffness", slot, -1e9, 1e9, 1.0, np.inf),))
+
+
+def test_a_candidate_that_diverges_leaves_the_others_to_be_judged(nominal: DriveModel) -> None:
+    axis = plain_axis(31_337, {"gravity_imbalance": 0.02})
+    recording = played(axis, DRESSES[0], "waves", 31_337, 12.0)
+    with mock.patch.dict("autotune.diagnose.search.FAMILIES", {"spring": _diverging}):
+        found = diagnose([recording], nominal)
+    judged = {candidate.effect for candidate in found.candidates}
+    assert {"gravity_imbalance", "stribeck", "direction_asymmetry"} <= judged
+    assert all(np.isfinite(candidate.gain) for candidate in found.candidates)
+    assert found.effects == ("gravity_imbalance",)
+
+
+def test_an_unstable_twin_is_done_without(capsys, tmp_path, nominal: DriveModel) -> None:
+    axis = plain_axis(31_337, {"spring": 0.006})
+    path = _file(tmp_path, "one.csv", played(axis, DRESSES[0], "waves", 31_337, 12.0))
+    heavy = nominal.with_values({"inertia": 1.0, "coulomb": 50.0})
+    write_model(heavy, tmp_path / "m.toml")
+    code, out, err = _run(capsys, "model", "compare", path, "--model", tmp_path / "m.toml")
+    assert code == 0
+    assert "a simulation of the model with this controller is unstable" in err
+    assert out.startswith("error ")

@@ -42,7 +42,7 @@ def test_a_raster_fine_enough_is_left_alone() -> None:
     recording = _wave()
     assert finer(recording, 1) is recording
     assert needed(4.0, PERIOD) == 1
-    assert needed(9.0, PERIOD) == 3
+    assert needed(9.0, PERIOD) == 2
     assert needed(1e4, PERIOD) == 4
 
 
