@@ -81,11 +81,13 @@ HOPELESS = 0.35
 """Part of the best candidate's gain below which a refit inside the twin is not worth its time."""
 LEFT_TO_EXPLAIN = 0.02
 """Of the noise: repeatable rest, with its standard error, below which no second effect is looked for."""
+NOISE_CHANGED = 0.25
+"""Relative change of the twin's noise that is worth settling a model anew."""
 HOPELESS_BESIDE = 0.6
 """The same for a further effect."""
 WORTH_BESIDE = 0.01
 """Of what is explained already: the least that a further effect must explain."""
-CLEAR_BESIDE, WORTH_IF_CLEAR = 0.1, 0.003
+CLEAR_BESIDE, WORTH_IF_CLEAR = 0.1, 0.005
 """Of what is left: an effect that explains so much of it may be smaller beside a strong one."""
 NEGLIGIBLE, NEGLIGIBLE_LEFT = 0.02, 0.05
 """Of what is explained, and of what is left: an effect that is worth less than both is dropped."""
@@ -251,7 +253,8 @@ def search_effects(
         best = _best(study, chosen, refits)
         if best is None:
             break
-        chosen, level = best, best.level
+        study, chosen = _with_own_noise(study, root, best)
+        level = chosen.level
         again = realigned(study, level)
         if again is not study:
             study, root, chosen = _once_more(again, root, chosen)
@@ -270,6 +273,24 @@ def search_effects(
         chosen, carried = carried_on(study, root, chosen)
         carried = challenged(study, root, chosen, carried, first, nominal)
     return _judge(study, root, chosen, first, tried, generic, (*notes, *said(carried)), carried)
+
+
+def _with_own_noise(study: Study, root: Level, chosen: Refitted) -> tuple[Study, Refitted]:
+    """The twin shaken as much as the axis is by this model, and the model settled in it.
+
+    Near the limit of stability, as with a strong lag, a model that lacks the effect needs twice the noise.
+    """
+    if not study.data.repeated or not study.twin:
+        return study, chosen
+    level = chosen.level
+    noise = estimate_noise(study, level.fitted.packed, level.fitted.error)
+    if abs(noise - study.noise) <= NOISE_CHANGED * study.noise:
+        return study, chosen
+    quieter = replace(study, noise=noise)
+    settled = settle(quieter, level.fitted.packed, list(level.free), 2, level.effects, level.fitted)
+    if settled is None or settled.fitted.cost > level.fitted.cost:
+        return study, chosen
+    return quieter, judged(quieter, root, settled, chosen.effect)
 
 
 def _once_more(study: Study, root: Level, chosen: Refitted) -> tuple[Study, Level, Refitted]:
