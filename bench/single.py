@@ -25,8 +25,9 @@ from numpy.typing import NDArray
 from autotune.cli.model_fit import fit_files
 from autotune.core.errors import AutotuneError
 from autotune.core.recording import Recording
+from autotune.diagnose.beginning import quiet
 from autotune.diagnose.fitting import fit_model
-from autotune.diagnose.verdict import Diagnosis, diagnose, quiet
+from autotune.diagnose.verdict import Diagnosis, diagnose
 from autotune.models.drive_model import DriveModel
 from autotune_sim.presets import Preset
 from bench.diagnosis import MEDIUM, plain_axis, planted_size

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from autotune.core.recording import Recording
 from autotune.diagnose.compare import check_same_axis
+from autotune.diagnose.search import Progress
 from autotune.diagnose.verdict import Diagnosis, diagnose
 from autotune.models.drive_model import DriveModel
-
-Progress = Callable[[str], None]
 
 
 def diagnose_recordings(recordings: Sequence[Recording], model: DriveModel, progress: Progress) -> Diagnosis:

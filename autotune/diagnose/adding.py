@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,18 +11,16 @@ import numpy as np
 from autotune.core.errors import NotEnoughExcitation
 from autotune.core.recording import Recording
 from autotune.diagnose.bandwidth import prepared_for
+from autotune.diagnose.beginning import begin, quiet
 from autotune.diagnose.compare import check_same_axis
 from autotune.diagnose.fit import Fitted, standard_errors
 from autotune.diagnose.model_values import model_from
 from autotune.diagnose.prepared import TEST, TRAINING, VETO
-from autotune.diagnose.search import inside_twin, realigned, screen
+from autotune.diagnose.search import Progress, inside_twin, realigned, screen
 from autotune.diagnose.settling import Level, settle
 from autotune.diagnose.study import Study
-from autotune.diagnose.verdict import begin, quiet
 from autotune.models.drive_model import DriveModel, HistoryEntry, Packed
 from autotune.models.table import effect_kind
-
-Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,13 +16,14 @@ from autotune.core.errors import NotEnoughExcitation
 from autotune.core.recording import Recording
 from autotune.diagnose.adding import grown
 from autotune.diagnose.bandwidth import prepared_for
+from autotune.diagnose.beginning import begin, quiet
 from autotune.diagnose.fit import standard_errors
 from autotune.diagnose.model_values import model_from
 from autotune.diagnose.prepared import Prepared, prepare
 from autotune.diagnose.residual import residual, smoothed
+from autotune.diagnose.search import Progress
 from autotune.diagnose.settling import Level
 from autotune.diagnose.study import Study, start_study
-from autotune.diagnose.verdict import Progress, begin, quiet
 from autotune.models.drive_model import DriveModel, base_model
 
 REACHES = (1e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2)  # of the travel

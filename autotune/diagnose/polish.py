@@ -6,15 +6,14 @@ better name.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from autotune.diagnose.prepared import TRAINING, VETO
-from autotune.diagnose.search import Refitted, judged
+from autotune.diagnose.search import Progress, Refitted, judged
 from autotune.diagnose.settling import Level, settle
 from autotune.diagnose.study import Study
 
-Progress = Callable[[str], None]
 POLISHED = 0.99
 NEARLY = 0.8
 MOST_POLISHES, WORTH_POLISHING = 3, 0.02

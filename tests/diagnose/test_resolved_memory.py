@@ -12,8 +12,8 @@ from autotune.core.loop import LocalLoop
 from autotune.core.recording import Controller, Recording
 from autotune.diagnose.adding import updated_model
 from autotune.diagnose.bandwidth import prepared_for
+from autotune.diagnose.beginning import begin
 from autotune.diagnose.resolved_memory import resolved, stiffness_at_rest
-from autotune.diagnose.verdict import begin
 from autotune.experiments.diagnosis import confirmation
 from autotune.experiments.path import Motion
 from autotune.experiments.programmes import build

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from autotune.diagnose.bandwidth import prepared_for
+from autotune.diagnose.beginning import begin
 from autotune.diagnose.fit import fit
 from autotune.diagnose.prepared import TRAINING, prepare
 from autotune.diagnose.residual import residual
 from autotune.diagnose.search import inside_twin, screen
 from autotune.diagnose.settling import SHARP, Level
 from autotune.diagnose.study import LEAST_WEIGHT, Study, by_steadiness, start_study
-from autotune.diagnose.verdict import begin
 from autotune.models.drive_model import Packed, base_model
 from bench.diagnosis import MEDIUM, NOMINAL, plain_axis
 from bench.diagnosis_truth import true_model

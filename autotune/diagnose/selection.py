@@ -1,0 +1,243 @@
+"""Which effects: forward, one beside the other, as long as each is worth it, then backward.
+
+The best candidates are refitted inside the twin down the ranking; a further effect must explain enough of what
+is explained already, or of what is left, and lower the error on the veto trajectory.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from autotune.diagnose.elsewhere import best_elsewhere
+from autotune.diagnose.evidence import PARTLY
+from autotune.diagnose.polish import (
+    NEARLY,
+    POLISHED,
+    best_polished,
+    error_left,
+    polished,
+    without_needless_gap,
+)
+from autotune.diagnose.prepared import TRAINING, VETO
+from autotune.diagnose.search import (
+    GAIN_WITHOUT_TWIN,
+    LEAST_GAIN,
+    MOST_EFFECTS,
+    WALK,
+    Progress,
+    Refitted,
+    Screened,
+    generic_gains,
+    inside_twin,
+    judged,
+    rank,
+    realigned,
+    without_effect,
+)
+from autotune.diagnose.settling import Level, settle
+from autotune.diagnose.single import capped, credible, noticeable
+from autotune.diagnose.study import Study, estimate_noise
+from autotune.diagnose.surrogates import beats_surrogates
+from autotune.models.drive_model import Packed
+
+LEAST_Z_ALONE = 2.5
+LEAST_Z_BY_PHASE = 2.0
+"""Where ranges of phases are held out, which differ more from one another than stretches of time."""
+LEAST_GAIN_ALONE = 0.08
+"""Without repeats: smaller gains are as often the measurement chain as the axis."""
+HOPELESS = 0.35
+"""Part of the best candidate's gain below which a refit inside the twin is not worth its time."""
+HOPELESS_BESIDE = 0.6
+"""The same for a further effect."""
+LEFT_TO_EXPLAIN = 0.02
+"""Of the noise: repeatable rest, with its standard error, below which no second effect is looked for."""
+NOISE_CHANGED = 0.25
+"""Relative change of the twin's noise that is worth settling a model anew."""
+WORTH_BESIDE = 0.01
+"""Of what is explained already: the least that a further effect must explain."""
+CLEAR_BESIDE, WORTH_IF_CLEAR = 0.1, 0.005
+"""Of what is left: an effect that explains so much of it may be smaller beside a strong one."""
+NEGLIGIBLE, NEGLIGIBLE_LEFT = 0.02, 0.05
+"""Of what is explained, and of what is left: an effect that is worth less than both is dropped."""
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """What a search came to.
+
+    Attributes:
+        study, root: as they are after torque and motion were aligned to what was found.
+        chosen: the model with all effects that were found; None where there are none.
+        first: all families beside the root; `tried`: the best of them, refitted inside the twin.
+        generic: gain of free functions of each coordinate.
+    """
+
+    study: Study
+    root: Level
+    chosen: Refitted | None
+    first: Sequence[Screened]
+    tried: Sequence[Refitted]
+    generic: Mapping[str, float]
+
+
+def select(study: Study, root: Level, nominal: Packed, progress: Progress) -> Selection:
+    """Adds the best candidate until nothing more is found, and drops what is not needed beside the others."""
+    level = root
+    first: list[Screened] = []
+    tried: list[Refitted] = []
+    generic: dict[str, float] = {}
+    chosen: Refitted | None = None
+    for number in range(MOST_EFFECTS):
+        ranked = rank(study, level, nominal, progress)
+        if not study.data.repeated:
+            ranked = capped(level, ranked)
+        if number == 0:
+            first, generic = ranked, generic_gains(study, root)
+        passing = _passing(study, level, ranked)
+        refits = without_needless_gap(study, _walk(study, root, level, passing, progress))
+        if number == 0:
+            tried = refits
+        if chosen is not None and study.data.repeated:
+            refits = best_polished(study, root, refits, progress)
+        best = _best(study, chosen, refits)
+        if best is None:
+            break
+        study, chosen = _with_own_noise(study, root, best)
+        level = chosen.level
+        again = realigned(study, level)
+        if again is not study:
+            study, root, chosen = _once_more(again, root, chosen)
+        if study.data.repeated and NEARLY < chosen.share < POLISHED:
+            chosen = polished(study, root, chosen, progress)
+        level = chosen.level
+        if chosen.share >= 0.995 and not _more_to_explain(study, level):
+            break
+    if chosen is not None and len(chosen.level.effects) > 1:
+        chosen = _pruned(study, root, chosen, progress)
+    if chosen is not None and PARTLY < chosen.share < POLISHED:
+        chosen = polished(study, root, chosen, progress)
+    return Selection(study, root, chosen, first, tried, generic)
+
+
+def _with_own_noise(study: Study, root: Level, chosen: Refitted) -> tuple[Study, Refitted]:
+    """The twin shaken as much as the axis is by this model, and the model settled in it.
+
+    Near the limit of stability, as with a strong lag, a model that lacks the effect needs twice the noise.
+    """
+    if not study.data.repeated or not study.twin:
+        return study, chosen
+    level = chosen.level
+    noise = estimate_noise(study, level.fitted.packed, level.fitted.error)
+    if abs(noise - study.noise) <= NOISE_CHANGED * study.noise:
+        return study, chosen
+    quieter = replace(study, noise=noise)
+    settled = settle(quieter, level.fitted.packed, list(level.free), 2, level.effects, level.fitted)
+    if settled is None or settled.fitted.cost > level.fitted.cost:
+        return study, chosen
+    return quieter, judged(quieter, root, settled, chosen.effect)
+
+
+def _once_more(study: Study, root: Level, chosen: Refitted) -> tuple[Study, Level, Refitted]:
+    """Both models fitted again after torque and motion were aligned anew."""
+    before = settle(study, root.fitted.packed, list(root.free), 2) or root
+    after = settle(study, chosen.level.fitted.packed, list(chosen.level.free), 2, chosen.level.effects)
+    if after is None:
+        return study, before, chosen
+    return study, before, judged(study, before, after, chosen.effect)
+
+
+def _passing(study: Study, level: Level, ranked: Sequence[Screened]) -> list[Screened]:
+    """Candidates worth a refit; without repeats they must also beat chance."""
+    if study.data.repeated:
+        least = LEAST_GAIN if study.twin else GAIN_WITHOUT_TWIN
+        return [item for item in ranked if item.passes and item.gain >= least]
+    least = LEAST_GAIN if study.data.steady else LEAST_GAIN_ALONE
+    least_z = LEAST_Z_BY_PHASE if study.data.periodic else LEAST_Z_ALONE
+    likely = [item for item in ranked if item.gain >= least and item.z >= least_z]
+    likely = [item for item in likely if credible(study, item)][: WALK + 2]
+    if study.data.steady:
+        return likely
+    likely = [item for item in likely if noticeable(study, level, item)]
+    return [item for item in likely if beats_surrogates(study, level.fitted, item.fitted)]
+
+
+def _walk(
+    study: Study, root: Level, level: Level, passing: Sequence[Screened], progress: Progress
+) -> list[Refitted]:
+    """Full refits down the ranking until one explains nearly everything, and its close rivals."""
+    refits: list[Refitted] = []
+    for item in passing[:WALK]:
+        done = any(r.named for r in refits)
+        close = 0.75 if study.data.repeated or len(study.data.starts) > 1 else 0.9
+        hopeless = HOPELESS_BESIDE if level.effects else HOPELESS
+        if item.gain < (close if done else hopeless) * passing[0].gain:
+            break
+        progress(f"refit inside the twin: {item.effect}")
+        refitted = inside_twin(study, root, level, item)
+        if refitted is not None:
+            refits.append(refitted)
+    return refits
+
+
+def _best(study: Study, chosen: Refitted | None, refits: Sequence[Refitted]) -> Refitted | None:
+    """The refit that explains most, if it is worth having beside what is chosen already."""
+    refits = [item for item in refits if item.training.fall > 0.0]
+    if not refits:
+        return None
+    if study.data.repeated:
+        best = min(refits, key=lambda item: error_left(study, item.level))
+    else:
+        best = best_elsewhere(study, refits)
+    if chosen is None:
+        return best if best.gain >= LEAST_GAIN else None
+    before = chosen.level
+    fall = _mean_square(study, before, TRAINING) - _mean_square(study, best.level, TRAINING)
+    worth = fall >= _least_fall(study, chosen) and best.gain >= LEAST_GAIN
+    if study.has(VETO):
+        worth &= _mean_square(study, best.level, VETO) < _mean_square(study, before, VETO)
+    return best if worth else None
+
+
+def _least_fall(study: Study, chosen: Refitted) -> float:
+    """By how much an effect beside the chosen ones must lower the mean square [(N m)²]."""
+    explained = max(chosen.training.fall, 0.0)
+    left = _mean_square(study, chosen.level, TRAINING)
+    return min(WORTH_BESIDE * explained, max(CLEAR_BESIDE * left, WORTH_IF_CLEAR * explained))
+
+
+def _mean_square(study: Study, level: Level, role: str) -> float:
+    return study.mean_square(level.fitted.error, role)
+
+
+def _more_to_explain(study: Study, level: Level) -> bool:
+    variance, error = study.repeatable(level.fitted.error, level.correction, TRAINING)
+    noise = study.noise_variance(level.fitted.error, TRAINING)
+    if not math.isfinite(variance):
+        return True
+    return variance + error > LEFT_TO_EXPLAIN * noise
+
+
+def _pruned(study: Study, root: Level, chosen: Refitted, progress: Progress) -> Refitted:
+    """Drops every effect without which training and veto are hardly worse."""
+    current = chosen
+    for effect in chosen.level.effects:
+        if len(current.level.effects) < 2:
+            break
+        progress(f"is {effect} needed")
+        less = without_effect(study, root, current.level, effect)
+        if less is None:
+            continue
+        falls = {TRAINING: current.training.fall, VETO: current.veto.fall if current.veto else math.inf}
+        roles = [role for role in (TRAINING, VETO) if study.has(role)]
+        if all(_negligible(study, current.level, less.level, role, falls[role]) for role in roles):
+            current = less
+    return current
+
+
+def _negligible(study: Study, level: Level, less: Level, role: str, fall: float) -> bool:
+    """Whether an effect is worth next to nothing on one role, beside what all explain and what is left."""
+    left = _mean_square(study, level, role)
+    lost = _mean_square(study, less, role) - left
+    return lost < NEGLIGIBLE * max(fall, 0.0) and lost < NEGLIGIBLE_LEFT * left
