@@ -21,9 +21,7 @@ from autotune.diagnose.evidence import (
 )
 from autotune.diagnose.linear import loop_like
 from autotune.diagnose.lines import time_driven_line
-from autotune.diagnose.polish import (
-    error_left,
-)
+from autotune.diagnose.polish import error_left
 from autotune.diagnose.prepared import TEST, TRAINING
 from autotune.diagnose.rivals import challenged
 from autotune.diagnose.score import gain_and_z
