@@ -41,7 +41,7 @@ NEAR_BEST = 0.3
 """Of the best short refit's fall: what a second effect must come to, to be followed to its end."""
 TWO_MASSES = frozenset({"elastic_transmission", "backlash"})
 """Families that are followed inside the twin only: with a held bias a longer fit leads them away."""
-CLOSE_START = 0.7
+CLOSE_START = 0.4
 """Starts that lower the cost by this part of the best one's fall are followed to the end."""
 
 
@@ -170,7 +170,7 @@ def inside_twin(study: Study, root: Level, level: Level, candidate: Screened) ->
 
 def judged(study: Study, root: Level, settled: Level, effect: str, level: Level | None = None) -> Refitted:
     """What a settled model explains; the gain counts from `level`, or from the root."""
-    gain = _gain_on_veto if has_load(settled.fitted.packed.on) and study.has_veto else _gain_held_out
+    gain = gain_on_veto if has_load(settled.fitted.packed.on) and study.has_veto else _gain_held_out
     parts = [
         explained(study, root.fitted, settled.fitted, settled.correction, role) for role in (TRAINING, VETO)
     ]
@@ -183,8 +183,8 @@ def _gain_held_out(study: Study, before: Level, after: Level) -> float:
     return gain_and_z(before.unseen, after.unseen)[0]
 
 
-def _gain_on_veto(study: Study, before: Level, after: Level) -> float:
-    """The same on the veto trajectory: blows between two masses are not linear in anything."""
+def gain_on_veto(study: Study, before: Level, after: Level) -> float:
+    """The same on the veto trajectory, which nothing is fitted to: blows between two masses are not linear."""
     errors = [study.mean_square(level.fitted.error, VETO) for level in (before, after)]
     return 1.0 - errors[1] / max(errors[0], 1e-300)
 

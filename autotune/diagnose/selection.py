@@ -29,6 +29,7 @@ from autotune.diagnose.search import (
     Progress,
     Refitted,
     Screened,
+    gain_on_veto,
     generic_gains,
     inside_twin,
     judged,
@@ -53,6 +54,8 @@ HOPELESS_BESIDE = 0.6
 """The same for a further effect."""
 LEFT_TO_EXPLAIN = 0.02
 """Of the noise: repeatable rest, with its standard error, below which no second effect is looked for."""
+CLEAR_FALL = 0.2
+"""Relative fall of the cost that no candidate reaches where nothing is missing."""
 NOISE_CHANGED = 0.25
 """Relative change of the twin's noise that is worth settling a model anew."""
 WORTH_BESIDE = 0.01
@@ -96,7 +99,10 @@ def select(study: Study, root: Level, nominal: Packed, progress: Progress) -> Se
         if number == 0:
             first, generic = ranked, generic_gains(study, root)
         passing = _passing(study, level, ranked)
-        refits = without_needless_gap(study, _walk(study, root, level, passing, progress))
+        refits = _walk(study, root, level, passing, progress)
+        if not any(item.named for item in refits):
+            refits += _second_look(study, root, level, ranked, passing, progress)
+        refits = without_needless_gap(study, refits)
         if number == 0:
             tried = refits
         if chosen is not None and study.data.repeated:
@@ -179,6 +185,28 @@ def _walk(
         if refitted is not None:
             refits.append(refitted)
     return refits
+
+
+def _second_look(
+    study: Study,
+    root: Level,
+    level: Level,
+    ranked: Sequence[Screened],
+    passing: Sequence[Screened],
+    progress: Progress,
+) -> list[Refitted]:
+    """The candidate that lowers the error most, though a linearised hold-out does not say so.
+
+    An effect that only the fastest experiment shows cannot be predicted for it from the others; the veto
+    trajectory tells then.
+    """
+    left = [item for item in ranked if item not in passing]
+    best = min(left, key=lambda item: item.fitted.cost, default=None)
+    if best is None or not study.has_veto or best.fitted.cost > (1.0 - CLEAR_FALL) * level.fitted.cost:
+        return []
+    progress(f"refit inside the twin: {best.effect}")
+    refitted = inside_twin(study, root, level, best)
+    return [] if refitted is None else [replace(refitted, gain=gain_on_veto(study, level, refitted.level))]
 
 
 def _best(study: Study, chosen: Refitted | None, refits: Sequence[Refitted]) -> Refitted | None:

@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from autotune.core.recording import Recording
 from autotune.diagnose.bandwidth import prepared_for
 from autotune.diagnose.beginning import begin, quiet
@@ -20,22 +22,24 @@ from autotune.diagnose.evidence import (
     unknown_note,
 )
 from autotune.diagnose.linear import loop_like
-from autotune.diagnose.lines import time_driven_line
+from autotune.diagnose.lines import TimeLine, time_driven_line
 from autotune.diagnose.polish import error_left
-from autotune.diagnose.prepared import TEST, TRAINING
+from autotune.diagnose.prepared import TEST, TRAINING, VETO
 from autotune.diagnose.rivals import challenged
 from autotune.diagnose.score import gain_and_z
 from autotune.diagnose.search import Progress, Refitted
 from autotune.diagnose.selection import Selection, select
 from autotune.diagnose.settling import Level
 from autotune.diagnose.single import alike_where_motion_is
-from autotune.diagnose.study import Study
+from autotune.diagnose.study import CHUNK, Study
 from autotune.diagnose.words import TORQUE_CONSTANT, usual_rivals
 from autotune.models.drive_model import DriveModel
 
 GENERIC_LEAD = 1.5
 NEAR, NEAR_ALONE = 0.03, 0.1
 """Of the fall: rivals that come so near cannot be told apart, with repeats and without."""
+LEAST_Z = 2.0
+"""By which the better of two must err less."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +119,8 @@ def _judge(found: Selection, notes: tuple[str, ...], carried: Sequence[Elsewhere
             f"A disturbance of {line.hertz:.2f} Hz runs through all experiments whatever the motion "
             f"({100 * line.share:.0f} % of the residual's variance): look for mains, fans, pumps, neighbours.",
         )
-        verdict = "unknown" if verdict == "none" else verdict
+        if chosen is None or _drowned(study, chosen, line):
+            verdict, confidence, effects, confusable, chosen = "unknown", None, (), (), None
     if verdict == "unknown":
         notes = (*notes, unknown_note(coordinate, free, chosen, study.data.repeated))
     if not confusable and confidence == "suspected":
@@ -142,6 +147,11 @@ def _judge(found: Selection, notes: tuple[str, ...], carried: Sequence[Elsewhere
     )
 
 
+def _drowned(study: Study, chosen: Refitted, line: TimeLine) -> bool:
+    """Whether what was found is smaller than a disturbance that shakes the axis in time, and so may be its shadow."""
+    return chosen.training.fall < line.share * study.mean_square(chosen.level.fitted.error, TRAINING)
+
+
 def _confirmed(study: Study, effects: Sequence[str], carried: Sequence[Elsewhere]) -> bool:
     """Whether data that were not fitted confirm every effect."""
     if study.data.repeated:
@@ -162,8 +172,19 @@ def _rivals(study: Study, root: Level, chosen: Refitted, tried: Sequence[Refitte
         for item in tried
         if item.effect != chosen.effect
         and item.named
-        and error_left(study, item.level) - best < near * (start - best)
+        and (
+            error_left(study, item.level) - best < near * (start - best)
+            or (study.data.repeated and not _separated(study, chosen.level, item.level))
+        )
     ]
+
+
+def _separated(study: Study, better: Level, worse: Level) -> bool:
+    """Whether one model errs less than another beyond chance, second by second of training and veto."""
+    weight = study.weight * study.data.role(TRAINING, VETO)
+    surplus = weight * (worse.fitted.error**2 - better.fitted.error**2)
+    seconds = np.array([part.sum() for part in np.array_split(surplus, max(3, len(surplus) // CHUNK))])
+    return float(seconds.mean()) > LEAST_Z * float(seconds.std(ddof=1)) / math.sqrt(len(seconds))
 
 
 def _structure_left(study: Study, root: Level) -> bool:
