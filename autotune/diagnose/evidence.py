@@ -14,6 +14,8 @@ from autotune.diagnose.words import separating_experiment, usual_rivals
 
 GENERIC_GAIN = 0.05
 PARTLY = 0.5
+WORST_GAIN = -1.0
+"""Told of a candidate that is worse than nothing: how much worse an extrapolation is says nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +45,7 @@ def candidates(
     table = []
     for item in first:
         accepted = item.effect in effects
-        gain = refits[item.effect].gain if item.effect in refits else item.gain
+        gain = max(refits[item.effect].gain if item.effect in refits else item.gain, WORST_GAIN)
         after = before * math.sqrt(max(1.0 - gain, 0.0))
         text = why(item, refits, accepted, study.data.repeated)
         table.append(Candidate(item.effect, gain, before, after, accepted, text))
@@ -63,7 +65,8 @@ def why(item: Screened, refits: Mapping[str, Refitted], accepted: bool, repeated
     if accepted:
         return "taken beside the others: lowers what they leave"
     if item.gain < LEAST_GAIN:
-        return f"gain {100 * item.gain:.1f} % on unseen experiments; {100 * LEAST_GAIN:.0f} % are needed"
+        gain = 100 * max(item.gain, WORST_GAIN)
+        return f"gain {gain:.1f} % on unseen experiments; {100 * LEAST_GAIN:.0f} % are needed"
     return f"gain {100 * item.gain:.1f} % on unseen experiments, less than others"
 
 

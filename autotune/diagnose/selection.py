@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from autotune.diagnose.elsewhere import best_elsewhere
 from autotune.diagnose.evidence import PARTLY
 from autotune.diagnose.polish import (
-    NEARLY,
     POLISHED,
     best_polished,
     error_left,
@@ -115,7 +114,7 @@ def select(study: Study, root: Level, nominal: Packed, progress: Progress) -> Se
         again = realigned(study, level)
         if again is not study:
             study, root, chosen = _once_more(again, root, chosen)
-        if study.data.repeated and NEARLY < chosen.share < POLISHED:
+        if study.data.repeated and PARTLY < chosen.share < POLISHED:
             chosen = polished(study, root, chosen, progress)
         level = chosen.level
         if chosen.share >= 0.995 and not _more_to_explain(study, level):
