@@ -253,12 +253,22 @@ def stretches_of(recording: Recording, offset: int) -> list[Stretch]:
 
 
 def _controlled(recording: Recording) -> NDArray[np.int8]:
-    """1 where the reference is not just the measured position, by segment."""
+    """1 where the reference is not just the measured position, by segment.
+
+    An axis that rests on its target to the last count tells nothing: it is as the segment before, or after.
+    """
     closed = np.zeros(len(recording), dtype=np.int8)
-    if "reference" in recording:
-        for segment in recording.segments():
-            rows = segment.rows
-            closed[rows] = np.any(recording["reference"][rows] != recording["position"][rows])
+    if "reference" not in recording:
+        return closed
+    segments = [segment.rows for segment in recording.segments()]
+    for rows in segments:
+        closed[rows] = np.any(recording["reference"][rows] != recording["position"][rows])
+    rests = [not closed[rows][0] and np.ptp(recording["position"][rows]) == 0.0 for rows in segments]
+    told = [i for i, rest in enumerate(rests) if not rest]
+    for i, rows in enumerate(segments):
+        if rests[i] and told:
+            nearest = max((k for k in told if k < i), default=told[0])
+            closed[rows] = closed[segments[nearest]][0]
     return closed
 
 

@@ -48,6 +48,25 @@ def test_lost_samples_cut_the_recording(short) -> None:
     assert [stretch.start for stretch in data.stretches] == [0, n // 2]
 
 
+def test_an_axis_that_rests_on_its_target_is_still_controlled(short) -> None:
+    """Seventy samples without any error at the end of a recording once cost a run its twin."""
+    columns = {name: np.array(short[name]) for name in ("time", "reference", "position", "torque")}
+    last = slice(len(short) - 70, len(short))
+    columns["reference"][last] = columns["position"][last] = columns["position"][last.start - 1]
+    names = [*short.experiment[: last.start], *["conditioning"] * 70]
+    repeats = [*short.repeat[: last.start], *[7] * 70]
+    rests = Recording.from_columns(columns, short.metadata, names, repeats)
+    assert prepare([rests]).closed
+
+
+def test_a_reference_that_is_the_position_is_no_control(short) -> None:
+    columns = {name: np.array(short[name]) for name in ("time", "position", "torque")}
+    loose = Recording.from_columns(
+        columns | {"reference": columns["position"]}, short.metadata, short.experiment, short.repeat
+    )
+    assert not prepare([loose]).closed
+
+
 def test_only_conditioning_is_nothing_to_fit(short) -> None:
     part = short.rows(slice(0, 2000))
     renamed = Recording.from_columns(dict(part.floats), part.metadata, "conditioning")
