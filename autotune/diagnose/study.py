@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -77,7 +77,6 @@ class Study:
     scales: Scales
     weight: Floats
     simulations: int = 2
-    cache: dict[bytes, Correction] = field(default_factory=dict)
 
     @property
     def twin(self) -> bool:
