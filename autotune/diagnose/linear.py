@@ -11,10 +11,9 @@ from __future__ import annotations
 import numpy as np
 
 from autotune.core.errors import NotEnoughExcitation
-from autotune.diagnose.prepared import Prepared
+from autotune.diagnose.prepared import Prepared, filtered_motion
 from autotune.diagnose.residual import smoothed
 from autotune.models.lugre import Floats
-from autotune.signals.filters import motion
 
 LINEAR = 0.99
 """Share of the torque's variance above which it is a linear function of reference and position."""
@@ -72,9 +71,7 @@ def refuse_answers(data: Prepared) -> None:
 
 def _foreign_to_reference(data: Prepared) -> bool:
     """Whether the torque is linear in the motion and the reference does not cause the motion."""
-    wanted = np.zeros(len(data.reference))
-    for stretch in data.stretches:
-        wanted[stretch.rows] = motion(data.reference[stretch.rows], data.period, data.motion_cutoff)[1]
+    wanted = filtered_motion(data.reference, data.stretches, data.period, data.motion_cutoff)[1]
     velocity = data.velocity[data.grid]
     best = 0.0
     for delay in np.linspace(0.0, LONGEST_DELAY, 11):

@@ -157,30 +157,13 @@ def prepare(
     period = recordings[0].period
     columns = [_columns(recording) for recording in recordings]
     arrays = {name: np.concatenate([column[name] for column in columns]) for name in columns[0]}
-    stretches: list[Stretch] = []
-    segments: list[Segment] = []
-    alike: list[Periodic] = []
-    starts: list[int] = []
-    offset = 0
-    for number, recording in enumerate(recordings):
-        stretches += (
-            [Stretch(offset, offset + len(recording), False)] if steady else stretches_of(recording, offset)
-        )
-        starts.append(offset)
-        segments += _segments(recording, offset, number if len(recordings) > 1 else 0)
-        if not steady:
-            alike += _periodic(recording, offset)
-        offset += len(recording)
-    position, velocity, acceleration = (np.zeros(offset) for _ in range(3))
-    for s in stretches:
-        position[s.rows], velocity[s.rows], acceleration[s.rows] = motion(
-            arrays["position"][s.rows], period, motion_cutoff
-        )
+    parts = _gathered(recordings, steady)
+    position, velocity, acceleration = filtered_motion(arrays["position"], parts.stretches, period, motion_cutoff)
     resolution = known_resolution(recordings[0].metadata, arrays["position"])
     taps = low_pass_taps(cutoff, period)
-    allowed = _usable(arrays["position"], stretches, resolution, period, len(taps) // 2)
+    allowed = _usable(arrays["position"], parts.stretches, resolution, period, len(taps) // 2)
     step = max(1, round(1.0 / (GRID / CUTOFF * cutoff * period)))
-    grid, blocks = _grid(segments, allowed, step, period)
+    grid, blocks = _grid(parts.segments, allowed, step, period)
     if not any(block.role == TRAINING for block in blocks):
         raise NotEnoughExcitation(
             "the recordings hold no motion to fit: beside conditioning, veto and test at least one "
@@ -198,7 +181,7 @@ def prepare(
         position,
         velocity,
         acceleration,
-        tuple(stretches),
+        tuple(parts.stretches),
         grid,
         blocks,
         taps,
@@ -206,10 +189,44 @@ def prepare(
         all("reference" in recording for recording in recordings),
         arrays["torque"],
         steady=steady,
-        starts=tuple(starts),
+        starts=tuple(parts.starts),
         temperature=_temperature(recordings),
-        periodic=tuple(alike),
+        periodic=tuple(parts.alike),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _Parts:
+    """What recordings one after the other consist of, in rows of all of them."""
+
+    stretches: list[Stretch]
+    segments: list[Segment]
+    alike: list[Periodic]
+    starts: list[int]
+
+
+def _gathered(recordings: Sequence[Recording], steady: bool) -> _Parts:
+    parts = _Parts([], [], [], [])
+    offset = 0
+    for number, recording in enumerate(recordings):
+        whole = [Stretch(offset, offset + len(recording), False)]
+        parts.stretches.extend(whole if steady else stretches_of(recording, offset))
+        parts.starts.append(offset)
+        parts.segments.extend(_segments(recording, offset, number if len(recordings) > 1 else 0))
+        if not steady:
+            parts.alike.extend(_periodic(recording, offset))
+        offset += len(recording)
+    return parts
+
+
+def filtered_motion(
+    measured: Floats, stretches: Sequence[Stretch], period: float, cutoff: float
+) -> tuple[Floats, Floats, Floats]:
+    """Position, velocity and acceleration, filtered within each stretch; shape (n,) each."""
+    position, velocity, acceleration = (np.zeros(len(measured)) for _ in range(3))
+    for s in stretches:
+        position[s.rows], velocity[s.rows], acceleration[s.rows] = motion(measured[s.rows], period, cutoff)
+    return position, velocity, acceleration
 
 
 def low_pass_taps(cutoff: float, period: float) -> Floats:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from autotune.core.recording import Controller
-from autotune.diagnose.prepared import Prepared, Rows
+from autotune.diagnose.prepared import Prepared, Rows, filtered_motion
 from autotune.models import layout
 from autotune.models.compiled import compiled
 from autotune.models.drive_model import Packed
@@ -21,7 +21,6 @@ from autotune.models.inverse import applied_torque, load_substeps, required
 from autotune.models.lugre import Floats
 from autotune.models.plant import simulate, substeps_for
 from autotune.models.torque_path import MOTOR_TORQUE
-from autotune.signals.filters import motion
 
 _SATURATES = layout.flag("torque_saturation")
 _LOSS = layout.block("torque_saturation")
@@ -72,11 +71,8 @@ def measured_motion(data: Prepared) -> Motion:
 
 def simulated_motion(data: Prepared, run: Simulated) -> Motion:
     """A simulation through the same filters as the measurement."""
-    parts = [motion(run.position[s.rows], data.period, data.motion_cutoff) for s in data.stretches]
-    position, velocity, acceleration = (np.zeros(len(run.position)) for _ in range(3))
-    for stretch, (q, v, a) in zip(data.stretches, parts, strict=True):
-        position[stretch.rows], velocity[stretch.rows], acceleration[stretch.rows] = q, v, a
-    return Motion(run.torque, position, velocity, acceleration)
+    parts = filtered_motion(run.position, data.stretches, data.period, data.motion_cutoff)
+    return Motion(run.torque, *parts)
 
 
 def raw_residual(data: Prepared, packed: Packed, moved: Motion) -> Floats:

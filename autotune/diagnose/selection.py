@@ -110,8 +110,7 @@ def select(study: Study, root: Level, nominal: Packed, progress: Progress) -> Se
         if best is None:
             break
         study, chosen = _with_own_noise(study, root, best)
-        level = chosen.level
-        again = realigned(study, level)
+        again = realigned(study, chosen.level)
         if again is not study:
             study, root, chosen = _once_more(again, root, chosen)
         if study.data.repeated and PARTLY < chosen.share < POLISHED:

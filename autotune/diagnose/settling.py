@@ -10,9 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from autotune.diagnose.fit import Fitted, Free, fit
+from autotune.diagnose.prepared import TRAINING
 from autotune.diagnose.residual import residual
 from autotune.diagnose.score import Unseen, held_out
 from autotune.diagnose.study import Correction, Study, refit
@@ -92,11 +91,10 @@ def _step_by_step(
         study.data, study.moved, here.packed, free, here.correction.bias, study.training, steps,
         ENOUGH, bias_at=bias_at, difference=COARSE,
     )  # fmt: skip
-    correction = study.correction(fitted.packed, SHARP)
-    if not correction.stable:
+    sharp = _twinned(study, None, fitted.packed, SHARP)
+    if sharp is None:
         return None
-    error = residual(study.data, fitted.packed, study.moved) - correction.bias
-    return _level(study, replace(fitted, error=error, cost=_cost(study, error)), correction, effects)
+    return _level(study, replace(fitted, error=sharp.error, cost=sharp.cost), sharp.correction, effects)
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,22 +107,24 @@ class _Twinned:
     cost: float
 
 
-def _twinned(study: Study, fitted: Fitted | None, packed: Packed) -> _Twinned | None:
+def _twinned(
+    study: Study, fitted: Fitted | None, packed: Packed, simulations: int | None = None
+) -> _Twinned | None:
     """The residual at `packed`; of a fit just made its own is taken. None where the twin is unstable."""
-    correction = study.correction(packed, study.simulations + 1)
+    correction = study.correction(packed, simulations or study.simulations + 1)
     if not correction.stable:
         return None
     raw = residual(study.data, packed, study.moved) if fitted is None else fitted.error
     error = raw - correction.bias
-    return _Twinned(packed, error, correction, _cost(study, error))
+    return _Twinned(packed, error, correction, study.mean_square(error, TRAINING))
 
 
 def _downhill(study: Study, fitted: Fitted, best: _Twinned) -> _Twinned | None:
     """The fit with its own bias where that is better than before, else a point on the way there.
 
-    A fit holds the bias; where two masses ring, the bias changes so fast with the parameters that a whole
-    step leads uphill. Where no part of the step is better the whole of it may still lead across a ridge;
-    None where it is far worse.
+    A fit holds the bias; near the limit of stability it changes so fast with the parameters that a whole step
+    leads uphill. Where no part of the step is better the whole of it may still lead across a ridge; None where it
+    is far worse.
     """
     whole = _twinned(study, replace(fitted, error=fitted.error + best.correction.bias), fitted.packed)
     found, packed = whole, fitted.packed
@@ -136,11 +136,6 @@ def _downhill(study: Study, fitted: Fitted, best: _Twinned) -> _Twinned | None:
     if found is not None and found.cost <= LEVEL_GROUND * best.cost:
         return found
     return whole if whole is not None and whole.cost <= ACROSS_A_RIDGE * best.cost else None
-
-
-def _cost(study: Study, error: Floats) -> float:
-    weight = study.training
-    return float(np.dot(weight, error**2) / max(weight.sum(), 1.0))
 
 
 def _level(study: Study, fitted: Fitted, correction: Correction, effects: tuple[str, ...]) -> Level:

@@ -89,7 +89,7 @@ def diagnose(recordings: Sequence[Recording], model: DriveModel, progress: Progr
     return _judge(replace(found, chosen=chosen), (*notes, *said(carried)), carried)
 
 
-def _judge(found: Selection, notes: tuple[str, ...], carried: Sequence[Elsewhere] = ()) -> Diagnosis:
+def _judge(found: Selection, notes: tuple[str, ...], carried: Sequence[Elsewhere]) -> Diagnosis:
     study, root, chosen, first, tried = found.study, found.root, found.chosen, found.first, found.tried
     lead = max((item.gain for item in first), default=0.0)
     if chosen is not None:

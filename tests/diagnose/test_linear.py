@@ -49,7 +49,9 @@ def test_an_axis_moved_by_hand_tells_only_its_controller(nominal: DriveModel, re
 
 def test_a_spring_that_the_drive_moves_is_no_answer() -> None:
     q = _wave()
-    refuse_answers(prepared_for([_recording(0.2 * q + 0.01 * np.gradient(q, PERIOD), q)]))
+    data = prepared_for([_recording(0.2 * q + 0.01 * np.gradient(q, PERIOD), q)])
+    refuse_answers(data)
+    assert loop_note(data) == ()
 
 
 def test_a_reference_that_is_followed_causes_the_motion() -> None:
