@@ -158,7 +158,9 @@ def prepare(
     columns = [_columns(recording) for recording in recordings]
     arrays = {name: np.concatenate([column[name] for column in columns]) for name in columns[0]}
     parts = _gathered(recordings, steady)
-    position, velocity, acceleration = filtered_motion(arrays["position"], parts.stretches, period, motion_cutoff)
+    position, velocity, acceleration = filtered_motion(
+        arrays["position"], parts.stretches, period, motion_cutoff
+    )
     resolution = known_resolution(recordings[0].metadata, arrays["position"])
     taps = low_pass_taps(cutoff, period)
     allowed = _usable(arrays["position"], parts.stretches, resolution, period, len(taps) // 2)
