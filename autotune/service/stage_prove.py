@@ -26,9 +26,7 @@ class Proved:
     after: tuple[Recording, ...]
 
 
-def prove_stage(
-    session: Session, law: FeedforwardLaw, own: Mapping[str, float], least: float, name: str = "proof"
-) -> Proved:
+def prove_stage(session: Session, law: FeedforwardLaw, own: Mapping[str, float], least: float) -> Proved:
     """Measures before and after in turn.
 
     Args:
@@ -36,15 +34,14 @@ def prove_stage(
         law: to be proved, played by the host.
         own: parameters that switch the drive's own feedforward on, which belongs to "before"; empty for none.
         least: share of the peak error before that must be gained.
-        name: of the recordings.
     """
     benchmark = session.axis.benchmark
     session.begin("prove", proof_seconds(benchmark))
     if own:
-        windows = [_pair_with_own(session, law, own, repeat, name) for repeat in range(benchmark.repeats)]
+        windows = [_pair_with_own(session, law, own, repeat) for repeat in range(benchmark.repeats)]
         before, after = tuple(w[0] for w in windows), tuple(w[1] for w in windows)
     else:
-        before, after = _all_pairs(session, law, name)
+        before, after = _all_pairs(session, law)
     proof = prove(before, after, benchmark.frequency, least, session.axis.acceptance.confidence)
     return Proved(proof, before, after)
 
@@ -83,26 +80,24 @@ def _window(session: Session, label: str, repeat: int, law: FeedforwardLaw | Non
     return BenchmarkSine(session.motion, 1, periods, law, first_repeat=repeat, label=label)
 
 
-def _all_pairs(
-    session: Session, law: FeedforwardLaw, name: str
-) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
+def _all_pairs(session: Session, law: FeedforwardLaw) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
     experiments = [
         _window(session, label, repeat, played)
         for repeat in range(session.axis.benchmark.repeats)
         for label, played in (("before", None), ("after", law))
     ]
-    recording, _ = session.play(name, experiments)
+    recording, _ = session.play("proof", experiments)
     return windows_of(recording, "before"), windows_of(recording, "after")
 
 
 def _pair_with_own(
-    session: Session, law: FeedforwardLaw, own: Mapping[str, float], repeat: int, name: str
+    session: Session, law: FeedforwardLaw, own: Mapping[str, float], repeat: int
 ) -> tuple[Recording, Recording]:
     """The drive's own feedforward is on for "before" only; it is switched at rest."""
     session.loop.write_parameters(own)
     try:
-        before, _ = session.play(f"{name}-{repeat}-before", [_window(session, "before", repeat, None)])
+        before, _ = session.play(f"proof-{repeat}-before", [_window(session, "before", repeat, None)])
     finally:
         session.loop.write_parameters(dict.fromkeys(own, 0.0))
-    after, _ = session.play(f"{name}-{repeat}-after", [_window(session, "after", repeat, law)])
+    after, _ = session.play(f"proof-{repeat}-after", [_window(session, "after", repeat, law)])
     return windows_of(before, "before")[0], windows_of(after, "after")[0]
