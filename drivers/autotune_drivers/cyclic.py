@@ -16,7 +16,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from types import FrameType
@@ -25,7 +25,7 @@ from typing import Any, TypeVar
 from autotune.core.drive_recording import DriveRecording
 from autotune.core.errors import ConfigurationError, Interrupted, LinkError
 from autotune.core.loop import Routine, Watch
-from autotune_drivers.cyclic_messages import Call, Failed, Opened, Opener, Play, Reply
+from autotune_drivers.cyclic_messages import Call, Ended, Failed, Opened, Opener, Play, Reply
 from autotune_drivers.ring import Ring, create_memory
 
 _LOOK = 0.02
@@ -166,10 +166,18 @@ class CyclicLoop:
             if self._process is None and self._backup is not None:
                 self._start()
             if self._process is not None:
-                self._request(None)
-                _value(self._answer(_CALL_WITHIN))
+                self._end()
         finally:
             self._reap()
+
+    def _end(self) -> None:
+        """Asks the process to close the drive; one that was terminated has done so, and says the same."""
+        self._request(None)
+        reply = self._answer(_CALL_WITHIN)
+        if not isinstance(reply, Ended):
+            _value(reply)
+        elif reply.error is not None:
+            raise reply.error
 
     # The process
 
@@ -212,10 +220,10 @@ class CyclicLoop:
         return value
 
     def _request(self, message: object) -> None:
+        """Sends. That nobody is there any more is told by what is read next: a last word, or none."""
         try:
-            self._wire().send(message)
-        except (BrokenPipeError, ConnectionError) as error:
-            raise self._dead() from error
+            with suppress(BrokenPipeError, ConnectionError):
+                self._wire().send(message)
         except (pickle.PicklingError, AttributeError, TypeError, ValueError) as error:
             raise ConfigurationError(
                 f"a routine cannot travel to the cyclic process: {error}; make it a class of a module, with "
@@ -238,6 +246,8 @@ class CyclicLoop:
         except (EOFError, ConnectionError) as error:
             raise self._dead() from error
         self._backup = reply.backup
+        if isinstance(reply, Ended):
+            self._reap()
         return reply
 
     def _follow(self, watch: Watch | None) -> tuple[Reply, BaseException | None]:
@@ -359,4 +369,9 @@ def _may_watch(trouble: BaseException | None) -> bool:
 def _value(reply: Reply) -> Any:
     if isinstance(reply, Failed):
         raise reply.error
+    if isinstance(reply, Ended):
+        raise LinkError(
+            "the cyclic process was terminated before it could do this; the axis is at rest and without power. "
+            "Start again"
+        ) from reply.error
     return reply.value if not isinstance(reply, Opened) else None

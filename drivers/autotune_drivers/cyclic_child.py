@@ -21,7 +21,7 @@ from typing import Any
 from autotune.core.drive import Command, Drive, Mode, Sample
 from autotune.core.errors import AutotuneError, ConfigurationError, Interrupted, LinkError
 from autotune.core.loop import Publish, Routine
-from autotune_drivers.cyclic_messages import Call, Failed, LinkedDrive, Opened, Play, Reply, Returned
+from autotune_drivers.cyclic_messages import Call, Ended, Failed, LinkedDrive, Opened, Play, Reply, Returned
 from autotune_drivers.realtime import ask_for_priority, first_in_line, give_back_priority, no_collection
 from autotune_drivers.ring import Ring
 
@@ -228,12 +228,12 @@ def serve(connection: Connection, ring: Ring, owner: int) -> None:
         _tell(connection, _closed(drive))
 
 
-def _closed(drive: LinkedDrive) -> Reply:
+def _closed(drive: LinkedDrive) -> Ended:
     try:
         drive.close()
     except AutotuneError as error:
-        return Failed(error)
-    return Returned(None)
+        return Ended(error, drive.backup())
+    return Ended(None)
 
 
 def _tell(connection: Connection, reply: Reply) -> None:

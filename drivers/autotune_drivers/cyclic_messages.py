@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from autotune.core.drive import Drive
+from autotune.core.errors import AutotuneError
 from autotune.core.loop import Routine
 
 
@@ -63,4 +64,16 @@ class Failed:
     backup: Any = None
 
 
-Reply = Opened | Returned | Failed
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """The last word of the process: the drive is closed, asked for or because it was terminated.
+
+    A message of its own, so that nobody takes it for the answer to a request that came too late.
+    `backup` is None where every changed setting was put back, `error` says what was not.
+    """
+
+    error: AutotuneError | None
+    backup: Any = None
+
+
+Reply = Opened | Returned | Failed | Ended

@@ -20,6 +20,7 @@ class FakeDrive:
     inherited: Any = None
     lock_step: bool = True
     pause: float = 0.0
+    closing: float = 0.0
     period: float = 1e-3
     identity: Mapping[str, int | str] = field(default_factory=lambda: {"vendor": 1, "product": 2})
 
@@ -71,6 +72,7 @@ class FakeDrive:
 
     def close(self) -> None:
         self.disable()
+        time.sleep(self.closing)
         self._note("closed")
 
 
@@ -78,12 +80,13 @@ class FakeDrive:
 class FakeOpener:
     directory: Path
     pause: float = 0.0
+    closing: float = 0.0
     error: str = ""
 
     def __call__(self, backup: Any = None) -> FakeDrive:
         if self.error:
             raise LinkError(self.error)
-        return FakeDrive(self.directory, backup, pause=self.pause)
+        return FakeDrive(self.directory, backup, pause=self.pause, closing=self.closing)
 
     @property
     def log(self) -> list[str]:

@@ -180,9 +180,34 @@ def test_a_terminated_process_rests_and_closes(opener: FakeOpener, tmp_path: Pat
         loop.play(Endless(tmp_path / "witness"))
     wait_for(lambda: opener.log[-1] == "closed")
     assert (tmp_path / "witness").read_text() == "at rest"
-    with pytest.raises(AutotuneError):
+    with pytest.raises(LinkError, match="was terminated"):
         loop.faults()
     loop.close()
+    assert opener.log[-1] == "closed"
+
+
+def test_the_last_word_of_a_terminated_process_is_no_answer(tmp_path: Path) -> None:
+    """A write that arrives while the process closes its drive was not done, and must not look done."""
+    loop = CyclicLoop.open(FakeOpener(tmp_path, pause=1e-3, closing=0.5))
+    pid = loop.process_id
+    assert pid is not None
+    threading.Timer(0.2, os.kill, (pid, signal.SIGTERM)).start()
+    with pytest.raises(Interrupted, match="terminated"):
+        loop.play(Endless(tmp_path / "witness"))
+    with pytest.raises(LinkError, match="was terminated before it could do this"):
+        loop.write_parameters({"controller.kp": 50.0})
+    assert loop.read_parameters() == {"controller.kp": 60.0}  # of a new process
+    loop.close()
+    assert FakeOpener(tmp_path).log == ["opened", "on", "off", "closed", "opened", "closed"]
+
+
+def test_closing_meets_a_process_that_has_closed_by_itself(opener: FakeOpener) -> None:
+    loop = CyclicLoop.open(opener)
+    assert loop.process_id is not None
+    os.kill(loop.process_id, signal.SIGTERM)
+    wait_for(lambda: opener.log[-1] == "closed")
+    loop.close()
+    assert opener.log == ["opened", "closed"]
 
 
 # Deaths on the wire
