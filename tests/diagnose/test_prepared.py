@@ -136,6 +136,7 @@ def test_a_motion_that_never_comes_again_has_no_period(seed: int) -> None:
 @hypothesis.given(
     st.floats(37.0, 4000.0), st.floats(0.0, 6.28), st.floats(0.0, 1e-3), st.integers(2_200, 60_000)
 )
+@hypothesis.example(samples=37.5, phase=0.0, noise=0.0, rows=2_200)
 @hypothesis.settings(max_examples=40, deadline=None)
 def test_a_period_is_found_to_a_fraction_of_a_row(
     samples: float, phase: float, noise: float, rows: int
