@@ -278,7 +278,12 @@ def _elastic(c: Context) -> Iterator[Start]:
             "load_friction": (0.2, 0.3),
         }
         values = {"compliance": compliance, **_load_side(0.4)}
-        yield _beyond(_start(c, "elastic_transmission", values, free))
+        yield _not_too_stiff(c, _beyond(_start(c, "elastic_transmission", values, free)))
+
+
+STIFFEST = 2.0 * math.pi * 500.0
+"""Angular frequency [rad/s] above which a resonance of two equal masses is not looked for, or half the
+sampling rate where that is higher."""
 
 
 def _backlash(c: Context) -> Iterator[Start]:
@@ -293,7 +298,18 @@ def _backlash(c: Context) -> Iterator[Start]:
             "load_inertia": (0.2, 0.2),
             "load_friction": (0.2, 0.3),
         }
-        yield _beyond(_start(c, "backlash", values, free))
+        yield _not_too_stiff(c, _beyond(_start(c, "backlash", values, free)))
+
+
+def _not_too_stiff(c: Context, start: Start) -> Start:
+    """The start with a lower bound on compliance: beyond it motor and load are one mass to these samples.
+
+    Without it a fit that needs no compliance ends where an integration takes ten times as long.
+    """
+    rate = max(math.pi / c.study.data.period, STIFFEST)
+    least = 4.0 / (float(c.p[layout.INERTIA]) * rate**2)
+    free = [replace(f, lower=least) if f.name.endswith("compliance") else f for f in start.free]
+    return Start(start.packed, tuple(free))
 
 
 def _lag(c: Context) -> Iterator[Start]:

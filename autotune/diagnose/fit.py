@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from autotune.diagnose.parts import first_round, spread, until_last
 from autotune.diagnose.prepared import Prepared
 from autotune.diagnose.residual import Motion, residual
 from autotune.models.drive_model import Packed
@@ -20,6 +21,12 @@ BASE_STEP = 0.3
 DIFFERENCE = 2e-3
 STALE = 0.02
 """Relative fall of the cost above which sensitivities are computed anew."""
+HOPE = 3.0
+"""Steps as good as the last that a fit is trusted to have left."""
+TRIALS, DAMPED, HARDER = 6, 1e-3, 8.0
+"""Steps tried from one linearisation, least damping of the second of them, and what it grows by after that."""
+TRIALS_JUDGED, DAMPED_JUDGED, HARDER_JUDGED = 4, 0.03, 10.0
+"""The same where every step is judged by its own bias, at the cost of simulations."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,9 +65,10 @@ class Fitted:
     Attributes:
         packed: parameters; `free`: which of them were fitted.
         error: corrected residual on all grid rows, shape (m,).
-        jacobian: d(residual)/d(parameter/scale) on all rows, shape (m, parameters), at the last
-            linearisation; `scales`: what a column stands for.
+        jacobian: d(residual)/d(parameter/scale), shape (m, parameters), at the last linearisation; 0 on rows
+            that are not of the training; `scales`: what a column stands for.
         cost: mean square on the fitted rows [(N m)²].
+        converged: no step from here leads downhill.
     """
 
     packed: Packed
@@ -69,6 +77,7 @@ class Fitted:
     jacobian: Floats
     scales: Floats
     cost: float
+    converged: bool = False
 
     @property
     def values(self) -> Floats:
@@ -93,11 +102,12 @@ def jacobian(
     known: tuple[Floats, Floats] | None = None,
     difference: float = DIFFERENCE,
 ) -> tuple[Floats, Floats]:
-    """Sensitivities of the residual, shape (m, parameters), and the scales of its columns.
+    """Sensitivities of the residual on training rows, shape (m, parameters), and the scales of its columns.
 
     `at` is the residual at `packed`; `known` are columns and scales of the first parameters, from a fit
     nearby, taken over to save time. `difference` is the change, in scales, that a column is taken over.
     """
+    once = first_round(data, packed.on)
     columns = np.empty((len(at), len(free)), order="F")
     scales = np.empty(len(free))
     first = 0
@@ -114,7 +124,8 @@ def jacobian(
             change = -change
         p = packed.p.copy()
         p[parameter.slot] = value + change
-        columns[:, i] = (residual(data, Packed(p, packed.on), moved) - at) * (scales[i] / change)
+        columns[:, i] = (residual(once, Packed(p, packed.on), moved) - at) * (scales[i] / change)
+    spread(data, columns[:, first:], packed.on)
     return columns, scales
 
 
@@ -131,26 +142,35 @@ def fit(
     hopeful: float = np.inf,
     bias_at: Callable[[Packed], Floats | None] | None = None,
     difference: float = DIFFERENCE,
+    whole: bool = True,
+    target: float = np.inf,
 ) -> Fitted:
     """Fits the free parameters on rows where `weight` (shape (m,), usually 0 and 1) is above 0.
 
     `correction` is the twin's bias, subtracted from the residual. The result is never worse than the start.
     `known`: see `jacobian`. `hopeful`: a fit that cannot be expected to get below this cost, as its linear
     model at the start has it without any bounds, is not begun. `bias_at` renews the bias at every step,
-    None where the twin is unstable (the step is rejected). `difference`: see `jacobian`.
+    None where the twin is unstable (the step is rejected). `difference`: see `jacobian`. Unless the `whole`
+    error is asked for, it is right up to the last fitted row only. A fit is given up where a few steps as good
+    as the last would not reach the cost `target`.
     """
     rows = weight > 0
+    part = until_last(data, rows)
     share = weight[rows]
     total = max(float(share.sum()), 1.0)
 
     def cost_of(error: Floats) -> float:
         return float(np.dot(share, error[rows] ** 2) / total)
 
-    raw = residual(data, packed, moved)
+    raw = residual(part, packed, moved)
     cost = cost_of(raw - correction)
     columns, scales = jacobian(data, moved, packed, free, raw, known, difference)
     known = known if known is not None and known[0].shape[1] < len(free) else None
     damping = 1e-4
+    converged = False
+    trials, damped, harder = TRIALS, DAMPED, HARDER
+    if bias_at is not None:
+        trials, damped, harder = TRIALS_JUDGED, DAMPED_JUDGED, HARDER_JUDGED
     for _ in range(iterations):
         inner = columns[rows] * share[:, None]
         normal, slope = inner.T @ columns[rows] / total, inner.T @ (raw - correction)[rows] / total
@@ -158,28 +178,33 @@ def fit(
             cost = np.inf  # it diverges: nothing can be expected from here
             break
         improved = False
-        if cost - _most_gained(normal, slope) > hopeful:
+        promised = _most_gained(normal, slope)
+        converged = promised < stop * cost
+        if converged or cost - promised > hopeful:
             break
-        for _ in range(6):
+        for _ in range(trials):
             change = _step(normal, slope, damping, packed, free, scales)
             trial = with_values(packed, free, packed.p[[f.slot for f in free]] + change)
-            found = residual(data, trial, moved)
+            found = residual(part, trial, moved)
             shift = correction if bias_at is None else bias_at(trial)
             value = np.inf if shift is None else cost_of(found - shift)
             if shift is not None and np.isfinite(value) and value < cost:
                 improved, correction = True, shift
                 break
-            damping = max(damping * 8.0, 1e-3)
+            damping = max(damping * harder, damped)
         if not improved:
+            converged = True
             break
         fall = (cost - value) / cost if cost > 0 else 0.0
         packed, raw, cost = trial, found, value
         damping = max(damping / 6.0, 1e-6)
-        if fall < stop:
+        if fall < stop or cost - HOPE * fall / (1.0 - fall) * cost > target:
             break
         if fall > STALE:
             columns, scales = jacobian(data, moved, packed, free, raw, known, difference)
-    return Fitted(packed, tuple(free), raw - correction, columns, scales, cost)
+    if whole and part.stretches != data.stretches:
+        raw = residual(data, packed, moved)
+    return Fitted(packed, tuple(free), raw - correction, columns, scales, cost, converged)
 
 
 def _most_gained(normal: Floats, slope: Floats) -> float:

@@ -47,15 +47,18 @@ def best_polished(
 
 def polished(study: Study, root: Level, chosen: Refitted, progress: Progress) -> Refitted:
     """More rounds of the same fit, as long as they help: two masses need them, and what they leave misleads."""
-    progress(f"refinement with {' and '.join(chosen.level.effects)}")
     for _ in range(MOST_POLISHES):
         level = chosen.level
+        if level.settled:
+            break
+        progress(f"refinement with {' and '.join(level.effects)}")
         better = settle(study, level.fitted.packed, list(level.free), 4, level.effects, level.fitted)
         if better is None or better.fitted.cost >= level.fitted.cost:
-            break
+            return replace(chosen, level=replace(level, settled=True))
         gained = 1.0 - better.fitted.cost / level.fitted.cost
-        chosen = judged(study, root, better, chosen.effect)
-        if chosen.share >= POLISHED or gained < WORTH_POLISHING:
+        settled = better.settled or gained < WORTH_POLISHING
+        chosen = judged(study, root, replace(better, settled=settled), chosen.effect)
+        if chosen.share >= POLISHED:
             break
     return chosen
 

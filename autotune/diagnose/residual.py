@@ -147,7 +147,7 @@ def run_twin(
         stable &= done == stretch.stop - stretch.start
     stable = stable and bool(np.all(np.isfinite(position)))
     if stable:
-        lag = np.max(np.abs(position - data.measured))
+        lag = max(float(np.max(np.abs((position - data.measured)[s.rows]))) for s in data.stretches)
         stable = bool(lag < 0.5 * np.ptp(data.measured) + 1e3 * data.resolution)
     return Simulated(position, torque, disturbance, stable)
 

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from autotune.diagnose.fit import Fitted
+from autotune.diagnose.fit import DIFFERENCE, Fitted
 from autotune.diagnose.prepared import TRAINING
+from autotune.diagnose.residual import residual
 from autotune.diagnose.study import CHUNK, Correction, Study
+from autotune.models.drive_model import Packed
 from autotune.models.lugre import Flags, Floats
 
 LEAST_Z = 6.0
@@ -77,15 +79,14 @@ def still_explainable(study: Study, fitted: Fitted, correction: Correction, role
     """Repeatable variance, certain to one standard error, and drifting friction level [(N m)²]."""
     variance, error = study.repeatable(fitted.error, correction, role)
     repeatable = max(variance - error, 0.0) if math.isfinite(variance) else 0.0
-    return repeatable + drift(study, fitted, role)[0]
+    return repeatable + drift(study, fitted, correction, role)[0]
 
 
-def drift(study: Study, fitted: Fitted, role: str) -> tuple[float, float]:
+def drift(study: Study, fitted: Fitted, correction: Correction, role: str) -> tuple[float, float]:
     """Variance that a friction level differing between repeats explains [(N m)²], and its z."""
-    names = [f.name for f in fitted.free]
-    if "coulomb" not in names:
+    column = _of_friction(study, fitted, correction, role)
+    if column is None:
         return 0.0, 0.0
-    column = fitted.jacobian[:, names.index("coulomb")]
     differences, levels = [], []
     for block in study.data.blocks:
         if block.role != role or block.repeats < 2:
@@ -107,6 +108,21 @@ def drift(study: Study, fitted: Fitted, role: str) -> tuple[float, float]:
     if abs(z) < LEAST_Z or share < LEAST_SHARE:
         return 0.0, z
     return 0.25 * slope**2 * power / len(d), z
+
+
+def _of_friction(study: Study, fitted: Fitted, correction: Correction, role: str) -> Floats | None:
+    """Sensitivity to Coulomb friction on the rows of a role, shape (m,); None where it was not fitted."""
+    names = [f.name for f in fitted.free]
+    if "coulomb" not in names:
+        return None
+    index = names.index("coulomb")
+    if role == TRAINING:
+        return np.asarray(fitted.jacobian[:, index])
+    p = fitted.packed.p.copy()
+    change = DIFFERENCE * fitted.scales[index]
+    p[fitted.free[index].slot] += change
+    moved = residual(study.data, Packed(p, fitted.packed.on), study.moved)
+    return np.asarray((moved - fitted.error - correction.bias) / DIFFERENCE)
 
 
 def explained(study: Study, before: Fitted, after: Fitted, correction: Correction, role: str) -> Explained:

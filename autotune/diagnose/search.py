@@ -16,7 +16,7 @@ from autotune.diagnose.fit import Fitted, fit
 from autotune.diagnose.prepared import TRAINING, VETO
 from autotune.diagnose.residual import measured_motion
 from autotune.diagnose.score import Explained, explained, gain_and_z, held_out
-from autotune.diagnose.settling import Level, settle
+from autotune.diagnose.settling import Level, lowest, settle, settle_from
 from autotune.diagnose.study import Study, refit, without_outlying
 from autotune.models import layout
 from autotune.models.drive_model import Packed
@@ -36,23 +36,32 @@ APPROXIMATE = frozenset({"reversal_memory"})
 WORTH_MOVING = 0.998
 """Of the cost: less must be left for torque and motion to be aligned anew."""
 WALK = 4
+TWO_MASSES = frozenset({"elastic_transmission", "backlash"})
+"""Families that are followed inside the twin only: with a held bias a longer fit leads them away."""
 MOST_EFFECTS = 3
 NEAR_BEST = 0.3
 """Of the best short refit's fall: what a second effect must come to, to be followed to its end."""
-TWO_MASSES = frozenset({"elastic_transmission", "backlash"})
-"""Families that are followed inside the twin only: with a held bias a longer fit leads them away."""
+NEAR_WORTH = 0.5
+"""The same, of the fall that a further effect is worth having for."""
 CLOSE_START = 0.4
 """Starts that lower the cost by this part of the best one's fall are followed to the end."""
 
 
 @dataclass(frozen=True, slots=True)
 class Screened:
-    """A family refitted with the bias of the model without it."""
+    """A family refitted with the bias of the model without it.
+
+    Attributes:
+        fall: of the mean square [(N m)²]; gain, z: on experiments held out.
+        before: where its fits came from.
+    """
 
     effect: str
     fitted: Fitted
+    fall: float
     gain: float
     z: float
+    before: tuple[Packed, ...] = ()
 
     @property
     def passes(self) -> bool:
@@ -87,17 +96,30 @@ def screen(study: Study, level: Level, nominal: Packed, effect: str) -> Screened
     return _finished(study, level, effect, tried) if tried else None
 
 
-def _quick(study: Study, level: Level, nominal: Packed, effect: str) -> list[Fitted]:
+@dataclass(frozen=True, slots=True)
+class _Tried:
+    """A short refit, and the start that it was made from."""
+
+    start: Packed
+    fitted: Fitted
+
+
+def _quick(study: Study, level: Level, nominal: Packed, effect: str) -> list[_Tried]:
     """Short refits from all starts of a family, the best first."""
     context = Context(study, level.fitted, nominal)
-    tried = [_try(study, level, start, 2, quick=True) for start in FAMILIES[effect](context)]
-    return sorted((fitted for fitted in tried if fitted is not None), key=lambda fitted: fitted.cost)
+    tried: list[_Tried] = []
+    for start in FAMILIES[effect](context):
+        fitted = _try(study, level, start, 2, quick=True)
+        if fitted is not None:
+            tried.append(_Tried(start.packed, fitted))
+    return sorted(tried, key=lambda item: item.fitted.cost)
 
 
 def _finished(
-    study: Study, level: Level, effect: str, found: list[Fitted], least: float = 0.3 * LEAST_GAIN
+    study: Study, level: Level, effect: str, tried: list[_Tried], least: float = 0.3 * LEAST_GAIN
 ) -> Screened:
     """Promising starts followed to their end; `least` is the relative fall of the cost that promises."""
+    found = [item.fitted for item in tried]
     best = found[0]
     fall = level.fitted.cost - best.cost
     in_twin = study.twin and effect in TWO_MASSES
@@ -110,7 +132,8 @@ def _finished(
             finished = refit(study, start.packed, free, level.correction, rounds, near)
             best = finished if finished.cost <= best.cost else best
     gain, z = gain_and_z(level.unseen, held_out(study, best.error, best.jacobian))
-    return Screened(effect, best, gain, z)
+    fall = level.fitted.cost - best.cost
+    return Screened(effect, best, fall, gain, z, (found[0].packed, tried[0].start))
 
 
 def _promises(study: Study, level: Level, short: Fitted) -> bool:
@@ -130,18 +153,21 @@ def _try(study: Study, level: Level, start: Start, iterations: int, quick: bool 
     hopeful = (1.0 - 0.1 * LEAST_GAIN) * level.fitted.cost if quick else math.inf
     fitted = fit(
         study.data, study.moved, start.packed, free, level.correction.bias, study.training, iterations,
-        known=known, hopeful=hopeful,
+        known=known, hopeful=hopeful, whole=False,
     )  # fmt: skip
     return fitted if math.isfinite(fitted.cost) else None
 
 
-def rank(study: Study, level: Level, nominal: Packed, progress: Progress) -> list[Screened]:
+def rank(
+    study: Study, level: Level, nominal: Packed, progress: Progress, worth: float = 0.0
+) -> list[Screened]:
     """All families that are not in the model, by their gain on unseen experiments.
 
-    Beside an effect that is there already only those are followed to the end whose short refits come
-    near the best one.
+    Beside an effect that is there already only those are followed to the end whose short refits come near the
+    best one, and near the fall of the mean square that a further effect is `worth` having for [(N m)²].
     """
-    tried: dict[str, list[Fitted]] = {}
+    base = _walked_on(study, level)
+    tried: dict[str, list[_Tried]] = {}
     for effect in FAMILIES:
         if level.fitted.packed.on[layout.flag(effect)] and effect != "torque_ripple":
             continue
@@ -150,19 +176,45 @@ def rank(study: Study, level: Level, nominal: Packed, progress: Progress) -> lis
         if study.data.steady and effect not in speed_curve.FAMILIES:
             continue
         progress(f"candidate {effect}")
-        if fits := _quick(study, level, nominal, effect):
+        if fits := _quick(study, base, nominal, effect):
             tried[effect] = fits
-    cost = level.fitted.cost
-    largest = max((1.0 - fits[0].cost / cost for fits in tried.values()), default=0.0)
-    least = max(0.3 * LEAST_GAIN, NEAR_BEST * largest if level.effects else 0.0)
-    found = [_finished(study, level, effect, fits, least) for effect, fits in tried.items()]
+    cost = base.fitted.cost
+    largest = max((1.0 - fits[0].fitted.cost / cost for fits in tried.values()), default=0.0)
+    near = max(NEAR_BEST * largest, NEAR_WORTH * worth / cost) if level.effects else 0.0
+    least = max(0.3 * LEAST_GAIN, near)
+    found = [_finished(study, base, effect, fits, least) for effect, fits in tried.items()]
     return sorted((item for item in found if np.isfinite(item.gain)), key=lambda item: -item.gain)
 
 
-def inside_twin(study: Study, root: Level, level: Level, candidate: Screened) -> Refitted | None:
-    """A candidate refitted with its own bias; shares count from the model without any found effect."""
+def _walked_on(study: Study, level: Level) -> Level:
+    """What candidates are compared with: the model itself, fitted as they are.
+
+    Between two masses a bias that is held lets every fit walk on a little, with or without a candidate.
+    """
+    if not (study.twin and has_load(level.fitted.packed.on)):
+        return level
+    known = (level.fitted.jacobian, level.fitted.scales)
+    fitted = fit(
+        study.data, study.moved, level.fitted.packed, level.free, level.correction.bias, study.training, 2,
+        known=known,
+    )  # fmt: skip
+    return replace(level, fitted=fitted, unseen=held_out(study, fitted.error, fitted.jacobian))
+
+
+def inside_twin(
+    study: Study, root: Level, level: Level, candidate: Screened, target: float = math.inf
+) -> Refitted | None:
+    """A candidate refitted with its own bias; shares count from the model without any found effect.
+
+    `target`: see `settle`.
+    """
     effects = tuple(dict.fromkeys([*level.effects, candidate.effect]))
-    settled = settle(study, candidate.fitted.packed, candidate.fitted.free, 2, effects, candidate.fitted)
+    fitted = candidate.fitted
+    starts = [fitted.packed]
+    if has_load(level.fitted.packed.on):  # a bias that is held may have led far away
+        starts += candidate.before
+    begin = lowest(study, starts, level.fitted.cost)
+    settled = settle_from(study, begin, fitted.free, 2, effects, fitted, target)
     if settled is None:
         return None
     return judged(study, root, settled, candidate.effect, level)

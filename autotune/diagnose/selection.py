@@ -24,6 +24,7 @@ from autotune.diagnose.search import (
     GAIN_WITHOUT_TWIN,
     LEAST_GAIN,
     MOST_EFFECTS,
+    NEAR_WORTH,
     WALK,
     Progress,
     Refitted,
@@ -51,6 +52,10 @@ HOPELESS = 0.35
 """Part of the best candidate's gain below which a refit inside the twin is not worth its time."""
 HOPELESS_BESIDE = 0.6
 """The same for a further effect."""
+A_RIVAL = 1.5
+"""Of the lowest cost: a refit that will not come so near is no rival."""
+PLAINLY = 5.0
+"""Times what an effect must be worth: so much needs no refit without it to be seen."""
 LEFT_TO_EXPLAIN = 0.02
 """Of the noise: repeatable rest, with its standard error, below which no second effect is looked for."""
 CLEAR_FALL = 0.2
@@ -91,16 +96,20 @@ def select(study: Study, root: Level, nominal: Packed, progress: Progress) -> Se
     tried: list[Refitted] = []
     generic: dict[str, float] = {}
     chosen: Refitted | None = None
+    seen: list[Level] = []
     for number in range(MOST_EFFECTS):
-        ranked = rank(study, level, nominal, progress)
+        worth = _least_fall(study, chosen) if chosen is not None else 0.0
+        ranked = rank(study, level, nominal, progress, worth)
         if not study.data.repeated:
             ranked = capped(level, ranked)
         if number == 0:
             first, generic = ranked, generic_gains(study, root)
-        passing = _passing(study, level, ranked)
+        near = [item for item in ranked if chosen is None or item.fall >= NEAR_WORTH * worth]
+        passing = _passing(study, level, near)
         refits = _walk(study, root, level, passing, progress)
         if not any(item.named for item in refits):
             refits += _second_look(study, root, level, ranked, passing, progress)
+        seen += [item.level for item in refits]
         refits = without_needless_gap(study, refits)
         if number == 0:
             tried = refits
@@ -116,10 +125,11 @@ def select(study: Study, root: Level, nominal: Packed, progress: Progress) -> Se
         if study.data.repeated and PARTLY < chosen.share < POLISHED:
             chosen = polished(study, root, chosen, progress)
         level = chosen.level
+        seen.append(level)
         if chosen.share >= 0.995 and not _more_to_explain(study, level):
             break
     if chosen is not None and len(chosen.level.effects) > 1:
-        chosen = _pruned(study, root, chosen, progress)
+        chosen = _pruned(study, root, chosen, seen, progress)
     if chosen is not None and PARTLY < chosen.share < POLISHED:
         chosen = polished(study, root, chosen, progress)
     return Selection(study, root, chosen, first, tried, generic)
@@ -179,7 +189,8 @@ def _walk(
         if item.gain < (close if done else hopeless) * passing[0].gain:
             break
         progress(f"refit inside the twin: {item.effect}")
-        refitted = inside_twin(study, root, level, item)
+        target = A_RIVAL * min((r.level.fitted.cost for r in refits), default=math.inf)
+        refitted = inside_twin(study, root, level, item, target)
         if refitted is not None:
             refits.append(refitted)
     return refits
@@ -245,25 +256,39 @@ def _more_to_explain(study: Study, level: Level) -> bool:
     return variance + error > LEFT_TO_EXPLAIN * noise
 
 
-def _pruned(study: Study, root: Level, chosen: Refitted, progress: Progress) -> Refitted:
-    """Drops every effect without which training and veto are hardly worse."""
+def _pruned(
+    study: Study, root: Level, chosen: Refitted, seen: Sequence[Level], progress: Progress
+) -> Refitted:
+    """Drops every effect without which training and veto are hardly worse.
+
+    Where a model without it was `seen` to be far worse, it is needed.
+    """
     current = chosen
     for effect in chosen.level.effects:
         if len(current.level.effects) < 2:
             break
+        rest = set(current.level.effects) - {effect}
+        known = [level for level in seen if set(level.effects) == rest]
+        if known and not any(_negligible(study, current, level, PLAINLY) for level in known):
+            continue
         progress(f"is {effect} needed")
         less = without_effect(study, root, current.level, effect)
-        if less is None:
-            continue
-        falls = {TRAINING: current.training.fall, VETO: current.veto.fall if current.veto else math.inf}
-        roles = [role for role in (TRAINING, VETO) if study.has(role)]
-        if all(_negligible(study, current.level, less.level, role, falls[role]) for role in roles):
+        if less is not None and _negligible(study, current, less.level):
             current = less
     return current
 
 
-def _negligible(study: Study, level: Level, less: Level, role: str, fall: float) -> bool:
-    """Whether an effect is worth next to nothing on one role, beside what all explain and what is left."""
-    left = _mean_square(study, level, role)
-    lost = _mean_square(study, less, role) - left
-    return lost < NEGLIGIBLE * max(fall, 0.0) and lost < NEGLIGIBLE_LEFT * left
+def _negligible(study: Study, current: Refitted, less: Level, times: float = 1.0) -> bool:
+    """Whether what `less` lacks is worth next to nothing, beside what all explain and what is left.
+
+    `times` is how much more than that it may be worth.
+    """
+    falls = {TRAINING: current.training.fall, VETO: current.veto.fall if current.veto else math.inf}
+    for role in (TRAINING, VETO):
+        if not study.has(role):
+            continue
+        left = _mean_square(study, current.level, role)
+        lost = _mean_square(study, less, role) - left
+        if not (lost < times * NEGLIGIBLE * max(falls[role], 0.0) and lost < times * NEGLIGIBLE_LEFT * left):
+            return False
+    return True

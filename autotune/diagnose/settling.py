@@ -7,10 +7,12 @@ the bias that belongs to it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from autotune.diagnose.fit import Fitted, Free, fit
+from autotune.diagnose.parts import until_last
 from autotune.diagnose.prepared import TRAINING
 from autotune.diagnose.residual import residual
 from autotune.diagnose.score import Unseen, held_out
@@ -29,18 +31,22 @@ COARSE = 0.03
 """Of a parameter's scale: difference for sensitivities of two masses, whose contact makes small ones noise."""
 SHARP = 9
 """Simulations for the bias that two masses are judged by: their blows make that of a few a matter of luck."""
-ENOUGH = 3e-3
-"""Relative fall of the cost that is not worth another step between two masses."""
+ENOUGH = 0.01
+"""Relative fall of the cost that is not worth another step between two masses: the chance of their bias."""
 
 
 @dataclass(frozen=True, slots=True)
 class Level:
-    """A model at its best: fit, the bias that belongs to it, and its error on unseen experiments."""
+    """A model at its best: fit, the bias that belongs to it, and its error on unseen experiments.
+
+    `settled`: more rounds would not make it better.
+    """
 
     fitted: Fitted
     correction: Correction
     unseen: Unseen
     effects: tuple[str, ...] = ()
+    settled: bool = False
 
     @property
     def free(self) -> tuple[Free, ...]:
@@ -54,16 +60,31 @@ def settle(
     rounds: int,
     effects: tuple[str, ...] = (),
     near: Fitted | None = None,
+    target: float = math.inf,
 ) -> Level | None:
-    """Fits inside the twin. None where the twin is unstable.
+    """Fits inside the twin from `packed` on. None where the twin is unstable.
 
-    `near` is a fit of the same parameters nearby, whose sensitivities serve the first step.
+    `near` is a fit of the same parameters nearby, whose sensitivities serve the first step. Between two masses
+    a fit that cannot be expected to reach the cost `target` is given up.
     """
-    here = best = _twinned(study, None, packed)
-    if here is None or best is None:
+    return settle_from(study, twinned(study, packed), free, rounds, effects, near, target)
+
+
+def settle_from(
+    study: Study,
+    here: Twinned | None,
+    free: Sequence[Free],
+    rounds: int,
+    effects: tuple[str, ...] = (),
+    near: Fitted | None = None,
+    target: float = math.inf,
+) -> Level | None:
+    """The same from a place whose bias is known; None from None."""
+    if here is None:
         return None
-    if study.twin and has_load(packed.on):
-        return _step_by_step(study, here, free, STEPS_A_ROUND * rounds, effects)
+    best = here
+    if study.twin and has_load(here.packed.on):
+        return _step_by_step(study, here, free, STEPS_A_ROUND * rounds, effects, target)
     last: Fitted | None = None
     for _ in range(rounds):
         last = refit(study, here.packed, list(free), here.correction, 4 if study.twin else 12, near)
@@ -79,26 +100,35 @@ def settle(
 
 
 def _step_by_step(
-    study: Study, here: _Twinned, free: Sequence[Free], steps: int, effects: tuple[str, ...]
+    study: Study,
+    here: Twinned,
+    free: Sequence[Free],
+    steps: int,
+    effects: tuple[str, ...],
+    target: float,
 ) -> Level | None:
     """A fit whose every step is judged by its own bias."""
 
+    fitted_part = replace(study, data=until_last(study.data, study.training > 0))
+
     def bias_at(packed: Packed) -> Floats | None:
-        correction = study.correction(packed, study.simulations + 1)
+        correction = fitted_part.correction(packed, study.simulations + 1)
         return correction.bias if correction.stable else None
 
     fitted = fit(
         study.data, study.moved, here.packed, free, here.correction.bias, study.training, steps,
-        ENOUGH, bias_at=bias_at, difference=COARSE,
+        ENOUGH, bias_at=bias_at, difference=COARSE, whole=False,
+        target=target,
     )  # fmt: skip
-    sharp = _twinned(study, None, fitted.packed, SHARP)
+    sharp = twinned(study, fitted.packed, SHARP if fitted.cost < target else None)
     if sharp is None:
         return None
-    return _level(study, replace(fitted, error=sharp.error, cost=sharp.cost), sharp.correction, effects)
+    level = _level(study, replace(fitted, error=sharp.error, cost=sharp.cost), sharp.correction, effects)
+    return replace(level, settled=fitted.converged)
 
 
 @dataclass(frozen=True, slots=True)
-class _Twinned:
+class Twinned:
     """A residual with the bias that belongs to its parameters, and its mean square."""
 
     packed: Packed
@@ -107,32 +137,45 @@ class _Twinned:
     cost: float
 
 
-def _twinned(
-    study: Study, fitted: Fitted | None, packed: Packed, simulations: int | None = None
-) -> _Twinned | None:
-    """The residual at `packed`; of a fit just made its own is taken. None where the twin is unstable."""
+def twinned(
+    study: Study, packed: Packed, simulations: int | None = None, raw: Floats | None = None
+) -> Twinned | None:
+    """The residual at `packed`, `raw` where it is known already. None where the twin is unstable."""
     correction = study.correction(packed, simulations or study.simulations + 1)
     if not correction.stable:
         return None
-    raw = residual(study.data, packed, study.moved) if fitted is None else fitted.error
+    if raw is None:
+        raw = residual(study.data, packed, study.moved)
     error = raw - correction.bias
-    return _Twinned(packed, error, correction, study.mean_square(error, TRAINING))
+    return Twinned(packed, error, correction, study.mean_square(error, TRAINING))
 
 
-def _downhill(study: Study, fitted: Fitted, best: _Twinned) -> _Twinned | None:
+def lowest(study: Study, starts: Sequence[Packed], enough: float) -> Twinned | None:
+    """The first of these places whose cost is `enough`, else the best; None where the twin is unstable at all."""
+    found: Twinned | None = None
+    for packed in starts:
+        here = twinned(study, packed)
+        if here is not None and (found is None or here.cost < found.cost):
+            found = here
+        if found is not None and found.cost <= enough:
+            break
+    return found
+
+
+def _downhill(study: Study, fitted: Fitted, best: Twinned) -> Twinned | None:
     """The fit with its own bias where that is better than before, else a point on the way there.
 
     A fit holds the bias; near the limit of stability it changes so fast with the parameters that a whole step
     leads uphill. Where no part of the step is better the whole of it may still lead across a ridge; None where it
     is far worse.
     """
-    whole = _twinned(study, replace(fitted, error=fitted.error + best.correction.bias), fitted.packed)
+    whole = twinned(study, fitted.packed, raw=fitted.error + best.correction.bias)
     found, packed = whole, fitted.packed
     for _ in range(MOST_HALVINGS):
         if found is not None and found.cost <= LEVEL_GROUND * best.cost:
             return found
         packed = Packed(0.5 * (packed.p + best.packed.p), packed.on)
-        found = _twinned(study, None, packed)
+        found = twinned(study, packed)
     if found is not None and found.cost <= LEVEL_GROUND * best.cost:
         return found
     return whole if whole is not None and whole.cost <= ACROSS_A_RIDGE * best.cost else None
