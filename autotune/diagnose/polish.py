@@ -9,16 +9,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from autotune.diagnose.families import FAMILIES, Context
 from autotune.diagnose.prepared import TRAINING, VETO
 from autotune.diagnose.search import Progress, Refitted, judged
 from autotune.diagnose.settling import Level, settle
 from autotune.diagnose.study import Study
+from autotune.models import layout
+from autotune.models.drive_model import Packed
+from autotune.models.table import EFFECTS
 
 POLISHED = 0.99
 NEARLY = 0.8
 MOST_POLISHES, WORTH_POLISHING = 3, 0.02
-PLAINER = 1.2
-"""What a plain spring may leave of what a spring with a gap leaves, to be preferred."""
+PLAINER, AS_PLAIN = 1.2, 1.1
+"""What a plain spring may leave of what a spring with a gap leaves, to be preferred: by itself, beside others."""
+LOAD = ("load_inertia", "load_friction", "damping")
 
 
 def without_needless_gap(study: Study, refits: Sequence[Refitted]) -> list[Refitted]:
@@ -30,6 +35,35 @@ def without_needless_gap(study: Study, refits: Sequence[Refitted]) -> list[Refit
     if error_left(study, spring.level) > PLAINER * error_left(study, gap.level):
         return list(refits)
     return [item for item in refits if item is not gap]
+
+
+def with_spring_for_gap(
+    study: Study, root: Level, nominal: Packed, chosen: Refitted, progress: Progress
+) -> Refitted:
+    """An elastic transmission in place of backlash that was found first, where it does as well beside the others.
+
+    As long as something else is missing, a gap takes a part of it over, and is preferred for that.
+    """
+    level = chosen.level
+    if "backlash" not in level.effects or len(level.effects) < 2:
+        return chosen
+    progress("an elastic transmission in place of backlash")
+    p, on = level.fitted.packed.p.copy(), level.fitted.packed.on.copy()
+    gap, spring = EFFECTS["backlash"], EFFECTS["elastic_transmission"]
+    taken = {"compliance": "contact_compliance"} | {name: name for name in LOAD}
+    start = next(FAMILIES[spring.name](Context(study, level.fitted, nominal)))
+    for name, source in taken.items():
+        p[spring.parameter(name).slot] = p[gap.parameter(source).slot]
+    on[layout.flag(spring.name)], on[layout.flag(gap.name)] = True, False
+    slots = {parameter.slot for parameter in gap.parameters}
+    for slot in slots:
+        p[slot] = root.fitted.packed.p[slot]
+    free = [*(f for f in level.free if f.slot not in slots), *start.free]
+    effects = tuple(spring.name if name == gap.name else name for name in level.effects)
+    settled = settle(study, Packed(p, on), free, 2, effects, target=AS_PLAIN * level.fitted.cost)
+    if settled is None or error_left(study, settled) > AS_PLAIN * error_left(study, level):
+        return chosen
+    return replace(judged(study, root, settled, chosen.effect), gain=chosen.gain)
 
 
 def best_polished(

@@ -17,6 +17,7 @@ from autotune.diagnose.polish import (
     best_polished,
     error_left,
     polished,
+    with_spring_for_gap,
     without_needless_gap,
 )
 from autotune.diagnose.prepared import TRAINING, VETO
@@ -118,6 +119,7 @@ def select(study: Study, root: Level, nominal: Packed, progress: Progress) -> Se
         best = _best(study, chosen, refits)
         if best is None:
             break
+        best = with_spring_for_gap(study, root, nominal, best, progress)
         study, chosen = _with_own_noise(study, root, best)
         again = realigned(study, chosen.level)
         if again is not study:
