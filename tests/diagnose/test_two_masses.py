@@ -13,6 +13,7 @@ from autotune.diagnose.residual import residual
 from autotune.diagnose.search import inside_twin, screen
 from autotune.diagnose.settling import SHARP, Level
 from autotune.diagnose.study import LEAST_WEIGHT, Study, by_steadiness, start_study
+from autotune.diagnose.verdict import diagnose
 from autotune.models.drive_model import Packed, base_model
 from bench.diagnosis import MEDIUM, NOMINAL, plain_axis
 from bench.diagnosis_truth import true_model
@@ -39,6 +40,13 @@ def test_the_fit_comes_as_low_as_the_truth(begun: Begun) -> None:
     own, least = (study.mean_square(error, TRAINING) for error in (found.level.fitted.error, true))
     assert found.named
     assert 0.7 < own / least < 1.15  # the noise of both biases is below a tenth
+
+
+def test_a_spring_is_not_named_a_gap_beside_another_effect(recorded) -> None:
+    """While nonlinear viscosity was missing, a small gap took a part of it over."""
+    planted = {name: MEDIUM[name] for name in (EFFECT, "nonlinear_viscous")}
+    found = diagnose([recorded(26_001, **planted)], base_model(NOMINAL))
+    assert (found.verdict, set(found.effects)) == ("named", set(planted))
 
 
 def test_a_step_into_an_unstable_twin_is_not_taken(begun: Begun) -> None:
