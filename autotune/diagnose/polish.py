@@ -38,14 +38,21 @@ def without_needless_gap(study: Study, refits: Sequence[Refitted]) -> list[Refit
 
 
 def with_spring_for_gap(
-    study: Study, root: Level, nominal: Packed, chosen: Refitted, progress: Progress
+    study: Study,
+    root: Level,
+    nominal: Packed,
+    chosen: Refitted,
+    refits: Sequence[Refitted],
+    progress: Progress,
 ) -> Refitted:
-    """An elastic transmission in place of backlash that was found first, where it does as well beside the others.
+    """An elastic transmission in place of backlash that was found first, where it does as well.
 
-    As long as something else is missing, a gap takes a part of it over, and is preferred for that.
+    As long as something else is missing, a gap takes a part of it over, and is preferred for that; and where a gap
+    explains nearly all, the spring may not have been among the `refits`.
     """
     level = chosen.level
-    if "backlash" not in level.effects or len(level.effects) < 2:
+    tried = len(level.effects) < 2 and any(item.effect == "elastic_transmission" for item in refits)
+    if "backlash" not in level.effects or tried:
         return chosen
     progress("an elastic transmission in place of backlash")
     p, on = level.fitted.packed.p.copy(), level.fitted.packed.on.copy()
@@ -63,7 +70,8 @@ def with_spring_for_gap(
     settled = settle(study, Packed(p, on), free, 2, effects, target=AS_PLAIN * level.fitted.cost)
     if settled is None or error_left(study, settled) > AS_PLAIN * error_left(study, level):
         return chosen
-    return replace(judged(study, root, settled, chosen.effect), gain=chosen.gain)
+    effect = spring.name if chosen.effect == gap.name else chosen.effect
+    return replace(judged(study, root, settled, effect), gain=chosen.gain)
 
 
 def best_polished(

@@ -16,7 +16,7 @@ from autotune.diagnose.fit import Fitted, fit
 from autotune.diagnose.prepared import TRAINING, VETO
 from autotune.diagnose.residual import measured_motion
 from autotune.diagnose.score import Explained, explained, gain_and_z, held_out
-from autotune.diagnose.settling import Level, lowest, settle, settle_from
+from autotune.diagnose.settling import Level, settle, settle_somewhere
 from autotune.diagnose.study import Study, refit, without_outlying
 from autotune.models import layout
 from autotune.models.drive_model import Packed
@@ -53,7 +53,7 @@ class Screened:
 
     Attributes:
         fall: of the mean square [(N m)²]; gain, z: on experiments held out.
-        before: where its fits came from.
+        others: where else it could begin: shorter fits, and their starts.
     """
 
     effect: str
@@ -61,7 +61,7 @@ class Screened:
     fall: float
     gain: float
     z: float
-    before: tuple[Packed, ...] = ()
+    others: tuple[Packed, ...] = ()
 
     @property
     def passes(self) -> bool:
@@ -132,8 +132,9 @@ def _finished(
             finished = refit(study, start.packed, free, level.correction, rounds, near)
             best = finished if finished.cost <= best.cost else best
     gain, z = gain_and_z(level.unseen, held_out(study, best.error, best.jacobian))
-    fall = level.fitted.cost - best.cost
-    return Screened(effect, best, fall, gain, z, (found[0].packed, tried[0].start))
+    before = [item.packed for item in found] + [item.start for item in tried]
+    others = tuple(packed for packed in before if packed is not best.packed)
+    return Screened(effect, best, level.fitted.cost - best.cost, gain, z, others)
 
 
 def _promises(study: Study, level: Level, short: Fitted) -> bool:
@@ -210,11 +211,11 @@ def inside_twin(
     """
     effects = tuple(dict.fromkeys([*level.effects, candidate.effect]))
     fitted = candidate.fitted
-    starts = [fitted.packed]
-    if has_load(level.fitted.packed.on):  # a bias that is held may have led far away
-        starts += candidate.before
-    begin = lowest(study, starts, level.fitted.cost)
-    settled = settle_from(study, begin, fitted.free, 2, effects, fitted, target)
+    if study.twin and has_load(fitted.packed.on):
+        starts = [fitted.packed, *candidate.others]
+        settled = settle_somewhere(study, starts, level.fitted.cost, fitted.free, effects, target)
+    else:
+        settled = settle(study, fitted.packed, fitted.free, 2, effects, fitted)
     if settled is None:
         return None
     return judged(study, root, settled, candidate.effect, level)

@@ -55,7 +55,7 @@ HOPELESS_BESIDE = 0.6
 """The same for a further effect."""
 A_RIVAL = 1.5
 """Of the lowest cost: a refit that will not come so near is no rival."""
-PLAINLY = 5.0
+PLAINLY = 20.0
 """Times what an effect must be worth: so much needs no refit without it to be seen."""
 LEFT_TO_EXPLAIN = 0.02
 """Of the noise: repeatable rest, with its standard error, below which no second effect is looked for."""
@@ -119,7 +119,7 @@ def select(study: Study, root: Level, nominal: Packed, progress: Progress) -> Se
         best = _best(study, chosen, refits)
         if best is None:
             break
-        best = with_spring_for_gap(study, root, nominal, best, progress)
+        best = with_spring_for_gap(study, root, nominal, best, refits, progress)
         study, chosen = _with_own_noise(study, root, best)
         again = realigned(study, chosen.level)
         if again is not study:

@@ -29,6 +29,8 @@ ACROSS_A_RIDGE = 1.5
 STEPS_A_ROUND = 4
 COARSE = 0.03
 """Of a parameter's scale: difference for sensitivities of two masses, whose contact makes small ones noise."""
+STUCK = 0.9
+"""Of the cost at its start: a fit that comes no lower has not found its way."""
 SHARP = 9
 """Simulations for the bias that two masses are judged by: their blows make that of a few a matter of luck."""
 ENOUGH = 0.01
@@ -99,6 +101,39 @@ def settle_from(
     return _level(study, fitted, best.correction, effects)
 
 
+def settle_somewhere(
+    study: Study,
+    starts: Sequence[Packed],
+    enough: float,
+    free: Sequence[Free],
+    effects: tuple[str, ...],
+    target: float = math.inf,
+) -> Level | None:
+    """Fits from the first of several places that costs at most `enough`, and from the next where one is stuck.
+
+    Where none costs so little, from the best of them. For two masses, whose way downhill chance may bar. None where
+    the twin is unstable everywhere.
+    """
+    best: Level | None = None
+    dear: list[Twinned] = []
+    for packed in starts:
+        here = twinned(study, packed)
+        if here is None:
+            continue
+        if here.cost > enough:
+            dear.append(here)
+            continue
+        level = settle_from(study, here, free, 2, effects, target=target)
+        if level is not None and (best is None or level.fitted.cost < best.fitted.cost):
+            best = level
+        if level is not None and level.fitted.cost < STUCK * here.cost:
+            break
+    if best is not None or not dear:
+        return best
+    here = min(dear, key=lambda place: place.cost)
+    return settle_from(study, here, free, 2, effects, target=target)
+
+
 def _step_by_step(
     study: Study,
     here: Twinned,
@@ -148,18 +183,6 @@ def twinned(
         raw = residual(study.data, packed, study.moved)
     error = raw - correction.bias
     return Twinned(packed, error, correction, study.mean_square(error, TRAINING))
-
-
-def lowest(study: Study, starts: Sequence[Packed], enough: float) -> Twinned | None:
-    """The first of these places whose cost is `enough`, else the best; None where the twin is unstable at all."""
-    found: Twinned | None = None
-    for packed in starts:
-        here = twinned(study, packed)
-        if here is not None and (found is None or here.cost < found.cost):
-            found = here
-        if found is not None and found.cost <= enough:
-            break
-    return found
 
 
 def _downhill(study: Study, fitted: Fitted, best: Twinned) -> Twinned | None:
