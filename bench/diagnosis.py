@@ -185,7 +185,7 @@ def removed(runs: int, seed: int, size: float, names: list[str]) -> Iterator[Run
             own = seed + 100 * number + i
             recording = play(plain_axis(own, {effect: planted_size(effect, medium * size)}), own)
             kept = {name: f for name, f in families.FAMILIES.items() if name != effect}
-            with mock.patch("autotune.diagnose.search.FAMILIES", kept):
+            with mock.patch.dict(families.FAMILIES, kept, clear=True):
                 yield judge(recording, (f"-{effect}",))
 
 

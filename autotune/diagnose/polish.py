@@ -52,7 +52,7 @@ def with_spring_for_gap(
     """
     level = chosen.level
     tried = len(level.effects) < 2 and any(item.effect == "elastic_transmission" for item in refits)
-    if "backlash" not in level.effects or tried:
+    if "backlash" not in level.effects or tried or "elastic_transmission" not in FAMILIES:
         return chosen
     progress("an elastic transmission in place of backlash")
     p, on = level.fitted.packed.p.copy(), level.fitted.packed.on.copy()
