@@ -17,8 +17,6 @@ from autotune.diagnose.polish import (
     best_polished,
     error_left,
     polished,
-    with_spring_for_gap,
-    without_needless_gap,
 )
 from autotune.diagnose.prepared import TRAINING, VETO
 from autotune.diagnose.search import (
@@ -36,12 +34,14 @@ from autotune.diagnose.search import (
     judged,
     rank,
     realigned,
+    screen,
     without_effect,
 )
 from autotune.diagnose.settling import Level, settle
 from autotune.diagnose.single import capped, credible, noticeable
 from autotune.diagnose.study import Study, estimate_noise
 from autotune.diagnose.surrogates import beats_surrogates
+from autotune.diagnose.transmissions import the_other_tried, without_needless_gap
 from autotune.models.drive_model import Packed
 
 LEAST_Z_ALONE = 2.5
@@ -59,6 +59,8 @@ PLAINLY = 20.0
 """Times what an effect must be worth: so much needs no refit without it to be seen."""
 LEFT_TO_EXPLAIN = 0.02
 """Of the noise: repeatable rest, with its standard error, below which no second effect is looked for."""
+MUCH_BETTER = 0.8
+"""Of what was left: what another beginning must leave."""
 CLEAR_FALL = 0.2
 """Relative fall of the cost that no candidate reaches where nothing is missing."""
 NOISE_CHANGED = 0.25
@@ -119,13 +121,14 @@ def select(study: Study, root: Level, nominal: Packed, progress: Progress) -> Se
         best = _best(study, chosen, refits)
         if best is None:
             break
-        best = with_spring_for_gap(study, root, nominal, best, refits, progress)
+        best = the_other_tried(study, root, nominal, best, refits, progress)
         study, chosen = _with_own_noise(study, root, best)
         again = realigned(study, chosen.level)
         if again is not study:
             study, root, chosen = _once_more(again, root, chosen)
         if study.data.repeated and PARTLY < chosen.share < POLISHED:
             chosen = polished(study, root, chosen, progress)
+            chosen = _begun_anew(study, root, nominal, chosen, progress)
         level = chosen.level
         seen.append(level)
         if chosen.share >= 0.995 and not _more_to_explain(study, level):
@@ -153,6 +156,27 @@ def _with_own_noise(study: Study, root: Level, chosen: Refitted) -> tuple[Study,
     if settled is None or settled.fitted.cost > level.fitted.cost:
         return study, chosen
     return quieter, judged(quieter, root, settled, chosen.effect)
+
+
+def _begun_anew(study: Study, root: Level, nominal: Packed, chosen: Refitted, progress: Progress) -> Refitted:
+    """Each effect looked for again beside the others, where together they do not explain what they should.
+
+    The first of them took its shape while the second was missing: a wave over the travel for a tight spot.
+    """
+    for effect in chosen.level.effects:
+        if chosen.named or len(chosen.level.effects) < 2:
+            break
+        progress(f"another beginning for {effect}")
+        rest = without_effect(study, root, chosen.level, effect)
+        screened = screen(study, rest.level, nominal, effect) if rest is not None else None
+        if rest is None or screened is None:
+            continue
+        again = inside_twin(study, root, rest.level, screened, chosen.level.fitted.cost)
+        if again is not None and error_left(study, again.level) < MUCH_BETTER * error_left(
+            study, chosen.level
+        ):
+            chosen = replace(again, effect=chosen.effect, gain=chosen.gain)
+    return chosen
 
 
 def _once_more(study: Study, root: Level, chosen: Refitted) -> tuple[Study, Level, Refitted]:

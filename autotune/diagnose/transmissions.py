@@ -1,0 +1,99 @@
+"""Spring or gap: which of two transmissions that look alike is between motor and load.
+
+Backlash has a spring in its flanks and one parameter more. As long as another effect is missing, a gap takes a part
+of it over; and a small gap that is begun far from its size looks worse than a spring. So each is tried in the
+other's place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from autotune.diagnose.families import FAMILIES, Context
+from autotune.diagnose.polish import NEARLY, error_left
+from autotune.diagnose.search import Progress, Refitted, judged
+from autotune.diagnose.settling import Level, settle_somewhere
+from autotune.diagnose.study import Study
+from autotune.models import layout
+from autotune.models.drive_model import Packed
+from autotune.models.table import EFFECTS
+
+SPRING, GAP = "elastic_transmission", "backlash"
+PLAINER, AS_PLAIN = 1.2, 1.1
+"""What a plain spring may leave of what a spring with a gap leaves, to be preferred: by itself, beside others."""
+WORTH_A_GAP = 0.8
+"""Of what a spring leaves: what a gap in its place must leave."""
+OF_THE_GAP = {"compliance": "contact_compliance"} | {
+    name: name for name in ("load_inertia", "load_friction", "damping")
+}
+"""Parameters of a spring that begin at those of a gap."""
+
+
+def without_needless_gap(study: Study, refits: Sequence[Refitted]) -> list[Refitted]:
+    """The refits without backlash where an elastic transmission without a gap explains about as much."""
+    found = {item.effect: item for item in refits}
+    spring, gap = found.get(SPRING), found.get(GAP)
+    if spring is None or gap is None or spring.share < NEARLY:
+        return list(refits)
+    if error_left(study, spring.level) > PLAINER * error_left(study, gap.level):
+        return list(refits)
+    return [item for item in refits if item is not gap]
+
+
+def the_other_tried(
+    study: Study,
+    root: Level,
+    nominal: Packed,
+    chosen: Refitted,
+    refits: Sequence[Refitted],
+    progress: Progress,
+) -> Refitted:
+    """The chosen model with the other transmission, where that does better.
+
+    A spring is tried for a gap beside other effects, and where it was not among the `refits`; a gap for a spring
+    where that alone does not explain enough.
+    """
+    effects = chosen.level.effects
+    alone = {item.effect for item in refits} if len(effects) < 2 else set()
+    if GAP in effects and SPRING not in alone:
+        return _in_place_of(study, root, nominal, chosen, GAP, SPRING, AS_PLAIN, progress)
+    if effects == (SPRING,) and GAP not in alone and not chosen.named:
+        return _in_place_of(study, root, nominal, chosen, SPRING, GAP, WORTH_A_GAP, progress)
+    return chosen
+
+
+def _in_place_of(
+    study: Study,
+    root: Level,
+    nominal: Packed,
+    chosen: Refitted,
+    old: str,
+    new: str,
+    least: float,
+    progress: Progress,
+) -> Refitted:
+    """The chosen model with `new` for `old` if that leaves at most `least` of the error."""
+    if new not in FAMILIES:
+        return chosen
+    progress(f"{new} in place of {old}")
+    level = chosen.level
+    was, becomes = EFFECTS[old], EFFECTS[new]
+    slots = {parameter.slot for parameter in was.parameters}
+    starts: list[Packed] = []
+    begun = list(FAMILIES[new](Context(study, level.fitted, nominal)))
+    for start in begun[:1] if new == SPRING else begun:
+        p, on = start.packed.p.copy(), start.packed.on.copy()
+        for name, source in OF_THE_GAP.items() if new == SPRING else ():
+            p[becomes.parameter(name).slot] = p[was.parameter(source).slot]
+        p[list(slots)] = root.fitted.packed.p[list(slots)]
+        on[layout.flag(old)] = False
+        starts.append(Packed(p, on))
+    free = [*(f for f in level.free if f.slot not in slots), *begun[-1].free]
+    effects = tuple(new if name == old else name for name in level.effects)
+    cost = level.fitted.cost
+    settled = settle_somewhere(study, starts, 0.0, free, effects, max(least, 1.0) * cost)
+    if settled is None or error_left(study, settled) > least * error_left(study, level):
+        return chosen
+    effect = new if chosen.effect == old else chosen.effect
+    return replace(judged(study, root, settled, effect), gain=chosen.gain)
