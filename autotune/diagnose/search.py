@@ -203,17 +203,24 @@ def _walked_on(study: Study, level: Level) -> Level:
 
 
 def inside_twin(
-    study: Study, root: Level, level: Level, candidate: Screened, target: float = math.inf
+    study: Study,
+    root: Level,
+    level: Level,
+    candidate: Screened,
+    target: float = math.inf,
+    best_start: bool = False,
 ) -> Refitted | None:
     """A candidate refitted with its own bias; shares count from the model without any found effect.
 
-    `target`: see `settle`.
+    `target`: see `settle`. Two masses begin at the first start that is better than the model without the candidate,
+    or at the `best_start` of all.
     """
     effects = tuple(dict.fromkeys([*level.effects, candidate.effect]))
     fitted = candidate.fitted
     if study.twin and has_load(fitted.packed.on):
         starts = [fitted.packed, *candidate.others]
-        settled = settle_somewhere(study, starts, level.fitted.cost, fitted.free, effects, target)
+        enough = 0.0 if best_start else level.fitted.cost
+        settled = settle_somewhere(study, starts, enough, fitted.free, effects, target)
     else:
         settled = settle(study, fitted.packed, fitted.free, 2, effects, fitted)
     if settled is None:

@@ -43,6 +43,7 @@ from autotune.diagnose.study import Study, estimate_noise
 from autotune.diagnose.surrogates import beats_surrogates
 from autotune.diagnose.transmissions import the_other_tried, without_needless_gap
 from autotune.models.drive_model import Packed
+from autotune.models.transmission import has_load
 
 LEAST_Z_ALONE = 2.5
 LEAST_Z_BY_PHASE = 2.0
@@ -161,17 +162,25 @@ def _with_own_noise(study: Study, root: Level, chosen: Refitted) -> tuple[Study,
 def _begun_anew(study: Study, root: Level, nominal: Packed, chosen: Refitted, progress: Progress) -> Refitted:
     """Each effect looked for again beside the others, where together they do not explain what they should.
 
-    The first of them took its shape while the second was missing: a wave over the travel for a tight spot.
+    The first of them took its shape while the second was missing: a wave over the travel for a tight spot. A single
+    one is begun anew where it is a second mass, whose way downhill depends on where it begins.
     """
+    alone = len(chosen.level.effects) < 2
     for effect in chosen.level.effects:
-        if chosen.named or len(chosen.level.effects) < 2:
+        if chosen.named or (alone and not has_load(chosen.level.fitted.packed.on)):
             break
         progress(f"another beginning for {effect}")
-        rest = without_effect(study, root, chosen.level, effect)
-        screened = screen(study, rest.level, nominal, effect) if rest is not None else None
-        if rest is None or screened is None:
+        before = root
+        if not alone:
+            rest = without_effect(study, root, chosen.level, effect)
+            if rest is None:
+                continue
+            before = rest.level
+        screened = screen(study, before, nominal, effect)
+        if screened is None:
             continue
-        again = inside_twin(study, root, rest.level, screened, chosen.level.fitted.cost)
+        cost = chosen.level.fitted.cost
+        again = inside_twin(study, root, before, screened, cost, best_start=True)
         if again is not None and error_left(study, again.level) < MUCH_BETTER * error_left(
             study, chosen.level
         ):
