@@ -42,11 +42,18 @@ def test_the_fit_comes_as_low_as_the_truth(begun: Begun) -> None:
     assert 0.7 < own / least < 1.15  # the noise of both biases is below a tenth
 
 
+@pytest.mark.slow
 def test_a_spring_is_not_named_a_gap_beside_another_effect(recorded) -> None:
     """While nonlinear viscosity was missing, a small gap took a part of it over."""
     planted = {name: MEDIUM[name] for name in (EFFECT, "nonlinear_viscous")}
     found = diagnose([recorded(26_001, **planted)], base_model(NOMINAL))
     assert (found.verdict, set(found.effects)) == ("named", set(planted))
+
+
+def test_a_small_gap_is_found_behind_a_spring_that_does_not_explain_enough(recorded) -> None:
+    """Its short refits all led away; begun where the twin finds it best, one step comes down."""
+    found = diagnose([recorded(38_610, backlash=0.5 * MEDIUM["backlash"])], base_model(NOMINAL))
+    assert (found.verdict, found.effects, found.confidence) == ("named", ("backlash",), "confirmed")
 
 
 def test_a_step_into_an_unstable_twin_is_not_taken(begun: Begun) -> None:
