@@ -122,7 +122,7 @@ def select(study: Study, root: Level, nominal: Packed, progress: Progress) -> Se
         best = _best(study, chosen, refits)
         if best is None:
             break
-        best = the_other_tried(study, root, nominal, best, refits, progress)
+        best = the_other_tried(study, root, nominal, best, seen, progress)
         study, chosen = _with_own_noise(study, root, best)
         again = realigned(study, chosen.level)
         if again is not study:
@@ -181,9 +181,8 @@ def _begun_anew(study: Study, root: Level, nominal: Packed, chosen: Refitted, pr
             continue
         cost = chosen.level.fitted.cost
         again = inside_twin(study, root, before, screened, cost, best_start=True)
-        if again is not None and error_left(study, again.level) < MUCH_BETTER * error_left(
-            study, chosen.level
-        ):
+        left = error_left(study, chosen.level)
+        if again is not None and error_left(study, again.level) < MUCH_BETTER * left:
             chosen = replace(again, effect=chosen.effect, gain=chosen.gain)
     return chosen
 

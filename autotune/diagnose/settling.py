@@ -29,8 +29,8 @@ ACROSS_A_RIDGE = 1.5
 STEPS_A_ROUND = 4
 COARSE = 0.03
 """Of a parameter's scale: difference for sensitivities of two masses, whose contact makes small ones noise."""
-STUCK = 0.9
-"""Of the cost at its start: a fit that comes no lower has not found its way."""
+STUCK, NEAR = 0.9, 0.5
+"""Of the cost at its start: a fit that comes no lower has not found its way, unless it began so near the end."""
 SHARP = 9
 """Simulations for the bias that two masses are judged by: their blows make that of a few a matter of luck."""
 ENOUGH = 0.01
@@ -126,7 +126,7 @@ def settle_somewhere(
         level = settle_from(study, here, free, 2, effects, target=target)
         if level is not None and (best is None or level.fitted.cost < best.fitted.cost):
             best = level
-        if level is not None and level.fitted.cost < STUCK * here.cost:
+        if level is not None and (level.fitted.cost < STUCK * here.cost or here.cost < NEAR * enough):
             break
     if best is not None or not dear:
         return best

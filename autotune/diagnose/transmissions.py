@@ -46,19 +46,19 @@ def the_other_tried(
     root: Level,
     nominal: Packed,
     chosen: Refitted,
-    refits: Sequence[Refitted],
+    seen: Sequence[Level],
     progress: Progress,
 ) -> Refitted:
     """The chosen model with the other transmission, where that does better.
 
-    A spring is tried for a gap beside other effects, and where it was not among the `refits`; a gap for a spring
+    A spring is tried for a gap beside other effects, and where it was not `seen` by itself; a gap for a spring
     where that alone does not explain enough.
     """
     effects = chosen.level.effects
-    alone = {item.effect for item in refits} if len(effects) < 2 else set()
-    if GAP in effects and SPRING not in alone:
+    alone = {level.effects for level in seen} if len(effects) < 2 else set()
+    if GAP in effects and (SPRING,) not in alone:
         return _in_place_of(study, root, nominal, chosen, GAP, SPRING, AS_PLAIN, progress)
-    if effects == (SPRING,) and GAP not in alone and not chosen.named:
+    if effects == (SPRING,) and (GAP,) not in alone and not chosen.named:
         return _in_place_of(study, root, nominal, chosen, SPRING, GAP, WORTH_A_GAP, progress)
     return chosen
 
