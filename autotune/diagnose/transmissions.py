@@ -22,6 +22,8 @@ from autotune.models.table import EFFECTS
 SPRING, GAP = "elastic_transmission", "backlash"
 PLAINER, AS_PLAIN = 1.2, 1.1
 """What a plain spring may leave of what a spring with a gap leaves, to be preferred: by itself, beside others."""
+HARDLY_A_GAP = 0.3
+"""Of the twist at Coulomb friction: a smaller gap is a name for chance."""
 WORTH_A_GAP = 0.8
 """Of what a spring leaves: what a gap in its place must leave."""
 OF_THE_GAP = {"compliance": "contact_compliance"} | {
@@ -51,16 +53,22 @@ def the_other_tried(
 ) -> Refitted:
     """The chosen model with the other transmission, where that does better.
 
-    A spring is tried for a gap beside other effects, and where it was not `seen` by itself; a gap for a spring
-    where that alone does not explain enough.
+    A spring is tried for every gap; a gap for a spring where that alone does not explain enough, and the gap was not
+    `seen` by itself.
     """
     effects = chosen.level.effects
-    alone = {level.effects for level in seen} if len(effects) < 2 else set()
-    if GAP in effects and (SPRING,) not in alone:
-        return _in_place_of(study, root, nominal, chosen, GAP, SPRING, AS_PLAIN, progress)
-    if effects == (SPRING,) and (GAP,) not in alone and not chosen.named:
+    if GAP in effects:
+        least = PLAINER if hardly_a_gap(chosen.level.fitted.packed) else AS_PLAIN
+        return _in_place_of(study, root, nominal, chosen, GAP, SPRING, least, progress)
+    if effects == (SPRING,) and not chosen.named and all(level.effects != (GAP,) for level in seen):
         return _in_place_of(study, root, nominal, chosen, SPRING, GAP, WORTH_A_GAP, progress)
     return chosen
+
+
+def hardly_a_gap(packed: Packed) -> bool:
+    """Whether the flanks give way by far more than the gap already at the torque of friction."""
+    gap, compliance = (packed.p[EFFECTS[GAP].parameter(name).slot] for name in ("gap", "contact_compliance"))
+    return bool(gap < HARDLY_A_GAP * compliance * packed.p[layout.COULOMB])
 
 
 def _in_place_of(

@@ -32,6 +32,7 @@ from autotune.diagnose.selection import Selection, select
 from autotune.diagnose.settling import Level
 from autotune.diagnose.single import alike_where_motion_is
 from autotune.diagnose.study import CHUNK, Study
+from autotune.diagnose.transmissions import GAP, SPRING, hardly_a_gap
 from autotune.diagnose.words import TORQUE_CONSTANT, usual_rivals
 from autotune.models.drive_model import DriveModel
 
@@ -161,9 +162,11 @@ def _confirmed(study: Study, effects: Sequence[str], carried: Sequence[Elsewhere
 
 
 def _rivals(study: Study, root: Level, chosen: Refitted, tried: Sequence[Refitted]) -> list[str]:
-    """Single effects that explain as much as the chosen single one."""
+    """Single effects that explain as much as the chosen single one; a gap of next to nothing is no rival of a spring."""
     if len(chosen.level.effects) != 1:
         return []
+    if chosen.effect == SPRING:
+        tried = [item for item in tried if item.effect != GAP or not hardly_a_gap(item.level.fitted.packed)]
     best = error_left(study, chosen.level)
     start = error_left(study, root)
     near = NEAR if study.data.repeated or study.data.steady or len(study.data.starts) > 1 else NEAR_ALONE

@@ -50,6 +50,12 @@ def test_a_spring_is_not_named_a_gap_beside_another_effect(recorded) -> None:
     assert (found.verdict, set(found.effects)) == ("named", set(planted))
 
 
+def test_a_gap_of_next_to_nothing_is_a_spring(recorded) -> None:
+    """The gap's fit met the truth, with flanks as soft as the spring; the spring's own had stopped beside it."""
+    found = diagnose([recorded(44_709, **{EFFECT: 0.5 * MEDIUM[EFFECT]})], base_model(NOMINAL))
+    assert (found.verdict, found.effects) == ("named", (EFFECT,))
+
+
 def test_a_small_gap_is_found_behind_a_spring_that_does_not_explain_enough(recorded) -> None:
     """Its short refits all led away; begun where the twin finds it best, one step comes down."""
     found = diagnose([recorded(38_610, backlash=0.5 * MEDIUM["backlash"])], base_model(NOMINAL))
