@@ -162,7 +162,7 @@ def _confirmed(study: Study, effects: Sequence[str], carried: Sequence[Elsewhere
 
 
 def _rivals(study: Study, root: Level, chosen: Refitted, tried: Sequence[Refitted]) -> list[str]:
-    """Single effects that explain as much as the chosen single one; a gap of next to nothing is no rival of a spring."""
+    """Single effects that explain as much as the chosen single one; hardly a gap is no rival of a spring."""
     if len(chosen.level.effects) != 1:
         return []
     if chosen.effect == SPRING:
