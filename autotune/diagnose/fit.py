@@ -7,7 +7,7 @@ inner steps. Steps of a base parameter are limited to 30 % of it, those of a sha
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from autotune.diagnose.parts import first_round, spread, until_last
 from autotune.diagnose.prepared import Prepared
 from autotune.diagnose.residual import Motion, residual
 from autotune.models.drive_model import Packed
-from autotune.models.lugre import Floats
+from autotune.models.lugre import Flags, Floats
 
 BASE_STEP = 0.3
 DIFFERENCE = 2e-3
@@ -156,55 +156,91 @@ def fit(
     """
     rows = weight > 0
     part = until_last(data, rows)
-    share = weight[rows]
-    total = max(float(share.sum()), 1.0)
-
-    def cost_of(error: Floats) -> float:
-        return float(np.dot(share, error[rows] ** 2) / total)
-
-    raw = residual(part, packed, moved)
-    cost = cost_of(raw - correction)
-    columns, scales = jacobian(data, moved, packed, free, raw, known, difference)
+    problem = _Problem(part, moved, rows, weight[rows], tuple(free), bias_at)
+    here = problem.at(packed, correction)
+    columns, scales = jacobian(data, moved, packed, free, here.raw, known, difference)
     known = known if known is not None and known[0].shape[1] < len(free) else None
-    damping = 1e-4
-    converged = False
-    trials, damped, harder = TRIALS, DAMPED, HARDER
-    if bias_at is not None:
-        trials, damped, harder = TRIALS_JUDGED, DAMPED_JUDGED, HARDER_JUDGED
+    damping, converged = 1e-4, False
     for _ in range(iterations):
-        inner = columns[rows] * share[:, None]
-        normal, slope = inner.T @ columns[rows] / total, inner.T @ (raw - correction)[rows] / total
+        normal, slope = problem.linearised(here, columns)
         if not (np.all(np.isfinite(normal)) and np.all(np.isfinite(slope))):
-            cost = np.inf  # it diverges: nothing can be expected from here
+            here = replace(here, cost=np.inf)  # it diverges: nothing can be expected from here
             break
-        improved = False
         promised = _most_gained(normal, slope)
-        converged = promised < stop * cost
-        if converged or cost - promised > hopeful:
+        converged = promised < stop * here.cost
+        if converged or here.cost - promised > hopeful:
             break
-        for _ in range(trials):
-            change = _step(normal, slope, damping, packed, free, scales)
-            trial = with_values(packed, free, packed.p[[f.slot for f in free]] + change)
-            found = residual(part, trial, moved)
-            shift = correction if bias_at is None else bias_at(trial)
-            value = np.inf if shift is None else cost_of(found - shift)
-            if shift is not None and np.isfinite(value) and value < cost:
-                improved, correction = True, shift
-                break
-            damping = max(damping * harder, damped)
-        if not improved:
+        found, damping = problem.downhill(here, normal, slope, damping, scales)
+        if found is None:
             converged = True
             break
-        fall = (cost - value) / cost if cost > 0 else 0.0
-        packed, raw, cost = trial, found, value
-        damping = max(damping / 6.0, 1e-6)
-        if fall < stop or cost - HOPE * fall / (1.0 - fall) * cost > target:
+        fall = 1.0 - found.cost / here.cost if here.cost > 0 else 0.0
+        here, damping = found, max(damping / 6.0, 1e-6)
+        if fall < stop or here.cost - HOPE * fall / (1.0 - fall) * here.cost > target:
             break
         if fall > STALE:
-            columns, scales = jacobian(data, moved, packed, free, raw, known, difference)
+            columns, scales = jacobian(data, moved, here.packed, free, here.raw, known, difference)
+    raw = here.raw
     if whole and part.stretches != data.stretches:
-        raw = residual(data, packed, moved)
-    return Fitted(packed, tuple(free), raw - correction, columns, scales, cost, converged)
+        raw = residual(data, here.packed, moved)
+    error = raw - here.correction
+    return Fitted(here.packed, tuple(free), error, columns, scales, here.cost, converged)
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """Where a fit is: residual, the bias taken from it, and what is left."""
+
+    packed: Packed
+    raw: Floats
+    correction: Floats
+    cost: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Problem:
+    """What a fit minimises; `rows` of the grid with their `share` of the cost."""
+
+    data: Prepared
+    moved: Motion
+    rows: Flags
+    share: Floats
+    free: tuple[Free, ...]
+    bias_at: Callable[[Packed], Floats | None] | None
+
+    @property
+    def total(self) -> float:
+        return max(float(self.share.sum()), 1.0)
+
+    def at(self, packed: Packed, correction: Floats) -> _Place:
+        raw = residual(self.data, packed, self.moved)
+        cost = float(np.dot(self.share, (raw - correction)[self.rows] ** 2) / self.total)
+        return _Place(packed, raw, correction, cost)
+
+    def linearised(self, here: _Place, columns: Floats) -> tuple[Floats, Floats]:
+        """Matrix and right side of the normal equations."""
+        inner = columns[self.rows] * self.share[:, None]
+        error = (here.raw - here.correction)[self.rows]
+        return inner.T @ columns[self.rows] / self.total, inner.T @ error / self.total
+
+    def downhill(
+        self, here: _Place, normal: Floats, slope: Floats, damping: float, scales: Floats
+    ) -> tuple[_Place | None, float]:
+        """The first of a few ever more damped steps that lowers the cost, and its damping; None where none does."""
+        trials, damped, harder = TRIALS, DAMPED, HARDER
+        if self.bias_at is not None:
+            trials, damped, harder = TRIALS_JUDGED, DAMPED_JUDGED, HARDER_JUDGED
+        values = here.packed.p[[f.slot for f in self.free]]
+        for _ in range(trials):
+            change = _step(normal, slope, damping, here.packed, self.free, scales)
+            trial = with_values(here.packed, self.free, values + change)
+            correction = here.correction if self.bias_at is None else self.bias_at(trial)
+            if correction is not None:
+                found = self.at(trial, correction)
+                if np.isfinite(found.cost) and found.cost < here.cost:
+                    return found, damping
+            damping = max(damping * harder, damped)
+        return None, damping
 
 
 def _most_gained(normal: Floats, slope: Floats) -> float:

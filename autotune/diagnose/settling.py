@@ -57,31 +57,20 @@ class Level:
 
 def settle(
     study: Study,
-    packed: Packed,
+    start: Packed | Twinned,
     free: Sequence[Free],
     rounds: int,
     effects: tuple[str, ...] = (),
     near: Fitted | None = None,
     target: float = math.inf,
 ) -> Level | None:
-    """Fits inside the twin from `packed` on. None where the twin is unstable.
+    """Fits inside the twin. None where the twin is unstable.
 
-    `near` is a fit of the same parameters nearby, whose sensitivities serve the first step. Between two masses
-    a fit that cannot be expected to reach the cost `target` is given up.
+    `start` is a model, or a place whose bias is known. `near` is a fit of the same parameters nearby, whose
+    sensitivities serve the first step. Between two masses a fit that cannot be expected to reach the cost `target`
+    is given up.
     """
-    return settle_from(study, twinned(study, packed), free, rounds, effects, near, target)
-
-
-def settle_from(
-    study: Study,
-    here: Twinned | None,
-    free: Sequence[Free],
-    rounds: int,
-    effects: tuple[str, ...] = (),
-    near: Fitted | None = None,
-    target: float = math.inf,
-) -> Level | None:
-    """The same from a place whose bias is known; None from None."""
+    here = start if isinstance(start, Twinned) else twinned(study, start)
     if here is None:
         return None
     best = here
@@ -123,7 +112,7 @@ def settle_somewhere(
         if here.cost > enough:
             dear.append(here)
             continue
-        level = settle_from(study, here, free, 2, effects, target=target)
+        level = settle(study, here, free, 2, effects, target=target)
         if level is not None and (best is None or level.fitted.cost < best.fitted.cost):
             best = level
         if level is not None and (level.fitted.cost < STUCK * here.cost or here.cost < NEAR * enough):
@@ -131,7 +120,7 @@ def settle_somewhere(
     if best is not None or not dear:
         return best
     here = min(dear, key=lambda place: place.cost)
-    return settle_from(study, here, free, 2, effects, target=target)
+    return settle(study, here, free, 2, effects, target=target)
 
 
 def _step_by_step(
