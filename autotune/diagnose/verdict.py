@@ -103,6 +103,7 @@ def _judge(found: Selection, notes: tuple[str, ...], carried: Sequence[Elsewhere
     if chosen is not None:
         rivals = _rivals(study, root, chosen, tried)
         good = chosen.named if study.data.repeated else chosen.share >= PARTLY
+        good &= not (GAP in chosen.level.effects and hardly_a_gap(chosen.level.fitted.packed))
         if good and not structured and rivals:
             verdict, confusable = "ambiguous", ((*chosen.level.effects, *rivals),)
             confidence, effects = "suspected", chosen.level.effects

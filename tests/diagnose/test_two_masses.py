@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from unittest import mock
+
 import numpy as np
 import pytest
 
 from autotune.diagnose.bandwidth import prepared_for
 from autotune.diagnose.beginning import begin
+from autotune.diagnose.families import FAMILIES
 from autotune.diagnose.fit import fit
 from autotune.diagnose.prepared import TRAINING, prepare
 from autotune.diagnose.residual import residual
@@ -54,6 +57,14 @@ def test_a_gap_of_next_to_nothing_is_a_spring(recorded) -> None:
     """The gap's fit met the truth, with flanks as soft as the spring; the spring's own had stopped beside it."""
     found = diagnose([recorded(44_709, **{EFFECT: 0.5 * MEDIUM[EFFECT]})], base_model(NOMINAL))
     assert (found.verdict, found.effects) == ("named", (EFFECT,))
+
+
+def test_flanks_without_a_gap_are_not_named_backlash(recorded) -> None:
+    """Where the library has no spring, the flanks of a gap can be one; but there is no gap then."""
+    kept = {name: start for name, start in FAMILIES.items() if name != EFFECT}
+    with mock.patch.dict(FAMILIES, kept, clear=True):
+        found = diagnose([recorded(53_009, **{EFFECT: MEDIUM[EFFECT]})], base_model(NOMINAL))
+    assert (found.verdict, found.effects) == ("unknown", ())
 
 
 def test_a_small_gap_is_found_behind_a_spring_that_does_not_explain_enough(recorded) -> None:
