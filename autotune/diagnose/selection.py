@@ -60,6 +60,8 @@ PLAINLY = 20.0
 """Times what an effect must be worth: so much needs no refit without it to be seen."""
 LEFT_TO_EXPLAIN = 0.02
 """Of the noise: repeatable rest, with its standard error, below which no second effect is looked for."""
+WELL_BEGUN = 0.98
+"""Share that a second mass explains by itself where its fit began well."""
 MUCH_BETTER = 0.8
 """Of what was left: what another beginning must leave."""
 CLEAR_FALL = 0.2
@@ -70,6 +72,8 @@ WORTH_BESIDE = 0.01
 """Of what is explained already: the least that a further effect must explain."""
 CLEAR_BESIDE, WORTH_IF_CLEAR = 0.1, 0.005
 """Of what is left: an effect that explains so much of it may be smaller beside a strong one."""
+CLEAR_OF_BLOWS = 0.3
+"""Of what is left between two masses: by a fifth of it two fits of one model differ by chance."""
 NEGLIGIBLE, NEGLIGIBLE_LEFT = 0.02, 0.05
 """Of what is explained, and of what is left: an effect that is worth less than both is dropped."""
 
@@ -166,8 +170,10 @@ def _begun_anew(study: Study, root: Level, nominal: Packed, chosen: Refitted, pr
     one is begun anew where it is a second mass, whose way downhill depends on where it begins.
     """
     alone = len(chosen.level.effects) < 2
+    if alone and not has_load(chosen.level.fitted.packed.on):
+        return chosen
     for effect in chosen.level.effects:
-        if chosen.named or (alone and not has_load(chosen.level.fitted.packed.on)):
+        if chosen.share >= WELL_BEGUN if alone else chosen.named:
             break
         progress(f"another beginning for {effect}")
         before = root
@@ -275,7 +281,9 @@ def _least_fall(study: Study, chosen: Refitted) -> float:
     """By how much an effect beside the chosen ones must lower the mean square [(N m)²]."""
     explained = max(chosen.training.fall, 0.0)
     left = _mean_square(study, chosen.level, TRAINING)
-    return min(WORTH_BESIDE * explained, max(CLEAR_BESIDE * left, WORTH_IF_CLEAR * explained))
+    least = min(WORTH_BESIDE * explained, max(CLEAR_BESIDE * left, WORTH_IF_CLEAR * explained))
+    blows = study.twin and has_load(chosen.level.fitted.packed.on)
+    return max(least, CLEAR_OF_BLOWS * left) if blows else least
 
 
 def _mean_square(study: Study, level: Level, role: str) -> float:
@@ -307,9 +315,19 @@ def _pruned(
             continue
         progress(f"is {effect} needed")
         less = without_effect(study, root, current.level, effect)
-        if less is not None and _negligible(study, current, less.level):
+        if less is not None and (
+            _negligible(study, current, less.level) or _by_chance(study, current.level, less.level)
+        ):
             current = less
     return current
+
+
+def _by_chance(study: Study, level: Level, less: Level) -> bool:
+    """Whether two fits between two masses differ by no more than their chance, though one has an effect more."""
+    if not (study.twin and has_load(less.fitted.packed.on)):
+        return False
+    left = _mean_square(study, less, TRAINING)
+    return left - _mean_square(study, level, TRAINING) < CLEAR_OF_BLOWS * left
 
 
 def _negligible(study: Study, current: Refitted, less: Level, times: float = 1.0) -> bool:

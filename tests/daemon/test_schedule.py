@@ -8,7 +8,7 @@ from typing import Any
 from zoneinfo import ZoneInfo
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from autotune.core.errors import ConfigurationError
@@ -36,6 +36,7 @@ def test_what_is_no_cron_expression_is_refused_in_words(text: str) -> None:
 
 
 @given(st.datetimes(datetime(2026, 1, 1), datetime(2027, 12, 31)), st.integers(0, 59), st.integers(0, 23))
+@example(datetime(2026, 3, 29, 0, 0), 0, 0)  # the midnight after the change in spring
 @settings(max_examples=200, deadline=None)
 def test_the_next_time_is_always_later_and_at_most_a_day_and_an_hour_away(
     when: datetime, minute: int, hour: int

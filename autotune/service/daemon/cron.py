@@ -13,6 +13,10 @@ from apscheduler.triggers.cron import CronTrigger
 _WEEKDAYS = ("sun", "mon", "tue", "wed", "thu", "fri", "sat", "sun")
 
 
+MOST_IN_A_CHANGE = 200
+"""Times that an hour which comes twice may hold; two hours of minutes are fewer."""
+
+
 class Window(Protocol):
     """A daily window; see `settings.Blackout`."""
 
@@ -57,14 +61,24 @@ def _split(weekdays: str) -> str:
 
 
 def next_fire(trigger: CronTrigger, after: datetime) -> datetime | None:
-    """First time to fire after `after` (strictly), as UTC; the trigger itself stumbles over folded hours."""
+    """First time to fire after `after` (strictly), as UTC; None where there is none.
+
+    The fields are matched on the wall clock as if it never changed: in a zone the trigger passes over the midnight
+    after a change, and stumbles over hours that come twice. A time that never comes is that much after the change,
+    one that comes twice is the first.
+    """
     limit = after.astimezone(UTC)
-    for minutes in (0, 1, 61, 121):
-        found = trigger.get_next_fire_time(None, limit + timedelta(minutes=minutes, microseconds=1))
-        if found is None:
+    fields = {field.name: str(field) for field in trigger.fields}
+    unchanging = CronTrigger(**fields, timezone=UTC)
+    wall = limit.astimezone(trigger.timezone).replace(tzinfo=UTC)
+    for _ in range(MOST_IN_A_CHANGE):
+        following: datetime | None = unchanging.get_next_fire_time(None, wall + timedelta(microseconds=1))
+        if following is None:
             return None
-        if found.astimezone(UTC) > limit:
-            return datetime.fromtimestamp(found.timestamp(), UTC)
+        wall = following
+        found = wall.replace(tzinfo=trigger.timezone, fold=0).astimezone(UTC)
+        if found > limit:
+            return found
     return None
 
 
