@@ -41,7 +41,7 @@ bench: install
 	@$(BIN)/python -m bench
 
 faults: install
-	$(BIN)/pytest -m '' tests/node tests/drivers tests/end_to_end tests/service tests/daemon
+	HYPOTHESIS_PROFILE=random $(BIN)/pytest -m '' tests/node tests/drivers tests/end_to_end tests/service tests/daemon
 
 pictures: install
 	$(BIN)/python -m bench.pictures
