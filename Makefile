@@ -4,9 +4,14 @@ VENV := .venv
 BIN := $(VENV)/bin
 LINK := canopen
 AXIS := config/axes/edm-vertical$(patsubst -canopen,,-$(LINK)).toml
+SEED ?= 1000
+RUNS ?= 2000
 STAMP := $(VENV)/.installed
+# One thread of linear algebra a process: at these sizes several only wait for each other.
+export OMP_NUM_THREADS ?= 1
+export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: install demo test check lint types layers unit bench faults pictures clean
+.PHONY: install demo test check lint types layers unit bench faults audit pictures clean
 
 install: $(STAMP)
 
@@ -41,7 +46,16 @@ bench: install
 	@$(BIN)/python -m bench
 
 faults: install
-	HYPOTHESIS_PROFILE=random $(BIN)/pytest -m '' tests/node tests/drivers tests/end_to_end tests/service tests/daemon
+	HYPOTHESIS_PROFILE=random $(BIN)/pytest -m '' tests/node tests/drivers tests/end_to_end tests/tuning tests/service tests/faults
+	$(BIN)/python -m bench.faults --seed $(SEED) --runs $(RUNS)
+
+# Known vulnerabilities of the pinned versions. Needs pip-audit and a network; where one is missing this is said, not failed.
+audit: install
+	@if ! $(BIN)/python -c 'import pip_audit' 2>/dev/null; then \
+	  echo "skipped: pip-audit is not installed ($(BIN)/pip install pip-audit)"; \
+	else \
+	  $(BIN)/python -m bench.audit constraints.txt; \
+	fi
 
 pictures: install
 	$(BIN)/python -m bench.pictures

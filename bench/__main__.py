@@ -9,6 +9,8 @@ from __future__ import annotations
 import subprocess
 import sys
 
+from autotune.core.threads import one_thread
+
 USUAL: dict[str, list[list[str]]] = {
     "identify_speed": [[]],
     "identify": [[]],
@@ -23,6 +25,7 @@ LONG: dict[str, list[list[str]]] = {
     "service_schema": [[]],
     "service_kills": [[], ["--wire", "--kills", "20"]],
     "year": [[]],
+    "fuzz": [["--inputs", "1000000"]],
 }
 
 
@@ -33,6 +36,7 @@ def main(names: list[str]) -> int:
     if unknown:
         sys.stderr.write(f"bench: there is no {', '.join(unknown)}; there are {', '.join(known)}\n")
         return 2
+    one_thread()
     codes = []
     for name in names or USUAL:
         for options in known[name]:

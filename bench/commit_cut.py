@@ -3,7 +3,8 @@
     python bench/commit_cut.py --places 500 --seed 1
 
 Host killed, cable pulled or drive without power; afterwards the drive may be switched off and on, and the
-next start may be killed too. No drive may be left with mixed parameters, and no backup may be lost.
+next start may be killed too. No drive may be left with mixed parameters, or with heartbeats, reactions and PDOs
+as a session had set them, and no backup may be lost.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from random import Random
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "sim"), str(ROOT / "drivers")]
 
-from tests.service.cut_rig import Case, factory, length, play  # noqa: E402
+from tests.tuning.cut_rig import Case, factory, length, play  # noqa: E402
 
 
 def main() -> None:
@@ -39,6 +40,7 @@ def main() -> None:
             ending = play(case, stored, Path(folder) / str(number))
             counted[case.kind] += 1
             counted["mixed until the next start"] += ending.mixed
+            counted["session changed until the next start"] += ending.changed
             counted["kept in spite of the cut"] += ending.kept
             counted["wrong"] += bool(ending.wrong)
             if ending.wrong:

@@ -22,13 +22,13 @@ from unittest import mock
 
 import numpy as np
 
-from autotune.core.recording import Recording
-from autotune.diagnose import families
-from autotune.diagnose.model_values import model_from
-from autotune.diagnose.prepared import TEST, TRAINING
-from autotune.diagnose.residual import residual
+from autotune.diagnose import starts as families
 from autotune.diagnose.verdict import Diagnosis, diagnose
+from autotune.estimation.data import TEST, TRAINING
+from autotune.estimation.free_parameters import model_from
+from autotune.estimation.residual import residual
 from autotune.models.drive_model import DriveModel, base_model
+from autotune.recordings.recording import Recording
 from autotune_sim.effects import EFFECTS
 from autotune_sim.presets import Preset, preset
 from bench.diagnosis_data import play

@@ -12,13 +12,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from autotune.core.recording import Controller, Metadata, Recording
+from autotune.core.arrays import Floats
+from autotune.recordings.recording import Controller, Metadata, Recording
 from autotune_sim.presets import Preset
 from autotune_sim.servo import Servo, ServoState
 
-Floats = NDArray[np.float64]
 PERIOD = 1e-3
 TRAVEL = 9.4  # rad, about one and a half turns, from -TRAVEL/2 to TRAVEL/2
 

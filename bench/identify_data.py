@@ -10,11 +10,11 @@ import numpy as np
 
 from autotune.core.axis import read_axis
 from autotune.core.loop import LocalLoop
-from autotune.core.recording import Controller, Recording
 from autotune.experiments.programmes import Choices, build
 from autotune.experiments.record import Recorder, metadata_for
 from autotune.experiments.record import play as play_and_record
 from autotune.experiments.runner import Programme
+from autotune.recordings.recording import Controller, Recording
 from autotune_sim.inprocess import SimDrive
 from autotune_sim.plant import PlantParameters, Wave
 from autotune_sim.presets import Preset, preset
@@ -82,3 +82,15 @@ def truth(plant: PlantParameters) -> dict[str, float]:
         "break_away": bristle.break_away,
         "stribeck_velocity": bristle.velocity,
     }
+
+
+def reversal_of(plant: PlantParameters, acceleration: float) -> tuple[float, float]:
+    """Displacement and time after which friction lacks e⁻¹ of a reversal at constant acceleration (3.36).
+
+    The plant's own elements, followed from all bent backwards.
+    """
+    time = np.arange(0.0, 0.3, 1e-5)
+    travel = 0.5 * acceleration * time**2
+    friction = sum(e.torque * np.minimum(travel / e.displacement - 1.0, 1.0) for e in plant.elements)
+    after = int(np.argmax(plant.friction - friction < 2.0 * plant.friction / math.e))
+    return float(travel[after]), float(time[after])

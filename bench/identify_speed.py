@@ -15,17 +15,16 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from autotune.core.recording import Recording
+from autotune.core.arrays import Floats
 from autotune.identify.refinement import refine_recording
 from autotune.models import layout
 from autotune.models.drive_model import base_model
 from autotune.models.plant import simulate, substeps_for
 from autotune.models.table import EFFECTS
+from autotune.recordings.recording import Recording
 from bench.identify_data import play, truth, varied_axis
 
-Floats = NDArray[np.float64]
 SECONDS, PERIOD = 60.0, 1e-3
 SOURCE = Path(__file__).with_name("twin.c")
 VALUES = {

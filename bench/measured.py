@@ -25,10 +25,10 @@ import numpy as np
 from scipy.signal import butter, decimate, filtfilt
 
 from autotune.cli.main import main as autotune
-from autotune.core.recording import Recording
-from autotune.core.recording_files import read_recording
 from autotune.models.drive_model import DriveModel
 from autotune.models.model_file import read_model
+from autotune.recordings.files import read_recording
+from autotune.recordings.recording import Recording
 
 DATA = Path(__file__).resolve().parents[1] / "../shared/data"
 MOST_STEPS = 5

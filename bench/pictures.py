@@ -11,12 +11,12 @@ import numpy as np
 
 from autotune.core.axis import read_axis
 from autotune.core.paths import config_directory
-from autotune.core.recording_files import read_recording
-from autotune.service.links import open_link
-from autotune.service.progress import Silent
-from autotune.service.proof import fold
-from autotune.service.stage_prove import windows_of
-from autotune.service.tuning import Request, tune
+from autotune.recordings.files import read_recording
+from autotune.tuning.links import open_link
+from autotune.tuning.progress import Silent
+from autotune.tuning.proof import fold
+from autotune.tuning.run import Request, tune
+from autotune.tuning.stage_prove import windows_of
 from autotune.view.data import BeforeAfter
 from autotune.view.svg import before_after_svg
 

@@ -24,14 +24,15 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "sim"), str(ROOT / "drivers")]
 
 from autotune.core.axis import Axis, read_axis  # noqa: E402
-from autotune.core.drive_recording import DriveRecording, join  # noqa: E402
-from autotune.core.recording import Recording  # noqa: E402
+from autotune.core.drive_recording import DriveRecording  # noqa: E402
 from autotune.experiments.path import Motion  # noqa: E402
 from autotune.experiments.record import Recorder, metadata_for, play  # noqa: E402
 from autotune.experiments.runner import Programme  # noqa: E402
 from autotune.experiments.sines import BenchmarkSine  # noqa: E402
+from autotune.recordings.joining import join  # noqa: E402
+from autotune.recordings.recording import Recording  # noqa: E402
 from autotune_drivers import open_loop  # noqa: E402
-from autotune_drivers.cyclic import CyclicLoop  # noqa: E402
+from autotune_drivers.cyclic.loop import CyclicLoop  # noqa: E402
 from autotune_drivers.profile import Profile, read_profile  # noqa: E402
 from autotune_sim.device import Device  # noqa: E402
 from autotune_sim.presets import preset  # noqa: E402

@@ -8,7 +8,8 @@ once, as a power cut of the host. The drives are simulated ones with a memory fi
 --wire processes of their own behind slcan (`autotune sim`), as real ones would be; --commits strikes commits
 only. After each kill the service is started again; asked is how long until /healthz answers, whether every job
 that was confirmed is done, none of them twice, every confirmed row is there, and, whenever no job is open,
-whether the drive holds what the history says. Ctrl-C ends the killing early; what was until then is judged.
+whether the drive holds what the history says; with --wire also whether heartbeats, reactions, mode, cycle and
+PDOs are as before the first job. Ctrl-C ends the killing early; what was until then is judged.
 
     python -m bench.service_kills [--kills 100] [--seed 1] [--wire] [--commits] [--out FILE.json]
 """
@@ -33,10 +34,11 @@ from pathlib import Path
 from typing import Any
 
 from autotune.core.axis import read_axis
-from autotune.service.committed import in_force
-from autotune.service.links import open_link
+from autotune.tuning.committed import in_force
+from autotune.tuning.links import open_link
 from bench.service_aim import COMMIT, Target, Typical, moment, wait_for
 from bench.service_rig import CLI, WIRE, Service, Start, write_axis, write_service
+from tests.drivers.bus import settings
 
 AUTOMATIC, ASKING = "edm-vertical", "edm-second"
 SHARES = {
@@ -123,8 +125,9 @@ def prepare(folder: Path, wire: bool, drives: list[subprocess.Popen[str]]) -> No
         if told is None or "is simulated at" not in told.readline():
             raise SystemExit((folder / f"{name}.log").read_text())
     write_service(folder, [AUTOMATIC, ASKING], more="[recordings]\nbudget_megabytes = 400")
-    with (folder / "service.toml").open("a") as file:  # the last axis's block is the last one
-        file.write('commit = "ask"\n')
+    file = folder / "service.toml"
+    before, _, _ = file.read_text().rpartition('"automatic"')  # the last axis's block is the last one
+    file.write_text(f'{before}"ask"\n')
 
 
 class Torture:
@@ -134,6 +137,7 @@ class Torture:
         self.folder, self.runs, self.chance = folder, folder / "runs", chance
         self.service, self.story, self.typical = Service(folder), Story(), Typical()
         self.born = 0.0
+        self.before = {port: settings(port) for port in sorted(folder.glob("*.tty"))}
 
     def run(self, wanted: list[str]) -> dict[str, Any]:
         """All kills, then everything may end; returns what must hold."""
@@ -296,15 +300,23 @@ class Torture:
 
     def _wrong(self, name: str) -> list[str]:
         axis = read_axis(self.folder / f"{name}.toml")
-        loop = open_link(axis, self.folder)
+        port = self.folder / f"{name}.tty"
+        now = settings(port) if port in self.before else {}
+        changed = [
+            f"{text} is {now.get(text)} instead of {value}"
+            for text, value in self.before.get(port, {}).items()
+            if not text.startswith("2") and now.get(text) != value  # vendor objects hold what is committed
+        ]
+        loop = open_link(axis, self.folder, self.runs)
         try:
             held, faults = loop.read_parameters(), loop.faults()
         finally:
             loop.close()
         present = in_force(self.runs, axis, held)
         if present.committed is None and held.get("feedforward.enabled"):
-            return [*faults, "the drive's feedforward is on, and nothing is committed"]
-        return [*faults, *(["the drive does not hold what is committed"] if present.held is False else [])]
+            return [*faults, *changed, "the drive's feedforward is on, and nothing is committed"]
+        wrong = ["the drive does not hold what is committed"] if present.held is False else []
+        return [*faults, *changed, *wrong]
 
     def _victims(self) -> list[int]:
         """The service alone, or it and all its descendants (a worker may have one of its own for the link)."""

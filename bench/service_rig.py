@@ -32,7 +32,9 @@ def write_axis(folder: Path, name: str, link: str, cycle: float = 0.001) -> Path
 
 def write_service(folder: Path, axes: list[str], check: str = "0 0 1 1 *", more: str = "") -> None:
     """The service file of these axes; `check`: cron expression in UTC."""
-    blocks = "".join(f'[[axes]]\nfile = "{name}.toml"\ncheck = "{check}"\n' for name in axes)
+    blocks = "".join(
+        f'[[axes]]\nfile = "{name}.toml"\ncheck = "{check}"\ncommit = "automatic"\n' for name in axes
+    )
     (folder / "service.toml").write_text(
         f'schema = 1\nruns = "{folder / "runs"}"\n[http]\nport = 0\n{more}\n{blocks}'
     )

@@ -20,20 +20,19 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from autotune.cli.model_fit import fit_files
+from autotune.core.arrays import Floats
 from autotune.core.errors import AutotuneError
-from autotune.core.recording import Recording
-from autotune.diagnose.beginning import quiet
-from autotune.diagnose.fitting import fit_model
+from autotune.diagnose.baseline import quiet
+from autotune.diagnose.fit_recordings import fit_recordings
+from autotune.diagnose.general_fit import fit_model
 from autotune.diagnose.verdict import Diagnosis, diagnose
 from autotune.models.drive_model import DriveModel
+from autotune.recordings.recording import Recording
 from autotune_sim.presets import Preset
 from bench.diagnosis import MEDIUM, plain_axis, planted_size
 from bench.diagnosis_data import Programme, move, play
 
-Floats = NDArray[np.float64]
 NULL_SHARE = 0.3
 AMPERE = 0.12  # N m/A
 LEAD = 5e-3 / (2 * math.pi)  # m/rad
@@ -210,7 +209,7 @@ def run(one: Case, seconds: float) -> dict[str, Any]:
 
 def fitted(recording: Recording) -> DriveModel:
     """The model that the command line would write, else that of the search."""
-    result = fit_files([recording], [], None, quiet)
+    result = fit_recordings([recording], progress=quiet)
     return result.model if result.model is not None and result.valid else fit_model([recording]).model
 
 

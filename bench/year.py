@@ -37,21 +37,21 @@ from typing import Any
 import numpy as np
 
 from autotune.core.axis import read_axis
-from autotune.core.drive import Command, Mode, Sample
+from autotune.core.drive import Command, Mode, Sample, Standing
 from autotune.core.loop import LocalLoop
 from autotune.core.paths import config_directory
-from autotune.service.daemon.absorb import absorb
-from autotune.service.daemon.database import open_database
-from autotune.service.daemon.housekeeping import MEGABYTE, prune, used
-from autotune.service.daemon.inline import Ended, do_at_once
-from autotune.service.daemon.manager import Manager, plans_of
-from autotune.service.daemon.orders import Order
-from autotune.service.daemon.report_history import history_of
-from autotune.service.daemon.schedule import Schedule
-from autotune.service.daemon.settings import Configuration, read_service
-from autotune.service.daemon.store import Store, moment
-from autotune.service.daemon.work import Tools
-from autotune.service.progress import Silent
+from autotune.service.database import open_database
+from autotune.service.housekeeping import MEGABYTE, prune, used
+from autotune.service.inline import Ended, do_at_once
+from autotune.service.manager import Manager, plans_of
+from autotune.service.orders import Order
+from autotune.service.report_history import history_of
+from autotune.service.schedule import Schedule
+from autotune.service.settings import Configuration, read_service
+from autotune.service.store import Store, moment
+from autotune.service.taking_up import absorb
+from autotune.service.work import Tools
+from autotune.tuning.progress import Silent
 from autotune_sim.effects import scale_friction
 from autotune_sim.inprocess import SimDrive
 from autotune_sim.presets import preset
@@ -107,6 +107,9 @@ class YearDrive:
     @property
     def identity(self) -> Mapping[str, int | str]:
         return {**self._drive.identity, "serial": 1}
+
+    def look(self) -> Standing:
+        return self._drive.look()
 
     def enable(self, mode: Mode) -> None:
         self._drive.enable(mode)
@@ -268,7 +271,7 @@ def _configuration(folder: Path) -> Configuration:
     )
     (folder / "service.toml").write_text(
         f'schema = 1\nruns = "{folder / "runs"}"\n[[axes]]\nfile = "axis.toml"\n'
-        'check = "30 3 * * *"\ntime_zone = "Europe/Zurich"\n'
+        'check = "30 3 * * *"\ntime_zone = "Europe/Zurich"\ncommit = "automatic"\n'
     )
     return read_service(folder / "service.toml")
 

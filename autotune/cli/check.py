@@ -15,7 +15,7 @@ from autotune.core.axis import Axis, read_axis
 from autotune.view.console import Stage
 
 if TYPE_CHECKING:
-    from autotune.service.progress import Reporter
+    from autotune.tuning.progress import Reporter
 
 
 def check(
@@ -25,24 +25,27 @@ def check(
     runs: Annotated[Path, typer.Option(help="Folder for what runs leave.")] = Path("runs"),
 ) -> None:
     """Look at an axis for a minute at most: friction, tracking, temperature, and whether it has drifted."""
+    from autotune.monitoring.motion_plan import planned_check
+
     axis = read_axis(axis_file)
-    owner = service_of(axis, axis_file)
+    service = service_of(axis, axis_file)
+    moved = service.axis if service else axis
+    confirmation(moved, yes, planned_check(moved), "check")
     with reporting(stages=[Stage("connect", 2.0), Stage("look", 40.0)]) as console:
-        if owner is not None:
-            content = result_of(owner, let_service(owner, axis, "check", console), "check.json")
+        if service is not None:
+            content = result_of(service, let_service(service, "check", console))
         else:
-            confirmation(axis, yes, "check")
             content = _look(axis, axis_file, runs, console)
     show_check(content, as_json)
 
 
 def _look(axis: Axis, axis_file: Path, runs: Path, reporter: Reporter) -> dict[str, Any]:
-    from autotune.service.check import CheckRequest, check_axis
-    from autotune.service.links import open_link
+    from autotune.monitoring.check import CheckRequest, check_axis
+    from autotune.tuning.links import open_link
 
     request = CheckRequest(
         axis,
-        lambda: open_link(axis, axis_file.resolve().parent),
+        lambda: open_link(axis, axis_file.resolve().parent, runs),
         runs,
         reporter,
         lambda: datetime.now().astimezone(),

@@ -9,8 +9,8 @@ import typer
 
 from autotune.cli.output import answer, say
 from autotune.core.errors import ConfigurationError
-from autotune.core.recording import MOTION_UNITS, Controller, Recording
-from autotune.core.recording_files import write_recording
+from autotune.recordings.files import write_recording
+from autotune.recordings.recording import MOTION_UNITS, Controller, Recording
 
 data = typer.Typer(no_args_is_help=True, help="Recordings that others made.")
 
@@ -56,17 +56,22 @@ def import_(
     keep_signs: Annotated[
         bool, typer.Option("--keep-signs", help="The signs are right although they look wrong.")
     ] = False,
+    keep_leaps: Annotated[
+        bool, typer.Option("--keep-leaps", help="The axis did leap as the position says.")
+    ] = False,
 ) -> None:
     """Import measurements of any axis; what was recognised is said line by line."""
-    from autotune.identify.foreign.importing import Options, import_files
-    from autotune.identify.foreign.mapping import Wishes
+    from autotune.recordings.importing.importing import import_files
+    from autotune.recordings.importing.options import Options, Wishes
 
     _check_output(out, files)
     _check_numbers({"resolution": resolution, "period": period, "torque-limit": torque_limit})
     _check_words(unit, torque_unit, experiment)
     wishes = Wishes(unit, torque_unit, resolution, period)
     gains = Controller.parse(controller) if controller is not None else None
-    options = Options(format_, tuple(column or ()), wishes, torque_limit, gains, experiment, keep_signs)
+    options = Options(
+        format_, tuple(column or ()), wishes, torque_limit, gains, experiment, keep_signs, keep_leaps
+    )
     imported = import_files(files, options)
     for line in imported.lines:
         say(line)

@@ -34,16 +34,15 @@ def history(
 
 
 def _found(axis: Axis, axis_file: Path, runs: Path, url: str | None) -> dict[str, Any]:
-    from autotune.service.daemon.absorb import absorb
-    from autotune.service.daemon.client import ServiceClient
-    from autotune.service.daemon.database import open_database
-    from autotune.service.daemon.report_history import history_of
-    from autotune.service.daemon.store import Store
+    from autotune.service.database import open_database
+    from autotune.service.report_history import history_of
+    from autotune.service.store import Store
+    from autotune.service.taking_up import absorb
 
-    owner = service_of(axis, axis_file) if url is None else None
-    if owner is not None:
-        say(f"axis {axis.name} is owned by the service at {owner.address}; this is its history")
-        return ServiceClient(owner).history(axis.name)
+    service = service_of(axis, axis_file) if url is None else None
+    if service is not None:
+        say(f"axis {axis.name} is owned by the service at {service.address}; this is its history")
+        return service.client.history(service.axis.name)
     state = runs.absolute() / ".service"
     place = url or f"sqlite:///{state / 'history.sqlite'}"
     opened = open_database(place, state / "backups", datetime.now().astimezone())

@@ -20,17 +20,17 @@ def link(
     runs: Annotated[Path, typer.Option(help="Folder for what runs leave.")] = Path("runs"),
 ) -> None:
     """Measure the link: round trip, jitter, lost cycles, bus load, torque semantics; the axis holds still."""
-    from autotune.service.hold import Hold
-    from autotune.service.link_check import check_link, remarks_of
-    from autotune.service.link_words import lines
-    from autotune.service.links import open_link
+    from autotune.tuning.link_check import check_link, remarks_of
+    from autotune.tuning.link_words import lines
+    from autotune.tuning.links import open_link
+    from autotune.tuning.preparation import Hold
     from autotune.view.console import Stage
 
     axis = read_axis(axis_file)
     directory = axis_file.resolve().parent
     load, remarks = remarks_of(axis, directory)
     with holding(axis, axis_file, "link"), reporting(stages=[Stage("link", 8.0)]) as console:
-        hold = Hold(axis, lambda: open_link(axis, directory), runs, console, datetime.now)
+        hold = Hold(axis, lambda: open_link(axis, directory, runs), runs, console, datetime.now)
         report = check_link(hold, load, remarks)
     if as_json:
         answer_json(report.as_json())

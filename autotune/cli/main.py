@@ -1,7 +1,7 @@
 """`autotune`: the command line. Arguments in, text and exit codes out; no traceback reaches a user.
 
-Exit codes: 0 done and kept; 2 usage or configuration; 3 done, nothing applied; 4 stopped by the guard;
-5 link or drive fault; 130 interrupted, axis at rest.
+Exit codes: 0 done and kept; 2 usage or configuration; 3 done, nothing in the drive; 4 stopped by the guard;
+5 link or drive fault; 130 interrupted (the message says what the drive confirms of its power).
 """
 
 from __future__ import annotations
@@ -9,22 +9,37 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import warnings
 from collections.abc import Sequence
 from importlib import import_module
+from itertools import zip_longest
 from types import FrameType
 
 import typer
 
 from autotune import __version__
 from autotune.cli.output import complain
-from autotune.core.errors import AutotuneError
+from autotune.core.errors import AutotuneError, ConfigurationError
+from autotune.core.threads import one_thread
 
-COMMANDS = ("run", "check", "history", "link", "sim", "rollback", "record", "serve", "data", "model")
-"""Each is the object of that name in the module of that name here."""
+NEWEST = "newest"
+COMMANDS = {
+    "run": "Tune an axis: check, experiment, fit, adapt, prove, commit.",
+    "check": "Look at an axis for a minute at most: friction, tracking, temperature, and whether it has drifted.",
+    "history": "Show parameters over time, temperature beside friction, and events.",
+    "link": "Measure the link: round trip, jitter, lost cycles, bus load, torque semantics; the axis holds still.",
+    "sim": "Simulate the axis's drive in a process of its own, until Ctrl-C.",
+    "rollback": "Restore the drive's parameters from a backup, and store them.",
+    "record": "Play a programme on the axis and write the recording.",
+    "serve": "Look after axes: a gentle check every day, a re-tune when one has drifted, an HTTP API.",
+    "data": "Recordings that others made.",
+    "model": "Drive models: fit, compare, diagnose, add effects, show.",
+}
+"""Each is the object of that name in the module of that name here, loaded when it is called; the line is its help's."""
 
 
 def application(arguments: Sequence[str]) -> typer.Typer:
-    """The commands. Where the first argument names one, only that is loaded: a restarted service answers early."""
+    """The commands: the one that the first argument names; where it names none, a line about each."""
     app = typer.Typer(
         add_completion=False,
         no_args_is_help=True,
@@ -32,13 +47,37 @@ def application(arguments: Sequence[str]) -> typer.Typer:
         help="Tunes servo axes: measures how the axis behaves, compensates it, proves the gain, commits it.",
     )
     app.callback(invoke_without_command=True)(_root)
-    for name in arguments[:1] if arguments and arguments[0] in COMMANDS else COMMANDS:
-        command = getattr(import_module(f"autotune.cli.{name}"), name)
-        if isinstance(command, typer.Typer):
-            app.add_typer(command, name=name)
-        else:
-            app.command()(command)
+    called = arguments[0] if arguments else ""
+    if called in COMMANDS:
+        _load(app, called)
+    else:
+        for name, line in COMMANDS.items():
+            app.command(name, help=line)(_not_first)
     return app
+
+
+def _load(app: typer.Typer, name: str) -> None:
+    command = getattr(import_module(f"autotune.cli.{name}"), name)
+    if isinstance(command, typer.Typer):
+        app.add_typer(command, name=name)
+    else:
+        app.command()(command)
+
+
+def _not_first() -> None:
+    raise ConfigurationError(
+        f"the command comes first: autotune {'|'.join(COMMANDS)} …; see 'autotune --help'"
+    )
+
+
+def with_values(arguments: Sequence[str]) -> list[str]:
+    """`--resume` without a run means the newest: the parser has no options whose value may be left out."""
+    given: list[str] = []
+    for one, after in zip_longest(arguments, arguments[1:], fillvalue="-"):
+        given.append(one)
+        if one == "--resume" and after.startswith("-"):
+            given.append(NEWEST)
+    return given
 
 
 def _root(
@@ -51,8 +90,16 @@ def _root(
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point: ends the process with the exit code of what happened."""
-    signal.signal(signal.SIGTERM, _terminate)
-    given = list(sys.argv[1:] if arguments is None else arguments)
+    one_thread()
+    os.environ.setdefault(
+        "PYTHONSAFEPATH", "1"
+    )  # no process of ours takes a module from the working directory
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) is not signal.SIG_IGN:  # nohup wants that a closed terminal ends nothing
+            signal.signal(number, _terminate)
+    if arguments is None and not os.environ.get("AUTOTUNE_TRACEBACK"):
+        warnings.simplefilter("ignore")  # of libraries, with paths of their sources: nothing for a person
+    given = with_values(list(sys.argv[1:] if arguments is None else arguments))
     try:
         ended = application(given)(args=given, standalone_mode=False)
         code = ended if isinstance(ended, int) else 0  # typer.Exit comes as its code
@@ -61,7 +108,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except typer.Abort:
         code = complain("interrupted", 130)
     except KeyboardInterrupt:
-        code = complain("interrupted; the axis is at rest and without power", 130)
+        code = complain("interrupted", 130)  # nothing was under way that would say more
     except AutotuneError as error:
         code = complain(str(error), error.exit_code)
     except OSError as error:
@@ -86,7 +133,7 @@ def _unexpected(error: Exception) -> int:
 
 
 def _terminate(number: int, frame: FrameType | None) -> None:
-    """A polite kill is an interruption: everything is put back before the process ends."""
+    """A polite kill, or a terminal that closes, is an interruption: everything is put back before the end."""
     raise KeyboardInterrupt
 
 

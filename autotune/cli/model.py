@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from autotune.cli.one_bar import one_bar
 from autotune.cli.output import answer, answer_json, say
 from autotune.core.errors import ConfigurationError
-from autotune.core.recording import Recording
-from autotune.core.recording_files import read_recording
-from autotune.models.drive_model import DriveModel, HistoryEntry
-from autotune.models.model_file import read_model, write_model
 
 if TYPE_CHECKING:
-    from autotune.cli.model_fit import Fit
+    from autotune.diagnose.fit_result import FitResult
+    from autotune.models.drive_model import DriveModel
+    from autotune.recordings.recording import Recording
 
 model = typer.Typer(no_args_is_help=True, help="Drive models: fit, compare, diagnose, add effects, show.")
 
@@ -25,7 +23,9 @@ ModelFile = Annotated[Path, typer.Option("--model", metavar="MODEL.toml", help="
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object, nothing else.")]
 Html = Annotated[Path | None, typer.Option("--html", metavar="FILE", help="Write a page with figures.")]
 Rrd = Annotated[Path | None, typer.Option("--rrd", metavar="FILE", help="Write a Rerun file.")]
-APPLIED, NOTHING = 0, 3
+NOTHING = 3
+FIT_STEPS, DIAGNOSE_STEPS, ADD_STEPS = 2, 40, 2
+"""About: a diagnosis looks at sixteen effects for each one that it finds, and refits the best."""
 
 
 @model.callback()
@@ -53,16 +53,19 @@ def fit(
     rrd: Rrd = None,
 ) -> None:
     """Fit a model to recordings; every number with its uncertainty, what cannot be told named."""
-    from autotune.cli.model_fit import fit_files, fit_json
+    import autotune
+    from autotune.models.model_file import write_model
 
     _check_output(out)
     for path in (html, rrd):
         _check_folder(path)
     names = [name.strip() for name in effects.split(",") if name.strip()]
     read = _read(recordings)
-    result = fit_files(read, names, precision, say)
-    entry = HistoryEntry(_now(), "fitted", _source(recordings), None, result.error_rms, result.floor)
-    fitted = result.model.with_history(entry) if result.model is not None else None
+    with one_bar("fit", FIT_STEPS) as step:
+        result = autotune.fit(
+            read, effects=names, precision=precision, progress=step, source=_source(recordings)
+        )
+    fitted = result.model
     if fitted is not None and result.valid:
         write_model(fitted, out)
     if fitted is not None:
@@ -70,7 +73,7 @@ def fit(
     for note in result.notes:
         say(note)
     if as_json:
-        answer_json(fit_json(result, _parameters(fitted) if fitted else {}))
+        answer_json(result.to_json())
     else:
         _print_fit(fitted, result, out)
     if not result.valid:
@@ -86,47 +89,47 @@ def compare(
     rrd: Rrd = None,
 ) -> None:
     """Compare a model with recordings: how large the error is, and where it sits."""
-    from autotune.cli.model_text import compared_json, compared_lines
-    from autotune.diagnose.compare import compare as compare_model
+    import autotune
+    from autotune.cli.model_text import compared_lines
+    from autotune.models.model_file import read_model
 
     for path in (html, rrd):
         _check_folder(path)
     known, read = read_model(model_file), _read(recordings)
-    result = compare_model(read, known)
+    result = autotune.compare(read, known)
     if html is not None:
-        from autotune.view.model_pages import write_comparison
-
-        write_comparison(html, result, known)
+        result.write_html(html)
         say(f"figures: {html}")
     if rrd is not None:
         _write_rerun(rrd, read, known)
     for note in result.notes:
         say(note)
     if as_json:
-        answer_json(compared_json(result, known))
+        answer_json(result.to_json())
     else:
-        for line in compared_lines(result, known):
+        for line in compared_lines(result):
             answer(line)
 
 
 @model.command()
 def diagnose(recordings: Recordings, model_file: ModelFile, as_json: Json = False, html: Html = None) -> None:
     """Tell which physical effect the model lacks, with the evidence."""
-    from autotune.cli.model_text import diagnosis_json, diagnosis_lines
-    from autotune.diagnose.adapter import diagnose_recordings
+    import autotune
+    from autotune.cli.model_text import diagnosis_lines
+    from autotune.models.model_file import read_model
 
     _check_folder(html)
     known = read_model(model_file)
-    result = diagnose_recordings(_read(recordings), known, say)
+    read = _read(recordings)
+    with one_bar("diagnose", DIAGNOSE_STEPS) as step:
+        result = autotune.diagnose(read, known, progress=step)
     if html is not None:
-        from autotune.view.model_pages import write_diagnosis
-
-        write_diagnosis(html, result, known)
+        result.write_html(html)
         say(f"figures: {html}")
     if as_json:
-        answer_json(diagnosis_json(result, known))
+        answer_json(result.to_json())
     else:
-        for line in diagnosis_lines(result, known):
+        for line in diagnosis_lines(result):
             answer(line)
 
 
@@ -139,21 +142,24 @@ def add(
     as_json: Json = False,
 ) -> None:
     """Add an effect to a model and show how far the error falls on data that the fit never saw."""
-    from autotune.cli.model_text import added_json, added_lines
-    from autotune.diagnose.adding import add_effect
+    import autotune
+    from autotune.cli.model_text import added_lines
+    from autotune.models.model_file import read_model, write_model
 
     _check_output(out)
     known = read_model(model_file)
-    result = add_effect(effect, _read(recordings), known, _now(), _source(recordings), say)
-    kept = result.error_after < result.error_before
+    read = _read(recordings)
+    with one_bar(f"add {effect}", ADD_STEPS) as step:
+        result = autotune.add_effect(effect, read, known, progress=step, source=_source(recordings))
+    kept = result.better
     if kept:
         write_model(result.model, out)
     for note in result.notes:
         say(note)
     if as_json:
-        answer_json(added_json(result))
+        answer_json(result.to_json())
     else:
-        for line in added_lines(effect, result, out if kept else None):
+        for line in added_lines(result, out if kept else None):
             answer(line)
     if not kept:
         say(f"{effect} does not lower the error on unseen data; nothing was written")
@@ -167,7 +173,9 @@ def show(
     html: Html = None,
 ) -> None:
     """Show what is in a model and how its error fell with every effect."""
-    from autotune.cli.model_text import model_lines, shown_json
+    from autotune.cli.model_text import model_lines
+    from autotune.models.as_json import shown_json
+    from autotune.models.model_file import read_model
 
     _check_folder(html)
     known = read_model(model_file)
@@ -184,17 +192,18 @@ def show(
 
 
 def _read(paths: list[Path]) -> list[Recording]:
-    return [read_recording(path) for path in paths]
+    from autotune.recordings.files import read_recording
+
+    read = [read_recording(path) for path in paths]
+    for remark in (remark for one in read for remark in one.metadata.remarks):
+        say(remark)
+    return read
 
 
 def _joined(recordings: list[Recording]) -> Recording:
-    from autotune.core.recording import concatenate
+    from autotune.recordings.recording import concatenate
 
     return concatenate(recordings)
-
-
-def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="seconds")
 
 
 def _source(paths: list[Path]) -> str:
@@ -212,15 +221,9 @@ def _check_folder(path: Path | None) -> None:
         raise ConfigurationError(f"there is no folder {path.parent} to write {path.name} to; make it first")
 
 
-def _parameters(known: DriveModel) -> dict[str, Any]:
-    from autotune.cli.model_text import parameters_json
-
-    return parameters_json(known)
-
-
-def _print_fit(known: DriveModel | None, result: Fit, out: Path) -> None:
-    from autotune.cli.model_fit import least_torque_line
+def _print_fit(known: DriveModel | None, result: FitResult, out: Path) -> None:
     from autotune.cli.model_text import parameter_lines
+    from autotune.diagnose.fit_result import least_torque_line
 
     for line in parameter_lines(known) if known is not None else []:
         mark = "  not identified" if line.split()[0] in result.not_identified else ""
@@ -237,10 +240,11 @@ def _print_fit(known: DriveModel | None, result: Fit, out: Path) -> None:
 
 
 def _write_figures(
-    read: list[Recording], known: DriveModel, result: Fit, html: Path | None, rrd: Path | None
+    read: list[Recording], known: DriveModel, result: FitResult, html: Path | None, rrd: Path | None
 ) -> None:
     """The page and the Rerun recording of a fit."""
-    from autotune.cli.model_fit import compared_or_none, summary
+    from autotune.diagnose.fit_recordings import compared_or_none
+    from autotune.diagnose.fit_result import summary
 
     if html is not None:
         from autotune.view.fit_page import write_fit
@@ -254,7 +258,7 @@ def _write_figures(
 
 def _write_rerun(rrd: Path, read: list[Recording], known: DriveModel) -> None:
     """Recording and model in one file: the model's torque beside the measured one, parameters at the end."""
-    from autotune.cli.model_fit import model_torque
+    from autotune.diagnose.fit_recordings import model_torque
     from autotune.view.rerun_file import FinalValue, Shown, write_rrd
 
     finals = [

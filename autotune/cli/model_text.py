@@ -1,119 +1,33 @@
-"""What `autotune model` prints: JSON for programs, lines for people. The same facts in both."""
+"""What `autotune model` prints for people: the facts of `--json` as lines."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import Any
 
-from autotune.diagnose.adding import Added
-from autotune.diagnose.compare import Compared
-from autotune.diagnose.verdict import Diagnosis
-from autotune.models.drive_model import DriveModel
+from autotune.api.results import AddedEffect, Comparison, DiagnosisResult
+from autotune.models.drive_model import DriveModel, staircase
 from autotune.models.table import effect_kind
+from autotune.models.waves import Wave, ripple_waves
+from autotune.view.model_pages import floor_range
 from autotune.view.scale import quantity
 
 BAR = 40
 
 
-def parameters_json(model: DriveModel) -> dict[str, Any]:
-    """name → {value, standard_error, unit}."""
-    return {
-        name: {"value": value.value, "standard_error": value.standard_error, "unit": model.unit(name)}
-        for name, value in model.parameters.items()
-    }
-
-
-def compared_json(result: Compared, model: DriveModel) -> dict[str, Any]:
-    """The object of `compare --json`."""
-    return {
-        "torque_unit": model.torque_symbol,
-        "error_rms": result.error_rms,
-        "relative_error": result.relative_error,
-        "noise_floor_rms": result.noise_floor_rms,
-        "explained": result.explained,
-        "worst": [
-            {"coordinate": w.coordinate, "range": [w.low, w.high], "share": w.share} for w in result.worst
-        ],
-        "regimes": dict(result.regimes),
-        "where": dict(result.where),
-        "position_error_rms": result.position_rms,
-        "twin": result.twin,
-    }
-
-
-def diagnosis_json(result: Diagnosis, model: DriveModel) -> dict[str, Any]:
-    """The object of `diagnose --json`."""
-    return {
-        "torque_unit": model.torque_symbol,
-        "verdict": result.verdict,
-        "effects": list(result.effects),
-        "confidence": result.confidence,
-        "candidates": [
-            {
-                "effect": c.effect,
-                "gain": c.gain,
-                "error_before": c.error_before,
-                "error_after": c.error_after,
-                "accepted": c.accepted,
-                "why": c.why,
-            }
-            for c in result.candidates
-        ],
-        "confusable": [list(rivals) for rivals in result.confusable],
-        "where": dict(result.where),
-        "noise_floor_rms": result.noise_floor_rms,
-        "next_experiment": result.next_experiment,
-        "twin": result.twin,
-        "error_test": result.error_test,
-        "notes": list(result.notes),
-    }
-
-
-def added_json(result: Added) -> dict[str, Any]:
-    """The object of `add --json`."""
-    return {
-        "torque_unit": result.model.torque_symbol,
-        "error_before": result.error_before,
-        "error_after": result.error_after,
-        "noise_floor_rms": result.noise_floor_rms,
-        "parameters": parameters_json(result.model),
-        "unseen": result.unseen,
-    }
-
-
-def shown_json(model: DriveModel) -> dict[str, Any]:
-    """The object of `show --json`."""
-    history = [
-        {
-            "when": e.when,
-            "action": e.action,
-            "data": e.data,
-            "error_before": e.error_before,
-            "error_after": e.error_after,
-            "noise_floor": e.noise_floor,
-        }
-        for e in model.history
-    ]
-    return {
-        "axis": model.axis,
-        "motion_unit": model.motion_unit,
-        "torque_unit": model.torque_symbol,
-        "parameters": parameters_json(model),
-        "effects": [effect.name for effect in model.effects],
-        "history": history,
-    }
-
-
-def compared_lines(result: Compared, model: DriveModel) -> Iterator[str]:
-    unit = model.torque_symbol
+def compared_lines(result: Comparison) -> Iterator[str]:
+    unit = result.torque_unit
     yield f"error {quantity(result.error_rms, unit)} rms, {100 * result.relative_error:.2f} % of the torque"
-    if math.isfinite(result.noise_floor_rms):
-        yield f"noise floor {quantity(result.noise_floor_rms, unit)} rms: no model gets below"
-    else:
+    interval = result.noise_floor_interval
+    if interval is None:
         yield "noise floor unknown: nothing was recorded twice"
-    yield f"explained {100 * result.explained:.2f} % of what can be explained"
+        yield f"explains {100 * result.explained:.2f} % of the torque's variance; what is noise of the rest is unknown"
+    else:
+        yield f"noise floor {quantity(result.noise_floor_rms, unit)} rms{floor_range(interval, unit)}"
+        if result.error_rms <= interval[1]:
+            yield "the error is not above what noise leaves"
+        yield f"explained {100 * result.explained:.2f} % of what can be explained"
     for name, value in result.regimes.items():
         if math.isfinite(value):
             yield f"  {name.replace('_', ' '):<14}{quantity(value, unit)}"
@@ -124,8 +38,8 @@ def compared_lines(result: Compared, model: DriveModel) -> Iterator[str]:
         )
 
 
-def diagnosis_lines(result: Diagnosis, model: DriveModel) -> Iterator[str]:
-    unit = model.torque_symbol
+def diagnosis_lines(result: DiagnosisResult) -> Iterator[str]:
+    unit = result.torque_unit
     names = ", ".join(result.effects)
     yield {
         "named": f"missing: {names} ({result.confidence})",
@@ -153,7 +67,7 @@ def diagnosis_lines(result: Diagnosis, model: DriveModel) -> Iterator[str]:
     yield from result.notes
 
 
-def added_lines(effect: str, result: Added, out: Path | None) -> Iterator[str]:
+def added_lines(result: AddedEffect, out: Path | None) -> Iterator[str]:
     unit = result.model.torque_symbol
     fall = 1.0 - result.error_after / result.error_before if result.error_before else 0.0
     yield (
@@ -161,18 +75,35 @@ def added_lines(effect: str, result: Added, out: Path | None) -> Iterator[str]:
         f"{quantity(result.error_after, unit)} after ({-100 * fall:+.0f} %)"
     )
     if math.isfinite(result.noise_floor_rms):
-        yield f"noise floor {quantity(result.noise_floor_rms, unit)}"
-    kind = effect_kind(effect)
-    for name, value in result.model.parameters.items():
-        if any(name == kind.surface(p.name) for p in kind.parameters):
-            yield "  " + _parameter(result.model, name, value.value, value.standard_error)
+        yield f"noise floor {quantity(result.noise_floor_rms, unit)}, an estimate"
+    kind = effect_kind(result.effect)
+    own = {kind.surface(p.name) for p in kind.parameters}
+    yield from (f"  {line}" for line in _lines_of(result.model, own))
     if out is not None:
         yield f"written to {out}"
 
 
 def parameter_lines(model: DriveModel) -> Iterator[str]:
+    """One line a parameter; a wave of the torque ripple is one line, by order, amplitude and phase."""
+    return _lines_of(model, set(model.parameters))
+
+
+def _lines_of(model: DriveModel, names: Collection[str]) -> Iterator[str]:
+    waves = {f"torque_ripple.order_{wave.number}": wave for wave in ripple_waves(model)}
     for name, value in model.parameters.items():
-        yield _parameter(model, name, value.value, value.standard_error)
+        if name not in names:
+            continue
+        if name in waves:
+            yield _wave(model, waves[name])
+        elif not name.startswith("torque_ripple."):
+            yield _parameter(model, name, value.value, value.standard_error)
+
+
+def _wave(model: DriveModel, wave: Wave) -> str:
+    spread = f" ± {wave.standard_error:.2g}" if wave.standard_error is not None else ""
+    order = f"{wave.order:.5g} {model.unit(f'torque_ripple.order_{wave.number}')}"
+    where = f"at {order}, phase {math.degrees(wave.phase):.0f}°"
+    return f"{f'torque_ripple {wave.number}':<36}{wave.amplitude:.5g}{spread} {model.torque_symbol} {where}"
 
 
 def model_lines(model: DriveModel) -> Iterator[str]:
@@ -184,14 +115,18 @@ def model_lines(model: DriveModel) -> Iterator[str]:
         yield "no history"
         return
     unit = model.torque_symbol
-    yield "error on data that the fit never saw, step by step:"
-    largest = max(max(e.error_after or 0.0, e.error_before or 0.0) for e in steps)
-    for entry in steps:
-        yield _stair(entry.action, entry.error_before, entry.error_after or 0.0, largest, unit)
+    which = f" ({steps[-1].unseen})" if steps[-1].unseen else ""
+    yield f"error on data that the fit never saw{which}, step by step:"
+    stairs = staircase(model.history)
+    largest = max(stair.error for stair in stairs)
+    before: float | None = None
+    for stair in stairs:
+        yield _stair(stair.action, before, stair.error, largest, unit)
+        before = stair.error
     floor = steps[-1].noise_floor
     if floor is not None:
-        length = min(round(BAR * floor / largest), BAR)
-        yield f"  {'noise floor':<30}{'.' * length:<{BAR}} {quantity(floor, unit)}"
+        length = min(round(BAR * floor / largest), BAR) if largest else 0
+        yield f"  {'noise floor (an estimate)':<30}{'.' * length:<{BAR}} {quantity(floor, unit)}"
 
 
 def _stair(action: str, before: float | None, after: float, largest: float, unit: str) -> str:
@@ -202,4 +137,5 @@ def _stair(action: str, before: float | None, after: float, largest: float, unit
 
 def _parameter(model: DriveModel, name: str, value: float, error: float | None) -> str:
     spread = f" ± {error:.2g}" if error is not None else ""
-    return f"{name:<36}{value:.5g}{spread} {model.unit(name)}"
+    unit = model.unit(name)
+    return f"{name:<36}{value:.5g}{spread}{'' if unit == '1' else f' {unit}'}"

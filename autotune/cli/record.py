@@ -31,17 +31,20 @@ def record(
     runs: Annotated[Path, typer.Option(help="Folder for what runs leave.")] = Path("runs"),
 ) -> None:
     """Play a programme on the axis and write the recording."""
-    from autotune.service.hold import Hold
-    from autotune.service.links import open_link
-    from autotune.service.recording_run import record_programme
+    from autotune.tuning.links import open_link
+    from autotune.tuning.motion_plan import planned_programme
+    from autotune.tuning.preparation import Hold
+    from autotune.tuning.recording_run import record_programme
 
     if out.suffix not in ENDINGS or not out.resolve().parent.is_dir():
         raise ConfigurationError(f"--out {out}: it must end in .parquet or .csv, in a folder that is there")
     axis = read_axis(axis_file)
-    confirmation(axis, yes, "record")
+    confirmation(axis, yes, planned_programme(axis, programme), "record")
     with holding(axis, axis_file, "record"), reporting(stages=[Stage("record", 60.0)]) as console:
         recording = record_programme(
-            Hold(axis, lambda: open_link(axis, axis_file.resolve().parent), runs, console, datetime.now),
+            Hold(
+                axis, lambda: open_link(axis, axis_file.resolve().parent, runs), runs, console, datetime.now
+            ),
             programme,
             out,
         )

@@ -12,17 +12,19 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from autotune.cli.output import answer, answer_json, say
-from autotune.cli.owned import holding, let_service, result_of, service_of
+from autotune.cli.owned import Service, holding, let_service, result_of, service_of
 from autotune.core.axis import Axis, read_axis
 from autotune.core.errors import ConfigurationError
 from autotune.core.loop import Watch
+from autotune.core.text import clean_line
 from autotune.view.console import ConsoleProgress, Stage
 
 if TYPE_CHECKING:
-    from autotune.service.outcome import RunResult
-    from autotune.service.ownership import Owner
-    from autotune.service.session import LabelledWatch
+    from autotune.tuning.motion_plan import MotionPlan
+    from autotune.tuning.outcome import RunResult
+    from autotune.tuning.session import LabelledWatch
 
+Confirm = Callable[[str], bool]
 SIMULATED = "autotune-sim"  # how the profiles of simulated drives begin
 EXPECTED = {
     "connect": 2.0,
@@ -47,46 +49,67 @@ def run(
             metavar="STAGE", help="One stage alone: check, experiment, fit, diagnose, adapt, prove or commit."
         ),
     ] = None,
+    resume: Annotated[
+        str | None,
+        typer.Option(
+            metavar="[RUN]",
+            help="Take up an interrupted run (the newest, or the one named) from its last whole stage.",
+        ),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON object.")] = False,
     view: Annotated[bool, typer.Option("--view", help="Show the traces in the Rerun viewer.")] = False,
     runs: Annotated[Path, typer.Option(help="Folder for what runs leave.")] = Path("runs"),
 ) -> None:
     """Tune an axis: check, experiment, fit, adapt, prove, commit."""
-    from autotune.service.links import open_link  # here, so that mistakes and --help are answered at once
-    from autotune.service.tuning import Request, tune
+    from autotune.tuning.links import open_link  # here, so that mistakes and --help are answered at once
+    from autotune.tuning.motion_plan import planned_run
+    from autotune.tuning.run import Request, tune
 
     axis = read_axis(axis_file)
-    owner = service_of(axis, axis_file)
-    if owner is not None:
-        _let_service_run(owner, axis, only, view, as_json)
+    service = service_of(axis, axis_file)
+    if service is not None:
+        _check_whole(service, only, view)
+    moved = service.axis if service else axis
+    confirm = confirmation(moved, yes, planned_run(moved, only))
+    if service is not None:
+        _let_service_run(service, confirm, _asks_nobody(service.axis, yes), as_json)
         return
-    confirm = confirmation(axis, yes)
     with holding(axis, axis_file, "run"), reporting(only) as console, _viewers(axis, view) as viewers:
         request = Request(
             axis=axis,
-            open_loop=lambda: open_link(axis, axis_file.resolve().parent),
+            open_loop=lambda: open_link(axis, axis_file.resolve().parent, runs),
             runs=runs,
             reporter=console,
             clock=datetime.now,
             only=only,
+            resume=resume,
             viewers=viewers,
             approve=confirm,
         )
         result = tune(request)
     _show(result, as_json)
-    raise typer.Exit(result.exit_code if only is None or result.outcome == "rolled_back" else 0)
+    raise typer.Exit(result.exit_code)
 
 
-def _let_service_run(owner: Owner, axis: Axis, only: str | None, view: bool, as_json: bool) -> None:
-    """The service that owns the axis does the run; it knows when a person must approve."""
+def _check_whole(service: Service, only: str | None, view: bool) -> None:
     if only is not None or view:
         raise ConfigurationError(
-            f"axis {axis.name} is owned by the service at {owner.address}, which does whole runs without a view; "
-            "leave --only and --view out, or stop the service"
+            f"axis {service.axis.name} is owned by the service at {service.address}, which does whole runs without a "
+            "view; leave --only and --view out, or stop the service"
         )
+
+
+def _let_service_run(service: Service, confirm: Confirm, unasked: bool, as_json: bool) -> None:
+    """The service that owns the axis does the run; before it keeps anything the same person is asked as without it."""
     with reporting() as console:
-        job = let_service(owner, axis, "run", console)
-    content = result_of(owner, job, "run.json")
+        job = let_service(service, "run", console, commit="automatic" if unasked else "ask")
+    proposal = None if unasked else service.client.proposal_of(job)
+    if proposal is not None and confirm(clean_line(proposal["sentence"], 500)):
+        with reporting("commit") as console:
+            job = service.client.follow(service.client.approve(proposal), console)
+    elif proposal is not None:
+        say("not kept; it can still be approved at the service (POST /api/proposals/ID/approve)")
+    content = result_of(service, job)
     if as_json:
         answer_json(content)
     else:
@@ -124,22 +147,30 @@ def reporting(only: str | None = None, stages: Sequence[Stage] = ()) -> Iterator
         console.finish()
 
 
-def confirmation(axis: Axis, yes: bool, what: str = "run") -> Callable[[str], bool]:
-    """Asks a person before the axis moves; without one there must be --yes, unless nothing real moves.
+def _asks_nobody(axis: Axis, yes: bool) -> bool:
+    """There is --yes, or nothing real moves.
 
     The simulated drive's profile is enough: a drive that says it is another one is refused before it moves.
     """
-    if yes or axis.link.startswith("sim:") or axis.profile.startswith(SIMULATED):
+    return yes or axis.link.startswith("sim:") or axis.profile.startswith(SIMULATED)
+
+
+def confirmation(axis: Axis, yes: bool, plan: MotionPlan | None, what: str = "run") -> Confirm:
+    """Asks a person before the axis moves, by whichever program; without one there must be --yes, unless simulated.
+
+    Args:
+        plan: what will move; None where nothing does, and nobody is asked.
+
+    Returns:
+        What asks before something is kept.
+    """
+    if plan is None or _asks_nobody(axis, yes):
         return lambda sentence: True
     if not sys.stdin.isatty():
         raise ConfigurationError(
             f"'autotune {what}' moves axis {axis.name}; nobody is there to be asked, so say --yes"
         )
-    limits = axis.limits
-    say(
-        f"Axis {axis.name} at {axis.link} will move between {limits.position_min:g} and {limits.position_max:g} "
-        f"{axis.motion_unit}, at most {limits.speed:g} {axis.motion_unit}/s, for about {limits.machine_seconds:.0f} s."
-    )
+    say(plan.sentence(axis))
     if not typer.confirm("Is the axis free to move, and the emergency stop within reach?", err=True):
         raise ConfigurationError("not confirmed; nothing has moved")
     return lambda sentence: typer.confirm(sentence, err=True)

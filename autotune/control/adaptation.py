@@ -4,14 +4,21 @@
     dσ0/dt  = α_0 u_PID ż        (5.15)
     dF_c/dt = α_c u_PID sign z   (5.16)
 
-The gains are given without dimension, so that one set serves axes of every size: with the benchmark's
-angular frequency ω and x_s = F_c/σ0, α_g = offset·ω, α_c = coulomb·ω and α_0 = stiffness·ω/x_s². The
-thesis's own gains (Table 6.3) correspond to 0.0016, 0.016 and 0.0014; here they are larger, as
-the end is found instead of waited for.
+The gains are given without dimension, so that one set serves axes of every size and benchmarks of every
+frequency ω: what a period adds is to be a share of the parameter. Over a period of T = 2π/ω, (5.14) and
+(5.16) add α·T·u to a torque, so α_g = offset·ω and α_c = coulomb·ω [1/s]. In (5.15) ż brings its own 1/s:
+a reversal adds α_0·∫u ż dt = α_0·∫u dz ≈ 2·α_0·u·x_s, whatever it takes, and x_s = F_c/σ0. That is a
+share of σ0 where α_0 = stiffness/x_s² [1/rad²], with the x_s of the moment: of σ0 it adds 2·stiffness·u/F_c.
+F_s keeps its ratio to F_c, and σ1 its ratio to σ0: damping belongs to its spring. A σ1 that stays behind as
+σ0 falls acts over a longer reach: at 5 Hz it takes up more torque than friction itself.
 
-Gates, so that a wrong sign or a stuck axis can do no harm: bounds; nothing is adapted before the first
-period is complete; adaptation freezes, at the best parameters so far, when the PID's torque grows; and
-without enough excitation (the friction state never saturates) nothing is said to be valid.
+The thesis's own gains at 1 Hz (Table 6.3) correspond to 0.0016, 0.016 and 0.009 (x_s = 9.39 mrad); here
+they are larger, as the end is found instead of waited for.
+
+Gates, so that a wrong sign or a stuck axis can do no harm: bounds; the first period fades in and the
+second is the yardstick, both without adaptation; adaptation freezes, at the best parameters so far, when
+the PID's torque grows; and without enough excitation (the friction state never saturates) nothing is said
+to be valid.
 """
 
 from __future__ import annotations
@@ -22,16 +29,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from autotune.control.feedforward import LugreParameters, advance
+from autotune.core.arrays import Floats
 from autotune.core.drive import Sample
 from autotune.core.errors import ConfigurationError
-from autotune.core.recording import Floats
 from autotune.models.compiled import compiled
 
 HISTORY_SECONDS = 0.05
+YARDSTICK = 1  # index of the period that u_PID is compared with; the one before it fades in
 SETTLED_PERIODS = 6
 SETTLED_DRIFT = 0.01
 SETTLED_OFFSET = 0.005
 GROWTH = 1.5
+NO_GAIN = 1.05  # u_PID at rest over u_PID at the start; periods of one setting scatter by 0.5 to 3 %
 LEAST_SATURATION = 0.2
 BOUND_MARGIN = 0.02
 
@@ -41,7 +50,7 @@ class AdaptationGains:
     """Dimensionless gains; see the module's docstring."""
 
     offset: float = 0.05
-    stiffness: float = 0.03
+    stiffness: float = 0.19
     coulomb: float = 0.15
 
 
@@ -97,13 +106,16 @@ class AdaptationResult:
 def _adapt(
     p: Floats, state: Floats, gains: Floats, low: Floats, high: Floats, feedback: float, period: float
 ) -> None:
-    """One step of (5.14)–(5.16) within bounds; `p` is updated, F_s keeps its ratio to F_c."""
+    """One step of (5.14)–(5.16) within bounds; `p` is updated, F_s keeps its ratio to F_c, σ1 to σ0."""
     ratio = p[6] / p[2]
+    reach = p[2] / p[3]
     z_sign = 0.0 if state[0] == 0.0 else math.copysign(1.0, state[0])
-    stiffness = p[3] + period * gains[0] * feedback * state[1]
+    stiffness = p[3] + period * gains[0] / reach**2 * feedback * state[1]
     coulomb = p[2] + period * gains[1] * feedback * z_sign
     offset = p[5] + period * gains[2] * feedback
+    relaxation = p[4] / p[3]
     p[3] = min(max(stiffness, low[0]), high[0])
+    p[4] = relaxation * p[3]
     p[2] = min(max(coulomb, low[1]), high[1])
     p[5] = min(max(offset, low[2]), high[2])
     p[6] = p[2] * ratio
@@ -125,10 +137,7 @@ class AdaptiveFeedforward:
             raise ConfigurationError(f"frequency {frequency} Hz and period {period} s must be above 0")
         gains = gains or AdaptationGains()
         omega = 2.0 * math.pi * frequency
-        x_s = start.coulomb / start.stiffness
-        self._gains = np.array(
-            [gains.stiffness * omega / x_s**2, gains.coulomb * omega, gains.offset * omega]
-        )
+        self._gains = np.array([gains.stiffness, gains.coulomb * omega, gains.offset * omega])
         self._low, self._high = bounds.arrays()
         self._p = start.array()
         self._period = period
@@ -162,7 +171,7 @@ class AdaptiveFeedforward:
         return float(advance(self._p, self._state, velocity, acceleration, self._period))
 
     def _learn(self, feedback: float) -> None:
-        if self._periods:
+        if len(self._periods) > YARDSTICK:
             _adapt(self._p, self._state, self._gains, self._low, self._high, feedback, self._period)
         p, sums = self._p, self._sums
         sums[0] += p[3]
@@ -183,16 +192,26 @@ class AdaptiveFeedforward:
         self._periods.append(means)
         self._sums[:] = 0.0
         self._count = 0
-        if self._has_grown():
+        at_rest = len(self._periods) >= self._least and self._at_rest()
+        if self._has_grown() or (at_rest and self._gained_nothing()):
             self._frozen = True
-            best = min(self._periods, key=lambda period: float(period[3]))
+            best = min(self._periods[YARDSTICK:], key=lambda period: float(period[3]))
             self._p = LugreParameters.from_array(self._p).with_friction(*best[:3]).array()
             return
-        self._settled = len(self._periods) >= self._least and self._at_rest()
+        self._settled = at_rest
+
+    def _feedback(self) -> Floats:
+        """u_PID of the periods that can be compared with each other, rms [N m]."""
+        return np.array([float(period[3]) for period in self._periods[YARDSTICK:]])
 
     def _has_grown(self) -> bool:
-        rms = [float(period[3]) for period in self._periods]
-        return len(rms) > 3 and min(rms[-2:]) > GROWTH * min(rms)
+        rms = self._feedback()
+        return len(rms) > 2 and bool(np.min(rms[-2:]) > GROWTH * np.min(rms))
+
+    def _gained_nothing(self) -> bool:
+        """The laws came to rest where u_PID is larger than at the start: they followed something else."""
+        rms = self._feedback()
+        return bool(np.mean(rms[-SETTLED_PERIODS:]) > NO_GAIN * rms[0])
 
     def _at_rest(self) -> bool:
         """Compares the halves of the last periods: less than 1 % apart (offset: 0.5 % of Coulomb)."""
@@ -223,12 +242,18 @@ class AdaptiveFeedforward:
 
     def _reason(self, current: LugreParameters, periods: Floats) -> str:
         """Why the result is not valid; empty where it is."""
+        saturated = len(periods) > 0 and periods[-SETTLED_PERIODS:, 4].mean() >= LEAST_SATURATION
+        small = "the sine is too small: friction never saturates; raise benchmark.amplitude"
+        if self._frozen:
+            rms = self._feedback()
+            return (
+                f"frozen after {len(periods)} periods: the controller's torque grew during adaptation, from "
+                f"{rms.min():.3g} to {rms[-1]:.3g} rms; the best period is kept"
+            ) + ("" if saturated else f"; {small}")
         if len(periods) < SETTLED_PERIODS:
             return f"only {len(periods)} whole periods were played; at least {SETTLED_PERIODS} are needed"
-        if periods[-SETTLED_PERIODS:, 4].mean() < LEAST_SATURATION:
-            return "the sine is too small: friction never saturates; raise benchmark.amplitude"
-        if self._frozen:
-            return "frozen: the controller's torque grew during adaptation; the best period is kept"
+        if not saturated:
+            return small
         values = np.array([current.stiffness, current.coulomb, current.offset])
         names = ("stiffness", "coulomb", "offset")
         margin = BOUND_MARGIN * (self._high - self._low)

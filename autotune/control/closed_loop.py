@@ -15,9 +15,10 @@ import math
 import numpy as np
 
 from autotune.control.feedforward import LugreParameters, stribeck_level
+from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError
-from autotune.core.recording import Controller, Floats
 from autotune.models.compiled import compiled
+from autotune.recordings.recording import Controller
 
 SUBSTEPS = 40
 PERIODS = 8

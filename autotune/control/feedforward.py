@@ -16,15 +16,19 @@ from typing import Protocol
 
 import numpy as np
 
+from autotune.core.arrays import Floats
 from autotune.core.drive import Sample
 from autotune.core.errors import ConfigurationError
-from autotune.core.recording import Floats
 from autotune.models.compiled import compiled
 
 
 @dataclass(frozen=True, slots=True)
 class LugreParameters:
-    """Parameters of the feedforward; SI, motor side. `break_away` = `coulomb` where friction has no dip."""
+    """Parameters of the feedforward; SI, motor side.
+
+    `break_away` = `coulomb` where friction does not change with speed; it is below where friction rises from
+    rest, as a boundary lubricant makes it (section 2.2.2).
+    """
 
     inertia: float
     viscous: float
@@ -54,9 +58,15 @@ class LugreParameters:
         return cls(*(float(value) for value in values))
 
     def with_friction(self, stiffness: float, coulomb: float, offset: float) -> LugreParameters:
-        """The same with the three adapted parameters replaced; F_s keeps its ratio to F_c."""
-        ratio = self.break_away / self.coulomb
-        return replace(self, stiffness=stiffness, coulomb=coulomb, offset=offset, break_away=coulomb * ratio)
+        """The same with the three adapted parameters replaced; F_s keeps its ratio to F_c, σ1 to σ0."""
+        return replace(
+            self,
+            stiffness=stiffness,
+            coulomb=coulomb,
+            offset=offset,
+            break_away=coulomb * (self.break_away / self.coulomb),
+            micro_damping=stiffness * (self.micro_damping / self.stiffness),
+        )
 
     def drive_parameters(self) -> dict[str, float]:
         """As the drive's feedforward block names them."""

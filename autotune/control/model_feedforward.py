@@ -18,8 +18,8 @@ from types import MappingProxyType
 import numpy as np
 
 from autotune.control.feedforward import LugreParameters
+from autotune.core.arrays import Floats
 from autotune.core.drive import Sample
-from autotune.core.recording import Floats
 from autotune.models import layout
 from autotune.models.drive_model import DriveModel, base_model
 from autotune.models.inverse import required
@@ -65,7 +65,7 @@ def lugre_model(parameters: LugreParameters, motion_unit: str = "rad") -> DriveM
     """The drive model that LuGre feedforward parameters describe."""
     names = ("inertia", "viscous", "coulomb", "stiffness", "micro_damping", "offset")
     values = {name: float(getattr(parameters, name)) for name in names}
-    if parameters.break_away > parameters.coulomb:
+    if parameters.break_away != parameters.coulomb:
         values |= {
             "break_away": parameters.break_away,
             "stribeck_velocity": parameters.stribeck_velocity,

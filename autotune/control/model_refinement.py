@@ -24,10 +24,11 @@ import numpy as np
 
 from autotune.control.model_feedforward import periodic_model_feedforward
 from autotune.control.refinement import PeriodAverage, smooth_peak
-from autotune.core.recording import Controller, Floats
+from autotune.core.arrays import Floats
 from autotune.models import layout
 from autotune.models.drive_model import DriveModel, surface_parameter
 from autotune.models.plant import simulate, substeps_for
+from autotune.recordings.recording import Controller
 
 PERIODS = 4
 ITERATIONS = 6

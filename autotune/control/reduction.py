@@ -10,6 +10,10 @@ that the squared tracking error over the user's motion is least, as predicted by
 full model as its axis (`closed_loop`). The torque's own least squares, F_c nearly as it is, give a jump
 at every reversal that the axis cannot follow elastically: worse than no feedforward on stiff loops.
 
+A drive with a LuGre block of its own holds all parameters, yet not every friction: such blocks know a level
+that falls from F_s to F_c. Friction that rises from rest (F_s < F_c, section 2.2.2 and Table 6.2) is played by
+them as F_c at every speed. What is written then is one level between the two, by the same least error.
+
 The loss is the predicted error with the reduced feedforward less that with the full one.
 """
 
@@ -25,12 +29,14 @@ from scipy import optimize
 from autotune.control.closed_loop import steady_error
 from autotune.control.feedforward import FeedforwardLaw, LugreParameters, advance
 from autotune.control.refinement import PeriodAverage, periodic_feedforward
+from autotune.core.arrays import Floats
 from autotune.core.drive import Sample
 from autotune.core.errors import ConfigurationError
-from autotune.core.recording import Controller, Floats
+from autotune.recordings.recording import Controller
 
 LUGRE = frozenset({"inertia", "viscous", "coulomb", "break_away", "stiffness", "micro_damping", "offset"})
 KINETIC = ("inertia", "viscous", "coulomb", "offset")
+RISING = "friction_that_rises_from_rest"
 SEARCH_POINTS = 13
 SMALL = 0.02  # part of the feedforward's rms below which nothing has to be played for it
 
@@ -45,7 +51,7 @@ class Reduction:
         full_peak, full_rms: measured error with the full feedforward [motion unit].
         predicted_peak, predicted_rms: error with the drive's part (and the host's, where there is one).
         residual_rms: what the drive's part leaves of the full feedforward [N m].
-        lost: effects beyond the LuGre model that no drive's block knows: lost where the host does not play.
+        lost: effects beyond what a drive's block knows: lost where the host does not play.
     """
 
     values: Mapping[str, float]
@@ -61,6 +67,49 @@ class Reduction:
     def predicted_loss(self) -> float:
         """Of the peak error [motion unit]."""
         return self.predicted_peak - self.full_peak
+
+
+def rises(full: LugreParameters) -> bool:
+    """F_s < F_c: friction that a drive's LuGre block does not know."""
+    return full.break_away < full.coulomb
+
+
+def level_for_block(
+    full: LugreParameters, measured: PeriodAverage, controller: Controller, limit: float = np.inf
+) -> Reduction:
+    """The one friction level that serves a drive's LuGre block where friction rises from rest; see `reduce`."""
+    predict = _Prediction(full, measured, controller, limit)
+
+    def error(level: float) -> Floats:
+        torque = periodic_feedforward(with_one_level(full, level), measured.reference, measured.period)
+        return predict.error(torque)
+
+    low, high = sorted((full.break_away, full.coulomb))
+    found = optimize.minimize_scalar(
+        lambda level: _rms(error(float(level))),
+        bounds=(low, high),
+        method="bounded",
+        options={"xatol": 1e-3 * full.coulomb},
+    )
+    flat = with_one_level(full, float(found.x))
+    part = periodic_feedforward(flat, measured.reference, measured.period)
+    left = error(float(found.x))
+    return Reduction(
+        MappingProxyType({name: float(getattr(flat, name)) for name in sorted(LUGRE)}),
+        (),
+        measured.peak_error,
+        _rms(measured.error),
+        float(np.max(np.abs(left))),
+        _rms(left),
+        _rms(predict.applied - part),
+        (RISING,),
+    )
+
+
+def with_one_level(full: LugreParameters, level: float | None = None) -> LugreParameters:
+    """The same with F_s = F_c = `level`, by default F_c: what a drive's block plays where friction rises."""
+    level = full.coulomb if level is None else level
+    return replace(full, coulomb=level, break_away=level)
 
 
 def reduces(held: Collection[str]) -> bool:
@@ -94,6 +143,9 @@ def reduce(
         raise ConfigurationError("the drive holds no part of a feedforward; the host has to play all of it")
     predict = _Prediction(full, measured, controller, limit)
     values = {name: float(getattr(full, name)) for name in names}
+    lost = (RISING,) if rises(full) and "break_away" in values else ()
+    if lost:
+        values["break_away"] = full.coulomb
     host = _left_to_the_host(full, names, measured, controller)
     if "stiffness" not in names and "coulomb" in names and not host:
         values["coulomb"] = _least_error(values, full, predict)
@@ -108,6 +160,7 @@ def reduce(
         float(np.max(np.abs(error))),
         _rms(error),
         _rms(wanted - part),
+        lost,
     )
 
 

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from autotune.control.feedforward import LugreParameters, feedforward_along
-from autotune.core.recording import Controller, Floats
+from autotune.core.arrays import Floats
+from autotune.recordings.recording import Controller
 
 Complexes = NDArray[np.complex128]
 

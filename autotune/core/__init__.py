@@ -1,1 +1,1 @@
-"""Errors, axis, drive protocol, recording: the vocabulary of every layer."""
+"""Errors, axis, drive and loop: the vocabulary of every layer."""

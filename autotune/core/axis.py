@@ -45,7 +45,7 @@ class Limits(Strict):
     following_error: Positive
     deceleration: Positive
     temperature: Annotated[float, Field(gt=0, le=200)]
-    machine_seconds: Annotated[float, Field(gt=0, le=3600)] = 300.0
+    machine_seconds: Annotated[float, Field(gt=0, le=3600)]
 
     @model_validator(mode="after")
     def _ordered(self) -> Limits:

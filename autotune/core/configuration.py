@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import difflib
-import tomllib
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from autotune.core.documents import parse_toml, read_limited
 from autotune.core.errors import ConfigurationError
 
 Model = TypeVar("Model", bound=BaseModel)
+MOST_BYTES = 4_000_000
+"""Of a TOML file; the longest, a model with every effect and a long history, has 200 kB."""
+_SHOWN = 80
+_MOST_PROBLEMS = 20
 
 
 class Strict(BaseModel):
@@ -24,17 +28,17 @@ def read_toml(path: str | Path, kind: str) -> dict[str, Any]:
     """Reads a TOML file; `kind` says in errors what it should have been.
 
     Raises:
-        ConfigurationError: no such file, or not TOML.
+        ConfigurationError: no such file, not TOML, too large, too deep, or with numbers that are not finite.
     """
     path = Path(path)
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return parse_toml(read_limited(path, MOST_BYTES))
     except FileNotFoundError:
         raise ConfigurationError(f"there is no {kind} {path}; check the name{_neighbours(path)}") from None
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigurationError(f"{kind} {path} cannot be read: {error}") from error
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigurationError(f"{kind} {path} is not valid TOML: {error}") from error
+    except ValueError as error:
+        raise ConfigurationError(f"{kind} {path} is not valid TOML: {_shortened(str(error), 200)}") from error
 
 
 def validate(model: type[Model], data: dict[str, Any], where: str) -> Model:
@@ -46,7 +50,10 @@ def validate(model: type[Model], data: dict[str, Any], where: str) -> Model:
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        lines = [_sentence(model, problem) for problem in error.errors()]
+        problems = error.errors()
+        lines = [_sentence(model, problem) for problem in problems[:_MOST_PROBLEMS]]
+        if len(problems) > len(lines):
+            lines.append(f"and {len(problems) - len(lines)} more")
         raise ConfigurationError(f"{where}: " + "; ".join(lines)) from error
 
 
@@ -59,7 +66,7 @@ def _neighbours(path: Path) -> str:
 
 
 def _sentence(model: type[BaseModel], problem: Any) -> str:
-    location = [str(part) for part in problem["loc"]]
+    location = [_shortened(str(part)) for part in problem["loc"]]
     key = ".".join(location)
     if problem["type"] == "extra_forbidden":
         known = _keys(model, location[:-1])
@@ -68,7 +75,14 @@ def _sentence(model: type[BaseModel], problem: Any) -> str:
         return f"unknown key {key!r}; {hint}"
     if problem["type"] == "missing":
         return f"key {key!r} is missing; it must be set"
-    return f"{key or 'file'} is {problem.get('input')!r}: {problem['msg'][0].lower()}{problem['msg'][1:]}"
+    given, wrong = _shortened(repr(problem.get("input"))), problem["msg"]
+    return f"{key or 'file'} is {given}: {wrong[0].lower()}{wrong[1:]}"
+
+
+def _shortened(text: str, most: int = _SHOWN) -> str:
+    """As much of what stands in a file as a sentence can hold, without what a terminal would obey."""
+    shown = "".join(letter if letter.isprintable() else "?" for letter in text[:most])
+    return shown + "…" if len(text) > most else shown
 
 
 def _keys(model: type[BaseModel], location: list[str]) -> list[str]:
@@ -80,4 +94,4 @@ def _keys(model: type[BaseModel], location: list[str]) -> list[str]:
         current = next((c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel)), None)
         if current is None:
             return []
-    return list(current.model_fields)
+    return [field.alias or name for name, field in current.model_fields.items()]

@@ -71,6 +71,25 @@ class Sample(NamedTuple):
     missed: int
 
 
+class Standing(NamedTuple):
+    """Where an axis is and how fast, as its drive tells without power [rad or m, rad/s or m/s]."""
+
+    position: float
+    velocity: float
+
+
+@runtime_checkable
+class CutsPower(Protocol):
+    """A drive that can take power off without braking first."""
+
+    def cut(self) -> None:
+        """Takes power off at once; a brake, where there is one, falls in. For an axis whose position sensor lies:
+        a ramp, or a position that is held, would be followed by it.
+
+        Raises: as `Drive.disable`.
+        """
+
+
 @runtime_checkable
 class Drive(Protocol):
     """One axis drive, behind whatever link.
@@ -92,6 +111,12 @@ class Drive(Protocol):
     def identity(self) -> Mapping[str, int | str]:
         """Vendor, product, revision, serial number and firmware as the drive tells them."""
 
+    def look(self) -> Standing:
+        """Where the axis is, without power and without changing anything.
+
+        Raises: LinkError.
+        """
+
     def enable(self, mode: Mode) -> None:
         """Powers the axis in `mode`, holding its present position.
 
@@ -107,7 +132,12 @@ class Drive(Protocol):
         """
 
     def disable(self) -> None:
-        """Brings the axis to rest and takes power off. Idempotent, safe in every state."""
+        """Brings the axis to rest and takes power off. Idempotent, safe in every state.
+
+        Raises:
+            DriveFault: power is off, but a fault came with it that nobody has told yet, or the axis did not
+                brake. LinkError, StateError: that power is off is not certain.
+        """
 
     def read_parameters(self, names: Sequence[str] | None = None) -> dict[str, float]:
         """Reads parameters by name; all that the drive knows when `names` is None."""

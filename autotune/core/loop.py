@@ -1,6 +1,6 @@
 """The cyclic loop: who plays an experiment on a drive, and how its samples get out.
 
-On a real link the loop is a process of its own (`autotune_drivers.cyclic`), so that fits, plots and
+On a real link the loop is a process of its own (`autotune_drivers.cyclic.loop`), so that fits, plots and
 logging cannot delay it; in process (`LocalLoop`) it is a plain call. A routine is the same in both.
 """
 
@@ -11,8 +11,8 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
+from autotune.core.arrays import Floats
 from autotune.core.drive import Drive, Sample
-from autotune.core.recording import Floats
 
 ROW_FIELDS = (*Sample._fields, "label", "repeat")
 ROWS_PER_BLOCK = 50
@@ -23,6 +23,16 @@ Publish = Callable[[Sample, int, int], None]
 """Called once a cycle with the sample, the index of its label in `Routine.labels`, and the repeat."""
 Watch = Callable[[Floats], None]
 """Called with blocks of rows of shape (k, len(ROW_FIELDS)), in order, none twice."""
+
+
+def power_in_words(power: bool | None) -> str:
+    """What may be said of an axis after an interruption. `power`: as its drive tells it; None: nobody knows."""
+    if power is False:
+        return "the axis is without power, as the drive confirms"
+    return (
+        "it is NOT confirmed that the axis is at rest and without power: look at it, and use the emergency stop if it "
+        "moves"
+    )
 
 
 class Routine(Protocol[Result_co]):
@@ -71,6 +81,8 @@ class LocalLoop:
 
     def __init__(self, drive: Drive) -> None:
         self._drive = drive
+        self.power: bool | None = False
+        """What the drive has last told of its power; None while nobody knows."""
 
     @property
     def period(self) -> float:
@@ -93,11 +105,15 @@ class LocalLoop:
             if len(rows) >= ROWS_PER_BLOCK:
                 flush()
 
+        self.power = None
         try:
             return routine(self._drive, publish)
         finally:
-            self._drive.disable()
-            flush()
+            try:
+                self._drive.disable()
+                self.power = False
+            finally:
+                flush()
 
     def read_parameters(self, names: Sequence[str] | None = None) -> dict[str, float]:
         return self._drive.read_parameters(names)

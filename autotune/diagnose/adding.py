@@ -9,18 +9,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from autotune.core.errors import NotEnoughExcitation
-from autotune.core.recording import Recording
-from autotune.diagnose.bandwidth import prepared_for
-from autotune.diagnose.beginning import begin, quiet
+from autotune.diagnose.baseline import begin, quiet
+from autotune.diagnose.candidates import Progress, inside_twin, realigned, screen
 from autotune.diagnose.compare import check_same_axis
-from autotune.diagnose.fit import Fitted, standard_errors
-from autotune.diagnose.model_values import model_from
-from autotune.diagnose.prepared import TEST, TRAINING, VETO
-from autotune.diagnose.search import Progress, inside_twin, realigned, screen
-from autotune.diagnose.settling import Level, settle
-from autotune.diagnose.study import Study
+from autotune.diagnose.significance import without_insignificant_terms
+from autotune.diagnose.unseen import EACH_IN_TURN, floor_of_unseen, roles_unseen
+from autotune.estimation.bandwidth import prepared_for
+from autotune.estimation.bias_corrected_fit import Level, settle
+from autotune.estimation.free_parameters import model_from
+from autotune.estimation.least_squares import Fitted, standard_errors
+from autotune.estimation.problem import Study
 from autotune.models.drive_model import DriveModel, HistoryEntry, Packed
 from autotune.models.table import effect_kind
+from autotune.recordings.recording import Recording
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +65,8 @@ def add_effect(
     study, root, level = grown(study, root, nominal, effect, model)
     before, after, floor, unseen = held_out_errors(study, root, level)
     improved = updated_model(model, study, level.fitted)
-    entry = HistoryEntry(when, f"+ {effect}", source, before, after, floor if math.isfinite(floor) else None)
+    known_floor = floor if math.isfinite(floor) else None
+    entry = HistoryEntry(when, f"+ {effect}", source, before, after, known_floor, unseen)
     return Added(improved.with_history(entry), before, after, floor, unseen, notes)
 
 
@@ -84,7 +86,7 @@ def grown(
         study = again
         root = settle(study, root.fitted.packed, list(root.free), 2) or root
         level = settle(study, level.fitted.packed, list(level.free), 3, level.effects) or level
-    return study, root, level
+    return study, root, without_insignificant_terms(study, level)
 
 
 def _with_effect(study: Study, root: Level, nominal: Packed, effect: str, model: DriveModel) -> Level:
@@ -115,24 +117,15 @@ def updated_model(model: DriveModel, study: Study, fitted: Fitted) -> DriveModel
 
 def held_out_errors(study: Study, before: Level, after: Level) -> tuple[float, float, float, str]:
     """Rms before and after, noise floor, and on which data: veto and test, else held-out experiments."""
-    roles = [role for role in (VETO, TEST) if study.has(role)]
-    if roles:
+    floor = floor_of_unseen(study, after.fitted.error)
+    noise = floor.rms if floor is not None else math.nan
+    if roles := roles_unseen(study):
         rows = study.data.role(*roles)
         errors = [float(np.sqrt(np.mean(x.fitted.error[rows] ** 2))) for x in (before, after)]
-        noise = study.noise_variance(after.fitted.error, VETO)
-        if not math.isfinite(noise):
-            noise = study.noise_variance(after.fitted.error, TRAINING)
-        return (
-            errors[0],
-            errors[1],
-            math.sqrt(noise) if math.isfinite(noise) else math.nan,
-            " and ".join(roles),
-        )
+        return errors[0], errors[1], noise, " and ".join(roles)
     count = max(float(study.training.sum()), 1.0)
     errors = [math.sqrt(x.unseen.total / count) for x in (before, after)]
-    noise = study.noise_variance(after.fitted.error, TRAINING)
-    floor = math.sqrt(noise) if math.isfinite(noise) else math.nan
-    return errors[0], errors[1], floor, "each experiment held out in turn"
+    return errors[0], errors[1], noise, EACH_IN_TURN
 
 
 def _why_not(effect: str, model: DriveModel) -> str:

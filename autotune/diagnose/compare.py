@@ -8,24 +8,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
+from autotune.core.arrays import Flags, Floats
 from autotune.core.errors import ConfigurationError
-from autotune.core.recording import Recording, torque_symbol
-from autotune.diagnose.alignment import best_shift, shifted
-from autotune.diagnose.bandwidth import prepared_for
-from autotune.diagnose.controller import find_controller, with_feedforward
-from autotune.diagnose.coordinates import coordinates, since_reversal, variance_shares
-from autotune.diagnose.filtered import without_twin
-from autotune.diagnose.prepared import TRAINING, VETO, Prepared
-from autotune.diagnose.residual import measured_motion, residual, run_twin, smoothed
-from autotune.diagnose.score import bins
-from autotune.diagnose.study import Study, estimate_noise, start_study, without_outlying
+from autotune.core.units import torque_symbol
+from autotune.estimation.bandwidth import prepared_for
+from autotune.estimation.coordinates import coordinates, since_reversal, variance_shares
+from autotune.estimation.cross_validation import bins
+from autotune.estimation.data import Prepared
+from autotune.estimation.model_error import ModelError, model_error
+from autotune.estimation.noise_floor import noise_floor
+from autotune.estimation.problem import Study
+from autotune.estimation.residual import run_twin
 from autotune.models import layout
-from autotune.models.drive_model import DriveModel, Packed
-from autotune.models.lugre import Flags, Floats
+from autotune.models.drive_model import DriveModel
+from autotune.recordings.recording import Recording
 
 WORST = 6
 BINS = 12
@@ -49,8 +49,10 @@ class Compared:
 
     Attributes:
         error_rms: of the residual; `relative_error`: over the rms of the torque.
-        noise_floor_rms: what differs from repeat to repeat; nan without repeats.
-        explained: share of the torque's explainable variance that the model explains, 0…1.
+        noise_floor_rms: estimate of what differs from repeat to repeat, with its interval of 95 %; nan and
+            None without repeats.
+        explained: share of the torque's explainable variance that the model explains, 0…1; without repeats
+            of all its variance, the least that it can be.
         regimes: rms by kind of motion; nan where there is none.
         where: share of the residual's variance that each coordinate explains.
         position_rms: of the simulated against the measured position; nan without twin.
@@ -60,6 +62,7 @@ class Compared:
     error_rms: float
     relative_error: float
     noise_floor_rms: float
+    noise_floor_interval: tuple[float, float] | None
     explained: float
     worst: tuple[Worst, ...]
     regimes: Mapping[str, float]
@@ -101,55 +104,22 @@ def compare(recordings: Sequence[Recording], model: DriveModel) -> Compared:
         RecordingError, ConfigurationError, NotEnoughExcitation: recordings that cannot be used.
     """
     check_same_axis(model, recordings)
-    data = prepared_for(recordings)
-    found = find_controller(data)
-    data = with_feedforward(data, found)
-    study = start_study(data, found.controller)
-    packed = model.pack()
-    notes = () if found.controller else (f"No twin: {found.why}.",)
-    if study.twin and not study.correction(packed, 1).stable:
-        study = replace(study, controller=None)
-        notes = ("No twin: a simulation of the model with this controller is unstable.",)
-    if not study.twin:
-        data, said = without_twin(data)
-        data = data if data.repeated or data.steady else best_aligned(data, packed)
-        study, notes = start_study(data, None), (*notes, *said)
-    raw = residual(data, packed, study.moved)
-    if study.twin:
-        study = replace(study, noise=estimate_noise(study, packed, raw))
-    correction = study.correction(packed, 3)
-    if not correction.stable:
-        study, correction = replace(study, controller=None), replace(correction, stable=True)
-    error = raw - correction.bias
-    if not data.repeated and not data.steady:
-        study = replace(study, weight=without_outlying(study, error))
-    rows = np.asarray(study.weight > 0)
-    return _measures(study, model, error, rows, _position_error(study, model), notes)
+    left = model_error(prepared_for(recordings), model)
+    return _measures(left, model, _position_error(left.study, model))
 
 
-def best_aligned(data: Prepared, packed: Packed) -> Prepared:
-    """The data with the torque shifted to where this model explains it best."""
-
-    def cost(shift: float) -> float:
-        moved = shifted(data, shift)
-        return float(np.mean(residual(moved, packed, measured_motion(moved)) ** 2))
-
-    return shifted(data, best_shift(cost, data.shift, data.finer)[0])
-
-
-def _measures(
-    study: Study, model: DriveModel, error: Floats, rows: Flags, position: float, notes: tuple[str, ...]
-) -> Compared:
+def _measures(left: ModelError, model: DriveModel, position: float) -> Compared:
+    study, error, rows = left.study, left.error, left.rows
     data = study.data
-    torque = smoothed(data, data.torque)[rows]
-    square = float(np.mean(error[rows] ** 2))
-    noise = _noise(study, error)
-    floor = noise if math.isfinite(noise) else 0.0
-    explainable = max(float(np.var(torque)) - floor, 1e-300)
+    square = left.error_rms**2
+    noise = noise_floor(study, error, rows)
+    floor = noise.rms**2 if noise is not None else 0.0
+    explainable = max(float(np.var(left.torque)) - floor, 1e-300)
     return Compared(
-        math.sqrt(square),
-        math.sqrt(square / max(float(np.mean(torque**2)), 1e-300)),
-        math.sqrt(noise) if math.isfinite(noise) else math.nan,
+        left.error_rms,
+        left.relative_error,
+        noise.rms if noise is not None else math.nan,
+        noise.interval if noise is not None else None,
         float(np.clip(1.0 - max(square - floor, 0.0) / explainable, 0.0, 1.0)),
         worst_places(data, error, rows),
         regimes(data, model, error, rows),
@@ -159,14 +129,8 @@ def _measures(
         study,
         error,
         rows,
-        notes,
+        left.notes,
     )
-
-
-def _noise(study: Study, error: Floats) -> float:
-    values = [study.noise_variance(error, role) for role in (TRAINING, VETO)]
-    known = [value for value in values if math.isfinite(value)]
-    return float(np.mean(known)) if known else math.nan
 
 
 def _position_error(study: Study, model: DriveModel) -> float:

@@ -6,14 +6,15 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from autotune.diagnose.families import FAMILIES
-from autotune.diagnose.search import LEAST_GAIN, Refitted, Screened
-from autotune.diagnose.settling import Level
-from autotune.diagnose.study import Study
-from autotune.diagnose.words import separating_experiment, usual_rivals
+from autotune.diagnose.candidates import LEAST_GAIN, Refitted, Screened
+from autotune.diagnose.wording import separating_experiment, usual_rivals
+from autotune.estimation.bias_corrected_fit import Level
+from autotune.estimation.problem import Study
 
 GENERIC_GAIN = 0.05
 PARTLY = 0.5
+RIVAL_GAIN = 0.5
+"""Of the named effect's gain: a usual rival with less is not told as one."""
 WORST_GAIN = -1.0
 """Told of a candidate that is worse than nothing: how much worse an extrapolation is says nothing."""
 
@@ -82,20 +83,29 @@ def unknown_note(coordinate: str, gain: float, chosen: Refitted | None, repeated
     return text + "."
 
 
+def likely_rivals(effects: Sequence[str], first: Sequence[Screened]) -> list[str]:
+    """Effects that usually look like the named ones and gain nearly as much here, the likeliest first."""
+    gains = {item.effect: item.gain for item in first}
+    least = RIVAL_GAIN * max((gains.get(effect, 0.0) for effect in effects), default=0.0)
+    usual = dict.fromkeys(rival for effect in effects for rival in usual_rivals(effect))
+    near = [r for r in usual if r not in effects and gains.get(r, 0.0) >= max(least, LEAST_GAIN)]
+    return sorted(near, key=lambda rival: -gains[rival])
+
+
 def next_experiment(
     verdict: str,
     effects: Sequence[str],
     confusable: Sequence[Sequence[str]],
     confidence: str | None,
     chosen: Refitted | None,
+    own_axis: bool,
 ) -> str | None:
     """What to record next, where that would tell more; None where nothing is missing or all is confirmed."""
     if verdict == "ambiguous":
-        return separating_experiment(set(confusable[0]))
+        return separating_experiment(confusable[0], own_axis)
     if verdict == "named" and confidence == "suspected":
-        near = set(effects) | {r for e in effects for r in usual_rivals(e)}
-        return separating_experiment(near) + ". A second trajectory confirms or refutes the name."
+        near = confusable[0] if confusable else effects
+        return separating_experiment(near, own_axis) + ". A second trajectory confirms or refutes the name."
     if verdict == "unknown":
-        near = set(chosen.level.effects) if chosen else set(FAMILIES)
-        return separating_experiment(near | {r for e in near for r in usual_rivals(e)})
+        return separating_experiment(chosen.level.effects if chosen else (), own_axis)
     return None

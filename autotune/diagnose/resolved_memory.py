@@ -15,14 +15,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import nnls
 
-from autotune.diagnose.fit import Free
-from autotune.diagnose.prepared import VETO
-from autotune.diagnose.search import LEAST_GAIN
-from autotune.diagnose.settling import Level, settle
-from autotune.diagnose.study import Study
+from autotune.core.arrays import Floats
+from autotune.diagnose.candidates import LEAST_GAIN
+from autotune.estimation.bias_corrected_fit import Level, settle
+from autotune.estimation.data import VETO
+from autotune.estimation.least_squares import Free
+from autotune.estimation.problem import Study
 from autotune.models import layout
 from autotune.models.drive_model import DriveModel, Packed
-from autotune.models.lugre import Floats
 from autotune.models.reversal_memory import ELEMENTS, REVERSAL_MEMORY
 
 EFFECT = "reversal_memory"

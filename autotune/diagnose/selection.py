@@ -10,16 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from autotune.diagnose.elsewhere import best_elsewhere
-from autotune.diagnose.evidence import PARTLY
-from autotune.diagnose.polish import (
-    POLISHED,
-    best_polished,
-    error_left,
-    polished,
-)
-from autotune.diagnose.prepared import TRAINING, VETO
-from autotune.diagnose.search import (
+from autotune.diagnose.candidates import (
     GAIN_WITHOUT_TWIN,
     LEAST_GAIN,
     MOST_EFFECTS,
@@ -37,11 +28,21 @@ from autotune.diagnose.search import (
     screen,
     without_effect,
 )
-from autotune.diagnose.settling import Level, settle
-from autotune.diagnose.single import capped, credible, noticeable
-from autotune.diagnose.study import Study, estimate_noise
+from autotune.diagnose.evidence import PARTLY
+from autotune.diagnose.further_rounds import (
+    POLISHED,
+    best_polished,
+    error_left,
+    polished,
+)
+from autotune.diagnose.second_recording import best_elsewhere
+from autotune.diagnose.significance import without_insignificant_terms
+from autotune.diagnose.single_recording import capped, credible, noticeable
 from autotune.diagnose.surrogates import beats_surrogates
 from autotune.diagnose.transmissions import the_other_tried, without_needless_gap
+from autotune.estimation.bias_corrected_fit import Level, settle
+from autotune.estimation.data import TRAINING, VETO
+from autotune.estimation.problem import Study, estimate_noise
 from autotune.models.drive_model import Packed
 from autotune.models.transmission import has_load
 
@@ -142,7 +143,14 @@ def select(study: Study, root: Level, nominal: Packed, progress: Progress) -> Se
         chosen = _pruned(study, root, chosen, seen, progress)
     if chosen is not None and PARTLY < chosen.share < POLISHED:
         chosen = polished(study, root, chosen, progress)
+    if chosen is not None:
+        chosen = _with_significant_terms(study, root, chosen)
     return Selection(study, root, chosen, first, tried, generic)
+
+
+def _with_significant_terms(study: Study, root: Level, chosen: Refitted) -> Refitted:
+    level = without_insignificant_terms(study, chosen.level)
+    return chosen if level is chosen.level else judged(study, root, level, chosen.effect)
 
 
 def _with_own_noise(study: Study, root: Level, chosen: Refitted) -> tuple[Study, Refitted]:

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from autotune.diagnose.fit import Fitted
-from autotune.diagnose.score import gain_and_z, held_out
-from autotune.diagnose.study import SEED, Study
-from autotune.models.lugre import Floats
+from autotune.core.arrays import Floats
+from autotune.estimation.cross_validation import gain_and_z, held_out
+from autotune.estimation.least_squares import Fitted
+from autotune.estimation.problem import SEED, Study
 
 COUNT = 20
 PERCENTILE = 90.0

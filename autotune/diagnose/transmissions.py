@@ -10,11 +10,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from autotune.diagnose.families import FAMILIES, Context
-from autotune.diagnose.polish import NEARLY, error_left
-from autotune.diagnose.search import Progress, Refitted, judged
-from autotune.diagnose.settling import Level, settle_somewhere
-from autotune.diagnose.study import Study
+from autotune.diagnose.candidates import Progress, Refitted, judged
+from autotune.diagnose.further_rounds import NEARLY, error_left
+from autotune.diagnose.starts import FAMILIES, Context
+from autotune.estimation.bias_corrected_fit import Level, settle_somewhere
+from autotune.estimation.problem import Study
 from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.table import EFFECTS

@@ -8,33 +8,35 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from autotune.core.recording import Recording
-from autotune.diagnose.bandwidth import prepared_for
-from autotune.diagnose.beginning import begin, quiet
-from autotune.diagnose.coordinates import variance_shares
-from autotune.diagnose.elsewhere import Elsewhere, carried_on, said
+from autotune.diagnose.alternatives import challenged
+from autotune.diagnose.baseline import begin, quiet
+from autotune.diagnose.candidates import Progress, Refitted
 from autotune.diagnose.evidence import (
     GENERIC_GAIN,
     PARTLY,
     Candidate,
     candidates,
+    likely_rivals,
     next_experiment,
     unknown_note,
 )
-from autotune.diagnose.linear import loop_like
-from autotune.diagnose.lines import TimeLine, time_driven_line
-from autotune.diagnose.polish import error_left
-from autotune.diagnose.prepared import TEST, TRAINING, VETO
-from autotune.diagnose.rivals import challenged
-from autotune.diagnose.score import gain_and_z
-from autotune.diagnose.search import Progress, Refitted
+from autotune.diagnose.further_rounds import error_left
+from autotune.diagnose.second_recording import Elsewhere, carried_on, said
 from autotune.diagnose.selection import Selection, select
-from autotune.diagnose.settling import Level
-from autotune.diagnose.single import alike_where_motion_is
-from autotune.diagnose.study import CHUNK, Study
+from autotune.diagnose.single_recording import alike_where_motion_is
+from autotune.diagnose.time_driven_lines import TimeLine, time_driven_line
 from autotune.diagnose.transmissions import GAP, SPRING, hardly_a_gap
-from autotune.diagnose.words import TORQUE_CONSTANT, usual_rivals
+from autotune.diagnose.wording import TORQUE_CONSTANT
+from autotune.estimation.bandwidth import prepared_for
+from autotune.estimation.bias_corrected_fit import Level
+from autotune.estimation.controller_torque import loop_like
+from autotune.estimation.coordinates import variance_shares
+from autotune.estimation.cross_validation import gain_and_z
+from autotune.estimation.data import TEST, TRAINING, VETO
+from autotune.estimation.model_error import model_error
+from autotune.estimation.problem import CHUNK, Study
 from autotune.models.drive_model import DriveModel
+from autotune.recordings.recording import Recording
 
 GENERIC_LEAD = 1.5
 NEAR, NEAR_ALONE = 0.03, 0.1
@@ -53,6 +55,7 @@ class Diagnosis:
         confusable: sets of effects that these data cannot tell apart.
         where: share of the residual's variance by coordinate.
         error_test: rms on the unseen test trajectory; nan without one.
+        error_rms, relative_error: of the model as it was given, before anything was fitted; as `compare` finds.
         notes: sentences for people.
     """
 
@@ -66,6 +69,8 @@ class Diagnosis:
     next_experiment: str | None
     twin: bool
     error_test: float = math.nan
+    error_rms: float = math.nan
+    relative_error: float = math.nan
     notes: tuple[str, ...] = ()
     study: Study | None = field(default=None, repr=False)
     level: Level | None = field(default=None, repr=False)
@@ -79,7 +84,9 @@ def diagnose(recordings: Sequence[Recording], model: DriveModel, progress: Progr
         RecordingError, ConfigurationError: recordings that cannot be used.
         NotEnoughExcitation: nothing to fit, or a model that does not fit the axis at all.
     """
-    study, root, nominal, notes = begin(prepared_for(recordings), model, progress)
+    data = prepared_for(recordings)
+    study, root, nominal, notes = begin(data, model, progress)
+    given = model_error(data, model)
     found = select(study, root, nominal, progress)
     chosen = found.chosen
     carried: list[Elsewhere] = []
@@ -87,7 +94,8 @@ def diagnose(recordings: Sequence[Recording], model: DriveModel, progress: Progr
         progress("does another trajectory confirm it")
         chosen, carried = carried_on(found.study, found.root, chosen)
         carried = challenged(found.study, found.root, chosen, carried, found.first, nominal)
-    return _judge(replace(found, chosen=chosen), (*notes, *said(carried)), carried)
+    verdict = _judge(replace(found, chosen=chosen), (*notes, *said(carried)), carried)
+    return replace(verdict, error_rms=given.error_rms, relative_error=given.relative_error)
 
 
 def _judge(found: Selection, notes: tuple[str, ...], carried: Sequence[Elsewhere]) -> Diagnosis:
@@ -127,8 +135,8 @@ def _judge(found: Selection, notes: tuple[str, ...], carried: Sequence[Elsewhere
         notes = (*notes, unknown_note(coordinate, free, chosen, study.data.repeated))
     if not confusable and confidence == "suspected":
         near = [r for item in carried for r in item.rivals]
-        near += [r for e in effects for r in usual_rivals(e)]
-        confusable = (tuple(dict.fromkeys([*effects, *near])),)
+        near += likely_rivals(effects, first)
+        confusable = (tuple(dict.fromkeys([*effects, *near])),) if near else ()
     final = chosen.level if chosen is not None and effects else root
     rows = study.training > 0
     return Diagnosis(
@@ -139,13 +147,15 @@ def _judge(found: Selection, notes: tuple[str, ...], carried: Sequence[Elsewhere
         confusable,
         variance_shares(study.data, root.fitted.error, rows),
         _floor(study, final),
-        next_experiment(verdict, effects, confusable, confidence, chosen),
+        next_experiment(
+            verdict, effects, confusable, confidence, chosen, bool(study.data.metadata.fingerprint)
+        ),
         study.twin,
         math.sqrt(study.mean_square(final.fitted.error, TEST)) if study.has(TEST) else math.nan,
-        (*notes, TORQUE_CONSTANT),
-        study,
-        final,
-        root,
+        notes=(*notes, TORQUE_CONSTANT),
+        study=study,
+        level=final,
+        root=root,
     )
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from autotune.core.recording import Floats
+from autotune.core.arrays import Floats
 from autotune.experiments.experiment import Experiment, Planned
 from autotune.experiments.path import Motion, Path, times
 from autotune.signals.excitation import multisine, smooth_step

@@ -15,10 +15,10 @@ from functools import cached_property
 
 import numpy as np
 
+from autotune.core.arrays import Floats
 from autotune.core.axis import Limits
 from autotune.core.drive import Mode, Sample
 from autotune.core.errors import ConfigurationError
-from autotune.core.recording import Floats
 from autotune.experiments.guard import REACTION_CYCLES
 from autotune.experiments.path import Item, Motion, Path, Plan, Steps, labels_of
 

@@ -7,8 +7,10 @@ speed up with a, and the braking distance after it (a = `limits.deceleration`):
     v₁ = v + aT,   q₁ = q + vT + aT²/2,   stop = q₁ + v₁²/2a   (upwards, if v₁ > 0)
 
 and mirrored downwards. Both the velocity that the drive reports and the difference of positions are
-believed, whichever is worse. Speed and following error are extrapolated over the same time. Nothing
-here is ever switched off or widened: an experiment that cannot live with a limit does not run.
+believed, whichever is worse (see `speed_watch`). Speed and following error are extrapolated over the same
+time. Torque that should move the axis and an encoder that does not are told by `motion_watch`. Nothing
+here is ever switched off or widened: an experiment that cannot live with a limit does not run. What is
+guarded against, how soon, and what is left to drive and emergency stop: docs/safety.md.
 """
 
 from __future__ import annotations
@@ -19,10 +21,16 @@ from typing import NoReturn
 from autotune.core.axis import Limits
 from autotune.core.drive import Command, Mode, Sample
 from autotune.core.errors import GuardStop
+from autotune.experiments.motion_watch import MotionWatch
+from autotune.experiments.speed_watch import SpeedWatch
 
 REACTION_CYCLES = 2
 MEASURED_TORQUE_MARGIN = 1.1  # the measured torque is noisy; the demand is held to the limit itself
 ROUNDING = 1.0 + 1e-9
+OFF_REFERENCE = 0.2  # of limits.following_error: how far from its reference the axis may be at the beginning
+OFF_COUNTS = 4.0  # and this many counts beside it
+BEGIN_SPEED = 0.25  # of limits.speed: what one count of a coarse encoder may look like at the beginning
+SILENT_SECONDS = 2.0  # without a temperature that was there before
 TREND = 0.25  # weight of the newest change in the smoothed trends of speed and following error
 
 
@@ -32,6 +40,7 @@ class Guard:
     Args:
         limits: of the axis, the tighter of axis file and drive.
         period: cycle [s].
+        resolution: one count of the position sensor [rad or m].
         seconds: machine time allowed from now on [s].
     """
 
@@ -43,11 +52,15 @@ class Guard:
         "_limits",
         "_lower",
         "_mode",
+        "_motion",
+        "_off",
         "_period",
         "_position",
         "_reference",
         "_seconds",
+        "_silent",
         "_speed",
+        "_speeds",
         "_step",
         "_torque",
         "_upper",
@@ -55,7 +68,9 @@ class Guard:
         "where",
     )
 
-    def __init__(self, limits: Limits, period: float, seconds: float | None = None) -> None:
+    def __init__(
+        self, limits: Limits, period: float, resolution: float, seconds: float | None = None
+    ) -> None:
         self._limits = limits
         self._period = period
         self._lower, self._upper = limits.position_min, limits.position_max
@@ -66,6 +81,10 @@ class Guard:
         self._mode = Mode.POSITION
         self._reference = self._position = self._velocity = self._acceleration = 0.0
         self._error = self._error_trend = 0.0
+        self._off = OFF_REFERENCE * limits.following_error + OFF_COUNTS * resolution
+        self._silent = math.nan
+        self._motion = MotionWatch(limits, period, resolution)
+        self._speeds = SpeedWatch(limits, period, resolution)
         self.where = ""
 
     @property
@@ -77,7 +96,7 @@ class Guard:
         """Takes the first sample after power came on, in `mode`.
 
         Raises:
-            GuardStop: the axis stands outside its travel.
+            GuardStop: the axis stands outside its travel, moves, or is not where its reference is.
         """
         self._mode = mode
         self._reference, self._position = sample.reference, sample.position
@@ -85,13 +104,29 @@ class Guard:
         self._error, self._error_trend = sample.reference - sample.position, 0.0
         if not self._lower <= sample.position <= self._upper:
             self._refuse_travel(sample, sample.position, "the axis stands at")
+        if not abs(sample.velocity) <= BEGIN_SPEED * self._speed:
+            self._refuse(
+                sample, "speed", sample.velocity, BEGIN_SPEED * self._speed, "as power comes on, the speed is"
+            )
+        if mode is Mode.POSITION and not abs(self._error) <= self._off:
+            self._refuse_reference(sample)
+        self._speeds.begin(sample.position, self._period)
+        self._motion.begin(mode, sample.position, sample.reference, sample.torque_command)
 
     def check(self, sample: Sample, command: Command) -> None:
         """Lets `command` pass, knowing `sample`, or stops.
 
         Raises:
-            GuardStop: the next cycles would break a limit; says which, and what to do.
+            GuardStop: the next cycles would break a limit; says which, and what to do. It is `blind` where the
+                encoder may not show what the axis does, whichever limit was met first.
         """
+        try:
+            self._check(sample, command)
+        except GuardStop as stop:
+            stop.blind = self._motion.doubtful
+            raise
+
+    def _check(self, sample: Sample, command: Command) -> None:
         self._check_sample(sample)
         position, velocity, torque, feedforward = command
         mode = self._mode
@@ -119,6 +154,8 @@ class Guard:
         self._acceleration += TREND * ((velocity - self._velocity) / cycle - self._acceleration)
         if not -self._speed <= velocity + self._acceleration * reaction <= self._speed:
             self._refuse(sample, "speed", velocity, self._limits.speed, "the speed, soon too high, is")
+        if why := self._speeds.check(position, velocity, cycle, reaction):
+            raise GuardStop(f"{self._place(sample)}: {why}")
         error = reference - position
         self._error_trend += TREND * ((error - self._error) / cycle - self._error_trend)
         allowed = self._limits.following_error
@@ -130,8 +167,16 @@ class Guard:
             self._refuse(sample, "torque", torque, self._limits.torque, "the measured torque is")
         if temperature > self._limits.temperature:
             self._refuse(sample, "temperature", temperature, self._limits.temperature, "the temperature is")
+        if temperature == temperature:
+            self._silent = 0.0
+        else:
+            self._silent += cycle  # stays nan where there never was one
+            if self._silent > SILENT_SECONDS:
+                self._refuse_silence(sample)
         if self._left < 0.0:
             self._refuse(sample, "machine_seconds", self.elapsed, self._seconds, "the machine time is")
+        if why := self._motion.check(position, reference, demand, cycle):
+            raise GuardStop(f"{self._place(sample)}: {why}")
         self._position, self._velocity, self._error = position, velocity, error
 
     def _check_travel(
@@ -173,6 +218,19 @@ class Guard:
             f"{self._place(sample)}: the reference would jump from {self._reference:.6g} to {position:.6g} "
             f"in one cycle, but limits.speed allows {self._step:.3g} a cycle; slow the trajectory down, or "
             "raise limits.speed if the machine allows it"
+        )
+
+    def _refuse_reference(self, sample: Sample) -> NoReturn:
+        raise GuardStop(
+            f"{self._place(sample)}: as power comes on, the reference is {sample.reference:.6g} but the axis is at "
+            f"{sample.position:.6g}, and no more than {self._off:.4g} may lie between them; the drive does not hold "
+            "the axis where it stands: check its position limits, its homing, and whether another master speaks"
+        )
+
+    def _refuse_silence(self, sample: Sample) -> NoReturn:
+        raise GuardStop(
+            f"{self._place(sample)}: the temperature has been silent for {self._silent:.1f} s, {SILENT_SECONDS:g} s "
+            "are allowed; check sensor and cable, or the object that the profile names for it"
         )
 
     def _refuse(self, sample: Sample, name: str, value: float, allowed: float, what: str) -> NoReturn:

@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import lfilter
 
+from autotune.core.arrays import Floats
 from autotune.core.axis import Axis
 from autotune.core.drive import Command, Mode, Sample
-from autotune.core.recording import Floats
 
 CONDITIONING = "conditioning"  # label of all that lies between measurements; never fitted
 ABANDONED = "abandoned"  # follows samples that became useless: they are conditioning too

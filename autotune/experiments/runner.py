@@ -11,12 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from autotune.core.axis import Limits
-from autotune.core.drive import HOLD, Command, Drive, Mode, Sample
-from autotune.core.errors import AutotuneError, ConfigurationError
+from autotune.core.drive import HOLD, Command, CutsPower, Drive, Mode, Sample
+from autotune.core.errors import AutotuneError, ConfigurationError, DriveFault, GuardStop
 from autotune.core.loop import Publish
 from autotune.experiments.experiment import Experiment
 from autotune.experiments.guard import Guard
 from autotune.experiments.path import CONDITIONING, Item, Mark, Switch, unique
+from autotune.experiments.standstill import stands
 
 REST_SECONDS = 0.1
 SLACK_SECONDS = 1.0  # machine time that ways between experiments may take beyond the prediction
@@ -118,11 +119,12 @@ class Programme:
 
         Raises:
             ConfigurationError: see `check`; nothing has moved then.
-            GuardStop: a limit would have been broken.
+            GuardStop: a limit would have been broken; or, before power, see `standstill.stands`.
             NotEnoughExcitation: an experiment could not do what it is for.
             DriveFault, LinkError, StateError: from the drive.
         """
         self.check(drive.period)
+        stands(drive, self.limits)
         for experiment in self.experiments:
             experiment.prepare()
         try:
@@ -137,7 +139,12 @@ class Programme:
 def _power_off(drive: Drive, error: BaseException) -> None:
     """Power off, without hiding why; if even that fails, the first error says so."""
     try:
-        drive.disable()
+        if isinstance(error, GuardStop) and error.blind and isinstance(drive, CutsPower):
+            drive.cut()
+        else:
+            drive.disable()
+    except DriveFault as second:  # power is off, and something came with it
+        error.add_note(f"and while power was taken off: {second}")
     except AutotuneError as second:
         error.add_note(
             f"and then power could not be taken off: {second}; use the emergency stop if the axis is powered"
@@ -152,7 +159,8 @@ class _Player:
         self._drive = drive
         self._publish = publish
         self._index = {label: index for index, label in enumerate(programme.labels)}
-        self._guard = Guard(programme.limits, drive.period, programme.seconds + SLACK_SECONDS)
+        resolution = min((one.motion.resolution for one in programme.experiments), default=0.0)
+        self._guard = Guard(programme.limits, drive.period, resolution, programme.seconds + SLACK_SECONDS)
         self._mode: Mode | None = None
         self._last = HOLD
         self._count = 0
@@ -191,8 +199,13 @@ class _Player:
         return sample
 
     def _rest(self, sample: Sample, label: int, repeat: int) -> None:
-        """Repeats the last command, which was one of rest, for a moment before power goes."""
-        still = self._last
+        """Repeats the last command, which was one of rest, for a moment before power goes.
+
+        A torque is never repeated: what drifts would go on drifting. The drive's own stop is at once.
+        """
+        if self._mode is Mode.TORQUE:
+            return
+        still = self._last._replace(velocity=0.0)
         for _ in range(max(round(REST_SECONDS / self._drive.period), 1)):
             self._guard.check(sample, still)
             sample = self._drive.step(still)

@@ -16,9 +16,9 @@ from functools import cached_property
 import numpy as np
 
 from autotune.control.feedforward import FeedforwardLaw
+from autotune.core.arrays import Floats
 from autotune.core.axis import Limits
 from autotune.core.drive import Command, Sample
-from autotune.core.recording import Floats
 from autotune.experiments.experiment import Experiment, Needs, Planned, approach
 from autotune.experiments.path import CONDITIONING, Item, Mark, Motion, Path, Steps
 from autotune.signals.excitation import smooth_step

@@ -17,10 +17,10 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from autotune.core.arrays import Floats
 from autotune.core.axis import Limits
 from autotune.core.drive import Command, Sample
 from autotune.core.errors import DriveError, NotEnoughExcitation
-from autotune.core.recording import Floats
 from autotune.experiments.experiment import Experiment, Needs
 from autotune.experiments.path import CONDITIONING, Mark, Motion, Steps
 

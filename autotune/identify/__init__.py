@@ -1,1 +1,1 @@
-"""Recordings to parameters with uncertainty and validity; the twin."""
+"""Recordings to parameters with uncertainty and validity."""

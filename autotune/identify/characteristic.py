@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from scipy.optimize import OptimizeResult, least_squares
 from scipy.stats import t as student
 
+from autotune.core.arrays import Floats
 from autotune.identify.estimate import Quantity
 from autotune.models.lugre import SHAPES, Shape, level
 
-Floats = NDArray[np.float64]
 LEAST_RISE = 0.03
 """Break-away within this share of Coulomb friction counts as equal to it."""
 

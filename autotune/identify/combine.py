@@ -1,8 +1,11 @@
-"""One set of parameters from the separate experiments, as section 3.4.5 proposes.
+"""One set of parameters from the separate experiments, after section 3.4.5.
 
-Coulomb friction, break-away, Stribeck velocity, viscous friction and offset come from the steady
-state, inertia, stiffness and σ1 + σ2 from presliding; Dahl's curve and the high speed experiment stand
-in where those failed, and are compared where they did not.
+Coulomb friction, viscous friction and offset come from the steady state, inertia and σ1 + σ2 from
+presliding, as there. Section 3.4.5 takes F_s and σ0 from Dahl's curve. Here break-away and its Stribeck
+velocity come from the steady state, which shows both, and the stiffness is that of rest, from presliding;
+Dahl's, which is softer where friction has several elastic elements, says over what displacement friction
+reverses (`complexity`) and bounds the adaptation. Dahl's curve and the high speed experiment stand in where
+the others failed, and are compared where they did not.
 """
 
 from __future__ import annotations

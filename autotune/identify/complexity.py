@@ -1,24 +1,29 @@
 """How much model an axis needs (sections 3.3, 3.3.5).
 
-The characteristic displacement x_s = F_s/σ0 (3.15) is the travel over which friction reverses. The
-kinetic model (friction a function of velocity) reverses at once; on a reversal at constant
-acceleration a it is wrong by p = 2·F_s·exp(−a·t²/(2·x_s))·(1 − σ1·a·t/F_s) (3.39), that is for about
-√(2·x_s/a) seconds. Where the precision asked for is well above x_s, it does not matter.
+The characteristic displacement x_s = F_s/σ0 (3.15) is the travel over which friction reverses: all but a
+share e⁻¹ of it. The kinetic model (friction a function of velocity) reverses at once; on a reversal at
+constant acceleration a it is wrong by p = 2·F_s·exp(−a·t²/(2·x_s))·(1 − σ1·a·t/F_s) (3.39), that is for
+about √(2·x_s/a) seconds. Where the precision asked for is well above x_s, it does not matter.
+
+x_s belongs to Dahl's curve (6.2.3), which shows the whole reversal. The stiffness of presliding sees the
+contact as it is before any element has let go: on an axis with several elastic elements F_s/σ0 is then
+several times too short (Table 6.2: 3.3 against 14.8 mrad), which is the unsafe side. Without Dahl's curve it
+is a lower bound, and the sentence says so.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from autotune.core.recording import Metadata, torque_symbol
+from autotune.core.arrays import Floats
+from autotune.core.units import torque_symbol
 from autotune.identify.estimate import Quantity
+from autotune.recordings.recording import Metadata
 
-Floats = NDArray[np.float64]
 KINETIC_SUFFICES = 3.0
 """Precision over x_s from which the kinetic model will do."""
 
@@ -28,9 +33,12 @@ class Complexity:
     """x_s [rad or m], the verdict and the sentence that explains it.
 
     Attributes:
+        displacement: x_s, from Dahl's curve where there is one.
+        lower_bound: there was none: friction reverses over `displacement` at least.
         lugre_needed: whether friction must be modelled through the reversal for `precision`.
         peak_difference: largest error of the kinetic model at a reversal, 2·F_s [N m].
-        duration: how long it lasts at the acceleration of the benchmark [s].
+        duration: how long it lasts at `acceleration` [s].
+        acceleration: at the reversal that is judged [rad/s² or m/s²].
     """
 
     displacement: Quantity
@@ -39,6 +47,8 @@ class Complexity:
     peak_difference: float
     duration: float
     text: str
+    lower_bound: bool = False
+    acceleration: float = math.nan
 
 
 def kinetic_difference(
@@ -52,40 +62,69 @@ def kinetic_difference(
 
 
 def judge_complexity(
-    parameters: Mapping[str, Quantity], precision: float, acceleration: float, metadata: Metadata
+    parameters: Mapping[str, Quantity],
+    precision: float,
+    acceleration: float,
+    metadata: Metadata,
+    reversal: Quantity | None = None,
 ) -> Complexity | None:
-    """Whether the axis needs LuGre for a precision [rad or m]; None without friction or stiffness."""
-    friction = parameters.get("break_away") or parameters.get("coulomb")
-    stiffness = parameters.get("stiffness")
-    if friction is None or stiffness is None or friction.value <= 0 or stiffness.value <= 0:
+    """Whether the axis needs LuGre for a precision [rad or m]; None without friction or stiffness.
+
+    Args:
+        reversal: x_s of Dahl's curve; None where none was recorded.
+        acceleration: at the reversals of the application [rad/s² or m/s²].
+    """
+    levels = [q for q in (parameters.get("break_away"), parameters.get("coulomb")) if q is not None]
+    if not levels or max(q.value for q in levels) <= 0.0:
+        return None
+    friction = max(levels, key=lambda q: q.value)
+    at_rest = _at_rest(friction, parameters.get("stiffness"))
+    known = [q for q in (reversal, at_rest) if q is not None]
+    if not known:
+        return None
+    displacement = max(known, key=lambda q: q.value)
+    value = displacement.value
+    duration = math.sqrt(2.0 * value / acceleration) if acceleration > 0 else math.inf
+    judged = Complexity(
+        displacement,
+        precision,
+        precision < KINETIC_SUFFICES * max(value, displacement.interval[1]),
+        2.0 * friction.value,
+        duration,
+        "",
+        reversal is None,
+        acceleration,
+    )
+    return replace(judged, text=_sentence(judged, metadata))
+
+
+def _at_rest(friction: Quantity, stiffness: Quantity | None) -> Quantity | None:
+    """F_s/σ0 with the stiffness at rest."""
+    if stiffness is None or stiffness.value <= 0.0:
         return None
     value = friction.value / stiffness.value
     relative = math.hypot(friction.relative_error, stiffness.relative_error)
-    displacement = Quantity(value, value * relative, max(friction.quantile, stiffness.quantile))
-    needed = precision < KINETIC_SUFFICES * value
-    duration = math.sqrt(2.0 * value / acceleration) if acceleration > 0 else math.inf
-    return Complexity(
-        displacement,
-        precision,
-        needed,
-        2.0 * friction.value,
-        duration,
-        _sentence(value, precision, needed, 2.0 * friction.value, duration, metadata),
-    )
+    return Quantity(value, value * relative, max(friction.quantile, stiffness.quantile))
 
 
-def _sentence(
-    value: float, precision: float, needed: bool, peak: float, duration: float, metadata: Metadata
-) -> str:
+def _sentence(judged: Complexity, metadata: Metadata) -> str:
     scale, unit = (1e3, "mrad") if metadata.motion_unit == "rad" else (1e6, "µm")
     torque = torque_symbol(metadata.motion_unit, metadata.torque_unit)
     verdict = (
         "the axis needs the LuGre model"
-        if needed
+        if judged.lugre_needed
         else "the kinetic model (friction as a function of velocity) will do"
     )
+    least = "at least " if judged.lower_bound else ""
+    hint = (
+        ". That is what stiffness at rest says; where several elastic elements let go one after another, "
+        "friction reverses over more: record Dahl's curve"
+        if judged.lower_bound and not judged.lugre_needed
+        else ""
+    )
     return (
-        f"friction reverses over x_s = {scale * value:.3g} {unit}; for a precision of "
-        f"{scale * precision:.3g} {unit} {verdict}. At a reversal of the benchmark the kinetic model is "
-        f"wrong by up to {peak:.3g} {torque} for about {1e3 * duration:.0f} ms"
+        f"friction reverses over x_s = {least}{scale * judged.displacement.value:.3g} {unit}; for a precision "
+        f"of {scale * judged.precision:.3g} {unit} {verdict}. At a reversal with {judged.acceleration:.2g} "
+        f"{metadata.motion_unit}/s² the kinetic model is wrong by up to {judged.peak_difference:.3g} {torque} "
+        f"for {least or 'about '}{1e3 * judged.duration:.0f} ms{hint}"
     )

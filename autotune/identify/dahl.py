@@ -3,6 +3,11 @@
 Δu = σ0·Δq − (σ0/F_s)·|Δq|·u + (σ0·F_g/F_s)·|Δq| (3.51), over equal steps of travel rather than of time
 (friction filters in space), by iterated instrumental variables. With the exponent free, the slope is
 σ0·|1 − F/F_s·sign|^i (2.22), fitted to the whole curve.
+
+The characteristic displacement x_s that section 3.3 compares with the precision is this curve's (6.2.3): of
+a reversal from −F_s to F_s all but a share e⁻¹ is over after
+
+    x_s = F_s/σ0 ∫ w^−i dw,  w = 1 − F/F_s from 2/e to 2,                       i = 1: x_s = F_s/σ0 (3.15)
 """
 
 from __future__ import annotations
@@ -12,17 +17,16 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import t as student
 
+from autotune.core.arrays import Floats
 from autotune.core.errors import NotEnoughExcitation
-from autotune.core.recording import Recording
-from autotune.identify.checks import clipped, guide_of, torque_of
 from autotune.identify.estimate import Estimate, Quantity, invalid
 from autotune.models.compiled import compiled
+from autotune.recordings.checks import clipped, guide_of, torque_of
+from autotune.recordings.recording import Recording
 
-Floats = NDArray[np.float64]
 ITERATIONS = 20
 STEPS_A_LOOP = 400
 LEAST_COUNTS = 3.0
@@ -36,6 +40,7 @@ class Dahl:
 
     Attributes:
         estimate: stiffness σ0, break_away F_s and offset F_g; with the exponent free also `exponent`.
+        reversal: x_s, the displacement over which friction reverses; None where the curve does not tell.
         position, torque: the measured curve in equal steps of travel, shape (n,).
         predicted: the model's torque on the same path.
     """
@@ -44,6 +49,7 @@ class Dahl:
     position: Floats
     torque: Floats
     predicted: Floats
+    reversal: Quantity | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +81,10 @@ def identify_dahl(
         )
         return Dahl(failed, paths[0].position, paths[0].torque, np.full(len(paths[0].torque), math.nan))
     start = np.array([sigma, force, offset, exponent])
+    bent = _free(paths, start)
+    reversal = max(reversal_displacement(start), reversal_displacement(bent))
     if free_exponent:
-        start = _free(paths, start)
+        start = bent
     scatter = _scatter(paths, start, free_exponent)
     predicted = _curve(paths[0], start)
     error = math.sqrt(
@@ -84,7 +92,26 @@ def identify_dahl(
         / sum(float(np.sum((p.torque - start[2]) ** 2)) for p in paths)
     )
     estimate = _judged(start, scatter, error, paths, free_exponent)
-    return Dahl(estimate, paths[0].position, paths[0].torque, predicted)
+    return Dahl(estimate, paths[0].position, paths[0].torque, predicted, _told(reversal, estimate))
+
+
+def reversal_displacement(curve: Floats) -> float:
+    """x_s of σ0, F_s, (F_g) and exponent: where all but e⁻¹ of the way from −F_s to F_s is behind."""
+    sigma, force, _, exponent = (float(x) for x in curve)
+    near, far = 2.0 / math.e, 2.0
+    if abs(exponent - 1.0) < 1e-6:
+        return force / sigma
+    power = 1.0 - exponent
+    return force / sigma * (math.pow(far, power) - math.pow(near, power)) / power
+
+
+def _told(reversal: float, estimate: Estimate) -> Quantity | None:
+    """The longer of what one element and the bent curve say, as it errs to the safe side."""
+    if not estimate.valid:
+        return None
+    force, sigma = estimate["break_away"], estimate["stiffness"]
+    relative = math.hypot(force.relative_error, sigma.relative_error)
+    return Quantity(reversal, reversal * relative, max(force.quantile, sigma.quantile))
 
 
 def dahl_curve(position: Floats, sigma: float, force: float, exponent: float, start: float) -> Floats:

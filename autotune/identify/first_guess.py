@@ -13,15 +13,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from autotune.core.arrays import Floats
 from autotune.core.errors import NotEnoughExcitation, RecordingError
-from autotune.identify.pieces import Bands, Piece
+from autotune.estimation.pieces import Bands, Piece
 from autotune.models.compiled import compiled
 from autotune.models.lugre import bristle_rate, bristle_step
 from autotune.signals.filters import low_pass
 
-Floats = NDArray[np.float64]
 TRIALS = 12
 LONGEST, SHORTEST = 0.1, 2e-5
 """Reaches that are tried, as shares of the longest travel."""

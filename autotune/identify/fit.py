@@ -11,15 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError
-from autotune.core.recording import Recording, concatenate
-from autotune.identify.checks import check_recording, refuse_clipping
-from autotune.identify.controller import ControlLaw, control_law
+from autotune.estimation.controller import PositionController, controller_of
+from autotune.estimation.pieces import UNFITTED, Bands, Piece, cut, torque_error
 from autotune.identify.estimate import Estimate
 from autotune.identify.first_guess import guess
-from autotune.identify.pieces import UNFITTED, Bands, Piece, cut, torque_error
 from autotune.identify.refinement import Joint, free_parameters, refine_recording
 from autotune.identify.ripple_lines import find_lines
 from autotune.identify.speed_curve import fit_speed_curve, holds_constant_speeds_only
@@ -27,8 +25,9 @@ from autotune.identify.steady_state import SteadyState
 from autotune.models.drive_model import DriveModel, base_model, surface_parameter
 from autotune.models.effect import Kind
 from autotune.models.table import EFFECTS, effect_kind
+from autotune.recordings.checks import check_recording, refuse_clipping
+from autotune.recordings.recording import Recording, concatenate
 
-Floats = NDArray[np.float64]
 MOST_ROWS, STRETCH = 600_000, 20_000
 VAGUE = 0.1
 STARTED = ("stribeck", "direction_asymmetry", "torque_ripple")
@@ -42,14 +41,14 @@ class FitResult:
         model: with standard errors.
         estimate: by surface name, with intervals, validity and sentences.
         relative_error: of the torque, filtered; norm of the error over norm of the torque.
-        law: the controller of the twin; None where there was none or it could not be identified.
+        controller: of the twin, or why there is none.
         steady_state: the speed curve, where the recordings hold nothing else; inertia, stiffness and
             micro_damping of the model are placeholders without a standard error then.
     """
 
     model: DriveModel
     estimate: Estimate
-    law: ControlLaw | None
+    controller: PositionController
     steady_state: SteadyState | None = None
 
     @property
@@ -76,12 +75,12 @@ def fit(recordings: Sequence[Recording] | Recording, effects: Sequence[str] = ()
     """
     kinds = [_startable(name) for name in effects]
     recording = joined(recordings)
-    law = control_law(recording)
+    controller = controller_of(recording)
     bands = Bands.for_period(recording.period)
-    pieces = cut(recording, bands, law, UNFITTED)
+    pieces = cut(recording, bands, controller, UNFITTED)
     if holds_constant_speeds_only(recording):
         speeds = fit_speed_curve(recording, effects)
-        return FitResult(speeds.model, speeds.estimate, None, speeds.steady_state)
+        return FitResult(speeds.model, speeds.estimate, controller, speeds.steady_state)
     start = guess(pieces, bands)
     metadata = recording.metadata
     model = base_model(
@@ -142,7 +141,7 @@ def thinned(recording: Recording) -> Recording:
 
 
 def _result(joint: Joint) -> FitResult:
-    return FitResult(joint.model, joint.estimate, joint.law)
+    return FitResult(joint.model, joint.estimate, joint.controller)
 
 
 def _startable(name: str) -> Kind:

@@ -1,9 +1,11 @@
 """High speed without reversal (section 3.4.2): inertia, viscous friction and mechanical resonances.
 
 A pseudo-random excitation in closed loop; the response from torque to velocity is the ratio of
-cross-spectra with the excitation (3.45), which noise in the loop does not bias. Below the first
-resonance its inverse is jω·J + σ2 (3.44). Where the response rises well above that line there is a
-resonance that a notch will need.
+cross-spectra with the excitation (3.45), each averaged over all windows of all passes before they are
+divided, so that noise in the loop does not bias it. Below the first resonance its inverse is
+jω·J + σ2 (3.44). A torque that comes late by τ turns it by e^{jωτ}, whose real part is σ2 − J·ω²·τ: the lag
+of the torque path, which presliding cannot tell from damping. Where the response rises well above that
+line there is a resonance that a notch will need.
 """
 
 from __future__ import annotations
@@ -16,19 +18,29 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import detrend, find_peaks
 
+from autotune.core.arrays import Floats
 from autotune.core.errors import NotEnoughExcitation
-from autotune.core.recording import Recording
-from autotune.identify.checks import clipped, guide_of, torque_of
-from autotune.identify.controller import is_closed
+from autotune.estimation.controller import is_closed
 from autotune.identify.estimate import Estimate, Quantity
-from autotune.signals.spectra import Response, frequency_response
+from autotune.recordings.checks import clipped, guide_of, torque_of
+from autotune.recordings.recording import Recording
+from autotune.signals.spectra import Response, Spectra, cross_spectra, together
 
-Floats = NDArray[np.float64]
 COHERENT = 0.6
+"""From which a line may count as part of a resonance."""
+LARGEST_ERROR = 0.25
+"""Relative standard error of a line that is still fitted: coherence 0.6 in one pass, less in many. A bound of
+0.6 whatever the passes picks the lines that noise made large: 2 % of inertia in heavy noise."""
+SPOILED = 0.5
+"""Coherence over the median line's below which it is not noise that spoils a line, but the ends of the passes."""
+WEIGHINGS = 3
+"""The second and third weigh lines by the fitted response: by its own, a line that noise made small counts more."""
 WINDOW_SECONDS = 0.5
+LEAST_WINDOW = 16  # samples; sampled so slowly, a spectrum has no lines
 RESONANCE = 3.0
 """The response must rise to this multiple of the rigid axis's to count as a resonance."""
 _LEAST_LINES = 8
+HANN_WIDTH = 1.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,12 +60,15 @@ class HighSpeed:
         response: from torque to velocity, with coherence.
         rigid: what the estimate predicts at the same frequencies.
         resonances: strongest first.
+        lag: of the torque path behind the command that was recorded [s]; it comes out negative where noise is
+            larger than it.
     """
 
     estimate: Estimate
     response: Response
     rigid: NDArray[np.complex128]
     resonances: tuple[Resonance, ...]
+    lag: Quantity
 
 
 def identify_high_speed(recording: Recording) -> HighSpeed:
@@ -62,30 +77,27 @@ def identify_high_speed(recording: Recording) -> HighSpeed:
     Raises:
         NotEnoughExcitation: no excitation, passes too short, torque clipped, or no coherence.
     """
-    responses = [_pass(segment) for _, segment in recording.split()]
-    usable = [response for response in responses if response is not None]
+    passes = [_pass(segment) for _, segment in recording.split()]
+    usable = [spectra for spectra in passes if spectra is not None]
     if not usable:
         raise NotEnoughExcitation(
             f"no pass at high speed is longer than {2 * WINDOW_SECONDS} s, free of clipping and excited; add a "
             "pseudo-random signal to the torque offset or to the reference"
         )
-    response = _averaged(usable)
-    return _fitted(response, recording.period)
+    return _fitted(together(usable).response(), recording.period)
 
 
-def _pass(segment: Recording) -> Response | None:
-    """Response of one pass; excitation is the torque offset, else what the reference has beside a ramp."""
+def _pass(segment: Recording) -> Spectra | None:
+    """Spectra of one pass; excitation is the torque offset, else what the reference has beside a ramp."""
     window = round(WINDOW_SECONDS / segment.period)
-    if len(segment) < 2 * window or float(np.mean(clipped(segment).rows)) > 0.01:
+    if window < LEAST_WINDOW or len(segment) < 2 * window or float(np.mean(clipped(segment).rows)) > 0.01:
         return None
     excitation = _excitation(segment)
     if excitation is None:
         return None
     torque = np.asarray(detrend(torque_of(segment)))
     speed = np.diff(segment["position"]) / segment.period
-    return frequency_response(
-        excitation[:-1], torque[:-1], np.asarray(detrend(speed)), segment.period, window
-    )
+    return cross_spectra(excitation[:-1], torque[:-1], np.asarray(detrend(speed)), segment.period, window)
 
 
 def _excitation(segment: Recording) -> Floats | None:
@@ -102,24 +114,13 @@ def _excitation(segment: Recording) -> Floats | None:
     return None
 
 
-def _averaged(responses: list[Response]) -> Response:
-    """Mean over passes of equal length, weighted by what each is worth."""
-    first = responses[0]
-    same = [r for r in responses if len(r.frequency) == len(first.frequency)]
-    weights = np.array([r.averages for r in same])
-    return Response(
-        first.frequency,
-        np.asarray(np.average([r.response for r in same], axis=0, weights=weights)),
-        np.asarray(np.average([r.coherence for r in same], axis=0, weights=weights)),
-        float(weights.sum()),
-    )
-
-
 def _fitted(response: Response, period: float) -> HighSpeed:
     """Weighted linear least squares on 1/G = j·Ω·J + σ2, coherent lines below a resonance."""
     resonances = _resonances(response)
     top = 0.5 * min([r.frequency for r in resonances], default=0.2 / period)
-    good = (response.coherence > COHERENT) & (response.frequency < top)
+    good = (response.relative_error < LARGEST_ERROR) & (response.frequency < top)
+    if np.any(good):
+        good &= response.coherence > SPOILED * np.median(response.coherence[good])
     if np.count_nonzero(good) < _LEAST_LINES:
         raise NotEnoughExcitation(
             f"torque and speed are coherent at {np.count_nonzero(good)} frequencies below {top:.0f} Hz only; at "
@@ -127,9 +128,12 @@ def _fitted(response: Response, period: float) -> HighSpeed:
         )
     omega = _warped(response.frequency[good], period)
     inverse = 1.0 / response.response[good]
-    weight = 1.0 / (np.abs(inverse) * np.maximum(response.relative_error[good], 1e-3))
-    inertia, inertia_error = _weighted(omega, inverse.imag, weight)
-    viscous, viscous_error = _weighted(np.ones_like(omega), inverse.real, weight)
+    size = np.abs(inverse)
+    for _ in range(WEIGHINGS):
+        weight = 1.0 / (size * np.maximum(response.relative_error[good], 1e-3))
+        inertia, inertia_error = _weighted(omega, inverse.imag, weight)
+        viscous, viscous_error = _weighted(np.ones_like(omega), inverse.real, weight)
+        size = np.abs(1j * omega * inertia + viscous)
     quantities = {
         "inertia": Quantity(inertia, inertia_error),
         "viscous": Quantity(max(viscous, 0.0), viscous_error),
@@ -149,7 +153,18 @@ def _fitted(response: Response, period: float) -> HighSpeed:
         for one in resonances
     )
     estimate = Estimate("high_speed", MappingProxyType(quantities), valid, reason, relative, notes)
-    return HighSpeed(estimate, response, rigid, tuple(resonances))
+    lag = _lag(omega, inverse.real, weight, inertia)
+    return HighSpeed(estimate, response, rigid, tuple(resonances), lag)
+
+
+def _lag(omega: Floats, real: Floats, weight: Floats, inertia: float) -> Quantity:
+    """τ from the real part σ2 − J·ω²·τ, weighted least squares with σ2 free."""
+    design = np.stack([np.ones_like(omega), -inertia * omega**2], axis=1) * weight[:, None]
+    target = real * weight
+    solution = np.linalg.lstsq(design, target, rcond=None)[0]
+    scatter = float(np.sum((target - design @ solution) ** 2)) / max(len(target) - 2, 1)
+    spread = math.sqrt(HANN_WIDTH * max(scatter, 1e-300) * float(np.linalg.pinv(design.T @ design)[1, 1]))
+    return Quantity(float(solution[1]), spread)
 
 
 def _warped(frequency: Floats, period: float) -> Floats:
@@ -158,11 +173,14 @@ def _warped(frequency: Floats, period: float) -> Floats:
 
 
 def _weighted(column: Floats, target: Floats, weight: Floats) -> tuple[float, float]:
-    """Coefficient and standard error of a straight line through zero, scaled by the scatter."""
+    """Coefficient and standard error of a straight line through zero, scaled by the scatter.
+
+    Neighbouring lines share the noise under a Hann window, which is 1.5 lines wide.
+    """
     power = float(np.sum((weight * column) ** 2))
     value = float(np.sum(weight**2 * column * target)) / power
     scatter = float(np.sum((weight * (target - value * column)) ** 2)) / max(len(column) - 1, 1)
-    return value, math.sqrt(max(scatter, 1e-300) / power)
+    return value, math.sqrt(HANN_WIDTH * max(scatter, 1e-300) / power)
 
 
 def _resonances(response: Response) -> list[Resonance]:

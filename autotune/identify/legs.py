@@ -10,9 +10,9 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from autotune.core.arrays import Floats
+
 _DEEPEST = 6
 _BEND = 0.04
 """A piece is straight where it leaves its chord by less than this share of its length."""

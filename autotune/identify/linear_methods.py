@@ -13,14 +13,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
-from autotune.identify.spring_mass import SpringMass, from_difference
+from autotune.core.arrays import Floats
+from autotune.estimation.spring_mass import SpringMass, from_difference
 from autotune.signals.filters import block_mean
 
-Floats = NDArray[np.float64]
 MOST_REFLECTED = 0.98  # of the reflection coefficients of the noise model; stable below 1
 ITERATIONS = 20
 METHODS = ("LS", "LSdv", "IV", "IVdv", "BJ")

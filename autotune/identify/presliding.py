@@ -12,17 +12,16 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import t as student
 
+from autotune.core.arrays import Floats
 from autotune.core.errors import NotEnoughExcitation
-from autotune.core.recording import Recording
-from autotune.identify.checks import torque_of
+from autotune.estimation.spring_mass import SpringMass
 from autotune.identify.estimate import Estimate, Quantity, invalid
 from autotune.identify.linear_methods import METHODS, LinearFit, all_methods
-from autotune.identify.spring_mass import SpringMass
+from autotune.recordings.checks import torque_of
+from autotune.recordings.recording import Recording
 
-Floats = NDArray[np.float64]
 SET_SECONDS = 3.0
 MOST_SETS = 15
 LEAST_COUNTS = 2.0

@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from autotune.core.recording import Recording
-from autotune.identify.controller import ControlLaw, control_law
+from autotune.estimation.controller import PositionController, controller_of
+from autotune.estimation.joint_fit import Refined, refine
+from autotune.estimation.pieces import UNFITTED, Bands, cut, marked_sticking
+from autotune.estimation.twin import Surroundings
 from autotune.identify.estimate import Estimate, Quantity
-from autotune.identify.joint import Refined, refine
-from autotune.identify.pieces import UNFITTED, Bands, cut, marked_sticking
-from autotune.identify.twin import Surroundings
 from autotune.models.drive_model import DriveModel, surface_parameter
+from autotune.recordings.recording import Recording
 
-Floats = NDArray[np.float64]
 NEEDED = ("inertia", "coulomb", "offset")
 """Without these there is no model; what else is not identified is said in the reason."""
 UNKNOWN = 0.5
@@ -57,7 +55,7 @@ class Joint:
     estimate: Estimate
     model: DriveModel
     refined: Refined
-    law: ControlLaw | None
+    controller: PositionController
 
 
 def refine_recording(
@@ -73,14 +71,16 @@ def refine_recording(
         NotEnoughExcitation: nothing in the recording is long enough.
     """
     names = free if free is not None else free_parameters(model)
-    law = control_law(recording)
+    controller = controller_of(recording)
     bands = Bands.for_period(recording.period)
-    pieces = cut(recording, bands, law, unfitted)
+    pieces = cut(recording, bands, controller, unfitted)
     displacement = max(model["coulomb"], 1e-12) / model["stiffness"]
     refined = refine(
-        model, marked_sticking(pieces, displacement), surroundings(recording, law), bands, names, seed
+        model, marked_sticking(pieces, displacement), surroundings(recording, controller), bands, names, seed
     )
-    return Joint(_estimate(refined), refined.model, refined, law)
+    estimate = _estimate(refined)
+    estimate = replace(estimate, notes=(*estimate.notes, *controller.notes))
+    return Joint(estimate, refined.model, refined, controller)
 
 
 def free_parameters(model: DriveModel) -> list[str]:
@@ -88,12 +88,12 @@ def free_parameters(model: DriveModel) -> list[str]:
     return [name for name in model.parameters if not name.startswith("torque_ripple.order")]
 
 
-def surroundings(recording: Recording, law: ControlLaw | None) -> Surroundings:
+def surroundings(recording: Recording, controller: PositionController) -> Surroundings:
     """Encoder, limit and controller of the axis that was recorded."""
     metadata = recording.metadata
     limit = metadata.torque_limit
     return Surroundings(
-        law if law is not None and law.usable else None,
+        controller,
         metadata.position_resolution or 0.0,
         limit if limit is not None else math.inf,
     )

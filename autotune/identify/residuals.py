@@ -8,15 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from autotune.core.recording import Recording
-from autotune.identify.controller import ControlLaw, control_law
-from autotune.identify.pieces import Bands, Piece, cut, torque_error
+from autotune.core.arrays import Floats
+from autotune.estimation.controller import PositionController, controller_of
+from autotune.estimation.pieces import Bands, Piece, cut, torque_error
+from autotune.estimation.twin import run_twin
 from autotune.identify.refinement import surroundings
-from autotune.identify.twin import run_twin
 from autotune.models.drive_model import DriveModel
+from autotune.recordings.recording import Recording
 from autotune.signals.filters import low_pass
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,22 +53,22 @@ class ClosedLoop:
     Attributes:
         position, torque: nan where no twin could be run.
         relative_position_error, relative_torque_error: norm of the error over norm of the signal.
-        law: controller used.
+        controller: used, or why there is none.
     """
 
     position: Floats
     torque: Floats
     relative_position_error: float
     relative_torque_error: float
-    law: ControlLaw | None
+    controller: PositionController
 
 
 def torque_residual(recording: Recording, model: DriveModel) -> Residual:
     """Torque residual of a model on a recording, through filters that are the same for everybody."""
-    law = control_law(recording)
+    controller = controller_of(recording)
     bands = Bands.for_period(recording.period)
     packed = model.pack()
-    pieces = cut(recording, bands, law, ())
+    pieces = cut(recording, bands, controller, ())
     parts = []
     for piece in pieces:
         every = slice(None, None, bands.decimation)
@@ -108,13 +107,13 @@ def simulate_closed_loop(recording: Recording, model: DriveModel, seed: int | No
 
     Without `seed` the twin is free of noise and of the quantiser.
     """
-    law = control_law(recording)
+    controller = controller_of(recording)
     bands = Bands.for_period(recording.period)
-    around = surroundings(recording, law)
+    around = surroundings(recording, controller)
     position = np.full(len(recording), math.nan)
     torque = np.full(len(recording), math.nan)
     packed = model.pack()
-    for number, piece in enumerate(cut(recording, bands, law, ())):
+    for number, piece in enumerate(cut(recording, bands, controller, ())):
         noise = None if seed is None else np.random.default_rng([seed, number])
         result = run_twin(piece, packed, around, noise, quantised=seed is not None)
         if result.follows:
@@ -125,7 +124,7 @@ def simulate_closed_loop(recording: Recording, model: DriveModel, seed: int | No
         torque,
         _relative(position, recording["position"]),
         _relative(torque, recording["torque"]),
-        law,
+        controller,
     )
 
 

@@ -10,9 +10,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from autotune.core.arrays import Floats
+
 STANDS_OUT = 25.0
 """A line counts when its power is this many times the median of the scan."""
 MOST_PASSING = 8

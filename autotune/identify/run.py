@@ -13,12 +13,11 @@ from types import MappingProxyType
 from typing import TypeVar
 
 from autotune.core.errors import NotEnoughExcitation
-from autotune.core.recording import Metadata, Recording, torque_symbol
-from autotune.identify.checks import check_recording
+from autotune.core.units import torque_symbol
 from autotune.identify.combine import combine
 from autotune.identify.complexity import Complexity, judge_complexity
 from autotune.identify.dahl import Dahl, identify_dahl
-from autotune.identify.estimate import Estimate, invalid
+from autotune.identify.estimate import Estimate, Quantity, invalid
 from autotune.identify.high_speed import HighSpeed, identify_high_speed
 from autotune.identify.presliding import Presliding, identify_presliding
 from autotune.identify.refinement import refine_recording
@@ -26,10 +25,14 @@ from autotune.identify.ripple_lines import Line
 from autotune.identify.steady_state import SteadyState, identify_steady_state
 from autotune.models.drive_model import BASE, DriveModel, base_model
 from autotune.models.table import EFFECTS
+from autotune.recordings.checks import check_recording
+from autotune.recordings.recording import Metadata, Recording
 
 Result = TypeVar("Result")
 FARTHEST = 1.0
 """Largest relative change of a parameter by the joint refinement that is believed."""
+UNKNOWN_LAG = 0.1
+"""Of a sample: current loops of 1 kHz and more behind a cycle of 1 ms."""
 EXPERIMENTS = ("steady_state", "presliding", "dahl", "high_speed")
 
 
@@ -104,9 +107,11 @@ def identify_run(
     fast = attempt("high_speed", identify_high_speed)
     if fast is not None:
         estimates["high_speed"] = fast.estimate
-    joint = _refined(recording, combine(estimates), steady)
+    lag = fast.lag if fast is not None and fast.estimate.valid else None
+    joint = with_unknown_lag(_refined(recording, combine(estimates), steady), lag, recording)
     speed_change = acceleration if acceleration is not None else 0.2 * (2.0 * math.pi) ** 2
-    complexity = judge_complexity(joint.parameters, precision, speed_change, recording.metadata)
+    reversal = dahl.reversal if dahl is not None else None
+    complexity = judge_complexity(joint.parameters, precision, speed_change, recording.metadata, reversal)
     return Identification(
         MappingProxyType(estimates),
         joint,
@@ -138,6 +143,30 @@ def _refined(recording: Recording, combined: Estimate, steady: SteadyState | Non
             kept[name] = quantity
     notes = [*combined.notes, *joint.notes, *_ripple_notes(lines, recording.metadata)]
     return Estimate("joint", MappingProxyType(kept), True, "", joint.relative_error, tuple(notes))
+
+
+def with_unknown_lag(joint: Estimate, lag: Quantity | None, recording: Recording) -> Estimate:
+    """σ1 with what a lag of the torque path may have added to it, and a sentence.
+
+    In presliding u(t − τ) looks like a damping larger by σ0·τ (3.46). High speed tells τ within some
+    microseconds, but a small lag is no part of the model; so the interval is widened by what it may do, rather
+    than the value moved. Without high speed the lag is not known: a tenth of a sample is allowed for.
+    """
+    if not joint.valid or "micro_damping" not in joint or "stiffness" not in joint:
+        return joint
+    late = UNKNOWN_LAG * recording.period if lag is None else abs(lag.value) + lag.standard_error
+    shift = joint["stiffness"].value * late
+    old = joint["micro_damping"]
+    wide = replace(old, standard_error=math.hypot(old.standard_error, shift))
+    source = (
+        "is not known without high speed; up to" if lag is None else "may be, by the high speed experiment,"
+    )
+    note = (
+        f"micro_damping: the lag of the torque path {source} {1e6 * late:.2g} µs, which looks like a damping of "
+        f"{shift:.2g} here; its interval allows for that"
+    )
+    parameters = MappingProxyType({**joint.parameters, "micro_damping": wide})
+    return replace(joint, parameters=parameters, notes=(*joint.notes, note))
 
 
 def _near(value: float, start: float) -> bool:

@@ -12,16 +12,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from autotune.core.recording import Recording
+from autotune.estimation.pieces import UNFITTED
 from autotune.identify.characteristic import fit_curve
-from autotune.identify.checks import guide_of
 from autotune.identify.estimate import Estimate
 from autotune.identify.legs import find_legs
-from autotune.identify.pieces import UNFITTED
 from autotune.identify.steady_state import SteadyState, identify_steady_state
 from autotune.models.drive_model import DriveModel, base_model
 from autotune.models.lugre import Shape
 from autotune.models.table import EFFECTS
+from autotune.recordings.checks import guide_of
+from autotune.recordings.recording import Recording
 
 PLACEHOLDER_INERTIA = 1e-9
 LEAST_SEGMENTS = 4

@@ -12,16 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from autotune.core.arrays import Floats
 from autotune.core.errors import NotEnoughExcitation
-from autotune.core.recording import Recording
 from autotune.identify.characteristic import CurveFit, Points, compare_shapes, fit_curve, speed_groups
-from autotune.identify.checks import clipped, guide_of, torque_of
 from autotune.identify.estimate import Estimate
 from autotune.identify.legs import Leg, find_legs
 from autotune.identify.ripple_lines import Line, columns, find_lines
+from autotune.recordings.checks import clipped, guide_of, torque_of
+from autotune.recordings.recording import Recording
 from autotune.signals.filters import motion
 
-Floats = NDArray[np.float64]
 LEAST_SPEEDS = 4
 _BLOCKS = 48
 _PARTS = 6

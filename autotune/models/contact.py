@@ -6,6 +6,7 @@ inverse one (`inverse`) call the same kernels.
 
 from __future__ import annotations
 
+from autotune.core.arrays import Flags, Floats
 from autotune.models.compiled import compiled
 from autotune.models.direction_asymmetry import level_difference, viscous_difference
 from autotune.models.dwell_time_break_away import age_level, grow_older
@@ -21,7 +22,7 @@ from autotune.models.layout import (
     flag,
 )
 from autotune.models.load_dependent_friction import load_level
-from autotune.models.lugre import Flags, Floats, bristle_step, falling_level
+from autotune.models.lugre import bristle_step, falling_level
 from autotune.models.nonlinear_viscous import curved_coefficient
 from autotune.models.position_dependent_friction import place_factor
 from autotune.models.reversal_memory import memory_torque

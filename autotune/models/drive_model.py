@@ -7,18 +7,18 @@ the bristle σ1 (`micro_damping`) and offset F_g. Everything else is an effect.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
 
+from autotune.core.arrays import Flags, Floats
 from autotune.core.errors import ConfigurationError
-from autotune.core.recording import torque_symbol
+from autotune.core.units import torque_symbol
 from autotune.models import layout
 from autotune.models.effect import Effect, Parameter, Value, check
 from autotune.models.inverse import load_substeps, required
-from autotune.models.lugre import Flags, Floats
 from autotune.models.table import EFFECTS, effect_kind
 from autotune.models.torque_ripple import scale_slot
 
@@ -37,7 +37,11 @@ _BASE_BY_NAME = {parameter.name: parameter for parameter in BASE}
 
 @dataclass(frozen=True, slots=True)
 class HistoryEntry:
-    """One step in a model's life: what was done, when, on which data, and how far the error fell."""
+    """One step in a model's life: what was done, when, on which data, and how far the error fell.
+
+    `unseen` says on which data, that the fit never saw, the errors and the noise floor were found; empty in files
+    of earlier versions, whose first error is the fit's own.
+    """
 
     when: str
     action: str
@@ -45,6 +49,34 @@ class HistoryEntry:
     error_before: float | None = None
     error_after: float | None = None
     noise_floor: float | None = None
+    unseen: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Stair:
+    """One step of a model's story: what was done, and the error on unseen data after it [N m or N]."""
+
+    action: str
+    error: float
+
+
+def staircase(history: Sequence[HistoryEntry]) -> list[Stair]:
+    """The story of a model on data that its fits never saw, from the first error to the last.
+
+    What stands before a step on other data (or, in files of earlier versions, on the fitted ones) is told as that
+    step found it.
+    """
+    steps = [entry for entry in history if entry.error_after is not None]
+    stairs: list[Stair] = []
+    for i, entry in enumerate(steps):
+        later = steps[i + 1] if i + 1 < len(steps) else None
+        error = entry.error_after or 0.0
+        if later is not None and later.error_before is not None and later.unseen != entry.unseen:
+            error = later.error_before
+        if i == 0 and entry.error_before is not None:
+            stairs.append(Stair("before", entry.error_before))
+        stairs.append(Stair(entry.action, error))
+    return stairs
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,10 +6,10 @@ The contact ages: a' = (1 − a)/time_constant − a·|slip'|/slip, and the fric
 
 from __future__ import annotations
 
+from autotune.core.arrays import Floats
 from autotune.models.compiled import compiled
 from autotune.models.effect import Kind, Parameter
 from autotune.models.layout import block, state_block
-from autotune.models.lugre import Floats
 
 _AT = block("dwell_time_break_away")
 AGE = state_block("dwell_time_break_away")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
+from autotune.core.arrays import Floats
 from autotune.models.compiled import compiled
 from autotune.models.effect import Kind, Parameter
 from autotune.models.layout import block
-from autotune.models.lugre import Floats
 from autotune.models.torque_ripple import scale_slot
 
 _AT = block("encoder_eccentricity")

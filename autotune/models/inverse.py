@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 
+from autotune.core.arrays import Flags, Floats
 from autotune.models.compiled import compiled
 from autotune.models.contact import additive, bend, friction_limit, remembered, viscous_coefficient
 from autotune.models.encoder_eccentricity import true_motion
 from autotune.models.layout import BRISTLE, INERTIA, MICRO_DAMPING, POSITION, STIFFNESS, VELOCITY, flag
 from autotune.models.load_dependent_friction import press
-from autotune.models.lugre import Flags, Floats, bristle_rate
+from autotune.models.lugre import bristle_rate
 from autotune.models.plant import MOST_SUBSTEPS, rubbing
 from autotune.models.thermal_drift import warm
 from autotune.models.torque_path import delivered

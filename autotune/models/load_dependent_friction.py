@@ -6,10 +6,10 @@ which side of the friction the pressed contact sits: 0 at the load, 1 at the mot
 
 from __future__ import annotations
 
+from autotune.core.arrays import Floats
 from autotune.models.compiled import compiled
 from autotune.models.effect import Kind, Parameter
 from autotune.models.layout import block, state_block
-from autotune.models.lugre import Floats
 
 _AT = block("load_dependent_friction")
 PRESSED = state_block("load_dependent_friction")

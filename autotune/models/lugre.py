@@ -10,13 +10,11 @@ import math
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError
 from autotune.models.compiled import compiled
 
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 Shape = Literal[
     "linear", "piecewise_linear", "exponential", "gaussian", "generalised_exponential", "lorentzian"
 ]

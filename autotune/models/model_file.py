@@ -36,6 +36,7 @@ from autotune.core.errors import ConfigurationError
 from autotune.models.drive_model import BASE, SCHEMA_VERSION, DriveModel, HistoryEntry
 from autotune.models.effect import Parameter, Value
 from autotune.models.table import effect_kind
+from autotune.models.total_friction import total_in_words
 
 
 class _Number(Strict):
@@ -52,6 +53,7 @@ class _History(Strict):
     error_before: float | None = None
     error_after: float | None = None
     noise_floor: float | None = None
+    unseen: str = ""
 
 
 class _File(Strict):
@@ -142,7 +144,8 @@ def _number(model: DriveModel, parameter: Parameter, value: Value) -> Table:
     if value.standard_error is not None:
         table["standard_error"] = float(value.standard_error)
     table["unit"] = parameter.unit_for(model.motion_unit, model.torque_unit)
-    table["about"] = parameter.meaning
+    total = total_in_words(model) if parameter.name == "coulomb" else ""
+    table["about"] = f"{parameter.meaning}; {total}" if total else parameter.meaning
     return table
 
 

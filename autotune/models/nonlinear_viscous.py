@@ -6,10 +6,10 @@ law for lubricated bearings has exponent 2/3, windage 2; the sum with σ2·v cov
 
 from __future__ import annotations
 
+from autotune.core.arrays import Floats
 from autotune.models.compiled import compiled
 from autotune.models.effect import Kind, Parameter
 from autotune.models.layout import block
-from autotune.models.lugre import Floats
 
 _AT = block("nonlinear_viscous")
 

@@ -11,12 +11,13 @@ from __future__ import annotations
 
 import math
 
+from autotune.core.arrays import Flags, Floats
 from autotune.models.compiled import compiled
 from autotune.models.contact import additive, bend, damping_slope, remembered, viscous_coefficient
 from autotune.models.encoder_eccentricity import reading_error
 from autotune.models.layout import BRISTLE, INERTIA, MICRO_DAMPING, POSITION, STIFFNESS, VELOCITY, flag
 from autotune.models.load_dependent_friction import press
-from autotune.models.lugre import Flags, Floats, bristle_rate
+from autotune.models.lugre import bristle_rate
 from autotune.models.reversal_memory import memory_stiffness
 from autotune.models.thermal_drift import warm
 from autotune.models.torque_path import delivered

@@ -3,15 +3,15 @@
 Element i follows the motion until it is bent by its displacement d_i, then slides and carries its torque
 W_i: z_i ← clip(z_i + Δq, −d_i, d_i), T = Σ W_i·z_i/d_i (Iwan 1966; Al-Bender, Lampaert and Swevers 2005).
 Every reversal leaves elements bent, and a loop closes at the point where it began: the reversal-point
-memory that the single bristle of LuGre does not have (thesis, sections 3.1.5 and 6.3).
+memory that the single bristle of LuGre does not have (thesis, sections 3.2.3 and 7.2).
 """
 
 from __future__ import annotations
 
+from autotune.core.arrays import Floats
 from autotune.models.compiled import compiled
 from autotune.models.effect import Kind, Parameter
 from autotune.models.layout import block, state_block
-from autotune.models.lugre import Floats
 
 ELEMENTS = 10
 _AT = block("reversal_memory")

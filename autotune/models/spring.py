@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from autotune.core.arrays import Floats
 from autotune.models.compiled import compiled
 from autotune.models.effect import Kind, Parameter
 from autotune.models.layout import block
-from autotune.models.lugre import Floats
 
 _AT = block("spring")
 

@@ -1,4 +1,4 @@
-"""Break-away friction above Coulomb friction, falling with speed (3.5), with the shapes of Table 2.1."""
+"""Friction at rest other than at speed (3.5), with the shapes of Table 2.1: above Coulomb friction, as a rule."""
 
 from __future__ import annotations
 

@@ -49,10 +49,10 @@ def effect_kind(name: str) -> Kind:
     """The physics of that name.
 
     Raises:
-        ConfigurationError: there is none; names the nearest.
+        ConfigurationError: there is none; names the nearest, and all that there are.
     """
     if name in EFFECTS:
         return EFFECTS[name]
     near = difflib.get_close_matches(name, EFFECTS, 1, cutoff=0.4)
-    hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(EFFECTS)}"
-    raise ConfigurationError(f"there is no effect {name!r}; {hint}")
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    raise ConfigurationError(f"there is no effect {name!r}; {hint}There are {', '.join(EFFECTS)}")

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 
+from autotune.core.arrays import Floats
 from autotune.models.compiled import compiled
 from autotune.models.effect import Kind, Parameter
 from autotune.models.layout import block, state_block
-from autotune.models.lugre import Floats
 
 _AT = block("thermal_drift")
 WARMTH = state_block("thermal_drift")

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 
+from autotune.core.arrays import Flags, Floats
 from autotune.models.compiled import compiled
 from autotune.models.effect import Kind, Parameter
 from autotune.models.layout import block, flag, state_block
-from autotune.models.lugre import Flags, Floats
 
 _LAG = block("torque_lag")
 _SATURATION = block("torque_saturation")

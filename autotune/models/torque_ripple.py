@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 
+from autotune.core.arrays import Floats
 from autotune.models.compiled import compiled
 from autotune.models.effect import Kind, Parameter
 from autotune.models.layout import block
-from autotune.models.lugre import Floats
 
 LINES = 10
 """How many orders one model can hold; three slots each, the last two slots of the block are spare."""

@@ -1,1 +1,1 @@
-"""Tuning run, proof, commit, journal and recovery."""
+"""Several axes, looked after for years: schedule, jobs, history, HTTP, locks."""

@@ -14,8 +14,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.signal import max_len_seq
 
+from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError
-from autotune.core.recording import Floats
 
 PRBS_BITS = range(3, 17)
 PHASE_TRIALS = 64

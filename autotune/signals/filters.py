@@ -8,10 +8,9 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 
-Floats = NDArray[np.float64]
+from autotune.core.arrays import Floats
 
 
 def low_pass(values: Floats, cutoff: float, period: float, order: int = 4) -> Floats:

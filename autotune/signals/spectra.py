@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-Floats = NDArray[np.float64]
+from autotune.core.arrays import Floats
+
 Complexes = NDArray[np.complex128]
 
 
@@ -35,33 +38,77 @@ class Response:
         return np.asarray(np.sqrt((1.0 - limited) / (2.0 * limited * self.averages)))
 
 
+@dataclass(frozen=True, slots=True)
+class Spectra:
+    """Averaged spectra of excitation S, source U and result Q; arrays of shape (m,).
+
+    Attributes:
+        frequency: Hz.
+        to_source, to_result: E[S*U], E[S*Q].
+        excitation, source, result: E[|S|²], E[|U|²], E[|Q|²].
+        averages: how many independent windows went in.
+    """
+
+    frequency: Floats
+    to_source: Complexes
+    to_result: Complexes
+    excitation: Floats
+    source: Floats
+    result: Floats
+    averages: float
+
+    def response(self) -> Response:
+        """G = E[S*Q]/E[S*U] (3.45): one ratio of the averages, so that noise averages out before it divides."""
+        tiny = np.finfo(float).tiny
+        one = np.abs(self.to_source) ** 2 / np.maximum(self.excitation * self.source, tiny)
+        two = np.abs(self.to_result) ** 2 / np.maximum(self.excitation * self.result, tiny)
+        response = self.to_result / np.where(np.abs(self.to_source) > 0, self.to_source, np.nan)
+        coherence = np.minimum(one, two)
+        return Response(self.frequency, np.asarray(response), np.asarray(coherence), self.averages)
+
+
+def cross_spectra(excitation: Floats, source: Floats, result: Floats, period: float, window: int) -> Spectra:
+    """Spectra with Hann windows of `window` samples, half overlapping, without the ends of the frequencies."""
+    length = min(window, len(excitation))
+
+    def spectrum(one: Floats, other: Floats) -> Complexes:
+        cross = signal.csd(one, other, 1.0 / period, "hann", length, length // 2)[1]
+        return np.asarray(cross[1:-1], dtype=np.complex128)
+
+    return Spectra(
+        np.asarray(np.fft.rfftfreq(length, period)[1:-1]),
+        spectrum(excitation, source),
+        spectrum(excitation, result),
+        spectrum(excitation, excitation).real,
+        spectrum(source, source).real,
+        spectrum(result, result).real,
+        max(1.0, 1.8 * (len(excitation) / length - 0.5)),
+    )
+
+
+def together(parts: Sequence[Spectra]) -> Spectra:
+    """Mean of the spectra of several records of equal window, each weighted by its number of averages."""
+    weights = np.array([part.averages for part in parts])
+
+    def mean(name: str) -> Any:
+        return np.average([getattr(part, name) for part in parts], axis=0, weights=weights)
+
+    return Spectra(
+        parts[0].frequency,
+        mean("to_source"),
+        mean("to_result"),
+        mean("excitation"),
+        mean("source"),
+        mean("result"),
+        float(weights.sum()),
+    )
+
+
 def frequency_response(
     excitation: Floats, source: Floats, result: Floats, period: float, window: int
 ) -> Response:
-    """G = E[S*Q]/E[S*U] (3.45) with Hann windows of `window` samples, half overlapping.
+    """G = E[S*Q]/E[S*U] (3.45) of one record; see `cross_spectra`.
 
     `excitation` must not depend on the noise; it may equal `source` in open loop.
     """
-    length = min(window, len(excitation))
-
-    def spectrum(one: Floats, other: Floats) -> tuple[Floats, Complexes]:
-        frequency, cross = signal.csd(one, other, 1.0 / period, "hann", length, length // 2)
-        return np.asarray(frequency), np.asarray(cross, dtype=np.complex128)
-
-    frequency, to_source = spectrum(excitation, source)
-    to_result = spectrum(excitation, result)[1]
-    power = spectrum(excitation, excitation)[1].real
-    source_power = spectrum(source, source)[1].real
-    result_power = spectrum(result, result)[1].real
-    tiny = np.finfo(float).tiny
-    one = np.abs(to_source) ** 2 / np.maximum(power * source_power, tiny)
-    two = np.abs(to_result) ** 2 / np.maximum(power * result_power, tiny)
-    response = to_result / np.where(np.abs(to_source) > 0, to_source, np.nan)
-    averages = max(1.0, 1.8 * (len(excitation) / length - 0.5))
-    keep = slice(1, -1)
-    return Response(
-        np.asarray(frequency[keep]),
-        np.asarray(response[keep]),
-        np.asarray(np.minimum(one, two)[keep]),
-        averages,
-    )
+    return cross_spectra(excitation, source, result, period, window).response()

@@ -10,12 +10,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
-
-from autotune.core.recording import torque_symbol
-
-Floats = NDArray[np.float64]
+from autotune.core.arrays import Floats
+from autotune.core.units import torque_symbol
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +79,7 @@ class BeforeAfter:
         reference: over that period, shape (n,).
         before, after: period-averaged tracking error of each repeat, shape (repeats, n).
         resolution: one count of the position sensor; None if unknown.
+        committed: as `before`, with what is in the drive now; None where nothing is.
     """
 
     time: Floats
@@ -93,6 +90,8 @@ class BeforeAfter:
     motion_unit: str = "rad"
     before_name: str = "before"
     after_name: str = "after"
+    committed: Floats | None = None
+    committed_name: str = "the drive by itself"
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +122,7 @@ class Comparison:
 
     Attributes:
         time, measured, modelled: shape (n,), torque [N m or N] unless `unit` says otherwise.
-        noise_floor: rms that no model can explain; None without repeats.
+        noise_floor: estimated rms of what no model can explain; None without repeats.
         left_out: stretches of time [s] that were not compared.
     """
 
@@ -144,7 +143,7 @@ class Residual:
         coordinate: its name, such as `position` or `time since reversal`.
         unit: of the coordinate.
         values, residual: shape (n,); residual is measured less modelled [`residual_unit`].
-        noise_floor: rms that no model can explain; None without repeats.
+        noise_floor: estimated rms of what no model can explain; None without repeats.
         share: part of the residual's variance that the coordinate explains, 0…1; None if unknown.
     """
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from autotune.core.errors import NotEnoughExcitation
-from autotune.core.recording import Recording
 from autotune.diagnose.compare import Compared
 from autotune.identify.estimate import Estimate
 from autotune.identify.run import Identification
 from autotune.identify.steady_state import identify_steady_state
 from autotune.models.drive_model import DriveModel
+from autotune.recordings.recording import Recording
 from autotune.view.identification_pictures import (
     identification_pictures,
     methods_table,

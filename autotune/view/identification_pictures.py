@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from autotune.core.arrays import Floats
 from autotune.identify.dahl import Dahl
 from autotune.identify.estimate import Estimate
 from autotune.identify.presliding import Presliding
@@ -117,7 +118,7 @@ def methods_table(comparison: Mapping[str, tuple[LinearFit, ...]], motion_unit: 
     return Table("Presliding: methods compared", columns, rows, note, frozenset({2, 3, 4}))
 
 
-def _spread(values: data.Floats) -> str:
+def _spread(values: Floats) -> str:
     if not len(values):
         return "none"
     if len(values) == 1:

@@ -23,15 +23,13 @@ from types import TracebackType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import autotune
+from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError
 from autotune.core.loop import ROW_FIELDS
 from autotune.view import viewer_server
 from autotune.view.messages import NOTES_KEPT, RowQueue, encode_note, encode_rows, write_all
-
-Floats = NDArray[np.float64]
 
 ROWS_KEPT = 100_000
 ROWS_A_MESSAGE = 2_000

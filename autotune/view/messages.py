@@ -17,11 +17,9 @@ from collections.abc import Mapping
 from typing import Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
+from autotune.core.arrays import Floats
 from autotune.core.loop import ROW_FIELDS
-
-Floats = NDArray[np.float64]
 
 ROWS, NOTE = b"R", b"N"
 HEADER = struct.Struct("<cI")

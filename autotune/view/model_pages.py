@@ -8,13 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
+from autotune.core.arrays import Flags, Floats
 from autotune.diagnose.compare import Compared, Worst
-from autotune.diagnose.coordinates import coordinates
-from autotune.diagnose.prepared import Prepared
-from autotune.diagnose.residual import smoothed
 from autotune.diagnose.verdict import Diagnosis
+from autotune.estimation.coordinates import coordinates
+from autotune.estimation.data import Prepared
+from autotune.estimation.residual import smoothed
 from autotune.models.drive_model import DriveModel
-from autotune.models.lugre import Flags, Floats
+from autotune.models.drive_model import staircase as stairs_of
 from autotune.models.table import effect_kind
 from autotune.view.data import Comparison, Rank, Residual, Step
 from autotune.view.figures import measured_and_model, ranking, residual_over_coordinate, staircase
@@ -38,13 +39,21 @@ def write_comparison(path: Path, result: Compared, model: DriveModel) -> None:
         f"{100 * result.relative_error:.1f} % of it."
     )
     if floor is not None:
-        text += f" {quantity(floor, unit)} of that is noise that no model explains."
+        text += f" Noise is about {quantity(floor, unit)}{floor_range(result.noise_floor_interval, unit)}."
     text += "".join(f" Worst where {worst_place(worst, model)}." for worst in result.worst[:2])
     text += "".join(f" {note}" for note in result.notes)
     pictures = comparison_pictures(result, model)
     write_report(
         path, Report("Model and measurement", "information", text, pictures=pictures, sign_off=False)
     )
+
+
+def floor_range(interval: tuple[float, float] | None, unit: str) -> str:
+    """The interval of the noise floor, in words."""
+    if interval is None:
+        return ""
+    low, high = (quantity(end, unit) for end in interval)
+    return f" ({low} to {high}, estimated from what repeats do not share)"
 
 
 def worst_place(worst: Worst, model: DriveModel) -> str:
@@ -89,12 +98,15 @@ def write_diagnosis(path: Path, result: Diagnosis, model: DriveModel) -> None:
 def write_story(path: Path, model: DriveModel) -> None:
     """The model's history as a falling staircase."""
     entries = [entry for entry in model.history if entry.error_after is not None]
-    steps = [Step(e.action.removeprefix("+ "), e.error_after or 0.0) for e in entries]
-    if entries and entries[0].error_before is not None:
-        steps.insert(0, Step("before", entries[0].error_before))
+    steps = [Step(stair.action.removeprefix("+ "), stair.error) for stair in stairs_of(model.history)]
     floor = entries[-1].noise_floor if entries else None
     figure = staircase(steps, floor, model.torque_symbol)
-    picture = Picture("How the error fell", "Rms error on unseen data after every effect added.", figure)
+    caption = "Rms error on unseen data after every effect added."
+    if entries and entries[-1].unseen:
+        caption = (
+            f"Rms error on data that the fit never saw ({entries[-1].unseen}), after every effect added."
+        )
+    picture = Picture("How the error fell", caption, figure)
     text = f"Model of {model.axis or 'an axis'} with " + (
         ", ".join(effect.name.replace("_", " ") for effect in model.effects) or "no effects beside the base"
     )

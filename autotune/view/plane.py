@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from autotune.core.arrays import Floats
 
 WIDTH = 1.6
 HEIGHT = 1.0

@@ -18,7 +18,9 @@ from autotune.view import report_page as page
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
-Outcome = Literal["kept", "rolled_back", "not_applied", "aborted", "information"]
+Outcome = Literal[
+    "kept", "host_only", "rolled_back", "not_applied", "aborted", "checked", "stage", "information"
+]
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,9 @@ from typing import NamedTuple
 
 _BADGES = {
     "kept": ("good", "Improved and kept"),
+    "host_only": ("warn", "Not in the drive: only with a host"),
+    "checked": ("good", "Checked"),
+    "stage": ("info", "Stage done, nothing written"),
     "rolled_back": ("warn", "Rolled back"),
     "not_applied": ("warn", "Nothing applied"),
     "aborted": ("bad", "Stopped"),
@@ -78,7 +81,7 @@ def table(
     kind = ['class="number"' if index in numeric else "" for index in range(len(columns))]
     header = "".join(f"<th {k}>{escape(name)}</th>" for k, name in zip(kind, columns, strict=True))
     body = "".join(
-        "<tr>" + "".join(f"<td {k}>{escape(c)}</td>" for k, c in zip(kind, row, strict=True)) + "</tr>"
+        "<tr>" + "".join(_cell(k, name, c) for k, name, c in zip(kind, columns, row, strict=True)) + "</tr>"
         for row in rows
     )
     below = f'<p class="note">{escape(note)}</p>' if note else ""
@@ -86,6 +89,11 @@ def table(
         f'<section class="table"><h2>{escape(title)}</h2><div class="scroll"><table><thead><tr>{header}</tr>'
         f"</thead><tbody>{body}</tbody></table></div>{below}</section>"
     )
+
+
+def _cell(kind: str, column: str, text: str) -> str:
+    """The column's name goes with each cell: on a narrow screen a row becomes a list."""
+    return f'<td {kind} data-column="{escape(column)}">{escape(text)}</td>'
 
 
 def facts(title: str, pairs: Mapping[str, str]) -> str:
@@ -169,6 +177,14 @@ dt{color:var(--muted)}dd{margin:0;text-align:right;overflow-wrap:anywhere}
 summary{cursor:pointer;color:var(--muted)}pre{overflow:auto;font-size:.85rem;max-height:480px}
 .lines{display:grid;grid-template-columns:1fr 2fr 2fr;gap:28px;margin-top:44px}
 .lines span{display:block;border-bottom:1.5px solid var(--ink)}.lines small{color:var(--muted)}
+@media (max-width:640px){main{padding:12px 8px 40px}section,figure{padding:12px 12px}
+h1{font-size:1.4rem}.verdict p{font-size:1.05rem}.value{font-size:1.7rem}
+.changes,dl{grid-template-columns:minmax(0,1fr)}
+dl div{flex-wrap:wrap}p,td,dd,figcaption,small{overflow-wrap:anywhere}
+thead{display:none}table,tbody,tr,td{display:block;width:100%}tr{border-bottom:2px solid var(--line);padding:4px 0}
+td,td.number{border:0;padding:2px 0;text-align:left;white-space:normal}td:empty{display:none}
+td[data-column]:not([data-column=""])::before{content:attr(data-column) ": ";color:var(--muted)}
+pre{white-space:pre-wrap;overflow-wrap:anywhere}.lines{grid-template-columns:1fr;gap:34px}}
 @page{size:A4;margin:14mm}
 @media print{body{background:#fff;font-size:11pt}main{max-width:none;padding:0}
 section,figure{border:0;border-radius:0;padding:0;margin:0 0 7mm;break-inside:avoid}

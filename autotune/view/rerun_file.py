@@ -12,15 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from autotune.core.arrays import Floats
 from autotune.core.errors import RecordingError
-from autotune.core.recording import Recording
+from autotune.recordings.recording import Recording
 from autotune.view.data import Trace, torque_unit
 from autotune.view.plane import Plane, symmetric
 from autotune.view.scale import continuous, peak
-
-Floats = NDArray[np.float64]
 
 FLUSH_SECONDS = 60.0
 

@@ -15,10 +15,9 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from autotune.core.arrays import Floats
 from autotune.view.data import torque_unit
 from autotune.view.plane import Plane
-
-Floats = NDArray[np.float64]
 
 # The viewer is dark: the theme's hues, lighter.
 GREY, BLUE, ORANGE, GREEN, PINK = "#aab4c0", "#56b4e9", "#e69f00", "#2fbf95", "#e39fc6"

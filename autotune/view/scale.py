@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from autotune.core.arrays import Floats
 
 _MULTIPLES = ((1e-9, "n"), (1e-6, "µ"), (1e-3, "m"), (1.0, ""))
 _SCALABLE = frozenset({"rad", "m", "N m", "N", "A", "V", "s", "N m/rad", "rad/s", "m/s"})

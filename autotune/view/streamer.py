@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from autotune.core.arrays import Floats
 from autotune.core.errors import AutotuneError
 from autotune.core.loop import ROW_FIELDS
 from autotune.view.data import torque_unit
@@ -27,8 +28,6 @@ from autotune.view.messages import Inbox
 from autotune.view.plane import Plane, symmetric
 from autotune.view.scale import continuous
 from autotune.view.viewer_server import ViewerServer
-
-Floats = NDArray[np.float64]
 
 ROWS_KEPT = 100_000
 ROWS_A_TURN = 5_000

@@ -12,8 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from autotune.core.arrays import Floats
 from autotune.view.colours import AFTER, BEFORE, GRID, INK, MUTED, REFERENCE
-from autotune.view.data import BeforeAfter, Floats
+from autotune.view.data import BeforeAfter
 from autotune.view.plane import ticks
 from autotune.view.scale import multiple, peak, quantity, significant, thin
 

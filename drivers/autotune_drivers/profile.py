@@ -18,7 +18,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from autotune.core.configuration import Strict, read_toml, validate
 from autotune.core.errors import ConfigurationError
 from autotune.core.paths import config_directory
-from autotune_drivers.objects import ObjectRef
+from autotune_drivers.canopen.objects import ObjectRef
 from autotune_drivers.units import TORQUE_UNITS, UNITS, is_constant, is_current
 
 PARAMETERS = (
@@ -269,7 +269,8 @@ class Profile(Strict):
     """A kind of drive. See the module's text.
 
     `expects` are objects that must have a value for the profile's units to be right; they are compared
-    before anything is written. `remarks` are told to the person who commissions the axis.
+    before anything is written. `encoder`: where the drive says how many counts a turn has; `none` where its
+    positions do not follow object 608Fh. `remarks` are told to the person who commissions the axis.
     """
 
     schema_version: Annotated[Literal[1], Field(alias="schema")] = 1
@@ -286,6 +287,7 @@ class Profile(Strict):
     recorder: Recorder | None = None
     remarks: tuple[str, ...] = ()
     quick_stop_deceleration: SignalField | None = None
+    encoder: Literal["608F", "none"] = "608F"
     clock: Clock | None = None
     cycle: Cycle = Cycle()
     guard: Guard = Guard()

@@ -11,6 +11,7 @@ replay:recording.parquet                                a recording, relative to
 from __future__ import annotations
 
 import difflib
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +20,7 @@ from urllib.parse import parse_qsl, unquote, urlsplit
 
 from autotune.core.errors import ConfigurationError
 
+LONGEST = 1000
 _SLCAN_BITRATES = (10000, 20000, 50000, 83300, 100000, 125000, 250000, 500000, 750000, 1000000)
 
 
@@ -75,6 +77,22 @@ class LinkAddress:
     options: Mapping[str, int]
     text: str
 
+    @property
+    def bus(self) -> str:
+        """What one program at a time can have, the same for every way of writing it.
+
+        A device below /dev is named by what it is (by-id and ttyACM0 are one); others may be links that move.
+        """
+        if not SCHEMES[self.scheme].is_path:
+            return f"{self.scheme}:{self.target}"
+        device = os.path.abspath(self.target)
+        return f"{self.scheme}:{os.path.realpath(device) if device.startswith('/dev/') else device}"
+
+    @property
+    def place(self) -> str:
+        """The drive: which node on which bus, the same for every way of writing it."""
+        return f"{self.bus}#{self.options.get('node', self.options.get('id', ''))}"
+
 
 def scheme_of(link: str, known: Mapping[str, object] = SCHEMES) -> str:
     """The scheme of a link.
@@ -97,6 +115,10 @@ def parse_link(link: str, directory: Path) -> LinkAddress:
         ConfigurationError: unknown scheme or option (with the nearest right one), a missing option, a
             value out of range, no device.
     """
+    if len(link) > LONGEST:
+        raise ConfigurationError(
+            f"link {link[:60]!r}… has {len(link)} characters; at most {LONGEST} are allowed"
+        )
     name = scheme_of(link)
     scheme = SCHEMES[name]
     try:
@@ -106,6 +128,10 @@ def parse_link(link: str, directory: Path) -> LinkAddress:
     if parts.fragment or "#" in link:
         raise ConfigurationError(f"link {link!r} contains '#', which a link cannot; write {scheme.example}")
     target = _device(link, parts.netloc, parts.path, directory) if scheme.is_path else parts.netloc
+    if not target.isprintable():
+        raise ConfigurationError(
+            f"link {link!r} has characters in its device that no name has; write {scheme.example}"
+        )
     if not target or (not scheme.is_path and parts.path.strip("/")):
         raise ConfigurationError(f"link {link!r} does not name what to open; write {scheme.example}")
     return LinkAddress(name, target, _options(link, parts.query, scheme), link)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+import textwrap
 from collections.abc import Sequence
 
 from autotune.core.errors import AutotuneError
@@ -11,7 +12,13 @@ from autotune.core.errors import AutotuneError
 _EPILOG = (
     "Faults: silent[=SECONDS], unplugged[=SECONDS], power-loss, drive-fault[=CODE], enable-missing, "
     "brake-missing, blocked, hot[=DEGREES], frames-lost[=PERCENT], emcy[=CODE], "
-    "sdo-abort=INDEX[:SUB[:CODE]], other-identity[=VENDOR], nvm, clear. WHEN: 2.5 (seconds with operation "
+    "sdo-abort=INDEX[:SUB[:CODE]], other-identity[=VENDOR], nvm, stop-fault[=CODE], rpdo-lost[=PERCENT], "
+    "second-master[=RAD], status-word[=HEX], fault-reset, snapshot, clear, "
+    "and what can break inside the axis: encoder-frozen, "
+    "encoder-jump[=RAD], encoder-reversed, encoder-scale[=FACTOR], velocity-unit[=FACTOR], "
+    "torque-constant[=FACTOR], torque-reversed, stage-stuck[=NM], runaway[=SHARE], load-step[=SHARE], "
+    "load-wave[=SHARE], leaning[=SHARE], inertia-step[=FACTOR], end-stop[=RAD], collision[=RAD], "
+    "temperature-frozen, temperature-slow[=SECONDS], temperature-rise[=DEGREES]. WHEN: 2.5 (seconds with operation "
     "enabled), 2.5w (seconds since the start), 500c (SYNC messages), write or write3 (parameter writes), "
     "store (in the middle of storing); at once without it."
 )
@@ -22,7 +29,8 @@ def _parser() -> argparse.ArgumentParser:
         prog="python -m autotune_sim",
         description="A simulated servo drive on a pseudo-terminal: a CANopen node behind an slcan adapter, or a "
         "moteus controller on its serial line.",
-        epilog=_EPILOG,
+        epilog=textwrap.fill(_EPILOG, 100, break_on_hyphens=False),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("port", help="where the link to the pseudo-terminal is put")
     parser.add_argument("--preset", default="edm-vertical", help="the axis (default: %(default)s)")
@@ -38,6 +46,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--fault", action="append", default=[], metavar="NAME[=VALUE][@WHEN]", help="to put in; repeatable"
     )
+    parser.add_argument("--unfit", default="", metavar="NAME[=SIZE]", help="an axis that must not be tuned")
+    parser.add_argument("--counts", type=int, help="encoder counts per revolution (default: the preset's)")
+    parser.add_argument("--truth", metavar="FILE", help="what is true on the axis is logged there")
     parser.add_argument("--state", metavar="FILE", help="non-volatile memory (default: none is kept)")
     parser.add_argument(
         "--commands", action="store_true", help="reads faults from standard input, ends with it"
@@ -62,6 +73,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             faults=options.fault,
             state_file=options.state,
             commands=options.commands,
+            truth=options.truth,
+            unfit=options.unfit,
+            counts=options.counts,
             log=_log,
         )
     except AutotuneError as error:

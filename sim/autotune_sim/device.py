@@ -48,7 +48,7 @@ class Device:
     Attributes:
         now: time of the last call [s].
         silent: neither hears nor speaks, for rehearsals.
-        loss: share of the frames that get lost, for rehearsals.
+        loss: share of the frames that get lost, command_loss: of the receive PDOs alone, for rehearsals.
         refusals: SDO abort codes by (index, sub-index), sub-index −1 for all, for rehearsals.
         on_cycle, on_write, on_store: called after each servo cycle, before each parameter write, and
             when storing begins.
@@ -67,7 +67,7 @@ class Device:
     ) -> None:
         self.now = 0.0
         self.silent = False
-        self.loss = 0.0
+        self.loss = self.command_loss = 0.0
         self._random = Random(servo.preset.seed)
         self.refusals: dict[tuple[int, int], int] = {}
         self.on_cycle: Hook | None = None
@@ -104,6 +104,14 @@ class Device:
         sample = self.firmware.sample
         moving = abs(sample.velocity) > 0.05
         return self.firmware.powered | moving << 1 | sample.saturated << 2 | (not self._real_time) << 3
+
+    def note_objects(self, kind: str) -> None:
+        """Logs all writable objects as they stand, where what is true is logged."""
+        servo = self.firmware.servo
+        if servo.truth is not None:
+            kept = {f"{e.index:04X}:{e.subindex:02X}": e.value for e in self.objects if e.access == "rw"}
+            values = {key: value for key, value in kept.items() if isinstance(value, int | float)}
+            servo.truth.note(kind, servo.time, objects=values)
 
     # Bus
 
@@ -196,6 +204,9 @@ class Device:
             self._cycle()
 
     # What the node tells
+
+    def command_lost(self) -> bool:
+        return self.command_loss > 0.0 and self._random.random() < self.command_loss
 
     def connection_lost(self, node: int) -> None:
         """Reacts to a lost heartbeat as option code 6007 says."""
@@ -295,6 +306,7 @@ class Device:
             values |= {(e.index, e.subindex): e.encode(e.value) for e in self._kept(area)}
             self._write_memory(values)
             self._log("parameters stored")
+            self.note_objects("stored")
 
         return store
 

@@ -19,7 +19,15 @@ SDO into 2000h to 5FFFh), `store` (in the middle of storing). Without it, the fa
 | sdo-abort | INDEX[:SUB[:CODE]] in hex | transfers of the object are refused |
 | other-identity | vendor in hex (0000009A) | another drive answers |
 | nvm | | storing is confirmed, but nothing is kept |
+| stop-fault | error code in hex (2310) | a fault in the middle of the next controlled stop: power goes at once |
+| rpdo-lost | percent (100) | receive PDOs (moteus: commands) get lost, everything else works |
+| second-master | rad (0.1) | another master puts its own target, so far away, in place of ours |
+| status-word | value in hex (0000) | the status word tells this, whatever is true |
+| fault-reset | | somebody resets the drive's fault |
+| snapshot | | nothing; the objects are logged, where what is true is logged |
 | clear | | all of the above is over |
+
+Besides these, everything that can break inside the axis: `hurts`.
 """
 
 from __future__ import annotations
@@ -33,6 +41,7 @@ from typing import Protocol
 from autotune.core.errors import ConfigurationError
 from autotune_sim.aborts import AbortCode
 from autotune_sim.device import Device
+from autotune_sim.hurts import HURTS, apply_hurt
 from autotune_sim.object_dictionary import Entry
 
 _ORDER = re.compile(r"^(?P<name>[a-z-]+)(?:=(?P<value>[^@]*))?(?:@(?P<when>.+))?$")
@@ -128,6 +137,9 @@ class Faults:
     def inject(self, order: Order) -> None:
         """Makes a fault happen now."""
         self._log(f"fault put in: {order.name}{'=' + order.value if order.value else ''}")
+        servo = self.device.firmware.servo
+        if servo.truth is not None and order.name not in _NO_FAULTS:
+            servo.truth.note("fault put in", servo.time, name=order.name, value=order.value)
         FAULTS[order.name].act(self, order.value)
 
     def poll(self, now: float) -> float | None:
@@ -211,8 +223,27 @@ def _frames_lost(faults: Faults, value: str) -> None:
     faults.device.loss = min(float(value or "1"), 100.0) / 100.0
 
 
+def _stop_fault(faults: Faults, value: str) -> None:
+    faults.device.firmware.stop_fault = int(value or "2310", 16)
+
+
+def _commands_lost(faults: Faults, value: str) -> None:
+    faults.device.command_loss = min(float(value or "100"), 100.0) / 100.0
+
+
+def _second_master(faults: Faults, value: str) -> None:
+    faults.device.firmware.foreign_target = faults.device.firmware.sample.position + float(value or "0.1")
+
+
+def _status_word(faults: Faults, value: str) -> None:
+    faults.device.firmware.false_word = int(value or "0000", 16)
+
+
 def _clear(faults: Faults, _: str) -> None:
     device, firmware = faults.device, faults.device.firmware
+    firmware.servo.heal()
+    firmware.stop_fault, firmware.foreign_target, firmware.false_word = 0, None, None
+    device.command_loss = 0.0
     device.silent = device.memory.lossy = firmware.servo.brake_stuck = False
     watched = firmware.supervision
     watched.enable_input = watched.brake_input = True
@@ -231,8 +262,19 @@ class _Fault:
     words: str = "left out"
 
 
+def _broken(name: str) -> _Fault:
+    """A fault inside the axis, as an order behind the wire."""
+
+    def act(faults: Faults, value: str) -> None:
+        apply_hurt(faults.device.firmware.servo, name, value)
+
+    pattern = HURTS[name].pattern
+    return _Fault(act, f"({pattern})?" if pattern else "", HURTS[name].words)
+
+
 _SECONDS = (r"(\d+(\.\d*)?)?", "seconds, for example 0.5")
 _CODE = (r"([0-9A-Fa-f]{4})?", "four hexadecimal digits")
+_NO_FAULTS = frozenset({"fault-reset", "snapshot", "clear"})
 FAULTS: dict[str, _Fault] = {
     "silent": _Fault(_silent, *_SECONDS),
     "unplugged": _Fault(_unplugged, *_SECONDS),
@@ -253,5 +295,12 @@ FAULTS: dict[str, _Fault] = {
     ),
     "other-identity": _Fault(_other_identity, r"([0-9A-Fa-f]{1,8})?", "a vendor-ID in hexadecimal"),
     "nvm": _Fault(_nvm),
+    "stop-fault": _Fault(_stop_fault, *_CODE),
+    "rpdo-lost": _Fault(_commands_lost, r"(\d+(\.\d*)?)?", "a percentage"),
+    "second-master": _Fault(_second_master, r"([+-]?\d+(\.\d*)?)?", "an angle in rad"),
+    "status-word": _Fault(_status_word, *_CODE),
+    **{name: _broken(name) for name in HURTS},
+    "fault-reset": _Fault(lambda faults, _: faults.device.firmware.reset_fault()),
+    "snapshot": _Fault(lambda faults, _: faults.device.note_objects("objects")),
     "clear": _Fault(_clear),
 }

@@ -18,6 +18,7 @@ from autotune_sim.supervision import Supervision
 
 MODES = {8: ServoMode.POSITION, 9: ServoMode.VELOCITY, 10: ServoMode.TORQUE}
 _TORQUE_OFF = frozenset({ErrorCode.ENABLE_INPUT})
+STOP_FAULT = 3e-3  # s into a controlled stop, of a rehearsed fault
 
 
 class Firmware:
@@ -32,6 +33,9 @@ class Firmware:
         supervision: what is watched.
         cycles: servo periods played; enabled_time: those with operation enabled [s].
         host_offset: torque offset from the host in the last period [N m].
+        stop_fault: code of a fault in the middle of the next controlled stop (0: none);
+            foreign_target: position that another master commands [rad]; false_word: a status word that is told
+            instead of the true one. For rehearsals.
     """
 
     def __init__(
@@ -43,6 +47,9 @@ class Firmware:
         self.error_code = 0
         self.limited = False
         self.enabled_time = 0.0
+        self.stop_fault = 0
+        self.foreign_target: float | None = None
+        self.false_word: int | None = None
         self._objects = objects
         self._emergency = emergency
         self._log = log
@@ -123,6 +130,8 @@ class Firmware:
 
     def statusword(self) -> int:
         """Object 6041."""
+        if self.false_word is not None:
+            return self.false_word
         word = self.state.value | 0x0200
         if self.supervision.enable_input:
             word |= 0x0010
@@ -178,6 +187,11 @@ class Firmware:
             self._resume()
         elif target is not None:
             self._transit(word, target)
+
+    def reset_fault(self) -> None:
+        """What a person does at the drive: a fault whose cause is gone is forgotten."""
+        if self.state is State.FAULT:
+            self._reset_fault()
 
     def _reset_fault(self) -> None:
         if self.supervision.standing(self.sample, False) is not None:
@@ -240,15 +254,16 @@ class Firmware:
         self._log(f"quick stop begun ({why})")
         self._change(State.QUICK_STOP_ACTIVE, why)
 
-    def fault(self, code: int, detail: int = 0) -> None:
-        """Reacts to a fault as option code 605E says; the first code stays in 603F."""
+    def fault(self, code: int, detail: int = 0, at_once: bool = False) -> None:
+        """Reacts to a fault as option code 605E says, or by taking power off; the first code stays in 603F."""
         if self.state in FAULTY:
             return
         self.error_code = code
         self._emergency.report(code, detail)
         self._log(f"fault {code:04X}h")
+        self._note("fault", code=code)
         option = self._option(0x605E)
-        if not self.powered or option == 0 or code in _TORQUE_OFF:
+        if not self.powered or option == 0 or code in _TORQUE_OFF or at_once:
             self._enter(State.FAULT, f"fault {code:04X}h")
             return
         self._begin_ramp(option, State.FAULT)
@@ -274,6 +289,8 @@ class Firmware:
             self.servo.power(True, ServoMode.POSITION)
             position, velocity = self.servo.position, self.sample.velocity
             self._demand = position
+        fastest = int(self._fastest.value) * self.rad_per_count
+        velocity = max(-fastest, min(fastest, velocity))  # a leap is no speed
         self._ramp, self._after_ramp = Ramp(position, velocity, deceleration), then
 
     def _option(self, index: int) -> int:
@@ -291,7 +308,13 @@ class Firmware:
     def _change(self, state: State, why: str) -> None:
         if state is not self.state:
             self._log(f"state {self.state.name} -> {state.name} ({why})")
+            if (state in POWERED) != (self.state in POWERED):
+                self._note("enabled" if state in POWERED else "disabled", why=why)
             self.state = state
+
+    def _note(self, kind: str, **details: object) -> None:
+        if self.servo.truth is not None:
+            self.servo.truth.note(kind, self.servo.time, **details)
 
     # One servo period
 
@@ -305,6 +328,9 @@ class Firmware:
             self.demand_velocity = (self._demand - before) / self.servo.period
             self.host_offset = 0.0
             self.sample = sample = self.servo.cycle(self._demand)
+            if self.stop_fault and self._ramp.elapsed >= STOP_FAULT:
+                code, self.stop_fault = self.stop_fault, 0
+                self.fault(code, at_once=True)
         else:
             self.sample = sample = self._move()
         self.cycles += 1
@@ -334,6 +360,8 @@ class Firmware:
         before = self._demand
         if self._fresh:
             target = int(self._target_position.value)
+            if self.foreign_target is not None:
+                target = round(self.foreign_target * self.counts_per_rad)
             allowed = max(int(self._lowest.value), min(int(self._highest.value), target))
             self.limited = allowed != target
             self._start, self._goal, self._part = before, allowed * self.rad_per_count, 0

@@ -12,8 +12,9 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
-from autotune.core.drive import Command, Mode, Sample
+from autotune.core.drive import Command, Mode, Sample, Standing
 from autotune.core.errors import (
     ConfigurationError,
     DriveError,
@@ -22,19 +23,26 @@ from autotune.core.errors import (
     StateError,
     TransferAborted,
 )
+from autotune.core.stopping import StopLimits, StopWatch, gain_allowed
 from autotune_sim.aborts import AbortCode
 from autotune_sim.emergency import ErrorCode
+from autotune_sim.hurts import HURTS, apply_hurt
 from autotune_sim.link_url import parse_sim_url
 from autotune_sim.presets import Preset
 from autotune_sim.ramp import Ramp
 from autotune_sim.rehearsal import Agenda
 from autotune_sim.servo import Servo, ServoMode, ServoState
+from autotune_sim.truth import Truth
 
 BEYOND = 0.03  # rad outside of a position limit, on the way out, that is a fault
 OVERSPEED = 1.2  # times the speed limit that is a fault
 MISSED = 3  # cycles lost in a rehearsal
 HEAT = 200.0  # K, of a rehearsal
+LEAP = 0.1  # rad, from where the axis is to another master's target
+STOP_FAULT = 3e-3  # s into a controlled stop, of a rehearsed fault
+AFTERMATH = 200  # cycles without power that are logged, where what is true is logged
 _OVER_CURRENT = 0x2310
+_ALTERED = frozenset({"rpdo-lost", "second-master"})
 _MODES = {
     Mode.POSITION: ServoMode.POSITION,
     Mode.VELOCITY: ServoMode.VELOCITY,
@@ -56,7 +64,8 @@ def open_sim(url: str, cycle: float | None = None) -> SimDrive:
 
     Every key may be left out, `effect` and `fault` (`fault=silent@2.5`, see `rehearsal`) may be given
     several times; an effect without a size has its default size (`effects`). With `memory=FILE` stored
-    parameters live in that file and outlast the process.
+    parameters live in that file and outlast the process; `truth=FILE` logs what is true on the axis
+    (`truth`), `unfit=NAME[:SIZE]` makes it one that must not be tuned (`unfit`).
 
     Args:
         cycle: s, where the URL says none.
@@ -66,8 +75,10 @@ def open_sim(url: str, cycle: float | None = None) -> SimDrive:
     """
     request = parse_sim_url(url, cycle)
     drive = SimDrive(request.preset, request.preset.seed, Path(request.memory) if request.memory else None)
-    for name, time in request.faults:
-        drive.inject(name, time)
+    if request.truth:
+        drive.keep_truth(Truth(Path(request.truth)))
+    for name, value, time in request.faults:
+        drive.inject(name, time, value)
     return drive
 
 
@@ -98,6 +109,8 @@ class SimDrive:
         self._mode = ServoMode.POSITION
         self._demand = self._demand_before = 0.0
         self._missed = 0
+        self._told: Command | None = None
+        self._foreign, self._leap = math.nan, LEAP
         self._sample: ServoState = self._servo.idle()
         self._read_limits()
 
@@ -105,6 +118,15 @@ class SimDrive:
     def servo(self) -> Servo:
         """The servo loop inside; for tests that must see the truth."""
         return self._servo
+
+    def keep_truth(self, truth: Truth) -> None:
+        """Logs from now on what is true on the axis."""
+        self._servo.keep_truth(truth)
+        truth.note("open", self._servo.time, parameters=self._parameters.snapshot(), stored=self._stored)
+
+    def _note(self, kind: str, **details: Any) -> None:
+        if self._servo.truth is not None:
+            self._servo.truth.note(kind, self._servo.time, **details)
 
     @property
     def period(self) -> float:
@@ -120,6 +142,10 @@ class SimDrive:
             "firmware": "autotune simulated drive, in process",
         }
 
+    def look(self) -> Standing:
+        self._answer()
+        return Standing(self._servo.position, self._sample.velocity)
+
     # Power
 
     def enable(self, mode: Mode) -> None:
@@ -132,13 +158,36 @@ class SimDrive:
         self._servo.power(True, self._mode)
         self._demand = self._demand_before = self._servo.position
         self._missed = 0
+        self._told, self._foreign = None, math.nan
+        self._note("enabled", mode=mode.value)
 
     def disable(self) -> None:
+        """See `Drive`.
+
+        Raises:
+            DriveFault: a fault in the middle of the stop; power is off all the same.
+        """
         if self._servo.powered:
-            self._stop()
+            watch = self._stop(self._agenda)
+            if watch.runs_away:
+                raise DriveFault(
+                    f"the simulated drive did not bring its axis to rest as it should: {watch.trouble}"
+                )
+            if "stop-fault" in self._conditions:
+                self._conditions -= {"stop-fault"}
+                self._fault = _OVER_CURRENT
+                raise self._error(_OVER_CURRENT, "while the axis was brought to rest")
+
+    def cut(self) -> None:
+        """See `autotune.core.drive.CutsPower`."""
+        if self._servo.powered:
+            self._without_power()
 
     def close(self) -> None:
-        self.disable()
+        try:
+            self.disable()
+        finally:
+            self._note("closed", parameters=self._parameters.snapshot(), stored=self._stored)
 
     def reset_faults(self) -> None:
         """What a person does at the drive once the cause is gone.
@@ -163,17 +212,44 @@ class SimDrive:
             self._fault = code
             raise self._error(code, "when power was asked for")
 
-    def _stop(self) -> None:
-        """Brakes on the drive's own ramp, then takes power off."""
+    def _stop(self, agenda: Agenda | None = None) -> StopWatch:
+        """Brakes on the drive's own ramp, then takes power off; meanwhile something of `agenda` may fail."""
         servo = self._servo
+        watch = StopWatch(self._stop_limits, self._sample.velocity)
         try:
             if "enable-missing" not in self._conditions:
                 ramp = self._ramp()
-                while not ramp.done:
+                while (
+                    not ramp.done
+                    and not watch.runs_away
+                    and not ("stop-fault" in self._conditions and ramp.elapsed >= STOP_FAULT)
+                ):
                     self._sample = servo.cycle(ramp.step(servo.period))
+                    watch.see(self._sample.position, self._sample.velocity)
+                    if agenda is not None and agenda.due <= self._sample.time + servo.period:
+                        self._rehearse()
         finally:
-            servo.power(False)
-            self._sample = servo.idle()
+            self._without_power()
+        return watch
+
+    def _fails_in_stop(self, ramp: Ramp) -> bool:
+        return "stop-fault" in self._conditions and ramp.elapsed >= STOP_FAULT
+
+    def _without_power(self) -> None:
+        servo = self._servo
+        servo.power(False)
+        self._note("disabled")
+        if servo.truth is not None:
+            servo.lose(AFTERMATH)
+        self._sample = servo.idle()
+
+    @property
+    def _stop_limits(self) -> StopLimits:
+        """What a driver in front of this drive would watch its stop by."""
+        p, period = self._parameters, self._servo.period
+        count = 2.0 * math.pi / self._servo.preset.plant.counts
+        allowance = gain_allowed(self._speed, p["limit.deceleration"], period, count)
+        return StopLimits(period, allowance, self._lowest, self._highest, self._window, "rad")
 
     def _ramp(self) -> Ramp:
         servo, sample = self._servo, self._sample
@@ -182,6 +258,7 @@ class SimDrive:
         if self._mode is not ServoMode.POSITION or not following:
             servo.power(True, ServoMode.POSITION)
             position, velocity = servo.position, sample.velocity
+        velocity = min(max(velocity, -self._speed), self._speed)  # a leap is no speed
         return Ramp(position, velocity, self._parameters["limit.deceleration"])
 
     # The cycle
@@ -193,6 +270,8 @@ class SimDrive:
             raise StateError("a cycle was asked for while power is off; enable the drive first")
         if self._agenda.due <= self._sample.time + servo.period:
             self._rehearse()
+        if self._conditions and not self._conditions.isdisjoint(_ALTERED):
+            command = self._heard(command)
         position, velocity, torque, feedforward = command
         if position != position:
             position = self._demand
@@ -223,6 +302,15 @@ class SimDrive:
             missed,
         )
 
+    def _heard(self, command: Command) -> Command:
+        """The command that reaches the servo loop: an earlier one, or another master's target."""
+        if "rpdo-lost" in self._conditions:
+            self._told = self._told or command
+            return self._told
+        if math.isnan(self._foreign):
+            self._foreign = self._sample.position + self._leap
+        return command._replace(position=self._foreign)
+
     def _watch(self, state: ServoState) -> None:
         """Names what a limit check has found; leaves for good where it is a fault."""
         outside = state.position > self._highest + BEYOND if state.velocity > 0 else False
@@ -240,6 +328,7 @@ class SimDrive:
         """Stops the axis and raises the fault."""
         self._fault = code
         error = self._error(code, "while it was running")
+        self._note("fault", code=code)
         self._stop()
         raise error
 
@@ -287,6 +376,7 @@ class SimDrive:
         except ValueError as error:
             raise ConfigurationError(str(error)) from None
         self._read_limits()
+        self._note("written", values=dict(values))
 
     def store(self) -> None:
         self._answer()
@@ -298,6 +388,7 @@ class SimDrive:
             self._stored = self._parameters.snapshot()
             if self._memory is not None:
                 _keep(self._memory, self._stored)
+            self._note("stored", stored=self._stored)
 
     def _recall(self) -> None:
         """Takes the stored parameters from the memory file, if there is one."""
@@ -320,6 +411,8 @@ class SimDrive:
     def power_cycle(self) -> None:
         """Switches the drive off and on: faults are forgotten, stored parameters are back."""
         self._servo.power(False)
+        if self._servo.truth is not None:
+            self._servo.lose(AFTERMATH)
         self._sample = self._servo.idle()
         self._fault = 0
         self._parameters.restore(self._stored)
@@ -338,21 +431,35 @@ class SimDrive:
 
     # Rehearsals
 
-    def inject(self, name: str, at_time: float | None = None) -> None:
-        """Lets something fail (`rehearsal`), now or at a time of the drive's clock [s].
+    def inject(self, name: str, at_time: float | None = None, value: str = "") -> None:
+        """Lets something fail (`rehearsal`) or break (`hurts`), now or at a time of the drive's clock [s].
 
         Raises:
-            ConfigurationError: an unknown name or an impossible time.
+            ConfigurationError: an unknown name or an impossible value or time.
         """
-        self._agenda.add(name, self._sample.time if at_time is None else at_time)
+        self._agenda.add(name, self._sample.time if at_time is None else at_time, value)
         if at_time is None and not self._servo.powered:
             self._rehearse()
 
     def _rehearse(self) -> None:
-        for name in self._agenda.take(self._sample.time + self.period):
-            self._conditions = set() if name == "clear" else self._conditions | {name}
-            self._servo.brake_stuck = "blocked" in self._conditions
-            self._read_limits()
+        for name, value in self._agenda.take(self._sample.time + self.period):
+            self._happen(name, value)
+        self._fail_as_rehearsed()
+
+    def _happen(self, name: str, value: str) -> None:
+        self._note("fault put in", name=name, value=value)
+        if name in HURTS:
+            apply_hurt(self._servo, name, value)
+            return
+        if name == "clear":
+            self._servo.heal()
+        if name == "second-master":
+            self._leap = float(value or LEAP)
+        self._conditions = set() if name == "clear" else self._conditions | {name}
+        self._servo.brake_stuck = "blocked" in self._conditions
+        self._read_limits()
+
+    def _fail_as_rehearsed(self) -> None:
         if self._conditions & {"silent", "power-loss"}:
             self._answer()
         codes = {

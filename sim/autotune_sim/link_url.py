@@ -11,18 +11,23 @@ from autotune.core.errors import ConfigurationError
 from autotune_sim.effects import EFFECTS, check_size
 from autotune_sim.presets import Preset, preset
 from autotune_sim.rehearsal import Agenda
+from autotune_sim.unfit import unfit_axis
 
-KEYS = ("seed", "effect", "cycle", "friction", "fault", "memory")
+KEYS = ("seed", "effect", "cycle", "friction", "fault", "memory", "unfit", "truth")
 _REPEATABLE = ("effect", "fault")
 
 
 @dataclass(frozen=True, slots=True)
 class SimRequest:
-    """What a URL asks for: the axis, faults as (name, time [s]), and the file that stored parameters live in."""
+    """What a URL asks for: the axis, faults as (name, value, time [s]), and two files.
+
+    `memory`: that stored parameters live in; `truth`: that what is true on the axis is logged in.
+    """
 
     preset: Preset
-    faults: tuple[tuple[str, float], ...]
+    faults: tuple[tuple[str, str, float], ...]
     memory: str = ""
+    truth: str = ""
 
 
 def parse_sim_url(url: str, cycle: float | None = None) -> SimRequest:
@@ -50,8 +55,11 @@ def parse_sim_url(url: str, cycle: float | None = None) -> SimRequest:
     if "cycle" in values:
         cycle = _number(url, "cycle", values["cycle"][0])
     faults = tuple(_fault(url, text) for text in values.get("fault", []))
-    memory = values.get("memory", [""])[0]
-    return SimRequest(axis if cycle is None else replace(axis, period=cycle), faults, memory)
+    if "unfit" in values:
+        axis, lasting = _unfit(url, axis, values["unfit"][0])
+        faults += lasting
+    memory, truth = values.get("memory", [""])[0], values.get("truth", [""])[0]
+    return SimRequest(axis if cycle is None else replace(axis, period=cycle), faults, memory, truth)
 
 
 def parse_effects(texts: Sequence[str]) -> dict[str, float]:
@@ -81,11 +89,17 @@ def _effect(url: str, text: str) -> tuple[str, float]:
     return name, value
 
 
-def _fault(url: str, text: str) -> tuple[str, float]:
-    name, separator, time = text.partition("@")
-    value = _number(url, f"fault {name}", time) if separator else 0.0
-    Agenda().add(name, value)
-    return name, value
+def _fault(url: str, text: str) -> tuple[str, str, float]:
+    order, separator, time = text.partition("@")
+    name, _, value = order.partition("=")
+    at = _number(url, f"fault {name}", time) if separator else 0.0
+    Agenda().add(name, at, value)
+    return name, value, at
+
+
+def _unfit(url: str, axis: Preset, text: str) -> tuple[Preset, tuple[tuple[str, str, float], ...]]:
+    name, separator, size = text.partition(":")
+    return unfit_axis(axis, name, _number(url, f"unfit {name}", size) if separator else None)
 
 
 def _number(url: str, key: str, text: str) -> float:

@@ -253,6 +253,8 @@ class MoteusDevice(Device):
         self.firmware.disable("stop commanded")
 
     def _obey(self, command: PositionCommand) -> None:
+        if self.mode == POSITION and self.command_lost():
+            command = self.command
         self.command = command
         if self.mode == STOPPED and not self._engage():
             self.begin_cycle(self.now)
@@ -401,6 +403,7 @@ class MoteusDevice(Device):
             return "flash"
         self._console_ready = self.now + STORE_TIME
         self._log("parameters stored")
+        self.note_objects("stored")
         return ""
 
     def _load_all(self) -> str:

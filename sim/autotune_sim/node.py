@@ -52,6 +52,9 @@ class Application(Protocol):
     def end_cycle(self) -> None:
         """SYNC is done, its PDOs are sent."""
 
+    def command_lost(self) -> bool:
+        """A receive PDO gets lost, for rehearsals."""
+
     def connection_lost(self, node: int) -> None:
         """The heartbeat of a watched node has not come in time."""
 
@@ -154,6 +157,8 @@ class Node:
 
     def _pdo_handler(self, number: int, pdo: ReceivePdo) -> Callable[[bytes, float], None]:
         def handle(data: bytes, _: float) -> None:
+            if self._application.command_lost():
+                return
             if self.state is NmtState.OPERATIONAL and not pdo.receive(data) and not self._length_told:
                 self._length_told = True
                 self._log(f"RPDO {number + 1} too short: {len(data)} bytes, mapped are {pdo.packer.size}")

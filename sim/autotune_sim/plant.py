@@ -7,7 +7,8 @@ taken at the mean of old and new velocity, the motor torque as its mean from vel
 step of 0.1 ms against presliding modes near 80 Hz this agrees with a step four times finer (a test holds
 it to that). Where a transmission is elastic or has a gap, motor and load are two masses.
 
-Everything is in SI. Kernels read a `PARAMETERS` record and change a `STATE` record.
+Everything is in SI. Kernels read a `PARAMETERS` record and change a `STATE` record. The record also has
+the fields of `HEALTHY`: what is broken at this moment (`hurts`), nothing on a healthy axis.
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ AMBIENT = 25.0  # °C
 BRAKE_STIFFNESS = 2000.0  # N m/rad
 BRAKE_TORQUE = 2.0  # N m
 BRAKE_DAMPING = 0.1  # N m s/rad
+STOP_STIFFNESS = 500.0  # N m/rad, of a hard stop: 2.7 mrad at full torque
+STOP_DAMPING = 0.3  # N m s/rad
 LOAD_FILTER = 1e-3  # s, smoothing of the transmitted torque that presses the contacts
 LUBRICANT_SPEED = 0.05  # rad/s, below it the lubricant's torque is linear in speed
 WINDING_RISE = 60.0  # K, in the long run at full torque
@@ -160,15 +163,33 @@ _BRISTLE = tuple("bristle_" + field.name for field in fields(Bristle))
 _ELEMENT = ("element_displacement", "element_stiffness", "element_damping", "element_weight")
 _WAVE = ("wave_order", "wave_amplitude", "wave_phase")
 
+HEALTHY: dict[str, float] = {
+    "encoder_gain": 1.0,
+    "encoder_offset": 0.0,  # rad
+    "encoder_held": math.nan,  # rad, reading of an encoder that is dead
+    "velocity_gain": 1.0,  # of the drive's own velocity
+    "torque_gain": 1.0,  # torque at the shaft per torque that the drive believes in
+    "stage_torque": math.nan,  # N m, of an output stage that does not follow its demand
+    "stage_live": 0.0,  # 1: it does so without power too
+    "push": 0.0,  # N m, from outside
+    "push_wave": 0.0,  # N m, from outside, at push_rate [rad/s]
+    "push_rate": 0.0,
+    "lean": 0.0,  # N m, largest, of somebody who leans on the table now and then
+    "stop_low": -math.inf,  # rad, hard stops
+    "stop_high": math.inf,
+    "temperature_held": math.nan,  # °C, reading of a sensor that is dead
+    "temperature_time": 0.0,  # s, time constant of a slow sensor
+}
+"""What can be broken, and its value on a healthy axis."""
 PARAMETERS = np.dtype(
-    [(name, np.float64) for name in (*_COPIED, *_DERIVED, *_BRISTLE)]
+    [(name, np.float64) for name in (*_COPIED, *_DERIVED, *_BRISTLE, *HEALTHY)]
     + [(name, np.float64, (MAX_ELEMENTS,)) for name in _ELEMENT]
     + [(name, np.float64, (MAX_WAVES,)) for name in _WAVE]
     + [("element_count", np.int64), ("wave_count", np.int64)],
     align=True,
 )
 _STATES = ("position", "velocity", "load_position", "load_velocity", "motor_torque", "motor_half", "age", "load",
-           "warming", "winding", "brake")  # fmt: skip
+           "warming", "winding", "brake", "felt", "elapsed", "pushed")  # fmt: skip
 STATE = np.dtype(
     [(name, np.float64) for name in _STATES]
     + [("elastic", np.float64, (2,)), ("damping", np.float64, (2,)), ("bristle_state", np.float64, (2,))]
@@ -189,6 +210,8 @@ def pack(plant: PlantParameters) -> Array:
     packed["resolution"] = plant.resolution
     packed["transmission_damping"] = _transmission_damping(plant)
     _pack_friction(packed, plant)
+    for name, value in HEALTHY.items():
+        packed[name] = value
     packed["wave_count"] = len(plant.ripple)
     for i, wave in enumerate(plant.ripple):
         packed["wave_order"][0, i] = wave.order
@@ -234,20 +257,61 @@ def _transmission_damping(plant: PlantParameters) -> float:
 @kernel
 def reading(p: Record, s: Record) -> float:
     """Position as the encoder tells it: whole counts of the shaft's angle and its once-around error."""
+    if p.encoder_held == p.encoder_held:
+        return float(p.encoder_held)
     angle = s.position + p.eccentricity * math.sin(s.position + p.eccentricity_phase)
+    angle = p.encoder_gain * angle + p.encoder_offset
     return float(round(angle / p.resolution) * p.resolution)
 
 
 @kernel
 def advance(p: Record, s: Record, torque: float, noise: float, braked: bool, steps: int, h: float) -> None:
     """Integrates `steps` steps of h seconds with a constant torque demand and disturbance [N m]."""
+    s.pushed = outside(p, s.elapsed)
+    noise += s.pushed
+    s.elapsed += steps * h
     for _ in range(steps):
-        drive = motor(p, s, torque, h)
+        drive = p.torque_gain * motor(p, s, torque, h)
         if p.transmission_stiffness > 0.0:
             two_masses(p, s, drive + noise, braked, h)
         else:
             one_mass(p, s, drive + noise, braked, h)
     warm(p, s, steps * h)
+
+
+@kernel
+def outside(p: Record, time: float) -> float:
+    """Torque from outside at `time` [s]: a load, one that swings, somebody who leans on the table [N m].
+
+    Leaning comes and goes: the product of two slow waves whose periods have no common multiple.
+    """
+    total = p.push
+    if p.push_wave != 0.0:
+        total += p.push_wave * math.sin(p.push_rate * time)
+    if p.lean != 0.0:
+        total += p.lean * max(0.0, math.sin(2.9 * time)) * math.sin(0.77 * time + 1.0)
+    return float(total)
+
+
+@kernel
+def hard_stop(p: Record, q: float, v: float) -> float:
+    """Torque of a hard stop at position q [rad]; it pushes and never pulls [N m]."""
+    if q > p.stop_high:
+        return float(max(STOP_STIFFNESS * (q - p.stop_high) + STOP_DAMPING * v, 0.0))
+    if q < p.stop_low:
+        return float(min(STOP_STIFFNESS * (q - p.stop_low) + STOP_DAMPING * v, 0.0))
+    return 0.0
+
+
+@kernel
+def felt_temperature(p: Record, s: Record, elapsed: float) -> float:
+    """What the drive's sensor says of the motor [°C]; it lags by `temperature_time`, or is dead."""
+    true = s.winding + s.warming
+    keep = p.temperature_time / (p.temperature_time + elapsed)
+    s.felt = true + keep * (s.felt - true)
+    if p.temperature_held == p.temperature_held:
+        return float(p.temperature_held)
+    return float(AMBIENT + s.felt)
 
 
 @kernel
@@ -318,16 +382,16 @@ def rub(p: Record, s: Record, side: int, share: float, q: float, v: float, h: fl
 def one_mass(p: Record, s: Record, drive: float, braked: bool, h: float) -> None:
     """One step of the rigid axis."""
     v, q = s.velocity, s.position
-    outside = p.offset + ripple(p, q) + load_torque(p, q)
+    resisting = p.offset + ripple(p, q) + load_torque(p, q) + hard_stop(p, q, v)
     held = brake(s, braked, v, h)
     damping = s.damping[0] + p.viscous * math.exp(-p.thermal_softening * s.warming)
-    push = drive - s.elastic[0] - outside - lubricant(p, v) - held
+    push = drive - s.elastic[0] - resisting - lubricant(p, v) - held
     drag = 0.5 * h / p.inertia * damping
     new = ((1.0 - drag) * v + h / p.inertia * push) / (1.0 + drag)
     s.velocity = new
     s.position = q + h * new
     if p.load_ratio != 0.0:
-        transmitted = abs(p.inertia * (new - v) / h + outside)
+        transmitted = abs(p.inertia * (new - v) / h + resisting)
         s.load += (transmitted - s.load) * h / (LOAD_FILTER + h)
     rub(p, s, 0, 1.0, s.position, new, h)
 
@@ -360,7 +424,7 @@ def two_masses(p: Record, s: Record, drive: float, braked: bool, h: float) -> No
     drag = 0.5 * gain * (s.damping[0] + near * viscous)
     s.velocity = ((1.0 - drag) * v + gain * push) / (1.0 + drag)
     gain = h / (p.inertia * p.load_inertia)
-    push = passed - s.elastic[1] - load_torque(p, s.load_position)
+    push = passed - s.elastic[1] - load_torque(p, s.load_position) - hard_stop(p, s.load_position, w)
     drag = 0.5 * gain * (s.damping[1] + far * viscous)
     s.load_velocity = ((1.0 - drag) * w + gain * push) / (1.0 + drag)
     s.position += h * s.velocity

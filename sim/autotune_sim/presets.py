@@ -63,7 +63,7 @@ def _edm_vertical() -> PlantParameters:
         inertia=6.66e-4,
         viscous=4.13e-3,
         offset=0.048,
-        micro_damping=0.05,
+        micro_damping=0.112,
         elements=elements,
         ripple=_RIPPLE,
     )

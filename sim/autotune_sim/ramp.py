@@ -13,6 +13,7 @@ class Ramp:
 
     Attributes:
         position: the present demand [rad].
+        elapsed: time of the stop until now [s].
         done: the demand has come to rest and has stayed there for `SETTLE`, or time is up.
     """
 
@@ -20,16 +21,16 @@ class Ramp:
         self.position = position
         self._velocity = velocity
         self._deceleration = deceleration
-        self._elapsed = 0.0
+        self.elapsed = 0.0
         self._resting = 0.0
 
     @property
     def done(self) -> bool:
-        return self._resting >= SETTLE or self._elapsed >= SLOWEST
+        return self._resting >= SETTLE or self.elapsed >= SLOWEST
 
     def step(self, h: float) -> float:
         """The demand one period of h seconds later [rad]."""
-        self._elapsed += h
+        self.elapsed += h
         speed = abs(self._velocity)
         if speed == 0.0:
             self._resting += h

@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 from autotune.core.errors import AutotuneError, ConfigurationError
@@ -20,10 +21,13 @@ from autotune_sim.faults import Faults, Order, parse_order
 from autotune_sim.memory import Memory
 from autotune_sim.moteus_device import MoteusDevice
 from autotune_sim.moteus_uart import UartServer
+from autotune_sim.presets import Preset
 from autotune_sim.presets import preset as find_preset
 from autotune_sim.pty_port import PtyPort
 from autotune_sim.servo import Servo
 from autotune_sim.slcan import SlcanAdapter
+from autotune_sim.truth import Truth
+from autotune_sim.unfit import unfit_axis
 
 EDS = "autotune-sim.eds"
 BITRATE = 1_000_000
@@ -114,12 +118,14 @@ class Server:
             self.plug()
             self.device.poll(self._clock())  # powers up first: a fault put in before would be forgotten
             self._ready(self._port.path)
+            self.device.note_objects("open")
             for order in self._orders:
                 self._faults.add(order)
             while not self._stopping:
                 self._turn()
         finally:
             self.device.firmware.disable("end of the simulation")
+            self.device.note_objects("closed")
             self.unplug()
             os.close(self._wake_read)
             os.close(self._wake_write)
@@ -198,6 +204,21 @@ def parse_effects(texts: Sequence[str]) -> dict[str, float]:
     return effects
 
 
+def _axis(axis: Preset, unfit: str, counts: int | None) -> tuple[Preset, tuple[tuple[str, str, float], ...]]:
+    """The axis as asked for, and the faults that belong to it."""
+    if counts is not None:
+        if not 100 <= counts <= 1 << 24:
+            raise ConfigurationError(f"counts is {counts}; allowed is 100 to {1 << 24} a revolution")
+        axis = replace(axis, plant=replace(axis.plant, counts=counts))
+    if not unfit:
+        return axis, ()
+    name, equals, size = unfit.partition("=")
+    try:
+        return unfit_axis(axis, name, float(size) if equals else None)
+    except ValueError:
+        raise ConfigurationError(f"unfit axis {unfit!r}: size {size!r} must be a number") from None
+
+
 def serve(
     preset: str,
     port_path: str | Path,
@@ -210,6 +231,9 @@ def serve(
     faults: Sequence[str] = (),
     state_file: str | Path | None = None,
     commands: bool = False,
+    truth: str | Path | None = None,
+    unfit: str = "",
+    counts: int | None = None,
     log: Log = lambda _: None,
     ready: Ready = lambda _: None,
 ) -> None:
@@ -222,6 +246,9 @@ def serve(
         faults: orders as `autotune_sim.faults` describes them.
         state_file: the drive's non-volatile memory; without it, stored values live as long as the process.
         commands: reads further orders from standard input, one a line, and ends when it closes.
+        truth: file that what is true on the axis is logged in (`truth`).
+        unfit: `NAME[=SIZE]`, makes the axis one that must not be tuned (`unfit`).
+        counts: of the encoder per revolution, where they are others than the preset's.
         log: takes one line an event, beginning with the monotonic time [s].
         ready: called with the port's path once it can be opened.
 
@@ -233,7 +260,11 @@ def serve(
     if link not in LINKS:
         raise ConfigurationError(f"link is {link!r}; known are {' and '.join(LINKS)}")
     orders = [parse_order(text) for text in faults]
-    servo = Servo(find_preset(preset, seed=seed, effects=effects), seed)
+    axis, lasting = _axis(find_preset(preset, seed=seed, effects=effects), unfit, counts)
+    orders += [Order(name, value, "motion", at) for name, value, at in lasting]
+    servo = Servo(axis, seed)
+    if truth is not None:
+        servo.keep_truth(Truth(Path(truth)))
     servo.cycle()  # loads the compiled code before anybody waits for it
     server = Server(
         servo,

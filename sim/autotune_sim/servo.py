@@ -21,14 +21,25 @@ from __future__ import annotations
 
 import math
 from enum import IntEnum
+from time import monotonic
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from autotune_sim.kernel import Record, kernel
 from autotune_sim.parameters import Parameters
-from autotune_sim.plant import AMBIENT, advance, fresh_state, pack, reading, substeps
+from autotune_sim.plant import (
+    AMBIENT,
+    HEALTHY,
+    advance,
+    felt_temperature,
+    fresh_state,
+    pack,
+    reading,
+    substeps,
+)
 from autotune_sim.presets import Preset
+from autotune_sim.truth import NO_TRUTH, Truth
 
 NOISE_BLOCK = 4096
 VELOCITY_FILTER = 0.2  # of the drive's own velocity estimate
@@ -105,6 +116,8 @@ class Servo:
         self._plant = pack(preset.plant)
         self._state = fresh_state()
         self._memory = np.zeros(1, MEMORY)
+        self._rows = NO_TRUTH
+        self._truth: Truth | None = None
         self._random = np.random.default_rng([seed, preset.seed, 2])
         self._process: list[float] = []
         self._sensor: list[float] = []
@@ -146,7 +159,8 @@ class Servo:
     @property
     def temperature(self) -> float:
         """Of the motor [°C]."""
-        return float(AMBIENT + self._state["winding"][0] + self._state["warming"][0])
+        held = float(self._plant["temperature_held"][0])
+        return held if not math.isnan(held) else float(AMBIENT + self._state["felt"][0])
 
     @property
     def time(self) -> float:
@@ -183,8 +197,77 @@ class Servo:
                 sensor.pop(),
                 self._steps,
                 self.period,
+                self._rows,
+                monotonic() if self._truth is not None else 0.0,
             )
         )
+
+    # What is broken, and what is true
+
+    @property
+    def broken(self) -> dict[str, float]:
+        """What is broken now: fields of `plant.HEALTHY` that have another value."""
+        now = {name: float(self._plant[name][0]) for name in HEALTHY}
+        return {name: value for name, value in now.items() if not _same(value, HEALTHY[name])}
+
+    def hurt(self, **changes: float) -> None:
+        """Breaks something: fields of `plant.HEALTHY`, from the next cycle on.
+
+        Raises:
+            KeyError: no such field.
+        """
+        for name, value in changes.items():
+            if name not in HEALTHY:
+                raise KeyError(name)
+            self._plant[name] = value
+
+    def heal(self) -> None:
+        """Nothing is broken any more."""
+        self.hurt(**HEALTHY)
+
+    def warm(self, rise: float) -> None:
+        """The winding is warmer by `rise` at once [°C]."""
+        self._state["winding"] = self._state["winding"][0] + rise
+
+    def scale_inertia(self, factor: float) -> None:
+        """A load is put on or taken off."""
+        self._plant["inertia"] = self._plant["inertia"][0] * factor
+
+    def lose(self, cycles: int) -> None:
+        """Lets periods pass without power: what moves without it is seen to move."""
+        for _ in range(cycles):
+            self.idle()
+
+    @property
+    def true_position(self) -> float:
+        """Where the motor's shaft is, whatever the encoder says [rad]."""
+        return float(self._state["position"][0])
+
+    @property
+    def true_load_position(self) -> float:
+        """Where the load is [rad]; the motor's position on a rigid axis."""
+        rigid = self.preset.plant.transmission_stiffness == 0.0
+        return float(self._state["position" if rigid else "load_position"][0])
+
+    @property
+    def true_velocity(self) -> float:
+        """How fast the motor's shaft turns, whatever anybody says [rad/s]."""
+        return float(self._state["velocity"][0])
+
+    @property
+    def torque(self) -> float:
+        """Torque that the output stage gives now [N m]."""
+        return float(self._state["motor_torque"][0])
+
+    @property
+    def truth(self) -> Truth | None:
+        """The log of what was true in every cycle, where one is kept."""
+        return self._truth
+
+    def keep_truth(self, truth: Truth) -> None:
+        """Logs every cycle from now on."""
+        self._truth = truth
+        self._rows = truth.buffer
 
     def idle(self) -> ServoState:
         """One period without power: the brake holds."""
@@ -218,12 +301,14 @@ def _cycle(
     sensor_noise: float,
     steps: int,
     h: float,
+    truth: Any,
+    wall: float,
 ) -> tuple[float, float, float, float, float, float, float, float, float, bool]:
     p, s, c, m = plant[0], state[0], control[0], memory[0]
     y = reading(p, s)
     m.velocity += VELOCITY_FILTER * ((y - m.measured) / h - m.velocity)
     time, measured_torque = m.cycles * h, s.motor_torque + sensor_noise
-    temperature = AMBIENT + s.winding + s.warming
+    temperature = felt_temperature(p, s, h)
     if mode == 0:
         demand = target_position
         offset = torque_offset + _feedforward(c, m, demand, h)
@@ -239,8 +324,43 @@ def _cycle(
     m.demand_velocity = (demand - m.demand) / h
     m.demand, m.measured = demand, y
     m.cycles += 1.0
-    advance(p, s, wanted, process_noise, mode < 0 or brake_stuck, steps, h / steps)
-    return time, demand, y, m.velocity, wanted, measured_torque, offset, demand - y, temperature, clamped
+    before, given = s.velocity, stage(p, mode, wanted)
+    advance(p, s, given, process_noise, mode < 0 or brake_stuck, steps, h / steps)
+    shown = p.velocity_gain * m.velocity
+    if len(truth) > 0:
+        target = target_position if mode == 0 else target_velocity if mode == 1 else target_torque
+        _log(truth[int(m.cycles) % len(truth)], p, s, mode, h * m.cycles, wall, before, h)
+        _log_drive(truth[int(m.cycles) % len(truth)], wanted, y, shown, target, temperature)
+    return time, demand, y, shown, wanted, measured_torque, offset, demand - y, temperature, clamped
+
+
+@kernel
+def stage(p: Record, mode: int, wanted: float) -> float:
+    """Torque that the output stage gives: what is wanted, or what it is stuck at [N m]."""
+    if p.stage_torque == p.stage_torque and (mode >= 0 or p.stage_live != 0.0):
+        return float(p.stage_torque)
+    return wanted
+
+
+@kernel
+def _log(
+    row: Record, p: Record, s: Record, mode: int, time: float, wall: float, before: float, h: float
+) -> None:
+    """What is true of the axis at the end of a period."""
+    row.time, row.wall = time, wall
+    row.position, row.velocity = s.position, s.velocity
+    row.acceleration = (s.velocity - before) / h
+    row.torque, row.push = p.torque_gain * s.motor_torque, s.pushed
+    row.temperature = AMBIENT + s.winding + s.warming
+    row.mode = mode
+    row.live = 1 if mode >= 0 or (p.stage_live != 0.0 and p.stage_torque == p.stage_torque) else 0
+
+
+@kernel
+def _log_drive(row: Record, wanted: float, y: float, shown: float, target: float, temperature: float) -> None:
+    """What the drive holds to be true at the same time."""
+    row.demanded, row.reading, row.shown_velocity = wanted, y, shown
+    row.target, row.shown_temperature = target, temperature
 
 
 @kernel
@@ -314,3 +434,7 @@ def _block_friction(c: Record, z: float, v: float, h: float) -> tuple[float, flo
     z = decay * z + direction * g * (1.0 - decay)
     rate = v - abs(v) * z / g
     return c.feedforward_stiffness * z + c.feedforward_micro_damping * rate, z
+
+
+def _same(one: float, other: float) -> bool:
+    return one == other or (math.isnan(one) and math.isnan(other))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import pickle
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -22,10 +23,11 @@ from autotune.control.model_feedforward import (
 )
 from autotune.control.model_refinement import refine_model, simulated_error
 from autotune.control.refinement import PeriodAverage
+from autotune.core.arrays import Floats
 from autotune.core.drive import Command, Mode
-from autotune.core.recording import Controller, Floats
 from autotune.models.drive_model import DriveModel, base_model
 from autotune.models.table import EFFECTS
+from autotune.recordings.recording import Controller
 from autotune_sim.inprocess import SimDrive
 from autotune_sim.presets import preset
 
@@ -91,10 +93,13 @@ def measured_with(law: FeedforwardLaw, periods: int = 10, skipped: int = 2) -> P
     return PeriodAverage(mean[:, 0], error.mean(axis=0), mean[:, 2], mean[:, 3], H, periods, noise)
 
 
-def test_a_plain_model_gives_the_lugre_feedforward_one_sample_ahead_at_most() -> None:
+@pytest.mark.parametrize("parameters", [LUGRE, replace(LUGRE, break_away=0.2)], ids=["falling", "rising"])
+def test_a_plain_model_gives_the_lugre_feedforward_one_sample_ahead_at_most(
+    parameters: LugreParameters,
+) -> None:
     reference, velocity, acceleration = (np.tile(column, 2) for column in sine())
-    mine = torque_along(lugre_model(LUGRE), reference, velocity, acceleration, H)
-    theirs = feedforward_along(LUGRE, velocity, acceleration, H)
+    mine = torque_along(lugre_model(parameters), reference, velocity, acceleration, H)
+    theirs = feedforward_along(parameters, velocity, acceleration, H)
     change = np.abs(np.diff(theirs, append=theirs[-1:]))
     assert np.all(np.abs(mine - theirs) <= change + np.roll(change, 1) + 2e-4)
     assert np.max(np.abs(mine)) == pytest.approx(np.max(np.abs(theirs)), rel=0.01)

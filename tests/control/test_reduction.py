@@ -16,20 +16,25 @@ from autotune.control.reduction import (
     Remainder,
     direction,
     drive_torque,
+    level_for_block,
     reduce,
     reduce_to_table,
     reduces,
+    rises,
+    with_one_level,
 )
 from autotune.control.refinement import PeriodAverage, error_response, periodic_feedforward
+from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError
 from autotune.core.loop import LocalLoop
-from autotune.core.recording import Controller, Floats
 from autotune.experiments.path import Motion
 from autotune.experiments.record import Recorder, metadata_for, play
 from autotune.experiments.runner import Programme
 from autotune.experiments.sines import BenchmarkSine
+from autotune.recordings.recording import Controller
 from autotune_sim.inprocess import SimDrive
-from autotune_sim.presets import preset
+from autotune_sim.plant import Bristle
+from autotune_sim.presets import Preset, preset
 from tests.drivers.simulator import axis_of
 
 AXIS = axis_of()
@@ -59,9 +64,12 @@ class Kinetic:
         return v["inertia"] * acceleration + friction + v["offset"]
 
 
-def measured(law: object, seed: int) -> tuple[PeriodAverage, Controller]:
-    """The benchmark on the simulated axis, averaged over six periods."""
-    drive = SimDrive(preset("edm-vertical", seed=seed), seed)
+def measured(
+    law: object, seed: int, axis: Preset | None = None, parameters: dict[str, float] | None = None
+) -> tuple[PeriodAverage, Controller]:
+    """The benchmark on the simulated axis, averaged over six periods; `parameters` are written before."""
+    drive = SimDrive(axis or preset("edm-vertical", seed=seed), seed)
+    drive.write_parameters(parameters or {})
     held = drive.read_parameters()
     gains = (held[f"controller.{name}"] for name in ("kp", "kd", "ki", "derivative_filter"))
     controller = Controller(*gains)
@@ -109,6 +117,47 @@ def test_the_reduced_feedforward_is_better_than_none_and_than_the_full_coulomb_t
 def tracked(controller: Controller = STIFF) -> tuple[PeriodAverage, Controller]:
     applied = periodic_feedforward(PROVED, REFERENCE, 1e-3)
     return PeriodAverage(REFERENCE, np.zeros(1000), np.zeros(1000), applied, 1e-3, 6), controller
+
+
+RISING = LugreParameters(6.66e-4, 4.13e-3, 0.36, 40.0, 0.05, 0.048, 0.2, 0.6)
+"""F_s well below F_c, as a boundary lubricant makes it (section 2.2.2)."""
+
+
+def rising_axis() -> Preset:
+    axis = preset("lugre")
+    bristle = Bristle(RISING.coulomb, RISING.break_away, RISING.stribeck_velocity, RISING.stiffness, 0.05)
+    return replace(axis, plant=replace(axis.plant, bristle=bristle))
+
+
+def test_friction_that_rises_from_rest_is_played_and_not_dropped() -> None:
+    """The same feedforward with F_s lifted to F_c leaves at least half as much error again."""
+    played, _ = measured(FixedFeedforward(RISING, 1e-3), 0, rising_axis())
+    dropped, _ = measured(FixedFeedforward(with_one_level(RISING), 1e-3), 0, rising_axis())
+    assert played.peak_error < 0.67 * dropped.peak_error
+
+
+def test_a_drive_s_block_cannot_rise_and_what_that_loses_is_told_as_it_is() -> None:
+    """The level between F_s and F_c is better than the block's own F_c; the prediction holds within a quarter."""
+    full, controller = measured(FixedFeedforward(RISING, 1e-3), 0, rising_axis())
+    found = level_for_block(RISING, full, controller, AXIS.limits.torque)
+    assert rises(RISING)
+    assert found.lost == ("friction_that_rises_from_rest",)
+    assert RISING.break_away <= found.values["coulomb"] == found.values["break_away"] <= RISING.coulomb
+    block = with_one_level(RISING, found.values["coulomb"])
+    written = block.drive_parameters() | {"feedforward.enabled": 1.0}
+    alone, _ = measured(None, 0, rising_axis(), written)
+    naive = RISING.drive_parameters() | {"feedforward.enabled": 1.0}
+    as_it_was, _ = measured(None, 0, rising_axis(), naive)
+    assert alone.smooth_peak < 0.9 * as_it_was.smooth_peak
+    assert found.predicted_peak == pytest.approx(alone.peak_error, rel=0.25)
+
+
+def test_a_drive_that_holds_part_of_the_block_is_predicted_with_the_level_that_it_plays() -> None:
+    torque = periodic_feedforward(RISING, REFERENCE, 1e-3)
+    periods = PeriodAverage(REFERENCE, np.zeros(1000), np.zeros(1000), torque, 1e-3, 6)
+    found = reduce(RISING, LUGRE - {"inertia"}, periods, STIFF)
+    assert found.values["break_away"] == RISING.coulomb
+    assert found.lost
 
 
 def test_a_drive_without_coulomb_friction_leaves_it_to_the_host() -> None:

@@ -9,7 +9,8 @@ import pytest
 
 from autotune.control.feedforward import LugreParameters
 from autotune.control.refinement import PeriodAverage, error_response, periodic_feedforward, refine
-from autotune.core.recording import Controller, Floats
+from autotune.core.arrays import Floats
+from autotune.recordings.recording import Controller
 
 CONTROLLER = Controller(60.0, 0.15, 6000.0, 0.5)
 TRUE = LugreParameters(6.66e-4, 4.13e-3, 0.3, 35.0, 0.08, 0.05, 0.3)

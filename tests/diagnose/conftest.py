@@ -7,8 +7,8 @@ from functools import cache
 
 import pytest
 
-from autotune.core.recording import Recording
 from autotune.models.drive_model import DriveModel, base_model
+from autotune.recordings.recording import Recording
 from bench.diagnosis import NOMINAL, plain_axis
 from bench.diagnosis_data import play, programme
 

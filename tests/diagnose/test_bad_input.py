@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from autotune.cli.main import main
-from autotune.core.recording import Recording
-from autotune.core.recording_files import write_recording
-from autotune.diagnose.families import Context, Start
-from autotune.diagnose.fit import Free
+from autotune.diagnose.starts import FAMILIES, Context, Start
 from autotune.diagnose.verdict import diagnose
+from autotune.estimation.least_squares import Free
 from autotune.models import layout
 from autotune.models.drive_model import DriveModel, Packed, base_model
 from autotune.models.model_file import write_model
 from autotune.models.table import EFFECTS
+from autotune.recordings.files import write_recording
+from autotune.recordings.recording import Recording
 from bench.diagnosis import NOMINAL, plain_axis
 from bench.single import DRESSES, played
 
@@ -173,7 +173,7 @@ def _diverging(context: Context) -> Iterator[Start]:
 def test_a_candidate_that_diverges_leaves_the_others_to_be_judged(nominal: DriveModel) -> None:
     axis = plain_axis(31_337, {"gravity_imbalance": 0.02})
     recording = played(axis, DRESSES[0], "waves", 31_337, 12.0)
-    with mock.patch.dict("autotune.diagnose.search.FAMILIES", {"spring": _diverging}):
+    with mock.patch.dict(FAMILIES, {"spring": _diverging}):
         found = diagnose([recording], nominal)
     judged = {candidate.effect for candidate in found.candidates}
     assert {"gravity_imbalance", "stribeck", "direction_asymmetry"} <= judged

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from autotune.cli.main import main
-from autotune.core.recording import Recording
-from autotune.core.recording_files import write_recording
 from autotune.models.drive_model import DriveModel, HistoryEntry
 from autotune.models.model_file import write_model
+from autotune.recordings.files import write_recording
+from autotune.recordings.recording import Recording
 
 
 def _run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from autotune.core.recording import Metadata, Recording
-from autotune.diagnose.bandwidth import prepared_for
-from autotune.diagnose.finer import finer, needed
-from autotune.diagnose.fitting import fit_model
-from autotune.diagnose.prepared import stretches_of
+from autotune.diagnose.general_fit import fit_model
 from autotune.diagnose.verdict import diagnose
+from autotune.estimation.bandwidth import prepared_for
+from autotune.estimation.data import stretches_of
+from autotune.estimation.interpolation import finer, needed
+from autotune.recordings.recording import Metadata, Recording
 from autotune.signals.filters import motion
 
 PERIOD = 0.01

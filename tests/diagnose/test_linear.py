@@ -4,13 +4,19 @@ import numpy as np
 import pytest
 
 from autotune.core.errors import NotEnoughExcitation
-from autotune.core.recording import Metadata, Recording
-from autotune.diagnose.bandwidth import prepared_for
-from autotune.diagnose.elsewhere import Elsewhere
-from autotune.diagnose.linear import LOOP_LIKE, linear_share, loop_like, loop_note, refuse_answers
-from autotune.diagnose.prepared import prepare
+from autotune.diagnose.second_recording import Elsewhere
 from autotune.diagnose.verdict import diagnose
+from autotune.estimation.bandwidth import prepared_for
+from autotune.estimation.controller_torque import (
+    LOOP_LIKE,
+    linear_share,
+    loop_like,
+    loop_note,
+    refuse_answers,
+)
+from autotune.estimation.data import prepare
 from autotune.models.drive_model import DriveModel
+from autotune.recordings.recording import Metadata, Recording
 from bench.diagnosis import plain_axis
 from bench.single import DRESSES, played
 
@@ -66,8 +72,8 @@ def test_a_reference_that_is_followed_causes_the_motion() -> None:
 
 
 def test_what_looks_like_the_loop_is_not_confirmed_without_a_twin() -> None:
-    from autotune.diagnose.study import start_study
     from autotune.diagnose.verdict import _confirmed
+    from autotune.estimation.problem import start_study
 
     recording = played(plain_axis(20_028), DRESSES[1], "periodic", 20_028, 8.0)
     study = start_study(prepare([recording]), None)

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from autotune.core.recording import Recording
 from autotune.diagnose.adding import add_effect
-from autotune.diagnose.fitting import fit_model
+from autotune.diagnose.general_fit import fit_model
 from autotune.diagnose.verdict import diagnose
-from autotune.identify.foreign.importing import Options, import_files
-from autotune.identify.foreign.mapping import Wishes
+from autotune.recordings.importing.importing import import_files
+from autotune.recordings.importing.options import Options, Wishes
+from autotune.recordings.recording import Recording
 
 DATA = Path(__file__).resolve().parents[2] / "../shared/data"
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the measured data of ../shared/data are not here")

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from autotune.diagnose.fit import jacobian
-from autotune.diagnose.parts import first_round, until_last
-from autotune.diagnose.prepared import TRAINING, VETO, Prepared, prepare
-from autotune.diagnose.residual import measured_motion, residual
-from autotune.diagnose.study import base_free, start_study
+from autotune.estimation.data import TRAINING, VETO, Prepared, prepare
+from autotune.estimation.least_squares import jacobian
+from autotune.estimation.parts import first_round, until_last
+from autotune.estimation.problem import base_free, start_study
+from autotune.estimation.residual import measured_motion, residual
 from autotune.models import layout
 from autotune.models.drive_model import base_model
 from bench.diagnosis import MEDIUM, NOMINAL

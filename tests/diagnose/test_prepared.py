@@ -8,11 +8,11 @@ import pytest
 from hypothesis import strategies as st
 
 from autotune.core.errors import NotEnoughExcitation, RecordingError
-from autotune.core.recording import Metadata, Recording
-from autotune.diagnose.fitting import fit_model
-from autotune.diagnose.periodic import period_of
-from autotune.diagnose.prepared import TEST, TRAINING, VETO, prepare
+from autotune.diagnose.general_fit import fit_model
 from autotune.diagnose.verdict import diagnose
+from autotune.estimation.data import TEST, TRAINING, VETO, prepare
+from autotune.estimation.periodic import period_of
+from autotune.recordings.recording import Metadata, Recording
 
 
 def test_repeats_are_paired_row_by_row(short) -> None:
@@ -118,7 +118,7 @@ def test_by_time_place_times_speed_would_be_learned_by_heart() -> None:
     model = fit_model([recording]).model
     by_phase = diagnose([recording], model)
     assert (by_phase.verdict, by_phase.effects) == ("unknown", ())
-    with mock.patch("autotune.diagnose.prepared.periodic", return_value=None):
+    with mock.patch("autotune.estimation.data.periodic", return_value=None):
         by_time = diagnose([recording], model)
     assert by_time.effects  # a wrong name
 

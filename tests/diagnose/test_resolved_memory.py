@@ -9,11 +9,10 @@ import pytest
 
 from autotune.core.axis import read_axis
 from autotune.core.loop import LocalLoop
-from autotune.core.recording import Controller, Recording
 from autotune.diagnose.adding import updated_model
-from autotune.diagnose.bandwidth import prepared_for
-from autotune.diagnose.beginning import begin
+from autotune.diagnose.baseline import begin
 from autotune.diagnose.resolved_memory import resolved, stiffness_at_rest
+from autotune.estimation.bandwidth import prepared_for
 from autotune.experiments.diagnosis import confirmation
 from autotune.experiments.path import Motion
 from autotune.experiments.programmes import build
@@ -21,6 +20,7 @@ from autotune.experiments.record import Recorder, metadata_for, play
 from autotune.experiments.runner import Programme
 from autotune.models.drive_model import DriveModel, base_model
 from autotune.models.table import EFFECTS
+from autotune.recordings.recording import Controller, Recording
 from autotune_sim.inprocess import SimDrive
 from autotune_sim.presets import preset
 

@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from autotune.core.recording import Metadata, Recording
-from autotune.diagnose.alignment import aligned, best_shift
-from autotune.diagnose.bandwidth import loud_below, prepared_for, without_rest
 from autotune.diagnose.compare import compare
-from autotune.diagnose.filtered import compensated
-from autotune.diagnose.fit import Free, with_values
-from autotune.diagnose.fitting import fit_model
-from autotune.diagnose.prepared import prepare
+from autotune.diagnose.general_fit import fit_model
 from autotune.diagnose.verdict import diagnose
+from autotune.estimation.alignment import aligned, best_shift
+from autotune.estimation.bandwidth import loud_below, prepared_for, without_rest
+from autotune.estimation.data import prepare
+from autotune.estimation.filtered_columns import compensated
+from autotune.estimation.least_squares import Free, with_values
 from autotune.models import layout
 from autotune.models.drive_model import base_model
+from autotune.recordings.recording import Metadata, Recording
 
 PERIOD = 1e-3
 INERTIA, COULOMB, VISCOUS = 3e-4, 0.06, 1.2e-3

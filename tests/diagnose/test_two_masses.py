@@ -7,16 +7,16 @@ from unittest import mock
 import numpy as np
 import pytest
 
-from autotune.diagnose.bandwidth import prepared_for
-from autotune.diagnose.beginning import begin
-from autotune.diagnose.families import FAMILIES
-from autotune.diagnose.fit import fit
-from autotune.diagnose.prepared import TRAINING, prepare
-from autotune.diagnose.residual import residual
-from autotune.diagnose.search import inside_twin, screen
-from autotune.diagnose.settling import SHARP, Level
-from autotune.diagnose.study import LEAST_WEIGHT, Study, by_steadiness, start_study
+from autotune.diagnose.baseline import begin
+from autotune.diagnose.candidates import inside_twin, screen
+from autotune.diagnose.starts import FAMILIES
 from autotune.diagnose.verdict import diagnose
+from autotune.estimation.bandwidth import prepared_for
+from autotune.estimation.bias_corrected_fit import SHARP, Level
+from autotune.estimation.data import TRAINING, prepare
+from autotune.estimation.least_squares import fit
+from autotune.estimation.problem import LEAST_WEIGHT, Study, by_steadiness, start_study
+from autotune.estimation.residual import residual
 from autotune.models.drive_model import Packed, base_model
 from bench.diagnosis import MEDIUM, NOMINAL, plain_axis
 from bench.diagnosis_truth import true_model

@@ -78,7 +78,7 @@ def test_a_model_of_another_axis_is_refused(recorded, nominal) -> None:
 
 def test_a_wrong_sign_of_the_torque_is_said(recorded, nominal) -> None:
     recording = recorded(41, spring=SPRING)
-    from autotune.core.recording import Recording
+    from autotune.recordings.recording import Recording
 
     flipped = {n: -v if n.startswith("torque") else v for n, v in recording.floats.items()}
     wrong = Recording.from_columns(flipped, recording.metadata, recording.experiment, recording.repeat)

@@ -15,6 +15,10 @@ ROOT = Path(__file__).resolve().parents[2]
 TEXT = (ROOT / "docs/walkthrough.md").read_text(encoding="utf-8")
 
 
+PRINTS = ("model compare", "model diagnose", "model add", "model show")
+"""Commands whose output stands in the document, behind the last of their kind."""
+
+
 def _blocks(language: str) -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", TEXT, re.DOTALL)
 
@@ -32,6 +36,43 @@ def _autotune(folder: Path, *arguments: str) -> str:
     return done.stdout
 
 
+NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+RELATIVE, PERCENT = 0.06, 2.0
+"""What printed numbers may move by: sums of floating point differ between processors, and noise amplifies them."""
+
+
+def _alike(shown: str, printed: str) -> bool:
+    """Whether two lines have the same words, and numbers that agree."""
+    if NUMBER.sub("#", shown).split() != NUMBER.sub("#", printed).split():
+        return False
+    pairs = zip(NUMBER.finditer(shown), NUMBER.finditer(printed), strict=True)
+    return all(_near(float(one[0]), float(other[0]), shown[one.end() :]) for one, other in pairs)
+
+
+def _near(one: float, other: float, rest: str) -> bool:
+    allowed = PERCENT if rest.startswith(" %") else 0.0
+    return abs(one - other) <= max(RELATIVE * abs(one), allowed)
+
+
+def _without_bars(line: str) -> str:
+    return re.sub(r" [█.]+ ", " ", line)
+
+
+def _shown_after(command: str) -> list[str]:
+    """The lines of the first text block after the last command of a kind."""
+    end = TEXT.rindex(f"autotune {command} ")
+    block = re.search(r"```text\n(.*?)```", TEXT[end:], re.DOTALL)
+    assert block is not None
+    return [_without_bars(line) for line in block[1].splitlines()]
+
+
+def test_lines_are_compared_with_their_numbers() -> None:
+    assert _alike("error 21.0 mN m rms", "error 21.1 mN m rms")
+    assert not _alike("error 21.0 mN m rms", "error 23.0 mN m rms")
+    assert not _alike("error 21.0 mN m rms", "error 21.0 mN m peak")
+    assert _alike("explains 40 % of it", "explains 41 % of it")
+
+
 @pytest.mark.slow
 def test_the_walk_through_runs_as_written(tmp_path: Path) -> None:
     (tmp_path / "axis.toml").write_text(_blocks("toml")[0], encoding="utf-8")
@@ -41,6 +82,10 @@ def test_the_walk_through_runs_as_written(tmp_path: Path) -> None:
         assert arguments[0] == "autotune"
         printed[" ".join(arguments[1:3])] = _autotune(tmp_path, *arguments[1:])
     assert printed["model diagnose"].startswith("missing: stribeck, spring (confirmed)")
+    for command in PRINTS:
+        lines = [_without_bars(line) for line in printed[command].splitlines()]
+        missing = [line for line in _shown_after(command) if not any(_alike(line, other) for other in lines)]
+        assert not missing, f"{command} no longer prints {missing}, but {lines}"
     for page in ("compare.html", "diagnosis.html", "story.html"):
         assert (tmp_path / page).stat().st_size > 10_000
     shown = json.loads(_autotune(tmp_path, "model", "show", "best.toml", "--json"))

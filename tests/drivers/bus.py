@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from autotune_drivers.objects import ObjectRef
-from autotune_drivers.sdo import Sdo
-from autotune_drivers.slcan import open_slcan
-from autotune_drivers.wire import Wire
+from autotune_drivers.canopen.objects import ObjectRef
+from autotune_drivers.canopen.sdo import Sdo
+from autotune_drivers.canopen.slcan import open_slcan
+from autotune_drivers.canopen.wire import Wire
 
 SETTINGS = (
     "1016:01 u32",

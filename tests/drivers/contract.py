@@ -6,14 +6,24 @@ The axis is the vertical one of the thesis, at rest, without power, with its own
 from __future__ import annotations
 
 import math
+import time
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from autotune.core.drive import HOLD, Command, Drive, Mode, Sample
-from autotune.core.errors import AutotuneError, ConfigurationError, DriveError, StateError
+from autotune.core.drive import HOLD, Command, CutsPower, Drive, Mode, Sample
+from autotune.core.errors import (
+    AutotuneError,
+    ConfigurationError,
+    DriveError,
+    DriveFault,
+    HostLate,
+    StateError,
+)
 
+Hurt = Callable[[Drive], None]
 AMPLITUDE = 0.2
 MISTYPED = ("feedforward.colomb", r"feedforward\.coulomb")
 RESOLUTION = 2.0 * math.pi / 50000.0
@@ -36,6 +46,12 @@ def sine(cycles: int, start: float, feedforward: float = 0.0) -> list[Command]:
         )
         for k in range(cycles)
     ]
+
+
+def turn(drive: Drive, cycles: int) -> None:
+    """At 5 rad/s, with power on."""
+    for _ in range(cycles):
+        drive.step(Command(velocity=5.0))
 
 
 def where(drive: Drive) -> float:
@@ -74,6 +90,11 @@ class Shape:
         finally:
             drive.disable()
 
+    def test_looking_moves_nothing_and_tells_where_the_axis_is(self, drive: Drive) -> None:
+        looks = [drive.look() for _ in range(3)]
+        assert all(abs(look.velocity) < 0.2 for look in looks)
+        assert play(drive, [HOLD])[0].position == pytest.approx(looks[-1].position, abs=0.01)
+
     def test_a_command_that_is_no_number_never_reaches_the_axis(self, drive: Drive) -> None:
         drive.enable(Mode.VELOCITY)
         try:
@@ -95,7 +116,31 @@ class Shape:
 
 
 class Contract(Shape):
-    """Behaviour of a `Drive`, whatever is behind it."""
+    """Behaviour of a `Drive`, whatever is behind it.
+
+    `fault` is a fixture of the subclass: called, it puts an over-current into the drive, at once; afterwards
+    the drive is in order again.
+    """
+
+    def test_a_fault_while_power_is_taken_off_is_told(self, fault: Hurt, drive: Drive) -> None:
+        """Off is off, but "the drive runs with what was committed" would be a lie."""
+        drive.enable(Mode.VELOCITY)
+        turn(drive, 200)
+        fault(drive)
+        with pytest.raises(DriveFault, match=r"while .*current"):
+            drive.disable()
+        with pytest.raises(AutotuneError):
+            drive.step(HOLD)
+        drive.disable()  # told once
+        assert drive.faults()
+
+    def test_a_fault_that_was_told_is_not_told_again_as_another(self, fault: Hurt, drive: Drive) -> None:
+        drive.enable(Mode.VELOCITY)
+        turn(drive, 50)
+        fault(drive)
+        with pytest.raises(DriveFault, match="current"):
+            turn(drive, 50)
+        drive.disable()
 
     def test_enable_holds_the_present_position(self, drive: Drive) -> None:
         samples = play(drive, [HOLD] * 100)
@@ -175,6 +220,18 @@ class Contract(Shape):
         first = where(drive)
         assert where(drive) == pytest.approx(first, abs=5e-3)
 
+    def test_power_can_be_cut_while_the_axis_moves_and_asked_for_again(self, drive: Drive) -> None:
+        """What an axis whose encoder lies needs: no ramp, no held position; afterwards all is as after `disable`."""
+        assert isinstance(drive, CutsPower)
+        drive.enable(Mode.VELOCITY)
+        turn(drive, 100)
+        drive.cut()
+        drive.cut()
+        with pytest.raises(StateError):
+            drive.step(Command(velocity=5.0))
+        held = play(drive, [HOLD] * 400)  # one without a brake still coasts when power comes back
+        assert abs(held[-1].velocity) < 0.5
+
     def test_reads_all_parameters_that_it_knows(self, drive: Drive) -> None:
         values = drive.read_parameters()
         assert {"limit.torque", "controller.kp", "feedforward.coulomb"} <= set(values)
@@ -203,3 +260,23 @@ class Contract(Shape):
     def test_has_no_faults_and_stores(self, drive: Drive) -> None:
         assert drive.faults() == []
         drive.store()
+
+
+class Wired(Contract):
+    """What is asked of a drive that watches its host by the clock.
+
+    Attributes:
+        patience: silence after which it stops its axis [s].
+    """
+
+    patience = 0.15
+
+    def test_a_host_that_was_held_up_is_told_as_such_and_may_go_on(self, drive: Drive) -> None:
+        drive.enable(Mode.VELOCITY)
+        turn(drive, 50)
+        time.sleep(1.5 * self.patience + 0.1)
+        with pytest.raises(HostLate, match=r"this host was late.*load.*real-time priority") as caught:
+            turn(drive, 50)
+        assert caught.value.seconds >= self.patience
+        drive.disable()
+        assert len(play(drive, [HOLD] * 20)) == 20

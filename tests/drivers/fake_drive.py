@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from autotune.core.drive import Command, Mode, Sample
+from autotune.core.drive import Command, Mode, Sample, Standing
 from autotune.core.errors import LinkError, StateError
 
 
@@ -21,6 +21,7 @@ class FakeDrive:
     lock_step: bool = True
     pause: float = 0.0
     closing: float = 0.0
+    power: bool | None = False
     period: float = 1e-3
     identity: Mapping[str, int | str] = field(default_factory=lambda: {"vendor": 1, "product": 2})
 
@@ -33,6 +34,9 @@ class FakeDrive:
     def _note(self, text: str) -> None:
         with (self.directory / "log").open("a") as file:
             file.write(text + "\n")
+
+    def look(self) -> Standing:
+        return Standing(float(self._count), 0.0)
 
     def enable(self, mode: Mode) -> None:
         self._power = True
@@ -64,6 +68,9 @@ class FakeDrive:
     def faults(self) -> list[str]:
         return []
 
+    def powered(self) -> bool | None:
+        return self.power
+
     def idle(self) -> None:
         return
 
@@ -82,11 +89,12 @@ class FakeOpener:
     pause: float = 0.0
     closing: float = 0.0
     error: str = ""
+    power: bool | None = False
 
     def __call__(self, backup: Any = None) -> FakeDrive:
         if self.error:
             raise LinkError(self.error)
-        return FakeDrive(self.directory, backup, pause=self.pause, closing=self.closing)
+        return FakeDrive(self.directory, backup, pause=self.pause, closing=self.closing, power=self.power)
 
     @property
     def log(self) -> list[str]:

@@ -10,7 +10,7 @@ import struct
 from collections import deque
 from collections.abc import Callable
 
-from autotune_drivers.frames import Frame
+from autotune_drivers.canopen.frames import Frame
 
 Objects = dict[tuple[int, int], bytes]
 

@@ -8,12 +8,12 @@ from pathlib import Path
 from autotune.core.axis import Axis, read_axis
 from autotune.core.drive import HOLD
 from autotune.core.paths import config_directory
-from autotune_drivers.moteus_console import Console
-from autotune_drivers.moteus_drive import MoteusDrive
-from autotune_drivers.moteus_node import MoteusNode
-from autotune_drivers.moteus_open import MoteusOpener
-from autotune_drivers.moteus_port import open_port
-from autotune_drivers.moteus_profile import MoteusCycle, MoteusGuard, MoteusProfile, read_moteus_profile
+from autotune_drivers.moteus.console import Console
+from autotune_drivers.moteus.drive import MoteusDrive
+from autotune_drivers.moteus.node import MoteusNode
+from autotune_drivers.moteus.opening import MoteusOpener
+from autotune_drivers.moteus.port import open_port
+from autotune_drivers.moteus.profile import MoteusCycle, MoteusGuard, MoteusProfile, read_moteus_profile
 from autotune_drivers.url import parse_link
 
 LINK = "moteus+serial:edm.tty?id=1"

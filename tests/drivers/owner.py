@@ -10,12 +10,12 @@ from tests.drivers.routines import Endless
 from tests.drivers.simulator import axis_of
 
 
-def main(directory: Path) -> None:
-    loop = open_loop(axis_of(), directory)
+def main(directory: Path, keep: Path | None = None) -> None:
+    loop = open_loop(axis_of(), directory, keep=keep)
     sys.stdout.write("open\n")
     sys.stdout.flush()
     loop.play(Endless(directory / "witness"))
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(*map(Path, sys.argv[1:]))

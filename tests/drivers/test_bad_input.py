@@ -21,11 +21,12 @@ from autotune.core.errors import (
     StateError,
     TransferAborted,
 )
-from autotune_drivers.canopen_drive import CanopenDrive
-from autotune_drivers.canopen_open import CanopenOpener
-from autotune_drivers.frames import open_socketcan
+from autotune_drivers.canopen import frames
+from autotune_drivers.canopen.drive import CanopenDrive
+from autotune_drivers.canopen.frames import open_socketcan
+from autotune_drivers.canopen.opening import CanopenOpener
+from autotune_drivers.canopen.slcan import open_slcan
 from autotune_drivers.profile import read_profile
-from autotune_drivers.slcan import open_slcan
 from autotune_drivers.url import parse_link
 from tests.drivers import bus
 from tests.drivers.simulator import Simulator, axis_of, simulator
@@ -120,6 +121,26 @@ def test_an_adapter_in_use(drive: CanopenDrive, running: Simulator) -> None:
 def test_no_kernel_interface() -> None:
     with pytest.raises(LinkError, match="'none0' cannot be opened"):
         open_socketcan("none0")
+
+
+def test_a_can_interface_has_one_master(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And it does not hear itself."""
+    asked: list[dict[str, object]] = []
+
+    class Bus:
+        def __init__(self, **options: object) -> None:
+            asked.append(options)
+
+        def shutdown(self) -> None:
+            return
+
+    monkeypatch.setattr(frames.can, "Bus", Bus)
+    first = open_socketcan("autotune-test0")
+    with pytest.raises(LinkError, match=r"in use by another autotune"):
+        open_socketcan("autotune-test0")
+    first.close()
+    open_socketcan("autotune-test0").close()
+    assert asked[0]["receive_own_messages"] is False
 
 
 def test_a_serial_port_that_is_no_can_adapter(tmp_path: Path) -> None:

@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from autotune.core.arrays import Floats
 from autotune.core.axis import Axis, Mechanics
 from autotune.core.drive import HOLD, Command, Mode
 from autotune.core.errors import ConfigurationError, Interrupted, StateError, TransferAborted
 from autotune.core.loop import ROW_FIELDS
-from autotune.core.recording import Floats
 from autotune_drivers import open_loop
-from autotune_drivers.canopen_drive import CanopenDrive
-from autotune_drivers.canopen_open import CanopenOpener
-from autotune_drivers.cyclic import CyclicLoop
-from autotune_drivers.objects import ObjectRef
+from autotune_drivers.canopen.drive import CanopenDrive
+from autotune_drivers.canopen.objects import ObjectRef
+from autotune_drivers.canopen.opening import CanopenOpener
+from autotune_drivers.cyclic.loop import CyclicLoop
 from autotune_drivers.profile import read_profile
 from autotune_drivers.url import parse_link
 from tests.drivers import bus

@@ -14,11 +14,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from autotune.core.arrays import Floats
 from autotune.core.errors import AutotuneError, ConfigurationError, Interrupted, LinkError
 from autotune.core.loop import ROW_FIELDS
-from autotune.core.recording import Floats
 from autotune_drivers import open_loop
-from autotune_drivers.cyclic import CyclicLoop
+from autotune_drivers.cyclic.loop import CyclicLoop, Silence
+from autotune_drivers.cyclic.messages import STEPS_WITHIN
 from tests.drivers import bus
 from tests.drivers.fake_drive import FakeOpener
 from tests.drivers.routines import Calls, Endless, Sine, Warmed, kill_self, odd, unpicklable, wrong
@@ -111,7 +112,8 @@ def test_a_watcher_that_fails_ends_the_routine(loop: CyclicLoop, tmp_path: Path)
     assert (tmp_path / "witness").read_text() == "at rest"
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.usefixtures("hangup_is_heard")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_brings_the_axis_to_rest_and_all_rows_out(
     loop: CyclicLoop, opener: FakeOpener, tmp_path: Path, number: signal.Signals
 ) -> None:
@@ -208,6 +210,83 @@ def test_closing_meets_a_process_that_has_closed_by_itself(opener: FakeOpener) -
     wait_for(lambda: opener.log[-1] == "closed")
     loop.close()
     assert opener.log == ["opened", "closed"]
+
+
+# A process that stalls
+
+
+def stop_when_moving(loop: CyclicLoop, witness: Path) -> threading.Thread:
+    """SIGSTOP of the cyclic process while it plays."""
+
+    def stop() -> None:
+        wait_for(witness.exists)
+        assert loop.process_id is not None
+        os.kill(loop.process_id, signal.SIGSTOP)
+
+    thread = threading.Thread(target=stop)
+    thread.start()
+    return thread
+
+
+@pytest.mark.slow
+def test_a_stopped_process_is_given_up_and_the_next_one_inherits(
+    loop: CyclicLoop, opener: FakeOpener, tmp_path: Path
+) -> None:
+    pid = loop.process_id
+    blocks: list[Floats] = []
+    stopper = stop_when_moving(loop, tmp_path / "witness")
+    with pytest.raises(LinkError, match=rf"no progress for {STEPS_WITHIN:g} s .*heartbeat guard"):
+        loop.play(Endless(tmp_path / "witness"), blocks.append)
+    stopper.join()
+    assert pid is not None
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+    assert len(np.concatenate(blocks)) >= 50  # the rows until then have come
+    assert loop.power is None
+    assert loop.read_parameters() == {"controller.kp": 60.0}
+    assert "inherited" in opener.log
+
+
+@pytest.mark.slow
+def test_a_call_to_a_stopped_process_is_given_up(loop: CyclicLoop) -> None:
+    assert loop.process_id is not None
+    os.kill(loop.process_id, signal.SIGSTOP)
+    with pytest.raises(LinkError, match=f"no progress for {STEPS_WITHIN:g} s"):
+        loop.read_parameters()
+    assert loop.read_parameters() == {"controller.kp": 60.0}
+
+
+def test_our_own_pause_is_not_the_other_sides_silence(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [0.0]
+    monkeypatch.setattr("autotune_drivers.cyclic.loop.time.monotonic", lambda: clock[0])
+    silence = Silence()
+    assert silence.after(7) == 0.0
+    clock[0] = 1000.0  # the host was suspended, or we were stopped
+    assert silence.after(7) < STEPS_WITHIN
+    clock[0] += 0.1
+    assert silence.after(8) == 0.0
+    for _ in range(60):
+        clock[0] += 0.1
+        silent = silence.after(8)
+    assert silent == pytest.approx(6.0)
+
+
+# What is said of power
+
+
+@pytest.mark.parametrize(
+    ("power", "words"),
+    [(False, "without power, as the drive confirms"), (True, "NOT confirmed"), (None, "NOT confirmed")],
+)
+def test_an_interruption_says_of_power_what_the_drive_has_told(
+    tmp_path: Path, power: bool | None, words: str
+) -> None:
+    loop = CyclicLoop.open(FakeOpener(tmp_path, pause=1e-3, power=power))
+    threading.Timer(0.2, loop.interrupt).start()
+    with pytest.raises(Interrupted, match=words):
+        loop.play(Endless(tmp_path / "witness"))
+    assert loop.power is power
+    loop.close()
 
 
 # Deaths on the wire

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from autotune.core.errors import ConfigurationError
 from autotune.core.paths import config_directory
-from autotune_drivers.data_sheet import DataSheet, parse_data_sheet, read_data_sheet
+from autotune_drivers.canopen.data_sheet import DataSheet, parse_data_sheet, read_data_sheet
+from autotune_drivers.canopen.profile_check import check, table
 from autotune_drivers.profile import read_profile
-from autotune_drivers.profile_check import check, table
 
 SHARED = Path(__file__).resolve().parents[2] / "../shared/eds"
 OWN = config_directory() / "eds" / "autotune-sim.eds"

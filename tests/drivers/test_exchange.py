@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 import pytest
 
 from autotune.core.errors import LinkError, LinkTimeout
-from autotune_drivers import exchange as exchange_module
-from autotune_drivers.exchange import Exchange
-from autotune_drivers.frames import Frame
-from autotune_drivers.node import Node
+from autotune_drivers.canopen import exchange as exchange_module
+from autotune_drivers.canopen.exchange import Exchange
+from autotune_drivers.canopen.frames import Frame
+from autotune_drivers.canopen.node import Node
+from autotune_drivers.canopen.wire import Wire
 from autotune_drivers.profile import Profile, read_profile
-from autotune_drivers.wire import Wire
 from tests.drivers.fake_node import FakeNode
 
 PERIOD = 1e-3

@@ -7,7 +7,7 @@ import struct
 import pytest
 
 from autotune.core.errors import ConfigurationError, IdentityMismatch
-from autotune_drivers.canopen_open import open_drive
+from autotune_drivers.canopen.opening import open_drive
 from autotune_drivers.profile import Profile, read_profile
 from autotune_drivers.units import Units
 from tests.drivers.fake_node import FakeNode

@@ -13,17 +13,18 @@ import numpy as np
 import pytest
 
 from autotune.core.drive import HOLD, Mode
-from autotune.core.errors import LinkError
-from autotune_drivers.moteus_open import MoteusOpener, open_controller
-from autotune_drivers.moteus_port import open_port
-from autotune_drivers.moteus_profile import read_moteus_profile
+from autotune.core.errors import DriveFault, LinkError
+from autotune_drivers.moteus.exchange import TEMPERATURE_AGE
+from autotune_drivers.moteus.opening import MoteusOpener, open_controller
+from autotune_drivers.moteus.port import open_port
+from autotune_drivers.moteus.profile import read_moteus_profile
 from autotune_drivers.url import parse_link
 from autotune_sim.moteus_device import MoteusDevice
 from autotune_sim.presets import preset
 from autotune_sim.server import Server
 from autotune_sim.servo import Servo
 from tests.drivers.contract import column, play, sine, where
-from tests.drivers.moteus_rig import moteus_axis, moteus_opener, patient
+from tests.drivers.moteus_rig import hold, moteus_axis, moteus_opener, patient
 
 LIMITS = {
     "servo.fault_position_error": "limit.following_error",
@@ -215,5 +216,46 @@ def test_every_mode_is_there_with_the_makers_profile(tmp_path: Path) -> None:
         try:
             for mode in Mode:
                 assert len(play(drive, [HOLD._replace(velocity=0.5, torque=0.048)] * 30, mode)) == 30
+        finally:
+            drive.close()
+
+
+def test_an_encoder_that_is_not_valid_ends_the_motion(tmp_path: Path) -> None:
+    """A moteus tells nan where it does not know."""
+    with served(tmp_path, lambda *_: None) as directory:
+        drive = moteus_opener(directory)()
+        try:
+            drive.enable(Mode.TORQUE)
+            hold(drive, 5)
+            exchange = drive._exchange
+            keep = exchange._keep
+            exchange._keep = lambda values, raw: keep([values[0], math.nan, *values[2:]], raw)  # type: ignore[method-assign]
+            with pytest.raises(DriveFault, match="does not know where its axis is"):
+                hold(drive, 1)
+            with pytest.raises(DriveFault, match="did not bring its axis to rest"):
+                drive.disable()
+            assert exchange.look().mode == 0  # power is off all the same
+            with pytest.raises(DriveFault, match="does not know where its axis is"):
+                drive.enable(Mode.POSITION)
+        finally:
+            drive.close()
+
+
+def test_a_thermistor_that_falls_off_ends_the_motion(tmp_path: Path) -> None:
+    with served(tmp_path, lambda *_: None) as directory:
+        drive = moteus_opener(directory)()
+        try:
+            drive.enable(Mode.POSITION)
+            hold(drive, 5)
+            exchange = drive._exchange
+            age = exchange._age
+            exchange._age = lambda temperature: age(math.nan)  # type: ignore[method-assign]
+            cycles = round(TEMPERATURE_AGE / drive.period)
+            hold(drive, cycles)
+            with pytest.raises(
+                DriveFault, match=r"no temperature for more than 0\.1 s; the last one, 2\d\.\d °C"
+            ):
+                hold(drive, 2)
+            drive.disable()
         finally:
             drive.close()

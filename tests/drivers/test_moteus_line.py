@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autotune_drivers.moteus_line import LONGEST_FRAME, LineReader, crc8, encode, padded
+from autotune_drivers.moteus.line import LONGEST_FRAME, LineReader, crc8, encode, padded
 
 FRAME = st.binary(max_size=LONGEST_FRAME)
 FUZZED_BYTES = 1_000_000

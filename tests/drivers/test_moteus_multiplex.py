@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autotune_drivers.moteus_multiplex import (
+from autotune_drivers.moteus.multiplex import (
     ACCELERATION,
     CURRENT,
     INTEGER,

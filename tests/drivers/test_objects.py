@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autotune.core.errors import ConfigurationError, LinkError
-from autotune_drivers.objects import FORMATS, ObjectRef
+from autotune_drivers.canopen.objects import FORMATS, ObjectRef
 
 
 def test_parses() -> None:

@@ -10,7 +10,7 @@ from canopen import objectdictionary as od
 
 from autotune.core.errors import ConfigurationError
 from autotune.core.paths import config_directory
-from autotune_drivers.objects import ObjectRef
+from autotune_drivers.canopen.objects import ObjectRef
 from autotune_drivers.profile import Profile, read_profile
 
 PROFILES = sorted(

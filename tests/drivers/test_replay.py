@@ -10,10 +10,10 @@ import pytest
 
 from autotune.core.drive import HOLD, Command, Mode
 from autotune.core.errors import DriveError, LinkError, RecordingError
-from autotune.core.recording import Metadata, Recording
-from autotune.core.recording_files import write_recording
-from autotune.service.links import open_link
-from autotune_drivers.replay import ReplayDrive, open_replay
+from autotune.recordings.files import write_recording
+from autotune.recordings.recording import Metadata, Recording
+from autotune.recordings.replay import ReplayDrive, open_replay
+from autotune.tuning.links import open_link
 from autotune_sim.inprocess import open_sim
 from tests.drivers.contract import column, play, sine, where
 from tests.drivers.routines import Sine

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autotune.core.loop import ROW_FIELDS
-from autotune_drivers.ring import Ring, create_memory
+from autotune_drivers.cyclic.ring import Ring, create_memory
 
 WIDTH = len(ROW_FIELDS)
 MISSED = ROW_FIELDS.index("missed")

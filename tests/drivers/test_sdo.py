@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autotune.core.errors import LinkError, LinkTimeout, TransferAborted
-from autotune_drivers import sdo as sdo_module
-from autotune_drivers.objects import ObjectRef
-from autotune_drivers.sdo import Sdo
-from autotune_drivers.wire import Wire
+from autotune_drivers.canopen import sdo as sdo_module
+from autotune_drivers.canopen.objects import ObjectRef
+from autotune_drivers.canopen.sdo import Sdo
+from autotune_drivers.canopen.wire import Wire
 from tests.drivers import bus
 from tests.drivers.fake_node import FakeNode
 from tests.drivers.simulator import Simulator, simulator

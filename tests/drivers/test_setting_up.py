@@ -10,14 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autotune.core.errors import ConfigurationError, LinkError, TransferAborted
-from autotune_drivers.objects import ObjectRef
-from autotune_drivers.parameters import DriveParameters
-from autotune_drivers.pdo import RPDO, TPDO, pack, read_setting, setting
+from autotune_drivers.canopen.objects import ObjectRef
+from autotune_drivers.canopen.parameters import DriveParameters
+from autotune_drivers.canopen.pdo import RPDO, TPDO, pack, read_setting, setting
+from autotune_drivers.canopen.sdo import Sdo
+from autotune_drivers.canopen.session import Session
+from autotune_drivers.canopen.wire import Wire
 from autotune_drivers.profile import read_profile
-from autotune_drivers.sdo import Sdo
-from autotune_drivers.session import Session
 from autotune_drivers.units import UNITS, Units
-from autotune_drivers.wire import Wire
 from tests.drivers.fake_node import FakeNode, Objects
 
 CONTROL = ObjectRef(0x6040, 0, "u16")

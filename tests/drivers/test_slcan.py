@@ -15,8 +15,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from autotune.core.errors import LinkError
-from autotune_drivers.frames import BusLink, Frame
-from autotune_drivers.slcan import SlcanBus, SlcanLink, encode
+from autotune_drivers.canopen.frames import BusLink, Frame
+from autotune_drivers.canopen.slcan import SlcanBus, SlcanLink, encode
 
 frames = st.tuples(st.integers(0, 0x7FF), st.binary(max_size=8))
 
@@ -155,3 +155,21 @@ def test_any_python_can_bus_is_a_link() -> None:
     assert ours.receive(0.0) == []
     ours.close()
     ours.close()
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"t-800",  # no sign is a digit
+        b"t+8000",
+        b"t 800",
+        b"tFFF0",  # beyond eleven bits
+        b"t1852AABB0",  # a digit too many
+        b"t1853AABB0C0",
+        b"t1852AAB",
+        b"t1859" + b"00" * 9,
+    ],
+)
+def test_a_line_that_has_gained_or_lost_a_digit_is_no_frame(adapter: Adapter, line: bytes) -> None:
+    """Anything that is nearly a frame would be a wrong measurement."""
+    assert adapter.receive(line + b"\r" + encode(0x185, b"\x01"), 1) == [(0x185, b"\x01")]

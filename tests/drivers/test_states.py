@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autotune_drivers.cia402 import (
+from autotune_drivers.canopen.cia402 import (
     ENABLE_OPERATION,
     FAULT_RESET,
     STATUS,
@@ -15,7 +15,7 @@ from autotune_drivers.cia402 import (
     state_of,
     what_is_missing,
 )
-from autotune_drivers.codes import error_text, is_communication, is_motion
+from autotune_drivers.canopen.codes import error_text, is_communication, is_motion
 
 
 def test_masks_and_values_are_those_of_the_standard() -> None:

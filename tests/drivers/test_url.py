@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from autotune.core.errors import ConfigurationError
 from autotune_drivers import OPENERS
-from autotune_drivers.slcan import BITRATES
+from autotune_drivers.canopen.slcan import BITRATES
 from autotune_drivers.url import SCHEMES, parse_link
 
 HERE = Path("/somewhere/axes")
@@ -90,3 +90,33 @@ def test_addresses_travel_between_processes(node: int, bitrate: int) -> None:
     address = parse_link(f"canopen+slcan:a.tty?bitrate={bitrate}&node={node}", HERE)
     assert pickle.loads(pickle.dumps(address)) == address
     assert address.options == {"bitrate": bitrate, "node": node}
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ("canopen+socketcan://can0?node=5", "canopen+socketcan://can0/?node=05"),
+        ("canopen+slcan:a.tty?bitrate=500000&node=5", "canopen+slcan:x/../a.tty?node=005&bitrate=500000"),
+        ("canopen+slcan:a.tty?bitrate=500000&node=5", "CANopen+slcan:///somewhere/axes/./a.tty?bitrate=1000000&node=5"),
+        ("moteus+serial:a.tty?id=1", "moteus+serial:a.tty?id=01&baud=115200"),
+    ],
+)  # fmt: skip
+def test_a_drive_has_one_place_however_it_is_written(one: str, other: str) -> None:
+    first, second = parse_link(one, HERE), parse_link(other, HERE)
+    assert first.place == second.place
+    assert first.bus == second.bus
+
+
+def test_drives_of_one_bus_have_places_of_their_own() -> None:
+    five, six = (parse_link(f"canopen+socketcan://can0?node={node}", HERE) for node in (5, 6))
+    assert five.bus == six.bus
+    assert five.place != six.place
+    assert parse_link("canopen+socketcan://can1?node=5", HERE).bus != five.bus
+
+
+@pytest.mark.parametrize(
+    "text", ["canopen+slcan:///dev/tty%00?bitrate=1000000&node=5", "replay:a\x1b[31m.csv"]
+)
+def test_a_device_is_a_name_that_can_be_printed(text: str) -> None:
+    with pytest.raises(ConfigurationError, match="no name has"):
+        parse_link(text, HERE)

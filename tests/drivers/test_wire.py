@@ -6,8 +6,8 @@ import time
 
 import pytest
 
-from autotune_drivers.node import OPERATIONAL, SILENT, Node
-from autotune_drivers.wire import Wire
+from autotune_drivers.canopen.node import OPERATIONAL, SILENT, Node
+from autotune_drivers.canopen.wire import Wire
 from tests.drivers.fake_node import FakeNode
 
 
@@ -70,3 +70,15 @@ def test_a_babbling_bus_does_not_hold_us() -> None:
     began = time.monotonic()
     Wire(link, 127, 0.025).drain()
     assert time.monotonic() - began < 1.0
+
+
+def test_a_heartbeat_that_is_due_and_not_sent_yet_is_late_already(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A process that was stopped learns first that its drive has stopped the axis."""
+    wire = Wire(FakeNode({}), 127, 0.025)
+    wire.look_at_the_clock()
+    assert wire.punctuality.worst == 0.0  # none is to be sent
+    now = time.monotonic()
+    wire.start_heartbeat()
+    monkeypatch.setattr("autotune_drivers.canopen.wire.time.monotonic", lambda: now + 0.4)
+    wire.look_at_the_clock()
+    assert wire.punctuality.worst == pytest.approx(0.4, abs=0.1)

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import json
+import os
 import re
+import signal
+from pathlib import Path
 
 import pytest
 
-from autotune.service.journal import Journal
+from autotune.tuning.journal import Journal
+from tests.drivers import bus
 from tests.end_to_end.support import AT_REST, Bench, kill_hard, read_drive
 
 WITHIN_SECONDS = 0.2
@@ -57,3 +61,52 @@ def test_a_killed_run_is_stopped_by_the_drive_and_put_right_by_the_next(bench: B
     assert done.returncode == 0, done.stderr
     assert stage in " ".join(json.loads(done.stdout)["notes"])
     assert read_drive(bench) == pytest.approx(before)
+
+
+def kill_both(bench: Bench) -> dict[str, float]:
+    """kill -9 of a run and of its cyclic process while it moves; the drive's settings before."""
+    before = bus.settings(bench.folder / "edm-vertical.tty")
+    process = bench.popen()
+    bench.wait_for(lambda: stage_of(bench) == "experiment" and powered(bench), 200.0)
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    for child in map(int, children):
+        os.kill(child, signal.SIGKILL)
+    kill_hard(process)
+    for stream in (process.stdout, process.stderr):
+        if stream is not None:
+            stream.close()
+    bench.wait_for(lambda: bench.last_state() in (AT_REST, "FAULT"), 10.0)
+    return before
+
+
+@pytest.mark.slow
+def test_where_both_processes_die_the_next_run_puts_back_what_the_session_had_changed(bench: Bench) -> None:
+    """1016h, 1017h, 6007h, the mode, PDO types and mappings, and the limits: none may count as the drive's own."""
+    bench.start()
+    before = kill_both(bench)
+    left = bus.settings(bench.folder / "edm-vertical.tty")
+    for text in ("1016:01 u32", "1017:00 u16", "6007:00 i16", "1400:2"):
+        assert left[text] != before[text], text
+    done = bench.run("--only", "check")
+    assert done.returncode == 0, done.stderr
+    notes = " ".join(json.loads(done.stdout)["notes"])
+    assert "1017h:00" in notes
+    assert notes.count("put back") == 2  # the session's settings and the run's limits
+    assert bus.settings(bench.folder / "edm-vertical.tty") == before
+
+
+@pytest.mark.slow
+def test_a_drive_in_the_place_of_the_one_that_was_left_is_not_written_to(bench: Bench) -> None:
+    bench.start("--seed", "1")
+    kill_both(bench)
+    left = bench.newest()
+    bench.stop()
+    bench.start("--seed", "8")
+    before = bus.settings(bench.folder / "edm-vertical.tty")
+    done = bench.run("--only", "check")
+    assert done.returncode == 0, done.stderr
+    notes = " ".join(json.loads(done.stdout)["notes"])
+    assert "The drive here is another one (serial is" in notes
+    assert "another drive of this axis" in notes
+    assert bus.settings(bench.folder / "edm-vertical.tty") == before
+    assert not Journal.load(left).state.outcome

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from autotune.cli.main import main
-from autotune.core.recording import Controller, Metadata, Recording
-from autotune.core.recording_files import write_recording
 from autotune.models import layout
 from autotune.models.drive_model import base_model
 from autotune.models.plant import simulate
+from autotune.recordings.files import write_recording
+from autotune.recordings.recording import Controller, Metadata, Recording
 
 PERIOD = 1e-3
 TRUTH = {

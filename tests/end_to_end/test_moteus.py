@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from autotune.core.recording_files import read_recording
-from autotune.service.journal import Journal
+from autotune.recordings.files import read_recording
+from autotune.tuning.journal import Journal
 from tests.end_to_end.support import Bench, kill_hard, read_drive
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "config" / "axes" / "edm-vertical-moteus.toml"

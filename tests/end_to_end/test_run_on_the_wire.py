@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from autotune.core.recording_files import read_recording
+from autotune.recordings.files import read_recording
 from tests.end_to_end.support import Bench, read_drive
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from autotune.core.axis import Axis, Limits, read_axis
-from autotune.core.drive import Command, Mode, Sample
+from autotune.core.drive import Command, Mode, Sample, Standing
 from autotune.core.errors import LinkError
 
 CONFIG = Path(__file__).resolve().parents[2] / "config" / "axes" / "edm-vertical.toml"
@@ -40,6 +40,7 @@ class FollowingDrive:
         self.identity: Mapping[str, int | str] = {"vendor": "test"}
         self.position = position
         self.friction, self.stiffness, self.offset = friction, stiffness, offset
+        self.turning = 0.0  # rad/s, without power
         self.powered = False
         self.mode: Mode | None = None
         self.calls: list[str] = []
@@ -52,6 +53,9 @@ class FollowingDrive:
         self.refuse_writes: set[str] = set()
         self._anchor = position
         self._before = position
+
+    def look(self) -> Standing:
+        return Standing(self.position, self.turning)
 
     def enable(self, mode: Mode) -> None:
         self.calls.append(f"enable {mode.value}")

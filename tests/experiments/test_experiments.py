@@ -89,7 +89,7 @@ def test_the_guard_lets_every_programme_pass_with_limits_that_are_just_enough(na
             }
         )
         experiment.requirements(tight)
-        guard = Guard(tight, where.cycle, 1e9)
+        guard = Guard(tight, where.cycle, where.position_resolution, 1e9)
         plan = experiment.plan
         before = sample(position=plan.reference[0], reference=plan.reference[0])
         guard.begin(experiment.mode, before)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -15,6 +16,7 @@ from autotune.experiments.guard import REACTION_CYCLES, Guard
 from tests.experiments.support import axis, sample
 
 H = 1e-3
+COUNT = axis().position_resolution
 STILL = Command(0.0)
 
 
@@ -23,7 +25,7 @@ def limits(**values: float) -> Limits:
 
 
 def begun(at: Sample | None = None, mode: Mode = Mode.POSITION, **values: float) -> Guard:
-    guard = Guard(limits(**values), H)
+    guard = Guard(limits(**values), H, COUNT)
     guard.where = "experiment 'dahl'"
     guard.begin(mode, at or sample())
     return guard
@@ -60,6 +62,40 @@ def test_bounded_motion_never_leaves_the_travel(
         v_worst = abs(v) + 0.5 * braking * H
         worst = max(_farthest(s * q, v_worst, braking, braking, REACTION_CYCLES) for s in (1.0, -1.0))
         assert worst > 1.0 - 1e-9
+
+
+@given(
+    mode=st.sampled_from(list(Mode)),
+    start=st.floats(-0.9, 0.9),
+    braking=st.floats(20.0, 400.0),
+    count=st.sampled_from([1e-6, 1e-4, 3e-3]),
+    pushes=st.lists(st.tuples(st.floats(-1.0, 1.0), st.integers(1, 200)), min_size=1, max_size=10),
+)
+@settings(max_examples=200, deadline=None)
+def test_the_stop_is_early_enough_from_every_state_in_every_mode(
+    mode: Mode, start: float, braking: float, count: float, pushes: list[tuple[float, int]]
+) -> None:
+    """One mass, any |a| ≤ deceleration, whole counts; the argument of docs/safety.md.
+
+    Travel is kept to half a count. Speed may be exceeded by what happens in the reaction of one cycle, in
+    the half cycle by which a difference of positions is late, and by what one count can hide.
+    """
+    bound = limits(position_min=-1.0, position_max=1.0, deceleration=braking, speed=3.0)
+    guard = Guard(bound, H, count)
+    guard.begin(mode, sample(position=start, reference=start))
+    q, v, push, seen = start, 0.0, 0.0, start
+    for acceleration in (a * braking for a, cycles in pushes for _ in range(cycles)):
+        command = Command(position=seen, velocity=min(max(v, -3.0), 3.0))
+        try:
+            guard.check(sample(position=seen, reference=seen, velocity=v), command)
+        except GuardStop:
+            break
+        push = acceleration
+        q, v = q + v * H + 0.5 * push * H * H, v + push * H
+        seen = round(q / count) * count
+    q, v = q + v * H + 0.5 * push * H * H, v + push * H  # the stop acts a cycle later
+    assert abs(v) <= 3.0 + 2.5 * braking * H + count / H
+    assert abs(q + math.copysign(v * v / (2.0 * braking), v)) <= 1.0 + 0.5 * count + 1e-9
 
 
 def _farthest(q: float, v: float, push: float, braking: float, cycles: int = REACTION_CYCLES - 1) -> float:
@@ -150,7 +186,8 @@ def test_speed_is_stopped_before_it_is_reached() -> None:
 
 
 def test_a_drive_that_reports_a_wrong_velocity_is_not_believed() -> None:
-    seen = [sample(position=0.01 * k) for k in range(200)]
+    speeds = [min(0.4 * k, 10.0) for k in range(200)]  # 400 rad/s², then 10 rad/s
+    seen = [sample(position=q) for q in (np.cumsum(speeds) * H).tolist()]
     guard = begun(mode=Mode.TORQUE, position_max=1.0)
     # 10 rad/s needs 0.125 rad to stop, 0.02 to react, and may speed up a little meanwhile
     assert 0.80 < last_passed(guard, seen, "could stop only at").position < 0.855
@@ -164,7 +201,7 @@ def test_lost_cycles_lengthen_the_reaction() -> None:
 
 
 def test_machine_time_counts_lost_cycles_and_ends() -> None:
-    guard = Guard(limits(), H, seconds=0.0105)
+    guard = Guard(limits(), H, COUNT, seconds=0.0105)
     guard.begin(Mode.POSITION, sample())
     for _ in range(5):
         guard.check(sample(), STILL)
@@ -172,6 +209,50 @@ def test_machine_time_counts_lost_cycles_and_ends() -> None:
     with pytest.raises(GuardStop, match="machine time"):
         guard.check(sample(), STILL)
     assert guard.elapsed == pytest.approx(11 * H)
+
+
+def test_a_temperature_that_falls_silent_stops_and_one_that_never_was_does_not() -> None:
+    guard = begun()
+    for k in range(5000):
+        guard.check(sample(time=k * H), STILL)
+    for _ in range(10):
+        guard.check(sample(temperature=30.0), STILL)
+    for _ in range(1990):
+        guard.check(sample(), STILL)
+    guard.check(sample(temperature=30.0), STILL)
+    for _ in range(2000):
+        guard.check(sample(), STILL)
+    rest = [sample()] * 2
+    last_passed(guard, rest, r"temperature has been silent for 2\.0 s.*check sensor")
+
+
+@pytest.mark.parametrize(
+    ("at", "says"),
+    [
+        (sample(reference=5.0, position=0.0), r"the reference is 5 but the axis is at 0.*another master"),
+        (sample(velocity=-6.0), r"as power comes on, the speed is -6"),
+        (sample(velocity=math.nan), "speed is nan"),
+    ],
+)
+def test_power_comes_on_at_rest_and_where_the_axis_is(at: Sample, says: str) -> None:
+    with pytest.raises(GuardStop, match=says):
+        begun(at)
+
+
+def test_the_speed_by_positions_counts_and_coarse_counts_do_not() -> None:
+    """400 rad/s² while the drive reports nothing; then 19 rad/s on 2000 counts a revolution."""
+    seen = [sample(position=0.2e-3 * k * k) for k in range(100)]
+    last = last_passed(begun(mode=Mode.TORQUE), seen, "by its positions the speed")
+    k = round(math.sqrt(last.position / 0.2e-3))
+    assert 18.0 < 0.4 * k < 20.0
+    count = 2.0 * math.pi / 2000.0
+    guard = Guard(limits(), H, count)
+    guard.begin(Mode.TORQUE, sample())
+    way = 0.0
+    for k in range(900):
+        speed = min(0.3 * k, 19.0)
+        way += speed * H
+        guard.check(sample(position=round(way / count) * count, velocity=speed), STILL)
 
 
 def test_an_axis_that_stands_outside_does_not_begin() -> None:

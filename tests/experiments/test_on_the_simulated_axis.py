@@ -9,7 +9,6 @@ from autotune.control.feedforward import FixedFeedforward, LugreParameters
 from autotune.core.drive import Mode
 from autotune.core.errors import AutotuneError, GuardStop
 from autotune.core.loop import LocalLoop
-from autotune.core.recording import Recording
 from autotune.experiments.experiment import Experiment
 from autotune.experiments.limits_guarded import limits_guarded
 from autotune.experiments.path import Motion
@@ -18,6 +17,7 @@ from autotune.experiments.programmes import build
 from autotune.experiments.record import Recorder, metadata_for, play
 from autotune.experiments.runner import Played, Programme
 from autotune.experiments.sines import BenchmarkSine
+from autotune.recordings.recording import Recording
 from autotune_sim.inprocess import SimDrive, open_sim
 from tests.experiments.support import axis
 

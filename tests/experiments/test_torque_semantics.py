@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from autotune.core.arrays import Floats
 from autotune.core.drive import Command, Sample
 from autotune.core.errors import DriveError, NotEnoughExcitation
 from autotune.core.loop import LocalLoop
-from autotune.core.recording import Floats
 from autotune.experiments.path import Motion
 from autotune.experiments.runner import Programme
 from autotune.experiments.torque_semantics import Meaning, TorqueSemantics, TorqueStep, pulses, tell

@@ -4,7 +4,7 @@ from functools import cache
 
 import pytest
 
-from autotune.core.recording import Recording
+from autotune.recordings.recording import Recording
 from autotune_sim.presets import Preset, preset
 from bench.identify_data import play, varied_axis
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from autotune.core.errors import NotEnoughExcitation
+from autotune.estimation.spring_mass import SpringMass, from_difference
 from autotune.identify.characteristic import Points, compare_shapes, fit_curve, predict
 from autotune.identify.dahl import dahl_curve, identify_dahl
 from autotune.identify.legs import find_legs
 from autotune.identify.presliding import identify_presliding
-from autotune.identify.spring_mass import SpringMass, from_difference
 from autotune.identify.steady_state import identify_steady_state
 from autotune.models.lugre import SHAPES
 

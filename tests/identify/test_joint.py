@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from autotune.core.errors import ConfigurationError, NotEnoughExcitation, RecordingError
-from autotune.core.recording import Controller, Metadata, Recording, concatenate
-from autotune.identify.controller import control_law, identify_controller, is_closed
+from autotune.estimation.controller import controller_of, is_closed
+from autotune.estimation.normal_equations import Part, assemble, whitener
 from autotune.identify.fit import fit, joined, thinned
 from autotune.identify.high_speed import identify_high_speed
-from autotune.identify.normal import Part, assemble, whitener
 from autotune.identify.refinement import refine_recording
 from autotune.identify.residuals import simulate_closed_loop, torque_residual
 from autotune.identify.run import identify_run
 from autotune.models.drive_model import base_model
+from autotune.recordings.recording import Metadata, Recording, concatenate
 from autotune_sim.presets import preset
 from bench.diagnosis import plain_axis
 from bench.identify_data import play, truth
@@ -27,7 +27,7 @@ def _model(plant):
 
 def test_the_controller_comes_back_from_the_data(varied) -> None:
     axis, recording = varied
-    law = identify_controller([part for _, part in recording.select("benchmark").split()])
+    law = controller_of(recording.select("benchmark").with_metadata(controller=None))
     gains = axis.gains
     assert law.explained > 0.9999
     assert law.kp == pytest.approx(gains.kp, rel=1e-3)
@@ -42,7 +42,7 @@ def test_torque_mode_is_not_taken_for_control(varied) -> None:
     assert not is_closed(recording.select("presliding"))
     assert is_closed(recording.select("benchmark"))
     unknown = recording.select("presliding").with_metadata(controller=None)
-    assert control_law(unknown) is None
+    assert not controller_of(unknown).usable
 
 
 def test_a_torque_that_is_no_controllers_is_not_usable(varied) -> None:
@@ -50,8 +50,7 @@ def test_a_torque_that_is_no_controllers_is_not_usable(varied) -> None:
     noise = np.random.default_rng(1).normal(0, 0.1, len(part))
     columns = dict(part.floats) | {"torque_command": part["torque_command"] + noise}
     other = Recording.from_columns(columns, replace(part.metadata, controller=None), "x")
-    law = control_law(other)
-    assert law is not None
+    law = controller_of(other)
     assert not law.usable
 
 
@@ -225,9 +224,3 @@ def test_ten_million_rows_are_thinned() -> None:
     assert 400_000 < len(thin) <= 600_000
     assert thin["time"][0] == 0.0
     assert thin["time"][-1] == pytest.approx(time[-1], abs=25.0)
-
-
-def test_a_known_controller_is_taken_from_the_metadata(varied) -> None:
-    law = control_law(varied[1].with_metadata(controller=Controller(1.0, 2.0, 3.0, 0.4)))
-    assert law is not None
-    assert (law.kp, law.kd, law.ki, law.derivative_filter) == (1.0, 2.0, 3.0, 0.4)

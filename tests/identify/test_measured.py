@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from autotune.core.recording import Metadata, Recording
-from autotune.identify.controller import control_law
+from autotune.estimation.controller import controller_of
 from autotune.identify.fit import fit
-from autotune.identify.foreign.importing import Options, import_files
 from autotune.identify.residuals import simulate_closed_loop
 from autotune.identify.steady_state import identify_steady_state
+from autotune.recordings.importing.importing import import_files
+from autotune.recordings.importing.options import Options
+from autotune.recordings.recording import Metadata, Recording
 from bench.measured import authors_error
 
 SHARED = Path(__file__).resolve().parents[2] / "../shared/data"
@@ -72,8 +73,7 @@ def test_emps_in_the_loop(emps, symmetric) -> None:
 
 def test_emps_controller_is_recognised(emps) -> None:
     """A cascade: kp = 160.18 · 243.45 V/m, damping on the velocity alone; in N with 35.15 N/V."""
-    law = control_law(emps)
-    assert law is not None
+    law = controller_of(emps)
     assert law.usable
     assert law.kp == pytest.approx(160.18 * 243.45 * 35.15, rel=0.01)
     assert law.kd == pytest.approx(243.45 * 35.15, rel=0.01)

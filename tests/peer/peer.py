@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from autotune_drivers.frames import Frame
+from autotune_drivers.canopen.frames import Frame
 
 VERSION = "6.2.1"
 SCRIPT = Path(__file__).with_name("canopen_peer.js")

@@ -10,12 +10,12 @@ from collections.abc import Iterator
 import pytest
 
 from autotune.core.errors import TransferAborted
-from autotune_drivers.exchange import Exchange
-from autotune_drivers.node import OPERATIONAL, PRE_OPERATIONAL, Node
-from autotune_drivers.objects import ObjectRef
+from autotune_drivers.canopen.exchange import Exchange
+from autotune_drivers.canopen.node import OPERATIONAL, PRE_OPERATIONAL, Node
+from autotune_drivers.canopen.objects import ObjectRef
+from autotune_drivers.canopen.sdo import Sdo
+from autotune_drivers.canopen.wire import Wire
 from autotune_drivers.profile import read_profile
-from autotune_drivers.sdo import Sdo
-from autotune_drivers.wire import Wire
 from tests.node.support import NODE, Bench
 from tests.peer.peer import Peer
 

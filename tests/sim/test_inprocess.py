@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -293,7 +294,8 @@ def test_every_rehearsal_leaves_the_axis_at_rest_after_disable(name: str) -> Non
     except (DriveFault, LinkTimeout):
         pass
     finally:
-        drive.disable()
+        with suppress(DriveFault):  # a fault in the stop itself is told by the stop
+            drive.disable()
     assert at_rest(drive)
 
 

@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -159,7 +160,24 @@ def test_factor_in_words(before: float | None, after: float | None, expected: st
     assert re.findall(r'class="factor">([^<]*)', text) == ([expected] if expected else [])
 
 
-@pytest.mark.parametrize("outcome", ["kept", "rolled_back", "not_applied", "aborted", "information"])
+def test_each_cell_carries_its_columns_name_for_narrow_screens(text: str) -> None:
+    assert 'data-column="Drive parameter"' in text
+    assert "@media (max-width:640px)" in text
+
+
+def test_what_is_in_the_drive_has_a_curve_of_its_own(sampled) -> None:
+    halved = replace(sampled.before_after, committed=0.5 * sampled.before_after.before)
+    names = [str(trace.name) for trace in figures.before_after(halved).data]
+    assert any(name.startswith("the drive by itself: peak") for name in names)
+    assert not any(
+        "by itself" in str(trace.name) for trace in figures.before_after(sampled.before_after).data
+    )
+
+
+@pytest.mark.parametrize(
+    "outcome",
+    ["kept", "host_only", "rolled_back", "not_applied", "aborted", "checked", "stage", "information"],
+)
 def test_report_without_anything_measured(outcome) -> None:
     text = render(Report("x", outcome, "Stopped by the guard.", sign_off=False))
     parsed = outline(text)

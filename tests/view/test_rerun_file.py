@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from autotune.core.errors import RecordingError
-from autotune.core.recording import Metadata, Recording
+from autotune.recordings.recording import Metadata, Recording
 from autotune.view.data import Trace
 from autotune.view.plane import Plane, symmetric, ticks
 from autotune.view.rerun_file import FinalValue, Shown, write_rrd

@@ -111,6 +111,9 @@ def _points(data: SteadyState, factor: float) -> go.Scatter:
     )
 
 
+LOWEST_DRAWN = 0.01  # of the value taken: an interval down to zero has no place on a logarithmic axis
+
+
 def _crosses(figure: go.Figure, data: Presliding) -> None:
     """One cross for each data set, one column for each method, the value taken as a band."""
     unit = f"{torque_unit(data.motion_unit)}/{data.motion_unit}"
@@ -131,7 +134,10 @@ def _crosses(figure: go.Figure, data: Presliding) -> None:
     if data.adopted is not None:
         _adopted(figure, *data.adopted, unit)
     names = [plain(name) for name in data.estimates]
-    figure.update_yaxes(title=titled("stiffness at rest", unit), rangemode="tozero", row=3, col=1)
+    shown = [value for values in data.estimates.values() for value in values if np.isfinite(value)]
+    logarithmic = bool(shown) and min(shown) > 0.0  # methods differ by decades
+    scale = {"type": "log"} if logarithmic else {"rangemode": "tozero"}
+    figure.update_yaxes(title=titled("stiffness at rest", unit), row=3, col=1, **scale)
     figure.update_xaxes(
         title="Method (one cross for each data set)",
         tickvals=list(range(len(names))),
@@ -145,7 +151,7 @@ def _crosses(figure: go.Figure, data: Presliding) -> None:
 
 def _adopted(figure: go.Figure, value: float, error: float, unit: str) -> None:
     figure.add_hrect(
-        y0=value - 1.96 * error,
+        y0=max(value - 1.96 * error, LOWEST_DRAWN * value),
         y1=value + 1.96 * error,
         fillcolor=theme.translucent(theme.MODEL, 0.22),
         line_width=0,

@@ -8,8 +8,9 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
+from autotune.core.arrays import Floats
 from autotune.view import theme
-from autotune.view.data import Comparison, Floats, Rank, Residual, Step
+from autotune.view.data import Comparison, Rank, Residual, Step
 from autotune.view.figures.parts import broken_line, empty, floor_lines, plain, small, titled
 from autotune.view.scale import binned, continuous, multiple, peak, quantity, significant
 
@@ -177,7 +178,7 @@ def _floor_of_stairs(figure: go.Figure, steps: int, floor: float, text: str) -> 
             x=[-0.5, steps - 0.5],
             y=[floor, floor],
             mode="lines",
-            name=f"noise floor, {text}: no model gets below",
+            name=f"noise floor, {text} (an estimate)",
             showlegend=True,
             line={"color": theme.GOOD, "dash": "dash", "width": 2},
         )

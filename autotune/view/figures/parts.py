@@ -8,10 +8,9 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
+from autotune.core.arrays import Floats
 from autotune.view import theme
 from autotune.view.scale import thin
-
-Floats = NDArray[np.float64]
 
 
 def line(x: Floats, y: Floats, name: str, colour: str, **more: object) -> go.Scatter:

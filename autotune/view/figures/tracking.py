@@ -8,14 +8,15 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
+from autotune.core.arrays import Floats
 from autotune.view import theme
-from autotune.view.data import BeforeAfter, Floats, History, Trace
+from autotune.view.data import BeforeAfter, History, Trace
 from autotune.view.figures.parts import band, empty, line, plain, small, titled
 from autotune.view.scale import multiple, peak, quantity, significant
 
 
 def before_after(data: BeforeAfter) -> go.Figure:
-    """Reference, and below it the period-averaged error of both, with its spread over the repeats.
+    """Reference, and below it the period-averaged errors, each with its spread over the repeats.
 
     Reversals of the reference are marked: that is where the quadrant glitch sits. The grey stripe is
     one count of the position sensor to either side.
@@ -24,13 +25,16 @@ def before_after(data: BeforeAfter) -> go.Figure:
         return empty("The benchmark was not measured.")
     figure = make_subplots(rows=2, cols=1, shared_xaxes=True, row_heights=[0.27, 0.73], vertical_spacing=0.05)
     reference_factor, reference_unit = multiple(peak(data.reference), data.motion_unit)
-    factor, unit = multiple(peak(data.before, data.after), data.motion_unit)
+    factor, unit = multiple(peak(data.before, data.after, data.committed), data.motion_unit)
     figure.add_trace(
         line(data.time, data.reference * reference_factor, "reference", theme.REFERENCE, showlegend=False),
         row=1,
         col=1,
     )
-    sets = ((data.before, data.before_name, theme.BEFORE), (data.after, data.after_name, theme.AFTER))
+    sets = [(data.before, data.before_name, theme.BEFORE)]
+    if data.committed is not None:
+        sets.append((data.committed, data.committed_name, theme.GOOD))
+    sets.append((data.after, data.after_name, theme.AFTER))
     for errors, name, colour in sets:
         for trace in _mean_and_band(data.time, errors * factor, _label(errors, name, factor, unit), colour):
             figure.add_trace(trace, row=2, col=1)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from autotune_drivers.moteus_drive import MoteusDrive
+from autotune_drivers.moteus.drive import MoteusDrive
 from tests.drivers.moteus_rig import moteus_opener
 from tests.drivers.simulator import Simulator, simulator
 

@@ -13,10 +13,10 @@ from autotune.core.drive import HOLD, Mode
 from autotune.core.errors import (
     LinkError,
 )
-from autotune_drivers.moteus_drive import MoteusDrive
-from autotune_drivers.moteus_line import Line
-from autotune_drivers.moteus_open import open_controller
-from autotune_drivers.moteus_port import MoteusPort, open_port
+from autotune_drivers.moteus.drive import MoteusDrive
+from autotune_drivers.moteus.line import Line
+from autotune_drivers.moteus.opening import open_controller
+from autotune_drivers.moteus.port import MoteusPort, open_port
 from tests.drivers.contract import column, play, sine, where
 from tests.drivers.moteus_rig import hold, moteus_opener
 from tests.drivers.simulator import Simulator

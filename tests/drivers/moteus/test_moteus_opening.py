@@ -15,11 +15,11 @@ from autotune.core.errors import (
     StateError,
 )
 from autotune.core.paths import config_directory
-from autotune_drivers.moteus_drive import MoteusDrive
-from autotune_drivers.moteus_multiplex import Form, write
-from autotune_drivers.moteus_node import MoteusNode
-from autotune_drivers.moteus_port import open_port
-from autotune_drivers.moteus_profile import read_moteus_profile
+from autotune_drivers.moteus.drive import MoteusDrive
+from autotune_drivers.moteus.multiplex import Form, write
+from autotune_drivers.moteus.node import MoteusNode
+from autotune_drivers.moteus.port import open_port
+from autotune_drivers.moteus.profile import read_moteus_profile
 from autotune_drivers.profile import read_profile
 from tests.drivers.contract import where
 from tests.drivers.moteus_rig import moteus_opener, settings

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,8 +13,8 @@ from autotune.core.errors import (
     LinkError,
     StateError,
 )
-from autotune_drivers.moteus_drive import MoteusDrive
-from autotune_drivers.moteus_open import MoteusOpener
+from autotune_drivers.moteus.drive import MoteusDrive
+from autotune_drivers.moteus.opening import MoteusOpener
 from tests.drivers.moteus_rig import moteus_opener, settings
 from tests.drivers.simulator import Simulator, simulator
 
@@ -93,3 +94,31 @@ def test_nothing_is_stored_with_power_on(drive: MoteusDrive) -> None:
             drive.store()
     finally:
         drive.disable()
+
+
+def test_what_a_session_that_died_has_changed_is_put_back_by_the_next(tmp_path: Path) -> None:
+    with simulator(tmp_path, "--link", "moteus", "--node", "1"):
+        before, keep = settings(tmp_path), tmp_path / "sessions"
+        opener = replace(moteus_opener(tmp_path), keep=keep)
+        opener()._settings.node.port.close()  # nothing of it runs any more
+        left = settings(tmp_path)
+        assert left["servo.timeout_mode"] != before["servo.timeout_mode"]
+        drive = opener()
+        assert "servo.timeout_mode" in drive.left[0]
+        assert "put back" in drive.left[0]
+        drive.close()
+        assert settings(tmp_path) == before
+        assert list(keep.iterdir()) == []
+
+
+def test_what_somebody_has_set_in_a_controller_since_is_left_alone(tmp_path: Path) -> None:
+    with simulator(tmp_path, "--link", "moteus", "--node", "1"):
+        keep = tmp_path / "sessions"
+        opener = replace(moteus_opener(tmp_path), keep=keep)
+        dead = opener()
+        dead._settings.console.set("servo.default_accel_limit", "12.5")
+        dead._settings.node.port.close()
+        drive = opener()
+        assert any("servo.default_accel_limit" in one and "left as they are" in one for one in drive.left)
+        drive.close()
+        assert settings(tmp_path)["servo.default_accel_limit"] == "12.5"

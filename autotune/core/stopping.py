@@ -1,0 +1,108 @@
+"""Watches an axis while its drive takes it to rest: a stop only takes speed away.
+
+The drive carries the stop out, so no command of ours can be corrected; what is left is to see that it
+brakes, and to take power off where it does not:
+
+    |v(t)| ≤ |v₀| + 0.1·v_max + 2·T·a + 2·q/T
+
+v₀ is the highest speed in the `TAKES_OVER` cycles that pass before the stop command acts (sent, taken over
+with SYNC), v_max and a the axis's speed limit and deceleration. In two cycles T the axis may still gain speed,
+by no more than it could lose; 2·q/T is what two counts q of the position sensor look like. Beyond that in
+`IN_A_ROW` samples, whoever controls the axis drives it: a coasting axis is the lesser evil.
+
+Both velocities are watched: the drive's, which may be filtered, begin anew at 0 with the stop, or be in a
+wrong unit, and the position's difference.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from autotune.core.axis import Axis, Limits
+
+IN_A_ROW = 3
+TAKES_OVER = 2
+_SHARE = 0.1
+_DELAY_CYCLES = 2.0
+_COUNTS = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class StopLimits:
+    """What is known of an axis that is being stopped; SI.
+
+    Attributes:
+        allowance: speed that it may gain at the beginning, with what noise looks like.
+        beyond: how far outside of its travel it may be found: a reference at the limit, and the following
+            error allowed.
+    """
+
+    period: float
+    allowance: float
+    position_min: float
+    position_max: float
+    beyond: float
+    unit: str
+
+    @classmethod
+    def of(cls, axis: Axis) -> StopLimits:
+        return cls.from_limits(axis.limits, axis.cycle, axis.position_resolution, axis.motion_unit)
+
+    @classmethod
+    def from_limits(cls, limits: Limits, period: float, resolution: float, unit: str) -> StopLimits:
+        """Of an axis with these limits; `resolution` is one count of its position sensor."""
+        travel = (limits.position_min, limits.position_max)
+        allowance = gain_allowed(limits.speed, limits.deceleration, period, resolution)
+        return cls(period, allowance, *travel, limits.following_error, unit)
+
+
+def gain_allowed(speed: float, deceleration: float, period: float, resolution: float) -> float:
+    """Speed that an axis may gain while it begins to brake, with what two counts look like."""
+    return _SHARE * speed + _DELAY_CYCLES * period * deceleration + _COUNTS * resolution / period
+
+
+class StopWatch:
+    """One stop.
+
+    Attributes:
+        runs_away: speed has grown where it must fall; power has to go at once.
+        trouble: what was seen, in words; empty where the stop was as it should be.
+    """
+
+    def __init__(self, limits: StopLimits, velocity: float) -> None:
+        self.runs_away = False
+        self.trouble = ""
+        self._limits = limits
+        self._position: float | None = None  # how long ago the last one was taken is not known
+        self._speed = abs(velocity) if math.isfinite(velocity) else 0.0
+        self._seen = self._beyond = 0
+
+    def see(self, position: float, velocity: float, missed: int = 0) -> None:
+        """Takes the next sample; so many cycles were lost before it."""
+        limits = self._limits
+        before, self._position = self._position, position
+        moved = 0.0 if before is None else abs(position - before) / ((1 + missed) * limits.period)
+        known = math.isfinite(velocity + moved)
+        speed = max(abs(velocity), moved) if known else math.inf  # what is no number counts as too fast
+        self._seen += 1
+        if known and self._seen <= TAKES_OVER:
+            self._speed = max(self._speed, speed)
+        self._beyond = 0 if speed <= self._speed + limits.allowance else self._beyond + 1
+        if self._beyond >= IN_A_ROW and not self.runs_away:
+            self.runs_away = True
+            self.trouble = (
+                f"its speed rose from {self._speed:.3g} to {speed:.3g} {limits.unit}/s; power was taken off at "
+                "once, and it coasts to rest. Check the position sensor, the brake, and what else moves the axis"
+            )
+        elif not self.trouble and self._outside(position, velocity):
+            self.trouble = (
+                f"it left its travel: {position:.4g} {limits.unit}, allowed is {limits.position_min:g} to "
+                f"{limits.position_max:g}. Check that it brakes with limits.deceleration, and bring it back"
+            )
+
+    def _outside(self, position: float, velocity: float) -> bool:
+        low, high = self._limits.position_min, self._limits.position_max
+        if velocity > 0.0:
+            return position > high + self._limits.beyond
+        return velocity < 0.0 and position < low - self._limits.beyond

@@ -1,0 +1,1 @@
+"""What every fit shares: prepared recordings, the controller, the twin, the residual, least squares, hold-outs."""

@@ -1,0 +1,151 @@
+"""Which frequencies and which rows a recording without repeats can be compared at.
+
+Torque and acceleration must be coherent: the cut-off is the highest frequency where their coherence is
+above 0.7; beyond the usual one only where much of the torque is there. Rests, and reversals that the
+encoder does not resolve, are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy import ndimage, signal
+
+from autotune.core.arrays import Floats, Integers
+from autotune.estimation.alignment import aligned
+from autotune.estimation.controller import find_controller
+from autotune.estimation.coordinates import travel_since_reversal
+from autotune.estimation.data import CUTOFF, Block, Prepared, prepare
+from autotune.estimation.interpolation import finer, needed
+from autotune.estimation.speed_points import as_steady_recordings, speed_points
+from autotune.recordings.checks import check_recording, guide_of, torque_of
+from autotune.recordings.recording import Recording
+from autotune.signals.filters import low_pass
+
+CANDIDATES = (
+    10.0,
+    15.0,
+    20.0,
+    30.0,
+    40.0,
+    60.0,
+    80.0,
+    90.0,
+    100.0,
+    115.0,
+    130.0,
+    160.0,
+    200.0,
+)
+COHERENT = 0.7
+LOUD = 0.02
+FASTEST = 0.09
+"""Of the sampling rate: faster motion cannot be had from central differences."""
+LEAST = 15.0  # Hz
+ABOVE = 1.2
+MOST_POWER = 0.99
+"""Without a reference a loop's own noise looks like motion: not far above what most of the torque is."""
+REST = 0.002
+"""Of the largest speed: slower for `REST_SECONDS` is rest."""
+REST_SECONDS = 0.02
+GRAIN = 5.0
+"""Counts after a reversal."""
+LEAST_MOVING = 0.4
+LEAST_ROWS = 8
+
+
+def coherent_cutoff(recording: Recording, twin: bool = False) -> float:
+    """Cut-off [Hz] for a recording of one trajectory; `CUTOFF` where it is too short to tell.
+
+    `twin`: a controller is known, so that noise that runs round the loop is accounted for.
+    """
+    period = recording.period
+    longest = max(recording.segments(), key=lambda s: s.stop - s.start)
+    position, torque = recording["position"][longest.rows], torque_of(recording)[longest.rows]
+    window = min(1024, len(position) // 6)
+    if window < 64:
+        return min(CUTOFF, FASTEST / period)
+    wanted = guide_of(recording)[longest.rows]
+    wanted = wanted if np.ptp(wanted) > 0.0 else position
+    # where a controller follows a reference, noise runs round the loop and is coherent with itself
+    acceleration = np.diff(wanted, 2) / period**2
+    frequency, coherence = signal.coherence(torque[1:-1], acceleration, 1.0 / period, nperseg=window)
+    best = min(CANDIDATES[0], FASTEST / period)
+    for candidate in CANDIDATES:
+        if candidate > FASTEST / period:
+            break
+        inside = (frequency > 0.85 * candidate) & (frequency <= candidate)
+        if inside.sum() >= 2 and np.median(coherence[inside]) > COHERENT:
+            best = candidate
+    if not twin:
+        return min(best, max(LEAST, ABOVE * loud_below(torque, period)), FASTEST / period)
+    return best if best <= CUTOFF or _power_beyond(torque, period) > LOUD else min(CUTOFF, FASTEST / period)
+
+
+def loud_below(torque: Floats, period: float) -> float:
+    """Frequency [Hz] below which nearly all of the torque's power above its noise lies."""
+    window = min(2048, len(torque) // 4)
+    frequency, power = signal.welch(torque, 1.0 / period, nperseg=window)
+    floor = float(np.median(power[3 * len(power) // 4 :]))
+    total = np.cumsum(np.maximum(power - 2.0 * floor, 0.0))
+    return float(frequency[np.searchsorted(total, MOST_POWER * total[-1])])
+
+
+def _power_beyond(torque: Floats, period: float) -> float:
+    """Share of the torque's alternating power above the usual cut-off."""
+    slow = low_pass(torque - torque.mean(), CUTOFF, period)
+    return float(np.var(torque - torque.mean() - slow) / max(float(np.var(torque)), 1e-300))
+
+
+def without_rest(data: Prepared) -> Prepared:
+    """The data without rows whose low-pass reaches into a rest, where friction holds any torque, or into
+    the first counts after a reversal, where the encoder does not see the bristle bend.
+
+    The data as they are where that would leave less than half of them.
+    """
+    shortest = max(3, round(REST_SECONDS / data.period))
+    reach = len(data.taps) // 2 + round(1.0 / (data.motion_cutoff * data.period)) + shortest
+    speed = np.abs(data.velocity)
+    least = max(REST * float(np.percentile(speed, 99.5)), 0.25 * data.resolution / REST_SECONDS)
+    still = ndimage.uniform_filter1d((speed < least).astype(np.float64), shortest) > 0.999
+    unseen = travel_since_reversal(data) < GRAIN * data.resolution
+    near = ndimage.maximum_filter1d(still, 2 * reach + 1)
+    near |= ndimage.maximum_filter1d(unseen, 2 * (reach - shortest) + 1)
+    moving = ~near[data.grid]
+    rows: list[Integers] = []
+    blocks: list[Block] = []
+    for block in data.blocks:
+        kept = moving[block.rows].reshape(block.repeats, block.count).all(axis=0)
+        if kept.sum() >= LEAST_ROWS:
+            table = data.grid[block.rows].reshape(block.repeats, block.count)[:, kept]
+            start = sum(len(part) for part in rows)
+            blocks.append(replace(block, start=start, count=table.shape[1]))
+            rows.append(table.ravel())
+    if sum(len(part) for part in rows) < LEAST_MOVING * len(data.grid):
+        return data
+    return replace(data, grid=np.concatenate(rows), blocks=tuple(blocks))
+
+
+def prepared_for(recordings: Sequence[Recording]) -> Prepared:
+    """Recordings made ready: as the diagnosis programme wants it, or as a single trajectory allows.
+
+    Raises:
+        RecordingError, NotEnoughExcitation: as `prepare`.
+    """
+    points = speed_points(recordings)
+    if points:
+        for recording in recordings:
+            check_recording(recording)
+        return prepare(as_steady_recordings(recordings, points), 1e6, 1e6, steady=True)
+    data = prepare(recordings)
+    if data.repeated:
+        return data
+    known = data.recorded_reference and find_controller(data).usable
+    cutoff = coherent_cutoff(max(recordings, key=len), known)
+    if known:
+        return without_rest(prepare(recordings, cutoff, 2.5 * cutoff))
+    factor = needed(cutoff, recordings[0].period)
+    fine = [finer(recording, factor) for recording in recordings]
+    return aligned(replace(without_rest(prepare(fine, cutoff, 2.5 * cutoff)), finer=factor))

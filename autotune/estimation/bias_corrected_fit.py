@@ -1,0 +1,197 @@
+"""Fits inside the twin: what a model's own bias makes of its residual, followed to where nothing is better.
+
+On a rigid axis the bias changes slowly with the parameters: it is held during a fit and renewed after it.
+Two masses ring, and their bias changes as fast as the residual itself: there every single step is judged by
+the bias that belongs to it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from autotune.core.arrays import Floats
+from autotune.estimation.cross_validation import Unseen, held_out
+from autotune.estimation.data import TRAINING
+from autotune.estimation.least_squares import Fitted, Free, fit
+from autotune.estimation.parts import until_last
+from autotune.estimation.problem import Correction, Study, refit
+from autotune.estimation.residual import residual
+from autotune.models.drive_model import Packed
+from autotune.models.transmission import has_load
+
+LEVEL_GROUND = 1.005
+"""What the cost may rise by from a twin to the next: its noise."""
+MOST_HALVINGS = 3
+ACROSS_A_RIDGE = 1.5
+"""What the cost may rise by where only a whole step is left to try."""
+STEPS_A_ROUND = 4
+COARSE = 0.03
+"""Of a parameter's scale: difference for sensitivities of two masses, whose contact makes small ones noise."""
+STUCK, NEAR = 0.9, 0.5
+"""Of the cost at its start: a fit that comes no lower has not found its way, unless it began so near the end."""
+SHARP = 9
+"""Simulations for the bias that two masses are judged by: their blows make that of a few a matter of luck."""
+ENOUGH = 0.01
+"""Relative fall of the cost that is not worth another step between two masses: the chance of their bias."""
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """A model at its best: fit, the bias that belongs to it, and its error on unseen experiments.
+
+    `settled`: more rounds would not make it better.
+    """
+
+    fitted: Fitted
+    correction: Correction
+    unseen: Unseen
+    effects: tuple[str, ...] = ()
+    settled: bool = False
+
+    @property
+    def free(self) -> tuple[Free, ...]:
+        return self.fitted.free
+
+
+def settle(
+    study: Study,
+    start: Packed | Twinned,
+    free: Sequence[Free],
+    rounds: int,
+    effects: tuple[str, ...] = (),
+    near: Fitted | None = None,
+    target: float = math.inf,
+) -> Level | None:
+    """Fits inside the twin. None where the twin is unstable.
+
+    `start` is a model, or a place whose bias is known. `near` is a fit of the same parameters nearby, whose
+    sensitivities serve the first step. Between two masses a fit that cannot be expected to reach the cost `target`
+    is given up.
+    """
+    here = start if isinstance(start, Twinned) else twinned(study, start)
+    if here is None:
+        return None
+    best = here
+    if study.twin and has_load(here.packed.on):
+        return _step_by_step(study, here, free, STEPS_A_ROUND * rounds, effects, target)
+    last: Fitted | None = None
+    for _ in range(rounds):
+        last = refit(study, here.packed, list(free), here.correction, 4 if study.twin else 12, near)
+        found = _downhill(study, last, here)
+        if found is None:
+            break
+        here, near = found, last
+        best = here if here.cost < best.cost else best
+    if last is None:
+        return None
+    fitted = replace(last, packed=best.packed, error=best.error, cost=best.cost)
+    return _level(study, fitted, best.correction, effects)
+
+
+def settle_somewhere(
+    study: Study,
+    starts: Sequence[Packed],
+    enough: float,
+    free: Sequence[Free],
+    effects: tuple[str, ...],
+    target: float = math.inf,
+) -> Level | None:
+    """Fits from the first of several places that costs at most `enough`, and from the next where one is stuck.
+
+    Where none costs so little, from the best of them. For two masses, whose way downhill chance may bar. None where
+    the twin is unstable everywhere.
+    """
+    best: Level | None = None
+    dear: list[Twinned] = []
+    for packed in starts:
+        here = twinned(study, packed)
+        if here is None:
+            continue
+        if here.cost > enough:
+            dear.append(here)
+            continue
+        level = settle(study, here, free, 2, effects, target=target)
+        if level is not None and (best is None or level.fitted.cost < best.fitted.cost):
+            best = level
+        if level is not None and (level.fitted.cost < STUCK * here.cost or here.cost < NEAR * enough):
+            break
+    if best is not None or not dear:
+        return best
+    here = min(dear, key=lambda place: place.cost)
+    return settle(study, here, free, 2, effects, target=target)
+
+
+def _step_by_step(
+    study: Study,
+    here: Twinned,
+    free: Sequence[Free],
+    steps: int,
+    effects: tuple[str, ...],
+    target: float,
+) -> Level | None:
+    """A fit whose every step is judged by its own bias."""
+
+    fitted_part = replace(study, data=until_last(study.data, study.training > 0))
+
+    def bias_at(packed: Packed) -> Floats | None:
+        correction = fitted_part.correction(packed, study.simulations + 1)
+        return correction.bias if correction.stable else None
+
+    fitted = fit(
+        study.data, study.moved, here.packed, free, here.correction.bias, study.training, steps,
+        ENOUGH, bias_at=bias_at, difference=COARSE, whole=False,
+        target=target,
+    )  # fmt: skip
+    sharp = twinned(study, fitted.packed, SHARP if fitted.cost < target else None)
+    if sharp is None:
+        return None
+    level = _level(study, replace(fitted, error=sharp.error, cost=sharp.cost), sharp.correction, effects)
+    return replace(level, settled=fitted.converged)
+
+
+@dataclass(frozen=True, slots=True)
+class Twinned:
+    """A residual with the bias that belongs to its parameters, and its mean square."""
+
+    packed: Packed
+    error: Floats
+    correction: Correction
+    cost: float
+
+
+def twinned(
+    study: Study, packed: Packed, simulations: int | None = None, raw: Floats | None = None
+) -> Twinned | None:
+    """The residual at `packed`, `raw` where it is known already. None where the twin is unstable."""
+    correction = study.correction(packed, simulations or study.simulations + 1)
+    if not correction.stable:
+        return None
+    if raw is None:
+        raw = residual(study.data, packed, study.moved)
+    error = raw - correction.bias
+    return Twinned(packed, error, correction, study.mean_square(error, TRAINING))
+
+
+def _downhill(study: Study, fitted: Fitted, best: Twinned) -> Twinned | None:
+    """The fit with its own bias where that is better than before, else a point on the way there.
+
+    A fit holds the bias; near the limit of stability it changes so fast with the parameters that a whole step
+    leads uphill. Where no part of the step is better the whole of it may still lead across a ridge; None where it
+    is far worse.
+    """
+    whole = twinned(study, fitted.packed, raw=fitted.error + best.correction.bias)
+    found, packed = whole, fitted.packed
+    for _ in range(MOST_HALVINGS):
+        if found is not None and found.cost <= LEVEL_GROUND * best.cost:
+            return found
+        packed = Packed(0.5 * (packed.p + best.packed.p), packed.on)
+        found = twinned(study, packed)
+    if found is not None and found.cost <= LEVEL_GROUND * best.cost:
+        return found
+    return whole if whole is not None and whole.cost <= ACROSS_A_RIDGE * best.cost else None
+
+
+def _level(study: Study, fitted: Fitted, correction: Correction, effects: tuple[str, ...]) -> Level:
+    return Level(fitted, correction, held_out(study, fitted.error, fitted.jacobian), effects)

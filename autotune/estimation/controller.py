@@ -1,0 +1,336 @@
+"""The position controller of a recording: the file's if it explains the torque demand, else identified.
+
+u = kp·e + kd·d + ki·Σe·h + f·Δr/h + c with d ← d + α·((b·Δr − Δy)/h − d). For a fixed α this is linear in
+the rest, so that least squares in a search over α finds them (Ljung, System Identification, 2nd ed., ch. 7).
+b ≠ 1 is a drive with cascaded loops, f a velocity feedforward that the recording does not hold by itself. The
+integral is known but for a constant between two clamps of the torque: every such run has one of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import signal
+from scipy.optimize import minimize_scalar
+
+from autotune.core.arrays import Flags, Floats, Integers
+from autotune.estimation.data import Prepared, stretches_of
+from autotune.recordings.checks import at_limit, torque_of
+from autotune.recordings.recording import Controller, Recording
+
+USABLE = 0.999
+"""Share of the demand's variance: only a controller that explains more may drive a twin."""
+IMPORT_REFERENCE = "import it with one if there is: autotune data import FILE --column reference=FIELD"
+NAME_GAINS = (
+    "If you know its gains, name them: autotune data import FILE --controller 'pid kp=... kd=... ki=...'"
+)
+SHORTEST_RUN = 50  # samples between two clamps
+SHORTEST_STRETCH = 100  # samples
+MOST_ROWS = 40_000
+SAME = 1e-9
+"""Relative difference of two torques that are one value of the drive."""
+EXACT = 1e-6
+"""Share of the demand left: with less there is nothing for another law to explain."""
+PLAINLY_BETTER = 0.1
+"""Of the mean square that a law leaves: another must leave less to be taken instead. A gain that is wrong by
+a tenth can still explain 99.9 % where it does little, and would spoil the twin's damping."""
+_FILTERS = (0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class PositionController:
+    """A position controller and how it was found.
+
+    Attributes:
+        kp, kd, ki, derivative_filter: as in `recording.Controller`.
+        reference_rate: b, the part of the reference's rate in the derivative.
+        velocity_feedforward: f, on the rate of the reference [N m s/rad].
+        constant: torque that is always added where there is no integral to hold it [N m].
+        explained: share of the variance of the torque demand, R²; nan where it could not be checked.
+        source: `metadata` (the file's, verified), `identified`, `trusted` (the file's, which these data
+            cannot verify) or `none`.
+        why: what there is to say on it: why there is none, why it is trusted, or why the file's is not used.
+    """
+
+    kp: float = 0.0
+    kd: float = 0.0
+    ki: float = 0.0
+    derivative_filter: float = 1.0
+    reference_rate: float = 1.0
+    velocity_feedforward: float = 0.0
+    constant: float = 0.0
+    explained: float = 0.0
+    source: str = "none"
+    why: str = ""
+
+    @property
+    def usable(self) -> bool:
+        """Whether it may drive a twin."""
+        return self.source != "none"
+
+    @property
+    def gains(self) -> Floats:
+        """As the compiled twin takes them."""
+        return np.array([self.kp, self.kd, self.ki, self.derivative_filter, self.reference_rate])
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know of a controller that is used."""
+        return (self.why,) if self.usable and self.why else ()
+
+    def feedforward(self, reference: Floats, before: float, period: float) -> Floats:
+        """What the reference alone causes [N m], shape (n,); `before`: the reference a sample earlier."""
+        rate = np.diff(reference, prepend=before) / period
+        return np.asarray(self.velocity_feedforward * rate + self.constant)
+
+
+@dataclass(frozen=True, slots=True)
+class LoopSamples:
+    """What a controller is found in; arrays of shape (n,).
+
+    Attributes:
+        demand: torque less the feedforward that was recorded.
+        clamped: rows at the torque limit.
+        stretches: contiguous rows under position control.
+        known: the controller that the file names.
+    """
+
+    period: float
+    reference: Floats
+    position: Floats
+    demand: Floats
+    clamped: Flags
+    stretches: tuple[slice, ...]
+    known: Controller | None
+
+
+def is_closed(recording: Recording) -> bool:
+    """Whether the axis followed a reference of its own (in torque mode the measured position is logged)."""
+    if "reference" not in recording:
+        return False
+    return bool(np.mean(recording["reference"] != recording["position"]) > 0.05)
+
+
+def find_controller(data: Prepared) -> PositionController:
+    """The controller that made the torque demand of prepared data; none unless all of them were controlled."""
+    if not data.recorded_reference:
+        return _none(f"the recording has no column 'reference'; {IMPORT_REFERENCE}")
+    if not all(stretch.closed for stretch in data.stretches):
+        return _none("parts were recorded without position control")
+    return identified(
+        LoopSamples(
+            data.period,
+            data.reference,
+            data.measured,
+            data.torque - data.feedforward,
+            clamped(data.torque, data.metadata.torque_limit),
+            tuple(stretch.rows for stretch in data.stretches),
+            data.metadata.controller,
+        )
+    )
+
+
+def controller_of(recording: Recording) -> PositionController:
+    """The controller of the parts of a recording that were under position control."""
+    if "reference" not in recording:
+        return _none(f"the recording has no column 'reference'; {IMPORT_REFERENCE}")
+    closed = [s.rows for s in stretches_of(recording, 0) if s.closed and is_closed(recording.rows(s.rows))]
+    if not closed:
+        return _none("nothing was recorded under position control")
+    torque = torque_of(recording)
+    demand = torque - recording["torque_feedforward"] if "torque_feedforward" in recording else torque
+    return identified(
+        LoopSamples(
+            recording.period,
+            recording["reference"],
+            recording["position"],
+            np.asarray(demand),
+            clamped(torque, recording.metadata.torque_limit),
+            tuple(closed),
+            recording.metadata.controller,
+        )
+    )
+
+
+def clamped(torque: Floats, limit: float | None) -> Flags:
+    """Rows at the torque limit, shape (n,); where none is known, those at the largest torque if it comes again.
+
+    One clamped sample is enough to leave the integral other than its sum, and no torque that is free meets its own
+    largest value twice.
+    """
+    if limit is not None:
+        return at_limit(torque, limit).rows
+    rows = np.abs(torque) >= (1.0 - SAME) * float(np.max(np.abs(torque), initial=0.0))
+    return rows if np.count_nonzero(rows) > 1 else np.zeros(len(torque), dtype=np.bool_)
+
+
+def identified(samples: LoopSamples) -> PositionController:
+    """The file's controller where it explains the demand, else the one that explains it best, or none."""
+    known = samples.known
+    rows, _ = _regular(samples, 1.0)
+    if rows.sum() < SHORTEST_RUN:
+        why = "the torque is clamped nearly everywhere; record gentler motion"
+        return _none(why) if known is None else _trusted(known, why)
+    if float(np.var(samples.demand[rows])) == 0.0:
+        why = "the torque demand never changes; record motion"
+        return _none(why) if known is None else _trusted(known, why)
+    named = None if known is None else _checked(samples, known)
+    if named is not None and 1.0 - named.explained < EXACT:
+        return named
+    found = _searched(samples, cascaded=True)
+    if 1.0 - found.explained > EXACT:
+        other = _searched(samples, cascaded=False)
+        found = other if _plainly_better(other, found) else found
+    if named is not None and named.explained > USABLE and not _plainly_better(found, named):
+        return named
+    if not (found.explained > USABLE and found.kp > 0.0):
+        return replace(found, source="none", why=_unexplained(found.explained))
+    return found if named is None else replace(found, why=_replaced(named.explained, found.explained))
+
+
+def _plainly_better(one: PositionController, other: PositionController) -> bool:
+    return 1.0 - one.explained < PLAINLY_BETTER * (1.0 - other.explained)
+
+
+def _none(why: str) -> PositionController:
+    return PositionController(why=why)
+
+
+def _trusted(known: Controller, why: str) -> PositionController:
+    return PositionController(
+        known.kp,
+        known.kd,
+        known.ki,
+        known.derivative_filter,
+        explained=float("nan"),
+        source="trusted",
+        why=f"The controller of the file could not be verified and is trusted: {why}.",
+    )
+
+
+def _unexplained(share: float) -> str:
+    return (
+        f"reference and position explain {100 * share:.1f} % of the torque demand as a PID controller "
+        f"would; more than {100 * USABLE:.1f} % are needed. {NAME_GAINS}"
+    )
+
+
+def _replaced(named: float, found: float) -> str:
+    return (
+        f"The controller that the file names leaves {100 * (1.0 - named):.2g} % of the torque demand's variance "
+        f"unexplained, the one identified from the data {100 * (1.0 - found):.2g} %; that is used instead. Mend the "
+        "gains in the file."
+    )
+
+
+def _checked(samples: LoopSamples, known: Controller) -> PositionController:
+    """The file's controller with the share of the demand that it explains."""
+    rows, run = _regular(samples, known.derivative_filter)
+    terms = _terms(samples, known.derivative_filter)[rows]
+    law = np.array([known.kp, known.kd, known.ki, known.kd, 0.0])
+    rest = samples.demand[rows] - terms @ law
+    return PositionController(
+        known.kp,
+        known.kd,
+        known.ki,
+        known.derivative_filter,
+        constant=float(np.mean(rest)) if known.ki == 0.0 else 0.0,
+        explained=_share(_centred(rest[:, None], run)[:, 0], samples.demand[rows]),
+        source="metadata",
+    )
+
+
+def _searched(samples: LoopSamples, cascaded: bool) -> PositionController:
+    """Least squares over the derivative filter: a law with its own share of the reference's rate, or with
+    a velocity feedforward."""
+
+    def unexplained(smoothing: float) -> float:
+        return 1.0 - _regressed(samples, float(smoothing), cascaded).explained
+
+    costs = [unexplained(value) for value in _FILTERS]
+    best = int(np.argmin(costs))
+    bounds = _FILTERS[max(best - 1, 0)], _FILTERS[min(best + 1, len(_FILTERS) - 1)]
+    smoothing = minimize_scalar(unexplained, bounds=bounds, method="bounded", options={"xatol": 1e-4}).x
+    found, at_one = (_regressed(samples, float(value), cascaded) for value in (smoothing, 1.0))
+    return at_one if 1.0 - at_one.explained <= 1.0001 * (1.0 - found.explained) else found
+
+
+def _regressed(samples: LoopSamples, smoothing: float, cascaded: bool) -> PositionController:
+    """Gains by least squares with a constant for every run."""
+    rows, run = _regular(samples, smoothing)
+    every = slice(None, None, max(1, int(rows.sum()) // MOST_ROWS))
+    chosen = np.flatnonzero(rows)[every]
+    terms, demand = _terms(samples, smoothing)[chosen], samples.demand[chosen]
+    if cascaded:
+        table = terms[:, :4]
+    else:
+        table = np.column_stack([terms[:, 0], terms[:, 1] + terms[:, 3], terms[:, 2], terms[:, 4]])
+    centred = _centred(np.column_stack([table, demand]), run[every])
+    size = np.maximum(np.linalg.norm(centred[:, :4], axis=0), 1e-300)
+    solution = np.linalg.lstsq(centred[:, :4] / size, centred[:, 4], rcond=1e-12)[0] / size
+    kp, kd, ki, last = (float(value) for value in solution)
+    rest = centred[:, 4] - centred[:, :4] @ solution
+    held = abs(ki) >= 1e-9 * abs(kp) and ki > 0.0
+    return PositionController(
+        kp,
+        kd,
+        max(ki, 0.0),
+        smoothing,
+        reference_rate=(last / kd if kd != 0.0 else 0.0) if cascaded else 1.0,
+        velocity_feedforward=0.0 if cascaded else last,
+        constant=0.0 if held else float(np.mean(demand - table @ solution)),
+        explained=_share(rest, demand),
+        source="identified",
+    )
+
+
+def _share(rest: Floats, demand: Floats) -> float:
+    return 1.0 - float(np.var(rest)) / max(float(np.var(demand)), 1e-300)
+
+
+def _terms(samples: LoopSamples, smoothing: float) -> Floats:
+    """Regressors, shape (n, 5): e, filtered rate of −y, held sum of e, filtered rate of r, rate of r."""
+    h = samples.period
+    error = samples.reference - samples.position
+    terms = np.zeros((len(error), 5))
+    terms[:, 0] = error
+    coefficients = [smoothing], [1.0, smoothing - 1.0]
+    for rows in samples.stretches:
+        moved = np.diff(samples.position[rows], prepend=samples.position[rows.start]) / h
+        wanted = np.diff(samples.reference[rows], prepend=samples.reference[rows.start]) / h
+        terms[rows, 1] = -signal.lfilter(*coefficients, moved)
+        terms[rows, 2] = np.cumsum(error[rows] * ~samples.clamped[rows]) * h
+        terms[rows, 3] = signal.lfilter(*coefficients, wanted)
+        terms[rows, 4] = wanted
+    return terms
+
+
+def _regular(samples: LoopSamples, smoothing: float) -> tuple[Flags, Integers]:
+    """Rows that tell the law, shape (n,), and the number of the run that each of them belongs to.
+
+    Not the clamped ones, nor those after a start where the derivative still remembers what was before it, nor
+    runs so short that their constant would explain them.
+    """
+    kept = np.zeros(len(samples.demand), dtype=np.bool_)
+    number = np.zeros(len(samples.demand), dtype=np.int64)
+    count = 0
+    for rows in samples.stretches:
+        if rows.stop - rows.start < SHORTEST_STRETCH:
+            continue
+        free = ~samples.clamped[rows]
+        free[: min(len(free) // 4, max(20, round(10.0 / smoothing)))] = False
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]]).astype(np.int8)))
+        for start, stop in (edges.reshape(-1, 2) + rows.start).tolist():
+            if stop - start >= SHORTEST_RUN:
+                kept[start:stop] = True
+                number[start:stop] = count
+                count += 1
+    return kept, number[kept]
+
+
+def _centred(values: Floats, run: Integers) -> Floats:
+    """Values of shape (m, k) less their mean in the run that each row belongs to; `run` of shape (m,)."""
+    count = np.maximum(np.bincount(run), 1)
+    means = np.column_stack([np.bincount(run, column) / count for column in values.T])
+    return np.asarray(values - means[run])

@@ -1,0 +1,110 @@
+"""Coordinates in which a residual can live, and the share of its variance that each explains (η²)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from autotune.core.arrays import Flags, Floats
+from autotune.estimation.cross_validation import bins
+from autotune.estimation.data import Prepared
+from autotune.models.compiled import compiled
+
+COUNT = 24
+
+
+def since_reversal(data: Prepared) -> tuple[Floats, Floats]:
+    """Travel [motion unit] and time [s] since the last reversal, on the grid.
+
+    A reversal counts once the axis has come back by three counts.
+    """
+    travel, samples = _by_sample(data)
+    return travel[data.grid], samples[data.grid] * data.period
+
+
+def travel_since_reversal(data: Prepared) -> Floats:
+    """Travel since the last reversal [motion unit] of every sample, shape (n,)."""
+    return _by_sample(data)[0]
+
+
+def _by_sample(data: Prepared) -> tuple[Floats, Floats]:
+    travel, samples = np.zeros(len(data.time)), np.zeros(len(data.time))
+    least = 3.0 * data.resolution if data.resolution > 0 else 1e-4 * float(np.ptp(data.position))
+    for stretch in data.stretches:
+        _since(data.position[stretch.rows], least, travel[stretch.rows], samples[stretch.rows])
+    return travel, samples
+
+
+@compiled
+def _since(position: Floats, least: float, travel: Floats, samples: Floats) -> None:
+    """Travel and samples since the last reversal, written to the arrays, shape (n,)."""
+    base, base_at = position[0], 0
+    extreme, extreme_at, direction = position[0], 0, 0.0
+    for k in range(len(position)):
+        ahead = (position[k] - extreme) * direction
+        if direction == 0.0 and abs(position[k] - extreme) > least:
+            direction = 1.0 if position[k] > extreme else -1.0
+            extreme, extreme_at = position[k], k
+        elif ahead > 0.0:
+            extreme, extreme_at = position[k], k
+        elif ahead < -least:
+            base, base_at = extreme, extreme_at
+            direction = -direction
+            extreme, extreme_at = position[k], k
+        travel[k] = abs(position[k] - base)
+        samples[k] = k - base_at
+
+
+def coordinates(data: Prepared) -> dict[str, Floats]:
+    """Values of every coordinate on the grid, shape (m,) each; temperature where it was recorded."""
+    travel, time = since_reversal(data)
+    velocity = data.velocity[data.grid]
+    warmth = {} if data.temperature is None else {"temperature": data.temperature[data.grid]}
+    return warmth | {
+        "position": data.position[data.grid],
+        "velocity": velocity,
+        "acceleration": data.acceleration[data.grid],
+        "direction": np.sign(velocity),
+        "time": data.time[data.grid],
+        "travel_since_reversal": np.log10(travel + 1e-9 * float(np.ptp(data.position)) + 1e-12),
+        "time_since_reversal": np.log10(time + data.period),
+    }
+
+
+def variance_shares(data: Prepared, error: Floats, rows: Flags) -> dict[str, float]:
+    """η² by coordinate, less what bins explain of noise by chance; each with the direction of motion."""
+    table = coordinates(data)
+    sign = table["velocity"] >= 0.0
+    total = float(np.var(error[rows]))
+    shares: dict[str, float] = {}
+    for name, values in table.items():
+        columns = bins(values, COUNT, rows)
+        if name not in ("velocity", "direction", "time", "temperature"):
+            columns = np.hstack([columns * sign[:, None], columns * ~sign[:, None]])
+        shares[name] = _eta_squared(columns[rows], error[rows], total)
+    return shares
+
+
+def _eta_squared(columns: Floats, error: Floats, total: float) -> float:
+    count = columns.sum(axis=0)
+    used = count > 0
+    mean = (columns.T @ error)[used] / count[used]
+    between = float(np.sum(count[used] * (mean - error.mean()) ** 2)) / len(error)
+    chance = (int(used.sum()) - 1) / max(len(error) / 4.0, 1.0)
+    return float(np.clip(between / max(total, 1e-300) - chance, 0.0, 1.0))
+
+
+def generic_columns(data: Prepared, rows: Flags) -> Mapping[str, Floats]:
+    """Free functions that no physics stands behind: what they explain and physics does not is unknown."""
+    table = coordinates(data)
+    sign = (table["velocity"] >= 0.0)[:, None]
+    position = bins(table["position"], COUNT, rows)
+    travel = bins(table["travel_since_reversal"], COUNT, rows)
+    return {
+        "velocity": bins(table["velocity"], 2 * COUNT, rows),
+        "acceleration": bins(table["acceleration"], COUNT, rows),
+        "position": np.hstack([position * sign, position * ~sign]),
+        "time": bins(table["time"], COUNT, rows),
+        "travel_since_reversal": np.hstack([travel * sign, travel * ~sign]),
+    }

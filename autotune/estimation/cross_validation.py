@@ -1,0 +1,141 @@
+"""How good a fit is on data that it has not seen, and which share of the explainable it explains."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from autotune.core.arrays import Flags, Floats
+from autotune.estimation.data import TRAINING
+from autotune.estimation.least_squares import DIFFERENCE, Fitted
+from autotune.estimation.problem import CHUNK, Correction, Study
+from autotune.estimation.residual import residual
+from autotune.models.drive_model import Packed
+
+LEAST_Z = 6.0
+LEAST_SHARE = 0.1
+SURE_LEFT = 3.0
+LARGE_LEFT = 0.03
+
+
+@dataclass(frozen=True, slots=True)
+class Unseen:
+    """Squared error of predictions of held-out experiments, by chunk of about a second, shape (chunks,)."""
+
+    chunks: Floats
+
+    @property
+    def total(self) -> float:
+        return float(self.chunks.sum())
+
+
+def held_out(study: Study, error: Floats, columns: Floats) -> Unseen:
+    """Leave one experiment (or range of phases) out: the rest refits the columns, linearised, and predicts it."""
+    weight = study.training
+    inner = columns.T @ (columns * weight[:, None])
+    ridge = 1e-7 * np.trace(inner) / max(len(inner), 1) * np.eye(len(inner))
+    slope = columns.T @ (error * weight)
+    chunks: list[float] = []
+    fold, fitted = study.data.folds, study.data.role(TRAINING)
+    for number in np.unique(fold[fitted]):
+        rows = np.flatnonzero(fitted & (fold == number))
+        part = columns[rows]
+        left = inner - part.T @ (part * weight[rows, None]) + ridge
+        change = -np.linalg.solve(left, slope - part.T @ (error[rows] * weight[rows]))
+        rest = weight[rows] * (error[rows] + part @ change) ** 2
+        chunks += [float(c.sum()) for c in np.array_split(rest, max(1, len(rest) // CHUNK))]
+    return Unseen(np.array(chunks))
+
+
+def gain_and_z(before: Unseen, after: Unseen) -> tuple[float, float]:
+    """Relative fall of the error on unseen data, and its paired z over chunks."""
+    fall = before.chunks - after.chunks
+    gain = float(fall.sum() / max(before.total, 1e-300))
+    spread = float(fall.std(ddof=1)) if len(fall) > 1 else math.inf
+    z = float(fall.mean() / max(spread / math.sqrt(len(fall)), 1e-300))
+    return gain, z
+
+
+@dataclass(frozen=True, slots=True)
+class Explained:
+    """What a model explains of one role's residual: X the fall, U what is still explainable [(N m)²].
+
+    `certain`: what is left repeats beyond doubt, so that the model cannot be all of the truth.
+    """
+
+    fall: float
+    left: float
+    certain: bool = False
+
+    @property
+    def share(self) -> float:
+        """X/(X + U), 0 where nothing was explained."""
+        return self.fall / (self.fall + self.left) if self.fall > 0 else 0.0
+
+
+def still_explainable(study: Study, fitted: Fitted, correction: Correction, role: str) -> float:
+    """Repeatable variance, certain to one standard error, and drifting friction level [(N m)²]."""
+    variance, error = study.repeatable(fitted.error, correction, role)
+    repeatable = max(variance - error, 0.0) if math.isfinite(variance) else 0.0
+    return repeatable + drift(study, fitted, correction, role)[0]
+
+
+def drift(study: Study, fitted: Fitted, correction: Correction, role: str) -> tuple[float, float]:
+    """Variance that a friction level differing between repeats explains [(N m)²], and its z."""
+    column = _of_friction(study, fitted, correction, role)
+    if column is None:
+        return 0.0, 0.0
+    differences, levels = [], []
+    for block in study.data.blocks:
+        if block.role != role or block.repeats < 2:
+            continue
+        error = fitted.error[block.rows].reshape(block.repeats, block.count)
+        level = column[block.rows].reshape(block.repeats, block.count)
+        differences.append(error[-1] - error[0])
+        levels.append(0.5 * (level[-1] + level[0]))
+    if not differences:
+        return 0.0, 0.0
+    d, x = np.concatenate(differences), np.concatenate(levels)
+    power = float(x @ x)
+    if power <= 0.0:
+        return 0.0, 0.0
+    slope = float(x @ d) / power
+    rest = d - slope * x
+    z = slope / max(math.sqrt(float(rest @ rest) / len(d) * 4.0 / power), 1e-300)
+    share = 1.0 - float(rest @ rest) / max(float(d @ d), 1e-300)
+    if abs(z) < LEAST_Z or share < LEAST_SHARE:
+        return 0.0, z
+    return 0.25 * slope**2 * power / len(d), z
+
+
+def _of_friction(study: Study, fitted: Fitted, correction: Correction, role: str) -> Floats | None:
+    """Sensitivity to Coulomb friction on the rows of a role, shape (m,); None where it was not fitted."""
+    names = [f.name for f in fitted.free]
+    if "coulomb" not in names:
+        return None
+    index = names.index("coulomb")
+    if role == TRAINING:
+        return np.asarray(fitted.jacobian[:, index])
+    p = fitted.packed.p.copy()
+    change = DIFFERENCE * fitted.scales[index]
+    p[fitted.free[index].slot] += change
+    moved = residual(study.data, Packed(p, fitted.packed.on), study.moved)
+    return np.asarray((moved - fitted.error - correction.bias) / DIFFERENCE)
+
+
+def explained(study: Study, before: Fitted, after: Fitted, correction: Correction, role: str) -> Explained:
+    """What `after` explains beyond `before` of a role's residual."""
+    fall = study.mean_square(before.error, role) - study.mean_square(after.error, role)
+    variance, error = study.repeatable(after.error, correction, role)
+    noise = study.noise_variance(after.error, role)
+    certain = math.isfinite(variance) and variance > SURE_LEFT * error and variance > LARGE_LEFT * noise
+    return Explained(fall, still_explainable(study, after, correction, role), certain)
+
+
+def bins(values: Floats, count: int, chosen: Flags) -> Floats:
+    """One column per bin of equal population, shape (m, bins)."""
+    edges = np.unique(np.quantile(values[chosen], np.linspace(0, 1, count + 1)[1:-1]))
+    index = np.searchsorted(edges, values)
+    return np.asarray(index[:, None] == np.arange(len(edges) + 1)[None, :], dtype=np.float64)

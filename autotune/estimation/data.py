@@ -1,0 +1,385 @@
+"""A recording made ready for comparison: motion, grid of rows, blocks of repeats, roles.
+
+Torque and motion are compared on a coarse grid that starts anew in every segment, so that the repeats of
+an experiment can be subtracted row by row. Segments `conditioning` are never fitted, `veto` only gates,
+`test` is only reported on; everything else is training data.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from autotune.core.arrays import Flags, Floats, Integers
+from autotune.core.errors import NotEnoughExcitation
+from autotune.estimation.periodic import Periodic, periodic
+from autotune.recordings.checks import check_recording, torque_of
+from autotune.recordings.recording import Metadata, Recording, Segment, refuse_mixture
+from autotune.signals.filters import motion
+
+MOTION_CUTOFF = 150.0  # Hz, of position, velocity and acceleration
+CUTOFF = 60.0  # Hz, of everything that is compared
+GRID = 200.0  # Hz
+STANDSTILL_COUNTS = 2.1
+STANDSTILL_SECONDS = 0.01
+CHUNK_SECONDS = 2.0
+TRAINING, VETO, TEST = "training", "veto", "test"
+_ROLES = {"veto": VETO, "test": TEST}
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """One experiment with its repeats: rows `start` to `start + repeats·count` of the grid.
+
+    Residuals of these rows, reshaped to (repeats, count), can be compared repeat by repeat.
+    """
+
+    name: str
+    role: str
+    start: int
+    repeats: int
+    count: int
+
+    @property
+    def rows(self) -> slice:
+        return slice(self.start, self.start + self.repeats * self.count)
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """Contiguous samples `start` to `stop`; `closed` where a position controller was at work."""
+
+    start: int
+    stop: int
+    closed: bool
+
+    @property
+    def rows(self) -> slice:
+        return slice(self.start, self.stop)
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """Arrays of shape (n,) by sample, (m,) by grid row. SI, motor side.
+
+    Attributes:
+        torque: demand held from each sample to the next; `feedforward`: part of it, 0 where not known.
+        position, velocity, acceleration: zero-phase filtered; `measured`: the raw position.
+        grid: samples at the centre of each grid row.
+        taps: zero-phase low-pass that every torque goes through, shape (odd,).
+        recorded_torque: as it was in the file; `torque` is this, moved by `shift` half samples.
+        filtered: one side was put through a low-pass that the file's other column had gone through.
+        starts: first sample of each recording.
+        temperature: °C, shape (n,); None unless every recording has it.
+        steady: only the curve of torque over constant speeds is compared (see `speed_curve`).
+        finer: rows for each one of the file.
+        periodic: stretches whose motion repeats itself: they are held out by phase.
+    """
+
+    metadata: Metadata
+    period: float
+    resolution: float
+    time: Floats
+    reference: Floats
+    measured: Floats
+    torque: Floats
+    feedforward: Floats
+    position: Floats
+    velocity: Floats
+    acceleration: Floats
+    stretches: tuple[Stretch, ...]
+    grid: Integers
+    blocks: tuple[Block, ...]
+    taps: Floats
+    motion_cutoff: float
+    recorded_reference: bool
+    recorded_torque: Floats
+    shift: float = 0.0
+    filtered: bool = False
+    starts: tuple[int, ...] = (0,)
+    temperature: Floats | None = None
+    steady: bool = False
+    finer: int = 1
+    periodic: tuple[Periodic, ...] = ()
+
+    def role(self, *roles: str) -> Flags:
+        """Grid rows of blocks with one of these roles, shape (m,)."""
+        chosen = np.zeros(len(self.grid), dtype=np.bool_)
+        for block in self.blocks:
+            chosen[block.rows] = block.role in roles
+        return chosen
+
+    @property
+    def folds(self) -> Integers:
+        """What is held out together, as a number for each grid row, in order of appearance; shape (m,)."""
+        names = {name: i for i, name in enumerate(dict.fromkeys(block.name for block in self.blocks))}
+        fold = np.empty(len(self.grid), dtype=np.int64)
+        for block in self.blocks:
+            fold[block.rows] = names[block.name]
+        first = len(names)
+        for part in self.periodic:
+            inside = (self.grid >= part.start) & (self.grid < part.stop)
+            fold[inside] = first + part.fold(self.grid[inside])
+            first += part.folds
+        return fold
+
+    @property
+    def repeated(self) -> bool:
+        return any(block.repeats > 1 and block.role == TRAINING for block in self.blocks)
+
+    @property
+    def closed(self) -> bool:
+        return self.recorded_reference and all(stretch.closed for stretch in self.stretches)
+
+
+def prepare(
+    recordings: Sequence[Recording],
+    cutoff: float = CUTOFF,
+    motion_cutoff: float = MOTION_CUTOFF,
+    steady: bool = False,
+) -> Prepared:
+    """Makes recordings of one axis ready.
+
+    Raises:
+        RecordingError: a column is missing, or axes are mixed.
+        NotEnoughExcitation: too short, or nothing moves outside conditioning.
+    """
+    for recording in recordings:
+        if not steady:
+            check_recording(recording)
+        refuse_mixture(recordings[0].metadata, recording.metadata)
+    period = recordings[0].period
+    columns = [_columns(recording) for recording in recordings]
+    arrays = {name: np.concatenate([column[name] for column in columns]) for name in columns[0]}
+    parts = _gathered(recordings, steady)
+    position, velocity, acceleration = filtered_motion(
+        arrays["position"], parts.stretches, period, motion_cutoff
+    )
+    resolution = known_resolution(recordings[0].metadata, arrays["position"])
+    taps = low_pass_taps(cutoff, period)
+    allowed = _usable(arrays["position"], parts.stretches, resolution, period, len(taps) // 2)
+    step = max(1, round(1.0 / (GRID / CUTOFF * cutoff * period)))
+    grid, blocks = _grid(parts.segments, allowed, step, period)
+    if not any(block.role == TRAINING for block in blocks):
+        raise NotEnoughExcitation(
+            "the recordings hold no motion to fit: beside conditioning, veto and test at least one "
+            "segment must move; record the programme 'diagnosis'"
+        )
+    return Prepared(
+        recordings[0].metadata,
+        period,
+        resolution,
+        arrays["time"],
+        arrays["reference"],
+        arrays["position"],
+        arrays["torque"],
+        arrays["feedforward"],
+        position,
+        velocity,
+        acceleration,
+        tuple(parts.stretches),
+        grid,
+        blocks,
+        taps,
+        motion_cutoff,
+        all("reference" in recording for recording in recordings),
+        arrays["torque"],
+        steady=steady,
+        starts=tuple(parts.starts),
+        temperature=_temperature(recordings),
+        periodic=tuple(parts.alike),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Parts:
+    """What recordings one after the other consist of, in rows of all of them."""
+
+    stretches: list[Stretch]
+    segments: list[Segment]
+    alike: list[Periodic]
+    starts: list[int]
+
+
+def _gathered(recordings: Sequence[Recording], steady: bool) -> _Parts:
+    parts = _Parts([], [], [], [])
+    offset = 0
+    for number, recording in enumerate(recordings):
+        whole = [Stretch(offset, offset + len(recording), False)]
+        parts.stretches.extend(whole if steady else stretches_of(recording, offset))
+        parts.starts.append(offset)
+        parts.segments.extend(_segments(recording, offset, number if len(recordings) > 1 else 0))
+        if not steady:
+            parts.alike.extend(_periodic(recording, offset))
+        offset += len(recording)
+    return parts
+
+
+def filtered_motion(
+    measured: Floats, stretches: Sequence[Stretch], period: float, cutoff: float
+) -> tuple[Floats, Floats, Floats]:
+    """Position, velocity and acceleration, filtered within each stretch; shape (n,) each."""
+    position, velocity, acceleration = (np.zeros(len(measured)) for _ in range(3))
+    for s in stretches:
+        position[s.rows], velocity[s.rows], acceleration[s.rows] = motion(measured[s.rows], period, cutoff)
+    return position, velocity, acceleration
+
+
+def low_pass_taps(cutoff: float, period: float) -> Floats:
+    """Symmetric low-pass of gain 1 at rest; a single 1 where the cut-off is beyond the samples."""
+    if cutoff * period >= 0.45:
+        return np.ones(1)
+    half = max(1, round(0.9 / (cutoff * period)))
+    return np.asarray(signal.firwin(2 * half + 1, cutoff, fs=1.0 / period), dtype=np.float64)
+
+
+def _columns(recording: Recording) -> dict[str, Floats]:
+    n = len(recording)
+    return {
+        "time": recording["time"],
+        "reference": recording["reference"] if "reference" in recording else recording["position"],
+        "position": recording["position"],
+        "torque": torque_of(recording),
+        "feedforward": recording["torque_feedforward"] if "torque_feedforward" in recording else np.zeros(n),
+    }
+
+
+def _temperature(recordings: Sequence[Recording]) -> Floats | None:
+    if not all("temperature" in recording for recording in recordings):
+        return None
+    values = np.concatenate([recording["temperature"] for recording in recordings])
+    return values if np.all(np.isfinite(values)) and float(np.ptp(values)) > 0.0 else None
+
+
+def stretches_of(recording: Recording, offset: int) -> list[Stretch]:
+    """Cuts where samples were lost, time starts again, the axis was re-homed, or the mode changed."""
+    time, position = recording["time"], recording["position"]
+    step = np.abs(np.diff(position))
+    lost = (recording.missed[1:] > 0) | (np.abs(np.diff(time) / recording.period - 1.0) > 0.5)
+    usual = np.percentile(step, 99.9) if len(step) else 0.0
+    jump = step > 20.0 * usual + 100.0 * (recording.metadata.position_resolution or 0.0)
+    closed = _controlled(recording)
+    edges = [0, *(np.flatnonzero(lost | jump | (np.diff(closed) != 0)) + 1).tolist(), len(recording)]
+    return [
+        Stretch(offset + a, offset + b, bool(closed[a])) for a, b in itertools.pairwise(edges) if b - a >= 50
+    ]
+
+
+def _controlled(recording: Recording) -> NDArray[np.int8]:
+    """1 where the reference is not just the measured position, by segment.
+
+    An axis that rests on its target to the last count tells nothing: it is as the segment before, or after.
+    """
+    closed = np.zeros(len(recording), dtype=np.int8)
+    if "reference" not in recording:
+        return closed
+    segments = [segment.rows for segment in recording.segments()]
+    for rows in segments:
+        closed[rows] = np.any(recording["reference"][rows] != recording["position"][rows])
+    rests = [not closed[rows][0] and np.ptp(recording["position"][rows]) == 0.0 for rows in segments]
+    told = [i for i, rest in enumerate(rests) if not rest]
+    for i, rows in enumerate(segments):
+        if rests[i] and told:
+            nearest = max((k for k in told if k < i), default=told[0])
+            closed[rows] = closed[segments[nearest]][0]
+    return closed
+
+
+def _segments(recording: Recording, offset: int, number: int) -> list[Segment]:
+    """Segments in absolute rows; a long one without repeats is cut into chunks to hold out."""
+    found: list[Segment] = []
+    segments = recording.segments()
+    cut = _cut(segments)
+    chunk = max(_least_chunk(recording), 10)
+    for segment in segments:
+        role = segment.experiment
+        if role == "conditioning":
+            continue
+        if not cut or role in _ROLES:
+            found.append(Segment(role, segment.repeat, segment.start + offset, segment.stop + offset))
+            continue
+        pieces = max(1, round((segment.stop - segment.start) / chunk))
+        edges = np.linspace(segment.start, segment.stop, pieces + 1).astype(int).tolist()
+        for i, (a, b) in enumerate(itertools.pairwise(edges)):
+            name = f"{role or 'recording'}/{number}.{segment.start}.{i}"
+            found.append(Segment(name, 0, a + offset, b + offset))
+    return found
+
+
+def _cut(segments: Sequence[Segment]) -> bool:
+    """Whether there are so few experiments, none of them repeated, that each must be cut to be held out."""
+    names = [s.experiment for s in segments if s.experiment not in ("conditioning", *_ROLES)]
+    return len(set(names)) == len(names) < 4
+
+
+def _periodic(recording: Recording, offset: int) -> list[Periodic]:
+    """Segments without repeats whose motion repeats itself, in absolute rows."""
+    segments = recording.segments()
+    if not _cut(segments):
+        return []
+    guide = recording["reference" if "reference" in recording else "position"]
+    fitted = [s for s in segments if s.experiment not in ("conditioning", *_ROLES)]
+    found = [periodic(guide[s.rows], offset + s.start, recording.period) for s in fitted]
+    return [part for part in found if part is not None]
+
+
+def _least_chunk(recording: Recording) -> int:
+    seconds = len(recording) * recording.period
+    return round(max(CHUNK_SECONDS, seconds / 24.0) / recording.period)
+
+
+def known_resolution(metadata: Metadata, position: Floats) -> float:
+    """One count of the position: as the file says, else the step that all steps are multiples of; 0 if none."""
+    if metadata.position_resolution is not None:
+        return metadata.position_resolution
+    step = np.abs(np.diff(position))
+    step = step[step > 1e-12 * max(1.0, float(np.ptp(position)))]
+    if len(step) == 0:
+        return 0.0
+    least = float(np.percentile(step, 1.0))
+    counts = step[:20_000] / least
+    whole = float(np.mean(np.abs(counts - np.round(counts)) < 0.05))
+    return least if whole > 0.95 else 0.0
+
+
+def _usable(
+    position: Floats, stretches: Sequence[Stretch], resolution: float, period: float, margin: int
+) -> Flags:
+    """Samples that are neither at the edge of a stretch nor at rest, shape (n,)."""
+    reach = max(1, round(STANDSTILL_SECONDS / period))
+    usable = np.zeros(len(position), dtype=np.bool_)
+    for stretch in stretches:
+        usable[stretch.start + margin + 3 : max(stretch.stop - margin - 3, stretch.start)] = True
+        if resolution > 0.0 and stretch.stop - stretch.start > 2 * reach + 1:
+            windows = np.lib.stride_tricks.sliding_window_view(position[stretch.rows], 2 * reach + 1)
+            spread = windows.max(axis=1) - windows.min(axis=1)
+            still = spread < STANDSTILL_COUNTS * resolution
+            usable[stretch.start + reach : stretch.stop - reach] &= ~still
+    return usable
+
+
+def _grid(
+    segments: Sequence[Segment], usable: Flags, step: int, period: float
+) -> tuple[Integers, tuple[Block, ...]]:
+    families: dict[tuple[str, int], list[Segment]] = {}
+    for segment in segments:
+        families.setdefault((segment.experiment, segment.stop - segment.start), []).append(segment)
+    rows: list[Integers] = []
+    blocks: list[Block] = []
+    start = 0
+    for (name, length), members in families.items():
+        centre = np.arange(step // 2, length, step)
+        table = np.array([segment.start for segment in members])[:, None] + centre[None, :]
+        table = table[:, np.all(usable[table], axis=0)]
+        if table.shape[1] < 8:
+            continue
+        blocks.append(Block(name, _ROLES.get(name, TRAINING), start, *table.shape))
+        rows.append(table.ravel())
+        start += table.size
+    grid = np.concatenate(rows) if rows else np.zeros(0, dtype=np.int64)
+    return grid, tuple(blocks)

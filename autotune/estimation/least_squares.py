@@ -1,0 +1,293 @@
+"""Levenberg–Marquardt on the twin-corrected residual: base and effects together.
+
+Sensitivities are finite differences on the measured motion; the bias of the twin is held during the
+inner steps. Steps of a base parameter are limited to 30 % of it, those of a shape to its own `step`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from autotune.core.arrays import Flags, Floats
+from autotune.estimation.data import Prepared
+from autotune.estimation.parts import first_round, spread, until_last
+from autotune.estimation.residual import Motion, residual
+from autotune.models.drive_model import Packed
+
+BASE_STEP = 0.3
+DIFFERENCE = 2e-3
+STALE = 0.02
+"""Relative fall of the cost above which sensitivities are computed anew."""
+HOPE = 3.0
+"""Steps as good as the last that a fit is trusted to have left."""
+TRIALS, DAMPED, HARDER = 6, 1e-3, 8.0
+"""Steps tried from one linearisation, least damping of the second of them, and what it grows by after that."""
+TRIALS_JUDGED, DAMPED_JUDGED, HARDER_JUDGED = 4, 0.03, 10.0
+"""The same where every step is judged by its own bias, at the cost of simulations."""
+
+
+@dataclass(frozen=True, slots=True)
+class Free:
+    """A parameter that a fit may change.
+
+    Attributes:
+        name: on every surface; `slot`: its place in the vector.
+        lower, upper: bounds.
+        scale: what a large change is: finite differences and damping go by it.
+        step: largest change in one iteration, in the parameter's unit; infinite if free.
+        relative: whether scale and step follow the value (positive base parameters).
+        above: slot of a parameter that this one is never below (break-away and Coulomb friction); -1: none.
+    """
+
+    name: str
+    slot: int
+    lower: float
+    upper: float
+    scale: float
+    step: float = np.inf
+    relative: bool = False
+    above: int = -1
+
+    def scale_at(self, value: float) -> float:
+        return max(abs(value), 2e-2 * self.scale) if self.relative else self.scale
+
+    def step_at(self, value: float) -> float:
+        return max(BASE_STEP * abs(value), 0.1 * self.scale) if self.relative else self.step
+
+
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """Result of a fit.
+
+    Attributes:
+        packed: parameters; `free`: which of them were fitted.
+        error: corrected residual on all grid rows, shape (m,).
+        jacobian: d(residual)/d(parameter/scale), shape (m, parameters), at the last linearisation; 0 on rows
+            that are not of the training; `scales`: what a column stands for.
+        cost: mean square on the fitted rows [(N m)²].
+        converged: no step from here leads downhill.
+    """
+
+    packed: Packed
+    free: tuple[Free, ...]
+    error: Floats
+    jacobian: Floats
+    scales: Floats
+    cost: float
+    converged: bool = False
+
+    @property
+    def values(self) -> Floats:
+        return self.packed.p[[f.slot for f in self.free]]
+
+
+def with_values(packed: Packed, free: Sequence[Free], values: Floats) -> Packed:
+    p = packed.p.copy()
+    p[[f.slot for f in free]] = values
+    for parameter in free:
+        if parameter.above >= 0:
+            p[parameter.slot] = max(p[parameter.slot], p[parameter.above])
+    return Packed(p, packed.on)
+
+
+def jacobian(
+    data: Prepared,
+    moved: Motion,
+    packed: Packed,
+    free: Sequence[Free],
+    at: Floats,
+    known: tuple[Floats, Floats] | None = None,
+    difference: float = DIFFERENCE,
+) -> tuple[Floats, Floats]:
+    """Sensitivities of the residual on training rows, shape (m, parameters), and the scales of its columns.
+
+    `at` is the residual at `packed`; `known` are columns and scales of the first parameters, from a fit
+    nearby, taken over to save time. `difference` is the change, in scales, that a column is taken over.
+    """
+    once = first_round(data, packed.on)
+    columns = np.empty((len(at), len(free)), order="F")
+    scales = np.empty(len(free))
+    first = 0
+    if known is not None:
+        first = known[0].shape[1]
+        columns[:, :first], scales[:first] = known
+    for i, parameter in enumerate(free):
+        if i < first:
+            continue
+        value = packed.p[parameter.slot]
+        scales[i] = parameter.scale_at(value)
+        change = difference * scales[i]
+        if value + change > parameter.upper:
+            change = -change
+        p = packed.p.copy()
+        p[parameter.slot] = value + change
+        columns[:, i] = (residual(once, Packed(p, packed.on), moved) - at) * (scales[i] / change)
+    spread(data, columns[:, first:], packed.on)
+    return columns, scales
+
+
+def fit(
+    data: Prepared,
+    moved: Motion,
+    packed: Packed,
+    free: Sequence[Free],
+    correction: Floats,
+    weight: Floats,
+    iterations: int = 5,
+    stop: float = 2e-4,
+    known: tuple[Floats, Floats] | None = None,
+    hopeful: float = np.inf,
+    bias_at: Callable[[Packed], Floats | None] | None = None,
+    difference: float = DIFFERENCE,
+    whole: bool = True,
+    target: float = np.inf,
+) -> Fitted:
+    """Fits the free parameters on rows where `weight` (shape (m,), usually 0 and 1) is above 0.
+
+    `correction` is the twin's bias, subtracted from the residual. The result is never worse than the start.
+    `known`: see `jacobian`. `hopeful`: a fit that cannot be expected to get below this cost, as its linear
+    model at the start has it without any bounds, is not begun. `bias_at` renews the bias at every step,
+    None where the twin is unstable (the step is rejected). `difference`: see `jacobian`. Unless the `whole`
+    error is asked for, it is right up to the last fitted row only. A fit is given up where a few steps as good
+    as the last would not reach the cost `target`.
+    """
+    rows = weight > 0
+    part = until_last(data, rows)
+    problem = _Problem(part, moved, rows, weight[rows], tuple(free), bias_at)
+    here = problem.at(packed, correction)
+    columns, scales = jacobian(data, moved, packed, free, here.raw, known, difference)
+    known = known if known is not None and known[0].shape[1] < len(free) else None
+    damping, converged = 1e-4, False
+    for _ in range(iterations):
+        normal, slope = problem.linearised(here, columns)
+        if not (np.all(np.isfinite(normal)) and np.all(np.isfinite(slope))):
+            here = replace(here, cost=np.inf)  # it diverges: nothing can be expected from here
+            break
+        promised = _most_gained(normal, slope)
+        converged = promised < stop * here.cost
+        if converged or here.cost - promised > hopeful:
+            break
+        found, damping = problem.downhill(here, normal, slope, damping, scales)
+        if found is None:
+            converged = True
+            break
+        gained = here.cost - found.cost
+        fall = gained / here.cost if here.cost > 0 else 0.0
+        here, damping = found, max(damping / 6.0, 1e-6)
+        if fall < stop or here.cost - HOPE * gained > target:
+            break
+        if fall > STALE:
+            columns, scales = jacobian(data, moved, here.packed, free, here.raw, known, difference)
+    raw = here.raw
+    if whole and part.stretches != data.stretches:
+        raw = residual(data, here.packed, moved)
+    error = raw - here.correction
+    return Fitted(here.packed, tuple(free), error, columns, scales, here.cost, converged)
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """Where a fit is: residual, the bias taken from it, and what is left."""
+
+    packed: Packed
+    raw: Floats
+    correction: Floats
+    cost: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Problem:
+    """What a fit minimises; `rows` of the grid with their `share` of the cost."""
+
+    data: Prepared
+    moved: Motion
+    rows: Flags
+    share: Floats
+    free: tuple[Free, ...]
+    bias_at: Callable[[Packed], Floats | None] | None
+
+    @property
+    def total(self) -> float:
+        return max(float(self.share.sum()), 1.0)
+
+    def at(self, packed: Packed, correction: Floats) -> _Place:
+        raw = residual(self.data, packed, self.moved)
+        cost = float(np.dot(self.share, (raw - correction)[self.rows] ** 2) / self.total)
+        return _Place(packed, raw, correction, cost)
+
+    def linearised(self, here: _Place, columns: Floats) -> tuple[Floats, Floats]:
+        """Matrix and right side of the normal equations."""
+        inner = columns[self.rows] * self.share[:, None]
+        error = (here.raw - here.correction)[self.rows]
+        return inner.T @ columns[self.rows] / self.total, inner.T @ error / self.total
+
+    def downhill(
+        self, here: _Place, normal: Floats, slope: Floats, damping: float, scales: Floats
+    ) -> tuple[_Place | None, float]:
+        """The first of a few ever more damped steps that lowers the cost, and its damping; None where none does."""
+        trials, damped, harder = TRIALS, DAMPED, HARDER
+        if self.bias_at is not None:
+            trials, damped, harder = TRIALS_JUDGED, DAMPED_JUDGED, HARDER_JUDGED
+        values = here.packed.p[[f.slot for f in self.free]]
+        for _ in range(trials):
+            change = _step(normal, slope, damping, here.packed, self.free, scales)
+            trial = with_values(here.packed, self.free, values + change)
+            correction = here.correction if self.bias_at is None else self.bias_at(trial)
+            if correction is not None:
+                found = self.at(trial, correction)
+                if np.isfinite(found.cost) and found.cost < here.cost:
+                    return found, damping
+            damping = max(damping * harder, damped)
+        return None, damping
+
+
+def _most_gained(normal: Floats, slope: Floats) -> float:
+    """By how much the cost falls at the minimum of its quadratic model."""
+    ridge = 1e-9 * float(np.trace(normal)) / len(normal) * np.eye(len(normal))
+    return float(slope @ np.linalg.lstsq(normal + ridge, slope, rcond=1e-12)[0])
+
+
+def _step(
+    normal: Floats, slope: Floats, damping: float, packed: Packed, free: Sequence[Free], scales: Floats
+) -> Floats:
+    """A damped step that ends inside the bounds; parameters that would leave them are held there."""
+    size = len(free)
+    values = packed.p[[f.slot for f in free]]
+    lower = np.array([f.lower if f.above < 0 else max(f.lower, packed.p[f.above]) for f in free])
+    upper = np.array([f.upper for f in free])
+    limit = np.array([f.step_at(v) for f, v in zip(free, values, strict=True)])
+    change = np.zeros(size)
+    active = np.ones(size, dtype=np.bool_)
+    ridge = damping * np.diag(normal) + 1e-9 * float(np.trace(normal)) / size
+    for _ in range(size):
+        system = normal[np.ix_(active, active)] + np.diag(ridge[active])
+        held = normal[np.ix_(active, ~active)] @ (change / scales)[~active]
+        solution = np.linalg.lstsq(system, -slope[active] - held, rcond=1e-12)[0]
+        change[active] = solution * scales[active]
+        outside = active & ((values + change < lower) | (values + change > upper))
+        if not outside.any():
+            break
+        change[outside] = np.clip(values + change, lower, upper)[outside] - values[outside]
+        active &= ~outside
+        if not active.any():
+            break
+    ratio = np.max(np.abs(change) / limit, initial=0.0)
+    return np.asarray(change / max(ratio, 1.0))
+
+
+def covariance(fitted: Fitted, weight: Floats, correlated: float = 4.0) -> Floats:
+    """Of the free parameters, in their units, shape (k, k); `correlated` rows count as one."""
+    rows = weight > 0
+    columns = fitted.jacobian[rows]
+    freedom = max(rows.sum() / correlated - len(fitted.free), 1.0)
+    variance = float(np.sum(fitted.error[rows] ** 2)) / correlated / freedom
+    inverse = np.linalg.pinv(columns.T @ columns / correlated, rcond=1e-12, hermitian=True)
+    return np.asarray(inverse * variance * np.outer(fitted.scales, fitted.scales))
+
+
+def standard_errors(fitted: Fitted, weight: Floats, correlated: float = 4.0) -> Floats:
+    """Of the free parameters, in their units; `correlated` rows count as one."""
+    return np.asarray(np.sqrt(np.maximum(np.diag(covariance(fitted, weight, correlated)), 0.0)))

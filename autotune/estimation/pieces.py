@@ -1,0 +1,245 @@
+"""A recording cut into contiguous pieces, each ready for the inverse routine and for the twin.
+
+A piece is one segment without gaps. Its motion comes from zero-phase filters; where its bristle and
+controller stand at the start is read from the rows before it and from the balance of torques.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
+from scipy.signal import lfilter
+
+from autotune.core.arrays import Flags, Floats
+from autotune.core.errors import NotEnoughExcitation
+from autotune.estimation.controller import PositionController, is_closed
+from autotune.estimation.residual import Motion, stretch_residual
+from autotune.estimation.stretch_twin import start_state
+from autotune.models.drive_model import Packed
+from autotune.recordings.checks import clipped, guide_of, torque_of
+from autotune.recordings.recording import Recording
+from autotune.signals.filters import low_pass, motion
+
+LEAST_ROWS = 150
+UNFITTED = ("conditioning", "veto", "test")
+_EDGE_SECONDS = 0.03
+
+
+@dataclass(frozen=True, slots=True)
+class Bands:
+    """How signals are filtered before they are compared.
+
+    Attributes:
+        motion: cut-off of position, velocity and acceleration [Hz].
+        error: cut-off of the torque residual [Hz].
+        decimation: of the residual; half the rate left is just above `error`.
+    """
+
+    motion: float = 150.0
+    error: float = 60.0
+    decimation: int = 8
+
+    @classmethod
+    def for_period(cls, period: float) -> Bands:
+        """The study's bands at 1 kHz, scaled with the sampling rate where that is lower."""
+        rate = min(1.0, 1e-3 / period)
+        return cls(150.0 * rate, 60.0 * rate, max(1, int(1.0 / (period * 120.0 * rate))))
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """One contiguous segment; arrays of shape (n,).
+
+    Attributes:
+        closed: whether `reference` was followed; else `torque` is the input.
+        position, velocity, acceleration: filtered motion.
+        measured: position as recorded.
+        torque: demand [N m]; `feedforward` is the part that did not come from the controller.
+        use: which decimated rows of the residual are compared, shape (m,).
+        sticks: the axis hardly left where it stood, so that the start of its bristle is unknown.
+        rate, last_reference, last_position: the controller's memory before the first row.
+    """
+
+    experiment: str
+    repeat: int
+    start: int
+    period: float
+    closed: bool
+    measured: Floats
+    reference: Floats
+    torque: Floats
+    feedforward: Floats
+    position: Floats
+    velocity: Floats
+    acceleration: Floats
+    use: Flags
+    sticks: bool = False
+    rate: float = 0.0
+    last_reference: float = 0.0
+    last_position: float = 0.0
+
+    def __len__(self) -> int:
+        return len(self.measured)
+
+
+def cut(
+    recording: Recording, bands: Bands, controller: PositionController, unfitted: tuple[str, ...] = UNFITTED
+) -> list[Piece]:
+    """All pieces of a recording that are long enough and not of the `unfitted` experiments.
+
+    Raises:
+        NotEnoughExcitation: none is left.
+    """
+    pieces = []
+    rates = _rates(recording, controller)
+    for segment in recording.segments():
+        if segment.experiment in unfitted:
+            continue
+        for start, stop in _without_gaps(recording, segment.start, segment.stop):
+            if stop - start >= LEAST_ROWS:
+                pieces.append(_piece(recording, start, stop, bands, rates))
+    if not pieces:
+        raise NotEnoughExcitation(
+            f"no stretch of the recording is longer than {LEAST_ROWS} rows without a gap and meant for fitting "
+            f"({', '.join(unfitted)} are not); record longer"
+        )
+    return pieces
+
+
+def with_motion(piece: Piece, measured: Floats, torque: Floats, bands: Bands) -> Piece:
+    """The same piece with another motion, as a simulation gives it; what is compared stays the same."""
+    position, velocity, acceleration = motion(measured, piece.period, bands.motion)
+    return replace(
+        piece,
+        measured=measured,
+        torque=torque,
+        position=position,
+        velocity=velocity,
+        acceleration=acceleration,
+    )
+
+
+def torque_error(piece: Piece, packed: Packed, bands: Bands) -> Floats:
+    """L[u − required torque], decimated, shape (m,); all rows, also those not compared."""
+    return _reduced(_error(piece, packed), piece, bands)
+
+
+def balanced(piece: Piece, packed: Packed, bands: Bands) -> Piece:
+    """A piece in torque mode that sticks, with its torque freed of what the model has not at that place.
+
+    Ripple and gravity differ from place to place. Bias makes a bristle creep, so it must be right here.
+    """
+    if not piece.sticks or piece.closed:
+        return piece
+    error = _error(piece, packed)
+    return replace(piece, torque=piece.torque - float(np.mean(error[len(error) // 10 :])))
+
+
+def required_error(pieces: list[Piece], packed: Packed, bands: Bands) -> Floats:
+    """Residuals of all pieces, rows that are compared, one after another."""
+    return np.concatenate([torque_error(piece, packed, bands)[piece.use] for piece in pieces])
+
+
+def _error(piece: Piece, packed: Packed) -> Floats:
+    moved = Motion(piece.torque, piece.position, piece.velocity, piece.acceleration)
+    return stretch_residual(packed, start_state(piece, packed), moved, piece.period)
+
+
+def _reduced(error: Floats, piece: Piece, bands: Bands) -> Floats:
+    reduced = low_pass(error, bands.error, piece.period)[:: bands.decimation]
+    if piece.sticks:
+        reduced = reduced - np.mean(reduced[piece.use]) if np.any(piece.use) else reduced
+    return reduced
+
+
+def _without_gaps(recording: Recording, start: int, stop: int) -> list[tuple[int, int]]:
+    step = np.diff(recording["time"][start:stop])
+    gaps = np.flatnonzero(np.abs(step - recording.period) > 0.5 * recording.period) + start + 1
+    missed = np.flatnonzero(recording.missed[start:stop] > 0) + start
+    edges = sorted({start, *gaps.tolist(), *missed.tolist(), stop})
+    return list(itertools.pairwise(edges))
+
+
+def _rates(recording: Recording, controller: PositionController) -> Floats:
+    """The controller's filtered derivative at every row, as if it had run through."""
+    if not controller.usable or "reference" not in recording:
+        return np.zeros(len(recording))
+    mixed = controller.reference_rate * recording["reference"] - recording["position"]
+    change = np.diff(mixed, prepend=mixed[:1]) / recording.period
+    a = controller.derivative_filter
+    return np.asarray(lfilter([a], [1.0, a - 1.0], change))
+
+
+def _piece(recording: Recording, start: int, stop: int, bands: Bands, rates: Floats) -> Piece:
+    part = recording.rows(slice(start, stop))
+    measured, torque = part["position"], torque_of(part)
+    smooth = motion(measured, part.period, bands.motion)
+    reference = guide_of(part)
+    before = start - 1 if start > 0 and _joined(recording, start) else start
+    resolution = recording.metadata.position_resolution or 0.0
+    return Piece(
+        experiment=str(part.experiment[0]),
+        repeat=int(part.repeat[0]),
+        start=start,
+        period=part.period,
+        closed=is_closed(part),
+        measured=measured,
+        reference=reference,
+        torque=torque,
+        feedforward=part["torque_feedforward"] if "torque_feedforward" in part else np.zeros(len(part)),
+        position=smooth[0],
+        velocity=smooth[1],
+        acceleration=smooth[2],
+        use=_compared(measured, clipped(part).rows, resolution, part.period, bands),
+        rate=float(rates[before]),
+        last_reference=float(reference[0] if before == start else recording["reference"][before])
+        if "reference" in recording
+        else 0.0,
+        last_position=float(recording["position"][before]),
+    )
+
+
+def _joined(recording: Recording, start: int) -> bool:
+    step = recording["time"][start] - recording["time"][start - 1]
+    return bool(abs(step - recording.period) < 0.5 * recording.period)
+
+
+def _compared(measured: Floats, at_limit: Flags, resolution: float, period: float, bands: Bands) -> Flags:
+    """Decimated rows away from the edges and from clipping, where the axis moves by more than two counts."""
+    n = len(measured)
+    use = np.ones(n, dtype=np.bool_)
+    edge = round(_EDGE_SECONDS / period)
+    use[:edge] = use[n - edge :] = False
+    reach = max(1, round(0.01 / period))
+    if np.any(at_limit):
+        use &= np.convolve(at_limit, np.ones(2 * reach + 1), "same") < 0.5
+    if resolution > 0.0:
+        use &= _travel(measured, reach) >= 2.1 * resolution
+    return use[:: bands.decimation]
+
+
+def _travel(measured: Floats, reach: int) -> Floats:
+    """Range of the position within ± `reach` samples."""
+    size = 2 * reach + 1
+    return np.asarray(maximum_filter1d(measured, size) - minimum_filter1d(measured, size))
+
+
+def marked_sticking(pieces: list[Piece], displacement: float) -> list[Piece]:
+    """Pieces that never left x_s of where they started have a bristle of unknown start.
+
+    There, small movements are all there is: none is taken for standstill.
+    """
+    marked = []
+    for piece in pieces:
+        sticks = bool(np.ptp(piece.position) < 2.0 * displacement)
+        use = piece.use
+        if sticks and np.ptp(piece.torque) > 0:
+            use = np.ones_like(use)
+            edge = math.ceil(len(use) * _EDGE_SECONDS / (piece.period * len(piece)))
+            use[:edge] = use[len(use) - edge :] = False
+        marked.append(replace(piece, sticks=sticks, use=use))
+    return marked

@@ -1,0 +1,356 @@
+"""One diagnosis in progress: data, controller, noise, and the measures that every verdict rests on.
+
+Repeatable variance mean(e₁e₂) is what a model could explain, ½·mean (e₁ − e₂)² is noise that nobody can.
+The bias of the twin is an average over few simulations; its own variance is taken out of the former.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from autotune.core.arrays import Floats
+from autotune.estimation.controller import PositionController
+from autotune.estimation.data import TRAINING, VETO, Block, Prepared
+from autotune.estimation.least_squares import Fitted, Free, fit
+from autotune.estimation.residual import (
+    Motion,
+    measured_motion,
+    raw_residual,
+    run_twin,
+    simulated_motion,
+    smoothed,
+)
+from autotune.models import layout
+from autotune.models.drive_model import BASE, Packed
+
+CHUNK = 200  # grid rows, about a second
+NOISE_CHUNK = 60
+SEED = 20_240
+OUTLYING = 12.0
+OUTLYING_SECONDS = 0.25
+LONELY = 6.0  # standard deviations
+FEW = 0.02
+"""Of the rows: so few may be left out one by one."""
+LEAST_WEIGHT = 0.1
+"""Of the steadiest experiment: an unsteady one is never left out."""
+LEAST_COULOMB = 0.005  # of the torque
+LONGEST_REACH = 0.1  # of the travel
+
+
+@dataclass(frozen=True, slots=True)
+class Correction:
+    """Bias of the twin on the grid and the variance of its error by block [(N m)²]."""
+
+    bias: Floats
+    variance: Floats
+    stable: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Scales:
+    """What is large on this axis: torque [N m], velocity, travel, acceleration, and time [s].
+
+    `one_way`: the axis practically moved in one direction only; `steady`: at constant speeds only.
+    """
+
+    torque: float
+    velocity: float
+    travel: float
+    acceleration: float
+    seconds: float
+    one_way: bool = False
+    steady: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """Everything a candidate is judged by."""
+
+    data: Prepared
+    moved: Motion
+    controller: PositionController | None
+    noise: float
+    scales: Scales
+    weight: Floats
+    simulations: int = 2
+
+    @property
+    def twin(self) -> bool:
+        return self.controller is not None
+
+    def correction(self, packed: Packed, simulations: int | None = None) -> Correction:
+        """Bias of the measurement chain for this model; nothing to correct without a controller."""
+        data = self.data
+        empty = Correction(np.zeros(len(data.grid)), np.zeros(len(data.blocks)))
+        if self.controller is None:
+            return empty
+        random = np.random.default_rng(SEED)
+        runs = []
+        for _ in range(simulations or self.simulations):
+            run = run_twin(data, packed, self.controller, self.noise, random)
+            if not run.stable:
+                return Correction(empty.bias, empty.variance, stable=False)
+            raw = raw_residual(data, packed, simulated_motion(data, run))
+            raw[1:] += 0.5 * (run.disturbance[1:] + run.disturbance[:-1])
+            runs.append(smoothed(data, raw))
+        return _averaged(data, np.array(runs))
+
+    def repeatable(self, error: Floats, correction: Correction, role: str) -> tuple[float, float]:
+        """Variance that comes again in every repeat, and its standard error [(N m)²]."""
+        chunks: list[Floats] = []
+        for block, spare in zip(self.data.blocks, correction.variance, strict=True):
+            if block.role != role or block.repeats < 2:
+                continue
+            table = _table(error, block)
+            k = block.repeats
+            product = (table.sum(axis=0) ** 2 - (table**2).sum(axis=0)) / (k * (k - 1)) - spare
+            means = _chunk_means(product)
+            means[:, 1] *= self._steadiness(block)
+            chunks.append(means)
+        return _mean_and_error(chunks)
+
+    def noise_variance(self, error: Floats, role: str, plain: bool = False) -> float:
+        """Variance that differs from repeat to repeat [(N m)²]; nan without repeats.
+
+        Experiments count by their weight, or, where it is asked for `plain`, by their length only.
+        """
+        values = [
+            (
+                _table(error, block).var(axis=0, ddof=1).mean(),
+                block.count * (1.0 if plain else self._steadiness(block)),
+            )
+            for block in self.data.blocks
+            if block.role == role and block.repeats > 1
+        ]
+        if not values:
+            return float("nan")
+        variances, counts = np.array(values).T
+        return float(np.average(variances, weights=counts))
+
+    def mean_square(self, error: Floats, role: str) -> float:
+        """Of the rows of a role, by their weight [(N m)²]; nan without any."""
+        weight = self.weight * self.data.role(role)
+        total = float(weight.sum())
+        return float(np.dot(weight, error**2)) / total if total > 0.0 else float("nan")
+
+    def _steadiness(self, block: Block) -> float:
+        return float(self.weight[block.rows].max(initial=0.0))
+
+    @property
+    def training(self) -> Floats:
+        """Weights of the rows that are fitted, shape (m,)."""
+        return np.asarray(self.weight * self.data.role(TRAINING))
+
+    def has(self, role: str) -> bool:
+        return any(block.role == role for block in self.data.blocks)
+
+    @property
+    def has_veto(self) -> bool:
+        return any(block.role == VETO and block.repeats > 1 for block in self.data.blocks)
+
+
+def start_study(data: Prepared, controller: PositionController | None) -> Study:
+    """A study before anything is known about noise."""
+    moved = measured_motion(data)
+    rows = data.grid
+    scales = Scales(
+        float(np.sqrt(np.mean(data.torque[rows] ** 2))) or 1.0,
+        float(np.percentile(np.abs(data.velocity[rows]), 99.5)) or 1.0,
+        float(np.ptp(data.position[rows])) or 1.0,
+        float(np.percentile(np.abs(data.acceleration[rows]), 99.5)) or 1.0,
+        float(len(data.time) * data.period),
+        _one_way(data.velocity[rows]),
+        data.steady,
+    )
+    usable = controller if controller is not None and controller.usable else None
+    return Study(data, moved, usable, 0.0, scales, np.ones(len(rows)))
+
+
+def _can_tell(name: str, scales: Scales) -> bool:
+    """Whether recordings of this kind can tell a base parameter."""
+    if name == "offset":
+        return not scales.one_way
+    return not scales.steady or name in ("viscous", "coulomb")
+
+
+def _one_way(velocity: Floats) -> bool:
+    """Whether less than a hundredth of the travel went the other way."""
+    forward = float(np.sum(velocity[velocity > 0.0]))
+    backward = -float(np.sum(velocity[velocity < 0.0]))
+    return min(forward, backward) < 0.03 * max(forward, backward)
+
+
+def base_free(packed: Packed, scales: Scales, motion_unit: str) -> list[Free]:
+    """The base parameters as free ones, and their values in `packed` brought inside what is possible here.
+
+    On an axis that only moved one way offset and Coulomb friction are one number; the offset is held.
+    """
+    p = packed.p
+    typical = {
+        "inertia": scales.torque / scales.acceleration,
+        "viscous": scales.torque / scales.velocity,
+        "coulomb": scales.torque,
+        "stiffness": max(p[layout.STIFFNESS], 1e-9),
+        "micro_damping": max(p[layout.MICRO_DAMPING], 1e-2 * scales.torque / scales.velocity),
+        "offset": 0.3 * scales.torque,
+    }
+    coulomb = LEAST_COULOMB * scales.torque
+    least = {"coulomb": coulomb, "stiffness": coulomb / (LONGEST_REACH * scales.travel)}
+    free = [
+        Free(
+            b.name,
+            b.slot,
+            max(b.lower, least.get(b.name, b.lower)),
+            b.upper,
+            typical[b.name],
+            relative=b.name != "offset",
+            step=3.0 * typical[b.name],
+        )
+        for b in BASE
+        if _can_tell(b.name, scales)
+    ]
+    for parameter in free:
+        p[parameter.slot] = min(max(p[parameter.slot], parameter.lower), parameter.upper)
+    return free
+
+
+def estimate_noise(study: Study, packed: Packed, error: Floats) -> float:
+    """Standard deviation of a torque, new in every sample, that makes repeats differ as they do [N m].
+
+    Where the quantiser makes the motion chaotic, repeats differ by more than the noise; the quieter half
+    of the chunks decides, less what the twin itself differs there.
+    """
+    measured = _chunk_noise(study, error)
+    gain = float(np.sum(np.convolve(study.data.taps, [0.5, 0.5]) ** 2))
+    if len(measured) == 0:
+        rows = study.training > 0
+        return float(np.sqrt(0.25 * np.median(error[rows] ** 2) / 0.455 / gain))
+    quiet = measured <= np.median(measured)
+    level = 0.0
+    for guess in (0.0, 1.0):
+        if study.controller is None:
+            return float(np.sqrt(np.median(measured[quiet]) / gain))
+        random = np.random.default_rng(SEED)
+        run = run_twin(study.data, packed, study.controller, guess * np.sqrt(level), random)
+        if not run.stable:
+            return float(np.sqrt(np.median(measured[quiet]) / gain))
+        rest = smoothed(study.data, raw_residual(study.data, packed, simulated_motion(study.data, run)))
+        spare = np.median((measured - _chunk_noise(study, rest))[quiet]) / gain
+        level = max(level + float(spare), 0.02 * float(np.median(measured[quiet])) / gain)
+    return float(np.sqrt(level))
+
+
+def by_steadiness(study: Study, error: Floats) -> Study:
+    """The study with every experiment weighted by how well its repeats agree.
+
+    Where the quantiser makes slow motion chaotic, repeats differ far more than elsewhere; such an experiment
+    would drown what the others tell.
+    """
+    noise = {i: float(v.mean()) for i, v in _noise_by_block(study, error)}
+    if not noise:
+        return study
+    quietest = min(noise.values())
+    weight = study.weight.copy()
+    for i, level in noise.items():
+        weight[study.data.blocks[i].rows] *= max(quietest / max(level, 1e-300), LEAST_WEIGHT)
+    return replace(study, weight=weight)
+
+
+def _chunk_noise(study: Study, error: Floats) -> Floats:
+    """Variance between repeats of every chunk of training data [(N m)²], shape (chunks,)."""
+    values = [levels for _, levels in _noise_by_block(study, error)]
+    return np.concatenate(values) if values else np.zeros(0)
+
+
+def _noise_by_block(study: Study, error: Floats) -> Iterator[tuple[int, Floats]]:
+    """Numbers of repeated training blocks, and the variance between repeats of their chunks [(N m)²].
+
+    A friction level that differs between repeats (warming, memory) is no noise: offset and friction of
+    each chunk are taken out first.
+    """
+    direction = np.sign(study.data.velocity[study.data.grid])
+    for i, block in enumerate(study.data.blocks):
+        if block.role != TRAINING or block.repeats < 2:
+            continue
+        values: list[float] = []
+        table, sign = _table(error, block), _table(direction, block)
+        difference = (table[1:] - table[:-1]) / math.sqrt(2.0)
+        pieces = max(1, block.count // NOISE_CHUNK)
+        for part in np.array_split(np.arange(block.count), pieces):
+            terms = np.column_stack([np.ones(len(part)), sign[0, part]])
+            for row in difference[:, part]:
+                rest = row - terms @ np.linalg.lstsq(terms, row, rcond=None)[0]
+                values.append(float(rest @ rest) / max(len(part) - 2, 1))
+        yield i, np.array(values)
+
+
+def refit(
+    study: Study,
+    packed: Packed,
+    free: list[Free],
+    correction: Correction,
+    iterations: int = 5,
+    near: Fitted | None = None,
+) -> Fitted:
+    """A fit on the training rows; `near` lends its sensitivities to the first step."""
+    known = None if near is None else (near.jacobian, near.scales)
+    return fit(
+        study.data, study.moved, packed, free, correction.bias, study.training, iterations, known=known
+    )
+
+
+def without_outlying(study: Study, error: Floats) -> Floats:
+    """Weights that leave out stretches with far more error than the usual one: starts, stops, blows."""
+    weight = np.ones_like(study.weight)
+    step = max(
+        1, round(OUTLYING_SECONDS / (study.data.period * float(np.median(np.diff(study.data.grid[:50])))))
+    )
+    pieces = np.array_split(np.arange(len(error)), max(1, len(error) // step))
+    power = np.array([float(np.mean(error[piece] ** 2)) for piece in pieces])
+    for piece, value in zip(pieces, power, strict=True):
+        if value > OUTLYING * np.median(power):
+            weight[piece] = 0.0
+    if np.mean(weight > 0) <= 0.5:
+        weight = np.ones_like(weight)
+    if study.twin:
+        return weight
+    size = np.abs(error)
+    lonely = size > LONELY * float(np.median(size[weight > 0])) / 0.6745
+    if np.mean(lonely) < FEW:  # more of them are structure
+        weight[lonely] = 0.0
+    return weight
+
+
+def _averaged(data: Prepared, runs: Floats) -> Correction:
+    bias = runs.mean(axis=0)
+    variance = np.zeros(len(data.blocks))
+    for i, block in enumerate(data.blocks):
+        table = runs[:, block.rows].reshape(-1, block.count)
+        bias[block.rows] = np.tile(table.mean(axis=0), block.repeats)
+        if len(table) > 1:
+            variance[i] = float(table.var(axis=0, ddof=1).mean()) / len(table)
+    return Correction(bias, variance)
+
+
+def _table(error: Floats, block: Block) -> Floats:
+    return error[block.rows].reshape(block.repeats, block.count)
+
+
+def _chunk_means(values: Floats) -> Floats:
+    pieces = max(1, len(values) // CHUNK)
+    return np.array([[part.mean(), len(part)] for part in np.array_split(values, pieces)])
+
+
+def _mean_and_error(chunks: list[Floats]) -> tuple[float, float]:
+    if not chunks:
+        return float("nan"), float("nan")
+    means, counts = np.concatenate(chunks).T
+    mean = float(np.average(means, weights=counts))
+    if len(means) < 3:
+        return mean, abs(mean)
+    share = counts / counts.sum()
+    return mean, float(np.sqrt(np.sum(share**2 * (means - mean) ** 2)))

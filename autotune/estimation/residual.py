@@ -1,0 +1,218 @@
+"""Torque residual R = L[T(u) − required(q, v, a)] of a model on prepared data, and its bias in a twin.
+
+T is what lag and saturation make of the demand, L a zero-phase low-pass on a coarse grid. The same
+measurement chain applied to a simulation of the model itself (with quantiser, controller and process
+noise) gives the bias that filters, derivatives and quantisation cause; subtracting it is what makes small
+effects visible. The injected noise is known, so that its own part is taken out of the bias.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from autotune.core.arrays import Floats, Integers
+from autotune.estimation.controller import PositionController
+from autotune.estimation.data import Prepared, Stretch, filtered_motion
+from autotune.estimation.stretch_twin import simulate_stretch, started_torque
+from autotune.models import layout
+from autotune.models.compiled import compiled
+from autotune.models.drive_model import Packed
+from autotune.models.inverse import applied_torque, load_substeps, required
+
+_SATURATES = layout.flag("torque_saturation")
+_LOSS = layout.block("torque_saturation")
+
+
+@dataclass(frozen=True, slots=True)
+class Simulated:
+    """What the twin would have recorded; arrays of shape (n,). `stable`: it stayed within all bounds."""
+
+    position: Floats
+    torque: Floats
+    disturbance: Floats
+    stable: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """Torque and motion to compute a residual from; arrays of shape (n,)."""
+
+    torque: Floats
+    position: Floats
+    velocity: Floats
+    acceleration: Floats
+
+
+@compiled
+def smooth_at(values: Floats, taps: Floats, rows: Integers, result: Floats) -> None:
+    """`values` filtered by symmetric `taps`, at `rows` only."""
+    half = len(taps) // 2
+    for j in range(len(rows)):
+        centre = rows[j]
+        total = taps[half] * values[centre]
+        for i in range(1, half + 1):
+            total += taps[half + i] * (values[centre - i] + values[centre + i])
+        result[j] = total
+
+
+def smoothed(data: Prepared, values: Floats) -> Floats:
+    """Values of shape (n,) low-passed onto the grid, shape (m,)."""
+    result = np.empty(len(data.grid))
+    smooth_at(values, data.taps, data.grid, result)
+    return result
+
+
+def measured_motion(data: Prepared) -> Motion:
+    return Motion(data.torque, data.position, data.velocity, data.acceleration)
+
+
+def simulated_motion(data: Prepared, run: Simulated) -> Motion:
+    """A simulation through the same filters as the measurement."""
+    parts = filtered_motion(run.position, data.stretches, data.period, data.motion_cutoff)
+    return Motion(run.torque, *parts)
+
+
+def raw_residual(data: Prepared, packed: Packed, moved: Motion) -> Floats:
+    """Torque that acted less the torque the model needs, sample by sample, shape (n,)."""
+    rest = np.zeros(len(moved.torque))
+    for stretch in data.stretches:
+        rows = stretch.rows
+        part = Motion(
+            moved.torque[rows], moved.position[rows], moved.velocity[rows], moved.acceleration[rows]
+        )
+        rest[rows] = stretch_residual(packed, np.zeros(layout.STATES), part, data.period)
+    return rest
+
+
+def stretch_residual(packed: Packed, start: Floats, moved: Motion, period: float) -> Floats:
+    """Torque that acted less the torque the model needs over one contiguous stretch, shape (n,).
+
+    The torque behind a lag has long been what the first demand makes of it. `start` is where motion and
+    contact begin.
+    """
+    needed, acted = np.empty(len(moved.torque)), np.empty(len(moved.torque))
+    state = started_torque(packed, start, moved.torque[0])
+    applied_torque(packed.p, packed.on, state, moved.torque, period, acted)
+    required(
+        packed.p,
+        packed.on,
+        state,
+        moved.position,
+        moved.velocity,
+        moved.acceleration,
+        period,
+        load_substeps(packed.p, packed.on, period),
+        needed,
+    )
+    return np.asarray((acted - needed) / torque_slope(packed, moved.torque))
+
+
+def torque_slope(packed: Packed, demand: Floats) -> Floats | float:
+    """How much of a change of the demand arrives at the shaft.
+
+    The residual is told in the demand's own scale; else saturation would seem to explain by shrinking.
+    """
+    if not packed.on[_SATURATES]:
+        return 1.0
+    loss, level = packed.p[_LOSS], packed.p[_LOSS + 1]
+    ratio = np.minimum(np.abs(demand) / level, 1.0)
+    return np.asarray(np.maximum(1.0 - 3.0 * loss * ratio**2, 0.05))
+
+
+def residual(data: Prepared, packed: Packed, moved: Motion) -> Floats:
+    """R on the grid, shape (m,)."""
+    return smoothed(data, raw_residual(data, packed, moved))
+
+
+def run_twin(
+    data: Prepared,
+    packed: Packed,
+    controller: PositionController,
+    noise: float,
+    random: np.random.Generator,
+    quantised: bool = True,
+) -> Simulated:
+    """Simulates all stretches from their references, each from where it was measured to start.
+
+    `noise` is the standard deviation of a torque that changes every sample [N m].
+    """
+    n = len(data.reference)
+    position, torque = np.zeros(n), np.zeros(n)
+    disturbance = random.normal(0.0, noise, n) if noise > 0 else np.zeros(n)
+    limit = data.metadata.torque_limit or np.inf
+    resolution = data.resolution if quantised else 0.0
+    clean = np.zeros(n)
+    stable = True
+    for stretch in data.stretches:
+        rows = stretch.rows
+        position[rows], torque[rows], inside = simulate_stretch(
+            _recorded(data, controller, stretch),
+            packed,
+            controller,
+            limit,
+            resolution,
+            disturbance[rows],
+            clean[rows],
+        )
+        stable &= inside
+    stable = stable and bool(np.all(np.isfinite(position)))
+    if stable:
+        lag = max(float(np.max(np.abs((position - data.measured)[s.rows]))) for s in data.stretches)
+        stable = bool(lag < 0.5 * np.ptp(data.measured) + 1e3 * data.resolution)
+    return Simulated(position, torque, disturbance, stable)
+
+
+def bias(data: Prepared, packed: Packed, run: Simulated) -> Floats:
+    """What the measurement chain adds to the residual of a perfect model, shape (m,).
+
+    Averaged over repeats, which share it.
+    """
+    raw = raw_residual(data, packed, simulated_motion(data, run))
+    noise = run.disturbance
+    raw[1:] += 0.5 * (noise[1:] + noise[:-1])
+    rest = smoothed(data, raw)
+    for block in data.blocks:
+        table = rest[block.rows].reshape(block.repeats, block.count)
+        table[:] = table.mean(axis=0)
+    return rest
+
+
+@dataclass(frozen=True, slots=True)
+class _Recorded:
+    """A stretch of prepared data, as the twin takes it."""
+
+    period: float
+    closed: bool
+    measured: Floats
+    reference: Floats
+    torque: Floats
+    feedforward: Floats
+    position: Floats
+    velocity: Floats
+    acceleration: Floats
+    rate: float
+    last_reference: float
+    last_position: float
+
+
+def _recorded(data: Prepared, controller: PositionController, stretch: Stretch) -> _Recorded:
+    """Nothing was recorded before a stretch: the controller is taken to have followed the motion it starts with."""
+    rows = stretch.rows
+    reference, velocity = data.reference[rows], data.velocity[rows]
+    wanted = float(reference[1] - reference[0]) / data.period
+    return _Recorded(
+        data.period,
+        stretch.closed,
+        data.measured[rows],
+        reference,
+        data.torque[rows],
+        data.feedforward[rows],
+        data.position[rows],
+        velocity,
+        data.acceleration[rows],
+        controller.reference_rate * wanted - float(velocity[0]),
+        float(reference[0]) - wanted * data.period,
+        float(data.measured[stretch.start]) - float(velocity[0]) * data.period,
+    )

@@ -1,0 +1,145 @@
+"""Pieces that never leave presliding in torque mode, summed up in three numbers each.
+
+There the inverse routine sees little but encoder steps. A spring-mass system (3.46) fitted by its
+one-step prediction error uses all that the motion tells, but the bristle is no linear spring: it looks
+softer and more damped, the more so as noise shakes it. So the same fit is made to the twin, and the
+model's parameters are right where twin and measurement give the same three numbers (indirect
+inference: Gouriéroux, Monfort, Renault 1993).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.linalg import LinAlgError, solve_discrete_are
+from scipy.signal import lfilter
+
+from autotune.core.arrays import Floats
+from autotune.estimation.normal_equations import Part
+from autotune.estimation.pieces import Piece
+from autotune.estimation.spring_mass import SpringMass
+from autotune.estimation.twin import Surroundings
+from autotune.models import layout
+from autotune.models.drive_model import Packed
+
+SET_SECONDS = 3.0
+_ITERATIONS = 4
+_DIFFERENCE = 1e-4
+_LARGEST = 0.5
+
+
+def suits(piece: Piece, around: Surroundings) -> bool:
+    """Whether a piece is to be summed up like this; the noises must be known."""
+    excited = bool(np.ptp(piece.torque) > 0) and len(piece) * piece.period > 1.0
+    return piece.sticks and not piece.closed and excited and around.process_noise > 0.0
+
+
+def small_motion(
+    piece: Piece,
+    twins: list[Piece],
+    packed: Packed,
+    around: Surroundings,
+    names: Sequence[str],
+    scale: Floats,
+) -> list[Part]:
+    """One part a set: the three numbers, measured less twins, in units of their standard error."""
+    system = linear_system(packed)
+    predictor = noise_polynomial(system, piece, around)
+    binding = _binding(system, names, scale)
+    sets = max(1, round(len(piece) * piece.period / SET_SECONDS))
+    parts = []
+    for rows in np.array_split(np.arange(len(piece)), sets):
+        where = slice(int(rows[0]), int(rows[-1]) + 1)
+        measured = fit_set(piece, where, system, predictor)
+        simulated = [fit_set(twin, where, system, predictor) for twin in twins]
+        found = [one[0] for one in simulated if one is not None]
+        if measured is None or not found:
+            continue
+        error = np.mean(found, axis=0) - measured[0]
+        root = measured[1] / np.sqrt(1.0 + 1.0 / len(found))
+        columns = root @ binding
+        parts.append(Part(root @ error, columns, columns, 3, 1.0))
+    return parts
+
+
+def linear_system(packed: Packed) -> SpringMass:
+    """The spring-mass system that a model is for infinitely small motion."""
+    p = packed.p
+    damping = max(p[layout.MICRO_DAMPING] + p[layout.VISCOUS], 1e-9 * p[layout.INERTIA])
+    return SpringMass(float(p[layout.INERTIA]), float(damping), float(p[layout.STIFFNESS]))
+
+
+def noise_polynomial(system: SpringMass, piece: Piece, around: Surroundings) -> Floats:
+    """C of the predictor: how the stationary Kalman filter forgets, shape (3,).
+
+    Its noises are those of the twin: a torque that changes every sample, and the quantiser.
+    """
+    transition, entry = system.state_space(piece.period)
+    reading = around.resolution**2 / 12.0 + around.position_noise**2
+    reading = max(reading, 1e-6 * float(np.var(piece.measured)), 1e-30)
+    scale = np.array([1.0, np.sqrt(system.stiffness / system.inertia)]) * np.sqrt(reading)
+    scaled = transition * scale / scale[:, None]
+    noise = np.outer(entry / scale, entry / scale) * around.process_noise**2
+    try:
+        covariance = solve_discrete_are(scaled.T, np.array([[1.0], [0.0]]), noise, np.eye(1))
+    except LinAlgError:
+        return np.array([1.0, 0.0, 0.0])
+    gain = covariance[:, 0] / (covariance[0, 0] + 1.0)
+    return np.asarray(np.poly(scaled @ (np.eye(2) - np.outer(gain, [1.0, 0.0]))).real)
+
+
+def fit_set(piece: Piece, where: slice, start: SpringMass, predictor: Floats) -> tuple[Floats, Floats] | None:
+    """Logarithms of inertia, damping and stiffness, shape (3,), and the root of their information.
+
+    None where the fit runs away.
+    """
+    torque, position = piece.torque[where], piece.measured[where]
+    torque, position = torque - torque.mean(), position - position.mean()
+    begin = np.log([start.inertia, start.damping, start.stiffness])
+    x, columns, error = begin.copy(), np.empty((len(torque), 3)), np.empty(0)
+    for _ in range(_ITERATIONS):
+        error = _prediction_error(x, torque, position, piece.period, predictor)
+        for index in range(3):
+            moved = x.copy()
+            moved[index] += _DIFFERENCE
+            other = _prediction_error(moved, torque, position, piece.period, predictor)
+            columns[:, index] = (other - error) / _DIFFERENCE
+        step = -np.linalg.lstsq(columns, error, rcond=None)[0]
+        x = x + np.clip(step, -_LARGEST, _LARGEST)
+        if not np.all(np.abs(x - begin) < 3.0):
+            return None
+    variance = float(error @ error) / max(len(error) - 8, 1)
+    if variance <= 0.0:
+        return None
+    return x, np.asarray(np.linalg.qr(columns, mode="r") / np.sqrt(variance))
+
+
+def _prediction_error(
+    x: Floats, torque: Floats, position: Floats, period: float, predictor: Floats
+) -> Floats:
+    """A/C·y − B/C·u, less offset, drift and what the start leaves behind."""
+    system = SpringMass(*(float(value) for value in np.exp(x)))
+    denominator, numerator = system.coefficients(period)
+    error = lfilter(denominator, predictor, position) - lfilter(numerator, predictor, torque)
+    count = len(error)
+    pulse = np.zeros(count)
+    pulse[0] = 1.0
+    start = np.asarray(lfilter([1.0], predictor, pulse))
+    loose = np.column_stack(
+        [np.ones(count), np.linspace(-1.0, 1.0, count), start, np.concatenate([[0.0], start[:-1]])]
+    )
+    return np.asarray(error - loose @ np.linalg.lstsq(loose, error, rcond=None)[0])
+
+
+def _binding(system: SpringMass, names: Sequence[str], scale: Floats) -> Floats:
+    """How the three logarithms follow p/scale, shape (3, k): as in the linear system."""
+    binding = np.zeros((3, len(names)))
+    for index, name in enumerate(names):
+        if name == "inertia":
+            binding[0, index] = scale[index] / system.inertia
+        elif name in ("micro_damping", "viscous"):
+            binding[1, index] = scale[index] / system.damping
+        elif name == "stiffness":
+            binding[2, index] = scale[index] / system.stiffness
+    return binding

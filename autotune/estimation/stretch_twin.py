@@ -1,0 +1,132 @@
+"""The twin of one contiguous stretch: plant, encoder and controller from where they were measured to start.
+
+The contact starts from the balance of the first torques, the torque behind a lag has settled at the first
+demand, and the controller's sum is what makes the twin's first torque equal the measured one.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from autotune.core.arrays import Floats
+from autotune.estimation.controller import PositionController
+from autotune.estimation.starting_state import starting_state
+from autotune.models.drive_model import Packed
+from autotune.models.plant import simulate, substeps_for
+from autotune.models.torque_path import MOTOR_TORQUE, saturated
+
+
+class Recorded(Protocol):
+    """A contiguous stretch as it was recorded; arrays of shape (n,).
+
+    Attributes:
+        closed: whether `reference` was followed; else `torque` is the input.
+        measured: position as recorded; `position`, `velocity`, `acceleration`: filtered motion.
+        feedforward: part of the torque that was recorded as not the controller's.
+        rate, last_reference, last_position: the controller's memory before the first row.
+    """
+
+    @property
+    def period(self) -> float: ...
+    @property
+    def closed(self) -> bool: ...
+    @property
+    def measured(self) -> Floats: ...
+    @property
+    def reference(self) -> Floats: ...
+    @property
+    def torque(self) -> Floats: ...
+    @property
+    def feedforward(self) -> Floats: ...
+    @property
+    def position(self) -> Floats: ...
+    @property
+    def velocity(self) -> Floats: ...
+    @property
+    def acceleration(self) -> Floats: ...
+    @property
+    def rate(self) -> float: ...
+    @property
+    def last_reference(self) -> float: ...
+    @property
+    def last_position(self) -> float: ...
+
+
+def simulate_stretch(
+    recorded: Recorded,
+    packed: Packed,
+    controller: PositionController,
+    limit: float,
+    resolution: float,
+    disturbance: Floats,
+    position_noise: Floats,
+) -> tuple[Floats, Floats, bool]:
+    """Position and torque as the drive would have logged them, shape (n,), and whether all stayed in bounds.
+
+    Args:
+        limit: of the torque; infinite where unknown.
+        resolution: of the encoder; 0 for none.
+        disturbance, position_noise: torque after the demand, and position before it is quantised; shape (n,).
+    """
+    n = len(recorded.measured)
+    position, torque = np.zeros(n), np.zeros(n)
+    feedforward = recorded.feedforward * recorded.closed
+    if recorded.closed:
+        feedforward = feedforward + controller.feedforward(
+            recorded.reference, recorded.last_reference, recorded.period
+        )
+    done = simulate(
+        packed.p,
+        packed.on,
+        start_state(recorded, packed),
+        controller.gains,
+        np.array([recorded.period, limit, resolution, *_memory(recorded, controller, float(feedforward[0]))]),
+        recorded.closed,
+        substeps_for(packed.p, recorded.period, packed.on),
+        recorded.reference if recorded.closed else recorded.torque,
+        feedforward,
+        disturbance,
+        position_noise,
+        position,
+        torque,
+    )
+    return position, torque, done == n
+
+
+def start_state(recorded: Recorded, packed: Packed) -> Floats:
+    """Motion, bristle and the torque behind lag and saturation at the first row."""
+    state = starting_state(
+        packed,
+        recorded.torque,
+        recorded.position,
+        recorded.velocity,
+        recorded.acceleration,
+        recorded.period,
+    )
+    return started_torque(packed, state, float(recorded.torque[0]))
+
+
+def started_torque(packed: Packed, start: Floats, demand: float) -> Floats:
+    """The start with the torque behind lag and saturation settled at a demand."""
+    state = start.copy()
+    state[MOTOR_TORQUE] = saturated(packed.p, packed.on, demand)
+    return state
+
+
+def _memory(
+    recorded: Recorded, controller: PositionController, feedforward: float
+) -> tuple[float, float, float, float]:
+    """Sum, filtered derivative, reference and position before the first row."""
+    if not recorded.closed:
+        return 0.0, 0.0, recorded.last_reference, recorded.last_position
+    error = recorded.reference[0] - recorded.measured[0]
+    change = controller.reference_rate * (recorded.reference[0] - recorded.last_reference)
+    change = (change - recorded.measured[0] + recorded.last_position) / recorded.period
+    rate = recorded.rate + controller.derivative_filter * (change - recorded.rate)
+    total = 0.0
+    if controller.ki > 0:
+        rest = recorded.torque[0] - feedforward - controller.kp * error - controller.kd * rate
+        total = rest / controller.ki - error * recorded.period
+    return total, recorded.rate, recorded.last_reference, recorded.last_position

@@ -1,0 +1,287 @@
+"""Motion that must be there: torque and encoder are held against each other, in every mode.
+
+An encoder that has died tells a rest that is none: the controller pushes harder, or in torque mode the
+axis slides away unseen. Two virtual axes run beside the real one, in each direction, and begin anew
+whenever the encoder moves.
+
+The *laziest* that the axis can be: heaviest inertia J⁺, held by `must`, more than has ever held it.
+Where even that one had moved some counts in the direction of the push and the encoder has not,
+
+    ∫∫ (T − must)/J⁺ > (LAZY_COUNTS + 1)·resolution,
+
+encoder, motor or mechanics are not what they seem: blocked, dead, or its sign is wrong. This stop is
+certain, whatever the axis.
+
+The *lightest*: smallest inertia J⁻, held by no more than `may`, a torque that holds it for sure. Where it
+could have become too fast, or could stop only outside the travel, while the encoder has been silent,
+
+    v⁻ = ∫ (T − may)/J⁻ > limits.speed   or   q + ∫v⁻ + v⁻²/2a outside,
+
+the axis is stopped: it may be running. This bound is kept whatever the encoder does; an axis that truly
+sticks under so much torque for so long cannot be told from one that runs, and is stopped too.
+
+`must` and `may` come from the axis's own inverse (`inverse_estimate`), see `_levels`; before that is
+known, from the limits: J = torque/deceleration, no friction, and a motion that was asked for.
+"""
+
+from __future__ import annotations
+
+import math
+
+from autotune.core.axis import Limits
+from autotune.core.drive import Mode
+from autotune.experiments.inverse_estimate import InverseEstimate
+
+LAZY_COUNTS = 3.0  # of progress that an encoder at work must show
+ALIVE_COUNTS = 1.5  # a flicker of one count is no sign of life
+FIRST_MAY = 0.2  # of limits.torque beyond the first torque, before more is known
+FIRST_MUST = 0.6  # of limits.torque beyond the first torque: what no axis needs to break loose
+MOST_MUST = 0.9  # of limits.torque: at full torque something must move
+MUST_BEYOND = 1.0  # friction levels beyond what holds: tight spots, long rests
+LEAST_BEYOND = 0.05  # of limits.torque
+LATER_MUST = 0.2  # of limits.torque beyond what has slid it in this direction
+MAY_BEYOND = 0.5  # friction levels beyond what slides: what sticks holds more
+SEEN_BEYOND = 0.15  # the same after so many reversals (STROKES), beside what was seen to stick
+STICKS_BEYOND = 1.2  # times the largest torque beyond what slides that was seen to stick
+STROKES = 6
+TORQUE_PART = 0.7  # of friction beside the first torque: what may be commanded without motion, for ever
+LIGHT = 1.0  # of torque/deceleration: the lightest axis before its inertia is known
+LATER_LIGHT = 0.4  # the same after STROKES, where its inertia is still not known
+LIGHT_PART = 0.5  # of the inertia found
+HEAVY = 2.0  # times torque/deceleration: the heaviest axis that can brake as its file says
+HEAVY_PART = 3.0  # times the inertia found
+OVERSTATED = 1.2  # by which limits.deceleration may exceed what torque and friction can do
+STICKS_SECONDS = 0.005  # without a count: the axis sticks
+FORGET = 0.995  # of the largest sticking torque, each time it breaks loose
+
+
+class _Way:
+    """Both virtual axes in one direction; positions and torques are counted along it."""
+
+    __slots__ = ("_from", "_impulse", "_lazy", "_start", "heaviest", "lightest", "may", "must", "run", "way")
+
+    def __init__(self) -> None:
+        self.may = self.must = math.inf
+        self.lightest = self.heaviest = 1.0
+        self.run = self.way = 0.0  # of the lightest
+        self._lazy = False
+        self._from = self._impulse = self._start = 0.0
+
+    def live(self, speed: float) -> None:
+        """The encoder has moved: what the lightest axis has become is known again."""
+        self.run, self.way = max(speed, 0.0), 0.0
+
+    def still(self) -> None:
+        """Neither axis has anything to show."""
+        self.run = self.way = 0.0
+        self._lazy = False
+
+    def light(self, torque: float, cycle: float) -> None:
+        """The lightest axis moves for one cycle."""
+        self.run = max(self.run + (torque - self.may) / self.lightest * cycle, 0.0)
+        self.way += self.run * cycle
+
+    def lazy(self, torque: float, position: float, speed: float, count: float, cycle: float) -> bool:
+        """The laziest axis moves for one cycle; True where it should have been followed.
+
+        Args:
+            speed: of the axis in this cycle, not above the truth.
+        """
+        if torque <= self.must:
+            self._lazy = False
+            return False
+        if not self._lazy or position - self._start >= LAZY_COUNTS * count:
+            self._lazy, self._start, self._from = True, position, position
+            self._impulse = self.heaviest * min(speed, 0.0)
+        self._impulse += (torque - self.must) * cycle
+        self._from += self._impulse / self.heaviest * cycle
+        return self._from - position > (LAZY_COUNTS + 1.0) * count
+
+
+class MotionWatch:
+    """Watches one axis; pure apart from what it remembers.
+
+    Args:
+        limits: in force.
+        period: cycle [s].
+        resolution: of the encoder [rad or m].
+
+    """
+
+    __slots__ = (
+        "_blind",
+        "_count",
+        "_down",
+        "_estimate",
+        "_first",
+        "_held",
+        "_last",
+        "_limits",
+        "_mode",
+        "_moved",
+        "_order",
+        "_period",
+        "_position",
+        "_reference",
+        "_silence",
+        "_sticks",
+        "_torque",
+        "_up",
+    )
+
+    def __init__(self, limits: Limits, period: float, resolution: float) -> None:
+        self._blind = False
+        self._limits = limits
+        self._period = period
+        self._count = resolution
+        self._estimate = InverseEstimate(limits, period, resolution)
+        self._order = limits.torque / limits.deceleration
+        self._sticks = STICKS_SECONDS
+        self._up, self._down = _Way(), _Way()
+        self._held = 0.0
+        self._mode = Mode.POSITION
+        self._first = self._torque = 0.0
+        self.begin(Mode.POSITION, 0.0, 0.0, 0.0)
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the encoder may not show what the axis does: it was found so, or it is silent where it must not be.
+
+        An axis that was moving a moment ago, or is pushed hard, may run on unseen; braking by its encoder would
+        drive it.
+        """
+        fastest = max(self._up.run, self._down.run)
+        return self._blind or (self._silence > 0.0 and fastest * self._period > ALIVE_COUNTS * self._count)
+
+    def begin(self, mode: Mode, position: float, reference: float, torque: float) -> None:
+        """Power came on; what is known of the axis stays."""
+        self._mode = mode
+        self._position = self._last = position
+        self._reference = reference
+        self._first = self._torque = torque
+        self._silence = 0.0
+        self._moved = mode is not Mode.POSITION
+        self._up.still()
+        self._down.still()
+        self._estimate.restart(position)
+        self._levels()
+
+    def check(self, position: float, reference: float, torque: float, cycle: float) -> str:
+        """One cycle: it ended at `position`; `torque` is the demand that acts from now on.
+
+        Returns why the axis must be stopped (torque without the motion that belongs to it), or nothing.
+        """
+        acting, self._torque = self._torque, torque
+        if self._estimate.add(position, acting, cycle):
+            self._levels()
+            if why := self._overstated():
+                return why
+        moved, count = position - self._position, self._count
+        if moved > ALIVE_COUNTS * count or moved < -ALIVE_COUNTS * count:
+            self._alive(position, reference, acting, cycle)
+        else:
+            self._silence += cycle
+            if not self._moved and abs(reference - self._reference) > 2.0 * count:
+                self._moved = True
+        up, down, last = self._up, self._down, self._last
+        self._last = position
+        why = ""
+        if self._moved and (acting > up.may or up.run > 0.0):
+            why = self._push(up, 1.0, acting, position, position - last, cycle)
+        if self._moved and (-acting > down.may or down.run > 0.0):
+            why = why or self._push(down, -1.0, acting, position, position - last, cycle)
+        return why
+
+    def _alive(self, position: float, reference: float, torque: float, cycle: float) -> None:
+        """A count has come: everything that was assumed meanwhile is known now."""
+        moved, count = position - self._position, self._count
+        silence = self._silence + cycle
+        if silence > self._sticks and self._mode is not Mode.TORQUE:
+            self._stuck(torque)
+        self._up.live((moved - ALIVE_COUNTS * count) / silence)
+        self._down.live((-moved - ALIVE_COUNTS * count) / silence)
+        self._position, self._reference, self._silence = position, reference, 0.0
+        self._moved = self._mode is not Mode.POSITION
+
+    def _stuck(self, torque: float) -> None:
+        """It has broken loose: so much torque can hold it."""
+        inverse = self._estimate.inverse
+        if inverse.up is None or inverse.down is None:
+            return
+        beyond = max(torque - inverse.up, inverse.down - torque, 0.0)
+        if beyond > self._held:
+            self._held = beyond
+            self._levels()
+        else:
+            self._held *= FORGET
+
+    def _push(self, way: _Way, sign: float, torque: float, position: float, step: float, cycle: float) -> str:
+        limits = self._limits
+        way.light(sign * torque, cycle)
+        end = sign * position + way.way + way.run * way.run / (2.0 * limits.deceleration)
+        edge = limits.position_max if sign > 0.0 else -limits.position_min
+        if (way.run > limits.speed or end > edge) and self._silence > 0.0:
+            return self._unseen(way, torque)
+        speed = (sign * step - self._count) / (cycle if step else self._silence + cycle)
+        if way.lazy(sign * torque, sign * position, speed, self._count, cycle):
+            return self._dead(sign, torque)
+        return ""
+
+    def _levels(self) -> None:
+        """What the virtual axes are, from what is known now."""
+        inverse, limit, order = self._estimate.inverse, self._limits.torque, self._order
+        friction, seen = inverse.friction, inverse.strokes > STROKES
+        lightest, heaviest = (LATER_LIGHT if seen else LIGHT) * order, HEAVY * order
+        if inverse.inertia is not None and friction is not None and seen:
+            lightest = LIGHT_PART * inverse.inertia
+            heaviest = min(heaviest, HEAVY_PART * inverse.heaviest)
+        for way, sign, level in ((self._up, 1.0, inverse.up), (self._down, -1.0, inverse.down)):
+            way.lightest, way.heaviest = lightest, heaviest
+            first = sign * self._first
+            if level is None or friction is None:
+                slides = first if level is None else max(first, sign * level)
+                way.may = slides + FIRST_MAY * limit
+                way.must = min(
+                    max(first + FIRST_MUST * limit, slides + LATER_MUST * limit), MOST_MUST * limit
+                )
+                continue
+            sticks = (SEEN_BEYOND if seen else MAY_BEYOND) * friction
+            beyond = max(STICKS_BEYOND * self._held, sticks)
+            way.may = held = sign * level + beyond
+            if self._mode is Mode.TORQUE:
+                way.may = min(first + TORQUE_PART * friction, sign * level)
+            beyond = max(MUST_BEYOND * friction, LEAST_BEYOND * limit)
+            way.must = min(held + beyond, MOST_MUST * limit)
+
+    def _overstated(self) -> str:
+        """The guard stops in time only if the axis brakes as its file says."""
+        inverse, friction = self._estimate.inverse, self._estimate.inverse.friction
+        if inverse.inertia is None or friction is None or inverse.lightest <= 0.0:
+            return ""
+        able = (self._limits.torque + friction) / inverse.lightest
+        if able * OVERSTATED < self._limits.deceleration:
+            return (
+                f"by torque and motion this axis brakes with {able:.4g} at most, but limits.deceleration says "
+                f"{self._limits.deceleration:.4g}, and every stop is planned with it; check the encoder's "
+                "counts per revolution and the unit of torque, or lower limits.deceleration"
+            )
+        return ""
+
+    def _unseen(self, way: _Way, torque: float) -> str:
+        self._blind = True
+        return (
+            f"a torque of {torque:.4g} acts and the encoder has been silent for {self._silence * 1e3:.0f} ms; "
+            f"if it is dead, the axis may run with {way.run:.4g} by now (limits.speed allows "
+            f"{self._limits.speed:.4g}) and be {way.way:.4g} away; check encoder and cable, look for a blocked "
+            "axis, and make sure that the axis moves freely"
+        )
+
+    def _dead(self, sign: float, torque: float) -> str:
+        self._blind = True
+        where = "upwards" if sign > 0.0 else "downwards"
+        return (
+            f"a torque of {torque:.4g} pushes {where} and the encoder does not show the motion that belongs to "
+            "it: the encoder is dead or counts the wrong way, its sign or the motor's is wrong, or the axis is "
+            "blocked; check encoder, cable and mechanics, or raise limits.torque if the axis needs so much to "
+            "break loose"
+        )

@@ -1,0 +1,52 @@
+"""Friction at speed of the whole axis: the base Coulomb torque and the elements of `reversal_memory`.
+
+Several elastic elements take over what the single bristle carried, so that the base `coulomb` of a model
+with `reversal_memory` may be next to nothing on an axis with plenty of friction. A person who compares
+models, or looks for wear, wants the sum: F = F_c + Σ W_i, once all elements slide.
+
+The parts trade friction with each other in a fit (their errors are correlated negatively), and a model
+keeps no correlations: the root of the sum of squares given here is an upper bound then.
+"""
+
+from __future__ import annotations
+
+import math
+
+from autotune.models.drive_model import DriveModel
+from autotune.models.effect import Value
+
+_MEMORY, _ELEMENT = "reversal_memory", "torque_"
+
+
+def friction_parts(model: DriveModel) -> dict[str, Value]:
+    """What carries friction at speed, by surface name: `coulomb`, and each element's torque."""
+    return {
+        name: value
+        for name, value in model.parameters.items()
+        if name == "coulomb" or name.startswith(f"{_MEMORY}.{_ELEMENT}")
+    }
+
+
+def total_friction(model: DriveModel) -> Value:
+    """Friction torque at speed, viscous part left out [N m or N], with its standard error.
+
+    The standard error is None where the error of a part that carries anything is not known.
+    """
+    parts = list(friction_parts(model).values())
+    errors = [part.standard_error for part in parts if part.value != 0.0 or part.standard_error is not None]
+    known = [error for error in errors if error is not None]
+    spread = math.hypot(*known) if known and len(known) == len(errors) else None
+    return Value(sum(part.value for part in parts), spread)
+
+
+def total_in_words(model: DriveModel) -> str:
+    """The total with its share in the elements, a clause; empty where `coulomb` is the total."""
+    if _MEMORY not in model:
+        return ""
+    total = total_friction(model)
+    spread = "" if total.standard_error is None else f" ± {total.standard_error:.2g}"
+    share = 1.0 - model["coulomb"] / total.value if total.value > 0.0 else 0.0
+    return (
+        f"total friction {total.value:.4g}{spread} {model.torque_symbol}, {100.0 * share:.0f} % of it in the "
+        f"elements of {_MEMORY}"
+    )

@@ -1,0 +1,325 @@
+"""Recordings as files: Parquet with metadata, or CSV with leading `# key: value` lines.
+
+What is written carries a checksum of its content (`recording_checksum`), Parquet pages one of their own.
+Both are verified on reading, and what no axis can do (`recording_limits`) is refused, with or without a
+checksum. A CSV may be written by hand: it needs none.
+"""
+
+from __future__ import annotations
+
+import difflib
+import io
+import os
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+
+from autotune.core.errors import RecordingError, a_few
+from autotune.recordings.checksum import KEY as CHECKSUM
+from autotune.recordings.checksum import content_checksum
+from autotune.recordings.limits import refuse_impossible, refuse_names
+from autotune.recordings.recording import (
+    COLUMNS,
+    FLOAT_COLUMNS,
+    MOTION_UNITS,
+    REQUIRED_COLUMNS,
+    SCHEMA_VERSION,
+    Controller,
+    Metadata,
+    Recording,
+)
+
+MOST_BYTES = 2_000_000_000
+"""Of a file; a day of one axis at 1 kHz has less."""
+MOST_ROWS = 50_000_000
+"""14 hours at 1 kHz, 4 GB in memory."""
+FIRST_WITH_CHECKSUM = 2
+_RANGES = {"sample_period": (1e-7, 1e3), "position_resolution": (1e-15, 1e3), "torque_limit": (1e-12, 1e9)}
+"""From a hundred times faster than a current loop to a row every quarter of an hour; an atom; a press."""
+_LONGEST_PAIR = 10_000
+_PREFIX = b"autotune."
+_NUMBERS = ("sample_period", "position_resolution", "torque_limit")
+_TEXTS = ("motion_unit", "controller", "axis", "fingerprint", "schema", CHECKSUM)
+
+
+def read_recording(path: str | Path) -> Recording:
+    """Reads a recording; the ending decides: `.parquet`, else CSV.
+
+    Raises:
+        RecordingError: no such file, not a recording, a newer schema, a checksum that does not match, or
+            values that cannot be.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise RecordingError(f"there is no recording {path}; check the name")
+    try:
+        _refuse_huge(path, path.stat().st_size, MOST_BYTES, "bytes")
+        table, pairs = _read_parquet(path) if path.suffix == ".parquet" else _read_csv(path)
+        recording = _recording(path, table, pairs)
+    except RecordingError:
+        raise
+    except (pa.ArrowException, OSError, ValueError, OverflowError, MemoryError) as error:
+        raise RecordingError(
+            f"{path} cannot be read as a recording: {_reason(error)}; import foreign files with 'autotune data "
+            "import'"
+        ) from error
+    refuse_impossible(recording, str(path))
+    return recording
+
+
+def _reason(error: Exception) -> str:
+    """The first line of what a library says; a damaged file may be quoted in it at any length."""
+    text = next(iter(str(error).splitlines()), "") or type(error).__name__
+    return "".join(letter if letter.isprintable() else "?" for letter in text[:200])
+
+
+def _refuse_huge(path: Path, size: int, most: int, what: str) -> None:
+    if size > most:
+        raise RecordingError(f"{path} has {size:.3g} {what}; a recording has at most {most:.3g}: split it")
+
+
+def write_recording(recording: Recording, path: str | Path) -> None:
+    """Writes a recording, replacing the file in one step; the ending decides as in reading."""
+    path = Path(path)
+    temporary = path.with_name(path.name + ".part")
+    if path.suffix == ".parquet":
+        table = _table(recording)
+        pa.parquet.write_table(table, temporary, compression="zstd", write_page_checksum=True)
+    else:
+        temporary.write_bytes(_csv_bytes(recording))
+    os.replace(temporary, path)
+
+
+def metadata_pairs(metadata: Metadata) -> dict[str, str]:
+    """Metadata as `key: value` texts; what is unknown is left out."""
+    pairs = {"schema": str(metadata.schema), "motion_unit": metadata.motion_unit}
+    pairs |= {name: repr(float(v)) for name in _NUMBERS if (v := getattr(metadata, name)) is not None}
+    if metadata.controller is not None:
+        pairs["controller"] = str(metadata.controller)
+    pairs |= {name: getattr(metadata, name) for name in ("axis", "fingerprint") if getattr(metadata, name)}
+    return pairs | dict(metadata.extra)
+
+
+def parse_metadata(pairs: Mapping[str, str], where: str) -> Metadata:
+    """Metadata from `key: value` texts.
+
+    Raises:
+        RecordingError: a value is not a number where one is needed, or out of range.
+    """
+    strange = [k for k, v in pairs.items() if not (k + v).isprintable() or len(k + v) > _LONGEST_PAIR]
+    if strange:
+        raise RecordingError(
+            f"{where}: the metadata {strange[0][:40]!r} are longer than {_LONGEST_PAIR} characters, or hold some that "
+            "cannot be printed; correct or remove that line"
+        )
+    unit = pairs.get("motion_unit", "rad")
+    if unit not in MOTION_UNITS:
+        raise RecordingError(f"{where}: motion_unit is {unit!r}; allowed are {', '.join(MOTION_UNITS)}")
+    numbers: dict[str, Any] = {
+        name: _number(pairs[name], f"{where}: {name}", *_RANGES[name]) for name in _NUMBERS if name in pairs
+    }
+    schema = _number(pairs.get("schema", str(SCHEMA_VERSION)), f"{where}: schema", 1, np.inf)
+    if schema > SCHEMA_VERSION:
+        raise RecordingError(
+            f"{where} has schema {schema:g}, this program knows up to {SCHEMA_VERSION}; update autotune"
+        )
+    controller = Controller.parse(pairs["controller"]) if "controller" in pairs else None
+    known = {*_NUMBERS, *_TEXTS}
+    return Metadata(
+        motion_unit=unit,
+        controller=controller,
+        axis=pairs.get("axis", ""),
+        fingerprint=pairs.get("fingerprint", ""),
+        schema=int(schema),
+        extra={name: value for name, value in pairs.items() if name not in known},
+        sample_period=numbers.get("sample_period", 1e-3),
+        position_resolution=numbers.get("position_resolution"),
+        torque_limit=numbers.get("torque_limit"),
+    )
+
+
+def _number(text: str, where: str, low: float, high: float) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise RecordingError(f"{where} is {text[:40]!r}; it must be a number") from None
+    if not np.isfinite(value) or value <= 0:
+        raise RecordingError(f"{where} is {text}; it must be a finite number above 0")
+    if not low <= value <= high:
+        raise RecordingError(f"{where} is {value:g}; it must be from {low:g} to {high:g}")
+    return value
+
+
+def _read_parquet(path: Path) -> tuple[pa.Table, dict[str, str]]:
+    file = pa.parquet.ParquetFile(path, page_checksum_verification=True)
+    schema = file.schema_arrow
+    _refuse_huge(path, file.metadata.num_rows, MOST_ROWS, "rows")
+    _check_names(path, schema.names)
+    table = file.read(columns=[name for name in schema.names if name in COLUMNS])
+    return table, {
+        key.removeprefix(_PREFIX).decode(): value.decode()
+        for key, value in (schema.metadata or {}).items()
+        if key.startswith(_PREFIX)
+    }
+
+
+def _read_csv(path: Path) -> tuple[pa.Table, dict[str, str]]:
+    pairs: dict[str, str] = {}
+    with path.open("rb") as file:
+        start = 0
+        while (line := file.readline()).startswith(b"#"):
+            key, _, value = line[1:].decode("utf-8").strip().partition(":")
+            pairs[key.strip()] = value.strip()
+            start = file.tell()
+        file.seek(start)
+        content = file.read()
+    if (
+        "checksum" not in pairs
+    ):  # else a changed file is refused; a spreadsheet pads each line with empty cells
+        pairs = {key.rstrip(",;"): value.rstrip(",; \t") for key, value in pairs.items()}
+    content.decode("utf-8")
+    if b"\0" in content:
+        raise RecordingError(f"{path} is not a text file; a CSV is: check the name")
+    if not content.strip():
+        raise RecordingError(f"{path} is empty; a recording needs {', '.join(REQUIRED_COLUMNS)}")
+    types = {name: pa.float64() for name in FLOAT_COLUMNS}
+    types |= {"experiment": pa.string(), "repeat": pa.int64(), "missed": pa.int64()}
+    options = pyarrow.csv.ConvertOptions(column_types=types)
+    table = pyarrow.csv.read_csv(io.BytesIO(content), convert_options=options)
+    _check_names(path, table.column_names)
+    return table, pairs
+
+
+def _check_names(path: Path, names: list[str]) -> None:
+    if len(set(names)) < len(names):
+        raise RecordingError(f"{path} names a column twice: {a_few(names)}; rename one")
+    missing = [name for name in REQUIRED_COLUMNS if name not in names]
+    if missing:
+        raise RecordingError(
+            f"{path} has no column {', '.join(missing)}; it has {a_few(names)}. "
+            "Map foreign columns with 'autotune data import --column NAME=FIELD'"
+        )
+
+
+def _recording(path: Path, table: pa.Table, pairs: dict[str, str]) -> Recording:
+    names = set(table.column_names)
+    floats = {name: _floats(table, name) for name in FLOAT_COLUMNS if name in names}
+    rows = table.num_rows
+    experiment = _texts(table, "experiment") if "experiment" in names else np.full(rows, "")
+    repeat = _integers(table, "repeat") if "repeat" in names else np.zeros(rows, dtype=np.int64)
+    missed = _integers(table, "missed") if "missed" in names else np.zeros(rows, dtype=np.int64)
+    recording = Recording.from_columns(floats, Metadata(), experiment, repeat, missed)
+    remarks = _verified(path, recording, pairs)
+    if "sample_period" not in pairs and rows > 1:
+        pairs = pairs | {"sample_period": repr(_spacing(path, floats["time"]))}
+    metadata = parse_metadata(pairs, str(path))
+    return replace(recording, metadata=replace(metadata, remarks=remarks))
+
+
+def _verified(path: Path, recording: Recording, pairs: Mapping[str, str]) -> tuple[str, ...]:
+    """Compares with the checksum; a remark where an old or foreign Parquet file has none.
+
+    Raises:
+        RecordingError: it does not match, or a file that must have one lost it.
+    """
+    parquet = path.suffix == ".parquet"
+    if CHECKSUM in pairs:
+        if pairs[CHECKSUM] == content_checksum(recording, pairs):
+            return ()
+        advice = "" if parquet else "; if you changed it on purpose, delete the line '# checksum:'"
+        raise RecordingError(
+            f"{path} does not match its checksum: it was damaged or changed after it was written. Take another "
+            f"copy, or record again{advice}"
+        )
+    if not parquet:
+        _refuse_damaged_line(path, pairs)
+        return ()
+    if pairs.get("schema", "1") != "1":
+        raise RecordingError(
+            f"{path} has schema {pairs['schema'][:40]} but no checksum, which every such file has: it is damaged. "
+            "Take another copy, or record again"
+        )
+    return (
+        f"{path} has no checksum (from an older version or another program): damage would not be noticed",
+    )
+
+
+def _refuse_damaged_line(path: Path, pairs: Mapping[str, str]) -> None:
+    """A line that was once the checksum is worse than none: something else will be damaged as well."""
+    near = difflib.get_close_matches(CHECKSUM, pairs, 1)
+    if near or any(value.startswith("sha256:") for value in pairs.values()):
+        raise RecordingError(
+            f"{path} has a line '# {near[0] if near else '...'}:' that looks like a damaged '# {CHECKSUM}:'; take "
+            "another copy, or remove the line if you wrote it"
+        )
+
+
+def _spacing(path: Path, time: np.ndarray[tuple[int], np.dtype[np.float64]]) -> float:
+    spacing = float(np.median(np.diff(time)))
+    if not spacing > 0.0:
+        raise RecordingError(
+            f"{path}: time does not rise (median step {spacing:g} s); sort the rows, or name the column of the time"
+        )
+    return spacing
+
+
+def _floats(table: pa.Table, name: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    column = table.column(name).combine_chunks()
+    return np.asarray(column.cast(pa.float64()).fill_null(float("nan")).to_numpy(zero_copy_only=False))
+
+
+def _integers(table: pa.Table, name: str) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    return np.asarray(table.column(name).cast(pa.int64()).fill_null(0).to_numpy())
+
+
+def _texts(table: pa.Table, name: str) -> np.ndarray[tuple[int], np.dtype[np.str_]]:
+    encoded = table.column(name).cast(pa.string()).fill_null("").combine_chunks().dictionary_encode()
+    texts = encoded.dictionary.to_pylist() or [""]
+    refuse_names(texts, name)  # before they become an array as wide as the longest
+    words: np.ndarray[tuple[int], np.dtype[np.str_]] = np.array(texts, str)
+    indices: np.ndarray[tuple[int], np.dtype[np.int64]] = encoded.indices.to_numpy().astype(np.int64)
+    return words[indices]
+
+
+def _sealed_pairs(recording: Recording) -> dict[str, str]:
+    """The metadata of a file of this version, the checksum first."""
+    pairs = metadata_pairs(replace(recording.metadata, schema=SCHEMA_VERSION))
+    return {CHECKSUM: content_checksum(recording, pairs), **pairs}
+
+
+def _table(recording: Recording) -> pa.Table:
+    arrays = {
+        "experiment": _names(recording),
+        "repeat": pa.array(recording.repeat),
+        "missed": pa.array(recording.missed),
+        **{name: pa.array(values) for name, values in recording.floats.items()},
+    }
+    table = pa.table({name: arrays[name] for name in COLUMNS if name in arrays})
+    pairs = _sealed_pairs(recording)
+    return table.replace_schema_metadata({_PREFIX + k.encode(): v.encode() for k, v in pairs.items()})
+
+
+def _names(recording: Recording) -> pa.ChunkedArray:
+    """Names segment by segment: ten million rows must not become ten million Python texts."""
+    runs = [pa.repeat(pa.scalar(s.experiment), s.stop - s.start) for s in recording.segments()]
+    return pa.chunked_array(runs, pa.string())
+
+
+def _csv_bytes(recording: Recording) -> bytes:
+    for segment in recording.segments():
+        if set(segment.experiment) & set('",\r\n'):
+            raise RecordingError(
+                f"the experiment {segment.experiment!r} has a comma, a quotation mark or a line break in its name; "
+                "write a .parquet file, or name it otherwise"
+            )
+    head = "".join(f"# {key}: {value}\n" for key, value in _sealed_pairs(recording).items())
+    body = io.BytesIO()
+    table = _table(recording).replace_schema_metadata(None)
+    pyarrow.csv.write_csv(table, body, pyarrow.csv.WriteOptions(quoting_style="none"))
+    return head.encode() + body.getvalue().replace(b'"', b"")

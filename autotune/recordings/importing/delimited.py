@@ -1,0 +1,181 @@
+"""Text tables of any dialect, read by pyarrow in bounded memory: only the columns that are asked for."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+
+from autotune.core.arrays import Floats
+from autotune.core.errors import RecordingError
+from autotune.recordings.importing.dialect import NULLS, WHITESPACE, Dialect, find_dialect, is_comment
+from autotune.recordings.importing.source import Loaded, Source, foreign_bytes, refuse_other_format, seconds
+
+_BAD_LINES = 100
+_BLOCK = 1 << 22
+_TYPES = {"number": pa.float64(), "date": pa.timestamp("ns"), "clock": pa.time64("ns"), "": pa.string()}
+_ASCII = bytes(code if code < 128 else ord("?") for code in range(256))
+
+
+def read_csv(path: Path) -> Source:
+    """Opens a CSV file of any dialect.
+
+    Raises:
+        RecordingError: missing, empty, not text, another format, or no table of numbers in it.
+    """
+    start = foreign_bytes(path)
+    refuse_other_format(path, start)
+    if re.match(rb"(#[^\n]*\n)*# (motion_unit|sample_period|schema):", start):
+        raise RecordingError(f"{path} is a recording of this program already; use it as it is")
+    return table_source(path, find_dialect(path, start, path.stat().st_size <= len(start)))
+
+
+def table_source(
+    path: Path, dialect: Dialect, period: float | None = None, notes: Sequence[str] = ()
+) -> Source:
+    """The number columns of a text table whose dialect is known."""
+    every = tuple(replace(column, number=number) for number, column in enumerate(dialect.columns, 1))
+    kept = [index for index, kind in enumerate(dialect.kinds) if kind]
+    texts = tuple(column for column, kind in zip(every, dialect.kinds, strict=True) if not kind)
+
+    def load(indices: Sequence[int]) -> Loaded:
+        return load_columns(path, dialect, [kept[index] for index in indices])
+
+    columns = tuple(every[index] for index in kept)
+    return Source(path, columns, load, period=period, notes=(dialect.spoken, *notes), texts=texts)
+
+
+def load_columns(path: Path, dialect: Dialect, indices: Sequence[int]) -> Loaded:
+    """The columns, each of shape (n,), and what had to be left out.
+
+    Raises:
+        RecordingError: a field is no number (row and field are said), or too many rows of another width.
+    """
+    plain = dialect.delimiter != WHITESPACE and dialect.encoding in ("utf-8", "latin-1")
+    try:
+        return _load(path, dialect, indices, not plain)
+    except (pa.ArrowException, UnicodeError) as first:
+        if not plain:
+            raise _sentence(path, first) from first
+    try:
+        return _load(path, dialect, indices, True)
+    except (pa.ArrowException, UnicodeError) as error:
+        raise _sentence(path, error) from error
+
+
+def _load(path: Path, dialect: Dialect, indices: Sequence[int], normalise: bool) -> Loaded:
+    names = [str(index) for index in range(len(dialect.columns))]
+    wanted = [names[index] for index in indices]
+    bad: list[str] = []
+
+    def bad_line(row: Any) -> str:
+        bad.append(str(row.text)[:60])
+        return "skip" if len(bad) <= _BAD_LINES else "error"
+
+    delimiter = "\t" if dialect.delimiter == WHITESPACE else dialect.delimiter
+    with path.open("rb") as raw:
+        stream: BinaryIO = raw
+        if normalise:
+            stream = io.BufferedReader(_Normalised(raw, dialect), _BLOCK)
+        table = pyarrow.csv.read_csv(
+            stream,
+            read_options=pyarrow.csv.ReadOptions(
+                column_names=names, skip_rows=dialect.skip, block_size=_BLOCK, use_threads=not normalise
+            ),
+            parse_options=pyarrow.csv.ParseOptions(
+                delimiter=delimiter, invalid_row_handler=bad_line if normalise else None
+            ),
+            convert_options=pyarrow.csv.ConvertOptions(
+                column_types=dict(zip(names, map(_TYPES.get, dialect.kinds), strict=True)),
+                include_columns=list(dict.fromkeys(wanted)),
+                null_values=list(NULLS),
+                decimal_point=dialect.decimal,
+            ),
+        )
+    if not table.num_rows:
+        raise RecordingError(f"{path} has no rows of numbers")
+    return Loaded([_floats(table.column(name)) for name in wanted], _skipped(bad))
+
+
+def _skipped(bad: list[str]) -> list[str]:
+    odd = [text for text in bad if text.strip() and not is_comment(text)]
+    if not odd:
+        return []
+    return [f"{len(odd)} lines with another number of fields are left out, the first is {odd[0]!r}"]
+
+
+def _floats(column: Any) -> Floats:
+    """Filled chunk by chunk, so that no second copy of the whole is made; dates in seconds since the first."""
+    if pa.types.is_temporal(column.type):
+        return seconds(column)
+    values = np.empty(len(column))
+    start = 0
+    for chunk in column.chunks:
+        part = chunk.fill_null(float("nan")).to_numpy(zero_copy_only=False)
+        values[start : start + len(part)] = part
+        start += len(part)
+    return values
+
+
+def _sentence(path: Path, error: Exception) -> RecordingError:
+    text = str(error).split("\n")[0].removeprefix("In CSV ")
+    text = re.sub(r"'[^']{24,}'?", lambda value: f"{value[0][:24]}…'", text)[:100]
+    return RecordingError(
+        f"{path} is no regular table of numbers: {text}. Remove those lines, or export the measurement again"
+    )
+
+
+class _Normalised(io.RawIOBase):
+    """The file as pyarrow likes it: one delimiter, no plus signs, no empty field at the end, ASCII only.
+
+    Reads blocks of whole lines; nothing but one block is in memory.
+    """
+
+    def __init__(self, raw: BinaryIO, dialect: Dialect) -> None:
+        self._raw: Any = io.TextIOWrapper(raw, "utf-16", newline="") if dialect.encoding == "utf-16" else raw
+        self._spaces = dialect.delimiter == WHITESPACE
+        self._delimiter = dialect.delimiter.encode()
+        self._width = len(dialect.columns)
+        self._skip = dialect.skip
+        self._rest = b""
+        self._ready = b""
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        while not self._ready:
+            block = self._raw.read(_BLOCK)
+            block = block.encode() if isinstance(block, str) else block
+            if not block:
+                self._ready, self._rest = self._normal(self._rest), b""
+                break
+            block = self._rest + block
+            cut = block.rfind(b"\n") + 1
+            self._ready, self._rest = self._normal(block[:cut]), block[cut:]
+        count = min(len(buffer), len(self._ready))
+        buffer[:count] = self._ready[:count]
+        self._ready = self._ready[count:]
+        return count
+
+    def _normal(self, block: bytes) -> bytes:
+        lines = block.translate(_ASCII, b"+").split(b"\n")
+        if self._spaces:
+            return b"\n".join([b"\t".join(line.split()) for line in lines])
+        end = self._delimiter
+        return b"\n".join([self._trimmed(line, end) for line in lines])
+
+    def _trimmed(self, line: bytes, end: bytes) -> bytes:
+        """A line without the delimiters that end it, and without the commas that a spreadsheet pads it with."""
+        bare = line.rstrip(b"\r") if end == b"," else line.rstrip(b",\r")
+        surplus = bare.count(end) - self._width + 1
+        while surplus > 0 and bare.endswith(end):
+            bare, surplus = bare[: -len(end)], surplus - 1
+        return bare

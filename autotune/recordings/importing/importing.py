@@ -1,0 +1,423 @@
+"""From foreign files to one recording, and what was understood on the way.
+
+Nothing is guessed silently: what is recognised is said, what is in doubt is asked for.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from autotune.core.arrays import Floats
+from autotune.core.errors import ConfigurationError, RecordingError, plain
+from autotune.recordings.axis_sizes import refuse_unlike_axis, sizes_line
+from autotune.recordings.importing import FORMATS
+from autotune.recordings.importing.asking import Doubt, ask
+from autotune.recordings.importing.cleaning import (
+    grain,
+    refuse_absurd,
+    unwrap_clock,
+    unwrapped,
+    without_missing,
+    wrap_length,
+)
+from autotune.recordings.importing.clock import (
+    LEAST_ROWS,
+    Stretch,
+    fitted_period,
+    median_period,
+    regular,
+    resampled,
+    split_gaps,
+    split_runs,
+)
+from autotune.recordings.importing.factor import parse_assignments
+from autotune.recordings.importing.leaps import Steps, judge_leaps, steps_of
+from autotune.recordings.importing.mapping import Choice, choose, motion_unit, said, value_doubt, written
+from autotune.recordings.importing.options import Options
+from autotune.recordings.importing.plausible import (
+    clipping_note,
+    constant_notes,
+    refuse_other_velocity,
+    refuse_wrong_sign,
+    sizes_of_dynamics,
+)
+from autotune.recordings.importing.source import Source
+from autotune.recordings.limits import refuse_impossible
+from autotune.recordings.recording import RESERVED_EXPERIMENTS, Metadata, Recording, concatenate
+from autotune.recordings.turn_lines import unit_question
+
+_PERIOD_OFF = 0.02
+_FAR = 1e7
+
+
+@dataclass(frozen=True, slots=True)
+class Imported:
+    """The recording, and a line for each thing that was recognised, changed or left out."""
+
+    recording: Recording
+    lines: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _File:
+    """One file, cut into regular stretches with one period."""
+
+    path: Path
+    stretches: list[Stretch]
+    period: float
+    unit: str
+    facts: Mapping[str, str]
+    lines: list[str]
+    resolution: float | None = None
+    steps: Steps | None = None
+
+
+def import_files(paths: Sequence[Path], options: Options) -> Imported:
+    """Reads all files into one recording; each file is a segment, more where its clock is interrupted.
+
+    Raises:
+        RecordingError: a file cannot be a recording of one axis.
+        ConfigurationError: an option is wrong, or one is needed to settle a doubt.
+    """
+    if options.format not in FORMATS:
+        raise ConfigurationError(f"--format is {options.format!r}; known are {', '.join(FORMATS)}")
+    files = [_read(path, paths, options) for path in paths]
+    if not files:
+        raise ConfigurationError("no file was given; name at least one")
+    units = {file.unit for file in files}
+    if len(units) > 1:
+        raise RecordingError("the files mix linear and rotary axes; import each axis by itself")
+    leaps = judge_leaps([file.steps for file in files if file.steps], files[0].unit, options.keep_leaps)
+    period = min(file.period for file in files)
+    parts = [part for number, file in enumerate(files) for part in _segments(file, number, period, options)]
+    recording = concatenate(parts) if len(parts) > 1 else parts[0]
+    del parts
+    lines = _lines(files) + _periods(files, period) + leaps
+    recording, remarks = _judged(recording, files, options)
+    return Imported(recording, tuple(plain(line) for line in lines + remarks))
+
+
+def _read(path: Path, paths: Sequence[Path], options: Options) -> _File:
+    source = FORMATS[options.format](path)
+    assigned = parse_assignments(list(options.columns), source)
+    choices, doubts = choose(source, assigned, options.wishes)
+    unit, why = motion_unit(choices, options.wishes)
+    lines = [*source.notes, *said(choices, source), f"motion unit {unit} ({why})"]
+    columns, more = _load(source, [choice for choice in choices if choice.target], lines)
+    doubts += more
+    if doubts:
+        raise ask(path, paths, doubts, written(choices, source, assigned), options)
+    facts: dict[str, str] = {}
+    columns = _with_clock(columns, source, options, lines)
+    columns = without_missing(columns, path, lines)
+    refuse_absurd(columns, path)
+    if len(columns["time"]) < LEAST_ROWS:
+        raise RecordingError(
+            f"{path} has {len(columns['time'])} rows; a recording needs at least {LEAST_ROWS}"
+        )
+    columns = _completed(columns, lines, facts)
+    factor = next((choice.factor for choice in choices if choice.target == "position"), 1.0)
+    pieces, period = _pieces(columns, path, source, options, lines)
+    pieces = [_continuous(piece, unit, factor, lines, facts) for piece in pieces]
+    steps = steps_of(pieces, path, period)
+    if options.wishes.period is None:
+        pieces = _regular(pieces, period, lines, facts)
+    stretches = [_positioned(piece, lines, facts) for piece in pieces]
+    resolution = _resolution(columns, options, unit, lines)
+    return _File(path, stretches, period, unit, facts, lines, resolution, steps)
+
+
+def _resolution(columns: dict[str, Floats], options: Options, unit: str, lines: list[str]) -> float | None:
+    """One count of the position, as said or as the steps in the file show."""
+    if options.wishes.resolution is not None or "position" not in columns:
+        return options.wishes.resolution
+    found = grain(columns["position"])
+    if found is not None:
+        lines.append(
+            f"position moves in steps of {found:.6g} {unit}: taken as its resolution (else --resolution)"
+        )
+    return found
+
+
+def _load(source: Source, choices: list[Choice], lines: list[str]) -> tuple[dict[str, Floats], list[Doubt]]:
+    """The chosen columns in SI, and doubts about their values."""
+    if not choices:
+        return {}, []
+    loaded = source.load([choice.index for choice in choices])
+    lines += loaded.notes
+    columns: dict[str, Floats] = {}
+    doubts: list[Doubt] = []
+    for number, choice in enumerate(choices):
+        values, loaded.columns[number] = loaded.columns[number], np.empty(0)
+        doubts += value_doubt(choice, values, source)
+        if choice.target == "time":
+            values = unwrap_clock(values, lines)
+        columns[choice.target] = values * choice.factor if choice.factor != 1.0 else values
+    return columns, doubts
+
+
+def _with_clock(
+    columns: dict[str, Floats], source: Source, options: Options, lines: list[str]
+) -> dict[str, Floats]:
+    """Time from the period where the file has no clock."""
+    if "time" in columns:
+        return _with_near_origin(columns, lines)
+    period = options.wishes.period or source.period or 1.0
+    rows = len(next(iter(columns.values())))
+    lines.append(f"no clock in the file: time counts rows of {period:g} s")
+    return {"time": np.arange(rows, dtype=np.float64) * period, **columns}
+
+
+def _with_near_origin(columns: dict[str, Floats], lines: list[str]) -> dict[str, Floats]:
+    """Dates in seconds since 1970 leave few digits for the steps: time then starts at 0."""
+    finite = columns["time"][np.isfinite(columns["time"])]
+    if not len(finite) or abs(finite[0]) < _FAR:
+        return columns
+    lines.append(f"time starts at {finite[0]:.9g} s: counted from there")
+    return {**columns, "time": columns["time"] - finite[0]}
+
+
+def _completed(columns: dict[str, Floats], lines: list[str], facts: dict[str, str]) -> dict[str, Floats]:
+    if "torque" not in columns:
+        lines.append("torque is the torque commanded; the file has no measured one")
+        facts["torque_source"] = "torque_command"
+        columns = {**columns, "torque": columns["torque_command"]}
+    return columns
+
+
+def _pieces(
+    columns: dict[str, Floats], path: Path, source: Source, options: Options, lines: list[str]
+) -> tuple[list[Stretch], float]:
+    """Pieces without a gap in time, and their period."""
+    if options.wishes.period is not None:
+        runs = _runs_by_period(columns, path, options.wishes.period, lines)
+        return _long_enough(runs, path, lines), options.wishes.period
+    runs = split_runs(columns, path, lines)
+    median = median_period(columns["time"])
+    if source.period is not None and abs(median / source.period - 1.0) > _PERIOD_OFF:
+        raise RecordingError(
+            f"{path}: the file says {source.period:g} s a sample, but its time stamps step by {median:g} s; export it "
+            "again, or say which with --period"
+        )
+    pieces = [piece for run in runs for piece in split_gaps(run, median)]
+    pieces = _long_enough(pieces, path, lines)
+    return pieces, fitted_period(pieces, median)
+
+
+def _regular(pieces: list[Stretch], period: float, lines: list[str], facts: dict[str, str]) -> list[Stretch]:
+    """The pieces on regular grids of one period."""
+    done = [regular(piece, period) for piece in pieces]
+    _tell(pieces, done, period, lines, facts)
+    return [piece for piece, _ in done]
+
+
+def _runs_by_period(columns: dict[str, Floats], path: Path, period: float, lines: list[str]) -> list[Stretch]:
+    """With `--period` the rows are regular and stamps only jitter; they must agree on the whole."""
+    time = columns["time"]
+    if not np.any(np.diff(time) < 0):
+        runs = [Stretch(columns)]
+    else:
+        runs = split_runs(columns, path, lines)
+    regular_runs = []
+    for run in runs:
+        stamps = run.columns["time"]
+        span, wanted = float(stamps[-1] - stamps[0]), period * (len(stamps) - 1)
+        if abs(span - wanted) > max(_PERIOD_OFF * wanted, 5.0 * period):
+            raise RecordingError(
+                f"{path}: {len(stamps)} rows of --period {period:g} s make {wanted:.6g} s, but the time stamps span "
+                f"{span:.6g} s: rows are missing, or the period is another. Leave --period out and gaps are found"
+            )
+        regular_runs.append(run.with_columns(time=stamps[0] + period * np.arange(len(stamps))))
+    lines.append(f"time counts rows of {period:g} s, as --period says")
+    return regular_runs
+
+
+def _long_enough(pieces: list[Stretch], path: Path, lines: list[str]) -> list[Stretch]:
+    kept = [piece for piece in pieces if len(piece) >= LEAST_ROWS]
+    if not kept:
+        raise RecordingError(
+            f"{path}: no stretch of {LEAST_ROWS} rows without a gap in time; is the right column named as time?"
+        )
+    if len(kept) < len(pieces):
+        lines.append(
+            f"{len(pieces) - len(kept)} pieces of fewer than {LEAST_ROWS} rows between gaps are dropped"
+        )
+    return kept
+
+
+def _tell(
+    pieces: list[Stretch],
+    done: list[tuple[Stretch, str]],
+    period: float,
+    lines: list[str],
+    facts: dict[str, str],
+) -> None:
+    gaps = [piece for piece in pieces if piece.missed]
+    if gaps:
+        lost = sum(piece.missed for piece in gaps)
+        lines.append(
+            f"{len(gaps)} gaps ({lost} samples lost, first before row {gaps[0].row + 1}): split there"
+        )
+        facts["gaps"] = f"{len(gaps)} gaps, {lost} samples lost"
+    ways = {way for _, way in done}
+    if "straightened" in ways:
+        lines.append(f"time stamps are rounded; the samples are regular, {period:g} s apart")
+        facts["time"] = "rounded stamps replaced by a line"
+    if "resampled" in ways:
+        text = "cubic for position, velocity, reference; linear for torque"
+        lines.append(
+            f"time stamps are irregular: resampled to {period:g} s ({text}); with --period if only stamps jitter"
+        )
+        facts["resampled"] = f"irregular stamps to {period:g} s, {text}"
+
+
+def _positioned(piece: Stretch, lines: list[str], facts: dict[str, str]) -> Stretch:
+    """With a position, integrated from velocity where the file has none."""
+    if "position" in piece.columns:
+        return piece
+    velocity = piece.columns["velocity"]
+    steps = 0.5 * (velocity[1:] + velocity[:-1]) * np.diff(piece.columns["time"])
+    if "position" not in facts:
+        lines.append("there is no position: it is integrated from velocity, from 0 in each segment")
+    facts["position"] = "integrated from velocity, from 0 in each segment"
+    return piece.with_columns(position=np.concatenate([[0.0], np.cumsum(steps)]))
+
+
+def _continuous(piece: Stretch, unit: str, factor: float, lines: list[str], facts: dict[str, str]) -> Stretch:
+    """The piece with its position unwrapped, before anything is interpolated across a turn's end."""
+    if "position" not in piece.columns:
+        return piece
+    length = wrap_length(piece.columns["position"], factor, unit == "rad")
+    if length is None:
+        return piece
+    if "unwrapped" not in facts:
+        lines.append(f"position starts again after {length:.6g} {unit}: unwrapped")
+    facts["unwrapped"] = f"{length:.9g} {unit}"
+    return _unwrapped(piece, length)
+
+
+def _unwrapped(piece: Stretch, length: float) -> Stretch:
+    position = unwrapped(piece.columns["position"], length)
+    if "reference" not in piece.columns:
+        return piece.with_columns(position=position)
+    reference = unwrapped(piece.columns["reference"], length)
+    turns = np.round(float(np.median(position - reference)) / length)
+    return piece.with_columns(position=position, reference=reference + turns * length)
+
+
+def _segments(file: _File, number: int, period: float, options: Options) -> list[Recording]:
+    """The stretches of the file as recordings with the common period."""
+    metadata = Metadata(
+        motion_unit=file.unit,
+        sample_period=period,
+        position_resolution=file.resolution,
+        torque_limit=options.torque_limit,
+        controller=options.controller,
+    )
+    name = options.experiment or _name(file.path, file.lines)
+    parts = []
+    for index, stretch in enumerate(file.stretches):
+        if abs(file.period / period - 1.0) > 1e-6:
+            stretch = resampled(stretch, period)
+        columns = dict(stretch.columns)
+        columns.pop("repeat", None)
+        missed = np.zeros(len(stretch), dtype=np.int64)
+        missed[0] = stretch.missed
+        label, repeat = _label(name, number, index, file.stretches, options)
+        parts.append(Recording.from_columns(columns, metadata, label, repeat, missed))
+    return parts
+
+
+def _label(name: str, number: int, index: int, stretches: list[Stretch], options: Options) -> tuple[str, int]:
+    """Experiment and repeat: runs with the same reference are repetitions, other pieces are not."""
+    stretch = stretches[index]
+    if "repeat" in stretch.columns:
+        return name, int(stretch.columns["repeat"][0])
+    same = [i for i in range(index) if _same_reference(stretches[i], stretch)]
+    if same and not stretch.missed:
+        return name if same[0] == 0 else f"{name}-{same[0] + 1}", len(same)
+    repeat = number if options.experiment else 0
+    return (name if index == 0 else f"{name}-{index + 1}"), repeat
+
+
+def _same_reference(one: Stretch, other: Stretch) -> bool:
+    if "reference" not in one.columns or abs(len(one) - len(other)) > 2:
+        return False
+    rows = min(len(one), len(other))
+    first, second = one.columns["reference"][:rows], other.columns["reference"][:rows]
+    return bool(np.max(np.abs(first - second)) <= 1e-3 * max(float(np.ptp(first)), 1e-12))
+
+
+def _name(path: Path, lines: list[str]) -> str:
+    """The file's name as an experiment's; reserved names would change what is done with the data."""
+    name = re.sub(r"[^\w.+-]+", "_", path.stem) or "import"
+    if name in RESERVED_EXPERIMENTS:
+        lines.append(f"experiment {name!r} has a meaning of its own here; this one is named 'file-{name}'")
+        return f"file-{name}"
+    return name
+
+
+def _lines(files: list[_File]) -> list[str]:
+    """What was said of the files, each sentence once."""
+    if len(files) == 1:
+        return files[0].lines
+    texts = dict.fromkeys(line for file in files for line in file.lines)
+    return [f"{_whose(text, files)}: {text}" for text in texts]
+
+
+def _whose(text: str, files: list[_File]) -> str:
+    names = [file.path.name for file in files if text in file.lines]
+    if len(names) == len(files):
+        return f"all {len(files)} files"
+    return names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
+
+
+def _periods(files: list[_File], period: float) -> list[str]:
+    others = sorted({file.period for file in files if abs(file.period / period - 1.0) > 1e-6})
+    if not others:
+        return []
+    text = ", ".join(f"{other:g}" for other in others)
+    return [f"sample periods differ: files with {text} s are interpolated to {period:g} s, the shortest"]
+
+
+def _judged(recording: Recording, files: list[_File], options: Options) -> tuple[Recording, list[str]]:
+    """Refuses what cannot be an axis; adds what is to be known to the metadata."""
+    where = str(files[0].path) if len(files) == 1 else f"{files[0].path} and {len(files) - 1} more"
+    recording = _with_facts(recording, files, options)
+    refuse_impossible(recording, where)
+    if not options.keep_signs:
+        refuse_other_velocity(recording, where)
+        refuse_wrong_sign(recording, where)
+    remarks = refuse_unlike_axis(recording, where, sizes_of_dynamics(recording))
+    remarks += [question] if (question := unit_question(recording)) else []
+    remarks += [*constant_notes(recording), sizes_line(recording)]
+    if symbol := recording.metadata.torque_unit:
+        remarks.append(f"torque is in {symbol}, and so will be everything that is identified")
+    clipping = clipping_note(recording)
+    if clipping:
+        remarks.append(clipping + ("" if options.torque_limit else "; say the limit with --torque-limit"))
+        recording = _with_extra(recording, {"torque_clipped": clipping})
+    return recording, remarks
+
+
+def _with_facts(recording: Recording, files: list[_File], options: Options) -> Recording:
+    """The recording with what was done to it, and the unit of its torque, in the metadata."""
+    extra = {"imported_from": ", ".join(file.path.name for file in files[:40]).replace("\n", " ")}
+    for file in files:
+        extra |= file.facts
+    if options.wishes.torque_unit in ("A", "V"):
+        extra["torque_unit"] = options.wishes.torque_unit
+    changed = _periods(files, recording.period)
+    if changed:
+        extra["periods"] = changed[0]
+    return _with_extra(recording, extra)
+
+
+def _with_extra(recording: Recording, extra: Mapping[str, str]) -> Recording:
+    metadata = recording.metadata
+    return replace(recording, metadata=replace(metadata, extra={**metadata.extra, **extra}))

@@ -1,0 +1,124 @@
+"""What a foreign column is, by the words of its name and by its unit.
+
+Only what is beyond doubt is taken; everything else is asked for with the option that would say it.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from autotune.recordings.importing.source import Column
+from autotune.recordings.importing.units import Unit, find_unit
+from autotune.recordings.recording import FLOAT_COLUMNS
+
+_QUANTITIES = {
+    "time": "time t timestamp timestamps zeit tijd elapsed clock times",
+    "position": "position positions pos q qm qg theta angle phi encoder enc winkel lage displacement",
+    "velocity": "velocity velocities vel speed omega qd dq qdot rpm geschwindigkeit drehzahl",
+    "acceleration": "acceleration acc accel qdd ddq",
+    "torque": "torque torques tau force moment drehmoment kraft trq tq effort",
+    "current": "current curr iq strom i amps",
+    "voltage": "voltage volt volts u uq ud vir vsupply vbus spannung",
+    "temperature": "temperature temp temperatur",
+}
+_ROLES = {
+    "wanted": "reference ref target demand demanded setpoint desired des command cmd commanded qg soll sp "
+    "qref qd* trajectory",
+    "error": "error err following deviation lag residual",
+    "forward": "feedforward ff offset",
+    "other": "friction estimated est load disturbance limit max min std",
+}
+_WORDS = {word: quantity for quantity, words in _QUANTITIES.items() for word in words.split()}
+_ROLE_WORDS = {word: role for role, words in _ROLES.items() for word in words.split()}
+_TARGETS = {
+    ("time", ""): "time",
+    ("position", ""): "position",
+    ("position", "wanted"): "reference",
+    ("velocity", ""): "velocity",
+    ("torque", ""): "torque",
+    ("torque", "wanted"): "torque_command",
+    ("torque", "forward"): "torque_feedforward",
+    ("temperature", ""): "temperature",
+}
+_BY_KIND = {
+    "angular speed": "velocity",
+    "linear speed": "velocity",
+    "count rate": "velocity",
+    "angle": "position",
+    "length": "position",
+    "counts": "position",
+    "torque": "torque",
+    "force": "torque",
+    "current": "current",
+    "voltage": "voltage",
+    "time": "time",
+    "temperature": "temperature",
+}
+KINDS = {
+    "time": ("time",),
+    "position": ("angle", "length", "counts"),
+    "velocity": ("angular speed", "linear speed", "count rate"),
+    "torque": ("torque", "force", "current", "voltage", "share"),
+    "temperature": ("temperature",),
+}
+"""What a column's unit may measure, by the quantity of the recording."""
+
+
+@dataclass(frozen=True, slots=True)
+class Guess:
+    """What a column seems to be: its place in a recording, or `current` or `voltage`; empty if unknown.
+
+    Attributes:
+        canonical: the name is one of a recording's own, so that SI is meant if no unit is written.
+    """
+
+    target: str
+    unit: Unit | None
+    canonical: bool = False
+
+
+def quantity_of(target: str) -> str:
+    """`reference` → position, `torque_command` → torque."""
+    return "position" if target == "reference" else target.split("_")[0]
+
+
+def unit_of(column: Column, quantity: str = "") -> Unit | None:
+    """The unit that the file writes for this column, if it is known."""
+    return find_unit(column.unit, "length" if quantity == "position" else "") if column.unit else None
+
+
+def guess(column: Column) -> Guess:
+    """What the column seems to be."""
+    if column.name in FLOAT_COLUMNS:
+        return Guess(column.name, unit_of(column, quantity_of(column.name)), True)
+    quantity, role = _words(column.name)
+    unit = unit_of(column, quantity)
+    if unit is not None:
+        by_unit = _BY_KIND.get(unit.kind, "")
+        if not quantity:
+            quantity = by_unit if by_unit in ("time", "current", "voltage") else ""
+        elif by_unit in ("current", "voltage") and quantity == "torque":
+            quantity = by_unit
+        elif quantity in KINDS and unit.kind not in KINDS[quantity]:
+            return Guess("", unit)
+    if quantity in ("current", "voltage"):
+        return Guess(quantity if not role else "", unit)
+    return Guess(_TARGETS.get((quantity, role), ""), unit)
+
+
+def _words(name: str) -> tuple[str, str]:
+    """Quantity and role by the name's words; an unclear name has none."""
+    spaced = re.sub(r"([a-z])([A-Z])", r"\1 \2", name.rsplit(".", 1)[-1])
+    words = [word for word in re.split(r"[^a-zäöüµ]+", spaced.lower()) if word]
+    if not words:
+        return "", ""
+    short = len(words) == 1
+    quantities = [
+        _WORDS[word] for word in words if word in _WORDS and (short or len(word) > 1 or word == "t")
+    ]
+    roles = [_ROLE_WORDS[word] for word in words if word in _ROLE_WORDS]
+    numbered = re.search(r"\d", spaced) is not None
+    if len(set(quantities)) != 1:
+        return "", ""
+    return quantities[0], "" if not roles else ("other" if numbered or len(set(roles)) > 1 else roles[0])

@@ -1,1 +1,0 @@
-"""The service: configuration, schedule, jobs, history, HTTP API, metrics, notices."""

@@ -1,0 +1,1 @@
+"""Tuning run, proof, commit, journal and recovery."""

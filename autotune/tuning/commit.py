@@ -1,0 +1,156 @@
+"""Fixed parameters into the drive, as a transaction: all of them, proved, or everything as it was.
+
+Backup → write → read back → store → re-measure → keep. The journal names the phase before it begins,
+so that a commit cut anywhere is recognised and put back on the next start. Doubt means back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from datetime import datetime
+from pathlib import Path
+
+from autotune.core.errors import AutotuneError, ConfigurationError, DriveError
+from autotune.core.loop import Loop
+from autotune.tuning.backup import Backup, take_backup
+from autotune.tuning.journal import CommitPhase, Journal
+
+RELATIVE_RESOLUTION = 1e-4
+COARSEST = 0.02  # a drive whose parameters have whole steps may hold this much beside what is wanted
+
+
+def feedforward_parameters(loop: Loop) -> dict[str, float]:
+    """What the drive's own feedforward holds now; empty where it has none."""
+    return {name: value for name, value in loop.read_parameters().items() if name.startswith("feedforward.")}
+
+
+def commit(
+    loop: Loop,
+    values: Mapping[str, float],
+    journal: Journal,
+    store: Path,
+    now: datetime,
+    proves: Callable[[], bool],
+) -> bool:
+    """Writes `values`, stores them, and keeps them if `proves` says so afterwards.
+
+    Args:
+        loop: at rest.
+        values: complete set of feedforward parameters, SI.
+        journal: of this run; what it has changed for the run's duration is backed up with its old value.
+        store: folder below which backups are kept.
+        now: local time, for the backup's id.
+        proves: re-measures the axis with the parameters in force.
+
+    Returns:
+        True where the parameters were kept, False where everything was put back.
+
+    Raises:
+        ConfigurationError: the drive does not know a parameter; nothing has been written then.
+        AutotuneError: whatever ended it, after everything was put back as far as the link allows.
+    """
+    present = feedforward_parameters(loop)
+    present |= {name: value for name, value in journal.state.changed.items() if name in present}
+    unknown = sorted(set(values) - set(present))
+    if unknown:
+        raise ConfigurationError(
+            f"the drive cannot hold {', '.join(unknown)}; it holds {', '.join(present) or 'none'}"
+        )
+    backup = take_backup(store, journal.state.axis, loop.identity, present, now)
+    journal.note(
+        identity=dict(loop.identity), backup=backup.id, phase=CommitPhase.WRITING, written=dict(values)
+    )
+    try:
+        values = write_verified(loop, values)
+        journal.note(phase=CommitPhase.STORING, written=values)
+        store_as_before(loop, journal)
+        verify(loop, values)
+        journal.note(phase=CommitPhase.PROVING)
+        kept = proves()
+        if kept:
+            committed = {name: value for name, value in journal.state.changed.items() if name not in values}
+            journal.note(phase=CommitPhase.KEPT, changed=committed)
+    except BaseException:
+        put_back(loop, backup, journal)
+        raise
+    if not kept:
+        put_back(loop, backup, journal)
+    return kept
+
+
+def write_verified(loop: Loop, values: Mapping[str, float]) -> dict[str, float]:
+    """Writes with the block switched off, and switches it as asked only when all else is right.
+
+    Returns what the drive holds then: `values`, rounded to its resolution.
+
+    Raises:
+        DriveError: it holds something else.
+    """
+    enabled = "feedforward.enabled"
+    if enabled in values and loop.read_parameters([enabled])[enabled]:
+        loop.write_parameters({enabled: 0.0})
+    loop.write_parameters({name: value for name, value in values.items() if name != enabled})
+    verify(loop, {name: value for name, value in values.items() if name != enabled}, COARSEST)
+    if enabled in values:
+        loop.write_parameters({enabled: values[enabled]})
+    return verify(loop, values, COARSEST)
+
+
+def store_as_before(loop: Loop, journal: Journal) -> None:
+    """Stores with the limits as they were before the run: what a run narrows must not survive it."""
+    before = {n: v for n, v in journal.state.changed.items() if not n.startswith("feedforward.")}
+    if not before:
+        loop.store()
+        return
+    narrowed = loop.read_parameters(list(before))
+    loop.write_parameters(before)
+    try:
+        loop.store()
+    finally:
+        loop.write_parameters(narrowed)
+
+
+def verify(
+    loop: Loop, values: Mapping[str, float], resolution: float = RELATIVE_RESOLUTION
+) -> dict[str, float]:
+    """Reads back; what the drive holds.
+
+    Raises:
+        DriveError: the drive holds something else than was written.
+    """
+    held = loop.read_parameters(list(values))
+    wrong = [
+        f"{name} is {held.get(name)!r} instead of {value!r}"
+        for name, value in values.items()
+        if name not in held or abs(held[name] - value) > resolution * max(abs(value), 1e-6)
+    ]
+    if wrong:
+        raise DriveError(
+            f"the drive does not hold what was written: {'; '.join(wrong)}. Nothing is kept; check the "
+            "drive's firmware version against the profile"
+        )
+    return held
+
+
+def put_back(loop: Loop, backup: Backup, journal: Journal) -> None:
+    """Writes and stores the backup, then closes the transaction in the journal.
+
+    Raises:
+        DriveError: the drive could not be restored now, or the journal cannot say that it was; it stays open
+            for the next start.
+    """
+    try:
+        write_verified(loop, backup.parameters)
+        if journal.state.phase is not CommitPhase.WRITING:
+            store_as_before(loop, journal)
+    except AutotuneError as error:
+        raise DriveError(
+            f"backup {backup.id} of axis {backup.axis} could not be put back ({error}); the next "
+            "'autotune run' or 'autotune rollback' of this axis will do it: do not run the machine before"
+        ) from error
+    try:
+        journal.note(phase=CommitPhase.RESTORED)
+    except ConfigurationError as error:
+        raise DriveError(
+            f"backup {backup.id} of axis {backup.axis} was put back, but {error}. The next start puts it back once more"
+        ) from error

@@ -1,0 +1,318 @@
+"""What a run leaves to look at: `report.html` and `run.rrd`, drawn from its findings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from autotune import __version__
+from autotune.core.arrays import Floats
+from autotune.core.axis import Axis, Limits
+from autotune.identify.run import Identification
+from autotune.models.drive_model import surface_parameter
+from autotune.recordings.files import read_recording
+from autotune.recordings.recording import Recording, concatenate
+from autotune.tuning.diagnosis_pages import diagnosis_pictures, diagnosis_tables
+from autotune.tuning.findings import Findings
+from autotune.tuning.objects import objects_of
+from autotune.tuning.outcome import Outcome, RunResult
+from autotune.tuning.parameter_tables import feedforward_table, held_out_table, identified_table
+from autotune.tuning.proof import fold
+from autotune.tuning.stage_prove import COMMITTED, windows_of
+from autotune.view import data
+from autotune.view.identification_pictures import identification_pictures, methods_table
+from autotune.view.report import Change, Picture, Report, Table, write_report
+from autotune.view.report import Outcome as ReportOutcome
+from autotune.view.rerun_file import FinalValue, Shown, write_rrd
+from autotune.view.scale import quantity
+
+LEAST_POINTS = 200
+NEXT_STEPS = {
+    Outcome.KEPT: (
+        "Run the machine's own programme once and look at the workpiece or the contour.",
+        "Sign this report and keep it with the machine; 'autotune rollback' undoes the change.",
+    ),
+    Outcome.HOST_ONLY: (
+        "The drive is as it was, and does what it did before. The gain is there only while a host plays the "
+        "feedforward as torque offset in every cycle; without one nothing has changed.",
+        "To have it in the drive itself, use a drive or a profile that holds a feedforward.",
+    ),
+    Outcome.ROLLED_BACK: (
+        "The drive is as it was. Look at the committed window in run.rrd: something changed after the proof.",
+    ),
+    Outcome.NOT_APPLIED: (
+        "The drive is as it was. Read the reason above; the notes say which experiment fell short and why.",
+    ),
+    Outcome.ABORTED: ("Clear the cause named above, then run again.",),
+}
+STAGE_STEPS = {
+    "check": ("Nothing has moved and nothing was written. 'autotune run' without --only does the rest.",),
+    "prove": ("The drive is as it was. 'autotune run' with --only commit writes what was proved.",),
+}
+
+
+@dataclass(frozen=True)
+class Material:
+    """All that the documents are made of."""
+
+    axis: Axis
+    result: RunResult
+    findings: Findings
+    identification: Identification | None = None
+    limits: Limits | None = None
+    identity: Mapping[str, int | str] = field(default_factory=dict)
+    recordings: Sequence[Path] = ()
+
+
+def write_documents(material: Material) -> None:
+    """Writes report.html and run.rrd into the run's folder.
+
+    Raises:
+        OSError, AutotuneError: a file could not be written.
+    """
+    directory = material.result.run_directory
+    write_report(directory / "report.html", build_report(material))
+    recordings = [read_recording(path) for path in material.recordings]
+    if recordings:
+        write_rrd(directory / "run.rrd", _in_sequence(recordings), _shown(material))
+
+
+def build_report(material: Material) -> Report:
+    """The report of a run."""
+    result, unit = material.result, material.axis.motion_unit
+    return Report(
+        title=f"Axis {material.axis.name}",
+        outcome=_shown_outcome(result),
+        verdict=result.verdict,
+        subtitle=f"Tuning run of {result.started.replace('T', ' ')}, {result.machine_seconds:.0f} s of machine time, "
+        f"autotune {__version__}",
+        changes=_changes(material),
+        pictures=_pictures(material),
+        tables=_tables(material),
+        identity={
+            "axis file": material.axis.name,
+            "link": material.axis.link,
+            **_texts(material.identity),
+            "program": f"autotune {__version__}",
+        },
+        limits=_limits(material.limits or material.axis.limits, unit),
+        next_steps=_next_steps(result),
+        data=result.as_json(),
+        sign_off=result.outcome is Outcome.KEPT,
+    )
+
+
+def _shown_outcome(result: RunResult) -> ReportOutcome:
+    """A stage that did what was asked of it is no run that found nothing to apply."""
+    if result.stage_done:
+        return "checked" if result.only == "check" else "stage"
+    return result.outcome.value
+
+
+def _next_steps(result: RunResult) -> tuple[str, ...]:
+    if result.stage_done:
+        return STAGE_STEPS.get(
+            str(result.only), ("The drive is as it was. Go on with the next stage, or run all of them.",)
+        )
+    steps = NEXT_STEPS[result.outcome]
+    if result.outcome is not Outcome.KEPT or not result.reduction.get("lost"):
+        return steps
+    rest = ", ".join(name.replace("_", " ") for name in result.reduction["lost"])
+    return (
+        f"Let the host play feedforward.toml as torque offset, less what the drive plays, to have the whole gain "
+        f"({rest}); or leave it at what the drive does by itself.",
+        *steps,
+    )
+
+
+def _texts(identity: Mapping[str, int | str]) -> dict[str, str]:
+    return {
+        name: f"0x{value:08X}" if isinstance(value, int) else str(value) for name, value in identity.items()
+    }
+
+
+def _changes(material: Material) -> list[Change]:
+    """What is in the drive comes first; what needs a host comes after it, and says so."""
+    result, unit = material.result, material.axis.motion_unit
+    before, after, proof = result.before, result.after, material.findings.proved
+    if before is None:
+        return []
+    alone = result.committed if result.outcome is Outcome.KEPT else None
+    interval = (-proof.proof.interval[1], -proof.proof.interval[0]) if proof else None
+    confidence = material.axis.acceptance.confidence
+    changes = [
+        Change("Peak error, the drive by itself", before.peak_error, alone.peak_error, unit,
+               note="quadrant glitch on the benchmark, as committed, without anything from a host"),
+        Change("Rms error, the drive by itself", before.rms_error, alone.rms_error, unit),
+    ] if alone else []  # fmt: skip
+    if alone and not result.reduction:
+        return changes
+    name = "Peak error, feedforward played by the host" if after else "Peak error (quadrant glitch)"
+    return [
+        *changes,
+        Change(name, before.peak_error, after.peak_error if after else None, unit, interval, confidence,
+               "peak of the period-averaged error on the benchmark sine"),
+        Change("Rms error", before.rms_error, after.rms_error if after else None, unit,
+               note="played by the host" if after else ""),
+        Change("Largest single error", before.raw_peak_error, after.raw_peak_error if after else None, unit,
+               note="played by the host" if after else ""),
+    ]  # fmt: skip
+
+
+def _limits(limits: Limits, unit: str) -> dict[str, str]:
+    torque = data.torque_unit(unit)
+    units = {
+        "position_min": unit,
+        "position_max": unit,
+        "speed": f"{unit}/s",
+        "torque": torque,
+        "following_error": unit,
+        "deceleration": f"{unit}/s²",
+        "temperature": "°C",
+        "machine_seconds": "s",
+    }
+    return {name: f"{getattr(limits, name):g} {text}" for name, text in units.items()}
+
+
+def _pictures(material: Material) -> list[Picture]:
+    from autotune.view import figures
+
+    pictures: list[Picture] = []
+    if (tracking := _before_after(material)) is not None:
+        pictures.append(
+            Picture(
+                "Before and after",
+                "Tracking error over one period of the benchmark, averaged: before, with what is in the drive now "
+                "(where something is), and with the feedforward played by the host. The peaks after each reversal are "
+                "the quadrant glitches.",
+                figures.before_after(tracking),
+            )
+        )
+    if traces := _traces(material):
+        pictures.append(
+            Picture(
+                "Adaptation",
+                "The thesis's laws (5.14)–(5.16) move the parameters until they settle; the mark at the end is "
+                "what refinement made of them.",
+                figures.convergence(traces),
+            )
+        )
+    pictures += diagnosis_pictures(material.findings, material.axis.motion_unit)
+    if material.identification is not None:
+        pictures += identification_pictures(material.identification, material.axis.motion_unit)
+    return pictures
+
+
+def _before_after(material: Material) -> data.BeforeAfter | None:
+    proved = material.findings.proved
+    if proved is None:
+        return None
+    period = proved.before[0].period
+    samples = round(1.0 / (material.axis.benchmark.frequency * period))
+    return data.BeforeAfter(
+        np.asarray(np.arange(samples) * period, dtype=np.float64),
+        fold(proved.before[0]["reference"], samples).mean(axis=0),
+        _averages(proved.before, samples),
+        _averages(proved.after, samples),
+        material.axis.position_resolution,
+        material.axis.motion_unit,
+        after_name="played by the host",
+        committed=_committed(material, samples),
+    )
+
+
+def _committed(material: Material, samples: int) -> Floats | None:
+    """Error of each period with what is in the drive; None where nothing is, or it was not measured in this run."""
+    path = next((path for path in material.recordings if path.stem == COMMITTED), None)
+    if material.result.outcome is not Outcome.KEPT or path is None:
+        return None
+    windows = windows_of(read_recording(path), COMMITTED)
+    return _averages(windows, samples) if windows else None
+
+
+def _averages(windows: Sequence[Recording], samples: int) -> Floats:
+    return np.array([fold(w["reference"] - w["position"], samples).mean(axis=0) for w in windows])
+
+
+def _traces(material: Material) -> list[data.Trace]:
+    adapted, start = material.findings.adapted, material.findings.start
+    if adapted is None or not len(adapted.laws.time):
+        return []
+    bounds = start.stiffness_range if start else (None, None)
+    return [
+        data.Trace(
+            name,
+            surface_parameter(name).unit_for(material.axis.motion_unit),
+            adapted.laws.time,
+            adapted.laws.history[:, column],
+            bounds[0] if name == "stiffness" else None,
+            bounds[1] if name == "stiffness" else None,
+            getattr(adapted.best.parameters, name),
+        )
+        for column, name in enumerate(("stiffness", "coulomb", "offset"))
+    ]
+
+
+def _tables(material: Material) -> list[Table]:
+    result, unit = material.result, material.axis.motion_unit
+    tables: list[Table] = []
+    if result.parameters:
+        tables.append(identified_table(result))
+    if result.feedforward:
+        tables.append(feedforward_table(result, material.findings, objects_of(material.axis.profile)))
+    if result.held_out:
+        tables.append(held_out_table(result))
+    tables += diagnosis_tables(material.findings, unit)
+    if material.identification is not None and material.identification.presliding is not None:
+        tables.append(methods_table(material.identification.presliding.comparison, unit))
+    if result.reduction:
+        tables.append(_reduction(result))
+    if result.notes:
+        tables.append(Table("Notes", ("what the experiments say",), [[note] for note in result.notes]))
+    return tables
+
+
+def _reduction(result: RunResult) -> Table:
+    """What the drive cannot hold: predicted before the commit, measured after it."""
+    found, unit = result.reduction, result.motion_unit
+    rows = [
+        [label, *(quantity(value, unit) if value is not None else "not measured" for value in pair)]
+        for label, pair in (
+            ("Peak error", (found["predicted_peak_error"], found["measured_peak_error"])),
+            ("Rms error", (found["predicted_rms_error"], found["measured_rms_error"])),
+            (
+                "Loss of peak error against the full feedforward",
+                (found["predicted_loss"], found["measured_loss"]),
+            ),
+        )
+    ]
+    host = f"The host has to play: {', '.join(found['host'])}." if found["host"] else ""
+    if found["lost"]:
+        host += f" Lost where the host does not play feedforward.toml: {', '.join(found['lost'])}."
+    note = f"The drive holds {', '.join(found['drive'])} only. {host}"
+    return Table(
+        "Reduction to what the drive holds", ("", "predicted", "measured"), rows, note, frozenset({1, 2})
+    )
+
+
+def _shown(material: Material) -> Shown:
+    finals = [
+        FinalValue(name, v["value"], v["standard_error"], v["unit"])
+        for name, v in material.result.parameters.items()
+    ]
+    return Shown(
+        traces=_traces(material),
+        parameters=finals,
+        verdict=f"# {material.axis.name}\n\n{material.result.verdict}",
+    )
+
+
+def _in_sequence(recordings: Sequence[Recording]) -> Recording:
+    """One recording whose time goes on from part to part."""
+    whole = concatenate(recordings)
+    time = np.arange(len(whole)) * whole.period
+    columns = {**whole.floats, "time": np.asarray(time, dtype=np.float64)}
+    return Recording.from_columns(columns, whole.metadata, whole.experiment, whole.repeat, whole.missed)

@@ -1,0 +1,89 @@
+"""What is going to move, in numbers, before a person is asked: travel, speed and time of the programme itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from autotune.core.axis import Axis
+from autotune.experiments.diagnosis import confirmation
+from autotune.experiments.experiment import Experiment
+from autotune.experiments.held_out import HeldOut
+from autotune.experiments.path import Motion
+from autotune.experiments.programmes import build
+from autotune.experiments.sines import BenchmarkSine
+from autotune.tuning.request import STAGES
+from autotune.tuning.stage_adapt import LONGEST_SECONDS, REFINEMENT_STEPS, window_seconds
+from autotune.tuning.stage_diagnose import SECONDS, SEED
+from autotune.tuning.stage_identify import BASELINE_PERIODS
+from autotune.tuning.stage_prove import committed_seconds, proof_seconds
+
+
+@dataclass(frozen=True, slots=True)
+class MotionPlan:
+    """Travel and peak speed, each with the margin that the guard keeps [motion unit, /s], and machine time [s]."""
+
+    low: float
+    high: float
+    speed: float
+    seconds: float
+
+    def sentence(self, axis: Axis) -> str:
+        """For the person at the machine."""
+        unit = axis.motion_unit
+        return (
+            f"Axis {axis.name} at {axis.link} will move between {self.low:.3g} and {self.high:.3g} {unit} (and there "
+            f"from where it stands), at up to {self.speed:.3g} {unit}/s, for about {self.seconds:.0f} s."
+        )
+
+
+def planned_run(axis: Axis, only: str | None = None) -> MotionPlan | None:
+    """Of a run, or of a stage alone; None where nothing moves.
+
+    Raises:
+        ConfigurationError: the limits leave no room for an experiment.
+    """
+    stages = STAGES if only is None else (only,)
+    parts = [part for stage in stages if (part := _stage(axis, stage)) is not None]
+    if not parts:
+        return None
+    whole = planned([experiment for experiments, _ in parts for experiment in experiments], axis)
+    seconds = min(sum(seconds for _, seconds in parts), axis.limits.machine_seconds)
+    return MotionPlan(whole.low, whole.high, whole.speed, seconds)
+
+
+def planned_programme(axis: Axis, programme: str) -> MotionPlan:
+    """Of a programme that is played for its recording."""
+    return planned(build(programme, axis), axis)
+
+
+def _stage(axis: Axis, stage: str) -> tuple[Sequence[Experiment], float] | None:
+    """Experiments and machine time of a stage; of what depends on results, the longest."""
+    motion, benchmark = Motion.of(axis), axis.benchmark
+    sine, held_out = BenchmarkSine(motion, 1, BASELINE_PERIODS), HeldOut(motion)
+    if stage == "experiment":
+        experiments = (sine, *build("identification", axis))
+        return experiments, sum(one.duration for one in experiments)
+    if stage == "diagnose":
+        trajectory = confirmation(motion, SECONDS, np.random.default_rng(SEED))
+        return trajectory, sum(one.duration for one in trajectory)
+    if stage == "adapt":
+        return (sine,), LONGEST_SECONDS + (REFINEMENT_STEPS + 1) * window_seconds(benchmark.frequency)
+    if stage == "prove":
+        return (sine, held_out), proof_seconds(motion, benchmark)
+    if stage == "commit":
+        return (sine, held_out), committed_seconds(motion, benchmark)
+    return None
+
+
+def planned(experiments: Sequence[Experiment], axis: Axis) -> MotionPlan:
+    """Of experiments one after the other."""
+    needs = [one.needs(axis.limits) for one in experiments]
+    return MotionPlan(
+        min(one.position_min for one in needs),
+        max(one.position_max for one in needs),
+        max(one.speed for one in needs),
+        sum(one.duration for one in experiments),
+    )

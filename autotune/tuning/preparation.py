@@ -1,0 +1,133 @@
+"""Taking hold of an axis: an open link, limits in the drive, its own feedforward off; all put back after."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from autotune.core.axis import Axis
+from autotune.core.errors import AutotuneError, DriveFault, Interrupted
+from autotune.core.loop import Loop, power_in_words
+from autotune.experiments.limits_guarded import PREFIX, limits_guarded, tighter
+from autotune.experiments.runner import Budget
+from autotune.tuning.commit import verify
+from autotune.tuning.journal import CommitPhase, Journal
+from autotune.tuning.progress import Reporter
+from autotune.tuning.session import LabelledWatch, Session, controller_of
+from autotune.tuning.stage_prove import ENABLED
+
+GAINS = frozenset(f"feedforward.{name}" for name in ("inertia", "viscous", "coulomb", "offset"))
+
+
+@dataclass(frozen=True)
+class Hold:
+    """What is needed to take hold of an axis.
+
+    Attributes:
+        open_loop: opens the axis's link.
+        runs: folder of all runs.
+        reporter: hears how it goes; `clock`: local time.
+        viewers: further watches on the samples.
+    """
+
+    axis: Axis
+    open_loop: Callable[[], Loop]
+    runs: Path
+    reporter: Reporter
+    clock: Callable[[], datetime]
+    viewers: Sequence[LabelledWatch] = ()
+
+
+@contextmanager
+def connected(open_loop: Callable[[], Loop], journal: Journal, reporter: Reporter) -> Iterator[Loop]:
+    """The open link; at the end it is verified that the drive is as it was, else the journal stays open.
+
+    Raises:
+        Interrupted: Ctrl-C or a signal, after the link was closed, with what the drive says of its power.
+    """
+    loop = open_loop()
+    try:
+        with _closing(loop, journal, reporter):
+            journal.note(identity=dict(loop.identity))
+            yield loop
+    except KeyboardInterrupt as error:
+        raise Interrupted(f"interrupted; {power_in_words(getattr(loop, 'power', None))}") from error
+
+
+@contextmanager
+def _closing(loop: Loop, journal: Journal, reporter: Reporter) -> Iterator[None]:
+    try:
+        yield
+    finally:
+        try:
+            if journal.state.changed:
+                verify(loop, journal.state.changed)
+                journal.note(changed={}, during={})
+        except AutotuneError as error:
+            reporter.say(f"not everything could be put back ({error}); the next run will do it")
+        finally:
+            loop.close()
+
+
+@contextmanager
+def prepared(hold: Hold, loop: Loop, journal: Journal) -> Iterator[Session]:
+    """Limits in the drive, its own feedforward off; both as before when the block ends."""
+    faults = loop.faults()
+    if faults:
+        raise DriveFault(
+            f"the drive of axis {hold.axis.name} reports {'; '.join(faults)}; clear the cause and reset the "
+            "drive, then run again"
+        )
+    parameters = loop.read_parameters()
+    narrowed = tighter(hold.axis.limits, {n: v for n, v in parameters.items() if n.startswith(PREFIX)})
+
+    def note(before: Mapping[str, float]) -> None:
+        during = {name: float(getattr(narrowed, name.removeprefix(PREFIX), 0.0)) for name in before}
+        journal.note(changed={**journal.state.changed, **before}, during={**journal.state.during, **during})
+
+    with limits_guarded(loop, hold.axis, note) as held, _own_feedforward_off(loop, parameters, note, journal):
+        yield Session(
+            axis=hold.axis,
+            loop=loop,
+            limits=held.limits,
+            controller=controller_of(parameters),
+            identity=dict(loop.identity),
+            runs=hold.runs,
+            directory=journal.directory,
+            journal=journal,
+            reporter=hold.reporter,
+            clock=hold.clock,
+            budget=Budget(held.limits.machine_seconds),
+            viewers=hold.viewers,
+        )
+
+
+@contextmanager
+def _own_feedforward_off(
+    loop: Loop, parameters: Mapping[str, float], note: Callable[[Mapping[str, float]], None], journal: Journal
+) -> Iterator[None]:
+    """The drive's own feedforward would hide what is measured; a commit leaves it as committed."""
+    was = own_feedforward(parameters)
+    if not was:
+        yield
+        return
+    note(was)
+    loop.write_parameters(dict.fromkeys(was, 0.0))
+    try:
+        yield
+    finally:
+        if journal.state.phase is not CommitPhase.KEPT:
+            loop.write_parameters(was)
+
+
+def own_feedforward(parameters: Mapping[str, float]) -> dict[str, float]:
+    """What must be 0 for the drive's own feedforward to be off, with the values that it has now.
+
+    Its switch, where it has one; else every gain of it.
+    """
+    if ENABLED in parameters:
+        return {ENABLED: parameters[ENABLED]} if parameters[ENABLED] else {}
+    return {name: value for name, value in parameters.items() if name in GAINS and value}

@@ -1,0 +1,38 @@
+"""What is asked of a tuning run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from autotune.core.errors import ConfigurationError
+from autotune.tuning.preparation import Hold
+
+STAGES = ("check", "experiment", "fit", "diagnose", "adapt", "prove", "commit")
+
+
+@dataclass(frozen=True)
+class Request(Hold):
+    """What is asked of a run.
+
+    Attributes:
+        only: a single stage, or None for all.
+        gain: None for a tuning. For a re-tune after drift: what the drive will hold by itself is proved against
+            what it holds now, and this share of the peak error must be gained; 0: whatever is better beyond doubt.
+        resume: None for a new run; else the name of the run to take up from its last whole stage, "newest" for that.
+        approve: asked before anything is written to the drive for good.
+    """
+
+    only: str | None = None
+    gain: float | None = None
+    resume: str | None = None
+    approve: Callable[[str], bool] = field(default=lambda sentence: True)
+
+    def refuse_nonsense(self) -> None:
+        """Raises ConfigurationError where no such run can be."""
+        if self.only is not None and self.only not in STAGES:
+            raise ConfigurationError(f"--only is {self.only!r}; the stages are {', '.join(STAGES)}")
+        if self.only is not None and self.resume is not None:
+            raise ConfigurationError(
+                "--only and --resume exclude one another: --resume does all the stages that are left"
+            )

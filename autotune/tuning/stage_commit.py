@@ -1,0 +1,186 @@
+"""Stage `commit`: what was proved goes into the drive, all of it or what the drive can hold, and is measured again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from autotune.control.reduction import Reduction, reduces
+from autotune.core.errors import ConfigurationError
+from autotune.tuning.commit import commit, feedforward_parameters
+from autotune.tuning.findings import HOST_FILE, Planned, Yardstick, save_findings
+from autotune.tuning.outcome import Outcome
+from autotune.tuning.proof import TrackingError, no_worse
+from autotune.tuning.run_state import Course
+from autotune.tuning.session import Session
+from autotune.tuning.stage_prove import (
+    ENABLED,
+    Committed,
+    committed_seconds,
+    harm_in_words,
+    holds_what_was_proved,
+    measure_committed,
+    measure_with_host,
+)
+from autotune.tuning.stage_reduce import (
+    Plan,
+    announcement,
+    holds_predicted,
+    holds_reduced,
+    is_worth_it,
+    plan_commit,
+)
+
+
+def commit_stage(session: Session, course: Course, approve: Callable[[str], bool]) -> bool:
+    """Writes what was proved, if it is worth it and approved; the outcome and its words are in the course.
+
+    Raises:
+        ConfigurationError: nothing was proved.
+    """
+    findings = course.findings
+    findings.need_proposed()
+    if not findings.better or findings.yardstick is None:
+        raise ConfigurationError(
+            "nothing is proved that could be committed; run 'autotune run' with all stages"
+        )
+    held = feedforward_parameters(session.loop)
+    plan = plan_commit(session, findings, held)
+    findings.reduction = plan.reduction
+    if not plan.values:
+        return _host_only(session, course, "this drive cannot hold a feedforward")
+    if plan.reduction is not None:
+        course.notes.append(announcement(plan.reduction, session.axis.motion_unit))
+        session.reporter.say(course.notes[-1])
+        if not _worth_it(session, plan.reduction, findings.yardstick):
+            predicted = announcement(plan.reduction, session.axis.motion_unit)
+            return _host_only(
+                session, course, f"{predicted}, which is not worth writing (acceptance.improvement)"
+            )
+    changed = session.journal.state.changed
+    findings.held_before = {name: changed.get(name, held[name]) for name in plan.values if name in held}
+    findings.planned = Planned(dict(plan.values), plan.host is not None)
+    if not approve(_question(plan, session)):
+        save_findings(session, findings, course.whole)
+        course.verdict = "Proved, but not written: it was not approved."
+        return False
+    return _written(session, course, plan, findings.yardstick)
+
+
+def _host_only(session: Session, course: Course, why: str) -> bool:
+    """Proved, and nothing of it is in the drive: said first, with what the drive does by itself."""
+    course.outcome, course.nothing_to_gain = Outcome.HOST_ONLY, True
+    yardstick, milli = course.findings.yardstick, session.milli
+    gain = ""
+    if yardstick is not None:
+        before, after = yardstick.before.peak_error, yardstick.after.peak_error
+        gain = (
+            f" The drive by itself still has {milli(before)} on the benchmark; {milli(after)} was proved with the "
+            "feedforward played by the host."
+        )
+    course.verdict = (
+        f"Nothing is in the drive: {why}.{gain} The host has to play the feedforward as torque offset, "
+        "all the time, or it is lost."
+    )
+    return False
+
+
+def _written(session: Session, course: Course, plan: Plan, yardstick: Yardstick) -> bool:
+    findings = course.findings
+    session.begin("commit", committed_seconds(session.motion, session.axis.benchmark))
+    findings.committed = findings.with_host = None
+    doubt = ""
+
+    def proves() -> bool:
+        nonlocal doubt
+        measured = measure_committed(session)
+        findings.committed, findings.held_out = measured.benchmark, measured.held_out
+        if plan.host is not None:
+            findings.with_host = measure_with_host(session, plan.host)
+        doubt = _doubt(session, plan, yardstick, measured, findings.with_host)
+        return not doubt
+
+    kept = commit(session.loop, plan.values, session.journal, session.runs, session.clock(), proves)
+    course.outcome = Outcome.KEPT if kept else Outcome.ROLLED_BACK
+    course.nothing_to_gain = not kept and plan.reduction is not None
+    if kept:
+        findings.held = session.loop.read_parameters([name for name in plan.values if name != ENABLED])
+        course.verdict = _kept(session, course, yardstick)
+    else:
+        course.verdict = f"Everything was put back: {doubt}."
+    return kept
+
+
+def _doubt(
+    session: Session, plan: Plan, yardstick: Yardstick, measured: Committed, with_host: TrackingError | None
+) -> str:
+    """Why what was measured after writing must not be kept; "" where it may."""
+    before, after, alone = yardstick.before, yardstick.after, measured.benchmark
+    milli, least = session.milli, session.axis.acceptance.improvement
+    reduction = plan.reduction
+    if harmful := harm_in_words(session, yardstick.held_out, measured.held_out):
+        return f"with the parameters in the drive, {harmful}"
+    if with_host is not None:
+        if not holds_what_was_proved(before, after, with_host):
+            return f"with the host beside the drive the peak error was {milli(with_host.peak_error)}, not as proved"
+        if not no_worse(before, alone, session.axis.position_resolution):
+            return f"the drive by itself gave {milli(alone.peak_error)}, worse than {milli(before.peak_error)} before"
+        return ""
+    if reduction is not None:
+        enough = reduces(reduction.values) or holds_predicted(before, alone, reduction)
+        if enough and holds_reduced(before, alone, least):
+            return ""
+        return (
+            f"reduced to what this drive holds, the feedforward gave {milli(alone.peak_error)} (predicted "
+            f"{milli(reduction.predicted_peak)}), which is not better than {milli(before.peak_error)} before by what "
+            "acceptance.improvement asks for. The host has to play the feedforward"
+        )
+    if not holds_what_was_proved(before, after, alone):
+        return f"with the parameters in the drive the peak error was {milli(alone.peak_error)}, not as proved"
+    return ""
+
+
+def _worth_it(session: Session, reduction: Reduction, yardstick: Yardstick) -> bool:
+    """Whether what the drive can hold is predicted to help at all."""
+    least = session.axis.acceptance.improvement
+    return bool(reduction.host) or is_worth_it(reduction, yardstick.before, least)
+
+
+def _question(plan: Plan, session: Session) -> str:
+    if plan.reduction is None:
+        return "Write the proved parameters to the drive for good?"
+    told = announcement(plan.reduction, session.axis.motion_unit)
+    return f"{told[0].upper()}{told[1:]}. Write it to the drive for good?"
+
+
+def _kept(session: Session, course: Course, yardstick: Yardstick) -> str:
+    """What the drive does by itself comes first; what needs a host after it, and as such."""
+    findings, milli = course.findings, session.milli
+    reduction, alone = findings.reduction, findings.committed
+    before, after = yardstick.before.peak_error, yardstick.after.peak_error
+    if alone is None:
+        return "Kept: the drive runs with the committed parameters."
+    told = (
+        f"Kept: with its own feedforward the drive's peak error on the benchmark is {milli(alone.peak_error)}; before "
+        f"it was {milli(before)}, {times_less(before, alone.peak_error)}, as measured after writing."
+    )
+    if reduction is None:
+        return f"{told} Proved beyond doubt was {milli(after)}, with the same feedforward played by the host."
+    if findings.with_host is not None:
+        return (
+            f"{told} With {', '.join(reduction.host)} from the host, which has to play it all the time, "
+            f"{milli(findings.with_host.peak_error)} was measured, {times_less(before, findings.with_host.peak_error)}."
+        )
+    predicted = f"Predicted was {milli(reduction.predicted_peak)}"
+    if not reduces(reduction.values):
+        return (
+            f"{told} {predicted}. The feedforward of the diagnosed model ({', '.join(reduction.lost)}) gives "
+            f"{milli(after)}, {times_less(before, after)}, only while a host plays {HOST_FILE}."
+        )
+    return f"{told} {predicted}: this drive holds part of the feedforward; all of it gives {milli(after)}."
+
+
+def times_less(before: float, after: float) -> str:
+    """How many times smaller the second is, in words."""
+    if not 0.0 < after < before:
+        return "no less"
+    return f"{before / after:.1f} times less"

@@ -1,0 +1,122 @@
+"""The run's results as the plain data of run.json."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+from autotune.control.feedforward import LugreParameters
+from autotune.identify.run import Identification
+from autotune.models.drive_model import DriveModel, surface_parameter
+from autotune.models.total_friction import total_friction
+from autotune.tuning.proof import HeldOutError, Proof
+from autotune.tuning.stage_adapt import Adapted
+from autotune.tuning.stage_diagnose import Diagnosed
+from autotune.tuning.stage_model import ModelAdapted
+from autotune.tuning.stage_prove import Proved
+
+
+def parameters(found: Identification, motion_unit: str) -> dict[str, dict[str, Any]]:
+    """{name → {value, standard_error, unit}} of the combined estimate."""
+    return {
+        name: {
+            "value": quantity.value,
+            "standard_error": quantity.standard_error,
+            "unit": surface_parameter(name).unit_for(motion_unit),
+            "interval": list(quantity.interval),
+            "identified": quantity.identified,
+        }
+        for name, quantity in found.joint.parameters.items()
+    }
+
+
+def improvement(proof: Proof, confidence: float) -> dict[str, Any]:
+    """Mean fall of the peak error over the pairs, with its interval [motion unit]."""
+    return {
+        "mean": proof.improvement,
+        "interval": list(proof.interval),
+        "confidence": confidence,
+        "pairs": proof.pairs.tolist(),
+        "better": proof.better,
+    }
+
+
+def held_out(proved: Proved | None, committed: HeldOutError | None) -> dict[str, Any]:
+    """Each window of the held-out motion [motion unit]; `harmful` says why the feedforward was refused for it."""
+    found: dict[str, Any] = {"committed": committed.as_json()} if committed is not None else {}
+    if proved is not None:
+        found |= {
+            "before": proved.held_out_before.as_json(),
+            "after": proved.held_out_after.as_json(),
+            "harmful": proved.harmful,
+        }
+    return found
+
+
+def adaptation(adapted: Adapted) -> dict[str, Any]:
+    """What the thesis's laws alone came to, and what refinement made of it."""
+    laws = adapted.laws
+    return {
+        "thesis": {
+            **_adapted_values(laws.parameters),
+            "settled": laws.settled,
+            "frozen": laws.frozen,
+            "valid": laws.valid,
+            "reason": laws.reason,
+            "seconds": float(laws.time[-1]) if len(laws.time) else 0.0,
+            "peak_error": adapted.steps[0].peak_error if adapted.steps else None,
+        },
+        "refined": {**_adapted_values(adapted.best.parameters), "peak_error": adapted.best.peak_error},
+        "steps": [
+            {"peak_error": step.peak_error, "parameters": asdict(step.parameters)} for step in adapted.steps
+        ],
+    }
+
+
+def diagnosis(found: Diagnosed, modelled: ModelAdapted | None) -> dict[str, Any]:
+    """The verdict, what became of the model, and what its feedforward gave on the benchmark."""
+    model = found.model
+    return {
+        "verdict": found.verdict,
+        "effects": list(found.effects),
+        "confidence": found.confidence,
+        "error_rms": found.error_rms,
+        "relative_error": found.relative_error,
+        "error_before": found.error_before,
+        "error_after": found.error_after,
+        "noise_floor_rms": found.noise_floor_rms,
+        "unseen": found.unseen,
+        "twin": found.twin,
+        "candidates": [dict(candidate) for candidate in found.candidates],
+        "next_experiment": found.next_experiment,
+        "stiffness": found.stiffness,
+        "not_fed_forward": dict(found.not_fed_forward),
+        "parameters": {
+            name: {"value": v.value, "standard_error": v.standard_error, "unit": model.unit(name)}
+            for name, v in model.parameters.items()
+        }
+        if model is not None
+        else {},
+        "total_friction": _total_friction(model) if model is not None else None,
+        "feedforward": _modelled(modelled) if modelled is not None else None,
+    }
+
+
+def _total_friction(model: DriveModel) -> dict[str, Any]:
+    total = total_friction(model)
+    return {"value": total.value, "standard_error": total.standard_error, "unit": model.unit("coulomb")}
+
+
+def _modelled(modelled: ModelAdapted) -> dict[str, Any]:
+    return {
+        "chosen": modelled.chosen,
+        "reason": modelled.reason,
+        "steps": [
+            {"peak_error": step.measured.peak_error, "smooth_peak": step.measured.smooth_peak}
+            for step in modelled.steps
+        ],
+    }
+
+
+def _adapted_values(parameters: LugreParameters) -> dict[str, float]:
+    return {name: getattr(parameters, name) for name in ("stiffness", "coulomb", "offset")}

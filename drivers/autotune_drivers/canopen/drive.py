@@ -1,0 +1,529 @@
+"""A CiA 402 drive on a CANopen bus as a `Drive`: what the profile says, in SI, one cycle at a time.
+
+Power is on only while the drive guards us: object 1016h watches our heartbeat from `enable` to
+`disable`, and the heartbeat is sent by the thread that steps. A host that dies or hangs therefore
+stops the axis. What a session changes is put back by `close`.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
+
+from autotune.core.axis import Axis
+from autotune.core.drive import Command, Mode, Sample, Standing
+from autotune.core.drive_recording import DriveRecording
+from autotune.core.errors import DriveError, DriveFault, LinkError, LinkTimeout, StateError, TransferAborted
+from autotune.core.stopping import StopLimits
+from autotune_drivers.canopen.cia402 import (
+    ENABLE_OPERATION,
+    ENABLED_MASK,
+    ENABLED_VALUE,
+    FAULTY,
+    MODE_CODES,
+    POWERED,
+    describe,
+    state_of,
+)
+from autotune_drivers.canopen.codes import error_text
+from autotune_drivers.canopen.drive_recorder import DriveRecorder
+from autotune_drivers.canopen.exchange import SLOW_LOST, Exchange
+from autotune_drivers.canopen.foreign import Foreigners
+from autotune_drivers.canopen.node import OPERATIONAL, PRE_OPERATIONAL, STOPPED, Node
+from autotune_drivers.canopen.objects import ObjectRef, Raw
+from autotune_drivers.canopen.parameters import DriveParameters
+from autotune_drivers.canopen.power import ERROR_CODE, STATUS, Power
+from autotune_drivers.canopen.read_back import ReadBack
+from autotune_drivers.canopen.sdo import Sdo
+from autotune_drivers.canopen.session import Backup, Session
+from autotune_drivers.profile import Profile, Signal, Store
+from autotune_drivers.stopping import fault_in, off_after, unconfirmed
+from autotune_drivers.units import Units
+
+MODE_WANTED = ObjectRef(0x6060, 0, "i8", "mode of operation")
+MODE_SHOWN = ObjectRef(0x6061, 0, "i8", "mode of operation display")
+SUPPORTED_MODES = ObjectRef(0x6502, 0, "u32", "supported drive modes")
+INCLUDES = "torque.demand_includes_feedforward"
+"""Not in the drive, but how it is read: 1 or 0, where the profile says that it has to be found."""
+_SAVE = 0x65766173
+_TARGET, _OFFSET = 1, 2  # their places in the outputs of a cycle
+_MODE_TIMEOUT = 0.5
+
+
+class CanopenDrive:
+    """One drive; made by `canopen_open.open_drive`, which has checked who it is.
+
+    `left`: what earlier sessions had left and was put right, in words.
+    """
+
+    left: tuple[str, ...] = ()
+
+    def __init__(
+        self,
+        node: Node,
+        sdo: Sdo,
+        session: Session,
+        profile: Profile,
+        axis: Axis,
+        units: Units,
+        identity: Mapping[str, int | str],
+        lock_step: bool,
+        nmt_before: str,
+        settings: Sequence[tuple[ObjectRef, Raw]],
+    ) -> None:
+        self.lock_step = lock_step
+        self._node, self._sdo, self._session = node, sdo, session
+        self._profile, self._units, self._period = profile, units, axis.cycle
+        self._identity = MappingProxyType(dict(identity))
+        self._nmt_before = nmt_before
+        self._settings = tuple(settings)
+        self._parameters = DriveParameters(sdo, profile, units)
+        self._exchange = Exchange(node, profile, axis.cycle, lock_step)
+        stop = axis.limits.speed / axis.limits.deceleration
+        self._power = Power(
+            node,
+            sdo,
+            self._exchange,
+            profile,
+            limits=StopLimits.of(axis),
+            stop_seconds=stop,
+            scale=(units.signed(profile.signals.position.unit), units.signed(profile.signals.velocity.unit)),
+        )
+        self._foreigners = Foreigners(node.wire, node.number)
+        self._read_back = ReadBack(sdo, axis.cycle)
+        self._recorder = DriveRecorder(sdo, session, profile, units, axis.cycle)
+        self._marks: list[tuple[int, int]] | None = None
+        self._guard, self._guarded = _guard(profile, units, node.wire.own_node)
+        self._mode = Mode.POSITION
+        self._held: Raw = 0
+        self._mapped: Mode | None = None
+        self._live = self._asked_for_power = self._lost = self._closed = self._blind = False
+        self._scale()
+
+    def note(self) -> None:
+        """Notes everything that will be changed, so that `backup` is complete from the beginning."""
+        self._session.remember(self._guard)
+        self._session.remember(MODE_WANTED)
+        for setting in self._exchange.settings(self._profile.commands.position.ref):
+            self._session.remember_pdo(setting)
+
+    def _scale(self) -> None:
+        """Factors used in every cycle, once."""
+        signals, commands, units = self._profile.signals, self._profile.commands, self._units
+        self._to_position = units.signed(signals.position.unit)
+        self._to_velocity = units.signed(signals.velocity.unit)
+        self._to_torque = units.signed(signals.torque.unit)
+        self._to_demand = units.signed(signals.torque_demand.unit)
+        feedback = signals.torque_feedback
+        self._to_feedback = units.signed(feedback.unit) if feedback else None
+        self._to_temperature = units.factor(signals.temperature.unit) if signals.temperature else 0.0
+        self._command_position = units.signed(commands.position.unit)
+        self._command_velocity = units.signed(commands.velocity.unit)
+        self._command_torque = units.signed(commands.torque.unit)
+        self._command_feedforward = units.signed(commands.torque_feedforward.unit)
+        self._raw_position = _rounder(commands.position.ref)
+        self._raw_velocity = _rounder(commands.velocity.ref)
+        self._raw_torque = _rounder(commands.torque.ref)
+        self._raw_feedforward = _rounder(commands.torque_feedforward.ref)
+        self._demand_has_feedforward = self._profile.torque.demand_includes_feedforward
+
+    @property
+    def period(self) -> float:
+        return self._period
+
+    @property
+    def identity(self) -> Mapping[str, int | str]:
+        return self._identity
+
+    def backup(self) -> Backup:
+        """What may have to be put back; for a process that has to do it in our place."""
+        return self._session.backup()
+
+    def look(self) -> Standing:
+        signals = self._profile.signals
+        position, velocity = (self._sdo.read(one.ref) for one in (signals.position, signals.velocity))
+        return Standing(position * self._to_position, velocity * self._to_velocity)
+
+    # Power
+
+    def enable(self, mode: Mode) -> None:
+        if self._live:
+            self.disable()
+            raise StateError("enable was asked for while power was on; power is off now: disable first")
+        self._live, self._lost = True, False
+        try:
+            self._prepare(mode)
+            self._asked_for_power = True
+            self._held = self._power.on(mode)
+        except BaseException as error:
+            self._lost = isinstance(error, LinkError)
+            off_after(error, self.disable)
+            raise
+
+    def _prepare(self, mode: Mode) -> None:
+        self._mode = mode
+        self._must_be_alone()
+        if self._mapped is not mode:
+            self._map(mode)
+        self._select(mode)
+        if self._exchange.slow_signal is not None:
+            self._exchange.told_slow(self._sdo.read(self._exchange.slow_signal))
+        self._node.command(OPERATIONAL)
+        self._session.write(self._guard, self._guarded)
+        offset = self._profile.commands.torque_feedforward.ref
+        self._read_back.begin([(self._target(mode).ref, _TARGET), (offset, _OFFSET)])
+        self._node.wire.start_heartbeat()  # watching begins with the first one after this
+
+    def _must_be_alone(self) -> None:
+        self._node.wire.drain()
+        stranger = self._foreigners.accuse()
+        if stranger is not None:
+            raise stranger
+
+    def _map(self, mode: Mode) -> None:
+        self._mapped = None
+        self._node.command(PRE_OPERATIONAL)
+        for setting in self._exchange.settings(self._target(mode).ref):
+            self._session.map(setting)
+        self._mapped = mode
+
+    def _target(self, mode: Mode) -> Signal:
+        commands = self._profile.commands
+        return {
+            Mode.POSITION: commands.position,
+            Mode.VELOCITY: commands.velocity,
+            Mode.TORQUE: commands.torque,
+        }[mode]
+
+    def _select(self, mode: Mode) -> None:
+        wanted = MODE_CODES[mode]
+        self._session.write(MODE_WANTED, wanted)
+        shown = self._sdo.read(MODE_SHOWN)
+        if shown != wanted:
+            self._node.wire.wait(_MODE_TIMEOUT, lambda: self._sdo.read(MODE_SHOWN) == wanted)
+            shown = self._sdo.read(MODE_SHOWN)
+        if shown != wanted:
+            raise StateError(
+                f"node {self._node.number} stays in mode {shown} when asked for {wanted} (cyclic synchronous "
+                f"{mode.value}); see object 6502h for the modes that it has"
+            )
+
+    def disable(self) -> None:
+        """See `Drive.disable`.
+
+        Raises:
+            DriveFault: power is off, but a fault came with it that was not told before. LinkError: the drive
+                did not confirm, and no cycle had failed before. StateError: power stays on.
+        """
+        if not self._live:
+            return
+        known = self._lost
+        trouble: DriveError | None = None
+        try:
+            if self._asked_for_power:
+                trouble = self._power_off()
+        except LinkError as error:
+            self._lost = True
+            self._power.abandon(self._mode)
+            if not known:
+                raise unconfirmed(error) from error
+            return
+        finally:
+            self._live = self._asked_for_power = False
+        self._unguard()
+        self._power.look_back()
+        if trouble is not None:
+            raise trouble
+
+    def cut(self) -> None:
+        """See `autotune.core.drive.CutsPower`."""
+        self._blind = True
+        try:
+            self.disable()
+        finally:
+            self._blind = False
+
+    def _unguard(self) -> None:
+        """Without power nobody has to watch us; what cannot be put back now is tried again by `close`."""
+        try:
+            self._session.undo(self._guard)
+        except TransferAborted:
+            return
+        except LinkError:
+            self._lost = True
+
+    def _power_off(self) -> DriveError | None:
+        """What was wrong with it; the guard is put back before it is told, where power is off."""
+        try:
+            self._power.off(self._mode, brake=not self._blind)
+        except DriveFault as fault:
+            return fault
+        except StateError:
+            self._power.abandon(self._mode)
+            raise
+        return None
+
+    # The cycle
+
+    def step(self, command: Command) -> Sample:
+        if not self._live:
+            raise StateError("a cycle was asked for while power is off; enable the drive first")
+        try:
+            target = self._raw_target(command)
+            feedforward = self._raw_feedforward(command.torque_feedforward / self._command_feedforward)
+            outputs = (ENABLE_OPERATION, target, feedforward)
+            missed = self._exchange.cycle(outputs)
+        except LinkError:
+            self._lost = True
+            raise
+        except (ValueError, OverflowError, struct.error) as error:
+            raise DriveError(
+                f"{command} cannot be sent to node {self._node.number}: {error}; every value must be finite "
+                "and within the range of its object"
+            ) from error
+        if int(self._exchange.values[0]) & ENABLED_MASK != ENABLED_VALUE or self._node.emergencies:
+            self._check_power()
+        self._read_back.cycle(outputs)
+        if self._foreigners.suspect:
+            self._must_be_alone()
+        if self._exchange.slow_overdue:
+            raise self._stale()
+        if self._marks is not None:
+            self._mark(self._marks)
+        return self._sample(target, feedforward, missed)
+
+    def _stale(self) -> LinkTimeout:
+        age, period = self._exchange.slow_seconds
+        return LinkTimeout(
+            f"node {self._node.number} has not told its temperature ({self._exchange.slow_signal}) for {age:.2g} s, "
+            f"though it is to come every {period:.2g} s; the last one, {self._temperature():.1f} °C, is too old to "
+            f"guard the axis with (allowed are {SLOW_LOST} lost in a row). Check the bus for lost frames, and what "
+            "else changes the drive's PDOs"
+        )
+
+    def _mark(self, marks: list[tuple[int, int]]) -> None:
+        """Notes where our count of cycles and the drive's SYNC counter have moved against each other."""
+        count, sync = self._exchange.count, self._exchange.sync
+        if sync is not None and (not marks or (count - sync - marks[-1][0] + marks[-1][1]) & 0xFFFF):
+            marks.append((count, sync))
+
+    def _raw_target(self, command: Command) -> Raw:
+        if self._mode is Mode.POSITION:
+            if not math.isnan(command.position):
+                self._held = self._raw_position(command.position / self._command_position)
+            return self._held
+        if self._mode is Mode.VELOCITY:
+            return self._raw_velocity(command.velocity / self._command_velocity)
+        return self._raw_torque(command.torque / self._command_torque)
+
+    def _check_power(self) -> None:
+        """An emergency that only says "error gone" is no reason to stop."""
+        running = int(self._exchange.values[0]) & ENABLED_MASK == ENABLED_VALUE
+        if running and all(emergency.code == 0 for emergency in self._node.emergencies):
+            self._node.take_emergencies()
+            return
+        raise self._power.lost()
+
+    def _sample(self, target: Raw, feedforward: Raw, missed: int) -> Sample:
+        values = self._exchange.values
+        if not all(map(math.isfinite, values)):
+            raise DriveFault(
+                f"node {self._node.number} tells a value that is no number ({values}); its position sensor or its "
+                "measurement is not valid. Check the sensor's cable and the drive"
+            )
+        position = values[1] * self._to_position
+        demand = values[2] * self._to_demand
+        host = feedforward * self._command_feedforward
+        if self._to_feedback is not None:
+            feedback = values[5] * self._to_feedback
+            host = demand - feedback
+        elif self._demand_has_feedforward:
+            feedback = demand - host
+        else:
+            feedback, demand = demand, demand + host
+        return Sample(
+            (self._exchange.count - 1) * self._period,
+            target * self._command_position if self._mode is Mode.POSITION else position,
+            position,
+            values[4] * self._to_velocity,
+            demand,
+            values[3] * self._to_torque,
+            host,
+            feedback,
+            self._temperature(),
+            missed,
+        )
+
+    def _temperature(self) -> float:
+        slow = self._exchange.slow
+        return float("nan") if slow is None else slow * self._to_temperature
+
+    # At rest
+
+    def read_parameters(self, names: Sequence[str] | None = None) -> dict[str, float]:
+        found: dict[str, float] = {}
+        if self._profile.torque.find and (names is None or INCLUDES in names):
+            found[INCLUDES] = float(self._demand_has_feedforward)
+        rest = None if names is None else [name for name in names if name not in found]
+        return self._parameters.read(rest) | found
+
+    def write_parameters(self, values: Mapping[str, float]) -> None:
+        rest = dict(values)
+        includes = rest.pop(INCLUDES, None) if self._profile.torque.find else None
+        self._parameters.write(rest)
+        if includes is not None:
+            self._demand_has_feedforward = bool(includes)
+
+    def store(self) -> None:
+        store = self._profile.store
+        if store is None:
+            raise DriveError(
+                f"profile {self._profile.name!r} does not say how this drive stores parameters; "
+                "store them with the vendor's tool"
+            )
+        if self._live:
+            raise StateError("parameters are stored with power off only; disable the drive first")
+        ref = ObjectRef(store.at.index, store.at.sub, store.at.type, "store parameters")
+        self._put_back()  # what a session changes must not survive it
+        try:
+            self._sdo.write(ref, _SAVE, store.seconds)
+            if store.verify != "none":
+                self._verify_stored(store)
+        finally:
+            for setting in self._settings:
+                self._session.write_if_there(*setting)
+            self._node.monitor(self._profile.guard.monitor)
+
+    def _verify_stored(self, store: Store) -> None:
+        """Resets the node and reads everything again; what is not in the stored area gets its value back.
+
+        Raises:
+            DriveError: a value did not survive. LinkTimeout: the node did not come back.
+        """
+        before = self._parameters.read()
+        booted = self._node.reset(store.verify, self._profile.transition_seconds)
+        self._mapped = None
+        self._session.forget_present()
+        if not booted and not self._answers():
+            raise LinkTimeout(
+                f"node {self._node.number} did not come back within {self._profile.transition_seconds:g} s after "
+                "the reset that follows storing; switch it off and on, and start again"
+            )
+        self._node.take_emergencies()
+        after = self._parameters.read()
+        changed = [name for name, value in before.items() if after[name] != value]
+        lost = [name for name in changed if self._parameters.stored_by(store.at, name)]
+        self._parameters.write({name: before[name] for name in changed if name not in lost})
+        if lost:
+            told = ", ".join(f"{name} is {after[name]:.9g} instead of {before[name]:.9g}" for name in lost)
+            raise DriveError(
+                f"node {self._node.number} has confirmed storing, but after a reset {told}: its memory does not "
+                "keep what is stored. Nothing is kept; have the drive's memory checked"
+            )
+
+    def recorder_seconds(self) -> float:
+        """How long the drive's own recorder can record without a gap [s]; 0 where it cannot."""
+        return self._recorder.seconds
+
+    def begin_recording(self, seconds: float) -> None:
+        """Starts the drive's recorder. Raises ConfigurationError (too long), LinkError."""
+        self._recorder.begin(seconds)
+        self._marks = []
+
+    def end_recording(self) -> DriveRecording:
+        """Stops the recorder and fetches it, with power off. Raises LinkError."""
+        if self._live:
+            raise StateError("the recorder is fetched with power off only; disable the drive first")
+        marks, self._marks = self._marks or [], None
+        return self._recorder.end(tuple(marks))
+
+    def faults(self) -> list[str]:
+        self._node.wire.drain()
+        status = int(self._sdo.read(STATUS))
+        if state_of(status) not in FAULTY:
+            return []
+        code = int(self._sdo.read(ERROR_CODE))
+        return [f"{error_text(code, self._profile.fault_texts)} in {describe(status)}"]
+
+    def powered(self) -> bool | None:
+        """What the drive says of its power now; None where it does not answer."""
+        try:
+            return state_of(int(self._sdo.read(STATUS, attempts=1))) in POWERED
+        except LinkError:
+            return None
+
+    def idle(self) -> None:
+        """To be called now and then between routines: heartbeat out, messages in. Raises LinkError."""
+        self._node.wire.pump(0.0)
+
+    def close(self) -> None:
+        if self._closed:
+            return
+        self._closed = True
+        fault: DriveFault | None = None
+        troubles: list[str] = []
+        try:
+            fault = fault_in(self.disable)
+            troubles = self._restore()
+        except LinkError as error:
+            troubles = [str(error)]
+        finally:
+            self._node.wire.link.close()
+        if troubles and not self._lost:
+            raise LinkError(f"node {self._node.number} was not left as it was found: " + "; ".join(troubles))
+        if fault is not None:
+            raise fault
+
+    def _restore(self) -> list[str]:
+        if self._lost and not self._answers():
+            return []
+        self._lost = False
+        self._power.acknowledge()
+        self._node.wire.stop_heartbeat()
+        if self._marks is not None:  # an armed recorder refuses that its settings are put back
+            self._marks = None
+            self._recorder.stop()
+        troubles = self._session.restore(self._leave_operational)
+        known = self._nmt_before in (OPERATIONAL, STOPPED)
+        self._node.command(self._nmt_before if known else PRE_OPERATIONAL)
+        return troubles
+
+    def _leave_operational(self) -> None:
+        """PDOs are set with the node pre-operational."""
+        self._node.command(PRE_OPERATIONAL)
+        self._mapped = None
+
+    def _put_back(self) -> None:
+        troubles = self._session.restore(self._leave_operational)
+        if troubles:
+            raise LinkError(f"nothing was stored in node {self._node.number}, as {'; '.join(troubles)} first")
+
+    def _answers(self) -> bool:
+        try:
+            self._sdo.read(STATUS, attempts=1)
+        except LinkError:
+            return False
+        return True
+
+
+def _rounder(ref: ObjectRef) -> Callable[[float], Raw]:
+    """How a number becomes a raw value of this object: whole, or finite as it is."""
+    return _finite if ref.is_float else round
+
+
+def _finite(value: float) -> Raw:
+    if not math.isfinite(value):
+        raise ValueError(f"{value} is no number")
+    return value
+
+
+def _guard(profile: Profile, units: Units, own_node: int) -> tuple[ObjectRef, Raw]:
+    """What makes the drive stop by itself when we fall silent: the object, and its value."""
+    watchdog = profile.guard.watchdog
+    if watchdog is not None:
+        ref = watchdog.named("communication watchdog").ref
+        return ref, ref.raw(profile.guard.consume / units.factor(watchdog.unit))
+    milliseconds = round(profile.guard.consume * 1e3)
+    return ObjectRef(0x1016, 1, "u32", "consumer heartbeat time"), own_node << 16 | milliseconds

@@ -1,0 +1,123 @@
+"""Parameters of a drive by name, in SI: checked, written, read back."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from autotune.core.errors import ConfigurationError, LinkError, TransferAborted
+from autotune_drivers.canopen.objects import ObjectRef, Raw
+from autotune_drivers.canopen.sdo import Sdo
+from autotune_drivers.profile import Parameter, Profile
+from autotune_drivers.units import MIRRORED, SIGNED_PARAMETERS, Units
+
+_AREAS = {1: (0x1000, 0xFFFF), 2: (0x1000, 0x1FFF), 3: (0x6000, 0x9FFF), 4: (0x2000, 0x5FFF)}
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a parameter is, SI units a raw unit (with sign), and its range in SI."""
+
+    ref: ObjectRef
+    factor: float
+    low: float
+    high: float
+
+
+class DriveParameters:
+    """Reads and writes the parameters that a profile names."""
+
+    def __init__(self, sdo: Sdo, profile: Profile, units: Units) -> None:
+        self._sdo = sdo
+        self._places = {
+            name: _place(name, _own(profile.parameters, name, units), units) for name in profile.parameters
+        }
+
+    def read(self, names: Sequence[str] | None = None) -> dict[str, float]:
+        """Values in SI. Raises ConfigurationError (unknown name), LinkError."""
+        wanted = list(self._places) if names is None else names
+        places = {name: self._find(name) for name in wanted}
+        return {name: _si(place, self._sdo.read(place.ref)) for name, place in places.items()}
+
+    def stored_by(self, store: ObjectRef, name: str) -> bool:
+        """True where 1010h with this sub-index (CiA 301: all, communication, application, manufacturer) keeps it."""
+        low, high = _AREAS.get(store.sub, _AREAS[1]) if store.index == 0x1010 else _AREAS[1]
+        return low <= self._find(name).ref.index <= high
+
+    def write(self, values: Mapping[str, float]) -> None:
+        """Writes all or nothing: everything is checked first, and put back where one is refused.
+
+        Raises:
+            ConfigurationError: unknown name, or a value outside its range; nothing was written.
+            LinkError: refused, or not as written when read back; the old values are back.
+        """
+        wanted = {name: (self._find(name), self._raw(name, value)) for name, value in values.items()}
+        before: list[tuple[ObjectRef, Raw]] = []
+        try:
+            for name, (place, raw) in wanted.items():
+                before.append((place.ref, self._sdo.read(place.ref)))
+                if before[-1][1] != raw:
+                    self._write(name, place, raw)
+        except LinkError as error:
+            self._put_back(before, error)
+            raise
+
+    def _write(self, name: str, place: Place, raw: Raw) -> None:
+        self._sdo.write(place.ref, raw)
+        found = self._sdo.read(place.ref)
+        if found != raw:
+            raise LinkError(
+                f"{name} was written as {_si(place, raw):.9g}, but the drive has {_si(place, found):.9g} "
+                f"({place.ref}); it limits the value, or something else writes it too"
+            )
+
+    def _put_back(self, before: Sequence[tuple[ObjectRef, Raw]], cause: LinkError) -> None:
+        for ref, raw in reversed(before):
+            try:
+                if self._sdo.read(ref) != raw:
+                    self._sdo.write(ref, raw)
+            except TransferAborted as error:
+                cause.add_note(f"{ref} could not be put back to {raw}: {error}")
+            except LinkError as error:
+                cause.add_note(f"{ref} and what was written before it could not be put back: {error}")
+                return
+
+    def _find(self, name: str) -> Place:
+        place = self._places.get(name)
+        if place is None:
+            near = difflib.get_close_matches(name, self._places, 1, cutoff=0.5)
+            hint = f"did you mean {near[0]!r}" if near else f"it has {', '.join(self._places) or 'none'}"
+            raise ConfigurationError(f"this drive has no parameter {name!r}; {hint}?")
+        return place
+
+    def _raw(self, name: str, value: float) -> Raw:
+        place = self._find(name)
+        tolerance = 1e-9 * max(abs(place.low), abs(place.high), 1e-30) if place.high < 1e300 else 0.0
+        if not place.low - tolerance <= value <= place.high + tolerance:
+            raise ConfigurationError(
+                f"{name} is {value:.9g}; this drive allows {place.low:.9g} to {place.high:.9g} ({place.ref})"
+            )
+        return place.ref.raw(value / place.factor)
+
+
+def _own(parameters: Mapping[str, Parameter], name: str, units: Units) -> Parameter:
+    """The drive's object for our name: limits change places where the drive counts against the axis."""
+    other = MIRRORED.get(name, name)
+    return parameters[other if units.direction < 0 and other in parameters else name]
+
+
+def _place(name: str, parameter: Parameter, units: Units) -> Place:
+    signal = parameter.at.named(name)
+    signed = name in SIGNED_PARAMETERS
+    factor = units.signed(signal.unit) if signed else units.factor(signal.unit)
+    edges = sorted(edge * factor for edge in signal.ref.range)
+    low = edges[0] if parameter.min is None else parameter.min
+    high = edges[1] if parameter.max is None else parameter.max
+    if signed and units.direction < 0 and parameter.min is not None and parameter.max is not None:
+        low, high = -parameter.max, -parameter.min
+    return Place(signal.ref, factor, low, high)
+
+
+def _si(place: Place, raw: Raw) -> float:
+    return raw * place.factor

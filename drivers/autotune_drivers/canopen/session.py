@@ -1,0 +1,199 @@
+"""What a session changes in a drive, remembered so that it can be put back.
+
+Every change goes through here: the old value is read before the new one is written. `backup()` can
+travel to another process, so that whoever survives can restore; where there is a keeper, old and new value
+are on disk before the new one is written, so that nobody has to survive.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import partial
+from typing import Any
+
+from autotune.core.errors import LinkError, TransferAborted
+from autotune_drivers.canopen.objects import ObjectRef, Raw
+from autotune_drivers.canopen.pdo import PdoSetting, read_setting, write_setting
+from autotune_drivers.canopen.sdo import Sdo
+from autotune_drivers.kept import Keeper
+
+Key = tuple[int, int]
+Task = tuple[str, Callable[[], None]]
+_ABSENT = (0x06020000, 0x06090011)
+
+
+@dataclass(frozen=True, slots=True)
+class Backup:
+    """Old values, in the order in which they were changed."""
+
+    objects: tuple[tuple[ObjectRef, Raw], ...] = ()
+    pdos: tuple[PdoSetting, ...] = ()
+
+
+class Session:
+    """Changes objects and PDOs; remembers the value from before the first change of each.
+
+    `inherited` is what an earlier session has left changed: it is put back by this one. `keeper` has on disk
+    what may be changed at any moment; `nmt`, the node's state before, is noted with it.
+    """
+
+    def __init__(self, sdo: Sdo, inherited: Backup | None = None, keeper: Keeper | None = None) -> None:
+        backup = inherited or Backup()
+        self._sdo = sdo
+        self._objects: dict[Key, tuple[ObjectRef, Raw]] = {
+            (ref.index, ref.sub): (ref, raw) for ref, raw in backup.objects
+        }
+        self._pdos: dict[Key, PdoSetting] = {(pdo.kind, pdo.number): pdo for pdo in backup.pdos}
+        self._changed: set[Key] = {*self._objects, *self._pdos}
+        self._present: dict[Key, PdoSetting] = {}
+        self._keeper = keeper
+        self._kept: dict[Key, tuple[Raw | PdoSetting, ...]] = {}
+        self.nmt = ""
+
+    def backup(self) -> Backup:
+        """Everything that was looked at in order to be changed, as it was before."""
+        return Backup(tuple(self._objects.values()), tuple(self._pdos.values()))
+
+    def remember(self, ref: ObjectRef) -> Raw:
+        """Notes an object that will be changed later; its present value. Raises LinkError."""
+        value = self._sdo.read(ref)
+        self._objects.setdefault((ref.index, ref.sub), (ref, value))
+        return value
+
+    def remember_pdo(self, wanted: PdoSetting) -> PdoSetting:
+        """Notes a PDO that will be changed later; its present setting. Raises LinkError."""
+        key = (wanted.kind, wanted.number)
+        present = self._present.get(key) or read_setting(self._sdo, *key)
+        self._pdos.setdefault(key, present)
+        self._present[key] = present
+        return present
+
+    def write(self, ref: ObjectRef, raw: Raw) -> None:
+        """Changes an object. Raises LinkError, ConfigurationError (it cannot be noted)."""
+        if self.remember(ref) != raw:
+            key = (ref.index, ref.sub)
+            self._keep(key, raw)
+            self._changed.add(key)
+            self._sdo.write(ref, raw)
+
+    def write_if_there(self, ref: ObjectRef, raw: Raw) -> bool:
+        """Changes an object; False where the drive does not have it. Raises LinkError."""
+        try:
+            self.write(ref, raw)
+        except TransferAborted as error:
+            if error.code not in _ABSENT:
+                raise
+            return False
+        return True
+
+    def map(self, wanted: PdoSetting) -> None:
+        """Changes a PDO; nothing is sent where it is as wanted. Raises LinkError, ConfigurationError."""
+        key = (wanted.kind, wanted.number)
+        present = self.remember_pdo(wanted)
+        if same(present, wanted):
+            return
+        self._keep(key, wanted)
+        self._changed.add(key)
+        self._present.pop(key, None)
+        write_setting(self._sdo, wanted, present)
+        self._present[key] = wanted
+
+    def forget_present(self) -> None:
+        """The node was reset: what it has now is not known any more."""
+        self._present.clear()
+
+    def undo(self, ref: ObjectRef) -> None:
+        """Puts one object back. Raises LinkError."""
+        key = (ref.index, ref.sub)
+        if key in self._changed:
+            self._sdo.write(*self._objects[key])
+            self._changed.discard(key)
+
+    def restore(self, before_pdos: Callable[[], None] = lambda: None) -> list[str]:
+        """Puts everything back, last change first; says what could not be.
+
+        `before_pdos` is called first where PDOs have to be changed; only it may raise LinkError.
+        What failed is tried once more after the rest, as some objects are only valid together. A node
+        that no longer answers is not asked again.
+        """
+        pdos = [pdo for key, pdo in self._pdos.items() if key in self._changed]
+        objects = [pair for key, pair in self._objects.items() if key in self._changed]
+        if pdos:
+            before_pdos()
+        tasks: list[Task] = [
+            (pdo.name, partial(write_setting, self._sdo, pdo, pdo)) for pdo in reversed(pdos)
+        ]
+        tasks += [(str(ref), partial(self._sdo.write, ref, raw)) for ref, raw in reversed(objects)]
+        failed, dead = _attempt(tasks)
+        if failed and not dead:
+            failed, dead = _attempt([(name, task) for name, task, _ in failed])
+        if not failed:
+            self._changed.clear()
+            self._let_go()
+        self._present.clear()
+        if dead:
+            names = ", ".join(name for name, _, _ in failed)
+            return [f"{names} could not be set back: {failed[0][2]}"]
+        return [f"{name} could not be set back: {error}" for name, _, error in failed]
+
+    # On disk
+
+    def _keep(self, key: Key, value: Raw | PdoSetting) -> None:
+        """Notes a value that will be written. Raises ConfigurationError."""
+        known = self._kept.get(key, ())
+        if self._keeper is None or value in known:
+            return
+        kept = {**self._kept, key: (*known, value)}
+        self._keeper.write(self._content(kept))
+        self._kept = kept
+
+    def _content(self, kept: dict[Key, tuple[Raw | PdoSetting, ...]]) -> dict[str, Any]:
+        objects = [
+            {
+                "object": f"{ref.index:04X}:{ref.sub:02X} {ref.type}",
+                "name": ref.name,
+                "before": raw,
+                "written": list(kept[key]),
+            }
+            for key, (ref, raw) in self._objects.items()
+            if key in kept
+        ]
+        pdos = [
+            {
+                "before": asdict(pdo),
+                "written": [asdict(one) for one in kept[key] if isinstance(one, PdoSetting)],
+            }
+            for key, pdo in self._pdos.items()
+            if key in kept
+        ]
+        return {"nmt": self.nmt, "objects": objects, "pdos": pdos}
+
+    def _let_go(self) -> None:
+        """Nothing is changed any more."""
+        if self._keeper is not None and self._kept:
+            self._keeper.clear()
+        self._kept = {}
+
+
+def _attempt(tasks: list[Task]) -> tuple[list[tuple[str, Callable[[], None], LinkError]], bool]:
+    """What failed, and whether the node answered no more."""
+    failed: list[tuple[str, Callable[[], None], LinkError]] = []
+    for position, (name, task) in enumerate(tasks):
+        try:
+            task()
+        except TransferAborted as error:
+            failed.append((name, task, error))
+        except LinkError as error:
+            return failed + [(name, task, error) for name, task in tasks[position:]], True
+    return failed, False
+
+
+def same(one: PdoSetting, other: PdoSetting) -> bool:
+    """Alike in all that matters; the bits of the COB-ID beside identifier and switch are the drive's own."""
+    identifier = 0x8000_07FF
+    return (
+        one.cob_id & identifier == other.cob_id & identifier
+        and one.transmission == other.transmission
+        and one.entries == other.entries
+    )

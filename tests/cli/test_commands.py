@@ -1,0 +1,28 @@
+"""The table of commands says of each what the command says of itself."""
+
+from __future__ import annotations
+
+import inspect
+from importlib import import_module
+
+import pytest
+import typer
+
+from autotune.cli.main import COMMANDS, main
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_line_of_a_command_is_the_first_of_its_own_help(name: str) -> None:
+    command = getattr(import_module(f"autotune.cli.{name}"), name)
+    own = command.info.help if isinstance(command, typer.Typer) else inspect.getdoc(command)
+    assert own.split("\n")[0] == COMMANDS[name]
+
+
+@pytest.mark.parametrize("arguments", [[], ["modle"], ["--", "model"]])
+def test_without_a_command_the_answer_is_one_of_usage(
+    arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ending:
+        main(arguments)
+    assert ending.value.code == 2
+    assert "Traceback" not in capsys.readouterr().err

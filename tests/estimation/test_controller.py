@@ -1,0 +1,106 @@
+"""The one controller of both engines: known truth, known files, and what is said where they disagree."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from autotune.estimation.controller import USABLE, PositionController, controller_of, find_controller
+from autotune.estimation.data import prepare
+from autotune.recordings.recording import Controller, Recording
+from tests.estimation.simulated import OF_TRUE, TRUE, recorded
+
+
+def both(recording: Recording) -> PositionController:
+    """What both engines find; they must agree."""
+    found = controller_of(recording)
+    other = find_controller(prepare([recording]))
+    assert (other.source, other.gains.tolist()) == (found.source, found.gains.tolist())
+    return found
+
+
+def assert_is(found: PositionController, law: PositionController) -> None:
+    """The torque follows from reference and logged position exactly: only the search's tolerance is left."""
+    assert found.explained > USABLE
+    for name in ("kp", "kd", "ki", "derivative_filter", "reference_rate"):
+        assert getattr(found, name) == pytest.approx(getattr(law, name), rel=2e-3, abs=2e-3), name
+    assert found.velocity_feedforward == pytest.approx(law.velocity_feedforward, abs=1e-4)
+
+
+def test_the_files_controller_is_verified() -> None:
+    found = both(recorded(TRUE, OF_TRUE))
+    assert found.source == "metadata"
+    assert (found.kp, found.kd, found.ki) == (TRUE.kp, TRUE.kd, TRUE.ki)
+    assert found.notes == ()
+
+
+@pytest.mark.parametrize(
+    "named",
+    [replace(OF_TRUE, kp=1.1 * TRUE.kp), replace(OF_TRUE, kd=0.9 * TRUE.kd), Controller(1.0, 2.0, 3.0, 0.4)],
+    ids=["kp 10 % too large", "kd 10 % too small", "invented"],
+)
+def test_a_file_that_is_wrong_is_not_believed(named: Controller) -> None:
+    found = both(recorded(TRUE, named))
+    assert found.source == "identified"
+    assert "the controller that the file names" in found.notes[0].lower()
+    assert_is(found, TRUE)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        TRUE,
+        replace(TRUE, derivative_filter=1.0),
+        replace(TRUE, reference_rate=0.3),
+        replace(TRUE, reference_rate=0.0, derivative_filter=1.0),
+        replace(TRUE, velocity_feedforward=2e-3),
+    ],
+    ids=["pid", "no filter", "cascade", "rate of the position alone", "velocity feedforward"],
+)
+def test_without_a_file_the_law_is_identified(law: PositionController) -> None:
+    found = both(recorded(law))
+    assert found.source == "identified"
+    assert_is(found, law)
+
+
+def test_a_controller_without_integral_keeps_its_constant() -> None:
+    law = replace(TRUE, ki=0.0, constant=0.02)
+    found = both(recorded(law))
+    assert found.kp == pytest.approx(law.kp, rel=2e-3)
+    assert found.ki * 6.0 < 1e-3 * found.kp  # nothing over the whole recording
+    assert found.constant == pytest.approx(law.constant, abs=1e-4)
+
+
+def test_a_clamped_torque_tells_the_law_between_the_clamps() -> None:
+    limit = float(np.percentile(np.abs(recorded(TRUE)["torque"]), 97.0))
+    recording = recorded(TRUE, limit=limit)
+    assert 0.003 < np.mean(np.abs(recording["torque"]) >= 0.999 * limit) < 0.3
+    assert_is(both(recording), TRUE)
+    assert both(recording.with_metadata(controller=OF_TRUE)).source == "metadata"
+
+
+def test_a_torque_that_is_always_clamped_cannot_verify_and_that_is_said() -> None:
+    recording = recorded(TRUE, OF_TRUE)
+    columns = dict(recording.floats)
+    columns["torque"] = np.where(recording["torque"] > 0.0, 0.01, -0.01)
+    clamped = Recording.from_columns(columns, replace(recording.metadata, torque_limit=0.01), "motion")
+    found = both(clamped)
+    assert found.source == "trusted"
+    assert found.usable
+    assert "could not be verified" in found.notes[0]
+    assert not both(clamped.with_metadata(controller=None)).usable
+
+
+def test_a_torque_that_no_controller_made_gives_none_even_if_the_file_names_one() -> None:
+    recording = recorded(TRUE, OF_TRUE)
+    columns = dict(recording.floats)
+    columns["torque"] = recording["torque"] + np.random.default_rng(1).normal(0.0, 0.1, len(recording))
+    found = both(Recording.from_columns(columns, recording.metadata, "motion"))
+    assert not found.usable
+    assert "99.9 %" in found.why
+
+
+def test_torque_mode_has_no_controller() -> None:
+    recording = recorded(TRUE, OF_TRUE)
+    columns = dict(recording.floats) | {"reference": recording["position"]}
+    assert not both(Recording.from_columns(columns, recording.metadata, "motion")).usable

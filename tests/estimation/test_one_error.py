@@ -1,0 +1,149 @@
+"""fit, compare, diagnose and run state one error for one model on one recording."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from autotune.cli.main import main
+from autotune.core.errors import NotEnoughExcitation
+from autotune.diagnose.compare import compare
+from autotune.diagnose.fit_recordings import fit_recordings
+from autotune.diagnose.verdict import diagnose
+from autotune.models.drive_model import base_model
+from autotune.models.model_file import read_model, write_model
+from autotune.models.table import EFFECTS
+from autotune.recordings.files import read_recording, write_recording
+from autotune.recordings.recording import Controller, Recording, concatenate
+from autotune.tuning.stage_diagnose import error_as_given
+from tests.estimation.simulated import AXIS, OF_TRUE, TRUE, recorded
+
+AGREE = 1e-9
+KINDS = (
+    "known controller",
+    "no controller named",
+    "wrong controller named",
+    "no reference",
+    "no torque known but noise",
+    "played three times",
+    "cascade",
+    "coarse in time",
+    "lag",
+    "spring that the model lacks",
+    "saturation",
+    "clamped",
+)
+"""What can be different in how the engines prepare a recording."""
+
+
+def _quiet(_: str) -> None:
+    pass
+
+
+def simulated(kind: str, seed: int) -> Recording:
+    """Three seconds of an axis drawn from the seed, recorded in one of the ways."""
+    random = np.random.default_rng([seed, KINDS.index(kind)])
+    values = {name: value * float(random.uniform(0.7, 1.4)) for name, value in AXIS.items()}
+    model = base_model(values)
+    law = replace(TRUE, kp=TRUE.kp * float(random.uniform(0.8, 1.2)))
+    known: Controller | None = replace(OF_TRUE, kp=law.kp)
+    if kind == "lag":
+        model = model.with_effect(EFFECTS["torque_lag"].make({"time_constant": 1e-3}))
+    if kind == "saturation":
+        model = model.with_effect(EFFECTS["torque_saturation"].make({"loss": 0.1, "torque": 0.6}))
+    if kind == "spring that the model lacks":
+        model = model.with_effect(EFFECTS["spring"].make({"stiffness": 5e-3}))
+    if kind == "cascade":
+        law, known = replace(law, reference_rate=0.3), None
+    if kind == "no controller named":
+        known = None
+    if kind == "wrong controller named":
+        known = OF_TRUE if abs(law.kp / TRUE.kp - 1.0) > 0.02 else replace(OF_TRUE, kp=2.0 * law.kp)
+    limit = 0.4 if kind == "clamped" else None
+    noise = 8e-3 if kind == "no torque known but noise" else 2e-3
+    repeats = 3 if kind == "played three times" else 1
+    parts = [
+        recorded(law, known, limit, model, 3.0, seed, noise * (1.0 + 0.01 * number))
+        for number in range(repeats)
+    ]
+    recording = _numbered(parts) if repeats > 1 else parts[0]
+    if kind == "no reference":
+        columns = {name: values for name, values in recording.floats.items() if name != "reference"}
+        recording = Recording.from_columns(columns, replace(recording.metadata, controller=None), "motion")
+    if kind == "coarse in time":
+        every = {name: values[::4] for name, values in recording.floats.items()}
+        metadata = replace(recording.metadata, sample_period=4e-3)
+        recording = Recording.from_columns(every, metadata, "motion")
+    return recording
+
+
+def _numbered(parts: list[Recording]) -> Recording:
+    return concatenate(
+        Recording.from_columns(part.floats, part.metadata, "motion", np.full(len(part), number))
+        for number, part in enumerate(parts)
+    )
+
+
+def check_one(recording: Recording) -> None:
+    """All four statements agree."""
+    fitted = fit_recordings([recording], progress=_quiet)
+    assert fitted.model is not None
+    compared = compare([recording], fitted.model)
+    assert fitted.error_rms == pytest.approx(compared.error_rms, rel=AGREE)
+    assert fitted.estimate.relative_error == pytest.approx(compared.relative_error, rel=AGREE)
+    found = diagnose([recording], fitted.model)
+    assert found.error_rms == pytest.approx(compared.error_rms, rel=AGREE)
+    assert found.relative_error == pytest.approx(compared.relative_error, rel=AGREE)
+    in_run = error_as_given(recording, fitted.model)
+    assert in_run == pytest.approx((compared.error_rms, compared.relative_error), rel=AGREE)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_fit_compare_diagnose_and_run_state_one_error(kind: str) -> None:
+    check_one(simulated(kind, 1))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [2, 3, 4, 5])
+@pytest.mark.parametrize("kind", KINDS)
+def test_fit_compare_diagnose_and_run_state_one_error_on_many(kind: str, seed: int) -> None:
+    check_one(simulated(kind, seed))
+
+
+def test_the_error_of_a_run_is_what_compare_finds_in_its_files(tmp_path: Path) -> None:
+    """Recording and model go through their files, as they do between `run` and `model compare`."""
+    recording = simulated("known controller", 1)
+    model = fit_recordings([recording], progress=_quiet).model
+    assert model is not None
+    write_recording(recording, tmp_path / "experiment.parquet")
+    write_model(model, tmp_path / "model.toml")
+    compared = compare([read_recording(tmp_path / "experiment.parquet")], read_model(tmp_path / "model.toml"))
+    found = error_as_given(recording, model)
+    assert found == pytest.approx((compared.error_rms, compared.relative_error), rel=AGREE)
+
+
+def test_a_run_without_a_fit_for_comparison_says_nothing() -> None:
+    recording = simulated("known controller", 1)
+    short = recording.rows(slice(0, 150))
+    with pytest.raises(NotEnoughExcitation):
+        compare([short], base_model(AXIS))
+    assert error_as_given(short, base_model(AXIS)) == (None, None)
+
+
+def test_the_command_line_prints_one_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    recording, model = tmp_path / "axis.parquet", tmp_path / "model.toml"
+    write_recording(simulated("no controller named", 1), recording)
+    found = []
+    for arguments in (
+        ("fit", recording, "--out", model),
+        ("compare", recording, "--model", model),
+        ("diagnose", recording, "--model", model),
+    ):
+        with pytest.raises(SystemExit):
+            main(["model", *map(str, arguments), "--json"])
+        printed = json.loads(capsys.readouterr().out)
+        found.append((printed["error_rms"], printed["relative_error"]))
+    assert found[0] == pytest.approx(found[1], rel=AGREE)
+    assert found[2] == pytest.approx(found[1], rel=AGREE)

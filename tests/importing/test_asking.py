@@ -1,0 +1,124 @@
+"""Columns by the file's own numbers, and one command that asks for everything in doubt at once."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+import pytest
+from scipy import io as matlab
+from typer.testing import CliRunner
+
+from autotune.cli.data import data
+from autotune.core.errors import AutotuneError, ConfigurationError
+from autotune.recordings.files import read_recording
+
+from .conftest import Floats, bring_in, write_table
+
+
+def with_texts(path: Path, signals: dict[str, Floats]) -> Path:
+    """`state,time,note,position,speed,torque`, columns 1 and 3 without numbers."""
+    rows = zip(signals["time"], signals["position"], signals["velocity"], signals["torque"], strict=True)
+    lines = ["state,time,note,position,speed,torque"]
+    lines += [f"RUN,{t:.9g},fine,{q:.9g},{v:.9g},{tau:.9g}" for t, q, v, tau in rows]
+    path.write_text("\n".join(lines))
+    return path
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+def test_columns_count_as_a_person_sees_them(tmp_path: Path, signals: dict[str, Floats], kind: str) -> None:
+    path = tmp_path / f"t.{kind}"
+    if kind == "csv":
+        with_texts(path, signals)
+    else:
+        words = pa.array(["x"] * len(signals["time"]))
+        names = ["state", "time", "note", "position", "speed", "torque"]
+        arrays = [words, signals["time"], words, signals["position"], signals["velocity"], signals["torque"]]
+        pyarrow.parquet.write_table(pa.table(dict(zip(names, arrays, strict=True))), path)
+    recording = bring_in(
+        path, kind=kind, columns=("time=2", "position=4", "velocity=5", "torque=6")
+    ).recording
+    for name, values in signals.items():
+        np.testing.assert_allclose(recording[name], values, rtol=1e-8, atol=1e-12)
+
+
+@pytest.mark.parametrize("field", ["3", "note"])
+def test_a_column_of_texts_is_refused_in_words(
+    tmp_path: Path, signals: dict[str, Floats], field: str
+) -> None:
+    path = with_texts(tmp_path / "t.csv", signals)
+    with pytest.raises(ConfigurationError, match=r"column 3 of .*'note', holds texts.*4 'position'"):
+        bring_in(path, columns=(f"position={field}",))
+
+
+def test_one_column_is_not_two_quantities(tmp_path: Path, signals: dict[str, Floats]) -> None:
+    path = write_table(tmp_path / "t.csv", signals)
+    with pytest.raises(ConfigurationError, match=r"takes column 2, 'position', .*as position and as torque"):
+        bring_in(path, columns=("position=2", "torque=position*3"))
+
+
+def test_matrices_of_another_length_are_reached_by_name(tmp_path: Path, signals: dict[str, Floats]) -> None:
+    """Six vectors of a table of gains outnumber the one matrix that was measured."""
+    path = tmp_path / "t.mat"
+    gains = {f"gain{number}": np.arange(7.0) for number in range(6)}
+    measured = np.column_stack([signals["time"], signals["position"], signals["torque"]])
+    matlab.savemat(path, {**gains, "measured": measured, "velocity": signals["velocity"]})
+    columns = ("time=measured.1", "position=measured.2", "torque=measured.3")
+    imported = bring_in(path, kind="mat", columns=columns)
+    for name in ("time", "position", "torque", "velocity"):
+        np.testing.assert_array_equal(imported.recording[name], signals[name])
+    assert any("unless --column names them: measured.1 (2000)" in line for line in imported.lines)
+    with pytest.raises(ConfigurationError, match=r"differ in length: .*'gain0' with 7.*with 2000"):
+        bring_in(path, kind="mat", columns=("time=gain0", *columns[1:]))
+
+
+def test_columns_of_one_name_are_suggested_by_number(tmp_path: Path, signals: dict[str, Floats]) -> None:
+    path = write_table(tmp_path / "t.csv", signals, head="time,angle [rad],angle [rad],torque")
+    with pytest.raises(ConfigurationError, match=r"one of 'position=2', 'position=3'\."):
+        bring_in(path)
+    with pytest.raises(ConfigurationError, match=r"did you mean 'angle', columns 2, 3\?"):
+        bring_in(path, columns=("position=angel",))
+
+
+def test_everything_in_doubt_is_asked_for_at_once(tmp_path: Path, signals: dict[str, Floats]) -> None:
+    """The command is pasted with its capitals filled in, and nothing else is asked."""
+    signals["time"] *= 1e3
+    path = write_table(tmp_path / "my axis.csv", signals, head="t,pos,vel,Iq")
+    with pytest.raises(ConfigurationError) as caught:
+        bring_in(path, resolution=1e-6, experiment="sine")
+    message = str(caught.value)
+    for doubt in ("'pos' has no unit", "'t' steps by 1", "'Iq' is a current"):
+        assert message.count(doubt) == 1
+    command = message.splitlines()[-1].strip()
+    assert "--resolution 1e-06 --experiment sine" in command
+    for capitals, known in (("t*UNIT", "t*ms"), ("pos*UNIT", "pos*rad"), ("CONSTANT", "0.5")):
+        assert capitals in command
+        command = command.replace(capitals, known)
+    out = tmp_path / "out.parquet"
+    arguments = shlex.split(command)
+    assert arguments[:3] == ["autotune", "data", "import"]
+    assert arguments[-2:] == ["--out", "my axis-imported.parquet"]
+    result = CliRunner().invoke(data, [*arguments[2:-1], str(out)], catch_exceptions=False)
+    assert result.exit_code == 0
+    np.testing.assert_allclose(read_recording(out)["torque"], 0.5 * signals["torque"], rtol=1e-8)
+
+
+def test_what_was_written_or_recognised_stands_in_the_command(
+    tmp_path: Path, signals: dict[str, Floats]
+) -> None:
+    path = write_table(tmp_path / "t.csv", signals, head="t [s],pos [deg],vel [rad/s],load")
+    with pytest.raises(AutotuneError, match="cannot tell which column is torque") as caught:
+        bring_in(path, columns=("position=2*-deg",))
+    words = shlex.split(str(caught.value).splitlines()[-1])
+    assert [word for word in words if "=" in word] == [
+        "time=t", "position=2*-deg", "velocity=vel", "torque=NAME",
+    ]  # fmt: skip
+
+
+def test_a_placeholder_left_in_is_refused(tmp_path: Path, signals: dict[str, Floats]) -> None:
+    path = write_table(tmp_path / "t.csv", signals, head="t [s],pos,v [rad/s],tau [Nm]")
+    with pytest.raises(ConfigurationError, match="'UNIT' in the factor is not a number"):
+        bring_in(path, columns=("position=pos*UNIT",))

@@ -1,0 +1,52 @@
+"""The friction of a model is stated as a whole, wherever its parts were fitted."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from autotune.models.drive_model import DriveModel, base_model
+from autotune.models.effect import Value
+from autotune.models.model_file import model_text, read_model, write_model
+from autotune.models.table import EFFECTS
+from autotune.models.total_friction import total_friction, total_in_words
+
+BASE = {"inertia": 6.66e-4, "viscous": 0.0, "coulomb": 0.0093, "stiffness": 50.0, "micro_damping": 0.05,
+        "offset": 0.048}  # fmt: skip
+ELEMENTS = {"displacement_1": 2e-3, "torque_1": 0.12, "displacement_2": 0.02, "torque_2": 0.2}
+ERRORS = {"torque_1": 0.006, "torque_2": 0.008}
+
+
+def moved(errors: dict[str, float] | None = None) -> DriveModel:
+    """A model whose friction went into the elements, as a run leaves it."""
+    memory = EFFECTS["reversal_memory"].make(ELEMENTS, ERRORS if errors is None else errors)
+    return base_model(BASE, {"coulomb": 0.0055}).with_effect(memory)
+
+
+def test_the_total_is_what_the_model_needs_at_a_steady_speed() -> None:
+    model, period = moved(), 1e-3
+    velocity = np.full(2000, 0.5)
+    torque = model.torque(0.5 * period * np.arange(2000), velocity, np.zeros(2000), period)
+    assert total_friction(model).value == pytest.approx(torque[-1] - BASE["offset"], rel=1e-6)
+
+
+def test_its_standard_error_takes_in_those_of_the_parts() -> None:
+    assert total_friction(moved()).standard_error == pytest.approx(math.hypot(0.0055, 0.006, 0.008))
+    assert total_friction(moved({"torque_1": 0.006})).standard_error is None
+
+
+def test_without_elements_the_total_is_coulomb_and_nothing_is_said() -> None:
+    plain = base_model(BASE, {"coulomb": 0.0055})
+    assert total_friction(plain) == Value(0.0093, 0.0055)
+    assert total_in_words(plain) == ""
+    assert "total friction" not in model_text(plain)
+
+
+def test_the_model_file_says_it_beside_coulomb_and_reads_back(tmp_path: Path) -> None:
+    path = tmp_path / "model.toml"
+    write_model(moved(), path)
+    assert "total friction 0.3293 ± 0.011 N m, 97 % of it in the elements" in path.read_text("utf-8")
+    assert read_model(path).parameters == moved().parameters

@@ -1,0 +1,137 @@
+"""Jobs done for real on a simulated drive, without processes: idle inputs, and commits that a person approves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+from starlette.testclient import TestClient
+
+from autotune.core.axis import read_axis
+from autotune.core.loop import LocalLoop
+from autotune.service.access import Guard, Rules
+from autotune.service.api import make_api
+from autotune.service.inline import Ended, do_at_once
+from autotune.service.orders import Order
+from autotune.service.work import Tools
+from autotune.tuning.progress import Silent
+from autotune_sim.inprocess import SimDrive
+from autotune_sim.presets import preset
+
+World = Any
+AUTH = {"Authorization": "Bearer a-token-that-is-long-enough"}
+ENABLED = "feedforward.enabled"
+
+
+@dataclass
+class RealLauncher:
+    """Does each job at once, on a drive whose memory is a file."""
+
+    memory: Path
+    clock: Callable[[], Any]
+    ended: list[Ended] = field(default_factory=list)
+
+    def start(self, order: Order) -> Ended:
+        def loop() -> LocalLoop:
+            return LocalLoop(SimDrive(preset("edm-vertical"), len(self.ended) + 1, self.memory))
+
+        tools = Tools(read_axis(order.file), loop, Silent(), self.clock)
+        self.ended.append(do_at_once(order, tools))
+        return self.ended[-1]
+
+    def held(self) -> dict[str, float]:
+        """What the drive has stored."""
+        drive = SimDrive(preset("edm-vertical"), 0, self.memory)
+        found = drive.read_parameters()
+        drive.close()
+        return found
+
+
+@dataclass
+class Real:
+    """A service, its launcher, and a client with the token."""
+
+    world: World
+    launcher: RealLauncher
+    client: TestClient
+
+    def job(self, kind: str) -> dict[str, Any]:
+        """Has a job done, and returns it."""
+        answer = self.client.post("/api/axes/one/jobs", json={"kind": kind}, headers=AUTH)
+        assert answer.status_code == 202, answer.text
+        return self.done(answer.json()["id"])
+
+    def done(self, identifier: str) -> dict[str, Any]:
+        for _ in range(4):
+            self.world.pass_time(seconds=1)
+            self.world.manager.tick()
+        found: dict[str, Any] = self.client.get(f"/api/jobs/{identifier}").json()
+        return found
+
+
+@pytest.fixture
+def real(world: Callable[..., World], tmp_path: Path) -> Iterator[Callable[[str], Real]]:
+    clients: list[TestClient] = []
+
+    def make(extra: str) -> Real:
+        here: World = None
+        launcher = RealLauncher(tmp_path / "memory.json", lambda: here.now)
+        here = world(["one"], extra=extra, launcher=launcher)
+        rules = Rules("a-token-that-is-long-enough", False, frozenset({"127.0.0.1"}), 4096, 300.0)
+        client = TestClient(Guard(make_api(here.manager), rules), base_url="http://127.0.0.1")
+        clients.append(client)
+        return Real(here, launcher, client)
+
+    yield make
+    for client in clients:
+        client.close()
+
+
+def test_a_job_waits_until_the_input_of_the_drive_says_idle(real: Callable[[str], Real]) -> None:
+    here = real(f'[axes.idle]\nby = "input"\ninput = "{ENABLED}"\nmask = 1')
+    waiting = here.job("check")
+    assert waiting["state"] == "queued"
+    assert f"{ENABLED} is 0" in waiting["waits_for"]
+    drive = SimDrive(preset("edm-vertical"), 0, here.launcher.memory)
+    drive.write_parameters({ENABLED: 1.0})
+    drive.store()
+    drive.close()
+    assert here.done(waiting["id"])["state"] == "queued", "it is not asked again at once"
+    here.world.pass_time(minutes=6)
+    assert here.done(waiting["id"])["outcome"] == "done"
+    assert len(here.client.get("/api/axes/one/checks").json()) == 1
+
+
+def test_an_input_that_the_drive_does_not_have_is_said(real: Callable[[str], Real]) -> None:
+    row = real('[axes.idle]\nby = "input"\ninput = "digital.none"').job("check")
+    assert row["outcome"] == "refused"
+    assert "digital.none" in row["sentence"]
+
+
+@pytest.mark.long
+def test_what_was_proved_is_written_only_when_a_person_approves(real: Callable[[str], Real]) -> None:
+    here = real('commit = "ask"')
+    ran = here.job("run")
+    assert (ran["outcome"], ran["exit_code"]) == ("not_applied", 3), ran
+    assert not here.launcher.held()[ENABLED]
+    (proposal,) = here.client.get("/api/proposals").json()
+    assert (proposal["state"], proposal["run"]) == ("open", ran["run"])
+    assert here.world.notices[-1]["kind"] == "proposal"
+    refused = here.client.post(f"/api/proposals/{proposal['id']}/approve")
+    assert refused.status_code == 401
+    assert not here.launcher.held()[ENABLED]
+
+    approved = here.client.post(f"/api/proposals/{proposal['id']}/approve", headers=AUTH)
+    assert approved.status_code == 202
+    committed = here.done(approved.json()["id"])
+    assert (committed["kind"], committed["outcome"]) == ("commit", "kept"), committed
+    assert here.launcher.held()[ENABLED] == 1.0
+    assert here.client.get("/api/proposals").json()[0]["state"] == "approved"
+    assert here.client.post(f"/api/proposals/{proposal['id']}/reject", headers=AUTH).status_code == 409
+
+    restored = here.job("rollback")
+    assert restored["outcome"] == "restored"
+    assert not here.launcher.held()[ENABLED]

@@ -1,0 +1,160 @@
+"""What a run fits its diagnosis on, what it chooses a model by, and what a drive keeps of it."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from autotune.control.feedforward import LugreParameters
+from autotune.control.model_feedforward import lugre_model
+from autotune.control.reduction import LUGRE, Reduction
+from autotune.control.refinement import PeriodAverage
+from autotune.core.arrays import Floats
+from autotune.core.axis import read_axis
+from autotune.experiments.diagnosis import confirmation
+from autotune.experiments.path import Motion
+from autotune.experiments.runner import Budget
+from autotune.models.table import EFFECTS
+from autotune.recordings.recording import Metadata, Recording
+from autotune.tuning.proof import TrackingError
+from autotune.tuning.session import Session
+from autotune.tuning.stage_adapt import RefinementStep
+from autotune.tuning.stage_diagnose import SECONDS, confirming, fitted_part
+from autotune.tuning.stage_model import beats, plausible
+from autotune.tuning.stage_reduce import announcement, comparison, holds_predicted
+from tests.end_to_end.support import EXAMPLE
+
+AXIS = read_axis(EXAMPLE)
+N = 1000
+
+
+def recording_of(*segments: tuple[str, int, int]) -> Recording:
+    """Segments by name, repeat and length."""
+    names = np.concatenate([np.full(length, name) for name, _, length in segments])
+    repeats = np.concatenate([np.full(length, repeat) for _, repeat, length in segments])
+    ramp = np.arange(len(names), dtype=np.float64)
+    columns = {"time": ramp * 1e-3, "position": ramp, "torque": ramp, "reference": ramp}
+    return Recording.from_columns(columns, Metadata(sample_period=1e-3), names, repeats)
+
+
+def test_presliding_with_its_way_there_and_back_is_not_fitted() -> None:
+    whole = recording_of(
+        ("conditioning", 0, 50), ("steady_state", 0, 40), ("conditioning", 0, 30), ("steady_state", 1, 40),
+        ("dahl", 0, 60), ("dahl", 1, 60), ("conditioning", 0, 20), ("presliding", 0, 70), ("presliding", 1, 70),
+        ("conditioning", 0, 20), ("high_speed", 0, 80),
+    )  # fmt: skip
+    fitted = fitted_part(whole)
+    found = [(s.experiment, s.repeat, s.stop - s.start) for s in fitted.segments()]
+    assert found == [
+        ("conditioning", 0, 50), ("steady_state/0", 0, 40), ("conditioning", 0, 30), ("steady_state/1", 1, 40),
+        ("dahl", 0, 60), ("dahl", 1, 60), ("high_speed", 0, 80),
+    ]  # fmt: skip
+    assert fitted["time"][-80] == pytest.approx(0.460)
+    assert [s.experiment for s in whole.segments()].count("presliding") == 2
+
+
+def test_every_second_speed_and_two_repeats_are_fitted() -> None:
+    strokes: list[tuple[str, int, int]] = []
+    for repeat, length in enumerate((40, 40, 50, 50, 60, 60, 70, 70)):
+        strokes += [("conditioning", 0, 10), ("steady_state", repeat, length)]
+    whole = recording_of(*strokes, ("dahl", 0, 60), ("dahl", 1, 60), ("dahl", 2, 60))
+    position = np.concatenate([np.linspace(0.0, speed, len(r)) for speed, r in zip(
+        (0, 8, 0, 8, 0, 1, 0, 1, 0, 5, 0, 5, 0, 3, 0, 3, 0, 0, 0), (rows for _, rows in whole.split()), strict=True
+    )])  # fmt: skip
+    moved = Recording(
+        whole.metadata, {**whole.floats, "position": position}, whole.experiment, whole.repeat, whole.missed
+    )
+    kept = [(s.experiment, s.repeat) for s in fitted_part(moved).segments() if s.experiment != "conditioning"]
+    fast, slow = (
+        [("steady_state/0", 0), ("steady_state/1", 1)],
+        [("steady_state/6", 6), ("steady_state/7", 7)],
+    )
+    assert kept == [*fast, *slow, ("dahl", 0), ("dahl", 1)]
+
+
+def test_a_recording_without_presliding_is_fitted_whole() -> None:
+    whole = recording_of(("dahl", 0, 60), ("high_speed", 0, 80))
+    assert len(fitted_part(whole)) == len(whole)
+
+
+def session_with(left: float, **limits: float) -> Session:
+    """As much of a session as the choice of the confirming trajectory looks at."""
+    known = SimpleNamespace(
+        motion=Motion.of(AXIS),
+        limits=AXIS.limits.model_copy(update=limits),
+        budget=Budget(left),
+        axis=AXIS,
+        loop=SimpleNamespace(period=AXIS.cycle),
+    )
+    return cast(Session, known)
+
+
+def test_the_confirming_trajectory_is_left_out_where_there_is_no_time_or_no_room() -> None:
+    played = confirming(session_with(100.0), 60.0)
+    assert [one.name for one in played] == ["veto", "veto"]
+    assert SECONDS < sum(one.duration for one in played) <= 2.0 * SECONDS + 1.0
+    assert confirming(session_with(70.0), 60.0) == ()
+    assert confirming(session_with(100.0, position_max=0.05), 60.0) == ()
+
+
+def test_the_confirming_trajectory_is_the_same_in_every_run_and_ends_where_it_began() -> None:
+    one, other = (confirmation(Motion.of(AXIS), SECONDS, np.random.default_rng(7)) for _ in range(2))
+    first, second = (cast(Any, parts[0]).positions for parts in (one, other))
+    np.testing.assert_array_equal(first, second)
+    assert abs(first[0]) < 1e-6
+    assert abs(first[-1]) < 1e-6
+
+
+def window(error: Floats, seed: int) -> Recording:
+    """Six periods with a repeated error and noise of 40 µrad."""
+    noise = np.random.default_rng(seed).normal(0.0, 40e-6, 6 * N)
+    reference = np.tile(np.sin(2.0 * np.pi * np.arange(N) / N), 6)
+    zero = np.zeros(6 * N)
+    columns = {
+        "time": np.arange(6 * N) * 1e-3, "reference": reference, "position": reference - np.tile(error, 6) - noise,
+        "torque": zero, "torque_feedback": zero, "torque_feedforward": zero,
+    }  # fmt: skip
+    return Recording.from_columns(columns, Metadata(sample_period=1e-3), "refinement")
+
+
+def test_a_model_is_chosen_only_where_it_is_better_beyond_doubt() -> None:
+    glitch = 5e-4 * np.exp(-(((np.arange(N) - 300.0) / 15.0) ** 2))
+    session = session_with(100.0)
+    better, told = beats(window(0.3 * glitch, 1), window(glitch, 2), session)
+    assert better
+    assert "better beyond doubt" in told
+    same, told = beats(window(glitch, 1), window(glitch, 2), session)
+    assert not same
+    assert "not better" in told
+    assert not beats(window(glitch, 1), window(0.3 * glitch, 2), session)[0]
+
+
+def test_a_model_that_is_far_from_what_was_played_is_not_tried_on_the_axis() -> None:
+    reference = 0.2 * np.sin(2.0 * np.pi * np.arange(N) / N)
+    nothing = np.zeros(N)
+    known = LugreParameters(6.66e-4, 4.13e-3, 0.30, 60.0, 0.05, 0.048, 0.30)
+    measured = PeriodAverage(reference, nothing, nothing, nothing, 1e-3, 6)
+    rival = RefinementStep(known, measured, window(nothing, 1))
+    model = lugre_model(known).with_effect(
+        EFFECTS["torque_ripple"].make({"order_1": 72.0, "sin_1": 0.02, "cos_1": 0.0})
+    )
+    assert plausible(model, rival, 1.34)
+    assert not plausible(model.with_values({"torque_ripple.sin_1": 0.5}), rival, 1.34)
+    assert not plausible(model, rival, 0.4)
+
+
+def test_what_a_drive_loses_of_a_model_is_said_and_measured() -> None:
+    values = dict.fromkeys(LUGRE, 0.1)
+    part = Reduction(values, (), 0.2e-3, 0.1e-3, 0.5e-3, 0.2e-3, 0.01, ("reversal_memory", "torque_ripple"))
+    told = announcement(part, "rad")
+    assert "0.50 mrad instead of 0.20 mrad" in told
+    assert "reversal_memory, torque_ripple would have to come from the host" in told
+    before = TrackingError(2.0e-3, 2.1e-3, 0.5e-3)
+    assert holds_predicted(before, TrackingError(1.2e-3, 1.3e-3, 0.2e-3), part)
+    assert not holds_predicted(before, TrackingError(1.3e-3, 1.3e-3, 0.2e-3), part)
+    content = comparison(part, TrackingError(0.53e-3, 0.6e-3, 0.2e-3))
+    assert content["lost"] == ["reversal_memory", "torque_ripple"]
+    assert content["agreement"] == pytest.approx(1.1)

@@ -1,0 +1,18 @@
+"""The bar of the model commands."""
+
+from __future__ import annotations
+
+import pytest
+
+from autotune.cli.one_bar import one_bar
+
+
+def test_many_steps_are_one_bar(capsys: pytest.CaptureFixture[str]) -> None:
+    """Off a terminal at most a line a tenth, whatever the number of steps; none names a step."""
+    with one_bar("diagnose", 40) as step:
+        for number in range(60):
+            step(f"candidate {number}")
+    err = capsys.readouterr().err
+    assert err.count("\n") <= 12
+    assert "candidate" not in err
+    assert "✓ diagnose" in err
