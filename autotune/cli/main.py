@@ -34,6 +34,7 @@ COMMANDS = {
     "serve": "Look after axes: a gentle check every day, a re-tune when one has drifted, an HTTP API.",
     "data": "Recordings that others made.",
     "model": "Drive models: fit, compare, diagnose, add effects, show.",
+    "tribology": "Tell what a contact of this surface, material and load should show: stiffness at rest, break-away.",
 }
 """Each is the object of that name in the module of that name here, loaded when it is called; the line is its help's."""
 
