@@ -14,11 +14,12 @@ from autotune.core.arrays import Floats
 from autotune.core.errors import NotEnoughExcitation
 from autotune.estimation.data import Prepared, filtered_motion
 from autotune.estimation.residual import smoothed
+from autotune.models.table import EFFECTS, names
 
 LINEAR = 0.99
 """Share of the torque's variance above which it is a linear function of reference and position."""
 LAGS = 4
-LOOP_LIKE = frozenset({"spring", "elastic_transmission", "torque_lag"})
+LOOP_LIKE = names(kind for kind in EFFECTS.values() if kind.loop_like)
 """Effects that are linear in the motion, as a controller is."""
 CAUSED = 0.25
 """Of the velocity's variance: what the reference's velocity explains at least where it causes the motion."""
@@ -48,10 +49,10 @@ def loop_note(data: Prepared) -> tuple[str, ...]:
     """A sentence where the torque may be just the controller's."""
     if not loop_like(data):
         return ()
-    names = ", ".join(sorted(LOOP_LIKE)).replace("_", " ")
+    alike = ", ".join(sorted(LOOP_LIKE)).replace("_", " ")
     return (
         f"Reference and position make {100 * linear_share(data):.1f} % of the torque, as a controller does, but not "
-        f"one that can be simulated here: {names} may be that controller instead of the axis and stay suspected. "
+        f"one that can be simulated here: {alike} may be that controller instead of the axis and stay suspected. "
         "Record its gains, or every sample of torque command, reference and position.",
     )
 
