@@ -41,8 +41,9 @@ def sim(
 
     axis = read_axis(axis_file)
     address, kind = _wire(axis, axis_file.resolve().parent, link)
+    preset, folder = axis.simulation.preset, axis_file.resolve().parent
     serve(
-        axis.simulation.preset,
+        str(folder / preset) if preset.endswith(".toml") else preset,
         address.target,
         address.options["id" if kind == "moteus" else "node"],
         link=kind,

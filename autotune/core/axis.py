@@ -79,7 +79,7 @@ class Acceptance(Strict):
 
 
 class Simulation(Strict):
-    """Which simulated axis `autotune sim` puts behind the link."""
+    """Which simulated axis `autotune sim` puts behind the link: a preset, or the file of a composed machine."""
 
     preset: str = "edm-vertical"
 

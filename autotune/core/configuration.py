@@ -88,6 +88,8 @@ def _shortened(text: str, most: int = _SHOWN) -> str:
 def _keys(model: type[BaseModel], location: list[str]) -> list[str]:
     current: Any = model
     for part in location:
+        if part.isdigit():  # of a list, whose entries are what the list was declared to hold
+            continue
         field = current.model_fields.get(part) if hasattr(current, "model_fields") else None
         annotation = field.annotation if field else None
         candidates = [annotation, *getattr(annotation, "__args__", ())]

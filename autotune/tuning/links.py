@@ -17,7 +17,7 @@ SESSIONS = "sessions"
 def _open_simulated(axis: Axis, directory: Path, keep: Path | None) -> Loop:
     from autotune_sim.inprocess import open_sim
 
-    return LocalLoop(open_sim(axis.link, axis.cycle))
+    return LocalLoop(open_sim(axis.link, axis.cycle, directory))
 
 
 def _open_wire(axis: Axis, directory: Path, keep: Path | None) -> Loop:

@@ -27,7 +27,7 @@ from autotune.core.stopping import StopLimits, StopWatch, gain_allowed
 from autotune_sim.aborts import AbortCode
 from autotune_sim.emergency import ErrorCode
 from autotune_sim.hurts import HURTS, apply_hurt
-from autotune_sim.link_url import parse_sim_url
+from autotune_sim.link_url import HERE, parse_sim_url
 from autotune_sim.presets import Preset
 from autotune_sim.ramp import Ramp
 from autotune_sim.rehearsal import Agenda
@@ -59,7 +59,7 @@ _WORDS = {
 }
 
 
-def open_sim(url: str, cycle: float | None = None) -> SimDrive:
+def open_sim(url: str, cycle: float | None = None, directory: Path = HERE) -> SimDrive:
     """Opens `sim://PRESET?seed=3&effect=stribeck:0.05&effect=spring&cycle=0.001&friction=0`.
 
     Every key may be left out, `effect` and `fault` (`fault=silent@2.5`, see `rehearsal`) may be given
@@ -69,11 +69,12 @@ def open_sim(url: str, cycle: float | None = None) -> SimDrive:
 
     Args:
         cycle: s, where the URL says none.
+        directory: from which a composed machine's file (`sim://machine.toml`) is looked for.
 
     Raises:
         ConfigurationError: an unknown preset, effect, fault or key, or a value out of range.
     """
-    request = parse_sim_url(url, cycle)
+    request = parse_sim_url(url, cycle, directory)
     drive = SimDrive(request.preset, request.preset.seed, Path(request.memory) if request.memory else None)
     if request.truth:
         drive.keep_truth(Truth(Path(request.truth)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from urllib.parse import parse_qsl, urlsplit
 
 from autotune.core.errors import ConfigurationError
@@ -15,6 +16,7 @@ from autotune_sim.unfit import unfit_axis
 
 KEYS = ("seed", "effect", "cycle", "friction", "fault", "memory", "unfit", "truth")
 _REPEATABLE = ("effect", "fault")
+HERE = Path()
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,8 +32,10 @@ class SimRequest:
     truth: str = ""
 
 
-def parse_sim_url(url: str, cycle: float | None = None) -> SimRequest:
+def parse_sim_url(url: str, cycle: float | None = None, directory: Path = HERE) -> SimRequest:
     """Reads a `sim://` URL; `cycle` [s] is used where the URL says none.
+
+    A composed machine's file (`sim://machines/column.toml`) is looked for from `directory` on.
 
     Raises:
         ConfigurationError: not such a URL, or an unknown or repeated key, or an impossible value.
@@ -51,7 +55,7 @@ def parse_sim_url(url: str, cycle: float | None = None) -> SimRequest:
     seed = _number(url, "seed", values.get("seed", ["0"])[0])
     if seed != int(seed):
         raise ConfigurationError(f"link {url!r}: seed is {seed}; it must be a whole number, 0 for nominal")
-    axis = preset((parts.netloc + parts.path).strip("/"), int(seed), effects)
+    axis = preset(_name(parts.netloc + parts.path, directory), int(seed), effects)
     if "cycle" in values:
         cycle = _number(url, "cycle", values["cycle"][0])
     faults = tuple(_fault(url, text) for text in values.get("fault", []))
@@ -69,6 +73,10 @@ def parse_effects(texts: Sequence[str]) -> dict[str, float]:
         ConfigurationError: an unknown effect or an impossible size.
     """
     return dict(_effect("effects", text) for text in texts)
+
+
+def _name(text: str, directory: Path) -> str:
+    return str(directory / text) if text.endswith(".toml") else text.strip("/")
 
 
 def _check_key(url: str, key: str, again: bool) -> None:

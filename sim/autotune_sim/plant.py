@@ -22,6 +22,9 @@ from numpy.typing import NDArray
 
 from autotune_sim.friction import bend, slide, strength
 from autotune_sim.kernel import Record, kernel
+from autotune_sim.machine import PARAMETERS as MACHINE_PARAMETERS
+from autotune_sim.machine import STATE as MACHINE_STATE
+from autotune_sim.machine import Machine, machine_step, pack_machine, sensed
 
 MAX_ELEMENTS = 12
 MAX_WAVES = 8
@@ -93,6 +96,7 @@ class PlantParameters:
         dwell: rise of break-away torque after long rest [N m], dwell_time [s], dwell_slip [rad].
         load_factor: N m of friction per N m transmitted.
         eccentricity: amplitude of the encoder's once-per-revolution error [rad], with phase.
+        machine: what hangs on the motor in place of one or two masses with the friction above (`composition`).
     """
 
     inertia: float
@@ -132,6 +136,7 @@ class PlantParameters:
     load_factor: float = 0.0
     eccentricity: float = 0.0
     eccentricity_phase: float = 0.0
+    machine: Machine | None = None
 
     @property
     def resolution(self) -> float:
@@ -185,7 +190,8 @@ PARAMETERS = np.dtype(
     [(name, np.float64) for name in (*_COPIED, *_DERIVED, *_BRISTLE, *HEALTHY)]
     + [(name, np.float64, (MAX_ELEMENTS,)) for name in _ELEMENT]
     + [(name, np.float64, (MAX_WAVES,)) for name in _WAVE]
-    + [("element_count", np.int64), ("wave_count", np.int64)],
+    + [("element_count", np.int64), ("wave_count", np.int64)]
+    + MACHINE_PARAMETERS,
     align=True,
 )
 _STATES = ("position", "velocity", "load_position", "load_velocity", "motor_torque", "motor_half", "age", "load",
@@ -193,13 +199,14 @@ _STATES = ("position", "velocity", "load_position", "load_velocity", "motor_torq
 STATE = np.dtype(
     [(name, np.float64) for name in _STATES]
     + [("elastic", np.float64, (2,)), ("damping", np.float64, (2,)), ("bristle_state", np.float64, (2,))]
-    + [("element_state", np.float64, (2, MAX_ELEMENTS))],
+    + [("element_state", np.float64, (2, MAX_ELEMENTS))]
+    + MACHINE_STATE,
     align=True,
 )
 
 
-def pack(plant: PlantParameters) -> Array:
-    """The parameters as the kernels read them: a structured array of shape (1,)."""
+def pack(plant: PlantParameters, step: float = STEP_LIMIT) -> Array:
+    """The parameters as the kernels read them: a structured array of shape (1,); `step` [s] is of integration."""
     packed = np.zeros(1, PARAMETERS)
     for name in _COPIED:
         packed[name] = getattr(plant, name)
@@ -217,6 +224,8 @@ def pack(plant: PlantParameters) -> Array:
         packed["wave_order"][0, i] = wave.order
         packed["wave_amplitude"][0, i] = wave.amplitude
         packed["wave_phase"][0, i] = wave.phase
+    if plant.machine is not None:
+        pack_machine(packed, plant.machine, step)
     return packed
 
 
@@ -227,6 +236,8 @@ def fresh_state() -> Array:
 
 def substeps(plant: PlantParameters, period: float) -> int:
     """Integration steps of one cycle; a two-mass axis is stiffer and needs twice as many."""
+    if plant.machine is not None:
+        return plant.machine.steps(period)
     return math.ceil(period / STEP_LIMIT - 1e-9) * (2 if plant.transmission_stiffness > 0 else 1)
 
 
@@ -272,7 +283,9 @@ def advance(p: Record, s: Record, torque: float, noise: float, braked: bool, ste
     s.elapsed += steps * h
     for _ in range(steps):
         drive = p.torque_gain * motor(p, s, torque, h)
-        if p.transmission_stiffness > 0.0:
+        if p.machine_bodies > 0:
+            many_masses(p, s, drive + noise, braked, h)
+        elif p.transmission_stiffness > 0.0:
             two_masses(p, s, drive + noise, braked, h)
         else:
             one_mass(p, s, drive + noise, braked, h)
@@ -432,6 +445,16 @@ def two_masses(p: Record, s: Record, drive: float, braked: bool, h: float) -> No
     s.load += (abs(passed) - s.load) * h / (LOAD_FILTER + h)
     rub(p, s, 0, near, s.position, s.velocity, h)
     rub(p, s, 1, far, s.load_position, s.load_velocity, h)
+
+
+@kernel
+def many_masses(p: Record, s: Record, drive: float, braked: bool, h: float) -> None:
+    """One step of a composed machine; brake, hard stops and ripple act where the motor does."""
+    q, v = s.machine_position[0], s.machine_velocity[0]
+    if p.machine_amplifier[0] == 0.0:
+        drive -= ripple(p, q) + hard_stop(p, q, v) + brake(s, braked, v, h)
+    machine_step(p, s, drive, h)
+    s.position, s.velocity = sensed(p, s.machine_position), sensed(p, s.machine_velocity)
 
 
 @kernel

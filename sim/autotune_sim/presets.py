@@ -14,13 +14,16 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from autotune.core.errors import ConfigurationError
+from autotune_sim.composition import MachineFile, plant_of, read_machine
 from autotune_sim.effects import apply_effects, scale_friction
 from autotune_sim.plant import Bristle, Element, PlantParameters, Wave
 
+PERIOD = 1e-3  # s, of the drive's cycle where nobody says another
 SPREAD = 0.2  # relative, of the parameters that a seed varies
 
 
@@ -46,7 +49,7 @@ class Preset:
     name: str
     plant: PlantParameters
     gains: Gains = Gains()
-    period: float = 1e-3
+    period: float = PERIOD
     seed: int = 0
     effects: tuple[tuple[str, float], ...] = ()
 
@@ -88,11 +91,14 @@ PRESETS: dict[str, Callable[[], PlantParameters]] = {
 def preset(name: str, seed: int | None = 0, effects: Mapping[str, float] | None = None) -> Preset:
     """The axis `name`, varied by `seed` (0 or None: nominal), with planted effects (name → size).
 
-    Besides the effects of `effects.EFFECTS`, the name `friction` scales the friction level.
+    Besides the effects of `effects.EFFECTS`, the name `friction` scales the friction level. A name that ends with
+    `.toml` is the file of a composed machine (`composition`).
 
     Raises:
         ConfigurationError: an unknown name, with the nearest right one, or a size out of range.
     """
+    if name.endswith(".toml"):
+        return _composed(Path(name), seed or 0, effects or {})
     if name not in PRESETS:
         near = difflib.get_close_matches(name, PRESETS, 1)
         hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(PRESETS)}"
@@ -124,3 +130,24 @@ def vary(plant: PlantParameters, random: np.random.Generator, spread: float = SP
         bristle=bristle,
         ripple=tuple(replace(wave, amplitude=wave.amplitude * ripple) for wave in plant.ripple),
     )
+
+
+_REFERENCE = _edm_vertical().inertia
+
+
+def _composed(path: Path, seed: int, effects: Mapping[str, float]) -> Preset:
+    """Gains as the file says, else the factory's in proportion to the inertia that the motor feels."""
+    if effects:
+        raise ConfigurationError(
+            f"machine {path}: {', '.join(effects)} cannot be planted in a composed machine; draw it into the file"
+        )
+    file = read_machine(path)
+    plant = plant_of(file, PERIOD)
+    return Preset(file.name, plant, _gains(file, plant.inertia), seed=seed)
+
+
+def _gains(file: MachineFile, inertia: float) -> Gains:
+    if file.controller is not None:
+        return Gains(**file.controller.model_dump())
+    factor, factory = inertia / _REFERENCE, Gains()
+    return Gains(factor * factory.kp, factor * factory.kd, factor * factory.ki)

@@ -113,7 +113,7 @@ class Servo:
         self.mode = ServoMode.POSITION
         self._switch = _OFF  # a plain integer: an enumeration costs the kernel's dispatcher 7 µs
         self._steps = substeps(preset.plant, self.period) * refine
-        self._plant = pack(preset.plant)
+        self._plant = pack(preset.plant, self.period / self._steps)
         self._state = fresh_state()
         self._memory = np.zeros(1, MEMORY)
         self._rows = NO_TRUTH
