@@ -108,8 +108,8 @@ def test_two_equal_counterweights_hold_each_other() -> None:
         ('body = "screw"', 'body = "scrw"', "did you mean 'screw'"),
         ('to = "column"', 'to = "ground"', "what does not move is no body"),
         (
-            "[[springs]] # the chain",
-            '[[gears]]\nfrom = "screw"\nto = "column"\nratio = 1.6e-3\n[[springs]]',
+            "[[forces]]",
+            '[[gears]]\nfrom = "screw"\nto = "column"\nratio = 1.6e-3\n[[forces]]',
             "ring",
         ),
         ("ratio = 1.5915e-3 # m/rad", "ratio = 0.0", "would stand still"),
