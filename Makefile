@@ -32,6 +32,7 @@ check: lint types layers unit
 lint:
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
+	$(BIN)/python -m bench.house_rules
 
 types:
 	$(BIN)/mypy
