@@ -14,11 +14,10 @@ import numpy as np
 from scipy import ndimage, signal
 
 from autotune.core.arrays import Floats, Integers
-from autotune.estimation.alignment import aligned
+from autotune.estimation.alignment import aligned, finer, needed
 from autotune.estimation.controller import find_controller
 from autotune.estimation.coordinates import travel_since_reversal
 from autotune.estimation.data import CUTOFF, Block, Prepared, prepare
-from autotune.estimation.interpolation import finer, needed
 from autotune.estimation.programme import fitted_part
 from autotune.estimation.speed_points import as_steady_recordings, speed_points
 from autotune.recordings.checks import check_recording, guide_of, torque_of
