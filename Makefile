@@ -38,6 +38,7 @@ quick: install lint
 lint:
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
+	$(BIN)/python -m bench.house_rules
 
 types:
 	$(BIN)/mypy

@@ -12,9 +12,10 @@ from autotune.core.errors import NotEnoughExcitation
 from autotune.diagnose.baseline import begin, quiet
 from autotune.diagnose.candidates import Progress, inside_twin, realigned, screen
 from autotune.diagnose.compare import check_same_axis
+from autotune.diagnose.resolved_memory import resolved
 from autotune.diagnose.significance import without_insignificant_terms
 from autotune.diagnose.unseen import EACH_IN_TURN, floor_of_unseen, roles_unseen
-from autotune.estimation.bandwidth import prepared_for
+from autotune.estimation.bandwidth import prepared_to_fit
 from autotune.estimation.bias_corrected_fit import Level, settle
 from autotune.estimation.free_parameters import model_from
 from autotune.estimation.least_squares import Fitted, standard_errors
@@ -60,9 +61,10 @@ def add_effect(
     """
     effect_kind(effect)
     check_same_axis(model, recordings)
-    study, root, nominal, notes = begin(prepared_for(recordings), model, progress)
+    study, root, nominal, notes = begin(prepared_to_fit(recordings), model, progress)
     progress(f"refit with {effect}")
     study, root, level = grown(study, root, nominal, effect, model)
+    level = resolved(study, level) or level
     before, after, floor, unseen = held_out_errors(study, root, level)
     improved = updated_model(model, study, level.fitted)
     known_floor = floor if math.isfinite(floor) else None

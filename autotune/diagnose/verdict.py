@@ -27,7 +27,7 @@ from autotune.diagnose.single_recording import alike_where_motion_is
 from autotune.diagnose.time_driven_lines import TimeLine, time_driven_line
 from autotune.diagnose.transmissions import GAP, SPRING, hardly_a_gap
 from autotune.diagnose.wording import TORQUE_CONSTANT
-from autotune.estimation.bandwidth import prepared_for
+from autotune.estimation.bandwidth import prepared_for, prepared_to_fit
 from autotune.estimation.bias_corrected_fit import Level
 from autotune.estimation.controller_torque import loop_like
 from autotune.estimation.coordinates import variance_shares
@@ -84,9 +84,8 @@ def diagnose(recordings: Sequence[Recording], model: DriveModel, progress: Progr
         RecordingError, ConfigurationError: recordings that cannot be used.
         NotEnoughExcitation: nothing to fit, or a model that does not fit the axis at all.
     """
-    data = prepared_for(recordings)
-    study, root, nominal, notes = begin(data, model, progress)
-    given = model_error(data, model)
+    study, root, nominal, notes = begin(prepared_to_fit(recordings), model, progress)
+    given = model_error(prepared_for(recordings), model)
     found = select(study, root, nominal, progress)
     chosen = found.chosen
     carried: list[Elsewhere] = []
