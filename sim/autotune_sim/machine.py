@@ -264,3 +264,13 @@ def _bend(p: Record, s: Record, k: int, n: int, h: float) -> None:
     full = math.copysign(level / stiffness, rate)
     keep = math.exp(-h * abs(rate) * stiffness / level)
     s.machine_bristle[k] = full + (s.machine_bristle[k] - full) * keep
+
+
+@kernel
+def play(p: Record, s: Record, drive: Floats, steps: int, h: float, positions: Floats) -> None:
+    """Row by row `steps` steps of h seconds with one value of `drive`; positions (rows, coordinates) are filled in."""
+    for k in range(len(drive)):
+        for _ in range(steps):
+            machine_step(p, s, drive[k], h)
+        for i in range(p.machine_bodies):
+            positions[k, i] = s.machine_position[i]

@@ -135,9 +135,11 @@ def _ranges(preset: Preset) -> dict[str, Range]:
         "controller.derivative_filter": gains.derivative_filter,
         "limit.torque": torque,
     }
-    table = {
-        name: Range(factory.get(name, entry.default), entry.low, entry.high, entry.unit)
-        for name, entry in _TABLE.items()
-    }
+    table = {name: _about(entry, factory.get(name, entry.default)) for name, entry in _TABLE.items()}
     table["limit.torque"] = Range(torque, 0.0, torque, "N m")
     return table
+
+
+def _about(entry: Range, factory: float) -> Range:
+    """The table's range with a factory value; wider where that is in another world, as gains of a linear axis are."""
+    return Range(factory, entry.low, max(entry.high, 10.0 * factory), entry.unit)
