@@ -24,6 +24,7 @@ from autotune.diagnose.compare import compare as compare_model
 from autotune.diagnose.files import diagnose_recordings
 from autotune.diagnose.fit_recordings import fit_recordings
 from autotune.diagnose.fit_result import FitResult
+from autotune.estimation.coordinates import coordinates
 from autotune.estimation.residual import smoothed
 from autotune.identify.residuals import simulate_closed_loop
 from autotune.models.drive_model import DriveModel, HistoryEntry
@@ -86,7 +87,8 @@ def compare(recordings: Recordings, model: Model) -> Comparison:
         known.torque_symbol, found.error_rms, found.relative_error, found.noise_floor_rms,
         found.noise_floor_interval, found.explained, found.worst, found.regimes, found.where, found.position_rms,
         found.twin, np.asarray(data.grid[order] * data.period, dtype=np.float64),
-        smoothed(data, data.torque)[order], found.error[order], found.notes, known, found,
+        smoothed(data, data.torque)[order], found.error[order],
+        {name: values[order] for name, values in coordinates(data).items()}, found.notes, known, found,
     )  # fmt: skip
 
 

@@ -75,6 +75,7 @@ class Comparison(Result):
         where: share of the error's variance that follows each coordinate.
         position_error_rms: of the simulated against the measured position; nan without twin.
         time, torque, error: what was compared, in order, shape (m,); time goes on over pauses [s].
+        coordinates: position, velocity and what else the error may live in, of the same rows, shape (m,) each.
     """
 
     torque_unit: str
@@ -91,6 +92,7 @@ class Comparison(Result):
     time: Floats
     torque: Floats
     error: Floats
+    coordinates: Mapping[str, Floats]
     notes: tuple[str, ...]
     _model: DriveModel = field(repr=False)
     _compared: Compared = field(repr=False)

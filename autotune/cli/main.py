@@ -34,6 +34,7 @@ COMMANDS = {
     "serve": "Look after axes: a gentle check every day, a re-tune when one has drifted, an HTTP API.",
     "gains": "Judge today's controller gains by the model, and propose better ones.",
     "data": "Recordings that others made.",
+    "workbench": "Look at models and recordings in the browser: compare, diagnose, add effects, save.",
     "model": "Drive models: fit, compare, diagnose, add effects, show.",
     "tribology": "Tell what a contact of this surface, material and load should show: stiffness at rest, break-away.",
 }

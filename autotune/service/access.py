@@ -35,11 +35,15 @@ STUDIES = re.compile(r"/api/recordings/[^/]*/(compare|diagnose)/?")
 PROOF = "/api/proof"
 NONCE = re.compile(rb"[0-9a-f]{32,128}")
 OPEN = ("/healthz", PROOF)
+UPLOADS = re.compile(r"/api/workbench/(?:recordings|import)")
+PAGES = re.compile(r"/|/workbench|/docs|/web/[A-Za-z0-9_./-]+")
 
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """What a request must respect. `names`: host names (without port) that it may come in under; `port`: ours."""
+    """What a request must respect. `names`: host names (without port) that it may come in under; `port`: ours;
+    `open_pages`: the page itself needs no token where reading does: a browser cannot send one before it has it.
+    `most_upload`: bytes of a recording that a page sends, where that may be more than `most_bytes`."""
 
     token: str
     reading_needs_token: bool
@@ -48,6 +52,8 @@ class Rules:
     seconds: float
     slow_seconds: float = 150.0
     port: int = 0
+    open_pages: bool = False
+    most_upload: int = 0
 
 
 class Guard:
@@ -69,7 +75,9 @@ class Guard:
         if scope["path"] == PROOF and scope["method"] == "GET":
             await self._prove(headers.get(b"autotune-nonce", b""), send)
             return
-        body = await _body(receive, headers, self._rules.most_bytes)
+        uploads = UPLOADS.fullmatch(scope["path"]) is not None
+        most = max(self._rules.most_bytes, self._rules.most_upload if uploads else 0)
+        body = await _body(receive, headers, most)
         if isinstance(body, tuple):
             await _answer(send, *body)
             return
@@ -92,6 +100,8 @@ class Guard:
     def _needs_token(self, scope: Scope) -> bool:
         if scope["method"] not in READING or STUDIES.fullmatch(scope["path"]):
             return True
+        if self._rules.open_pages and PAGES.fullmatch(scope["path"]):
+            return False
         return self._rules.reading_needs_token and scope["path"] not in OPEN
 
     async def _prove(self, nonce: bytes, send: Send) -> None:

@@ -25,6 +25,7 @@ from autotune.service.access import STUDIES
 from autotune.service.feed import Feed, Follower
 from autotune.service.manager import Manager
 from autotune.service.metrics import exposition
+from autotune.service.pages import add_pages
 from autotune.service.report_history import Histories
 from autotune.service.settings import WatchedAxis
 from autotune.service.store import Row
@@ -80,6 +81,7 @@ def make_api(manager: Manager) -> FastAPI:
     app.include_router(_files(manager))
     app.include_router(_proposals(manager))
     app.include_router(_health(manager))
+    add_pages(app, manager)
     app.add_exception_handler(RequestValidationError, _senseless)
     app.add_exception_handler(SQLAlchemyError, _unreadable)
     app.add_exception_handler(OSError, _unreadable)

@@ -20,6 +20,8 @@ from autotune.service.settings import LOOPBACK, Http
 HEADER_SECONDS = 15.0
 KEPT_SECONDS = 15
 MOST_CONNECTIONS = 1000
+MOST_UPLOAD = 500_000_000
+"""Bytes of a recording that a page sends to the workbench."""
 
 
 class _Protocol(H11Protocol):
@@ -56,9 +58,12 @@ class HttpServer:
             http.body_kilobytes * 1024,
             http.seconds,
             port=self.port,
+            open_pages=True,
+            most_upload=MOST_UPLOAD,
         )
+        self._api = make_api(manager)
         config = uvicorn.Config(
-            Guard(make_api(manager), rules),
+            Guard(self._api, rules),
             http=_Protocol,
             lifespan="off",
             log_config=None,
@@ -88,6 +93,7 @@ class HttpServer:
         if self._thread.ident is not None:
             self._thread.join(5.0)
         self._listening.close()
+        self._api.state.ended()
 
     def _run(self) -> None:
         self._server.run(sockets=[self._listening])

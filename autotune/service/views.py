@@ -184,6 +184,12 @@ def recordings(runs: Path, axis: str) -> list[tuple[dict[str, Any], Path]]:
     return [(_file(path, axis, path.parent.parent.name), path) for path in found]
 
 
+def reports(runs: Path, axis: str) -> list[tuple[dict[str, Any], Path]]:
+    """Reports of an axis's runs with their files, newest first."""
+    found = [folder / "report.html" for folder in run_folders(runs, axis)]
+    return [(_file(path, axis, path.parent.name), path) for path in found if path.is_file()]
+
+
 def _file(path: Path, axis: str, run: str) -> dict[str, Any]:
     try:
         size = path.stat().st_size

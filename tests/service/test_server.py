@@ -155,7 +155,7 @@ def test_every_change_in_the_openapi_needs_the_token(address: tuple[World, str, 
     ]
     assert len(changes) >= 5
     for method, path in changes:
-        url = f"http://{host}:{port}{path.format(axis='one', job='0' * 32, proposal='0' * 32)}"
+        url = f"http://{host}:{port}{path.format(axis='one', job='0' * 32, recording='0' * 32, proposal='0' * 32)}"
         for token, status in (("", 401), ("Bearer wrong", 403), (f"Basic {TOKEN}", 403)):
             for body in (b"", b'{"kind": "check"}', b"not json"):
                 request = urllib.request.Request(

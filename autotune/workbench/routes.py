@@ -1,0 +1,185 @@
+"""The workbench's addresses: its page, recordings, traces and computations.
+
+Models live in the page; recordings are known here by the hash of their content. A page that finds the service
+restarted sends its recordings again, and has lost nothing.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, FastAPI, HTTPException, Path, Query, Request, Response
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel, ConfigDict, Field
+from starlette.concurrency import run_in_threadpool
+
+from autotune import __version__
+from autotune.core.errors import AutotuneError
+from autotune.models.table import EFFECTS
+from autotune.view.web_files import HEADERS, web_file
+from autotune.workbench.answers import about
+from autotune.workbench.engine import Engine
+from autotune.workbench.files import Files, Held, known_formats
+
+Id = Annotated[str, Path(pattern=r"^[0-9a-f]{32}$")]
+Name = Annotated[str, Query(min_length=1, max_length=200)]
+
+
+class Wish(BaseModel):
+    """A computation: what, with which recordings (ids), model (TOML) and effects."""
+
+    model_config = ConfigDict(extra="forbid")
+    kind: str = Field(pattern=r"^(fit|compare|diagnose|add)$")
+    recordings: list[str] = Field(max_length=20)
+    left_out: list[list[tuple[float, float]]] | None = Field(None, max_length=20)
+    model: str | None = Field(None, max_length=2_000_000)
+    effects: list[str] = Field(default_factory=list, max_length=16)
+
+
+class Foreign(BaseModel):
+    """How a foreign file is to be read: `autotune data import`'s options."""
+
+    model_config = ConfigDict(extra="forbid")
+    format: str = "csv"
+    columns: list[str] = Field(default_factory=list, max_length=20)
+    unit: str | None = None
+    torque_unit: str | None = None
+    resolution: float | None = None
+    period: float | None = None
+    torque_limit: float | None = None
+    controller: str | None = None
+    keep_signs: bool = False
+
+
+def page_of(name: str) -> Response:
+    """A file of the pages, from the package."""
+    found = web_file(name)
+    if found is None:
+        raise HTTPException(404, "there is no such page")
+    return Response(found[0], media_type=found[1], headers=HEADERS)
+
+
+def workbench_routes(files: Files, engine: Engine) -> APIRouter:
+    """All addresses of the workbench."""
+    routes = APIRouter(tags=["workbench"])
+    _recordings(routes, files)
+    _jobs(routes, files, engine)
+    return routes
+
+
+def page_routes() -> APIRouter:
+    """The pages' files; they hold nothing that is not in the package."""
+    routes = APIRouter(include_in_schema=False)
+
+    @routes.get("/workbench")
+    def page() -> Response:
+        return page_of("workbench.html")
+
+    @routes.get("/web/{name:path}")
+    def part(name: str) -> Response:
+        return page_of(name)
+
+    return routes
+
+
+def _recordings(routes: APIRouter, files: Files) -> None:
+    @routes.get("/api/workbench/about")
+    def about_all() -> dict[str, Any]:
+        """The effects that there are, what they look like, and the kinds of files that can be imported."""
+        effects = {name: about(name) for name in EFFECTS}
+        return {"version": __version__, "effects": effects, "formats": known_formats()}
+
+    @routes.get("/api/workbench/recordings")
+    def listed() -> list[dict[str, Any]]:
+        """The recordings that are here."""
+        return [_view(held) for held in files.list()]
+
+    @routes.post("/api/workbench/recordings")
+    async def sent(request: Request, name: Name) -> dict[str, Any]:
+        """A recording of this program, Parquet or CSV, as the body."""
+        content = await request.body()
+        return _view(await run_in_threadpool(files.add_bytes, content, name))
+
+    @routes.post("/api/workbench/import")
+    async def foreign(
+        request: Request, name: Name, options: Annotated[str, Query(max_length=4000)]
+    ) -> dict[str, Any]:
+        """A file of somebody else as the body; `options` is a JSON object of `autotune data import`'s options."""
+        chosen = Foreign.model_validate_json(options)
+        content = await request.body()
+        wanted = chosen.model_dump(exclude_none=True)
+        return _view(await run_in_threadpool(files.add_foreign, content, name, wanted))
+
+    @routes.get("/api/workbench/recordings/{recording}/trace")
+    def trace(
+        recording: Id,
+        columns: Annotated[str, Query(pattern=r"^[a-z_]+(,[a-z_]+)*$", max_length=300)],
+        start: float | None = None,
+        end: float | None = None,
+        points: Annotated[int, Query(ge=10, le=5000)] = 1000,
+    ) -> dict[str, Any]:
+        """Smallest and largest values over time, as many as a screen can show."""
+        _known(files, recording)
+        return files.trace(recording, tuple(columns.split(",")), start=start, end=end, points=points)
+
+
+def _jobs(routes: APIRouter, files: Files, engine: Engine) -> None:
+    @routes.post("/api/workbench/jobs", status_code=202)
+    def start(wish: Wish) -> dict[str, Any]:
+        """Begins a computation."""
+        content = wish.model_dump()
+        content["paths"] = [str(_known(files, id).path) for id in content.pop("recordings")]
+        left_out = content["left_out"]
+        if left_out is not None and len(left_out) != len(content["paths"]):
+            raise HTTPException(422, "left_out needs one list for each recording")
+        return engine.submit(content).view()
+
+    @routes.get("/api/workbench/jobs/{job}")
+    def state(job: Id) -> dict[str, Any]:
+        """How far it is, and what it has found."""
+        return _job(engine, job)
+
+    @routes.post("/api/workbench/jobs/{job}/stop")
+    def stop(job: Id) -> dict[str, Any]:
+        """Ends it."""
+        _job(engine, job)
+        return engine.stop(job).view()
+
+
+def _known(files: Files, id: str) -> Held:
+    try:
+        return files.get(id)
+    except KeyError:
+        raise HTTPException(404, "this recording is not here any more; drop the file again") from None
+
+
+def _job(engine: Engine, id: str) -> dict[str, Any]:
+    try:
+        return engine.get(id).view()
+    except KeyError:
+        raise HTTPException(404, "this computation is not known any more; ask again") from None
+
+
+def _view(held: Held) -> dict[str, Any]:
+    return {"id": held.id, "name": held.name, **held.about}
+
+
+def make_app(files: Files, engine: Engine) -> FastAPI:
+    """The application of `autotune workbench`, without a service."""
+    app = FastAPI(
+        title="autotune workbench", version=__version__, docs_url=None, redoc_url=None, openapi_url=None
+    )
+    app.include_router(page_routes())
+    app.include_router(workbench_routes(files, engine))
+    app.add_exception_handler(AutotuneError, told)
+
+    @app.get("/", include_in_schema=False)
+    def first() -> Response:
+        return page_of("workbench.html")
+
+    return app
+
+
+async def told(request: Request, error: Exception) -> Response:
+    """What is wrong with a file or a wish, as a sentence."""
+    return JSONResponse({"detail": str(error)}, 422)

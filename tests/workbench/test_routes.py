@@ -1,0 +1,133 @@
+"""The workbench's addresses: the story of a model by HTTP, and what is refused in words."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from starlette.testclient import TestClient
+
+from autotune.recordings.files import write_recording
+from autotune.recordings.recording import Recording
+from autotune.service.access import Guard, Rules
+from autotune.workbench.engine import Engine
+from autotune.workbench.files import Files
+from autotune.workbench.routes import make_app
+from tests.workbench.test_files import made
+
+TOKEN = "secret"
+HEADERS = {"Authorization": f"Bearer {TOKEN}"}
+
+
+@pytest.fixture
+def client(tmp_path: Path) -> Iterator[TestClient]:
+    engine = Engine()
+    rules = Rules(TOKEN, True, frozenset({"127.0.0.1"}), 10_000_000, 60.0, open_pages=True)
+    app = Guard(make_app(Files(tmp_path / "held"), engine), rules)
+    with TestClient(app, base_url="http://127.0.0.1", headers=HEADERS) as client:
+        yield client
+    engine.close()
+
+
+def sent(client: TestClient, recording: Recording, folder: Path) -> dict[str, Any]:
+    write_recording(recording, folder / "sent.parquet")
+    answer = client.post(
+        "/api/workbench/recordings?name=sent.parquet", content=(folder / "sent.parquet").read_bytes()
+    )
+    assert answer.status_code == 200, answer.text
+    view: dict[str, Any] = answer.json()
+    return view
+
+
+def done(client: TestClient, **wish: Any) -> dict[str, Any]:
+    job = client.post("/api/workbench/jobs", json=wish)
+    assert job.status_code == 202, job.text
+    for _ in range(3000):
+        state: dict[str, Any] = client.get(f"/api/workbench/jobs/{job.json()['id']}").json()
+        if state["state"] not in ("queued", "running"):
+            return state
+        time.sleep(0.05)
+    raise AssertionError("the computation did not end")
+
+
+@pytest.mark.slow
+def test_a_recording_is_fitted_and_compared(client: TestClient, short: Recording, tmp_path: Path) -> None:
+    view = sent(client, short, tmp_path)
+    fitted = done(client, kind="fit", recordings=[view["id"]])
+    assert fitted["state"] == "done", fitted["error"]
+    model = fitted["answer"]["model"]
+    assert "[inertia]" in model
+    compared = done(client, kind="compare", recordings=[view["id"]], model=model)["answer"]
+    rows = compared["rows"]
+    assert {len(values) for values in rows.values()} == {len(rows["time"])}
+    assert {"position", "velocity", "acceleration", "travel_since_reversal"} <= set(rows)
+    assert compared["error_rms"] > 0.0
+    left_out = done(client, kind="fit", recordings=[view["id"]], left_out=[[[0.0, 0.5]]])
+    assert left_out["state"] in ("done", "failed")  # a fit of less, or why not; never another answer
+    wrong = done(client, kind="add", recordings=[view["id"]], model=model, effects=["stribek"])
+    assert wrong["state"] == "failed"
+    assert "did you mean" in wrong["error"]
+
+
+def test_the_page_is_whole_and_asks_nobody_else(client: TestClient) -> None:
+    page = client.get("/workbench", headers={"Authorization": ""})
+    assert page.status_code == 200
+    assert "default-src 'none'" in page.headers["content-security-policy"]
+    scripts = 0
+    for part in ("vendor/uPlot.iife.min.js", "workbench.js", "api.js", "plots.js", "numbers.js"):
+        answer = client.get(f"/web/{part}", headers={"Authorization": ""})
+        assert answer.status_code == 200
+        assert answer.headers["content-type"].startswith("text/javascript")
+        scripts += len(answer.content)
+        assert "http://" not in answer.text.replace("http://www.w3.org", "")
+    assert scripts <= 150_000  # bytes, before Plotly
+
+
+@pytest.mark.parametrize("path", ["../cli/main.py", "vendor/../../theme.py", "%2e%2e/theme.py", "x.js"])
+def test_no_other_file_is_given_away(client: TestClient, path: str) -> None:
+    assert client.get(f"/web/{path}").status_code in (401, 404)
+
+
+def test_without_the_token_nothing_is_told(client: TestClient) -> None:
+    for path in ("/api/workbench/about", "/api/workbench/recordings"):
+        assert client.get(path, headers={"Authorization": ""}).status_code == 401
+        assert client.get(path, headers={"Authorization": "Bearer wrong"}).status_code == 403
+
+
+def test_what_is_gone_is_said(client: TestClient) -> None:
+    gone = "0" * 32
+    for answer in (
+        client.get(f"/api/workbench/recordings/{gone}/trace?columns=torque"),
+        client.post("/api/workbench/jobs", json={"kind": "fit", "recordings": [gone]}),
+    ):
+        assert answer.status_code == 404
+        assert "drop the file again" in answer.json()["detail"]
+    assert client.get(f"/api/workbench/jobs/{gone}").status_code == 404
+
+
+def test_wrong_wishes_are_said(client: TestClient) -> None:
+    assert client.post("/api/workbench/jobs", json={"kind": "move", "recordings": []}).status_code == 422
+    nothing = done(client, kind="fit", recordings=[])
+    assert "no recording is chosen" in nothing["error"]
+    foreign = client.post("/api/workbench/recordings?name=thing.csv", content=b"a,b\n1,2\n")
+    assert foreign.status_code == 422
+    assert "column" in foreign.json()["detail"]
+    options = json.dumps({"format": "xyz"})
+    answer = client.post(
+        "/api/workbench/import", params={"name": "a.csv", "options": options}, content=b"a,b\n1,2\n"
+    )
+    assert answer.status_code == 422
+    assert "known are" in answer.json()["detail"]
+
+
+def test_a_computation_is_stopped(client: TestClient, tmp_path: Path) -> None:
+    view = sent(client, made(100_000), tmp_path)
+    job = client.post("/api/workbench/jobs", json={"kind": "fit", "recordings": [view["id"]]}).json()
+    stopped = client.post(f"/api/workbench/jobs/{job['id']}/stop").json()
+    assert stopped["state"] == "stopped"
+    after = done(client, kind="fit", recordings=[])  # the next one begins a new process
+    assert "no recording is chosen" in after["error"]
