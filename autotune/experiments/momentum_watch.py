@@ -7,10 +7,10 @@ the velocity, along either direction:
 
 with T the least of the last `LATE` demands, `must` more than slides it at such speeds or sticks it, J⁺ and J⁻
 the heaviest and the lightest that the axis can be. What is missing is summed up (Page's cumulative sum, never
-below zero) while the encoder shows motion in that direction; an axis that sticks is `motion_watch`'s. A sum
-beyond SHORT of the speed limit and what counts can feign is no friction: the encoder tells a part only (lost
-pulses, a coupling that slips), or something has stopped the axis. A velocity that leaps by what no axis of this
-file could brake in one cycle is the same, and needs nothing to be known.
+below zero, with a leak) while the encoder shows motion in that direction; an axis that sticks is
+`motion_watch`'s. A sum beyond SHORT of the speed limit and what counts can feign is no friction: the encoder tells
+a part only (lost pulses, a coupling that slips), or something has stopped the axis. A velocity that leaps by what
+no axis of this file could brake in one cycle is the same, and needs nothing to be known.
 
 An axis that was never accelerated much does not show its inertia. `ExcessWatch` then has another sign: in
 position control, more torque than ever slid or held the axis, and than its reference asks of the heaviest axis
@@ -26,6 +26,7 @@ from autotune.experiments.inverse_estimate import Inverse
 
 SHORT = 0.15  # of limits.speed
 FEIGNED = 2.5  # counts a cycle
+LEAKS = 0.05  # s, in which the sum forgets: a load that comes slowly is no loss
 LATE = 3  # cycles that a torque may take to act
 MOVING_COUNTS = 2.0  # in the last MOVING cycles, below which it may stick
 MOVING = 4
@@ -124,8 +125,9 @@ class MomentumWatch:
         if not self._known or missed or gained != gained:
             self._up = self._down = 0.0
             return 0.0
-        self._up += self._least(min(self._torques) - self._must_up) * cycle - gained
-        self._down += self._least(-max(self._torques) - self._must_down) * cycle + gained
+        keeps = 1.0 - cycle / LEAKS
+        self._up = keeps * self._up + self._least(min(self._torques) - self._must_up) * cycle - gained
+        self._down = keeps * self._down + self._least(-max(self._torques) - self._must_down) * cycle + gained
         if self._up > self._allowed:
             return self._up
         if self._down > self._allowed:

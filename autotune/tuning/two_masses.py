@@ -16,10 +16,11 @@ from collections.abc import Collection
 from autotune.identify.estimate import Estimate, Quantity
 from autotune.tuning.unfit_axes import NotTunable
 
-AGREES = 0.75
+AGREES = 0.8
 """Inertia of the whole motion over that of small motion, from which on it may be one mass."""
 ERRORS = 4.0  # standard errors by which it has to be smaller beside
-NAMED = frozenset({"elastic_transmission", "backlash"})
+NAMED = frozenset({"elastic_transmission", "backlash", "torque_lag"})
+"""Effects that explain it: two masses in the model, and a lag, which looks like inertia in small motion."""
 
 
 def refuse_two_masses(
