@@ -53,7 +53,7 @@ bench: install
 	@$(BIN)/python -m bench
 
 faults: install
-	HYPOTHESIS_PROFILE=random $(BIN)/pytest -m '' tests/node tests/drivers tests/end_to_end tests/tuning tests/service tests/faults tests/diagnose
+	HYPOTHESIS_PROFILE=random $(BIN)/pytest -n 2 --dist worksteal -m '' tests/node tests/drivers tests/end_to_end tests/tuning tests/service tests/faults tests/diagnose
 	$(BIN)/python -m bench.faults --seed $(SEED) --runs $(RUNS)
 
 # Known vulnerabilities of the pinned versions. Needs pip-audit and a network; where one is missing this is said, not failed.

@@ -161,12 +161,13 @@ class Guard:
         cycle = self._period * (1 + missed)
         reaction = self._period * (REACTION_CYCLES + missed)
         self._left -= cycle
+        why = self._motion.check(position, reference, demand, cycle)  # first: it knows which stop is blind
         self._check_travel(sample, position, velocity, (position - self._position) / cycle, reaction)
         self._acceleration += TREND * ((velocity - self._velocity) / cycle - self._acceleration)
         if not -self._speed <= velocity + self._acceleration * reaction <= self._speed:
             self._refuse(sample, "speed", velocity, self._limits.speed, "the speed, soon too high, is")
-        if why := self._speeds.check(position, velocity, cycle, reaction):
-            raise GuardStop(f"{self._place(sample)}: {why}")
+        if fast := self._speeds.check(position, velocity, cycle, reaction):
+            raise GuardStop(f"{self._place(sample)}: {fast}")
         error = reference - position
         self._error_trend += TREND * ((error - self._error) / cycle - self._error_trend)
         allowed = self._limits.following_error
@@ -186,7 +187,7 @@ class Guard:
                 self._refuse_silence(sample)
         if self._left < 0.0:
             self._refuse(sample, "machine_seconds", self.elapsed, self._seconds, "the machine time is")
-        if why := self._motion.check(position, reference, demand, cycle):
+        if why:
             raise GuardStop(f"{self._place(sample)}: {why}")
         self._position, self._velocity, self._error = position, velocity, error
 

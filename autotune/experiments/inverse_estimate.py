@@ -11,7 +11,7 @@ scaled with the limits; J is claimed only where its standard error is small.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -37,6 +37,7 @@ class Inverse:
 
     Attributes:
         up, down: torque at which the axis slides upwards, and downwards.
+        fast_up, fast_down: fastest windows that these torques were found in [rad/s or m/s].
         strokes: in either direction, since the beginning.
         inertia: estimate; `heaviest` and `lightest` are three standard errors away.
     """
@@ -47,6 +48,8 @@ class Inverse:
     inertia: float | None = None
     lightest: float = 0.0
     heaviest: float = 0.0
+    fast_up: float = 0.0
+    fast_down: float = 0.0
 
     @property
     def friction(self) -> float | None:
@@ -136,13 +139,18 @@ class InverseEstimate:
         if up is not None and down is not None:
             narrow = 0.5 * (1.0 - NARROW) * (up - down)
             up, down = up - narrow, down + narrow
+        last = self.inverse
+        fast_up, fast_down = last.fast_up, last.fast_down
         if 0.0 < two[0] <= one[0]:
             up = torque if up is None else max(up, torque)
+            fast_up = max(fast_up, two[0])
         elif 0.0 > two[0] >= one[0]:
             down = torque if down is None else min(down, torque)
+            fast_down = max(fast_down, -two[0])
         self._up, self._down = up, down
-        last = self.inverse
-        self.inverse = Inverse(up, down, self._reversals, last.inertia, last.lightest, last.heaviest)
+        self.inverse = replace(
+            last, up=up, down=down, strokes=self._reversals, fast_up=fast_up, fast_down=fast_down
+        )
 
     def _take(self, one: tuple[float, float, float], two: tuple[float, float, float]) -> None:
         deceleration, speed, limit = self._scales
@@ -168,13 +176,12 @@ class InverseEstimate:
         found = spread @ self._correlation
         noise = max((self._power - float(found @ self._correlation)) / self._weight, NOISE**2)
         inertia, error = float(found[0]), float(np.sqrt(noise * spread[0, 0]))
-        last, scale = self.inverse, limit / deceleration
+        scale = limit / deceleration
         known = 0.0 < error < CERTAIN * inertia
-        self.inverse = Inverse(
-            last.up,
-            last.down,
-            self._reversals,
-            inertia * scale if known else None,
-            max(inertia - 3.0 * error, 0.0) * scale,
-            (inertia + 3.0 * error) * scale,
+        self.inverse = replace(
+            self.inverse,
+            strokes=self._reversals,
+            inertia=inertia * scale if known else None,
+            lightest=max(inertia - 3.0 * error, 0.0) * scale,
+            heaviest=(inertia + 3.0 * error) * scale,
         )

@@ -5,12 +5,12 @@ the velocity, along either direction:
 
     Δv ≥ (T − must)·h/J⁺ where T pushes,   (T − must)·h/J⁻ where it brakes
 
-with T the least of the last `LATE` demands, `must` more than slides or sticks it, J⁺ and J⁻ the heaviest and
-the lightest that the axis can be. What is missing is summed up (Page's cumulative sum, never below zero) while
-the encoder shows motion in that direction; an axis that sticks is `motion_watch`'s. A sum beyond SHORT of
-the speed limit and what counts can feign is no friction: the encoder tells a part only (lost pulses, a coupling
-that slips), or something has stopped the axis. A velocity that leaps by what no axis of this file could brake in one
-cycle is the same, and needs nothing to be known.
+with T the least of the last `LATE` demands, `must` more than slides it at such speeds or sticks it, J⁺ and J⁻
+the heaviest and the lightest that the axis can be. What is missing is summed up (Page's cumulative sum, never
+below zero, with a leak) while the encoder shows motion in that direction; an axis that sticks is
+`motion_watch`'s. A sum beyond SHORT of the speed limit and what counts can feign is no friction: the encoder tells
+a part only (lost pulses, a coupling that slips), or something has stopped the axis. A velocity that leaps by what
+no axis of this file could brake in one cycle is the same, and needs nothing to be known.
 
 An axis that was never accelerated much does not show its inertia. `ExcessWatch` then has another sign: in
 position control, more torque than ever slid or held the axis, and than its reference asks of the heaviest axis
@@ -26,6 +26,7 @@ from autotune.experiments.inverse_estimate import Inverse
 
 SHORT = 0.15  # of limits.speed
 FEIGNED = 2.5  # counts a cycle
+LEAKS = 0.05  # s, in which the sum forgets: a load that comes slowly is no loss
 LATE = 3  # cycles that a torque may take to act
 MOVING_COUNTS = 2.0  # in the last MOVING cycles, below which it may stick
 MOVING = 4
@@ -33,6 +34,7 @@ HEAVIER = 1.25  # times the inertia found and three standard errors
 LIGHTER = 0.5  # of the inertia found: what a soft transmission leaves of it
 MORE = 0.25  # friction levels beyond what slides or sticks
 MORE_TORQUE = 0.03  # of limits.torque
+FASTER = (1.1, 0.02)  # times the fastest speed seen, and of limits.speed: beyond, friction may be larger
 LEAP = 20.0  # times limits.deceleration in a cycle
 DOUBT = 8.0  # the same, after which a stop for any reason does not trust the encoder
 DOUBT_CYCLES = 20
@@ -50,6 +52,9 @@ class MomentumWatch:
         "_cycle",
         "_doubt",
         "_down",
+        "_fast_down",
+        "_fast_up",
+        "_faster",
         "_heavy",
         "_known",
         "_leap",
@@ -70,6 +75,8 @@ class MomentumWatch:
         self._more = MORE_TORQUE * limits.torque
         self._doubt = 0
         self._leap = (LEAP * limits.deceleration, (FEIGNED + 0.5) * resolution / period)
+        self._faster = FASTER[1] * limits.speed
+        self._fast_up = self._fast_down = 0.0
         self._known = False
         self._must_up = self._must_down = math.inf
         self._light, self._heavy = 1.0, math.inf
@@ -90,6 +97,8 @@ class MomentumWatch:
         if inverse.inertia is None or friction is None or inverse.up is None or inverse.down is None:
             return
         beyond = sticks + MORE * friction + self._more
+        self._fast_up = FASTER[0] * inverse.fast_up + self._faster
+        self._fast_down = FASTER[0] * inverse.fast_down + self._faster
         self._must_up, self._must_down = inverse.up + beyond, beyond - inverse.down
         self._heavy = min(HEAVIER * inverse.heaviest, REMEMBERS * self._heavy)
         self._light = LIGHTER * inverse.inertia
@@ -116,14 +125,17 @@ class MomentumWatch:
         if not self._known or missed or gained != gained:
             self._up = self._down = 0.0
             return 0.0
-        self._up += self._least(min(self._torques) - self._must_up) * cycle - gained
-        self._down += self._least(-max(self._torques) - self._must_down) * cycle + gained
+        keeps = 1.0 - cycle / LEAKS
+        self._up = keeps * self._up + self._least(min(self._torques) - self._must_up) * cycle - gained
+        self._down = keeps * self._down + self._least(-max(self._torques) - self._must_down) * cycle + gained
         if self._up > self._allowed:
             return self._up
         if self._down > self._allowed:
             return -self._down
-        self._up = self._up if self._up > 0.0 and way > self._moving else 0.0
-        self._down = self._down if self._down > 0.0 and -way > self._moving else 0.0
+        if not (self._up > 0.0 and way > self._moving and velocity <= self._fast_up):
+            self._up = 0.0
+        if not (self._down > 0.0 and -way > self._moving and -velocity <= self._fast_down):
+            self._down = 0.0
         return 0.0
 
     @property

@@ -28,6 +28,9 @@ BLOW = 20.0  # times the usual error: what a gap makes when it closes; sound axe
 RISE = 5.0  # times the error where the look begins: a blow comes out of nothing, friction at a reversal dies away
 SAME_PLACE, LEAST_BLOWS = 0.1, 3
 BESIDE_BLOWS = 0.6  # share of all blows that must be at that distance
+LOAD_SECONDS = 3.0  # of a window that motion in both directions tells the load of
+LEAST_MOVING = 0.05  # s in each direction of it
+LOAD_CHANGE = 0.5  # of friction: gravity that turns with the axis makes less than a quarter
 
 
 def explained(recording: Recording, axis: Axis, *, baseline: bool) -> str:
@@ -49,7 +52,28 @@ def explained(recording: Recording, axis: Axis, *, baseline: bool) -> str:
             "the axis has not broken away: its friction is above the torque that limits.torque allows, it is blocked, "
             "or a brake is on. Nothing can be told from an axis that does not move; free it, then run again"
         )
-    return loose(recording, axis)
+    return loose(recording, axis) or pushed(recording)
+
+
+def pushed(recording: Recording) -> str:
+    """A load that changes in time: half the sum of the torques that slide the axis up and down."""
+    velocity = np.gradient(recording["position"], recording.period)
+    torque, window = recording["torque"], round(LOAD_SECONDS / recording.period)
+    slow = 0.1 * float(np.percentile(np.abs(velocity), 99.0))
+    loads, levels = [], []
+    for begin in range(0, len(torque) - window + 1, window):
+        part, speed = torque[begin : begin + window], velocity[begin : begin + window]
+        up, down = part[speed > slow], part[speed < -slow]
+        if min(len(up), len(down)) * recording.period >= LEAST_MOVING:
+            loads.append(0.5 * float(np.median(up) + np.median(down)))
+            levels.append(0.5 * float(np.median(up) - np.median(down)))
+    if len(loads) < LEAST_BLOWS or np.ptp(loads) <= LOAD_CHANGE * np.median(levels):
+        return ""
+    return (
+        f"the load changes in time: the mean of the torques that move the axis up and down went from {min(loads):.3g} "
+        f"to {max(loads):.3g}, where friction takes {np.median(levels):.3g}. Somebody leans on the axis, or a process "
+        "force acts; what is learned so is wrong a moment later. Keep the axis free, then run again"
+    )
 
 
 def swings(error: Floats, period: float, axis: Axis) -> str:

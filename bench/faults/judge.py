@@ -323,21 +323,28 @@ def _settings(evidence: Evidence) -> list[str]:
     before, after = evidence.settings("open"), evidence.settings("closed")
     if before is None or after is None:
         return []
-    changed = different(before, after)
-    if _kept(evidence):
-        changed = {
-            name: value for name, value in changed.items() if "feedforward" not in name and "2100" not in name
-        }
+    changed = _beside_what_was_kept(evidence, different(before, after))
     if not changed:
         return []
     names = ", ".join(sorted(changed)[:4])
     if not evidence.ending.killed and not _admitted(evidence):
         return [f"settings: {names} not as before, and nothing said"]
     if evidence.put_right is not None:
-        left = different(before, evidence.put_right)
+        left = _beside_what_was_kept(evidence, different(before, evidence.put_right))
         if left:
             return [f"settings: {', '.join(sorted(left)[:4])} not put right by the next start"]
     return []
+
+
+def _beside_what_was_kept(
+    evidence: Evidence, changed: dict[str, tuple[float, float]]
+) -> dict[str, tuple[float, float]]:
+    """Changes without those of the feedforward, where the run says that it was kept."""
+    if not _kept(evidence):
+        return changed
+    return {
+        name: value for name, value in changed.items() if "feedforward" not in name and "2100" not in name
+    }
 
 
 def _kept(evidence: Evidence) -> bool:

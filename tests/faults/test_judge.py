@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -124,6 +126,18 @@ def test_settings_are_as_before_or_named() -> None:
         "settings",
         "claim",
     )
+
+
+def test_what_was_kept_is_no_setting_that_the_next_start_has_to_put_right() -> None:
+    """Regression of the judge (seed 3330208): the limits were put right, the kept feedforward was held against it."""
+    before, after = (
+        {"limit.speed": 20.0, "feedforward.inertia": 0.0},
+        {"limit.speed": 5.0, "feedforward.inertia": 1.0},
+    )
+    said = "Kept: it runs. But after that: limits could not be put back"
+    left = evidence(SOUND, code=5, output=said, settings=(before, after))
+    assert judge(replace(left, put_right={"limit.speed": 20.0, "feedforward.inertia": 1.0})).sound
+    assert judge(replace(left, put_right=after)).kinds == ("settings",)
 
 
 def test_kept_is_true_only_where_the_drive_holds_it() -> None:

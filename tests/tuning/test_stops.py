@@ -97,3 +97,22 @@ def test_friction_that_turns_round_slowly_is_no_gap() -> None:
 def test_what_is_no_number_explains_nothing() -> None:
     error = np.full(len(TIME), np.nan)
     assert explained(recording(strokes(0.4), error), AXIS, baseline=True) == ""
+
+
+def test_a_load_that_changed_while_the_axis_moved_is_told() -> None:
+    """Somebody leans on the table; a load that is always the same, or turns with the axis, is none."""
+    position = 0.5 * np.sin(2 * np.pi * TIME)
+    slide = 0.3 * np.sign(np.cos(2 * np.pi * TIME))
+    leaning = 0.2 * np.sin(2 * np.pi * TIME / 8.0)
+    time = np.arange(12000) * 1e-3
+    columns = {name: np.tile(values, 2) for name, values in (("position", position), ("torque", slide))}
+    for load, told in (
+        (np.tile(leaning, 2), True),
+        (0.4 + 0.0 * time, False),
+        (0.05 * columns["position"], False),
+    ):
+        seen = Recording.from_columns(
+            {"time": time, "reference": columns["position"], **columns, "torque": columns["torque"] + load},
+            Metadata(sample_period=1e-3),
+        )
+        assert ("load changes" in explained(seen, AXIS, baseline=False)) is told

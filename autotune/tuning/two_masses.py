@@ -1,0 +1,58 @@
+"""An axis whose load does not go with its motor: told by two inertias that have to agree, and do not.
+
+Small motion about a relaxed junction shows the inertia at the motor by its own resonance on the friction's spring,
+far above the position loop's bandwidth; the motion as a whole shows it below. One mass shows the same in both. Where
+a soft transmission resonates about the bandwidth, or play lets go of the load, the torque rings there, and the fit
+of one mass to the whole motion has to give inertia away. What would be learned then is the motor without its load:
+the motor's error falls, and the load's stays as it is (simulated axes, docs/benchmarks.md). A transmission that the
+diagnosis has named is in the model, and no reason to refuse.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+
+from autotune.identify.estimate import Estimate, Quantity
+from autotune.tuning.unfit_axes import NotTunable
+
+AGREES = 0.8
+"""Inertia of the whole motion over that of small motion, from which on it may be one mass."""
+ERRORS = 4.0  # standard errors by which it has to be smaller beside
+NAMED = frozenset({"elastic_transmission", "backlash", "torque_lag"})
+"""Effects that explain it: two masses in the model, and a lag, which looks like inertia in small motion."""
+
+
+def refuse_two_masses(
+    joint: Estimate, small: Estimate | None, named: Collection[str], kp: float | None
+) -> None:
+    """Looks at the inertias that were identified.
+
+    Args:
+        joint: from the motion as a whole; small: from presliding, None where it was not played.
+        named: effects that the diagnosis has put into the model.
+        kp: of the position loop, N m/rad or N/m, for its bandwidth; None if unknown.
+
+    Raises:
+        NotTunable: they are not those of one mass.
+    """
+    if small is None or not small.valid or not NAMED.isdisjoint(named):
+        return
+    if "inertia" not in joint or "inertia" not in small:
+        return
+    whole, motor = joint["inertia"], small["inertia"]
+    if not _less(whole, motor):
+        return
+    where = f" (about {math.sqrt(kp / motor.value) / (2.0 * math.pi):.0f} Hz)" if kp else ""
+    raise NotTunable(
+        f"the load does not go with the motor: small motion shows an inertia of {motor.value:.3g}, the motion as a "
+        f"whole {whole.value:.3g} (at least {AGREES:g} of it is asked for), and no known effect explains that. "
+        f"A soft transmission resonates about the position loop's bandwidth{where}, or there is play. What would be "
+        "learned is the motor without its load; tighten coupling, belt and clamps, lower the gains or put a notch "
+        "filter there, then run again"
+    )
+
+
+def _less(whole: Quantity, motor: Quantity) -> bool:
+    spread = math.hypot(whole.standard_error, AGREES * motor.standard_error)
+    return whole.value < AGREES * motor.value - ERRORS * spread

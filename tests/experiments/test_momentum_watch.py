@@ -1,0 +1,159 @@
+"""An encoder that tells a part of the motion, and what one programme of a session learns for the next."""
+
+from __future__ import annotations
+
+import pickle
+
+import pytest
+
+from autotune.core.drive import Command, Mode
+from autotune.core.errors import GuardStop
+from autotune.experiments.guard import Guard
+from autotune.experiments.inverse_estimate import Inverse
+from autotune.experiments.momentum_watch import EXCESS_SECONDS, ExcessWatch, MomentumWatch
+from autotune.experiments.motion_watch import Learnt
+from autotune.experiments.path import Motion
+from autotune.experiments.programmes import build
+from autotune.experiments.runner import Played, Programme
+from autotune.experiments.sines import BenchmarkSine
+from tests.experiments.hurt_axis import Hurt, HurtDrive
+from tests.experiments.support import axis, sample
+
+AXIS = axis()
+LIMITS = AXIS.limits
+COUNT, H = AXIS.position_resolution, AXIS.cycle
+SINE = BenchmarkSine(Motion.of(AXIS), repeats=1, periods=6)
+INERTIA, FRICTION = 6.66e-4, 0.33
+KNOWN = Inverse(FRICTION, -FRICTION, 20, INERTIA, 0.8 * INERTIA, 1.2 * INERTIA, 5.0, 5.0)
+
+
+def play(drive: HurtDrive, *experiments: BenchmarkSine, learnt: Learnt | None = None) -> Played:
+    return Programme(experiments, drive.axis.limits, 900.0, learnt)(drive, lambda row, label, repeat: None)
+
+
+@pytest.mark.parametrize("at", [4.27, 5.0, 5.4])
+def test_an_encoder_that_begins_to_tell_a_tenth_is_caught_below_the_speed_limit(at: float) -> None:
+    """A sine hardly shows the inertia; what gives the encoder away is torque that was never needed before."""
+    drive = HurtDrive(AXIS, hurt=Hurt("scaled", at, 0.1))
+    with pytest.raises(GuardStop, match="encoder"):
+        play(drive, SINE)
+    assert drive.fastest < LIMITS.speed
+    assert drive.time - at < 0.2
+
+
+@pytest.mark.parametrize("at", [0.05, 0.2, 0.27])
+def test_what_was_learnt_catches_a_dead_encoder_before_the_first_reversal(at: float) -> None:
+    learnt = play(HurtDrive(AXIS), *build("high-speed", AXIS), SINE).learnt
+    assert learnt is not None
+    knowing, new = (HurtDrive(AXIS, hurt=Hurt("frozen", at)) for _ in range(2))
+    for drive, known in ((knowing, learnt), (new, None)):
+        with pytest.raises(GuardStop, match="encoder"):
+            play(drive, SINE, learnt=known)
+    assert knowing.fastest <= new.fastest
+    assert knowing.fastest < 0.5 * LIMITS.speed
+
+
+def test_what_was_learnt_travels_to_the_cyclic_process_and_is_not_changed_by_its_use() -> None:
+    learnt = play(HurtDrive(AXIS), SINE).learnt
+    assert learnt is not None
+    before = learnt.estimate.inverse
+    programme = pickle.loads(pickle.dumps(Programme((SINE,), LIMITS, 900.0, learnt)))
+    played = programme(HurtDrive(AXIS), lambda row, label, repeat: None)
+    assert learnt.estimate.inverse == before
+    assert played.learnt.estimate.inverse.strokes > before.strokes
+
+
+def test_what_was_learnt_with_other_limits_means_nothing() -> None:
+    learnt = play(HurtDrive(AXIS), SINE).learnt
+    other = Guard(axis(deceleration=0.5 * LIMITS.deceleration).limits, H, COUNT, learnt=learnt)
+    assert other.learnt.estimate.inverse == Inverse()
+    assert Guard(LIMITS, H, COUNT, learnt=learnt).learnt.estimate.inverse.strokes > 0
+
+
+def missing(watch: MomentumWatch, torque: float, shown: float, cycles: int = 60) -> tuple[float, float]:
+    """Pushes a mass for some cycles; what is said to be missing [rad/s], and how fast the mass is by then.
+
+    Args:
+        shown: share of the motion that the encoder tells.
+    """
+    position = speed = 0.0
+    watch.begin(0.0)
+    for _ in range(cycles):
+        speed += (torque - FRICTION) / INERTIA * H
+        position += speed * H
+        told = round(shown * position / COUNT) * COUNT
+        if short := watch.check(told, torque, H, missed=False):
+            return short, speed
+    return 0.0, speed
+
+
+def test_a_tenth_of_the_motion_is_missed_soon_and_all_of_it_never() -> None:
+    watch = MomentumWatch(LIMITS, H, COUNT)
+    assert missing(watch, 1.0, 0.1)[0] == 0.0  # nothing is known yet
+    watch.know(KNOWN, 0.0)
+    short, speed = missing(watch, 1.0, 0.1)
+    assert short > 0.0
+    assert speed < 0.6 * LIMITS.speed
+    assert missing(watch, 1.0, 1.0, cycles=15)[0] == 0.0
+
+
+def test_friction_that_grows_beyond_the_speeds_that_were_seen_is_no_loss() -> None:
+    """Regression: an axis with a nonlinear viscous friction was stopped at its first fast stroke (seed 1503)."""
+    watch = MomentumWatch(LIMITS, H, COUNT)
+    watch.know(KNOWN, 0.0)
+    assert glides(watch, 8.0) == 0.0
+    assert glides(watch, 3.0) != 0.0
+
+
+def glides(watch: MomentumWatch, speed: float) -> float:
+    """What is missing of an axis that needs three times its friction to go on at `speed`."""
+    watch.begin(0.0)
+    watch.check(0.0, 0.0, H, missed=True)
+    for k in range(1, 60):
+        if short := watch.check(speed * k * H, 3.0 * FRICTION, H, missed=k == 1):
+            return short
+    return 0.0
+
+
+def test_a_velocity_that_leaps_needs_nothing_to_be_known() -> None:
+    watch = MomentumWatch(LIMITS, H, COUNT)
+    speed = 25.0 * LIMITS.deceleration * H
+    for k in range(10):
+        assert watch.check(speed * k * H, 0.3, H, missed=k < 2) == 0.0
+    assert watch.check(speed * 9 * H, 0.3, H, missed=False) != 0.0
+    assert watch.doubtful
+
+
+def test_torque_is_excess_only_where_the_reference_does_not_ask_for_it() -> None:
+    watch = ExcessWatch(2.0 * INERTIA)
+    watch.know(0.7, 0.7)
+    for _ in range(600):
+        assert not watch.check(0.0, 0.1, H)
+    asked = 0.0
+    for k in range(30):  # 1000 rad/s² are asked for
+        asked += 1000.0 * k * H * H
+        assert not watch.check(asked, 1.2, H)
+    watch.begin(0.0)
+    short = round(EXCESS_SECONDS / H)
+    said = [watch.check(0.0, -1.2, H) for _ in range(short + 2)]
+    assert not any(said[:short])
+    assert said[-1]
+
+
+def test_a_torque_limit_met_in_the_cycle_in_which_the_encoder_died_is_a_blind_stop() -> None:
+    """Regression: 48.9 rad/s of 18.1, as the axis was then braked by its dead encoder (seed 1567)."""
+    guard = Guard(LIMITS, H, COUNT)
+    guard.begin(Mode.POSITION, sample())
+    speed = 10.0
+    for k in range(1, 200):
+        place = speed * k * H
+        guard.check(
+            sample(time=k * H, position=place, reference=place, velocity=speed, torque_command=0.3),
+            Command(position=place),
+        )
+    dead = sample(
+        time=0.2, position=place, reference=place + speed * H, velocity=0.8 * speed, torque_command=9.0
+    )
+    with pytest.raises(GuardStop, match="torque demand") as stop:
+        guard.check(dead, Command(position=place))
+    assert stop.value.blind

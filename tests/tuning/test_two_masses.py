@@ -1,0 +1,41 @@
+"""A load that does not go with its motor is refused; one mass, and a transmission that was named, are not."""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+
+import pytest
+
+from autotune.identify.estimate import Estimate, Quantity
+from autotune.tuning.two_masses import refuse_two_masses
+from autotune.tuning.unfit_axes import NotTunable
+
+
+def estimate(inertia: float, error: float, *, valid: bool = True) -> Estimate:
+    return Estimate("test", MappingProxyType({"inertia": Quantity(inertia, error)}), valid)
+
+
+def test_a_resonance_about_the_bandwidth_is_refused_in_words() -> None:
+    """Values of a simulated axis: 0.74 g m² of which 60 % are the motor's, a load at 34 Hz."""
+    with pytest.raises(NotTunable, match=r"resonates about the position loop's bandwidth \(about 60 Hz\)"):
+        refuse_two_masses(estimate(1.6e-4, 1.3e-5), estimate(4.26e-4, 3e-6), (), 60.0)
+    with pytest.raises(NotTunable, match="bandwidth, or there is play"):
+        refuse_two_masses(estimate(1.6e-4, 1.3e-5), estimate(4.26e-4, 3e-6), ("torque_ripple",), None)
+
+
+@pytest.mark.parametrize(
+    ("whole", "small", "named"),
+    [
+        (estimate(6.78e-4, 3e-6), estimate(6.76e-4, 4e-6), ()),
+        (estimate(6.77e-4, 3e-6), estimate(8.09e-4, 6e-6), ()),  # a lag of the torque looks like inertia
+        (estimate(1.6e-4, 1e-5), estimate(4.3e-4, 3e-6), ("backlash",)),
+        (estimate(1.6e-4, 1e-5), estimate(4.3e-4, 3e-6), ("elastic_transmission",)),
+        (estimate(1.6e-4, 1e-5), estimate(4.3e-4, 3e-6, valid=False), ()),
+        (estimate(1.6e-4, 6e-5), estimate(4.3e-4, 3e-6), ()),  # hardly known
+        (estimate(1.6e-4, 1e-5), None, ()),
+    ],
+)
+def test_what_is_one_mass_or_explained_is_not(
+    whole: Estimate, small: Estimate | None, named: tuple[str, ...]
+) -> None:
+    refuse_two_masses(whole, small, named, 60.0)
