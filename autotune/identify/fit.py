@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError
@@ -33,8 +32,6 @@ from autotune.recordings.recording import Recording, concatenate
 
 MOST_ROWS, STRETCH = 600_000, 20_000
 VAGUE = 0.1
-STEPS = 3
-"""Of least squares, from which the best of several starts is seen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,29 +168,23 @@ def _started_stribeck(model: DriveModel, pieces: Sequence[Piece], bands: Bands) 
 def least_squares_step(
     model: DriveModel, pieces: Sequence[Piece], bands: Bands, names: Sequence[str]
 ) -> tuple[float, DriveModel]:
-    """A few steps of least squares on the measured motion, without a twin; mean square error and model."""
-    start = np.array([model[name] for name in names])
-    scale = np.maximum(np.abs(start), 0.01 * model["coulomb"])
-    bounds = [(surface_parameter(name).lower, surface_parameter(name).upper) for name in names]
-    lower = np.array(
-        [0.04 * value if low >= 0.0 else low for value, (low, _) in zip(start, bounds, strict=True)]
-    )
-
-    def moved(values: Floats) -> DriveModel:
-        return model.with_values(dict(zip(names, values.tolist(), strict=True)))
-
-    def errors(values: Floats) -> Floats:
-        return _errors(moved(values), pieces, bands)
-
-    found = least_squares(
-        errors,
-        start,
-        bounds=(lower, [high for _, high in bounds]),
-        x_scale=scale,
-        diff_step=np.full(len(names), 1e-3),
-        max_nfev=STEPS,
-    )
-    return float(2.0 * found.cost / len(found.fun)), moved(found.x)
+    """Two Gauss–Newton steps on the measured motion, without a twin; mean square error and model."""
+    for _ in range(2):
+        here = _errors(model, pieces, bands)
+        columns = []
+        for name in names:
+            step = 1e-3 * max(abs(model[name]), 0.01 * model["coulomb"])
+            columns.append(
+                (_errors(model.with_values({name: model[name] + step}), pieces, bands) - here) / step
+            )
+        change = -np.linalg.lstsq(np.array(columns).T, here, rcond=1e-9)[0]
+        moved = {}
+        for name, delta in zip(names, change.tolist(), strict=True):
+            lower, upper = surface_parameter(name).lower, surface_parameter(name).upper
+            positive = 0.2 * model[name] if lower >= 0.0 else lower
+            moved[name] = min(max(model[name] + delta, positive), upper)
+        model = model.with_values(moved)
+    return float(np.mean(_errors(model, pieces, bands) ** 2)), model
 
 
 def _errors(model: DriveModel, pieces: Sequence[Piece], bands: Bands) -> Floats:
