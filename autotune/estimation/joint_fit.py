@@ -30,7 +30,7 @@ from autotune.models.drive_model import DriveModel, Packed, surface_parameter
 
 ITERATIONS = 25
 LEAST_FINE, MOST_FINE = 2, 4
-SETTLED, STILL = 1.0, 0.01
+CONVERGED, STILL = 1.0, 0.01
 """Of a step: root of what it gains in information per parameter, and its largest part of a scale."""
 KNOWN = 0.5
 """Standard error in scales below which a parameter is known."""
@@ -98,31 +98,31 @@ def refine(
     values = np.array([model[name] for name in names])
     runs, passes = _COARSE, 0
     linear = sweep.linearise(_packed(model, names, values), names, scale, runs)
-    settled, still = _judged(linear.normal)
+    converged, still = _judged(linear.normal)
     for iteration in range(ITERATIONS):
         if passes >= MOST_FINE or (still and passes >= LEAST_FINE):
             break
         values = np.clip(values + _limited(linear.normal) * scale, lower, upper)
         packed = _packed(model, names, values)
-        if runs == _COARSE and (settled or iteration >= ITERATIONS - MOST_FINE):
+        if runs == _COARSE and (converged or iteration >= ITERATIONS - MOST_FINE):
             runs = _FINE
             sweep = replace(sweep, around=calibrated(packed, pieces, around, bands, seed))
         passes += runs == _FINE
         linear = sweep.linearise(packed, names, scale, runs)
-        settled, still = _judged(linear.normal)
-    return _result(model, names, values, (lower, upper), scale, linear, settled, sweep)
+        converged, still = _judged(linear.normal)
+    return _result(model, names, values, (lower, upper), scale, linear, converged, sweep)
 
 
 def _judged(normal: Normal) -> tuple[bool, bool]:
     """Whether the next step is within what the twin's noise makes of it, and whether it is small.
 
     A step is measured by the information of the data: directions that they do not tell cannot keep it
-    from settling, nor can their large errors hide that it has not.
+    from converging, nor can their large errors hide that it has not.
     """
     step = normal.step
     worth = float(np.sqrt(abs(step @ normal.matrix @ step) / len(step)))
     small = np.abs(step[_spread(normal) < KNOWN]) < STILL
-    return worth < SETTLED, worth < SETTLED and bool(np.all(small))
+    return worth < CONVERGED, worth < CONVERGED and bool(np.all(small))
 
 
 def _spread(normal: Normal) -> Floats:
@@ -136,7 +136,7 @@ def _result(
     bounds: tuple[Floats, Floats],
     scale: Floats,
     linear: _Linear,
-    settled: bool,
+    converged: bool,
     sweep: _Sweep,
 ) -> Refined:
     covariance = linear.normal.covariance * np.outer(scale, scale)
@@ -153,7 +153,7 @@ def _result(
         scale,
         tuple(linear.errors),
         _torque_rms(sweep.pieces, sweep.bands),
-        settled,
+        converged,
         at_bound,
         linear.twin,
         sweep.around,
@@ -252,14 +252,20 @@ def calibrated(
     level = 3.0 * float(np.sqrt(np.median(measured))) if len(measured) else 0.0
     if level == 0.0:
         return around
-    quiet = np.array([_twin_roughness(i, p, packed, around, bands, seed) for i, p in enumerate(chosen)])
+    without_noise = np.array(
+        [_twin_roughness(i, p, packed, around, bands, seed) for i, p in enumerate(chosen)]
+    )
     for _ in range(2):
         trial = replace(around, process_noise=level)
-        loud = np.array([_twin_roughness(i, p, packed, trial, bands, seed) for i, p in enumerate(chosen)])
-        usable = np.isfinite(loud) & np.isfinite(quiet) & (loud > 1.05 * quiet)
+        with_noise = np.array(
+            [_twin_roughness(i, p, packed, trial, bands, seed) for i, p in enumerate(chosen)]
+        )
+        usable = np.isfinite(with_noise) & np.isfinite(without_noise) & (with_noise > 1.05 * without_noise)
         if not np.any(usable):
             return around
-        ratio = np.median(np.maximum(measured - quiet, 0.0)[usable] / (loud - quiet)[usable])
+        ratio = np.median(
+            np.maximum(measured - without_noise, 0.0)[usable] / (with_noise - without_noise)[usable]
+        )
         level *= float(np.sqrt(ratio))
     return replace(around, process_noise=level)
 

@@ -296,10 +296,10 @@ def run_twin(
     n = len(piece)
     zero = np.zeros(n)
     disturbed = zero if noise is None else noise.normal(0.0, 1.0, n) * around.process_noise
-    shaken = zero if noise is None else noise.normal(0.0, 1.0, n) * around.position_noise
+    position_noise = zero if noise is None else noise.normal(0.0, 1.0, n) * around.position_noise
     resolution = around.resolution if quantised else 0.0
     position, torque, inside = simulate_stretch(
-        piece, packed, controller, around.limit, resolution, disturbed, shaken
+        piece, packed, controller, around.limit, resolution, disturbed, position_noise
     )
     if not inside:
         return Simulated(piece.measured, piece.torque, False)

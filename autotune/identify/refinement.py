@@ -113,7 +113,7 @@ def _estimate(refined: Refined) -> Estimate:
         if quantities[name].note:
             notes.append(f"{name}: {quantities[name].note}")
     if not refined.converged:
-        notes.append("the refinement has not settled; take the intervals with care")
+        notes.append("the refinement has not converged; take the intervals with care")
     if refined.twin < 1.0:
         share = f"{100 * (1 - refined.twin):.0f} %"
         notes.append(f"no closed loop twin for {share} of the data; biases of filters remain there")

@@ -152,8 +152,8 @@ def _points(blocks: _Blocks, velocity: Floats, scale: float) -> tuple[Points, li
     levels = (blocks.leg[:, None] == np.arange(count)).astype(float)
     fixed = np.hstack([levels, blocks.acceleration[:, None]])
     first = blocks.torque - fixed @ np.linalg.lstsq(fixed, blocks.torque, rcond=None)[0]
-    quiet = _quiet(first, blocks.leg, count)
-    ripple = find_lines(blocks.position[quiet], first[quiet], fixed[quiet], scale)
+    steady = _steady(first, blocks.leg, count)
+    ripple = find_lines(blocks.position[steady], first[steady], fixed[steady], scale)
     waves = columns(blocks.position, [line.order for line in ripple], scale)
     design = np.hstack([fixed, waves])
     weight = 1.0 / _leg_scatter(first, blocks.leg, count)
@@ -172,7 +172,7 @@ def _leg_scatter(rest: Floats, leg: NDArray[np.int64], count: int) -> Floats:
     return np.asarray(np.maximum(scatter, 0.1 * np.median(scatter) + 1e-300)[leg])
 
 
-def _quiet(rest: Floats, leg: NDArray[np.int64], count: int) -> NDArray[np.bool_]:
+def _steady(rest: Floats, leg: NDArray[np.int64], count: int) -> NDArray[np.bool_]:
     """Blocks of legs whose torque is not dominated by what the control loop does."""
     scatter = _leg_scatter(rest, leg, count)
     return scatter <= 2.0 * np.median(scatter)

@@ -37,15 +37,15 @@ BACKLASH = Kind(
     parameters=(
         Parameter("gap", "rad", 0.0, 0.0, 1e3, "free play", GAP),
         Parameter(
-            "contact_compliance", "rad/(N m)", 1e-3, 1e-9, 1e3, "twist per torque of the flanks", GAP + 1
+            "contact_compliance", "rad/(N m)", 1e-3, 1e-9, 1e3, "twist per torque of the contact", GAP + 1
         ),
         *load_parameters(GAP + 2),
     ),
-    looks_like="After a reversal the motor runs free for a moment, then catches the load with a blow.",
+    looks_like="After a reversal the motor runs free for a moment, then meets the load with an impact.",
     cause="Play in gear, coupling, key or nut.",
     remedy="Adjust or preload the nut or gear, tighten the coupling; worn parts must be replaced.",
     look_alikes=(IN_SPEED, IN_QUICK_MOTION),
-    not_fed_forward="a torque that crosses the play at the wrong moment is a blow",
+    not_fed_forward="a torque that crosses the play at the wrong moment is an impact",
     starts=starts,
     extent=width,
     quick=True,

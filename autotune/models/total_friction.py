@@ -40,6 +40,20 @@ def total_friction(model: DriveModel) -> Value:
     return Value(sum(part.value for part in parts), spread)
 
 
+def stiffness_of_elements(model: DriveModel) -> float:
+    """Stiffness at rest of all elements of the memory together [N m/rad or N/m]; 0 without them."""
+    effect = next((one for one in model.effects if one.kind is REVERSAL_MEMORY), None)
+    if effect is None:
+        return 0.0
+    values = {name: value.value for name, value in effect.values.items()}
+    pairs = [
+        (values[f"torque_{name.rpartition('_')[2]}"], travel)
+        for name, travel in values.items()
+        if name.startswith("displacement_") and travel > 0.0
+    ]
+    return sum(torque / travel for torque, travel in pairs)
+
+
 def total_in_words(model: DriveModel) -> str:
     """The total with its share in the elements, a clause; empty where `coulomb` is the total."""
     if _MEMORY not in model:

@@ -11,8 +11,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from autotune.control.gains.loop import LoopTiming
+from autotune.control.gains.regimes import COMPLIANT
 from autotune.core.errors import ConfigurationError
 from autotune.models.drive_model import DriveModel
+from autotune.models.reversal_memory import REVERSAL_MEMORY
 
 ERRORS = 2.0
 """Standard errors to either side: 95 %."""
@@ -47,10 +49,10 @@ class Family:
 
 _GROUPS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("inertia", ("inertia",)),
-    ("friction", ("coulomb", "break_away", "reversal_memory.torque_")),
-    ("stiffness", ("stiffness", "reversal_memory.displacement_")),
+    ("friction", ("coulomb", "break_away", REVERSAL_MEMORY.surface("torque_"))),
+    ("stiffness", ("stiffness", REVERSAL_MEMORY.surface("displacement_"))),
     ("damping", ("micro_damping", "viscous")),
-    ("compliance", ("elastic_transmission.compliance", "backlash.contact_compliance")),
+    ("compliance", tuple(kind.surface(name) for kind, name in COMPLIANT)),
 )
 
 

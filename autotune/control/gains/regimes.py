@@ -16,12 +16,17 @@ import numpy as np
 
 from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError
+from autotune.models.backlash import BACKLASH
 from autotune.models.drive_model import DriveModel
-from autotune.models.total_friction import total_friction
+from autotune.models.elastic_transmission import ELASTIC_TRANSMISSION
+from autotune.models.spring import SPRING
+from autotune.models.torque_lag import TORQUE_LAG
+from autotune.models.total_friction import stiffness_of_elements, total_friction
 
 Regime = Literal["sticking", "sliding"]
 REGIMES: tuple[Regime, ...] = ("sticking", "sliding")
-ELEMENTS = 10
+COMPLIANT = ((ELASTIC_TRANSMISSION, "compliance"), (BACKLASH, "contact_compliance"))
+"""What makes motor and load two masses, and its parameter that says how soft it is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,14 +105,14 @@ def linear_axis(model: DriveModel, regime: Regime) -> LinearAxis:
     sticks = regime == "sticking"
     damping = model["viscous"] + (model["micro_damping"] if sticks else 0.0)
     stiffness = stiffness_at_rest(model) if sticks else 0.0
-    if "spring" in model:
-        stiffness += model["spring.stiffness"]
-    lag = model["torque_lag.time_constant"] if "torque_lag" in model else 0.0
-    kind = next((name for name in ("elastic_transmission", "backlash") if name in model), None)
-    if kind is None:
+    if SPRING.name in model:
+        stiffness += model[SPRING.surface("stiffness")]
+    lag = model[TORQUE_LAG.surface("time_constant")] if TORQUE_LAG.name in model else 0.0
+    found = next(((kind, name) for kind, name in COMPLIANT if kind.name in model), None)
+    if found is None:
         return LinearAxis(model["inertia"], damping, stiffness, lag=lag)
-    compliance = model["elastic_transmission.compliance" if kind[0] == "e" else "backlash.contact_compliance"]
-    share = model[f"{kind}.load_inertia"]
+    kind, compliance = found[0], model[found[0].surface(found[1])]
+    share = model[kind.surface("load_inertia")]
     coupling = 1.0 / max(compliance, 1e-12)
     reduced = model["inertia"] * share * (1.0 - share)
     return LinearAxis(
@@ -115,24 +120,17 @@ def linear_axis(model: DriveModel, regime: Regime) -> LinearAxis:
         damping,
         stiffness,
         coupling,
-        2.0 * model[f"{kind}.damping"] * math.sqrt(coupling * reduced),
+        2.0 * model[kind.surface("damping")] * math.sqrt(coupling * reduced),
         share,
-        model[f"{kind}.load_friction"],
+        model[kind.surface("load_friction")],
         lag,
     )
 
 
 def stiffness_at_rest(model: DriveModel) -> float:
     """σ0 of bristle and memory elements together [N m/rad]."""
-    total = model["stiffness"] if model["coulomb"] > 0.0 else 0.0
-    if "reversal_memory" not in model:
-        return total
-    names = model.parameters
-    for number in range(1, ELEMENTS + 1):
-        travel = f"reversal_memory.displacement_{number}"
-        if travel in names and model[travel] > 0.0:
-            total += model[f"reversal_memory.torque_{number}"] / model[travel]
-    return total
+    bristle = model["stiffness"] if model["coulomb"] > 0.0 else 0.0
+    return bristle + stiffness_of_elements(model)
 
 
 def characteristic_space(model: DriveModel) -> float:

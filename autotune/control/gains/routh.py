@@ -17,7 +17,7 @@ from autotune.control.gains.regimes import stiffness_at_rest
 from autotune.core.arrays import Floats
 from autotune.models.drive_model import DriveModel
 from autotune.models.lugre import falling_level
-from autotune.models.stribeck import EXPONENT
+from autotune.models.stribeck import EXPONENT, STRIBECK
 from autotune.models.total_friction import total_friction
 
 SPEEDS = 60
@@ -50,7 +50,7 @@ class Bristle:
 def bristle_of(model: DriveModel) -> Bristle:
     """All friction in one bristle, as chapter 4 has it."""
     level = total_friction(model).value
-    falls = "stribeck" in model
+    falls = STRIBECK.name in model
     excess = model["break_away"] - model["coulomb"] if falls else 0.0
     return Bristle(
         model["inertia"],
