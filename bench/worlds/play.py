@@ -30,8 +30,10 @@ class Played:
     speed: Floats
 
 
-def run(world: World, what: Programme, seed: int, noisy: bool = True) -> Played:
+def run(world: World, what: Programme, seed: int, noisy: bool = True, steps: float = 1.0) -> Played:
     """Simulates; without noise there is no disturbance, no quantiser and no jitter.
+
+    `steps` is a share of the usual steps a tick: half of them do where only sizes are sought.
 
     Raises:
         RanAway: the loop is not stable.
@@ -49,9 +51,10 @@ def run(world: World, what: Programme, seed: int, noisy: bool = True) -> Played:
     law, e, waves = world.laws()
     alien, odd = (world.alien.kind, np.asarray(world.alien.e)) if world.alien else (0, np.zeros(10))
     out = np.zeros((6, n + 1))
+    fine = max(round(steps * world.substeps), 1)
     rows = play_compiled(
-        plant.packed(), loop.packed(), law, e, waves, alien, odd, what.reference, ticks, loop.tick, world.substeps,
-        loop.cycle, outer, out,
+        plant.packed(), loop.packed(), law, e, waves, alien, odd, what.reference, ticks, loop.tick, fine, loop.cycle,
+        outer, out,
     )  # fmt: skip
     if rows < n or float(np.abs(out[4, :n]).max()) > 3.0 * world.plant.travel + 100.0 * world.plant.reach:
         raise RanAway(f"the loop of world {world.seed} ran away after {rows} rows")
@@ -59,7 +62,7 @@ def run(world: World, what: Programme, seed: int, noisy: bool = True) -> Played:
 
 
 def _strange(world: World, what: Programme, n: int, rng: np.random.Generator) -> Floats:
-    """Torque of an alien that belongs to time: mains that runs through, or a neighbour that moves with each experiment."""
+    """Torque of an alien that belongs to time: mains that runs through, a neighbour that moves with each experiment."""
     alien = world.alien
     if alien is None or alien.kind not in (MAINS, NEIGHBOUR):
         return np.zeros(n)
