@@ -1,4 +1,4 @@
-"""Cases drawn from a seed: what is planted where, and how large; a batch's hash says that it was drawn before it ran."""
+"""Cases drawn from a seed: what is planted where, how large; a batch's hash shows that it was drawn before it ran."""
 
 from __future__ import annotations
 
@@ -66,8 +66,9 @@ def draw_case(kind: str, seed: int) -> Case:
 
 
 def draw_batch(seed: int, counts: Mapping[str, int]) -> list[Case]:
-    """All cases of a batch, in order."""
-    return [draw_case(kind, seed + i) for kind in KINDS for i in range(counts.get(kind, 0))]
+    """All cases of a batch; kinds in turn, so that a batch cut short holds some of each."""
+    most = max(counts.values(), default=0)
+    return [draw_case(kind, seed + i) for i in range(most) for kind in KINDS if i < counts.get(kind, 0)]
 
 
 def batch_hash(cases: list[Case]) -> str:

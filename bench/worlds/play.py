@@ -20,7 +20,7 @@ class RanAway(RuntimeError):
 
 @dataclass(frozen=True, slots=True)
 class Played:
-    """What happened, shape (n,): reading, demand at the row, motor torque there and over the coming row, place, speed."""
+    """Arrays of shape (n,): reading, demand at the row, motor torque there and over the coming row, place, speed."""
 
     reading: Floats
     demand: Floats
