@@ -10,7 +10,7 @@ from bench.worlds.names import CASCADE, HOST_PID
 from bench.worlds.world import Loop, Plant, Surroundings, World
 
 TICKS = (125e-6, 100e-6, 62.5e-6)
-CYCLES = {0.25e-3: 0.1, 0.5e-3: 0.15, 1e-3: 0.5, 2e-3: 0.17, 4e-3: 0.08}
+CYCLES = {0.25e-3: 0.05, 0.5e-3: 0.1, 1e-3: 0.6, 2e-3: 0.17, 4e-3: 0.08}
 TURN = 2.0 * math.pi
 
 
