@@ -41,11 +41,12 @@ def run(world: World, what: Programme, seed: int, noisy: bool = True, steps: flo
     rng = np.random.default_rng([world.seed, seed, 77])
     plant = world.plant if noisy else replace(world.plant, resolution=0.0)
     n, loop = len(what.reference), world.loop
-    ticks = np.full(n, loop.cycle, dtype=np.int64)
+    late_by = np.zeros(n, dtype=np.int64)
     if noisy and loop.jitter > 0.0:
-        late = np.rint(loop.jitter * rng.standard_normal(n + 1)).astype(np.int64)
-        ticks = np.maximum(ticks + np.diff(late), 1)
-    seconds = (ticks.sum() + 2) * loop.tick
+        late_by = np.minimum(np.rint(loop.jitter * np.abs(rng.standard_normal(n))), loop.cycle - 1).astype(
+            np.int64
+        )
+    seconds = (n + 2) * loop.period
     outer = disturbance(world.around, seconds, rng) if noisy else np.zeros(int(seconds * 1000) + 4)
     outer = outer + _strange(world, what, len(outer), rng if noisy else np.random.default_rng(1))
     law, e, waves = world.laws()
@@ -53,7 +54,7 @@ def run(world: World, what: Programme, seed: int, noisy: bool = True, steps: flo
     out = np.zeros((6, n + 1))
     fine = max(round(steps * world.substeps), 1)
     rows = play_compiled(
-        plant.packed(), loop.packed(), law, e, waves, alien, odd, what.reference, ticks, loop.tick, fine, loop.cycle,
+        plant.packed(), loop.packed(), law, e, waves, alien, odd, what.reference, late_by, loop.tick, fine, loop.cycle,
         outer, out,
     )  # fmt: skip
     if rows < n or float(np.abs(out[4, :n]).max()) > 3.0 * world.plant.travel + 100.0 * world.plant.reach:
