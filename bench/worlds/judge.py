@@ -13,6 +13,7 @@ import numpy as np
 
 import autotune
 from bench.worlds.cases import Case, Ready, ready
+from bench.worlds.lone import CHANGES, TRAJECTORIES, alone, second_file
 from bench.worlds.names import LOOPS
 from bench.worlds.play import RanAway, recording, whole
 from bench.worlds.programme import Programme, programme
@@ -68,6 +69,8 @@ def _surroundings(made: Ready) -> Line:
 
 def diagnosed(made: Ready) -> Line:
     """Fit and diagnosis of the case's recording."""
+    if made.case.kind in ("lone", "second"):
+        return _lonely(made)
     taken = whole(made.world)
     hidden = made.case.truth if made.case.kind == "removed" else ()
     began = time.process_time()
@@ -89,6 +92,29 @@ def diagnosed(made: Ready) -> Line:
         return line | {"verdict": "crash", "why": repr(failed), "cpu": round(time.process_time() - began, 2)}
     line |= {"fit_cpu": round(between - began, 2), "cpu": round(time.process_time() - between, 2)}
     return line | _found(found, fitted) | _against_truth(made, found, fitted)
+
+
+def _lonely(made: Ready) -> Line:
+    """A trajectory without repeats, fitted and diagnosed; with a second file where the case has one."""
+    rng = np.random.default_rng([made.world.seed, 1404])
+    one, two = rng.permutation(list(TRAJECTORIES))[:2].tolist()
+    change = str(rng.choice(CHANGES))
+    files = [alone(made.world, one, rng, 0)]
+    line: Line = {"kinds": [one], "rows": len(files[0])}
+    if made.case.kind == "second":
+        files.append(second_file(made.world, change, two, rng, 1))
+        line |= {"kinds": [one, two], "change": change}
+    began = time.process_time()
+    try:
+        fitted = autotune.fit(files[0])
+        if fitted.model is None:
+            return line | {"verdict": "refused", "why": fitted.reason}
+        found = autotune.diagnose(files, fitted)
+    except autotune.AutotuneError as refused:
+        return line | {"verdict": "refused", "why": str(refused)}
+    except Exception as failed:  # noqa: BLE001 a crash of the diagnosis is a result of this bench
+        return line | {"verdict": "crash", "why": repr(failed)}
+    return line | {"lone_cpu": round(time.process_time() - began, 2)} | _found(found, fitted)
 
 
 def _found(found: Any, fitted: Any) -> Line:

@@ -41,9 +41,7 @@ LAG_TICKS = 512
 
 
 @njit(cache=True)
-def read(
-    p: np.ndarray, law: np.ndarray, e: np.ndarray, place: float, alien: int, odd: np.ndarray, held: np.ndarray
-) -> float:
+def read(p: np.ndarray, law: np.ndarray, e: np.ndarray, place: float, alien: int, odd: np.ndarray) -> float:
     """What the encoder tells."""
     told = place
     if law[ECCENTRIC]:
@@ -53,7 +51,6 @@ def read(
         told = max(told, cell * odd[7] + odd[0] * odd[8])
     if p[RESOLUTION] > 0.0:
         told = math.floor(told / p[RESOLUTION] + 0.5) * p[RESOLUTION]
-    held[0] = told
     return told
 
 
@@ -145,7 +142,7 @@ def play(
     """Plays the reference.
 
     Args:
-        late_by: ticks after a cycle's begin at which its row is written, shape (n,); tick, s; `nominal` of them a cycle.
+        late_by: ticks after a cycle's begin at which its row is written, shape (n,); `nominal` ticks a cycle.
         disturbance: torque at 1 kHz, beside the drive's.
         out: (6, n): reading, demand at the row, motor torque at the row, its mean over the cycle before, place, speed.
 
@@ -154,7 +151,7 @@ def play(
     """
     s = np.zeros(STATES)
     s[0] = s[2] = reference[0]
-    mem, ring, held = np.zeros(8), np.zeros(LAG_TICKS + 2), np.zeros(1)
+    mem, ring = np.zeros(8), np.zeros(LAG_TICKS + 2)
     mem[2] = mem[3] = reference[0]
     old = np.full(4, reference[0])
     kind, dead, limit = int(c[KIND]), int(c[DEAD]), p[LIMIT]
@@ -162,7 +159,7 @@ def play(
     step, keep = tick / substeps, math.exp(-tick / p[CURRENT_TAU])
     demand, motor, mean, count, cycle = 0.0, 0.0, 0.0, 0, nominal * tick
     for k in range(len(reference)):
-        told = read(p, law, e, s[0], alien, odd, held)
+        told = read(p, law, e, s[0], alien, odd)
         old[k % 4] = told
         out[3, k] = mean
         mean = 0.0
@@ -176,10 +173,10 @@ def play(
         for t in range(nominal):
             if kind != HOST_PID:
                 ref = between(reference, at, (t + 1.0) / nominal, c[CUBIC] > 0.0)
-                told = read(p, law, e, s[0], alien, odd, held)
+                told = read(p, law, e, s[0], alien, odd)
                 demand = inside(c, mem, ref, push, told, tick, limit)
             if t == late_by[k]:
-                out[0, k], out[1, k], out[2, k] = read(p, law, e, s[0], alien, odd, held), demand, motor
+                out[0, k], out[1, k], out[2, k] = read(p, law, e, s[0], alien, odd), demand, motor
                 out[4, k], out[5, k] = s[0], s[1]
             motor = demand + (motor - demand) * keep
             mean += motor / nominal

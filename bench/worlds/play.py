@@ -70,7 +70,7 @@ def _strange(world: World, what: Programme, n: int, rng: np.random.Generator) ->
     time = np.arange(n) / 1000.0
     if alien.kind == MAINS:
         return np.asarray(alien.e[0] * np.sin(2.0 * np.pi * alien.e[9] * time + rng.uniform(0, 6.28)))
-    starts = np.flatnonzero(what.names[1:] != what.names[:-1]) * world.loop.period
+    starts = np.append(0.0, np.flatnonzero(what.names[1:] != what.names[:-1]) * world.loop.period)
     since = time - starts[np.clip(np.searchsorted(starts, time) - 1, 0, None)]
     return np.asarray(alien.e[0] * np.tanh(3.0 * np.sin(2.0 * np.pi * since / 2.7)))
 

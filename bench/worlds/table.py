@@ -71,6 +71,11 @@ _ROWS: tuple[tuple[str, str, str, Callable[[Line], bool]], ...] = (
     ("pair", "pairs: both named", "90 %", named_first),
     ("pair", "pairs: a wrong third", "3 %", wrong),
     ("removed", "true effect removed: a name", "3 %", wrong),
+    ("lone", "single recordings: a wrong name", "3 %", lambda r: wrong(r) and not doubted(r)),
+    ("lone", "single recordings: named first", "", named_first),
+    ("second", "second files: a wrong name confirmed", "0.5 %", lambda r: wrong(r) and r["confidence"] == "confirmed"),
+    ("second", "second files: a wrong name", "", lambda r: wrong(r) and not doubted(r)),
+    ("second", "second files: named first", "", named_first),
 )  # fmt: skip
 
 
@@ -81,8 +86,9 @@ def table(lines: Sequence[Line], head: str = "") -> str:
         kinds.setdefault(line["kind"], []).append(line)
     out = [head, "| what | asked | seen |", "|---|---|---|"]
     for kind, words, asked, test in _ROWS:
-        if kind in kinds:
-            out.append(f"| {words} | {asked} | {_share(kinds[kind], test)} |")
+        rows = [line for line in kinds.get(kind, []) if line["truth"] or test is not named_first]
+        if rows:
+            out.append(f"| {words} | {asked} | {_share(rows, test)} |")
     for kind in ("single", "half", "null", "pair"):
         if kind in kinds:
             out.append(
