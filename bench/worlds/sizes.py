@@ -16,6 +16,7 @@ from numba import njit
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from scipy.signal import butter, sosfiltfilt
 
+from autotune.recordings.recording import Recording
 from bench.worlds.play import recording, run
 from bench.worlds.programme import EXPERIMENTS, Programme, programme
 from bench.worlds.world import Floats, World
@@ -75,14 +76,21 @@ def left(world: World, what: Programme) -> float:
     return best
 
 
+def unexplained(world: World, taken: Recording) -> Floats:
+    """Recorded torque less that of the true base, row by row."""
+    plant, period = world.plant, world.loop.period
+    torque = taken["torque_command" if "torque_command" in taken else "torque"] / (
+        1.0 + world.around.unit_error
+    )
+    columns = _columns(smooth(taken["position"], period, MOTION), period, plant.reach)
+    return np.asarray(torque - columns @ np.array([plant.inertia, plant.viscous, 0.0, plant.coulomb, 0.0]))
+
+
 def noise(world: World, what: Programme) -> float:
     """Rms of what repeats do not share, on the recording's own columns."""
-    taken, plant, period = recording(world, what, seed=991), world.plant, world.loop.period
-    scale = 1.0 + world.around.unit_error
-    torque = taken["torque_command" if "torque_command" in taken else "torque"] / scale
-    columns = _columns(smooth(taken["position"], period, MOTION), period, plant.reach)
-    weights = np.array([plant.inertia, plant.viscous, 0.0, plant.coulomb, 0.0])
-    error, rows = smooth(torque - columns @ weights, period), moving(what, world, taken["position"])
+    taken = recording(world, what, seed=991)
+    error = smooth(unexplained(world, taken), world.loop.period)
+    rows = moving(what, world, taken["position"])
     squares, count = 0.0, 0
     for name in EXPERIMENTS:
         one, two = (np.flatnonzero((what.names == name) & (what.repeats == r)) for r in (0, 1))
