@@ -21,7 +21,15 @@ from bench.worlds.cases import Case, batch_hash, draw_batch
 from bench.worlds.judge import judged
 from bench.worlds.table import table
 
-PLURALS = {"singles": "single", "halves": "half", "nulls": "null", "aliens": "alien", "pairs": "pair"}
+PLURALS = {
+    "singles": "single",
+    "halves": "half",
+    "nulls": "null",
+    "aliens": "alien",
+    "pairs": "pair",
+    "lones": "lone",
+    "seconds": "second",
+}
 
 
 def arguments() -> argparse.Namespace:

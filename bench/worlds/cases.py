@@ -1,4 +1,4 @@
-"""Cases drawn from a seed: what is planted where, and how large; a batch's hash says that it was drawn before it ran."""
+"""Cases drawn from a seed: what is planted where, how large; a batch's hash shows that it was drawn before it ran."""
 
 from __future__ import annotations
 
@@ -15,7 +15,10 @@ from bench.worlds.draw import draw_world
 from bench.worlds.play import RanAway
 from bench.worlds.world import World
 
-KINDS = ("single", "half", "null", "alien", "pair", "removed")
+KINDS = ("single", "half", "null", "alien", "pair", "removed", "lone", "second")
+"""Of `lone` and `second` files there is one trajectory, without repeats; three in ten have nothing planted."""
+STRIDE = 6  # worlds of the first six kinds alternate
+NULL_SHARE = 0.3
 TRIES = 12
 
 
@@ -53,7 +56,7 @@ def draw_case(kind: str, seed: int) -> Case:
     rng = np.random.default_rng([seed, KINDS.index(kind), 1402])
     low, high = {"half": (0.5, 0.9), "pair": (1.5, 4.0), "alien": (1.5, 4.0)}.get(kind, (1.1, 4.0))
     ratio = float(np.exp(rng.uniform(np.log(low), np.log(high))))
-    if kind == "null":
+    if kind == "null" or (kind in ("lone", "second") and rng.uniform() < NULL_SHARE):
         return Case(kind, seed, (), 0.0)
     if kind == "alien":
         return Case(kind, seed, ((names.ALIENS[seed % len(names.ALIENS)], 0),), ratio)
@@ -66,8 +69,9 @@ def draw_case(kind: str, seed: int) -> Case:
 
 
 def draw_batch(seed: int, counts: Mapping[str, int]) -> list[Case]:
-    """All cases of a batch, in order."""
-    return [draw_case(kind, seed + i) for kind in KINDS for i in range(counts.get(kind, 0))]
+    """All cases of a batch; kinds in turn, so that a batch cut short holds some of each."""
+    most = max(counts.values(), default=0)
+    return [draw_case(kind, seed + i) for i in range(most) for kind in KINDS if i < counts.get(kind, 0)]
 
 
 def batch_hash(cases: list[Case]) -> str:
@@ -92,9 +96,15 @@ def ready(case: Case) -> Ready:
     raise RanAway(f"case {case.key}: no world in {TRIES} can show {', '.join(case.truth)}")
 
 
-def _attempt(case: Case, attempt: int) -> Ready | None:
+def _world_seed(case: Case) -> int:
     kind = KINDS.index(case.kind)
-    world = draw_world((case.seed * len(KINDS) + kind) * 100 + attempt)
+    if kind < STRIDE:
+        return (case.seed * STRIDE + kind) * 100
+    return 1_000_000_000 * (kind - STRIDE + 1) + case.seed * 100
+
+
+def _attempt(case: Case, attempt: int) -> Ready | None:
+    world = draw_world(_world_seed(case) + attempt)
     rng = np.random.default_rng([world.seed, 1403])
     if case.kind != "alien" and not set(case.truth) <= set(planting.possible(world)):
         return None

@@ -10,7 +10,7 @@ from bench.worlds.names import CASCADE, HOST_PID
 from bench.worlds.world import Loop, Plant, Surroundings, World
 
 TICKS = (125e-6, 100e-6, 62.5e-6)
-CYCLES = {0.25e-3: 0.1, 0.5e-3: 0.15, 1e-3: 0.5, 2e-3: 0.17, 4e-3: 0.08}
+CYCLES = {0.25e-3: 0.05, 0.5e-3: 0.1, 1e-3: 0.6, 2e-3: 0.17, 4e-3: 0.08}
 TURN = 2.0 * math.pi
 
 
@@ -70,14 +70,14 @@ def _loop(
     dead = int(rng.choice(4, p=[0.45, 0.3, 0.15, 0.1]))
     if kind == HOST_PID and period > 1.5e-3:
         dead = min(dead, 1)
-    wait = period * (0.7 + dead) if kind == HOST_PID else 3.0 * tick + current
-    quiet = math.sqrt(0.05 * coulomb / (inertia * resolution))
-    rate = min(0.2 / wait, quiet, TURN * 45.0) * rng.uniform(0.6, 1.0)
+    wait = period * (0.7 + dead) if kind == HOST_PID else 4.0 * tick + current
+    quiet = math.sqrt(0.02 * coulomb / (inertia * resolution))
+    rate = min(0.2 / wait, quiet, TURN * 40.0) * rng.uniform(0.6, 1.0)
     subsample = int(rng.choice([1, 2, 4]))
-    smooth = min(5.0 * rate, 0.7 / period) if kind == HOST_PID else 6.0 * rate
+    smooth = min(5.0 * rate, 0.7 / period) if kind == HOST_PID else 10.0 * rate
     share = 1.0 - math.exp(-smooth * period) if kind == HOST_PID else smooth
     if kind == CASCADE:
-        kp, kd, ki = rate, 3.0 * rate * inertia, 1.5 * rate * rate * inertia
+        kp, kd, ki = rate, 2.5 * rate * inertia, 0.8 * rate * rate * inertia
     else:
         kp, kd = 3.0 * rate * rate * inertia, 3.0 * rate * inertia
         ki = rng.uniform(0.4, 1.0) * rate**3 * inertia

@@ -12,11 +12,13 @@ from unittest import mock
 import numpy as np
 
 import autotune
+from bench.worlds import sizes
 from bench.worlds.cases import Case, Ready, ready
+from bench.worlds.lone import CHANGES, TRAJECTORIES, alone, second_file
 from bench.worlds.names import LOOPS
 from bench.worlds.play import RanAway, recording, whole
 from bench.worlds.programme import Programme, programme
-from bench.worlds.world import World
+from bench.worlds.world import Floats, World
 
 Line = dict[str, Any]
 
@@ -68,6 +70,8 @@ def _surroundings(made: Ready) -> Line:
 
 def diagnosed(made: Ready) -> Line:
     """Fit and diagnosis of the case's recording."""
+    if made.case.kind in ("lone", "second"):
+        return _lonely(made)
     taken = whole(made.world)
     hidden = made.case.truth if made.case.kind == "removed" else ()
     began = time.process_time()
@@ -88,7 +92,30 @@ def diagnosed(made: Ready) -> Line:
     except Exception as failed:  # noqa: BLE001 a crash of the diagnosis is a result of this bench
         return line | {"verdict": "crash", "why": repr(failed), "cpu": round(time.process_time() - began, 2)}
     line |= {"fit_cpu": round(between - began, 2), "cpu": round(time.process_time() - between, 2)}
-    return line | _found(found, fitted) | _against_truth(made, found, fitted)
+    return line | _found(found, fitted) | _against_truth(made, found)
+
+
+def _lonely(made: Ready) -> Line:
+    """A trajectory without repeats, fitted and diagnosed; with a second file where the case has one."""
+    rng = np.random.default_rng([made.world.seed, 1404])
+    one, two = rng.permutation(list(TRAJECTORIES))[:2].tolist()
+    change = str(rng.choice(CHANGES))
+    files = [alone(made.world, one, rng, 0)]
+    line: Line = {"kinds": [one], "rows": len(files[0])}
+    if made.case.kind == "second":
+        files.append(second_file(made.world, change, two, rng, 1))
+        line |= {"kinds": [one, two], "change": change}
+    began = time.process_time()
+    try:
+        fitted = autotune.fit(files[0])
+        if fitted.model is None:
+            return line | {"verdict": "refused", "why": fitted.reason}
+        found = autotune.diagnose(files, fitted)
+    except autotune.AutotuneError as refused:
+        return line | {"verdict": "refused", "why": str(refused)}
+    except Exception as failed:  # noqa: BLE001 a crash of the diagnosis is a result of this bench
+        return line | {"verdict": "crash", "why": repr(failed)}
+    return line | {"lone_cpu": round(time.process_time() - began, 2)} | _found(found, fitted)
 
 
 def _found(found: Any, fitted: Any) -> Line:
@@ -109,33 +136,31 @@ def _found(found: Any, fitted: Any) -> Line:
     }
 
 
-def _against_truth(made: Ready, found: Any, fitted: Any) -> Line:
+def _against_truth(made: Ready, found: Any) -> Line:
     """Error on the unseen test over what the true model would leave: what two plays of it do not share."""
-    if not math.isfinite(found.error_test):
-        return {"over_truth": None}
     try:
-        floor = autotune.compare(_twice(made.world), fitted).noise_floor_rms
-    except autotune.AutotuneError:
+        taps = np.asarray(found._diagnosis.study.data.taps)
+    except AttributeError:
         return {"over_truth": None}
-    return {"over_truth": round(found.error_test / floor, 4) if floor > 0 else None, "true_floor": floor}
+    floor = _floor(made.world, taps / taps.sum())
+    known = math.isfinite(found.error_test) and floor > 0.0
+    return {"over_truth": round(found.error_test / floor, 4) if known else None, "true_floor": floor}
 
 
-def _twice(world: World) -> autotune.Recording:
-    """The test trajectory alone, played twice with other noise, as two repeats of one experiment."""
+def _floor(world: World, taps: Floats) -> float:
+    """Rms of half the difference of two plays of the test, torque less the true base's, through the same low-pass."""
     what = programme(world, 1)
-    rows = what.names == "test"
-    still = np.zeros(round(0.3 / world.loop.period))
-    path = np.concatenate([still, what.reference[rows]])
-    labels = np.concatenate([np.full(len(still), "conditioning"), np.full(int(rows.sum()), "probe")])
-    parts = [
-        recording(world, Programme(path, labels, np.full(len(path), repeat)), seed=500 + repeat)
-        for repeat in range(2)
-    ]
-    both = {name: np.concatenate([part[name] for part in parts]) for name in parts[0].floats}
-    both["time"] = np.arange(2 * len(path)) * world.loop.period
-    return autotune.Recording.from_columns(
-        both, parts[0].metadata, np.tile(labels, 2), np.repeat(np.arange(2), len(path))
-    )
+    chosen = what.names == "test"
+    path = np.concatenate([np.zeros(round(0.3 / world.loop.period)), what.reference[chosen]])
+    probe = Programme(path, np.full(len(path), "scans"), np.zeros(len(path), dtype=np.int64))
+    errors, rows = [], np.ones(len(path), dtype=np.bool_)
+    for seed in (500, 501):
+        taken = recording(world, probe, seed)
+        errors.append(np.convolve(sizes.unexplained(world, taken), taps, mode="same"))
+        rows &= sizes.moving(probe, world, taken["position"])
+    rows[: len(taps)] = rows[-len(taps) :] = False
+    scale = 1.0 + world.around.unit_error
+    return scale * float(np.sqrt(np.mean(0.5 * (errors[0] - errors[1])[rows] ** 2))) if rows.any() else 0.0
 
 
 def _without(hidden: tuple[str, ...]) -> Any:

@@ -41,9 +41,7 @@ LAG_TICKS = 512
 
 
 @njit(cache=True)
-def read(
-    p: np.ndarray, law: np.ndarray, e: np.ndarray, place: float, alien: int, odd: np.ndarray, held: np.ndarray
-) -> float:
+def read(p: np.ndarray, law: np.ndarray, e: np.ndarray, place: float, alien: int, odd: np.ndarray) -> float:
     """What the encoder tells."""
     told = place
     if law[ECCENTRIC]:
@@ -53,7 +51,6 @@ def read(
         told = max(told, cell * odd[7] + odd[0] * odd[8])
     if p[RESOLUTION] > 0.0:
         told = math.floor(told / p[RESOLUTION] + 0.5) * p[RESOLUTION]
-    held[0] = told
     return told
 
 
@@ -139,13 +136,13 @@ def between(reference: np.ndarray, k: int, part: float, cubic: bool) -> float:
 @njit(cache=True)
 def play(
     p: np.ndarray, c: np.ndarray, law: np.ndarray, e: np.ndarray, waves: np.ndarray, alien: int, odd: np.ndarray,
-    reference: np.ndarray, ticks: np.ndarray, tick: float, substeps: int, nominal: int, disturbance: np.ndarray,
+    reference: np.ndarray, late_by: np.ndarray, tick: float, substeps: int, nominal: int, disturbance: np.ndarray,
     out: np.ndarray,
 ) -> int:  # fmt: skip
     """Plays the reference.
 
     Args:
-        ticks: in each cycle, shape (n,), `nominal` of them but for jitter; tick, s.
+        late_by: ticks after a cycle's begin at which its row is written, shape (n,); `nominal` ticks a cycle.
         disturbance: torque at 1 kHz, beside the drive's.
         out: (6, n): reading, demand at the row, motor torque at the row, its mean over the cycle before, place, speed.
 
@@ -154,7 +151,7 @@ def play(
     """
     s = np.zeros(STATES)
     s[0] = s[2] = reference[0]
-    mem, ring, held = np.zeros(8), np.zeros(LAG_TICKS + 2), np.zeros(1)
+    mem, ring = np.zeros(8), np.zeros(LAG_TICKS + 2)
     mem[2] = mem[3] = reference[0]
     old = np.full(4, reference[0])
     kind, dead, limit = int(c[KIND]), int(c[DEAD]), p[LIMIT]
@@ -162,9 +159,9 @@ def play(
     step, keep = tick / substeps, math.exp(-tick / p[CURRENT_TAU])
     demand, motor, mean, count, cycle = 0.0, 0.0, 0.0, 0, nominal * tick
     for k in range(len(reference)):
-        told = read(p, law, e, s[0], alien, odd, held)
+        told = read(p, law, e, s[0], alien, odd)
         old[k % 4] = told
-        out[0, k], out[3, k], out[4, k], out[5, k] = told, mean, s[0], s[1]
+        out[3, k] = mean
         mean = 0.0
         at = max(k - dead, 0)
         push = 0.0
@@ -173,15 +170,16 @@ def play(
         elif c[ACCEL_FEED] != 0.0 and at >= 2:
             bend = (reference[at] - 2.0 * reference[at - 1] + reference[at - 2]) / (cycle * cycle)
             push = c[ACCEL_FEED] * p[INERTIA] * bend
-        for t in range(ticks[k]):
+        for t in range(nominal):
             if kind != HOST_PID:
-                ref = between(reference, at, min((t + 1.0) / nominal, 1.0), c[CUBIC] > 0.0)
-                told = read(p, law, e, s[0], alien, odd, held)
+                ref = between(reference, at, (t + 1.0) / nominal, c[CUBIC] > 0.0)
+                told = read(p, law, e, s[0], alien, odd)
                 demand = inside(c, mem, ref, push, told, tick, limit)
-            if t == 0:
-                out[1, k], out[2, k] = demand, motor
+            if t == late_by[k]:
+                out[0, k], out[1, k], out[2, k] = read(p, law, e, s[0], alien, odd), demand, motor
+                out[4, k], out[5, k] = s[0], s[1]
             motor = demand + (motor - demand) * keep
-            mean += motor / ticks[k]
+            mean += motor / nominal
             drive = weakened(law[SATURATION], e[SATURATION], motor) if law[SATURATION] else motor
             if law[LAG]:
                 drive = late(law[LAG], e[LAG], ring, count, tick, drive)

@@ -20,7 +20,7 @@ class RanAway(RuntimeError):
 
 @dataclass(frozen=True, slots=True)
 class Played:
-    """What happened, shape (n,): reading, demand at the row, motor torque there and over the coming row, place, speed."""
+    """Arrays of shape (n,): reading, demand at the row, motor torque there and over the coming row, place, speed."""
 
     reading: Floats
     demand: Floats
@@ -30,8 +30,10 @@ class Played:
     speed: Floats
 
 
-def run(world: World, what: Programme, seed: int, noisy: bool = True) -> Played:
+def run(world: World, what: Programme, seed: int, noisy: bool = True, steps: float = 1.0) -> Played:
     """Simulates; without noise there is no disturbance, no quantiser and no jitter.
+
+    `steps` is a share of the usual steps a tick: half of them do where only sizes are sought.
 
     Raises:
         RanAway: the loop is not stable.
@@ -39,19 +41,21 @@ def run(world: World, what: Programme, seed: int, noisy: bool = True) -> Played:
     rng = np.random.default_rng([world.seed, seed, 77])
     plant = world.plant if noisy else replace(world.plant, resolution=0.0)
     n, loop = len(what.reference), world.loop
-    ticks = np.full(n, loop.cycle, dtype=np.int64)
+    late_by = np.zeros(n, dtype=np.int64)
     if noisy and loop.jitter > 0.0:
-        late = np.rint(loop.jitter * rng.standard_normal(n + 1)).astype(np.int64)
-        ticks = np.maximum(ticks + np.diff(late), 1)
-    seconds = (ticks.sum() + 2) * loop.tick
+        late_by = np.minimum(np.rint(loop.jitter * np.abs(rng.standard_normal(n))), loop.cycle - 1).astype(
+            np.int64
+        )
+    seconds = (n + 2) * loop.period
     outer = disturbance(world.around, seconds, rng) if noisy else np.zeros(int(seconds * 1000) + 4)
     outer = outer + _strange(world, what, len(outer), rng if noisy else np.random.default_rng(1))
     law, e, waves = world.laws()
     alien, odd = (world.alien.kind, np.asarray(world.alien.e)) if world.alien else (0, np.zeros(10))
     out = np.zeros((6, n + 1))
+    fine = max(round(steps * world.substeps), 1)
     rows = play_compiled(
-        plant.packed(), loop.packed(), law, e, waves, alien, odd, what.reference, ticks, loop.tick, world.substeps,
-        loop.cycle, outer, out,
+        plant.packed(), loop.packed(), law, e, waves, alien, odd, what.reference, late_by, loop.tick, fine, loop.cycle,
+        outer, out,
     )  # fmt: skip
     if rows < n or float(np.abs(out[4, :n]).max()) > 3.0 * world.plant.travel + 100.0 * world.plant.reach:
         raise RanAway(f"the loop of world {world.seed} ran away after {rows} rows")
@@ -59,14 +63,14 @@ def run(world: World, what: Programme, seed: int, noisy: bool = True) -> Played:
 
 
 def _strange(world: World, what: Programme, n: int, rng: np.random.Generator) -> Floats:
-    """Torque of an alien that belongs to time: mains that runs through, or a neighbour that moves with each experiment."""
+    """Torque of an alien that belongs to time: mains that runs through, a neighbour that moves with each experiment."""
     alien = world.alien
     if alien is None or alien.kind not in (MAINS, NEIGHBOUR):
         return np.zeros(n)
     time = np.arange(n) / 1000.0
     if alien.kind == MAINS:
         return np.asarray(alien.e[0] * np.sin(2.0 * np.pi * alien.e[9] * time + rng.uniform(0, 6.28)))
-    starts = np.flatnonzero(what.names[1:] != what.names[:-1]) * world.loop.period
+    starts = np.append(0.0, np.flatnonzero(what.names[1:] != what.names[:-1]) * world.loop.period)
     since = time - starts[np.clip(np.searchsorted(starts, time) - 1, 0, None)]
     return np.asarray(alien.e[0] * np.tanh(3.0 * np.sin(2.0 * np.pi * since / 2.7)))
 

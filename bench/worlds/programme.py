@@ -67,13 +67,14 @@ class Scale:
         return np.full(max(round(seconds / self.period), 1), place)
 
     def sine(self, size: float, hertz: float, cycles: float) -> Floats:
-        """No faster and harder than the axis may."""
+        """No faster and harder than the axis may; it swells and fades over half a period."""
         size = min(size, 0.8 * self.half)
         hertz = min(
             hertz, 0.6 * self.top / (2 * math.pi * size), math.sqrt(0.6 * self.hard / size) / (2 * math.pi)
         )
-        time = np.arange(round(cycles / hertz / self.period)) * self.period
-        return np.asarray(size * np.sin(2 * math.pi * hertz * time))
+        time = np.arange(round(cycles / hertz / self.period) + 1) * self.period
+        edge = np.clip(np.minimum(time, time[-1] - time) * 2.0 * hertz, 0.0, 1.0)
+        return np.asarray(size * np.sin(2 * math.pi * hertz * time) * edge * edge * (3.0 - 2.0 * edge))
 
     def triangle(self, speed: float, seconds: float, cycles: float) -> Floats:
         """Back and forth at a share of top speed, rounded by the axis's acceleration."""

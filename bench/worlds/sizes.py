@@ -13,13 +13,17 @@ from dataclasses import replace
 
 import numpy as np
 from numba import njit
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from scipy.signal import butter, sosfiltfilt
 
-from bench.worlds.play import run
+from autotune.recordings.recording import Recording
+from bench.worlds.play import recording, run
 from bench.worlds.programme import EXPERIMENTS, Programme, programme
 from bench.worlds.world import Floats, World
 
 CUTOFF = 60.0
+MOTION = 150.0
+"""Hz, of the motion that the bristle follows."""
 NEAR = 0.15
 """A ratio is near enough to the one asked."""
 
@@ -34,9 +38,9 @@ def _bristle(place: np.ndarray, reach: float) -> np.ndarray:
     return out
 
 
-def smooth(values: Floats, period: float) -> Floats:
+def smooth(values: Floats, period: float, cutoff: float = CUTOFF) -> Floats:
     """Zero-phase low-pass, along the first axis."""
-    sos = butter(2, min(CUTOFF, 0.2 / period), fs=1.0 / period, output="sos")
+    sos = butter(4, min(cutoff, 0.35 / period), fs=1.0 / period, output="sos")
     return np.asarray(sosfiltfilt(sos, values, axis=0))
 
 
@@ -47,39 +51,46 @@ def _columns(place: Floats, period: float, reach: float) -> Floats:
     return np.column_stack([bend, speed, np.ones(len(place)), z, np.gradient(z, period)])
 
 
-def moving(what: Programme, world: World) -> np.ndarray:
-    """Rows of training where the reference moves."""
-    width = max(round(0.02 / world.loop.period), 2)
-    later, before = np.roll(what.reference, -width), np.roll(what.reference, width)
-    swing = np.maximum(np.abs(later - what.reference), np.abs(before - what.reference))
-    return np.isin(what.names, EXPERIMENTS) & (swing > 2.1 * world.plant.resolution)
+def moving(what: Programme, world: World, reading: Floats | None = None) -> np.ndarray:
+    """Rows of training where the reading (else the reference) moves by more than two counts in 20 ms."""
+    width = 2 * max(round(0.01 / world.loop.period), 1) + 1
+    place = what.reference if reading is None else reading
+    swing = maximum_filter1d(place, width) - minimum_filter1d(place, width)
+    return np.asarray(np.isin(what.names, EXPERIMENTS) & (swing > 2.1 * world.plant.resolution))
 
 
 def left(world: World, what: Programme) -> float:
     """Rms of the torque that a refitted base leaves in a simulation without noise."""
-    played, period = run(world, what, 0, noisy=False), world.loop.period
+    played, period = run(world, what, 0, noisy=False, steps=0.5), world.loop.period
     place = 0.5 * (played.reading + np.append(played.reading[1:], played.reading[-1]))
-    rows, torque = moving(what, world), smooth(played.mean, period)[:, None]
-    rows[-5:] = False
+    rows = np.flatnonzero(moving(what, world)[:-5])[:: max(round(2e-3 / period), 1)]
+    torque = smooth(played.mean, period)[rows]
+    plain = smooth(_columns(place, period, world.plant.reach)[:, :3], period)[rows]
     best = math.inf
     for factor in (0.4, 0.63, 1.0, 1.6, 2.5):
-        columns = smooth(_columns(place, period, factor * world.plant.reach), period)[rows]
+        z = _bristle(place, factor * world.plant.reach)
+        columns = np.column_stack([plain, smooth(np.column_stack([z, np.gradient(z, period)]), period)[rows]])
         columns = columns / np.maximum(np.sqrt((columns**2).mean(axis=0)), 1e-300)
-        found = np.linalg.lstsq(columns, torque[rows], rcond=None)[0]
-        best = min(best, float(np.sqrt(np.mean((torque[rows] - columns @ found) ** 2))))
+        found = np.linalg.lstsq(columns, torque, rcond=None)[0]
+        best = min(best, float(np.sqrt(np.mean((torque - columns @ found) ** 2))))
     return best
+
+
+def unexplained(world: World, taken: Recording) -> Floats:
+    """Recorded torque less that of the true base, row by row."""
+    plant, period = world.plant, world.loop.period
+    torque = taken["torque_command" if "torque_command" in taken else "torque"] / (
+        1.0 + world.around.unit_error
+    )
+    columns = _columns(smooth(taken["position"], period, MOTION), period, plant.reach)
+    return np.asarray(torque - columns @ np.array([plant.inertia, plant.viscous, 0.0, plant.coulomb, 0.0]))
 
 
 def noise(world: World, what: Programme) -> float:
     """Rms of what repeats do not share, on the recording's own columns."""
-    from bench.worlds.play import recording
-
-    taken, plant, period = recording(world, what, seed=991), world.plant, world.loop.period
-    scale = 1.0 + world.around.unit_error
-    torque = taken["torque_command" if "torque_command" in taken else "torque"] / scale
-    columns = _columns(taken["position"], period, plant.reach)
-    weights = np.array([plant.inertia, plant.viscous, 0.0, plant.coulomb, 0.0])
-    error, rows = smooth(torque - columns @ weights, period), moving(what, world)
+    taken = recording(world, what, seed=991)
+    error = smooth(unexplained(world, taken), world.loop.period)
+    rows = moving(what, world, taken["position"])
     squares, count = 0.0, 0
     for name in EXPERIMENTS:
         one, two = (np.flatnonzero((what.names == name) & (what.repeats == r)) for r in (0, 1))

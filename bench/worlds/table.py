@@ -34,6 +34,11 @@ def doubted(line: Line) -> bool:
     return line.get("verdict") == "ambiguous" and bool(rivals & set(line["truth"]))
 
 
+def strange(line: Line) -> bool:
+    """An alien is called unknown, or by a name that it may have."""
+    return line.get("verdict") == "unknown" or (bool(line.get("effects")) and not wrong(line))
+
+
 def _is(verdict: str) -> Callable[[Line], bool]:
     return lambda line: line.get("verdict") == verdict
 
@@ -61,11 +66,16 @@ _ROWS: tuple[tuple[str, str, str, Callable[[Line], bool]], ...] = (
     ("null", "nulls: a name", "1 %", wrong),
     ("null", "nulls: unknown", "3 %", _is("unknown")),
     ("null", "nulls: refused", "", lambda r: r.get("verdict") in ("refused", "crash")),
-    ("alien", "aliens: unknown", "95 %", lambda r: r.get("verdict") == "unknown" or (bool(r.get("effects")) and not wrong(r))),
+    ("alien", "aliens: unknown", "95 %", strange),
     ("alien", "aliens: a name", "", wrong),
     ("pair", "pairs: both named", "90 %", named_first),
     ("pair", "pairs: a wrong third", "3 %", wrong),
     ("removed", "true effect removed: a name", "3 %", wrong),
+    ("lone", "single recordings: a wrong name", "3 %", lambda r: wrong(r) and not doubted(r)),
+    ("lone", "single recordings: named first", "", named_first),
+    ("second", "second files: a wrong name confirmed", "0.5 %", lambda r: wrong(r) and r["confidence"] == "confirmed"),
+    ("second", "second files: a wrong name", "", lambda r: wrong(r) and not doubted(r)),
+    ("second", "second files: named first", "", named_first),
 )  # fmt: skip
 
 
@@ -76,8 +86,9 @@ def table(lines: Sequence[Line], head: str = "") -> str:
         kinds.setdefault(line["kind"], []).append(line)
     out = [head, "| what | asked | seen |", "|---|---|---|"]
     for kind, words, asked, test in _ROWS:
-        if kind in kinds:
-            out.append(f"| {words} | {asked} | {_share(kinds[kind], test)} |")
+        rows = [line for line in kinds.get(kind, []) if line["truth"] or test is not named_first]
+        if rows:
+            out.append(f"| {words} | {asked} | {_share(rows, test)} |")
     for kind in ("single", "half", "null", "pair"):
         if kind in kinds:
             out.append(
@@ -92,9 +103,8 @@ def _speed(lines: Sequence[Line]) -> list[str]:
     spent = [r["cpu"] * min(1.0, 140e3 / r["rows"]) for r in lines if "cpu" in r and r.get("rows")]
     if not spent:
         return []
-    return [
-        f"| processor time for 140 000 rows [s]: median, 95th percentile | 7 | {np.median(spent):.1f}, {np.percentile(spent, 95):.1f} |"
-    ]
+    seen = f"{np.median(spent):.1f}, {np.percentile(spent, 95):.1f}"
+    return [f"| processor time for 140 000 rows [s]: median, 95th percentile | 7 | {seen} |"]
 
 
 def _by(lines: Sequence[Line], *kinds: str) -> list[str]:

@@ -60,7 +60,7 @@ class Loop:
         kind: index into `names.LOOPS`; tick: period of the drive's loop [s]; cycle: ticks for each row.
         filter: of the host's PID a share for each row, else a rate [1/s].
         dead: rows by which what the controller sees is old.
-        jitter: standard deviation of a row's moment [ticks].
+        jitter: spread of the moment at which a row is written [ticks].
         stated: what the recording says of the controller: `right`, `unknown` or `wrong`.
     """
 
