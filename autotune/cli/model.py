@@ -112,13 +112,24 @@ def compare(
 
 
 @model.command()
-def diagnose(recordings: Recordings, model_file: ModelFile, as_json: Json = False, html: Html = None) -> None:
+def diagnose(
+    recordings: Recordings,
+    model_file: ModelFile,
+    as_json: Json = False,
+    html: Html = None,
+    apply: Annotated[
+        Path | None,
+        typer.Option(metavar="MODEL.toml", help="Write the model with all that is named, fitted together."),
+    ] = None,
+) -> None:
     """Tell which physical effect the model lacks, with the evidence."""
     import autotune
     from autotune.cli.model_text import diagnosis_lines
-    from autotune.models.model_file import read_model
+    from autotune.models.model_file import read_model, write_model
 
     _check_folder(html)
+    if apply is not None:
+        _check_output(apply)
     known = read_model(model_file)
     read = _read(recordings)
     with one_bar("diagnose", DIAGNOSE_STEPS) as step:
@@ -131,26 +142,44 @@ def diagnose(recordings: Recordings, model_file: ModelFile, as_json: Json = Fals
     else:
         for line in diagnosis_lines(result):
             answer(line)
+    if apply is not None:
+        found = result.found_model(_source(recordings))
+        if found is None:
+            say("nothing is named, so that nothing was written")
+            raise typer.Exit(NOTHING)
+        write_model(found, apply)
+        say(f"the model with {', '.join(result.effects)}: {apply}")
 
 
 @model.command()
 def add(
-    effect: Annotated[str, typer.Argument(metavar="EFFECT", help="Name of the effect.")],
-    recordings: Recordings,
+    words: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="EFFECT... RECORDING...", help="Names of effects, then recordings of one axis."
+        ),
+    ],
     model_file: ModelFile,
     out: Annotated[Path, typer.Option(metavar="MODEL.toml", help="Where to write the new model.")],
     as_json: Json = False,
 ) -> None:
-    """Add an effect to a model and show how far the error falls on data that the fit never saw."""
+    """Add effects to a model and show how far the error falls on data that the fit never saw."""
     import autotune
     from autotune.cli.model_text import added_lines
     from autotune.models.model_file import read_model, write_model
 
     _check_output(out)
-    known = read_model(model_file)
+    effects, recordings = _effects_first(words)
+    result, known = None, read_model(model_file)
     read = _read(recordings)
-    with one_bar(f"add {effect}", ADD_STEPS) as step:
-        result = autotune.add_effect(effect, read, known, progress=step, source=_source(recordings))
+    with one_bar(f"add {', '.join(effects)}", ADD_STEPS * len(effects)) as step:
+        for effect in effects:
+            result = autotune.add_effect(effect, read, known, progress=step, source=_source(recordings))
+            if not result.better:
+                break
+            known = result.model
+    if result is None:
+        raise ConfigurationError("no effect was named; 'autotune model effects' lists them")
     kept = result.better
     if kept:
         write_model(result.model, out)
@@ -162,8 +191,27 @@ def add(
         for line in added_lines(result, out if kept else None):
             answer(line)
     if not kept:
-        say(f"{effect} does not lower the error on unseen data; nothing was written")
+        say(f"{result.effect} does not lower the error on unseen data; nothing was written")
         raise typer.Exit(NOTHING)
+
+
+@model.command("effects")
+def list_effects(as_json: Json = False) -> None:
+    """List the effects that there are: what each looks like, what causes it, what to do."""
+    from autotune.models.table import EFFECTS
+
+    kinds = {
+        name: {"looks_like": kind.looks_like, "cause": kind.cause, "remedy": kind.remedy}
+        for name, kind in EFFECTS.items()
+    }
+    if as_json:
+        answer_json({"effects": kinds})
+        return
+    for name, words in kinds.items():
+        answer(name)
+        answer(f"  looks like: {words['looks_like']}")
+        answer(f"  caused by:  {words['cause']}")
+        answer(f"  what to do: {words['remedy']}")
 
 
 @model.command()
@@ -189,6 +237,25 @@ def show(
     else:
         for line in model_lines(known):
             answer(line)
+
+
+def _effects_first(words: list[str]) -> tuple[list[str], list[Path]]:
+    """What is no file, before the first that is one, names effects.
+
+    Raises:
+        ConfigurationError: no recording, or an effect named twice.
+    """
+    first = next(
+        (k for k, word in enumerate(words) if k and (Path(word).suffix or Path(word).exists())), len(words)
+    )
+    effects, files = words[:first], [Path(word) for word in words[first:]]
+    if not files:
+        raise ConfigurationError(
+            f"add {' '.join(effects)} names no recording; effects come first, then recordings"
+        )
+    if len(set(effects)) != len(effects):
+        raise ConfigurationError(f"add {' '.join(effects)} names an effect twice; name each once")
+    return effects, files
 
 
 def _read(paths: list[Path]) -> list[Recording]:
