@@ -1,0 +1,102 @@
+"""What other modules are told of an effect belongs to its own parameters, and to sets that have others in them."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from autotune.core.arrays import Floats
+from autotune.models import layout
+from autotune.models.drive_model import base_model
+from autotune.models.effect import Kind
+from autotune.models.start_values import StartContext
+from autotune.models.table import EFFECTS, looking_alike
+from autotune.models.total_friction import stiffness_of_elements, total_friction
+
+NUMBERS = {
+    "inertia": 6.66e-4, "viscous": 4.13e-3, "coulomb": 0.30, "stiffness": 60.0, "micro_damping": 0.1,
+    "offset": 0.048,
+}  # fmt: skip
+
+
+class _Rows:
+    """Fitted rows of which every column explains something."""
+
+    rows = np.arange(50)
+
+    def share(self, columns: Floats) -> float:
+        return float(np.mean(columns**2))
+
+
+def context() -> StartContext:
+    """An axis that turned twice, with two orders left in its residual."""
+    known: dict[str, Any] = {
+        "p": base_model(NUMBERS).pack().p, "coulomb": 0.3, "reach": 5e-3, "angle": 1.0, "torque": 0.5, "speed": 5.0,
+        "travel": 12.0, "mean_speed": 2.0, "largest_torque": 1.3, "resolution": 1e-4, "period": 1e-3,
+        "constant_speeds": False, "position": lambda: np.linspace(0.0, 12.0, 50), "thinned": _Rows,
+        "sensitivity": lambda name: np.ones(50), "orders_in_residual": lambda most: [4.0, 12.0][:most],
+    }  # fmt: skip
+    return cast(StartContext, SimpleNamespace(**known))
+
+
+@pytest.mark.parametrize("kind", EFFECTS.values(), ids=list(EFFECTS))
+def test_a_fit_begins_at_values_that_the_effect_can_have(kind: Kind) -> None:
+    starts = list(kind.starts(context()))
+    assert starts
+    for start in starts:
+        assert start.free
+        kind.make({p.name: p.neutral for p in kind.parameters if not p.optional} | dict(start.values))
+        for name, vary in start.free.items():
+            parameter = kind.parameter(name)
+            assert vary.scale > 0.0
+            assert vary.step > 0.0
+            assert max(parameter.lower, vary.lower) < min(parameter.upper, vary.upper)
+
+
+@pytest.mark.parametrize("kind", EFFECTS.values(), ids=list(EFFECTS))
+def test_terms_and_what_is_freed_later_are_parameters(kind: Kind) -> None:
+    p = base_model(NUMBERS).pack().p
+    if kind.terms is not None:
+        for part in (kind.terms.present, *kind.terms.amplitudes):
+            assert kind.parameter(f"{part}_1")
+        assert kind.terms_in_use(p) == []
+        p[kind.slot(f"{kind.terms.present}_1")] = 1.0
+        assert kind.terms_in_use(p) == [1]
+    for name in kind.freed_later(p) if kind.freed_later is not None else ():
+        assert kind.parameter(name)
+    assert len({q.slot for q in kind.parameters}) == len(kind.parameters)
+
+
+def test_no_effect_looks_like_itself_alone() -> None:
+    for alike, names in looking_alike().items():
+        assert len(names) > 1, alike.what
+        assert alike.experiment
+    assert set().union(*looking_alike().values()) == set(EFFECTS)
+
+
+def test_measures_read_their_own_parameters() -> None:
+    p = base_model(NUMBERS).pack().p
+    elastic, backlash, memory = (EFFECTS[n] for n in ("elastic_transmission", "backlash", "reversal_memory"))
+    p[elastic.slot("compliance")], p[elastic.slot("load_inertia")] = 0.1, 0.5
+    reduced = 0.25 * p[layout.INERTIA]
+    assert elastic.resonance is not None
+    assert elastic.resonance(p) == pytest.approx(1.0 / (2.0 * np.pi * np.sqrt(0.1 * reduced)))
+    p[backlash.slot("gap")] = 0.02
+    assert backlash.extent is not None
+    assert backlash.extent(p) == 0.02
+    for number, (travel, torque) in enumerate(((0.01, 0.3), (0.03, 0.1)), 1):
+        p[memory.slot(f"displacement_{number}")], p[memory.slot(f"torque_{number}")] = travel, torque
+    assert memory.extent is not None
+    assert memory.extent(p) == pytest.approx(0.015)
+
+
+def test_elements_add_their_stiffness_and_their_friction() -> None:
+    plain = base_model(NUMBERS)
+    values = {"displacement_1": 0.01, "torque_1": 0.05, "displacement_2": 0.1, "torque_2": 0.05}
+    whole = plain.with_effect(EFFECTS["reversal_memory"].make(values))
+    assert stiffness_of_elements(plain) == 0.0
+    assert stiffness_of_elements(whole) == pytest.approx(5.0 + 0.5)
+    assert total_friction(whole).value == pytest.approx(0.4)
