@@ -1,0 +1,56 @@
+"""Text of generated files: templates, plain ASCII, headers that say what is in and what is left out."""
+
+from __future__ import annotations
+
+import textwrap
+import unicodedata
+from collections.abc import Sequence
+from importlib.resources import files
+from string import Template
+
+from autotune import __version__
+from autotune.export.request import Lost, Request, lost_in_words, played
+
+_PLAIN = {"²": "^2", "µ": "u", "·": "*", "≥": ">=", "–": "-", "−": "-", "σ": "sigma", "°": "deg"}
+WIDTH = 100
+
+
+def filled(name: str, **values: object) -> str:
+    """A template of this package with its places filled; plain ASCII."""
+    text = (files("autotune.export") / "templates" / f"{name}.in").read_text(encoding="utf-8")
+    return ascii_only(Template(text).substitute({key: str(value) for key, value in values.items()}))
+
+
+def ascii_only(text: str) -> str:
+    """The text for tools that know nothing else; what has no plain form becomes a question mark."""
+    for letter, plain in _PLAIN.items():
+        text = text.replace(letter, plain)
+    return unicodedata.normalize("NFKD", text).encode("ascii", "replace").decode("ascii")
+
+
+def headline(request: Request) -> str:
+    """The first line of a generated file."""
+    return f"Feedforward of {_named(request)}, made by autotune {__version__}. Generated: export again, do not edit."
+
+
+def about(request: Request, lost: Sequence[Lost], prefix: str, extra: Sequence[str] = ()) -> str:
+    """What is in and what is left out, as lines of a comment."""
+    effects = played(request)
+    sentences = [
+        f"Plays inertia and base friction{' and ' if effects else ''}{', '.join(effects)}.",
+        *(f"{sentence[0].upper()}{sentence[1:]}." for sentence in lost_in_words(request, tuple(lost))),
+        *extra,
+    ]
+    lines = [line for sentence in sentences for line in textwrap.wrap(_harmless(sentence), WIDTH)]
+    return "\n".join(f"{prefix}{line}" for line in lines)
+
+
+def _named(request: Request) -> str:
+    name = request.model.axis or "an axis"
+    return _harmless(f"{name} ({request.source})")
+
+
+def _harmless(text: str) -> str:
+    """A file's or an axis's name must not end the comment that it stands in."""
+    kept = "".join(letter if letter.isprintable() else "?" for letter in text)
+    return kept.replace("*/", "* /").replace("/*", "/ *").replace("*)", "* )").replace("(*", "( *").replace("\\", "/")
