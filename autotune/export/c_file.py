@@ -22,7 +22,16 @@ def export_c(request: Request) -> Exported:
     law = feedforward_law(request.model, request.period)
     lost = lost_everywhere(request)
     files = {HEADER: _header(request, law, lost), SOURCE: _source(request, law, lost)}
-    return Exported({name: text.encode("ascii") for name, text in files.items()}, lost)
+    return Exported({name: text.encode("ascii") for name, text in files.items()}, lost, notes(request))
+
+
+def notes(request: Request) -> tuple[str, ...]:
+    """What a person should know of what every wrapper of this file does."""
+    if request.torque_limit is not None:
+        return ()
+    return (
+        "no torque limit is known: nothing limits what is put out but the drive; --torque-limit sets one",
+    )
 
 
 def quantity(request: Request) -> str:
@@ -31,9 +40,7 @@ def quantity(request: Request) -> str:
 
 
 def _header(request: Request, law: Law, lost: tuple[Lost, ...]) -> str:
-    states = [
-        f"    AUTOTUNE_REAL {state.name}; /* [{state.unit}] {state.meaning} */" for state in law.states
-    ]
+    states = [f"    AUTOTUNE_REAL {state.name}; /* [{state.unit}] {state.meaning} */" for state in law.states]
     used = [name for name in _LIBM.values() if name in _libm_of(law)]
     return filled(
         HEADER,

@@ -92,9 +92,7 @@ class _Writer:
         yield Block("The contact bends with the motion and slides at its limit.", "\n".join(self._bristle()))
         yield Block(f"Viscous friction [{torque}].", "\n".join(self._viscous()))
         if "reversal_memory" in self._model:
-            yield Block(
-                "Elastic elements that remember where the motion turned.", "\n".join(self._memory())
-            )
+            yield Block("Elastic elements that remember where the motion turned.", "\n".join(self._memory()))
         yield Block("What depends on the place alone.", "\n".join(self._outside()))
         yield Block("The whole.", "torque = INERTIA * acceleration + friction + outside")
 
@@ -175,7 +173,9 @@ class _Writer:
             power = 0.5 * (self._model["nonlinear_viscous.exponent"] - 1.0)
             unit = self._model.unit("nonlinear_viscous.knee")
             self._value("CURVED_TORQUE", "nonlinear_viscous.torque")
-            self._note("CURVED_KNEE_SQUARED", knee * knee, f"({unit})²", "below it friction is linear in speed")
+            self._note(
+                "CURVED_KNEE_SQUARED", knee * knee, f"({unit})²", "below it friction is linear in speed"
+            )
             self._note("CURVED_POWER", power, "1", "half of the exponent less 1")
             yield "bent = pow(velocity * velocity + CURVED_KNEE_SQUARED, CURVED_POWER)"
             yield "coefficient = coefficient + CURVED_TORQUE * bent"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,6 +19,8 @@ from autotune.models.effect import Effect
 
 SHORTEST, LONGEST = 2e-5, 2e-2
 """Of a sample period [s]: the fastest current loops, the slowest PLC tasks."""
+NAME = "autotune_ff"
+"""Of functions and files; another for each axis where several are built into one program."""
 FADE = 0.5
 """Seconds in which an exported feedforward comes and goes: slow for any position loop, short for a person."""
 
@@ -49,8 +52,9 @@ class Request:
         torque_limit: largest torque that is put out [N m or N]; None: the target's own limit acts.
         motion: for what costs are told on.
         rated_torque: what a drive's per mille are of [N m or N], where known (CiA 402 6076h).
-        travel: of the axis for a unit of the motor [mm/rad or mm/m], or None: the axis is the motor.
-        span: positions that tables cover [rad or m].
+        lead: travel of a linear axis per turn of its motor [mm], where there is one.
+        speed: up to which tables over velocity reach [rad/s or m/s].
+        name: of functions and files.
 
     Raises:
         ConfigurationError: a number that no controller has.
@@ -64,20 +68,23 @@ class Request:
     rated_torque: float | None = None
     lead: float | None = None
     speed: float | None = None
-    travel: tuple[float, float] | None = None
+    name: str = NAME
 
     def __post_init__(self) -> None:
+        if not re.fullmatch(r"[a-z][a-z0-9_]{0,30}", self.name):
+            raise ConfigurationError(
+                f"--name is {self.name!r}; it must be a small letter, then small letters, digits and _, at most 31"
+            )
         if not SHORTEST <= self.period <= LONGEST:
             raise ConfigurationError(
                 f"the cycle is {self.period:g} s; it must be between {SHORTEST:g} and {LONGEST:g} s"
             )
         if abs(self.period_ns * 1e-9 - self.period) > 1e-6 * self.period:
             raise ConfigurationError(f"the cycle {self.period!r} s is not a whole number of nanoseconds")
-        for name, unit in (("torque_limit", "N m or N"), ("rated_torque", "N m or N"), ("lead", "mm"), ("speed", "")):
+        for name in ("torque_limit", "rated_torque", "lead", "speed"):
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0.0):
-                option = "--" + name.replace("_", "-")
-                raise ConfigurationError(f"{option} is {value:g} {unit}; it must be above 0".replace("  ", " "))
+                raise ConfigurationError(f"--{name.replace('_', '-')} is {value:g}; it must be above 0")
 
     @property
     def period_ns(self) -> int:

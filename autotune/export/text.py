@@ -15,9 +15,9 @@ _PLAIN = {"²": "^2", "µ": "u", "·": "*", "≥": ">=", "–": "-", "−": "-",
 WIDTH = 100
 
 
-def filled(name: str, **values: object) -> str:
+def filled(template: str, /, **values: object) -> str:
     """A template of this package with its places filled; plain ASCII."""
-    text = (files("autotune.export") / "templates" / f"{name}.in").read_text(encoding="utf-8")
+    text = (files("autotune.export") / "templates" / f"{template}.in").read_text(encoding="utf-8")
     return ascii_only(Template(text).substitute({key: str(value) for key, value in values.items()}))
 
 
@@ -33,11 +33,13 @@ def headline(request: Request) -> str:
     return f"Feedforward of {_named(request)}, made by autotune {__version__}. Generated: export again, do not edit."
 
 
-def about(request: Request, lost: Sequence[Lost], prefix: str, extra: Sequence[str] = ()) -> str:
-    """What is in and what is left out, as lines of a comment."""
-    effects = played(request)
+def about(
+    request: Request, lost: Sequence[Lost], prefix: str, extra: Sequence[str] = (), kept: str = ""
+) -> str:
+    """What is in (`kept`; by default all that can be fed forward) and what is left out, as lines of a comment."""
+    inside = kept or ", ".join(["inertia", "friction with presliding", *played(request)])
     sentences = [
-        f"Plays inertia and base friction{' and ' if effects else ''}{', '.join(effects)}.",
+        f"Inside: {inside}.",
         *(f"{sentence[0].upper()}{sentence[1:]}." for sentence in lost_in_words(request, tuple(lost))),
         *extra,
     ]
@@ -53,4 +55,10 @@ def _named(request: Request) -> str:
 def _harmless(text: str) -> str:
     """A file's or an axis's name must not end the comment that it stands in."""
     kept = "".join(letter if letter.isprintable() else "?" for letter in text)
-    return kept.replace("*/", "* /").replace("/*", "/ *").replace("*)", "* )").replace("(*", "( *").replace("\\", "/")
+    return (
+        kept.replace("*/", "* /")
+        .replace("/*", "/ *")
+        .replace("*)", "* )")
+        .replace("(*", "( *")
+        .replace("\\", "/")
+    )
