@@ -12,7 +12,7 @@ from autotune.export.self_test import SAMPLES, self_test_rows
 from autotune.export.text import about, filled, headline
 
 SOURCE, HEADER = "autotune_ff.c", "autotune_ff.h"
-_LIBM = {"exp": "exp", "sin": "sin", "cos": "cos", "pow": "pow", "abs": "fabs"}
+_LIBM = {"exp": "exp", "sin": "sin", "pow": "pow", "abs": "fabs"}
 _COMPARED = {"min": "<", "max": ">"}
 _FUNCTIONS = {name: f"FF_{name.upper()}" for name in (*_LIBM, *_COMPARED)}
 
@@ -60,7 +60,8 @@ def _header(request: Request, law: Law, lost: tuple[Lost, ...]) -> str:
 def _source(request: Request, law: Law, lost: tuple[Lost, ...]) -> str:
     language = _language(law)
     variables = [f"    AUTOTUNE_REAL {name};" for name in assigned(law)]
-    statements = [
+    unused = [] if "place" in assigned(law) else ["    (void)position;", ""]
+    statements = unused + [
         line
         for block in law.blocks
         for line in (f"    /* {block.about} */", *printed(block.statements, language, 1), "")

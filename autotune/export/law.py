@@ -3,7 +3,8 @@
     T = J r̈ + σ0 z + σ1 ż + b(ṙ) ṙ + Σ W_i z_i / d_i + F_g + ripple(r) + imbalance(r) + spring(r)
 
 with r half a sample ahead of the reference, ż of (3.10) and z by (5.8): the law of
-`control.model_feedforward`, written down once more so that it can be printed as C or structured text.
+`control.model_feedforward`, written down once more so that it can be printed as C or structured text. A wave
+s·sin(N r) + c·cos(N r) is A·sin(N r + φ) here, with A = √(s² + c²) and φ = atan2(c, s).
 Statements are in a small subset of Python's syntax: assignments, `if`, + − * /, comparisons, and the
 functions in `FUNCTIONS`. Only what a model has is in its law. Names in capitals are constants.
 """
@@ -22,7 +23,8 @@ from autotune.models.position_dependent_friction import LEAST_FACTOR
 from autotune.models.reversal_memory import ELEMENTS
 from autotune.models.torque_ripple import LINES, scale_slot
 
-FUNCTIONS = ("exp", "sin", "cos", "pow", "abs", "min", "max")
+FUNCTIONS = ("exp", "sin", "pow", "abs", "min", "max")
+_TRAVEL = "travel = PERIOD * velocity"
 LEAST_SLIP = 1e-12
 """Of the limit in one sample, below which the contact stays as it is."""
 
@@ -78,6 +80,8 @@ class _Writer:
 
     def law(self) -> Law:
         blocks = tuple(self._blocks())
+        if not any("place" in block.statements for block in blocks[1:]):
+            blocks = (Block("Nothing depends on the place.", _TRAVEL), *blocks[1:])
         return Law(tuple(self._constants.values()), tuple(self._states()), blocks)
 
     def _blocks(self) -> Iterator[Block]:
@@ -86,7 +90,7 @@ class _Writer:
         self._note("INERTIA", self._model["inertia"], self._model.unit("inertia"), "all that is accelerated")
         yield Block(
             f"The torque is held for a sample, so the place is half a sample ahead [{motion}].",
-            "place = position + 0.5 * PERIOD * velocity\ntravel = PERIOD * velocity",
+            f"place = position + 0.5 * PERIOD * velocity\n{_TRAVEL}",
         )
         yield Block(f"Level of friction at this speed and place [{torque}].", "\n".join(self._level()))
         yield Block("The contact bends with the motion and slides at its limit.", "\n".join(self._bristle()))
@@ -225,10 +229,9 @@ class _Writer:
         angle = order * float(self._p[scale_slot()])
         per = "1" if self._model.motion_unit == "rad" else "rad/m"
         self._note(f"{name}_ORDER", angle, per, f"angle of the wave per {self._model.motion_unit} of travel")
-        self._note(f"{name}_SIN", sine, unit, "its sine part")
-        self._note(f"{name}_COS", cosine, unit, "its cosine part")
-        yield f"angle = {name}_ORDER * place"
-        yield f"{total} = {total} + {name}_SIN * sin(angle) + {name}_COS * cos(angle)"
+        self._note(f"{name}_AMPLITUDE", math.hypot(sine, cosine), unit, "its size")
+        self._note(f"{name}_PHASE", math.atan2(cosine, sine), "rad", "its angle at place 0")
+        yield f"{total} = {total} + {name}_AMPLITUDE * sin({name}_ORDER * place + {name}_PHASE)"
 
     def _value(self, name: str, surface: str) -> None:
         meaning = surface_parameter(surface).meaning

@@ -10,7 +10,7 @@ from autotune.export.text import about, filled, headline
 
 BLOCK = "autotune_ff.st"
 _FUNCTIONS = {
-    "exp": "EXP", "sin": "SIN", "cos": "COS", "pow": "EXPT", "abs": "ABS", "min": "MIN", "max": "MAX",
+    "exp": "EXP", "sin": "SIN", "pow": "EXPT", "abs": "ABS", "min": "MIN", "max": "MAX",
 }  # fmt: skip
 
 

@@ -52,8 +52,10 @@ def export_twincat_table(request: Request) -> Exported:
     most, notes = speed_of(request)
     speed = np.geomspace(1e-3 * most, most, ENTRIES - 1)
     friction = _both_directions(request, speed)
-    if not np.any(friction > 0.0):
-        raise ConfigurationError("the model has no friction: nothing of it fits into a table over velocity")
+    if not np.any(np.round(_TENFOLD * 1e3 * friction / request.rated_torque)):
+        raise ConfigurationError(
+            "the model has no friction that shows in per mille of the rated torque: nothing of it fits into the table"
+        )
     lost = _lost(request)
     lines = [*_comment(request, lost), *_list(request, speed, friction)]
     text = ascii_only("\n".join(lines) + "\n")
