@@ -36,7 +36,7 @@ def export_st(request: Request) -> Exported:
         states="\n".join(f"    {s.name} : LREAL; (* [{s.unit}] {s.meaning} *)" for s in law.states),
         variables="\n".join(f"    {_local(name)} : LREAL;" for name in assigned(law)),
         statements="\n".join(_statements(law)),
-        relax="\n".join(f"    {state.name} := 0.0;" for state in law.states),
+        relax="\n".join(f"        {state.name} := 0.0;" for state in law.states),
     )
     return Exported({BLOCK: text.encode("ascii")}, lost, notes(request))
 

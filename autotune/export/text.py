@@ -52,13 +52,13 @@ def _named(request: Request) -> str:
     return _harmless(f"{name} ({request.source})")
 
 
+_PARTED = ("*/", "/*", "*)", "(*", "--", "??")
+
+
 def _harmless(text: str) -> str:
-    """A file's or an axis's name must not end the comment that it stands in."""
+    """A file's or an axis's name must not end the comment or the string that it stands in."""
     kept = "".join(letter if letter.isprintable() else "?" for letter in text)
-    return (
-        kept.replace("*/", "* /")
-        .replace("/*", "/ *")
-        .replace("*)", "* )")
-        .replace("(*", "( *")
-        .replace("\\", "/")
-    )
+    for pair in _PARTED:
+        while pair in kept:
+            kept = kept.replace(pair, f"{pair[0]} {pair[1]}")
+    return kept.replace("\\", "/").replace('"', "'")

@@ -56,7 +56,8 @@ WARNINGS = [
 LOOP = """
 #include "autotune_ff.h"
 autotune_ff_state state;
-void start(int faded) { autotune_ff_init(&state); if (faded) { autotune_ff_reset(&state); } }
+void start(int faded) { if (faded) { autotune_ff_begin(&state); } else { autotune_ff_init(&state); } }
+void again(void) { autotune_ff_reset(&state); }
 void run(long n, const double *q, const double *v, const double *a, double *t);
 void run(long n, const double *q, const double *v, const double *a, double *t)
 {
@@ -145,6 +146,9 @@ class CompiledLaw:
 
     def start(self, faded: bool = False) -> None:
         self._library.start(int(faded))
+
+    def reset(self) -> None:
+        self._library.again()
 
     def fade(self, inward: bool) -> None:
         self._library.fade(int(inward))

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 import os
 import subprocess
+from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -90,7 +92,7 @@ def test_sanitizers_find_nothing(tmp_path: Path) -> None:
     main = LOOP + (
         "#include <stdio.h>\n"
         "int main(void) { double x[3], t; start(1); while (fread(x, sizeof x, 1, stdin) == 1) {\n"
-        " if (state.fault) { start(1); } run(1, x, x + 1, x + 2, &t); } return own_test() < 1e-9 ? 0 : 1; }\n"
+        " if (state.fault) { again(); } run(1, x, x + 1, x + 2, &t); } return own_test() < 1e-9 ? 0 : 1; }\n"
     )
     (tmp_path / "main.c").write_text(main)
     for compiler in COMPILERS:
@@ -132,7 +134,7 @@ def test_the_torque_stays_within_the_limit(tmp_path: Path) -> None:
     assert np.max(np.abs(torque)) == 0.25
 
 
-def test_after_a_reset_it_fades_in_and_on_demand_out_without_a_step(tmp_path: Path) -> None:
+def test_when_power_comes_on_it_fades_in_and_on_demand_out_without_a_step(tmp_path: Path) -> None:
     law, count = compiled(with_effects(), tmp_path), 2000
     still = tuple(np.zeros(count) for _ in range(3))
     law.start(faded=True)
@@ -160,8 +162,20 @@ def test_a_reference_that_is_no_number_fades_out_and_never_comes_back_by_itself(
     assert np.all(np.diff(after) <= 0.0)
     assert after[0] == pytest.approx(0.048, rel=3 * H / FADE)
     assert after[-1] == 0.0
-    law.start(faded=True)
+    law.reset()
     assert law.torque((still, still, still))[-1] == pytest.approx(0.048)
+
+
+def test_a_reset_in_motion_relaxes_the_contact_without_a_step(tmp_path: Path) -> None:
+    """The torque goes to nothing and comes back; a cycle changes it by its fade, and the contact's damping."""
+    law, count = compiled(with_effects("reversal_memory"), tmp_path), 2000
+    moving = (H * np.arange(count), np.ones(count), np.zeros(count))
+    before = law.torque(moving)[-1]
+    law.reset()
+    after = law.torque(moving)
+    assert np.max(np.abs(np.diff([before, *after]))) <= 1.5 * H / FADE * before
+    assert np.min(after) == 0.0
+    assert after[-1] == pytest.approx(before)
 
 
 def test_only_what_the_model_needs_is_taken_from_libm() -> None:
@@ -184,7 +198,16 @@ def test_what_is_left_out_stands_in_the_file_with_its_cost() -> None:
     assert " N m rms on a sine of 1 rad at 0.5 Hz" in " ".join(source.split()).replace(" * ", " ")
 
 
+HOSTILE = 'a */ int x; /* é\n#error " """ *) x := 1; (* --> ??/ \\ <b>&'
+
+
 def test_a_name_cannot_end_the_comment_it_stands_in(tmp_path: Path) -> None:
-    request = Request(everything(), "a */ int x; /* é\n#error", H)
-    law = CompiledLaw(request, tmp_path, a_compiler())
+    model = replace(with_effects("spring"), axis=HOSTILE)
+    law = CompiledLaw(Request(model, HOSTILE, H), tmp_path, a_compiler())
     assert law.self_test() < 1e-12
+    component = write(Request(model, HOSTILE, H), "linuxcnc", tmp_path)
+    first = component["autotune_ff.comp"].read_text().splitlines()[0]
+    assert first.count('"') == 2
+    ElementTree.parse(component["autotune_ff.lcec.xml"])
+    text = write(Request(model, HOSTILE, H), "st", tmp_path)["autotune_ff.st"].read_text()
+    assert text.partition("*)")[2].lstrip().startswith("FUNCTION_BLOCK autotune_ff\n")
