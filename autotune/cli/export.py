@@ -103,6 +103,7 @@ def _proved(run: Path) -> tuple[DriveModel, dict[str, Any]]:
         known = numbers_of(
             {"period": made["cycle"], "torque_limit": limits["torque"], "speed": limits["speed"]}
         )
+        ends = numbers_of({name: limits[name] for name in ("position_min", "position_max")})
         motion = Motion(**numbers_of({name: benchmark[name] for name in ("amplitude", "frequency")}))
         proposed = LugreParameters(**numbers_of(found["proposed"])) if "proposed" in found else None
     except (KeyError, TypeError, ValueError) as error:
@@ -114,14 +115,15 @@ def _proved(run: Path) -> tuple[DriveModel, dict[str, Any]]:
             f"run {run} has proved nothing: its feedforward is not better beyond doubt. "
             f"Export {run / 'model.toml'} to have the model as it was fitted"
         )
+    more = {"motion": motion, "travel": tuple(ends.values())}
     if found.get("law") == "model":
-        return read_model(run / HOST_FILE), known | {"motion": motion}
+        return read_model(run / HOST_FILE), known | more
     if proposed is None:
         raise ConfigurationError(
             f"run {run} ended before there was a feedforward; there is nothing to export"
         )
     fitted = read_model(run / "model.toml")
-    return lugre_model(proposed, fitted.motion_unit), known | {"motion": motion}
+    return lugre_model(proposed, fitted.motion_unit), known | more
 
 
 def _same_cycle(run: Path, proved: float, asked: float | None) -> None:

@@ -12,7 +12,7 @@ from autotune.export.self_test import SAMPLES, self_test_rows
 from autotune.export.text import about, filled, headline
 
 SOURCE, HEADER = "autotune_ff.c", "autotune_ff.h"
-_LIBM = {"exp": "exp", "sin": "sin", "pow": "pow", "abs": "fabs"}
+_LIBM = {"exp": "exp", "sin": "sin", "cos": "cos", "pow": "pow", "abs": "fabs"}
 _COMPARED = {"min": "<", "max": ">"}
 _FUNCTIONS = {name: f"FF_{name.upper()}" for name in (*_LIBM, *_COMPARED)}
 
@@ -40,7 +40,7 @@ def quantity(request: Request) -> str:
 
 
 def _header(request: Request, law: Law, lost: tuple[Lost, ...]) -> str:
-    states = [f"    AUTOTUNE_REAL {state.name}; /* [{state.unit}] {state.meaning} */" for state in law.states]
+    states = [f"    AUTOTUNE_REAL {state.name}; /* {state.meaning} */" for state in law.states]
     used = [name for name in _LIBM.values() if name in _libm_of(law)]
     return filled(
         HEADER,

@@ -4,20 +4,13 @@ from __future__ import annotations
 
 from autotune.core.arrays import Floats
 from autotune.export.c_file import quantity
-from autotune.export.request import Exported, Lost, Request, cost, lost_everywhere
-from autotune.export.tables import (
-    lost_to_tables,
-    position_table,
-    repeating,
-    sliding_torque,
-    speed_of,
-    speeds,
-)
+from autotune.export.request import Exported, Request, lost_everywhere
+from autotune.export.tables import lost_to_tables, position_table, sliding_torque, speed_of, speeds
 from autotune.export.text import about, ascii_only, headline
 
 VELOCITY, POSITION, CONSTANTS = "velocity.csv", "position.csv", "constants.csv"
 _POINTS = 24
-_KEPT = "sliding friction and offset over velocity, waves over position, inertia and spring as constants"
+_KEPT = "sliding friction and offset over velocity, what repeats over position, inertia as a constant"
 
 
 def export_csv(request: Request) -> Exported:
@@ -29,8 +22,8 @@ def export_csv(request: Request) -> Exported:
     model, name = request.model, request.name
     most, notes = speed_of(request)
     velocity = speeds(most, _POINTS)
-    places = position_table(model)
-    lost = (*lost_everywhere(request), *_lost_places(request), lost_to_tables(request, places))
+    places, lost_places = position_table(request)
+    lost = (*lost_everywhere(request), *lost_places, lost_to_tables(request, places))
     head = [headline(request), *about(request, lost, "", kept=_KEPT).splitlines()]
     torque = f"{quantity(request)} [{model.torque_symbol}]"
     unit = model.motion_unit
@@ -40,28 +33,15 @@ def export_csv(request: Request) -> Exported:
     }
     if places is not None:
         columns = (f"position [{unit}]", torque)
-        repeat = f"Repeats every {repeating(model)[0]:.9g} {unit}."
-        files[POSITION] = _table([*head, repeat], columns, places.position, places.torque)
+        repeat = ["Repeats with every turn."] if unit == "rad" else []
+        files[POSITION] = _table([*head, *repeat], columns, places.position, places.torque)
     made = {f"{name}_{file}": ascii_only(text).encode("ascii") for file, text in files.items()}
     return Exported(made, lost, notes)
 
 
-def _lost_places(request: Request) -> tuple[Lost, ...]:
-    model = request.model
-    _, _, odd = repeating(model)
-    whys = dict.fromkeys(odd, "a wave of it does not repeat with the table")
-    whys["position_dependent_friction"] = "its sign changes with the direction, which a table does not know"
-    return tuple(
-        Lost(effect.name, whys[effect.name], cost(request, effect))
-        for effect in model.effects
-        if effect.name in whys
-    )
-
-
 def _constants(request: Request, head: list[str]) -> str:
     model = request.model
-    names = ["inertia", *(["spring.stiffness"] if "spring" in model else [])]
-    rows = [f"{name},{model[name]!r},{model.unit(name)}" for name in names]
+    rows = [f"inertia,{model['inertia']!r},{model.unit('inertia')}"]
     return "\n".join([*(f"# {line}" for line in head), "name,value,unit", *rows]) + "\n"
 
 

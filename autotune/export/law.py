@@ -1,32 +1,45 @@
 """The feedforward of a drive model as a short list of statements, the same for every target language.
 
-    T = J r̈ + σ0 z + σ1 ż + b(ṙ) ṙ + Σ W_i z_i / d_i + F_g + ripple(r) + imbalance(r) + spring(r)
+    T = J r̈ + σ0 z + σ1 ż + b(ṙ) ṙ + Σ W_i z_i / d_i + F_g + Σ torque(r)
 
-with r half a sample ahead of the reference, ż of (3.10) and z by (5.8): the law of
-`control.model_feedforward`, written down once more so that it can be printed as C or structured text. A wave
-s·sin(N r) + c·cos(N r) is A·sin(N r + φ) here, with A = √(s² + c²) and φ = atan2(c, s).
-Statements are in a small subset of Python's syntax: assignments, `if`, + − * /, comparisons, and the
-functions in `FUNCTIONS`. Only what a model has is in its law. Names in capitals are constants.
+with r half a sample ahead of the reference, ż of (3.10) and z by (5.8): the law of `control.model_feedforward`. The
+frame is written here as it is in `models.contact`; what effects contribute is written down from their own kernels
+(`kernels`). Before a law is given out it is run against the Python feedforward along the self-test's motion.
+
+Statements are in a small subset of Python's syntax: assignments, `if`, + − * /, comparisons, and a few functions
+(`kernels.MATHEMATICS`). Only what a model has is in its law. Names in capitals are constants.
 """
 
 from __future__ import annotations
 
+import ast
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 
 from autotune.control.model_feedforward import fed_forward
+from autotune.core.errors import ConfigurationError
+from autotune.export.kernels import Term, Writer, named
+from autotune.export.self_test import self_test_rows
 from autotune.models import layout
 from autotune.models.contact import LEAST_DEFLECTION, LEAST_SHARE
-from autotune.models.drive_model import DriveModel, surface_parameter
-from autotune.models.position_dependent_friction import LEAST_FACTOR
-from autotune.models.reversal_memory import ELEMENTS
-from autotune.models.torque_ripple import LINES, scale_slot
+from autotune.models.drive_model import BASE, DriveModel
+from autotune.models.effect import Kind
+from autotune.models.lugre import falling_level
+from autotune.models.reversal_memory import REMEMBERS, memory_torque
+from autotune.models.stribeck import EXPONENT, FALLS
+from autotune.models.table import EFFECTS
+from autotune.models.torque_ripple import scale_slot
 
-FUNCTIONS = ("exp", "sin", "pow", "abs", "min", "max")
-_TRAVEL = "travel = PERIOD * velocity"
 LEAST_SLIP = 1e-12
-"""Of the limit in one sample, below which the contact stays as it is."""
+"""Of the limit in one sample, below which the contact stays as it is (`models.lugre.bristle_step`)."""
+AGREES = 1e-9
+"""Of the largest torque of the self-test: a law that is further from the Python feedforward is not given out."""
+_TRAVEL = "travel = PERIOD * velocity"
+_SCALE = "ANGLE_SCALE"
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +57,6 @@ class State:
     """What the law remembers from sample to sample; begins at 0."""
 
     name: str
-    unit: str
     meaning: str
 
 
@@ -66,178 +78,155 @@ class Law:
 
 
 def feedforward_law(model: DriveModel, period: float) -> Law:
-    """The law of everything in the model that can be fed forward, at a sample period [s]."""
-    return _Writer(fed_forward(model), period).law()
+    """The law of everything in the model that can be fed forward, at a sample period [s].
+
+    Raises:
+        ConfigurationError: an effect acts where statements cannot follow it.
+    """
+    law = _Frame(fed_forward(model), period).law()
+    rows = self_test_rows(model, period)
+    error = float(np.max(np.abs(played(law, rows[:, :3].tolist()) - rows[:, 3])))
+    if not error <= AGREES * max(float(np.max(np.abs(rows[:, 3]))), 1e-6):
+        raise ConfigurationError(
+            f"the law of this model cannot be written for another controller: it is {error:.2g} from the "
+            "feedforward of this program; an effect of the model acts where an export does not follow"
+        )
+    return law
 
 
-class _Writer:
-    """Goes through a model from the contact to the sum, and notes constants as they are needed."""
+def played(law: Law, rows: list[list[float]]) -> Any:
+    """Torque of a law's own statements along position, velocity and acceleration; shape (n,)."""
+    code = compile("\n".join(block.statements for block in law.blocks), "law", "exec")
+    known: dict[str, Any] = {name: getattr(math, name) for name in ("exp", "sin", "cos", "pow")}
+    known |= {"abs": abs, "min": min, "max": max} | {c.name: c.value for c in law.constants}
+    known |= {state.name: 0.0 for state in law.states}
+    torque = []
+    for row in rows:
+        known["position"], known["velocity"], known["acceleration"] = row
+        exec(code, known)  # noqa: S102 - statements that this module has just written
+        torque.append(known["torque"])
+    return np.array(torque)
+
+
+class _Frame:
+    """The contact and the sum around it; notes constants and states as they are needed."""
 
     def __init__(self, model: DriveModel, period: float) -> None:
-        self._model, self._period = model, period
-        self._p = model.pack().p
+        packed = model.pack()
+        self._model, self._period, self._p, self._on = model, period, packed.p, packed.on
         self._constants: dict[str, Constant] = {}
+        self._states = {"bristle": State("bristle", f"[{model.motion_unit}] deflection of the contact")}
+        self._places = _places(model)
 
     def law(self) -> Law:
         blocks = tuple(self._blocks())
-        if not any("place" in block.statements for block in blocks[1:]):
-            blocks = (Block("Nothing depends on the place.", _TRAVEL), *blocks[1:])
-        return Law(tuple(self._constants.values()), tuple(self._states()), blocks)
+        used = _names("\n".join(block.statements for block in blocks))
+        constants = tuple(one for name, one in self._constants.items() if name in used)
+        return Law(constants, tuple(self._states.values()), blocks)
 
     def _blocks(self) -> Iterator[Block]:
         motion, torque = self._model.motion_unit, self._model.torque_symbol
         self._note("PERIOD", self._period, "s", "sample period")
-        self._note("INERTIA", self._model["inertia"], self._model.unit("inertia"), "all that is accelerated")
-        yield Block(
-            f"The torque is held for a sample, so the place is half a sample ahead [{motion}].",
-            f"place = position + 0.5 * PERIOD * velocity\n{_TRAVEL}",
-        )
-        yield Block(f"Level of friction at this speed and place [{torque}].", "\n".join(self._level()))
-        yield Block("The contact bends with the motion and slides at its limit.", "\n".join(self._bristle()))
-        yield Block(f"Viscous friction [{torque}].", "\n".join(self._viscous()))
-        if "reversal_memory" in self._model:
-            yield Block("Elastic elements that remember where the motion turned.", "\n".join(self._memory()))
-        yield Block("What depends on the place alone.", "\n".join(self._outside()))
-        yield Block("The whole.", "torque = INERTIA * acceleration + friction + outside")
-
-    def _states(self) -> Iterator[State]:
-        unit = self._model.motion_unit
-        yield State("bristle", unit, "deflection of the contact")
-        for i in self._elements():
-            yield State(f"memory_{i}", unit, f"deflection of element {i}")
-
-    def _level(self) -> Iterator[str]:
-        self._value("COULOMB", "coulomb")
-        yield "level = COULOMB"
-        if "stribeck" in self._model:
-            yield from self._stribeck()
-        if "direction_asymmetry" in self._model:
-            self._value("ASYMMETRY_COULOMB", "direction_asymmetry.coulomb")
-            yield "if velocity >= 0.0:\n    level = level + ASYMMETRY_COULOMB"
-            yield "else:\n    level = level - ASYMMETRY_COULOMB"
-        if "position_dependent_friction" in self._model:
-            yield from self._place_factor()
-        least = LEAST_SHARE * self._model["coulomb"]
-        self._note("LEAST_LEVEL", least, self._model.torque_symbol, "friction never falls below")
-        self._note("LEAST_DEFLECTION", LEAST_DEFLECTION, self._model.motion_unit, "limit never falls below")
-        self._value("STIFFNESS", "stiffness")
-        yield "limit = max(max(level, LEAST_LEVEL) / STIFFNESS, LEAST_DEFLECTION)"
-
-    def _stribeck(self) -> Iterator[str]:
-        rise = self._model["break_away"] - self._model["coulomb"]
-        self._note("STRIBECK_RISE", rise, self._model.torque_symbol, "break-away torque less Coulomb's")
-        self._value("STRIBECK_VELOCITY", "stribeck_velocity")
-        exponent = float(self._p[surface_parameter("stribeck_exponent").slot])
-        yield "ratio = abs(velocity) / STRIBECK_VELOCITY"
-        if exponent == 2.0:
-            yield "level = level + STRIBECK_RISE * exp(-(ratio * ratio))"
+        rest = tuple(self._after_travel())
+        if any("place" in _names(block.statements) for block in rest):
+            about = f"The torque is held for a sample, so the place is half a sample ahead [{motion}]."
+            yield Block(about, f"place = position + 0.5 * PERIOD * velocity\n{_TRAVEL}")
         else:
-            self._note("STRIBECK_EXPONENT", exponent, "1", "shape of the fall")
-            yield "level = level + STRIBECK_RISE * exp(-pow(ratio, STRIBECK_EXPONENT))"
+            yield Block("Nothing depends on the place.", _TRAVEL)
+        yield from rest
+        inertia = self._slot(layout.INERTIA)
+        yield Block(f"The whole [{torque}].", f"torque = {inertia} * acceleration + friction + outside")
 
-    def _place_factor(self) -> Iterator[str]:
-        slot = layout.block("position_dependent_friction")
-        height, centre, width, order, sine, cosine = (float(x) for x in self._p[slot : slot + 6])
-        unit = self._model.motion_unit
-        yield "factor = 1.0"
-        if height != 0.0:
-            self._note("SPOT_HEIGHT", height, "1", "relative rise of friction at the spot")
-            self._note("SPOT_CENTRE", centre, unit, "where the spot is")
-            self._note("SPOT_WIDTH", width, unit, "how far it reaches")
-            yield "ratio = (place - SPOT_CENTRE) / SPOT_WIDTH"
-            yield "factor = factor + SPOT_HEIGHT * exp(-(ratio * ratio))"
-        if order > 0.0:
-            yield from self._wave("FRICTION_WAVE", "factor", order, sine, cosine, "1")
-        self._note("LEAST_FACTOR", LEAST_FACTOR, "1", "a place never takes friction below this share")
-        yield "level = level * max(factor, LEAST_FACTOR)"
+    def _after_travel(self) -> Iterator[Block]:
+        torque = self._model.torque_symbol
+        yield Block(f"Level of friction [{torque}].", f"level = {self._slot(layout.COULOMB)}")
+        if self._on[FALLS]:
+            arguments = (layout.COULOMB, layout.BREAK_AWAY, layout.STRIBECK_VELOCITY, EXPONENT)
+            terms = (self._constant(slot) for slot in arguments)
+            yield self._from_kernel(FALLS, falling_level, "level = {}", named("velocity"), *terms)
+        speed, place = named("velocity"), named("place")
+        yield from self._from_kernels("level", "level = level + {}", None, None, speed)
+        yield from self._from_kernels("level_factor", "level = level * {}", None, None, place)
+        yield Block("The contact bends with the motion and slides at its limit.", self._bristle())
+        yield Block(f"Viscous friction [{torque}].", f"coefficient = {self._slot(layout.VISCOUS)}")
+        yield from self._from_kernels("viscous", "coefficient = coefficient + {}", None, speed)
+        yield from self._from_kernels("viscous_factor", "coefficient = coefficient * {}", None, None)
+        yield Block(f"All friction [{torque}].", "friction = friction + coefficient * velocity")
+        if self._on[REMEMBERS]:
+            travel = named("travel")
+            yield self._from_kernel(REMEMBERS, memory_torque, "friction = friction + {}", None, None, travel)
+        yield Block("What is not friction.", f"outside = {self._slot(layout.OFFSET)}")
+        yield from self._from_kernels("torque", "outside = outside + {}", None, place)
 
-    def _bristle(self) -> Iterator[str]:
-        self._value("MICRO_DAMPING", "micro_damping")
+    def _bristle(self) -> str:
+        motion, torque = self._model.motion_unit, self._model.torque_symbol
+        stiffness, damping = self._slot(layout.STIFFNESS), self._slot(layout.MICRO_DAMPING)
+        self._note("LEAST_LEVEL", LEAST_SHARE * self._model["coulomb"], torque, "friction never falls below")
+        self._note("LEAST_DEFLECTION", LEAST_DEFLECTION, motion, "its limit never falls below")
         self._note("LEAST_SLIP", LEAST_SLIP, "1", "less than this of the limit in a sample is no motion")
-        yield "slip = abs(travel) / limit"
-        yield (
+        return (
+            f"limit = max(max(level, LEAST_LEVEL) / {stiffness}, LEAST_DEFLECTION)\n"
+            "slip = abs(travel) / limit\n"
             "if slip >= LEAST_SLIP:\n"
             "    steady = limit\n"
             "    if velocity < 0.0:\n"
             "        steady = -limit\n"
-            "    bristle = steady + (bristle - steady) * exp(-slip)"
+            "    bristle = steady + (bristle - steady) * exp(-slip)\n"
+            "rate = velocity - abs(velocity) / limit * bristle\n"
+            f"friction = {stiffness} * bristle + {damping} * rate"
         )
-        yield "rate = velocity - abs(velocity) / limit * bristle"
-        yield "friction = STIFFNESS * bristle + MICRO_DAMPING * rate"
 
-    def _viscous(self) -> Iterator[str]:
-        self._value("VISCOUS", "viscous")
-        yield "coefficient = VISCOUS"
-        if "direction_asymmetry" in self._model:
-            self._value("ASYMMETRY_VISCOUS", "direction_asymmetry.viscous")
-            yield "if velocity >= 0.0:\n    coefficient = coefficient + ASYMMETRY_VISCOUS"
-            yield "else:\n    coefficient = coefficient - ASYMMETRY_VISCOUS"
-        if "nonlinear_viscous" in self._model:
-            knee = self._model["nonlinear_viscous.knee"]
-            power = 0.5 * (self._model["nonlinear_viscous.exponent"] - 1.0)
-            unit = self._model.unit("nonlinear_viscous.knee")
-            self._value("CURVED_TORQUE", "nonlinear_viscous.torque")
-            self._note(
-                "CURVED_KNEE_SQUARED", knee * knee, f"({unit})²", "below it friction is linear in speed"
-            )
-            self._note("CURVED_POWER", power, "1", "half of the exponent less 1")
-            yield "bent = pow(velocity * velocity + CURVED_KNEE_SQUARED, CURVED_POWER)"
-            yield "coefficient = coefficient + CURVED_TORQUE * bent"
-        yield "friction = friction + coefficient * velocity"
+    def _from_kernels(self, quantity: str, use: str, *arguments: Term | None) -> Iterator[Block]:
+        """A block for each effect that contributes to a quantity (a field of `models.effect.Kernels`)."""
+        for at, kind in enumerate(EFFECTS.values()):
+            kernel: Callable[..., Any] | None = getattr(kind.kernels, quantity)
+            if self._on[at] and kernel is not None:
+                yield self._from_kernel(at, kernel, use, *arguments)
 
-    def _memory(self) -> Iterator[str]:
-        for i in self._elements():
-            limit = self._model[f"reversal_memory.displacement_{i}"]
-            carried = self._model[f"reversal_memory.torque_{i}"] / limit
-            self._value(f"ELEMENT_{i}_LIMIT", f"reversal_memory.displacement_{i}")
-            self._note(f"ELEMENT_{i}_STIFFNESS", carried, self._model.unit("stiffness"), f"of element {i}")
-            yield f"memory_{i} = min(max(memory_{i} + travel, -ELEMENT_{i}_LIMIT), ELEMENT_{i}_LIMIT)"
-            yield f"friction = friction + ELEMENT_{i}_STIFFNESS * memory_{i}"
+    def _from_kernel(
+        self, effect: int, kernel: Callable[..., Any], use: str, *arguments: Term | None
+    ) -> Block:
+        statements, result = Writer(self._constant, self._state).call(kernel, *arguments)
+        target, _, formula = use.partition(" = ")
+        tree = ast.parse(formula.format(f"({result})"), mode="eval")
+        return Block(
+            f"{layout.EFFECT_NAMES[effect]}.", f"{statements}\n{target} = {ast.unparse(tree)}".strip()
+        )
 
-    def _elements(self) -> Iterator[int]:
-        """Numbers of the hysteresis elements in use: up to the first without a displacement."""
-        if "reversal_memory" not in self._model:
-            return
-        at = layout.block("reversal_memory")
-        for i in range(ELEMENTS):
-            if self._p[at + 2 * i] <= 0.0:
-                return
-            yield i + 1
+    def _slot(self, slot: int) -> str:
+        return ast.unparse(self._constant(slot).node)
 
-    def _outside(self) -> Iterator[str]:
-        torque = self._model.torque_symbol
-        self._value("OFFSET", "offset")
-        yield "outside = OFFSET"
-        if "torque_ripple" in self._model:
-            at = layout.block("torque_ripple")
-            for i in range(LINES):
-                order, sine, cosine = (float(x) for x in self._p[at + 3 * i : at + 3 * i + 3])
-                if order == 0.0:
-                    break
-                yield from self._wave(f"RIPPLE_{i + 1}", "outside", order, sine, cosine, torque)
-        if "gravity_imbalance" in self._model:
-            at = layout.block("gravity_imbalance")
-            sine, cosine, order = (float(x) for x in self._p[at : at + 3])
-            yield from self._wave("IMBALANCE", "outside", order, sine, cosine, torque)
-        if "spring" in self._model:
-            self._value("SPRING", "spring.stiffness")
-            yield "outside = outside + SPRING * place"
+    def _constant(self, slot: int) -> Term:
+        """The constant for a place in the vector of parameters."""
+        name, unit, meaning = self._places[slot]
+        value = float(self._p[slot])
+        self._note(name, value, unit, meaning)
+        return named(name, value)
 
-    def _wave(
-        self, name: str, total: str, order: float, sine: float, cosine: float, unit: str
-    ) -> Iterator[str]:
-        angle = order * float(self._p[scale_slot()])
-        per = "1" if self._model.motion_unit == "rad" else "rad/m"
-        self._note(f"{name}_ORDER", angle, per, f"angle of the wave per {self._model.motion_unit} of travel")
-        self._note(f"{name}_AMPLITUDE", math.hypot(sine, cosine), unit, "its size")
-        self._note(f"{name}_PHASE", math.atan2(cosine, sine), "rad", "its angle at place 0")
-        yield f"{total} = {total} + {name}_AMPLITUDE * sin({name}_ORDER * place + {name}_PHASE)"
-
-    def _value(self, name: str, surface: str) -> None:
-        meaning = surface_parameter(surface).meaning
-        self._note(name, self._model[surface], self._model.unit(surface), meaning)
+    def _state(self, slot: int) -> str:
+        """The name for a place in the vector of states."""
+        effect, place = divmod(slot - layout.BASE_STATES, layout.STATE_BLOCK)
+        owner = layout.EFFECT_NAMES[effect]
+        name = f"{owner}_{place + 1}"
+        self._states[name] = State(name, f"what {owner} remembers")
+        return name
 
     def _note(self, name: str, value: float, unit: str, meaning: str) -> None:
-        if not math.isfinite(value):
-            raise ValueError(f"{name} is {value}")
         self._constants[name] = Constant(name, value, unit, meaning)
+
+
+def _places(model: DriveModel) -> dict[int, tuple[str, str, str]]:
+    """Name, unit and meaning by place in the vector of parameters."""
+    motion = model.motion_unit
+    found = {scale_slot(): (_SCALE, f"rad/{motion}", "angle of one cycle per turn or metre")}
+    owned: list[tuple[Kind | None, Any]] = [(None, parameter) for parameter in BASE]
+    owned += [(kind, parameter) for kind in EFFECTS.values() for parameter in kind.parameters]
+    for kind, parameter in owned:
+        name = parameter.name if kind is None else kind.surface(parameter.name)
+        unit = parameter.unit_for(motion, model.torque_unit)
+        found[parameter.slot] = (name.replace(".", "_").upper(), unit, parameter.meaning)
+    return found
+
+
+def _names(statements: str) -> set[str]:
+    return {node.id for node in ast.walk(ast.parse(statements)) if isinstance(node, ast.Name)}

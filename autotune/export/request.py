@@ -54,6 +54,7 @@ class Request:
         rated_torque: what a drive's per mille are of [N m or N], where known (CiA 402 6076h).
         lead: travel of a linear axis per turn of its motor [mm], where there is one.
         speed: up to which tables over velocity reach [rad/s or m/s].
+        travel: of a linear axis, for tables over position [m].
         name: of functions and files.
 
     Raises:
@@ -68,6 +69,7 @@ class Request:
     rated_torque: float | None = None
     lead: float | None = None
     speed: float | None = None
+    travel: tuple[float, float] | None = None
     name: str = NAME
 
     def __post_init__(self) -> None:

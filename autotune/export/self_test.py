@@ -11,7 +11,10 @@ import numpy as np
 
 from autotune.control.model_feedforward import ModelFeedforward, fed_forward
 from autotune.core.arrays import Floats
+from autotune.models import layout
 from autotune.models.drive_model import DriveModel
+from autotune.models.reversal_memory import REMEMBERS, longest_displacement
+from autotune.models.stribeck import FALLS
 
 SAMPLES = 96
 
@@ -19,7 +22,7 @@ SAMPLES = 96
 def self_test_rows(model: DriveModel, period: float) -> Floats:
     """Position, velocity, acceleration and torque by sample; shape (SAMPLES, 4)."""
     time = np.arange(SAMPLES) * period
-    small = _presliding_travel(model)
+    small = presliding_travel(model)
     late = np.arange(SAMPLES) >= SAMPLES // 2
     size = np.where(late, 30.0 * small, 0.7 * small)
     rates = np.array([2.0, 3.3]) * 2.0 * math.pi / (SAMPLES * period)
@@ -34,8 +37,11 @@ def self_test_rows(model: DriveModel, period: float) -> Floats:
     return np.column_stack([position, velocity, acceleration, torque])
 
 
-def _presliding_travel(model: DriveModel) -> float:
+def presliding_travel(model: DriveModel) -> float:
     """Travel in which the contact bends before it slides [motion unit]."""
-    parameters = fed_forward(model).parameters
-    elements = [v.value for name, v in parameters.items() if name.startswith("reversal_memory.displacement")]
-    return max(parameters["coulomb"].value / parameters["stiffness"].value, *elements, 1e-9)
+    packed = fed_forward(model).pack()
+    level = max(
+        float(packed.p[layout.COULOMB]), float(packed.p[layout.BREAK_AWAY] if packed.on[FALLS] else 0.0)
+    )
+    elements = longest_displacement(packed.p) if packed.on[REMEMBERS] else 0.0
+    return max(level / float(packed.p[layout.STIFFNESS]), elements, 1e-9)

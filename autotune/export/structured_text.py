@@ -10,7 +10,7 @@ from autotune.export.text import about, filled, headline
 
 BLOCK = "autotune_ff.st"
 _FUNCTIONS = {
-    "exp": "EXP", "sin": "SIN", "pow": "EXPT", "abs": "ABS", "min": "MIN", "max": "MAX",
+    "exp": "EXP", "sin": "SIN", "cos": "COS", "pow": "EXPT", "abs": "ABS", "min": "MIN", "max": "MAX",
 }  # fmt: skip
 
 
@@ -33,7 +33,7 @@ def export_st(request: Request) -> Exported:
             for c in law.constants
         ),
         limit=_number(1e300 if request.torque_limit is None else request.torque_limit),
-        states="\n".join(f"    {s.name} : LREAL; (* [{s.unit}] {s.meaning} *)" for s in law.states),
+        states="\n".join(f"    {s.name} : LREAL; (* {s.meaning} *)" for s in law.states),
         variables="\n".join(f"    {_local(name)} : LREAL;" for name in assigned(law)),
         statements="\n".join(_statements(law)),
         relax="\n".join(f"        {state.name} := 0.0;" for state in law.states),

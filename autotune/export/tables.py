@@ -2,13 +2,14 @@
 
     T = J r̈ + K(ṙ) + P(r)
 
-K is friction in steady sliding with viscous friction and offset, the elements of `reversal_memory` sliding;
-P the ripple and imbalance. What a table cannot know is where the motion turned.
+K is friction in steady sliding with viscous friction and offset; P what depends on the place alone. What a table
+cannot know is where the motion turned.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,22 +17,25 @@ import numpy as np
 from autotune.control.model_feedforward import fed_forward, torque_along
 from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError
-from autotune.export.request import Lost, Request
+from autotune.export.request import Lost, Request, cost
+from autotune.export.self_test import presliding_travel
+from autotune.models.contact import additive
 from autotune.models.drive_model import DriveModel
+from autotune.models.effect import Effect
 
-PLACES = ("torque_ripple", "gravity_imbalance", "spring", "position_dependent_friction")
-"""Effects that depend on the place."""
-POINTS_A_WAVE = 16
-"""Of the shortest wave: linear interpolation between them is wrong by 2 % of its amplitude at most."""
 MOST_POINTS = 16384
-_WHOLE = 1e-6
-_SLIDING = 40.0
+FAITHFUL = 0.02
+"""Of the table's amplitude, by which linear interpolation may be wrong."""
 USUAL_SPEED = {"rad": 100.0, "m": 1.0}
+USUAL_TRAVEL = 1.0
+"""m, of a linear axis whose travel nobody has said."""
+_FEWEST = 64
+_SLIDING = 40.0
 
 
 @dataclass(frozen=True, slots=True)
 class PositionTable:
-    """Torque over one repeat of all waves; shape (k,) each [motion unit, N m]. Begins at position 0."""
+    """Torque over position, linear in between; shape (k,) each [motion unit, N m]."""
 
     position: Floats
     torque: Floats
@@ -46,21 +50,26 @@ def speed_of(request: Request) -> tuple[float, tuple[str, ...]]:
     return usual, (f"no speed is known: the table reaches to {usual:g} {unit}/s; --speed says another",)
 
 
+def of_place(effect: Effect) -> bool:
+    """Whether an effect of the contact depends on the place."""
+    kernels = effect.kind.kernels
+    return kernels.torque is not None or kernels.level_factor is not None
+
+
 def sliding_torque(model: DriveModel, velocity: Floats) -> Floats:
     """K: torque in steady sliding at each velocity but 0, shape (n,) [N m or N]."""
-    for effect in PLACES:
-        model = model.without_effect(effect)
     model = fed_forward(model)
+    model = without(model, of_place)
     travel = _SLIDING * presliding_travel(model)
     return np.array([_steady(model, float(v), travel / abs(float(v))) for v in velocity])
 
 
-def presliding_travel(model: DriveModel) -> float:
-    """Travel after which everything slides [motion unit]."""
-    parameters = fed_forward(model).parameters
-    elements = [v.value for name, v in parameters.items() if name.startswith("reversal_memory.displacement")]
-    levels = (parameters[name].value for name in ("coulomb", "break_away") if name in parameters)
-    return max(max(levels) / parameters["stiffness"].value, *elements, 1e-12)
+def without(model: DriveModel, unwanted: Callable[[Effect], bool]) -> DriveModel:
+    """The model without effects of a kind."""
+    for effect in model.effects:
+        if unwanted(effect):
+            model = model.without_effect(effect.name)
+    return model
 
 
 def _steady(model: DriveModel, velocity: float, duration: float) -> float:
@@ -69,82 +78,84 @@ def _steady(model: DriveModel, velocity: float, duration: float) -> float:
     return float(model.torque(steps, speed, np.zeros(3), duration)[-1])
 
 
-def waves(model: DriveModel) -> list[tuple[str, float, float, float]]:
-    """Effect, order, sine and cosine part of every wave of torque over position."""
-    values = {name: value.value for name, value in model.parameters.items()}
-    found = []
-    for name, order in values.items():
-        if name.startswith("torque_ripple.order_") and order > 0.0:
-            number = name.removeprefix("torque_ripple.order_")
-            parts = (values[f"torque_ripple.sin_{number}"], values[f"torque_ripple.cos_{number}"])
-            found.append(("torque_ripple", order, *parts))
-    if "gravity_imbalance" in model:
-        order = values.get("gravity_imbalance.order", 1.0)
-        found.append(
-            ("gravity_imbalance", order, values["gravity_imbalance.sin"], values["gravity_imbalance.cos"])
-        )
-    return found
+def place_torque(model: DriveModel, position: Floats) -> Floats:
+    """P: torque that depends on the place alone, the offset left out; shape (n,) [N m or N]."""
+    packed = fed_forward(model).pack()
+    offset = model["offset"]
+    return np.array([additive(packed.p, packed.on, float(q)) - offset for q in position])
 
 
-def repeating(model: DriveModel) -> tuple[float, list[tuple[str, float, float, float]], list[str]]:
-    """Length of a repeat, the waves that fit into it, and the effects with waves that do not.
+def position_table(request: Request) -> tuple[PositionTable | None, tuple[Lost, ...]]:
+    """P as a table, and what of it has no place there.
 
-    A rotary axis repeats with its turn, a linear one with its longest wave.
-    """
-    every = waves(model)
-    least = 1.0 if model.motion_unit == "rad" else min((wave[1] for wave in every), default=1.0)
-    fits = [wave for wave in every if abs(wave[1] / least - round(wave[1] / least)) < _WHOLE]
-    length = 2.0 * math.pi if model.motion_unit == "rad" else 1.0 / least
-    return length, fits, sorted({wave[0] for wave in every if wave not in fits})
-
-
-def position_table(model: DriveModel) -> PositionTable | None:
-    """P as a table; None where no wave fits.
+    A rotary axis repeats with its turn, and holds what repeats with it; a linear one has its travel.
 
     Raises:
-        ConfigurationError: the shortest wave needs more points than a table may have.
+        ConfigurationError: it needs more points than a table may have.
     """
-    length, fits, _ = repeating(model)
-    if not fits:
-        return None
-    scale = 1.0 if model.motion_unit == "rad" else 2.0 * math.pi
-    cycles = max(wave[1] for wave in fits) * scale * length / (2.0 * math.pi)
-    points = POINTS_A_WAVE * math.ceil(cycles - _WHOLE)
-    if points > MOST_POINTS:
-        unit = "rev" if model.motion_unit == "rad" else "m"
-        raise ConfigurationError(
-            f"the table over position overflows: a wave of {max(w[1] for w in fits):g} cycles/{unit} needs {points} "
-            f"points, a table has {MOST_POINTS} at most; use --to c, or take the wave out of the model"
-        )
-    position = np.arange(points) * length / points
-    torque = np.zeros(points)
-    for _, order, sine, cosine in fits:
-        angle = order * scale * position
-        torque += sine * np.sin(angle) + cosine * np.cos(angle)
-    return PositionTable(position, torque)
+    model = fed_forward(request.model)
+    rotary = model.motion_unit == "rad"
+    low, high = (0.0, 2.0 * math.pi) if rotary else request.travel or (0.0, USUAL_TRAVEL)
+    odd = [
+        e for e in model.effects if e.kind.kernels.torque is not None and rotary and not _repeats(model, e)
+    ]
+    lost = [
+        Lost(e.name, "not all of it repeats with the turn, as the table does", cost(request, e)) for e in odd
+    ]
+    for effect in model.effects:
+        if effect.kind.kernels.level_factor is not None:
+            why = "its torque changes sign with the direction, which a table over position does not know"
+            lost.append(Lost(effect.name, why, cost(request, effect)))
+    model = without(model, lambda effect: effect.name in {one.name for one in odd})
+    if not any(effect.kind.kernels.torque is not None for effect in model.effects):
+        return None, tuple(lost)
+    return _fine_enough(model, low, high), tuple(lost)
+
+
+def _repeats(model: DriveModel, effect: Effect) -> bool:
+    alone = without(model, lambda other: other.name != effect.name)
+    place = np.linspace(0.0, 2.0 * math.pi, 1001)
+    here, later = place_torque(alone, place), place_torque(alone, place + 2.0 * math.pi)
+    return bool(np.max(np.abs(here - later)) <= 1e-6 * max(float(np.max(np.abs(here))), 1e-12))
+
+
+def _fine_enough(model: DriveModel, low: float, high: float) -> PositionTable:
+    points = _FEWEST
+    while points <= MOST_POINTS:
+        position = np.linspace(low, high, points + 1)
+        torque = place_torque(model, position)
+        between = [0.5 * (position[1:] + position[:-1]), 0.7 * position[1:] + 0.3 * position[:-1]]
+        error = max(np.max(np.abs(np.interp(q, position, torque) - place_torque(model, q))) for q in between)
+        if error <= FAITHFUL * max(float(np.ptp(torque)) / 2.0, 1e-12):
+            return PositionTable(position, torque)
+        points *= 2
+    raise ConfigurationError(
+        f"the table over position overflows: with {MOST_POINTS} points from {low:g} to {high:g} {model.motion_unit} it "
+        f"is still wrong by {100 * error / max(float(np.ptp(torque)) / 2.0, 1e-12):.0f} % between them; use --to c, "
+        "or take the shortest waves out of the model"
+    )
 
 
 def lost_to_tables(request: Request, table: PositionTable | None) -> Lost:
     """What tables lose of the law along the request's motion: all that has a memory."""
     model = request.model
+    kept = without(model, lambda effect: of_place(effect)) if table is None else model
     q, v, a = request.motion.sampled(request.period)
     moving = np.abs(v) > 1e-3 * float(np.max(np.abs(v)))
-    told = model["inertia"] * a
     grid = speeds(float(np.max(np.abs(v))), 64)
-    told = told + np.interp(v, grid, sliding_torque(model, grid))
+    told = kept["inertia"] * a + np.interp(v, grid, sliding_torque(kept, grid))
     if table is not None:
-        told += np.interp(q, table.position, table.torque, period=_repeat(table))
-    if "spring" in model:
-        told += model["spring.stiffness"] * q
-    whole = torque_along(model, q, v, a, request.period)
+        told = told + place_torque(kept, q)
+    whole = torque_along(without(kept, _only_level), q, v, a, request.period)
     third = len(q) // 3
     size = float(np.sqrt(np.mean((whole - told)[third:][moving[third:]] ** 2)))
-    name = "reversal_memory" if "reversal_memory" in model else "presliding"
-    return Lost(name, "a table does not know where the motion turned; its friction counts as sliding", size)
+    return Lost(
+        "presliding", "a table does not know where the motion turned; friction counts as sliding", size
+    )
 
 
-def _repeat(table: PositionTable) -> float:
-    return float(table.position[-1] + (table.position[1] - table.position[0]))
+def _only_level(effect: Effect) -> bool:
+    return effect.kind.kernels.level_factor is not None
 
 
 def speeds(most: float, points: int) -> Floats:

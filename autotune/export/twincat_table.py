@@ -10,22 +10,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
+from autotune.control.model_feedforward import fed_forward
 from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError
 from autotune.export.request import Exported, Lost, Request, cost, lost_everywhere
-from autotune.export.tables import (
-    PLACES,
-    lost_to_tables,
-    presliding_travel,
-    sliding_torque,
-    speed_of,
-)
+from autotune.export.self_test import presliding_travel
+from autotune.export.tables import lost_to_tables, of_place, sliding_torque, speed_of
 from autotune.export.text import about, ascii_only, headline
+from autotune.models.drive_model import DriveModel
+from autotune.models.effect import Effect
 
 ENTRIES = 20
 _LARGEST = 2**31 - 1
@@ -33,10 +30,6 @@ _LARGEST_PERMILLE = 32767
 _TENFOLD, _SCALING = 10.0, 100
 _MOST_DELAY = 10
 _KEPT = "sliding friction over velocity, the mean of both directions"
-_WHY = {
-    "direction_asymmetry": "the table is one for both directions",
-    **dict.fromkeys(PLACES, "the table is over velocity"),
-}
 
 
 def export_twincat_table(request: Request) -> Exported:
@@ -51,7 +44,7 @@ def export_twincat_table(request: Request) -> Exported:
         )
     most, notes = speed_of(request)
     speed = np.geomspace(1e-3 * most, most, ENTRIES - 1)
-    friction = _both_directions(request, speed)
+    friction = _both_directions(request.model, speed)
     if not np.any(np.round(_TENFOLD * 1e3 * friction / request.rated_torque)):
         raise ConfigurationError(
             "the model has no friction that shows in per mille of the rated torque: nothing of it fits into the table"
@@ -62,19 +55,27 @@ def export_twincat_table(request: Request) -> Exported:
     return Exported({f"{request.name}.frict_comp": text.encode("ascii")}, lost, notes)
 
 
-def _both_directions(request: Request, speed: Floats) -> Floats:
+def _both_directions(model: DriveModel, speed: Floats) -> Floats:
     """Mean of the two directions: without offset and asymmetry, shape (n,) [N m or N]."""
-    model = request.model.without_effect("direction_asymmetry")
     return np.asarray(0.5 * (sliding_torque(model, speed) - sliding_torque(model, -speed)))
 
 
+def _one_sided(model: DriveModel, effect: Effect) -> bool:
+    """Whether an effect makes the two directions differ."""
+    speed = np.array([1e-2, 1.0, 1e2])
+    lone = model.without_effect(effect.name)
+    apart = [sliding_torque(m, speed) + sliding_torque(m, -speed) for m in (model, lone)]
+    return bool(np.max(np.abs(apart[0] - apart[1])) > 1e-9 * max(model["coulomb"], 1e-9))
+
+
 def _lost(request: Request) -> tuple[Lost, ...]:
-    model = request.model
-    bare = model
-    for effect in (*PLACES, "direction_asymmetry"):
-        bare = bare.without_effect(effect)
-    lost = [*lost_everywhere(request), lost_to_tables(replace(request, model=bare), None)]
-    lost += [Lost(e.name, _WHY[e.name], cost(request, e)) for e in model.effects if e.name in _WHY]
+    model = fed_forward(request.model)
+    lost = [*lost_everywhere(request), lost_to_tables(request, None)]
+    for effect in model.effects:
+        if of_place(effect):
+            lost.append(Lost(effect.name, "the table is over velocity", cost(request, effect)))
+        elif _one_sided(model, effect):
+            lost.append(Lost(effect.name, "the table is one for both directions", cost(request, effect)))
     if model["offset"] != 0.0:
         lost.append(Lost("offset", "the table has the direction's sign", abs(model["offset"])))
     lost.append(Lost("inertia", "the CNC has a feedforward of its own for it", _inertial(request)))

@@ -12,13 +12,13 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from autotune.control.model_feedforward import FED_FORWARD
 from autotune.export.c_file import export_c
 from autotune.export.request import FADE, Request
 from autotune.models.drive_model import DriveModel
 
 from .support import (
     COMPILERS,
+    FED_FORWARD,
     LOOP,
     CompiledLaw,
     H,

@@ -37,7 +37,7 @@ def run(tmp_path: Path) -> Path:
         "schema": 1, "better": True, "law": "model", "proposed": lugre,
         "made_with": {
             "cycle": 1e-3,
-            "limits": {"torque": 1.34, "speed": 20.0},
+            "limits": {"torque": 1.34, "speed": 20.0, "position_min": -20.0, "position_max": 20.0},
             "benchmark": {"amplitude": 0.2, "frequency": 1.0, "repeats": 6, "periods": 3},
         },
     }  # fmt: skip
@@ -78,7 +78,7 @@ def test_a_run_gives_its_law_its_cycle_and_its_limit(
     assert (json.loads(printed)["cycle"], json.loads(printed)["torque_limit"]) == (1e-3, 1.34)
     source = (tmp_path / "c" / "autotune_ff.c").read_text()
     assert "TORQUE_LIMIT = FF_R(1.34)" in source
-    assert "ELEMENT_7_LIMIT" in source
+    assert "REVERSAL_MEMORY_DISPLACEMENT_7" in source
 
 
 def test_a_run_whose_lugre_law_was_proved_gives_that(
@@ -88,7 +88,7 @@ def test_a_run_whose_lugre_law_was_proved_gives_that(
     source = (tmp_path / "c" / "autotune_ff.c").read_text()
     assert code == 0
     assert "STIFFNESS = FF_R(41.0)" in source
-    assert "ELEMENT_1_LIMIT" not in source
+    assert "REVERSAL_MEMORY" not in source
 
 
 def test_a_name_for_each_axis(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
