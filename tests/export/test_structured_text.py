@@ -18,7 +18,7 @@ from .support import H, everything, proved, python_torque, random_motion, with_e
 SAME = 1e-9
 CYCLE = 1_000_000
 FUNCTIONS: dict[str, Any] = {
-    "EXP": math.exp, "SIN": math.sin, "EXPT": math.pow, "ABS": abs, "MIN": min, "MAX": max,
+    "EXP": math.exp, "SIN": math.sin, "COS": math.cos, "EXPT": math.pow, "ABS": abs, "MIN": min, "MAX": max,
     "TRUE": True, "FALSE": False,
 }  # fmt: skip
 
