@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,6 +16,10 @@ if TYPE_CHECKING:
     from autotune.models.drive_model import DriveModel
 
 USUAL_CYCLE = 1e-3
+_TWICE = (
+    "that run has put a feedforward into the drive, and this file holds the whole law: switch the drive's own off, "
+    "or the same torque is added twice"
+)
 TARGET_NAMES = ("c", "linuxcnc", "fmu", "st", "twincat-table", "csv")
 
 
@@ -76,6 +81,7 @@ def _request(source: Path, given: dict[str, Any]) -> Request:
     if source.is_dir():
         model, known = _proved(source)
         _same_cycle(source, known["period"], given["period"])
+        _within_limit(source, known["torque_limit"], given["torque_limit"])
     else:
         from autotune.models.model_file import read_model
 
@@ -116,6 +122,8 @@ def _proved(run: Path) -> tuple[DriveModel, dict[str, Any]]:
             f"Export {run / 'model.toml'} to have the model as it was fitted"
         )
     more = {"motion": motion, "travel": tuple(ends.values())}
+    if _holds_part(run):
+        more["warnings"] = (_TWICE,)
     if found.get("law") == "model":
         return read_model(run / HOST_FILE), known | more
     if proposed is None:
@@ -123,7 +131,22 @@ def _proved(run: Path) -> tuple[DriveModel, dict[str, Any]]:
             f"run {run} ended before there was a feedforward; there is nothing to export"
         )
     fitted = read_model(run / "model.toml")
-    return lugre_model(proposed, fitted.motion_unit), known | more
+    return replace(lugre_model(proposed, fitted.motion_unit), axis=fitted.axis), known | more
+
+
+def _holds_part(run: Path) -> bool:
+    """Whether the run has left a feedforward in the drive."""
+    from autotune.tuning.files import read_json
+
+    path = run / "run.json"
+    return path.is_file() and read_json(path, "result").get("outcome") == "kept"
+
+
+def _within_limit(run: Path, limit: float, asked: float | None) -> None:
+    if asked is not None and asked > limit:
+        raise ConfigurationError(
+            f"--torque-limit is {asked:g}; run {run} was held to {limit:g}, and an export of it is not let beyond"
+        )
 
 
 def _same_cycle(run: Path, proved: float, asked: float | None) -> None:

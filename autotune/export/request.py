@@ -56,6 +56,7 @@ class Request:
         speed: up to which tables over velocity reach [rad/s or m/s].
         travel: of a linear axis, for tables over position [m].
         name: of functions and files.
+        warnings: sentences that belong into every file of it.
 
     Raises:
         ConfigurationError: a number that no controller has.
@@ -71,6 +72,7 @@ class Request:
     speed: float | None = None
     travel: tuple[float, float] | None = None
     name: str = NAME
+    warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not re.fullmatch(r"[a-z][a-z0-9_]{0,30}", self.name):

@@ -36,6 +36,7 @@ def export(request: Request, target: str) -> Exported:
     if target not in TARGETS:
         raise ConfigurationError(f"there is no target {target!r}; known are {', '.join(TARGETS)}")
     made = TARGETS[target](request)
+    made = replace(made, notes=(*request.warnings, *made.notes))
     if request.name == NAME or target == "fmu":  # what is in an FMU is nobody else's name
         return made
     files = {_renamed(name, request.name): content for name, content in made.files.items()}

@@ -41,6 +41,7 @@ def about(
     sentences = [
         f"Inside: {inside}.",
         *(f"{sentence[0].upper()}{sentence[1:]}." for sentence in lost_in_words(request, tuple(lost))),
+        *(f"Note: {warning}." for warning in request.warnings),
         *extra,
     ]
     lines = [line for sentence in sentences for line in textwrap.wrap(_harmless(sentence), WIDTH)]

@@ -28,8 +28,8 @@ MODULES = Path("/usr/lib/linuxcnc/modules")
 AXES = "autotune_test_axes"
 SECONDS = 100.0
 NOBODY = 65534
-BINS = 360
-"""Of a turn: at one turn a second about three samples each."""
+BINS = 180
+"""Of a turn: at two turns a second about three samples each."""
 
 
 def needs_linuxcnc() -> None:

@@ -147,6 +147,25 @@ def test_a_run_that_gives_nothing_is_refused(
     assert told in said
 
 
+def test_a_law_of_which_the_drive_holds_a_part_says_so(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (run / "run.json").write_text(json.dumps({"outcome": "kept"}))
+    code, printed, said = called(capsys, str(run), "--to", "c", "--out", str(tmp_path / "c"), "--json")
+    assert code == 0
+    assert "switch the drive's own off, or the same torque is added twice" in said
+    assert "added twice" in json.loads(printed)["notes"][0]
+    assert "Note: that run has put a feedforward into the drive" in (tmp_path / "c/autotune_ff.c").read_text()
+
+
+def test_a_limit_beyond_the_runs_is_refused(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, _, said = called(capsys, str(run), "--to", "c", "--torque-limit", "2", "--out", str(tmp_path / "c"))
+    assert code == 2
+    assert "was held to 1.34" in said
+
+
 def test_a_folder_that_is_no_run_and_a_file_in_the_way_are_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -16,7 +16,7 @@ from .linuxcnc_rig import glitch, needs_linuxcnc, rig, run_circles, turns
 from .support import H, everything, proved, python_torque
 
 SEEDS = {"x": 3, "y": 4}
-RATES = {"one turn a second": 2.0 * np.pi, "one turn in two": np.pi}
+RATES = {"two turns a second": 4.0 * np.pi, "one turn a second": 2.0 * np.pi}
 SAME = 1e-9
 TOLD, TRUE = 2, 12
 """Where a row of the axes' log has what they were told, and where they truly were."""

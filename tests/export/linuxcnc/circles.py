@@ -8,7 +8,7 @@ import time
 import linuxcnc
 
 RADIUS = 5.0  # mm: 1 rad of the motors
-FEEDS = ((1885.0, 5), (942.5, 3))  # mm/min and turns: one turn a second, and one in two
+FEEDS = ((3770.0, 8), (1885.0, 6))  # mm/min and turns: two turns a second, and one
 PLAYED = {"none": "M65 P0 M65 P1", "exported": "M65 P1 M64 P0", "inverse": "M65 P0 M64 P1"}
 PATIENCE = 90.0
 
