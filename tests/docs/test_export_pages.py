@@ -13,11 +13,11 @@ from pathlib import Path
 import pytest
 
 from autotune.export.targets import TARGETS
+from tests.export.linuxcnc_rig import MODULES, alone, needs_linuxcnc
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = ROOT / "docs/export"
 MODEL = ROOT / "tests/export/models/seed-3.toml"
-MODULES = Path("/usr/lib/linuxcnc/modules")
 SCREEN = 50
 """Lines."""
 
@@ -87,17 +87,17 @@ def test_fmu(folder: Path) -> None:
 
 
 def test_linuxcnc(folder: Path) -> None:
-    if shutil.which("halcompile") is None or not os.access(MODULES, os.W_OK):
-        pytest.skip("linuxcnc-uspace-dev is not installed, or components cannot be: make linuxcnc")
+    needs_linuxcnc()
     installed = MODULES / "autotune_ff.so"
-    if installed.exists():
-        pytest.skip(f"{installed} is somebody's")
-    try:
-        for command in commands("linuxcnc.md"):
-            run(folder, command)
-        said = _in_hal(folder, blocks("linuxcnc.md", "hal"))
-    finally:
-        installed.unlink(missing_ok=True)
+    with alone():
+        if installed.exists():
+            pytest.skip(f"{installed} is somebody's")
+        try:
+            for command in commands("linuxcnc.md"):
+                run(folder, command)
+            said = _in_hal(folder, blocks("linuxcnc.md", "hal"))
+        finally:
+            installed.unlink(missing_ok=True)
     gains = [float(one) for one in re.findall(r"float OUT +(\S+) +autotune-ff\.0\.gain", said)]
     assert gains == pytest.approx([1.0, 0.0]), said
 

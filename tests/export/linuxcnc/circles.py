@@ -8,8 +8,10 @@ import time
 import linuxcnc
 
 RADIUS = 5.0  # mm: 1 rad of the motors
-FEEDS = ((3770.0, 8), (1885.0, 6))  # mm/min and turns: two turns a second, and one
-PLAYED = {"none": "M65 P0 M65 P1", "exported": "M65 P1 M64 P0", "inverse": "M65 P0 M64 P1"}
+FEEDS = (1885.0, 942.5)  # mm/min: one turn a second, and one in two
+PLAYED = {"none": ("M65 P0", "M65 P1"), "exported": ("M65 P1", "M64 P0"), "inverse": ("M65 P0", "M64 P1")}
+TURNS = {"none": (3, 2), "exported": (6, 4), "inverse": (6, 4)}
+"""What is compensated is near the encoder's resolution, and needs the mean of more turns."""
 PATIENCE = 90.0
 
 
@@ -44,11 +46,11 @@ def main():
         command.mode(linuxcnc.MODE_MDI)
         command.wait_complete()
         mdi(command, stat, f"G21 G17 G90 G94 G64 G1 X{RADIUS:g} Y0 F1200")
-        for played in PLAYED.values():
-            for line in played.split(" M"):
-                mdi(command, stat, line if line.startswith("M") else "M" + line)
+        for played, switches in PLAYED.items():
+            for switch in switches:
+                mdi(command, stat, switch)
             mdi(command, stat, "G4 P0.6")
-            for feed, turns in FEEDS:
+            for feed, turns in zip(FEEDS, TURNS[played]):
                 mdi(command, stat, f"G2 X{RADIUS:g} Y0 I{-RADIUS:g} J0 P{turns} F{feed:g}")
                 mdi(command, stat, "G4 P0.1")
         log.terminate()
