@@ -129,13 +129,16 @@ def _linuxcnc(folder: Path) -> None:
 
 
 def turns(reference: Floats, velocity: Floats, rate: float) -> tuple[Floats, Floats]:
-    """Rows of the whole turns at a rate [rad/s of the circle] but the first, and their angles; (n, 2) arrays in."""
+    """Rows of the last whole turns at a rate [rad/s of the circle], half a turn in at least, and their angles.
+
+    `reference` and `velocity` of shape (n, 2).
+    """
     fast = np.hypot(*velocity.T)
     circle = np.abs(np.hypot(*reference.T) - 1.0) < 0.02
     rows = np.flatnonzero(circle & (np.abs(fast - rate) < 0.02 * rate))
     angle = np.unwrap(np.arctan2(reference[rows, 1], reference[rows, 0]))
     gone = np.abs(angle - angle[0])
-    whole = gone.max() // (2.0 * np.pi) - 1.0
+    whole = np.floor(gone.max() / (2.0 * np.pi) - 0.5)
     late = gone >= gone.max() - whole * 2.0 * np.pi
     return rows[late], angle[late]
 

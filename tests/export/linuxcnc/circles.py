@@ -10,7 +10,7 @@ import linuxcnc
 RADIUS = 5.0  # mm: 1 rad of the motors
 FEEDS = (1885.0, 942.5)  # mm/min: one turn a second, and one in two
 PLAYED = {"none": ("M65 P0", "M65 P1"), "exported": ("M65 P1", "M64 P0"), "inverse": ("M65 P0", "M64 P1")}
-TURNS = {"none": (3, 3), "exported": (6, 3), "inverse": (6, 3)}
+TURNS = {"none": (2, 2), "exported": (6, 3), "inverse": (6, 3)}
 """What is compensated is near the encoder's resolution, and needs the mean of more turns."""
 PATIENCE = 90.0
 
