@@ -14,7 +14,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # The floors that need no wire and no process of their own.
 QUICK := core signals models recordings importing estimation control experiments sim face cli
 
-.PHONY: install demo test quick check lint types layers unit bench faults audit pictures clean
+.PHONY: install demo test quick check lint types layers unit bench faults audit linuxcnc pictures clean
 
 install: $(STAMP)
 
@@ -63,6 +63,11 @@ audit: install
 	else \
 	  $(BIN)/python -m bench.audit constraints.txt; \
 	fi
+
+# The exported component in a real controller. Debian's packages run without a real-time kernel; installing them needs root.
+linuxcnc: install
+	@command -v halcompile >/dev/null || DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends linuxcnc-uspace linuxcnc-uspace-dev
+	$(BIN)/pytest -m '' -rs tests/export/test_linuxcnc.py
 
 pictures: install
 	$(BIN)/python -m bench.pictures

@@ -18,6 +18,7 @@ USUAL: dict[str, list[list[str]]] = {
     "commit_cut": [[]],
     "recorder": [[]],
     "measured": [[]],
+    "export_c": [["--samples", "1000000"]],
 }
 LONG: dict[str, list[list[str]]] = {
     "service_axes": [[]],

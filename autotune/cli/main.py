@@ -35,6 +35,7 @@ COMMANDS = {
     "gains": "Judge today's controller gains by the model, and propose better ones.",
     "data": "Recordings that others made.",
     "workbench": "Look at models and recordings in the browser: compare, diagnose, add effects, save.",
+    "export": "Write a model as C, a LinuxCNC component, an FMU, structured text, or tables.",
     "model": "Drive models: fit, compare, diagnose, add effects, show.",
     "tribology": "Tell what a contact of this surface, material and load should show: stiffness at rest, break-away.",
 }

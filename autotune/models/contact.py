@@ -27,8 +27,8 @@ from autotune.models.stribeck import EXPONENT, FALLS
 _torque = all_added("torque")
 _level, _level_factor = all_added("level"), all_multiplied("level_factor")
 _viscous, _viscous_factor = all_added("viscous"), all_multiplied("viscous_factor")
-_LEAST_DEFLECTION = 1e-15
-_LEAST_SHARE = 0.02  # of the Coulomb level, where effects together would take it to zero
+LEAST_DEFLECTION = 1e-15
+LEAST_SHARE = 0.02  # of the Coulomb level, where effects together would take it to zero
 
 
 @compiled
@@ -39,7 +39,7 @@ def friction_limit(p: Floats, on: Flags, state: Floats, position: float, velocit
         level = falling_level(velocity, level, p[BREAK_AWAY], p[STRIBECK_VELOCITY], p[EXPONENT])
     level = _level(level, p, on, state, velocity)
     level = _level_factor(level, p, on, state, position)
-    return float(max(max(level, _LEAST_SHARE * p[COULOMB]) / p[STIFFNESS], _LEAST_DEFLECTION))
+    return float(max(max(level, LEAST_SHARE * p[COULOMB]) / p[STIFFNESS], LEAST_DEFLECTION))
 
 
 @compiled

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from autotune.core.arrays import Floats
 from autotune.models.compiled import compiled
 from autotune.models.effect import Kind, Parameter, Terms
@@ -103,6 +105,11 @@ def mean_reach(p: Floats) -> float:
     reach, torque = p[_AT : _AT + 2 * ELEMENTS : 2], p[_AT + 1 : _AT + 2 * ELEMENTS : 2]
     used = reach > 0.0
     return float(torque[used] @ reach[used]) / max(float(torque[used].sum()), 1e-300)
+
+
+def longest_displacement(p: Floats) -> float:
+    """Travel after which all elements slide [rad or m]."""
+    return float(np.max(p[_AT : _AT + 2 * ELEMENTS : 2]))
 
 
 REVERSAL_MEMORY = Kind(

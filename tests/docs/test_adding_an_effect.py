@@ -37,6 +37,8 @@ model = model.with_history(HistoryEntry("2026-01-01", "+ {NAME}", "", 0.1, 0.02,
 assert "{NAME}" in fed_forward(model) and not left_out(model)
 autotune.write_model(model, "with.toml")
 assert autotune.read_model("with.toml")["{NAME}.hardening"] == 1e-3
+from autotune.export.law import feedforward_law
+assert "{NAME.upper()}_HARDENING" in [constant.name for constant in feedforward_law(model, 1e-3).constants]
 """
 
 WORKS = f"""
