@@ -18,6 +18,7 @@ from autotune.estimation.bandwidth import prepared_for
 from autotune.estimation.bias_corrected_fit import Level, settle
 from autotune.estimation.free_parameters import model_from
 from autotune.estimation.least_squares import Fitted, standard_errors
+from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import Study
 from autotune.models.drive_model import DriveModel, HistoryEntry, Packed
 from autotune.models.table import effect_kind
@@ -48,6 +49,7 @@ def add_effect(
     when: str,
     source: str,
     progress: Progress = quiet,
+    policy: Policy = POLICY,
 ) -> Added:
     """Refits the model with an effect.
 
@@ -60,7 +62,7 @@ def add_effect(
     """
     effect_kind(effect)
     check_same_axis(model, recordings)
-    study, root, nominal, notes = begin(prepared_for(recordings), model, progress)
+    study, root, nominal, notes = begin(prepared_for(recordings, policy), model, progress, policy=policy)
     progress(f"refit with {effect}")
     study, root, level = grown(study, root, nominal, effect, model)
     before, after, floor, unseen = held_out_errors(study, root, level)

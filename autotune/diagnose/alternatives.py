@@ -18,15 +18,9 @@ from autotune.diagnose.second_recording import Elsewhere, carried_error, chunks_
 from autotune.diagnose.single_recording import credible
 from autotune.estimation.bias_corrected_fit import Level
 from autotune.estimation.cross_validation import Unseen, gain_and_z
+from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Study
 from autotune.models.drive_model import Packed
-
-MOST = 3
-"""Rivals fitted for each effect."""
-CLOSE = 0.5
-"""Of the gain of the effect that was found: less is no rival."""
-CLEARLY, LEAST, LEAST_Z = 0.3, 0.1, 2.0
-"""By how much less the effect must err than its rival: by itself, or evenly over the trajectory."""
 
 
 def challenged(
@@ -66,18 +60,20 @@ def _challenged(
         return item
     ranked = ranking(less)
     own = next((one.gain for one in ranked if one.effect == item.effect), item.gain)
-    near = [one for one in ranked if _rival(study, one, item.effect, own)][:MOST]
+    near = [one for one in ranked if _rival(study, one, item.effect, own)][: study.policy.most_alternatives]
     error = _pieces(study, chosen.level, folds)
     rivals = []
     for one in near:
         refitted = inside_twin(study, root, less, one)
-        if refitted is not None and not _separated(error, _pieces(study, refitted.level, folds)):
+        if refitted is not None and not _separated(
+            study.policy, error, _pieces(study, refitted.level, folds)
+        ):
             rivals.append(one.effect)
     return replace(item, rivals=tuple(rivals))
 
 
 def _rival(study: Study, one: Screened, effect: str, gain: float) -> bool:
-    return one.effect != effect and one.gain >= CLOSE * gain and credible(study, one)
+    return one.effect != effect and one.gain >= study.policy.rival_gain * gain and credible(study, one)
 
 
 def _pieces(study: Study, level: Level, folds: Sequence[Flags]) -> Unseen:
@@ -85,7 +81,7 @@ def _pieces(study: Study, level: Level, folds: Sequence[Flags]) -> Unseen:
     return Unseen(np.array([p for held in folds for p in chunks_of(carried_error(study, level, held)[held])]))
 
 
-def _separated(own: Unseen, rival: Unseen) -> bool:
+def _separated(policy: Policy, own: Unseen, rival: Unseen) -> bool:
     """Whether the effect errs clearly less than its rival."""
     gain, z = gain_and_z(rival, own)
-    return gain >= CLEARLY or (gain >= LEAST and z >= LEAST_Z)
+    return gain >= policy.confirming_gain or (gain >= policy.confirming_margin and z >= policy.apart_z)

@@ -17,6 +17,7 @@ from autotune.estimation.data import Prepared
 from autotune.estimation.filtered_columns import without_twin
 from autotune.estimation.free_parameters import free_of_model
 from autotune.estimation.least_squares import Free
+from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import (
     Study,
     base_free,
@@ -30,37 +31,38 @@ from autotune.estimation.residual import smoothed
 from autotune.models.drive_model import DriveModel, Packed
 from autotune.models.transmission import has_load
 
-WORSE_WITH_TWIN = 2.0
-"""Times the cost before: a twin that rings where the axis did not corrects nothing."""
-
 
 def quiet(_: str) -> None:
     """Progress that nobody wants to see."""
 
 
 def begin(
-    data: Prepared, model: DriveModel, progress: Progress = quiet, simulations: int = 2
+    data: Prepared,
+    model: DriveModel,
+    progress: Progress = quiet,
+    simulations: int = 2,
+    policy: Policy = POLICY,
 ) -> tuple[Study, Level, Packed, tuple[str, ...]]:
     """Controller, noise and the fit of the model as it is.
 
     Raises:
         NotEnoughExcitation: the model cannot be made to fit this axis at all.
     """
-    refuse_answers(data)
-    found = find_controller(data)
+    refuse_answers(data, policy)
+    found = find_controller(data, policy)
     packed = model.pack()
     notes = found.notes
     if not found.usable:
         data, said = without_twin(data)
-        notes = (f"No twin: {found.why}. Confidence is lower.", *said, *loop_note(data))
-    study = start_study(data, found)
+        notes = (f"No twin: {found.why}. Confidence is lower.", *said, *loop_note(data, policy))
+    study = start_study(data, found, policy)
     progress("fit of the model as it is")
     free = [*base_free(packed, study.scales, data.metadata.motion_unit), *free_of_model(model, study.scales)]
     level = _first_level(replace(study, simulations=simulations), packed, free)
     if level is None and study.twin:
         data, said = without_twin(data)
         notes = ("No twin: a simulation of the model with this controller is unstable or rings.", *said)
-        study = start_study(data, None)
+        study = start_study(data, None, policy)
         level = _first_level(study, packed, free)
     if level is None:
         raise NotEnoughExcitation(
@@ -100,7 +102,7 @@ def _first_level(study: Study, packed: Packed, free: list[Free]) -> tuple[Study,
         as_given = settle(study, packed, free, 2)
         if level is None or (as_given is not None and as_given.fitted.cost < level.fitted.cost):
             level = as_given
-    if level is not None and not study.data.repeated and level.fitted.cost > WORSE_WITH_TWIN * plain:
+    if level is not None and not study.data.repeated and level.fitted.cost > study.policy.twin_worse * plain:
         return None
     return None if level is None else (study, level)
 
@@ -117,7 +119,7 @@ def _refuse_misfit(study: Study, level: Level) -> None:
     rows = study.training > 0
     torque = smoothed(study.data, study.data.torque)[rows]
     share = float(np.var(level.fitted.error[rows])) / max(float(np.var(torque)), 1e-300)
-    if share > 0.8:
+    if share > study.policy.misfit:
         raise NotEnoughExcitation(
             f"the model explains only {100 * max(1 - share, 0.0):.0f} % of the torque even after refitting; is the "
             "sign or the unit of the torque wrong, or the model of another axis? Fit a new model with "

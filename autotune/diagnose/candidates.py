@@ -24,27 +24,12 @@ from autotune.models.table import EFFECTS
 from autotune.models.transmission import has_load
 
 Progress = Callable[[str], None]
-LEAST_GAIN = 0.03
-CLEAR_GAIN = 0.10
-LEAST_Z = 3.0
-GAIN_WITHOUT_TWIN = 0.12
-NAMED = 0.9
-NAMED_WITH_REST = 0.95
-"""Share to be explained where something that repeats is left beyond doubt."""
+HOPEFUL = 3e-3
+"""Relative fall of the cost after which a short fit need not go on."""
 APPROXIMATE = frozenset({"reversal_memory"})
 """Effects whose law is a few elements in place of a distribution: some rest is their own."""
-WORTH_MOVING = 0.998
-"""Of the cost: less must be left for torque and motion to be aligned anew."""
-WALK = 4
 TWO_MASSES = frozenset({"elastic_transmission", "backlash"})
 """Families that are followed inside the twin only: with a held bias a longer fit leads them away."""
-MOST_EFFECTS = 3
-NEAR_BEST = 0.3
-"""Of the best short refit's fall: what a second effect must come to, to be followed to its end."""
-NEAR_WORTH = 0.5
-"""The same, of the fall that a further effect is worth having for."""
-CLOSE_START = 0.4
-"""Starts that lower the cost by this part of the best one's fall are followed to the end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,37 +48,30 @@ class Screened:
     z: float
     others: tuple[Packed, ...] = ()
 
-    @property
-    def passes(self) -> bool:
-        return self.gain >= LEAST_GAIN and (self.z >= LEAST_Z or self.gain >= CLEAR_GAIN)
-
 
 @dataclass(frozen=True, slots=True)
 class Refitted:
-    """A family refitted inside the twin, and what it explains of training and veto."""
+    """A family refitted inside the twin, and what it explains of training and veto.
+
+    `named`: whether that is so much that its effects can be named.
+    """
 
     effect: str
     level: Level
     gain: float
     training: Explained
     veto: Explained | None
+    named: bool = False
 
     @property
     def share(self) -> float:
         return min(self.training.share, self.veto.share if self.veto else 1.0)
 
-    @property
-    def named(self) -> bool:
-        """Whether so much is explained that the effects can be named."""
-        certain = self.training.certain or (self.veto is not None and self.veto.certain)
-        approximate = not APPROXIMATE.isdisjoint(self.level.effects)
-        return self.share >= (NAMED_WITH_REST if certain and not approximate else NAMED)
-
 
 def screen(study: Study, level: Level, nominal: Packed, effect: str) -> Screened | None:
     """The best refit of one family on the measured motion; None where it has no start here."""
     tried = _quick(study, level, nominal, effect)
-    return _finished(study, level, effect, tried) if tried else None
+    return _finished(study, level, effect, tried, study.policy.promising_fall) if tried else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,16 +93,14 @@ def _quick(study: Study, level: Level, nominal: Packed, effect: str) -> list[_Tr
     return sorted(tried, key=lambda item: item.fitted.cost)
 
 
-def _finished(
-    study: Study, level: Level, effect: str, tried: list[_Tried], least: float = 0.3 * LEAST_GAIN
-) -> Screened:
+def _finished(study: Study, level: Level, effect: str, tried: list[_Tried], least: float) -> Screened:
     """Promising starts followed to their end; `least` is the relative fall of the cost that promises."""
     found = [item.fitted for item in tried]
     best = found[0]
     fall = level.fitted.cost - best.cost
     in_twin = study.twin and effect in TWO_MASSES
     if not in_twin and (fall > least * level.fitted.cost or _promises(study, level, best)):
-        close, most, rounds = (0.0, 9, 15) if study.data.steady else (CLOSE_START, 2, 4)
+        close, most, rounds = (0.0, 9, 15) if study.data.steady else (study.policy.close_start, 2, 4)
         enough = close * fall if fall > 0.0 else -math.inf
         for start in [f for f in found if level.fitted.cost - f.cost > enough][:most]:
             near = start if level.effects else None
@@ -144,14 +120,14 @@ def _promises(study: Study, level: Level, short: Fitted) -> bool:
     """
     if short.cost <= level.fitted.cost or study.data.steady:
         return False
-    return gain_and_z(level.unseen, held_out(study, short.error, short.jacobian))[0] > CLEAR_GAIN
+    return gain_and_z(level.unseen, held_out(study, short.error, short.jacobian))[0] > study.policy.clear_gain
 
 
 def _try(study: Study, level: Level, start: Start, iterations: int, quick: bool = False) -> Fitted | None:
     """Fits from a start; `quick` takes the sensitivities of what is already in the model from there."""
     free = [*level.free, *start.free]
     known = (level.fitted.jacobian, level.fitted.scales) if quick else None
-    hopeful = (1.0 - 0.1 * LEAST_GAIN) * level.fitted.cost if quick else math.inf
+    hopeful = (1.0 - HOPEFUL) * level.fitted.cost if quick else math.inf
     fitted = fit(
         study.data, study.moved, start.packed, free, level.correction.bias, study.training, iterations,
         known=known, hopeful=hopeful, whole=False,
@@ -169,7 +145,7 @@ def rank(
     """
     base = _walked_on(study, level)
     tried: dict[str, list[_Tried]] = {}
-    for effect in FAMILIES:
+    for effect in study.candidates:
         if level.fitted.packed.on[layout.flag(effect)] and effect != "torque_ripple":
             continue
         if effect == "torque_lag" and not (study.twin or study.data.repeated):
@@ -181,8 +157,12 @@ def rank(
             tried[effect] = fits
     cost = base.fitted.cost
     largest = max((1.0 - fits[0].fitted.cost / cost for fits in tried.values()), default=0.0)
-    near = max(NEAR_BEST * largest, NEAR_WORTH * worth / cost) if level.effects else 0.0
-    least = max(0.3 * LEAST_GAIN, near)
+    near = (
+        max(study.policy.near_best_beside * largest, study.policy.near_worth_beside * worth / cost)
+        if level.effects
+        else 0.0
+    )
+    least = max(study.policy.promising_fall, near)
     found = [_finished(study, base, effect, fits, least) for effect, fits in tried.items()]
     return sorted((item for item in found if np.isfinite(item.gain)), key=lambda item: -item.gain)
 
@@ -235,7 +215,11 @@ def judged(study: Study, root: Level, settled: Level, effect: str, level: Level 
         explained(study, root.fitted, settled.fitted, settled.correction, role) for role in (TRAINING, VETO)
     ]
     veto = parts[1] if study.has(VETO) else None
-    return Refitted(effect, settled, gain(study, level or root, settled), parts[0], veto)
+    found = Refitted(effect, settled, gain(study, level or root, settled), parts[0], veto)
+    certain = parts[0].certain or (veto is not None and veto.certain)
+    approximate = not APPROXIMATE.isdisjoint(settled.effects)
+    enough = study.policy.named_with_rest if certain and not approximate else study.policy.named
+    return replace(found, named=found.share >= enough)
 
 
 def _gain_held_out(study: Study, before: Level, after: Level) -> float:
@@ -296,4 +280,4 @@ def realigned(study: Study, level: Level) -> Study:
 
     here = study.data.shift
     best, lowest = best_shift(cost, here, study.data.finer)
-    return study if best == here or lowest > WORTH_MOVING * cost(here) else moved_by(best)
+    return study if best == here or lowest > study.policy.worth_aligning * cost(here) else moved_by(best)

@@ -6,15 +6,12 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from autotune.diagnose.candidates import LEAST_GAIN, Refitted, Screened
+from autotune.diagnose.candidates import Refitted, Screened
 from autotune.diagnose.wording import separating_experiment, usual_rivals
 from autotune.estimation.bias_corrected_fit import Level
+from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Study
 
-GENERIC_GAIN = 0.05
-PARTLY = 0.5
-RIVAL_GAIN = 0.5
-"""Of the named effect's gain: a usual rival with less is not told as one."""
 WORST_GAIN = -1.0
 """Told of a candidate that is worse than nothing: how much worse an extrapolation is says nothing."""
 
@@ -48,14 +45,14 @@ def candidates(
         accepted = item.effect in effects
         gain = max(refits[item.effect].gain if item.effect in refits else item.gain, WORST_GAIN)
         after = before * math.sqrt(max(1.0 - gain, 0.0))
-        text = why(item, refits, accepted, study.data.repeated)
+        text = why(study, item, refits, accepted)
         table.append(Candidate(item.effect, gain, before, after, accepted, text))
     return tuple(table)
 
 
-def why(item: Screened, refits: Mapping[str, Refitted], accepted: bool, repeated: bool) -> str:
+def why(study: Study, item: Screened, refits: Mapping[str, Refitted], accepted: bool) -> str:
     """Why a candidate was taken or left; what is explainable is known from repeats only."""
-    if item.effect in refits and not repeated:
+    if item.effect in refits and not study.data.repeated:
         text = f"lowers the squared error on unseen stretches by {100 * refits[item.effect].gain:.0f} %"
         return text if accepted else text + "; not the best explanation"
     if item.effect in refits:
@@ -65,30 +62,30 @@ def why(item: Screened, refits: Mapping[str, Refitted], accepted: bool, repeated
         return text if accepted else text + "; not the best explanation"
     if accepted:
         return "taken beside the others: lowers what they leave"
-    if item.gain < LEAST_GAIN:
+    if item.gain < study.policy.least_gain:
         gain = 100 * max(item.gain, WORST_GAIN)
-        return f"gain {gain:.1f} % on unseen experiments; {100 * LEAST_GAIN:.0f} % are needed"
+        return f"gain {gain:.1f} % on unseen experiments; {100 * study.policy.least_gain:.0f} % are needed"
     return f"gain {100 * item.gain:.1f} % on unseen experiments, less than others"
 
 
-def unknown_note(coordinate: str, gain: float, chosen: Refitted | None, repeated: bool) -> str:
+def unknown_note(study: Study, coordinate: str, gain: float, chosen: Refitted | None) -> str:
     """What is known about what is unknown: where it sits, and what explains a part."""
     text = "Something repeatable is missing that none of the known effects explains"
-    if gain > GENERIC_GAIN:
+    if gain > study.policy.generic_gain:
         text += f"; it is structured in {coordinate.replace('_', ' ')}"
-    if chosen is not None and chosen.share >= PARTLY:
+    if chosen is not None and chosen.share >= study.policy.partly:
         names = ", ".join(chosen.level.effects).replace("_", " ")
-        part = f"explains {100 * chosen.share:.0f} % of it" if repeated else "fits some of it"
+        part = f"explains {100 * chosen.share:.0f} % of it" if study.data.repeated else "fits some of it"
         text += f"; {names} {part} and may be part of the truth"
     return text + "."
 
 
-def likely_rivals(effects: Sequence[str], first: Sequence[Screened]) -> list[str]:
+def likely_rivals(policy: Policy, effects: Sequence[str], first: Sequence[Screened]) -> list[str]:
     """Effects that usually look like the named ones and gain nearly as much here, the likeliest first."""
     gains = {item.effect: item.gain for item in first}
-    least = RIVAL_GAIN * max((gains.get(effect, 0.0) for effect in effects), default=0.0)
+    least = policy.rival_gain * max((gains.get(effect, 0.0) for effect in effects), default=0.0)
     usual = dict.fromkeys(rival for effect in effects for rival in usual_rivals(effect))
-    near = [r for r in usual if r not in effects and gains.get(r, 0.0) >= max(least, LEAST_GAIN)]
+    near = [r for r in usual if r not in effects and gains.get(r, 0.0) >= max(least, policy.least_gain)]
     return sorted(near, key=lambda rival: -gains[rival])
 
 

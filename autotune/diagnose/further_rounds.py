@@ -14,9 +14,7 @@ from autotune.estimation.bias_corrected_fit import Level, settle
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.problem import Study
 
-POLISHED = 0.99
-NEARLY = 0.8
-MOST_POLISHES, WORTH_POLISHING = 3, 0.02
+MOST_POLISHES = 3
 
 
 def best_polished(
@@ -26,7 +24,7 @@ def best_polished(
     if not refits:
         return []
     best = min(refits, key=lambda item: error_left(study, item.level))
-    if not NEARLY < best.share < POLISHED:
+    if not study.policy.nearly < best.share < study.policy.refined:
         return list(refits)
     done = polished(study, root, best, progress)
     return [replace(done, effect=best.effect, gain=max(best.gain, done.gain))]
@@ -43,9 +41,9 @@ def polished(study: Study, root: Level, chosen: Refitted, progress: Progress) ->
         if better is None or better.fitted.cost >= level.fitted.cost:
             return replace(chosen, level=replace(level, settled=True))
         gained = 1.0 - better.fitted.cost / level.fitted.cost
-        settled = better.settled or gained < WORTH_POLISHING
+        settled = better.settled or gained < study.policy.worth_refining
         chosen = judged(study, root, replace(better, settled=settled), chosen.effect)
-        if chosen.share >= POLISHED:
+        if chosen.share >= study.policy.refined:
             break
     return chosen
 

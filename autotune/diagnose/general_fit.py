@@ -21,15 +21,13 @@ from autotune.estimation.bias_corrected_fit import Level
 from autotune.estimation.data import Prepared, prepare
 from autotune.estimation.free_parameters import model_from
 from autotune.estimation.least_squares import standard_errors
+from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import Study, start_study
 from autotune.estimation.residual import residual, smoothed
 from autotune.models.drive_model import DriveModel, base_model
 from autotune.recordings.recording import Recording
 
 REACHES = (1e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2)  # of the travel
-LARGE_ERROR = 0.95
-POOR_ERROR = 0.2
-LOOSE = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,28 +42,31 @@ class FittedModel:
 
 
 def fit_model(
-    recordings: Sequence[Recording], effects: Sequence[str] = (), progress: Progress = quiet
+    recordings: Sequence[Recording],
+    effects: Sequence[str] = (),
+    progress: Progress = quiet,
+    policy: Policy = POLICY,
 ) -> FittedModel:
     """Base model, and effects on top in the order given.
 
     Raises:
         RecordingError, ConfigurationError, NotEnoughExcitation: recordings that cannot be used.
     """
-    data = prepared_for(recordings)
-    start = starting_model(data)
+    data = prepared_for(recordings, policy)
+    start = starting_model(data, policy)
     if data.steady:
         # constant speeds tell nothing about inertia and presliding; the noise on them a little
-        rough = starting_model(prepare(recordings))
+        rough = starting_model(prepare(recordings), policy)
         start = start.with_values({name: rough[name] for name in ("inertia", "stiffness", "micro_damping")})
-    study, level, nominal, notes = begin(data, start, progress)
+    study, level, nominal, notes = begin(data, start, progress, policy=policy)
     for effect in effects:
         progress(f"refit with {effect}")
         study, _, level = grown(study, level, nominal, effect, start)
     errors = standard_errors(level.fitted, study.training)
     model = model_from(start, level.fitted.packed, level.fitted.free, errors)
     relative = relative_error(study, level)
-    reason = _reason(model, relative)
-    if not reason and relative > POOR_ERROR:
+    reason = _reason(model, relative, policy)
+    if not reason and relative > policy.fit_poor:
         notes = (
             *notes,
             f"The base model leaves {100 * relative:.0f} % of the torque unexplained; "
@@ -89,14 +90,14 @@ def relative_error(study: Study, level: Level) -> float:
     return float(np.linalg.norm(level.fitted.error[rows]) / max(float(np.linalg.norm(torque)), 1e-300))
 
 
-def starting_model(data: Prepared) -> DriveModel:
+def starting_model(data: Prepared, policy: Policy = POLICY) -> DriveModel:
     """Rough base parameters from least squares.
 
     Raises:
         NotEnoughExcitation: inertia or friction cannot be told from the motion.
     """
     study = start_study(data, None)
-    values = _least_squares(data, study.scales.one_way)
+    values = _least_squares(data, study.scales.one_way, policy)
     travel = float(np.ptp(data.position[data.grid]))
     best = (math.inf, values)
     for reach in REACHES[:1] if data.steady else REACHES:
@@ -110,7 +111,7 @@ def starting_model(data: Prepared) -> DriveModel:
     return base_model(best[1], None, meta.motion_unit, meta.axis, meta.fingerprint, meta.torque_unit)
 
 
-def _least_squares(data: Prepared, one_way: bool) -> dict[str, float]:
+def _least_squares(data: Prepared, one_way: bool, policy: Policy) -> dict[str, float]:
     rows = data.role("training")
     speed = np.percentile(np.abs(data.velocity[data.grid[rows]]), 90)
     moving = rows & (np.abs(data.velocity[data.grid]) > 0.02 * speed)
@@ -131,7 +132,7 @@ def _least_squares(data: Prepared, one_way: bool) -> dict[str, float]:
     values = dict(zip(parts, found.tolist(), strict=True))
     if values["inertia"] <= 0.0:
         part = float(np.std(values["inertia"] * table[:, 0]) / max(float(np.std(target)), 1e-300))
-        if part > 0.3:
+        if part > policy.wrong_sign:
             raise NotEnoughExcitation(
                 f"the torque falls where the axis accelerates (inertia {values['inertia']:.3g}): its sign is "
                 "wrong, or it is not the torque of this motion. Import again with a factor of -1"
@@ -146,8 +147,8 @@ def _least_squares(data: Prepared, one_way: bool) -> dict[str, float]:
     return values
 
 
-def _reason(model: DriveModel, relative: float) -> str:
-    if relative > LARGE_ERROR:
+def _reason(model: DriveModel, relative: float, policy: Policy) -> str:
+    if relative > policy.fit_error:
         return (
             f"the model leaves {100 * relative:.0f} % of the torque unexplained; run 'autotune model diagnose' "
             "to see what is missing"
@@ -155,7 +156,7 @@ def _reason(model: DriveModel, relative: float) -> str:
     loose = [
         name
         for name in ("inertia", "coulomb")
-        if (error := model.base[name].standard_error) is not None and error > LOOSE * model[name]
+        if (error := model.base[name].standard_error) is not None and error > policy.fit_loose * model[name]
     ]
     if loose:
         return f"{', '.join(loose)} cannot be told from these recordings; record the whole programme"

@@ -16,7 +16,6 @@ import numpy as np
 from scipy.optimize import nnls
 
 from autotune.core.arrays import Floats
-from autotune.diagnose.candidates import LEAST_GAIN
 from autotune.estimation.bias_corrected_fit import Level, settle
 from autotune.estimation.data import VETO
 from autotune.estimation.least_squares import Free
@@ -30,10 +29,8 @@ NEW_ELEMENTS = 3
 NEAREST, FARTHEST = 0.2, 1.4  # of the bristle's reach
 LEAST_COUNTS = 3.0
 KEPT = 0.1  # of the bristle
-SPENT = 0.05  # of all friction: a bristle that carries less is not taken apart
 ROUNDS = 2
 MORE_FITS = 3
-IDLE = 0.01  # of all friction: an element that carries less is given up
 LONGEST = 0.3  # of the travel: elements beyond it never slide
 
 
@@ -68,7 +65,7 @@ def _taken_apart(study: Study, level: Level) -> Level | None:
     if not elements:
         return None
     finer = _settled(study, _started(packed, elements), _free(study, level, elements), level.effects)
-    if finer is None or finer.unseen.total > (1.0 - LEAST_GAIN) * level.unseen.total:
+    if finer is None or finer.unseen.total > (1.0 - study.policy.least_gain) * level.unseen.total:
         return None
     if study.has(VETO):
         before, after = (study.mean_square(one.fitted.error, VETO) for one in (level, finer))
@@ -86,7 +83,7 @@ def _settled(study: Study, packed: Packed, free: list[Free], effects: tuple[str,
         again = settle(study, level.fitted.packed, free, 2, effects, level.fitted)
         if again is None or again.fitted.cost >= level.fitted.cost:
             break
-        gained = level.fitted.cost - again.fitted.cost > LEAST_GAIN * level.fitted.cost
+        gained = level.fitted.cost - again.fitted.cost > study.policy.least_gain * level.fitted.cost
         level = again
         if not gained:
             break
@@ -119,10 +116,14 @@ def _elements(study: Study, packed: Packed) -> list[_Element]:
     coulomb, reach = float(p[layout.COULOMB]), float(p[layout.COULOMB] / p[layout.STIFFNESS])
     present = _present(p)
     friction = coulomb + sum(one.torque for one in present)
-    if coulomb < SPENT * friction:
+    if coulomb < study.policy.bristle_spent * friction:
         return []
     longest = LONGEST * study.scales.travel
-    used = [one for one in present if one.torque > IDLE * friction and one.displacement < longest]
+    used = [
+        one
+        for one in present
+        if one.torque > study.policy.element_idle * friction and one.displacement < longest
+    ]
     places = np.geomspace(
         max(NEAREST * reach, LEAST_COUNTS * study.data.resolution),
         max(FARTHEST * reach, 2.0 * LEAST_COUNTS * study.data.resolution),

@@ -20,16 +20,9 @@ from autotune.estimation.cross_validation import Unseen, gain_and_z
 from autotune.estimation.data import VETO
 from autotune.estimation.problem import CHUNK, Study, refit
 
-LEAST_GAIN = 0.03
-LEAST_Z = 2.0
-CLEAR_GAIN = 0.3
-ALIKE = 0.6
-"""Of the best gain: so near another trajectory decides."""
 LEAST_ROWS = 60
 LEAST_REST = 0.25
 """Of the rows: with fewer left the other recordings say too little to be carried anywhere."""
-LOST = 10.0
-"""Times the mean square of the fit: where with and without the effect the model is so far off, nothing is compared."""
 ITERATIONS = 10
 
 
@@ -39,17 +32,15 @@ class Elsewhere:
 
     Attributes:
         gain: relative fall of the squared error there; below 0 it rose.
+        lowers: whether it lowers it beyond chance.
         rivals: effects in its place that do nearly as well there.
     """
 
     effect: str
     gain: float
     z: float
+    lowers: bool = False
     rivals: tuple[str, ...] = ()
-
-    @property
-    def lowers(self) -> bool:
-        return self.gain >= CLEAR_GAIN or (self.gain >= LEAST_GAIN and self.z >= LEAST_Z)
 
     @property
     def confirmed(self) -> bool:
@@ -87,7 +78,7 @@ def best_elsewhere(study: Study, refits: Sequence[Refitted]) -> Refitted:
     The one of the highest gain where there is no other trajectory.
     """
     best = max(refits, key=lambda item: item.gain)
-    near = [item for item in refits if item.gain >= ALIKE * best.gain]
+    near = [item for item in refits if item.gain >= study.policy.alike_elsewhere * best.gain]
     folds = list(folds_of(study)) if len(near) > 1 and not study.data.steady else []
     if not folds:
         return best
@@ -135,14 +126,18 @@ def _judged(study: Study, folds: list[Flags], less: Level, more: Level, effect: 
     for held in folds:
         plain, with_effect = carried_error(study, less, held), carried_error(study, more, held)
         size = min(float(np.mean(error[held] ** 2)) for error in (plain, with_effect))
-        if not size < LOST * max(less.fitted.cost, 1e-300):
+        if not size < study.policy.lost * max(less.fitted.cost, 1e-300):
             continue
         before += chunks_of(plain[held])
         after += chunks_of(with_effect[held])
     if not before:
         return []
     gain, z = gain_and_z(Unseen(np.array(before)), Unseen(np.array(after)))
-    return [Elsewhere(effect, gain, z)] if math.isfinite(gain) else []
+    if not math.isfinite(gain):
+        return []
+    policy = study.policy
+    lowers = gain >= policy.confirming_gain or (gain >= policy.least_gain and z >= policy.apart_z)
+    return [Elsewhere(effect, gain, z, lowers)]
 
 
 def folds_of(study: Study) -> Iterator[Flags]:

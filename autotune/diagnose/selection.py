@@ -11,11 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from autotune.diagnose.candidates import (
-    GAIN_WITHOUT_TWIN,
-    LEAST_GAIN,
-    MOST_EFFECTS,
-    NEAR_WORTH,
-    WALK,
     Progress,
     Refitted,
     Screened,
@@ -28,9 +23,7 @@ from autotune.diagnose.candidates import (
     screen,
     without_effect,
 )
-from autotune.diagnose.evidence import PARTLY
 from autotune.diagnose.further_rounds import (
-    POLISHED,
     best_polished,
     error_left,
     polished,
@@ -45,38 +38,6 @@ from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.problem import Study, estimate_noise
 from autotune.models.drive_model import Packed
 from autotune.models.transmission import has_load
-
-LEAST_Z_ALONE = 2.5
-LEAST_Z_BY_PHASE = 2.0
-"""Where ranges of phases are held out, which differ more from one another than stretches of time."""
-LEAST_GAIN_ALONE = 0.08
-"""Without repeats: smaller gains are as often the measurement chain as the axis."""
-HOPELESS = 0.35
-"""Part of the best candidate's gain below which a refit inside the twin is not worth its time."""
-HOPELESS_BESIDE = 0.6
-"""The same for a further effect."""
-A_RIVAL = 1.5
-"""Of the lowest cost: a refit that will not come so near is no rival."""
-PLAINLY = 20.0
-"""Times what an effect must be worth: so much needs no refit without it to be seen."""
-LEFT_TO_EXPLAIN = 0.02
-"""Of the noise: repeatable rest, with its standard error, below which no second effect is looked for."""
-WELL_BEGUN = 0.98
-"""Share that a second mass explains by itself where its fit began well."""
-MUCH_BETTER = 0.8
-"""Of what was left: what another beginning must leave."""
-CLEAR_FALL = 0.2
-"""Relative fall of the cost that no candidate reaches where nothing is missing."""
-NOISE_CHANGED = 0.25
-"""Relative change of the twin's noise that is worth settling a model anew."""
-WORTH_BESIDE = 0.01
-"""Of what is explained already: the least that a further effect must explain."""
-CLEAR_BESIDE, WORTH_IF_CLEAR = 0.1, 0.005
-"""Of what is left: an effect that explains so much of it may be smaller beside a strong one."""
-CLEAR_OF_BLOWS = 0.3
-"""Of what is left between two masses: by a fifth of it two fits of one model differ by chance."""
-NEGLIGIBLE, NEGLIGIBLE_LEFT = 0.02, 0.05
-"""Of what is explained, and of what is left: an effect that is worth less than both is dropped."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,14 +67,16 @@ def select(study: Study, root: Level, nominal: Packed, progress: Progress) -> Se
     generic: dict[str, float] = {}
     chosen: Refitted | None = None
     seen: list[Level] = []
-    for number in range(MOST_EFFECTS):
+    for number in range(study.policy.most_effects):
         worth = _least_fall(study, chosen) if chosen is not None else 0.0
         ranked = rank(study, level, nominal, progress, worth)
         if not study.data.repeated:
             ranked = capped(level, ranked)
         if number == 0:
             first, generic = ranked, generic_gains(study, root)
-        near = [item for item in ranked if chosen is None or item.fall >= NEAR_WORTH * worth]
+        near = [
+            item for item in ranked if chosen is None or item.fall >= study.policy.near_worth_beside * worth
+        ]
         passing = _passing(study, level, near)
         refits = _walk(study, root, level, passing, progress)
         if not any(item.named for item in refits):
@@ -132,16 +95,16 @@ def select(study: Study, root: Level, nominal: Packed, progress: Progress) -> Se
         again = realigned(study, chosen.level)
         if again is not study:
             study, root, chosen = _once_more(again, root, chosen)
-        if study.data.repeated and PARTLY < chosen.share < POLISHED:
+        if study.data.repeated and study.policy.partly < chosen.share < study.policy.refined:
             chosen = polished(study, root, chosen, progress)
             chosen = _begun_anew(study, root, nominal, chosen, progress)
         level = chosen.level
         seen.append(level)
-        if chosen.share >= 0.995 and not _more_to_explain(study, level):
+        if chosen.share >= study.policy.all_explained and not _more_to_explain(study, level):
             break
     if chosen is not None and len(chosen.level.effects) > 1:
         chosen = _pruned(study, root, chosen, seen, progress)
-    if chosen is not None and PARTLY < chosen.share < POLISHED:
+    if chosen is not None and study.policy.partly < chosen.share < study.policy.refined:
         chosen = polished(study, root, chosen, progress)
     if chosen is not None:
         chosen = _with_significant_terms(study, root, chosen)
@@ -162,7 +125,7 @@ def _with_own_noise(study: Study, root: Level, chosen: Refitted) -> tuple[Study,
         return study, chosen
     level = chosen.level
     noise = estimate_noise(study, level.fitted.packed, level.fitted.error)
-    if abs(noise - study.noise) <= NOISE_CHANGED * study.noise:
+    if abs(noise - study.noise) <= study.policy.noise_changed * study.noise:
         return study, chosen
     quieter = replace(study, noise=noise)
     settled = settle(quieter, level.fitted.packed, list(level.free), 2, level.effects, level.fitted)
@@ -181,7 +144,7 @@ def _begun_anew(study: Study, root: Level, nominal: Packed, chosen: Refitted, pr
     if alone and not has_load(chosen.level.fitted.packed.on):
         return chosen
     for effect in chosen.level.effects:
-        if chosen.share >= WELL_BEGUN if alone else chosen.named:
+        if chosen.share >= study.policy.well_begun if alone else chosen.named:
             break
         progress(f"another beginning for {effect}")
         before = root
@@ -196,7 +159,7 @@ def _begun_anew(study: Study, root: Level, nominal: Packed, chosen: Refitted, pr
         cost = chosen.level.fitted.cost
         again = inside_twin(study, root, before, screened, cost, best_start=True)
         left = error_left(study, chosen.level)
-        if again is not None and error_left(study, again.level) < MUCH_BETTER * left:
+        if again is not None and error_left(study, again.level) < study.policy.much_better * left:
             chosen = replace(again, effect=chosen.effect, gain=chosen.gain)
     return chosen
 
@@ -213,12 +176,16 @@ def _once_more(study: Study, root: Level, chosen: Refitted) -> tuple[Study, Leve
 def _passing(study: Study, level: Level, ranked: Sequence[Screened]) -> list[Screened]:
     """Candidates worth a refit; without repeats they must also beat chance."""
     if study.data.repeated:
-        least = LEAST_GAIN if study.twin else GAIN_WITHOUT_TWIN
-        return [item for item in ranked if item.passes and item.gain >= least]
-    least = LEAST_GAIN if study.data.steady else LEAST_GAIN_ALONE
-    least_z = LEAST_Z_BY_PHASE if study.data.periodic else LEAST_Z_ALONE
+        least = study.policy.least_gain if study.twin else study.policy.least_gain_without_twin
+        return [
+            item
+            for item in ranked
+            if item.gain >= least and (item.z >= study.policy.least_z or item.gain >= study.policy.clear_gain)
+        ]
+    least = study.policy.least_gain if study.data.steady else study.policy.least_gain_single
+    least_z = study.policy.least_z_by_phase if study.data.periodic else study.policy.least_z_single
     likely = [item for item in ranked if item.gain >= least and item.z >= least_z]
-    likely = [item for item in likely if credible(study, item)][: WALK + 2]
+    likely = [item for item in likely if credible(study, item)][: study.policy.most_refits + 2]
     if study.data.steady:
         return likely
     likely = [item for item in likely if noticeable(study, level, item)]
@@ -229,15 +196,20 @@ def _walk(
     study: Study, root: Level, level: Level, passing: Sequence[Screened], progress: Progress
 ) -> list[Refitted]:
     """Full refits down the ranking until one explains nearly everything, and its close rivals."""
+    policy = study.policy
     refits: list[Refitted] = []
-    for item in passing[:WALK]:
+    for item in passing[: study.policy.most_refits]:
         done = any(r.named for r in refits)
-        close = 0.75 if study.data.repeated or len(study.data.starts) > 1 else 0.9
-        hopeless = HOPELESS_BESIDE if level.effects else HOPELESS
+        close = (
+            policy.close_rival
+            if study.data.repeated or len(study.data.starts) > 1
+            else policy.close_rival_single
+        )
+        hopeless = study.policy.worth_refit_beside if level.effects else study.policy.worth_refit
         if item.gain < (close if done else hopeless) * passing[0].gain:
             break
         progress(f"refit inside the twin: {item.effect}")
-        target = A_RIVAL * min((r.level.fitted.cost for r in refits), default=math.inf)
+        target = study.policy.rival_cost * min((r.level.fitted.cost for r in refits), default=math.inf)
         refitted = inside_twin(study, root, level, item, target)
         if refitted is not None:
             refits.append(refitted)
@@ -259,7 +231,11 @@ def _second_look(
     """
     left = [item for item in ranked if item not in passing]
     best = min(left, key=lambda item: item.fitted.cost, default=None)
-    if best is None or not study.has_veto or best.fitted.cost > (1.0 - CLEAR_FALL) * level.fitted.cost:
+    if (
+        best is None
+        or not study.has_veto
+        or best.fitted.cost > (1.0 - study.policy.clear_fall) * level.fitted.cost
+    ):
         return []
     progress(f"refit inside the twin: {best.effect}")
     refitted = inside_twin(study, root, level, best)
@@ -276,10 +252,10 @@ def _best(study: Study, chosen: Refitted | None, refits: Sequence[Refitted]) -> 
     else:
         best = best_elsewhere(study, refits)
     if chosen is None:
-        return best if best.gain >= LEAST_GAIN else None
+        return best if best.gain >= study.policy.least_gain else None
     before = chosen.level
     fall = _mean_square(study, before, TRAINING) - _mean_square(study, best.level, TRAINING)
-    worth = fall >= _least_fall(study, chosen) and best.gain >= LEAST_GAIN
+    worth = fall >= _least_fall(study, chosen) and best.gain >= study.policy.least_gain
     if study.has(VETO):
         worth &= _mean_square(study, best.level, VETO) < _mean_square(study, before, VETO)
     return best if worth else None
@@ -289,9 +265,12 @@ def _least_fall(study: Study, chosen: Refitted) -> float:
     """By how much an effect beside the chosen ones must lower the mean square [(N m)²]."""
     explained = max(chosen.training.fall, 0.0)
     left = _mean_square(study, chosen.level, TRAINING)
-    least = min(WORTH_BESIDE * explained, max(CLEAR_BESIDE * left, WORTH_IF_CLEAR * explained))
+    least = min(
+        study.policy.worth_beside * explained,
+        max(study.policy.clear_beside * left, study.policy.worth_if_clear * explained),
+    )
     blows = study.twin and has_load(chosen.level.fitted.packed.on)
-    return max(least, CLEAR_OF_BLOWS * left) if blows else least
+    return max(least, study.policy.chance_of_contact * left) if blows else least
 
 
 def _mean_square(study: Study, level: Level, role: str) -> float:
@@ -303,7 +282,7 @@ def _more_to_explain(study: Study, level: Level) -> bool:
     noise = study.noise_variance(level.fitted.error, TRAINING)
     if not math.isfinite(variance):
         return True
-    return variance + error > LEFT_TO_EXPLAIN * noise
+    return variance + error > study.policy.nothing_left * noise
 
 
 def _pruned(
@@ -319,7 +298,9 @@ def _pruned(
             break
         rest = set(current.level.effects) - {effect}
         known = [level for level in seen if set(level.effects) == rest]
-        if known and not any(_negligible(study, current, level, PLAINLY) for level in known):
+        if known and not any(
+            _negligible(study, current, level, study.policy.plainly_needed) for level in known
+        ):
             continue
         progress(f"is {effect} needed")
         less = without_effect(study, root, current.level, effect)
@@ -335,7 +316,7 @@ def _by_chance(study: Study, level: Level, less: Level) -> bool:
     if not (study.twin and has_load(less.fitted.packed.on)):
         return False
     left = _mean_square(study, less, TRAINING)
-    return left - _mean_square(study, level, TRAINING) < CLEAR_OF_BLOWS * left
+    return left - _mean_square(study, level, TRAINING) < study.policy.chance_of_contact * left
 
 
 def _negligible(study: Study, current: Refitted, less: Level, times: float = 1.0) -> bool:
@@ -349,6 +330,9 @@ def _negligible(study: Study, current: Refitted, less: Level, times: float = 1.0
             continue
         left = _mean_square(study, current.level, role)
         lost = _mean_square(study, less, role) - left
-        if not (lost < times * NEGLIGIBLE * max(falls[role], 0.0) and lost < times * NEGLIGIBLE_LEFT * left):
+        if not (
+            lost < times * study.policy.negligible * max(falls[role], 0.0)
+            and lost < times * study.policy.negligible_left * left
+        ):
             return False
     return True

@@ -23,8 +23,6 @@ from autotune.models.drive_model import Packed
 from autotune.models.effect import Kind
 from autotune.models.table import EFFECTS
 
-CHANCE = 1e-3
-"""Of a term that is not there to be kept; several are looked at in every fit."""
 AMPLITUDES: Mapping[str, tuple[str, ...]] = {"torque_ripple": ("sin", "cos"), "reversal_memory": ("torque",)}
 _TERM = re.compile(r"(?P<part>\w+)_(?P<number>\d+)$")
 
@@ -38,7 +36,7 @@ def without_insignificant_terms(study: Study, level: Level) -> Level:
     packed, free = level.fitted.packed, level.free
     for effect in AMPLITUDES:
         if packed.on[layout.flag(effect)]:
-            keep = _significant(EFFECTS[effect], packed, level.free, spread)
+            keep = _significant(EFFECTS[effect], packed, level.free, spread, study.policy.term_chance)
             packed, free = _kept(EFFECTS[effect], packed, free, keep)
     if len(free) == len(level.free):
         return level
@@ -52,7 +50,9 @@ def terms_of(kind: Kind, packed: Packed) -> list[int]:
     return [number for number in numbers if packed.p[kind.parameter(f"{first}_{number}").slot] > 0.0]
 
 
-def _significant(kind: Kind, packed: Packed, free: tuple[Free, ...], spread: Floats) -> list[int]:
+def _significant(
+    kind: Kind, packed: Packed, free: tuple[Free, ...], spread: Floats, chance: float
+) -> list[int]:
     """Terms to keep: those beyond chance, and those that were not fitted; at least the clearest of all."""
     places = {one.slot: i for i, one in enumerate(free)}
     worth: dict[int, float] = {}
@@ -64,7 +64,7 @@ def _significant(kind: Kind, packed: Packed, free: tuple[Free, ...], spread: Flo
         at = [places[slot] for slot in slots]
         size = packed.p[slots]
         square = float(size @ np.linalg.pinv(spread[np.ix_(at, at)], hermitian=True) @ size)
-        worth[number] = square / float(chi2.ppf(1.0 - CHANCE, len(slots)))
+        worth[number] = square / float(chi2.ppf(1.0 - chance, len(slots)))
     clearest = max(worth, key=lambda number: worth[number], default=0)
     return [number for number in worth if worth[number] > 1.0 or number == clearest]
 

@@ -26,26 +26,8 @@ from autotune.models import layout
 from autotune.models.reversal_memory import ELEMENTS
 from autotune.models.table import EFFECTS
 
-COUNTS = 5.0
-"""Of the encoder: shorter displacements and gaps cannot be seen."""
-LEAST_WARMING = 5.0  # s
-LEAST_RECORDING = 2.0  # time constants of warming
-LEAST_RESTS = 6
-REST_RATIO = 3.0
-SHORTEST_REST = 0.05  # s
-LARGE_REST = 0.03
-"""Of the torque: less may be left without a word."""
 MOST_NEIGHBOURS, LEAST_NEIGHBOURS, NEIGHBOURS = 6000, 300, 40
 APART = 0.5  # s
-MOST_NOISE = 0.5
-LEAST_PART = 0.007
-"""Of the torque's rms."""
-CLEAR_GAIN, CLEAR_Z, CLEAR_PART = 0.5, 3.0, 0.002
-"""What explains most of the error, everywhere alike, may be smaller."""
-UNRESOLVED = 1.5
-"""Times what the sampling allows: torque above it was sampled too slowly."""
-BEYOND = 1.5
-"""Of the cut-off: the highest resonance that can be seen."""
 DYNAMIC = frozenset(
     {
         "elastic_transmission",
@@ -76,15 +58,19 @@ def capped(level: Level, ranked: Sequence[Screened]) -> list[Screened]:
 def noticeable(study: Study, level: Level, item: Screened) -> bool:
     """Whether the effect is large enough to matter: less is as often the measurement chain as the axis."""
     part = math.sqrt(max(item.gain * level.fitted.cost, 0.0)) / study.scales.torque
-    clear = item.gain >= CLEAR_GAIN and item.z >= CLEAR_Z and part >= CLEAR_PART
-    return clear or part >= LEAST_PART
+    clear = (
+        item.gain >= study.policy.clear_single_gain
+        and item.z >= study.policy.clear_single_z
+        and part >= study.policy.clear_single_part
+    )
+    return clear or part >= study.policy.least_part
 
 
 def credible(study: Study, item: Screened) -> bool:
     """Whether this recording could show the effect with the parameters that were fitted."""
     if item.effect in DYNAMIC and study.data.filtered:
         return False
-    if item.effect not in OF_PLACE and _highest(study) > UNRESOLVED * _resolved(study):
+    if item.effect not in OF_PLACE and _highest(study) > study.policy.unresolved * _resolved(study):
         return False
     check = _CHECKS.get(item.effect)
     return check is None or check(study, item.fitted.packed.p)
@@ -96,7 +82,10 @@ def _value(p: Floats, effect: str, name: str) -> float:
 
 def _warms_slowly(study: Study, p: Floats) -> bool:
     seconds = _value(p, "thermal_drift", "time_constant")
-    return seconds >= LEAST_WARMING and study.scales.seconds > LEAST_RECORDING * LEAST_WARMING
+    return (
+        seconds >= study.policy.least_warming
+        and study.scales.seconds > study.policy.least_recording * study.policy.least_warming
+    )
 
 
 def _long_memory(study: Study, p: Floats) -> bool:
@@ -105,7 +94,7 @@ def _long_memory(study: Study, p: Floats) -> bool:
     torque = np.array([_value(p, "reversal_memory", f"torque_{n}") for n in lines])
     reach = np.array([_value(p, "reversal_memory", f"displacement_{n}") for n in lines])
     mean = float(torque @ reach) / max(float(torque.sum()), 1e-300)
-    return mean > COUNTS * study.data.resolution
+    return mean > study.policy.least_counts * study.data.resolution
 
 
 def _rests_differ(study: Study, p: Floats) -> bool:
@@ -114,8 +103,10 @@ def _rests_differ(study: Study, p: Floats) -> bool:
     least = 0.002 * float(np.percentile(np.abs(data.velocity), 99.5))
     label, count = ndimage.label(np.abs(data.velocity) < least)
     rests = np.bincount(label)[1:] * data.period if count else np.zeros(0)
-    rests = rests[rests > SHORTEST_REST]
-    return len(rests) >= LEAST_RESTS and float(np.ptp(np.log(rests))) > math.log(REST_RATIO)
+    rests = rests[rests > study.policy.shortest_rest]
+    return len(rests) >= study.policy.least_rests and float(np.ptp(np.log(rests))) > math.log(
+        study.policy.rest_ratio
+    )
 
 
 def _rings_in_band(study: Study, p: Floats) -> bool:
@@ -125,11 +116,11 @@ def _rings_in_band(study: Study, p: Floats) -> bool:
     if reduced <= 0.0 or compliance <= 0.0:
         return False
     hertz = 1.0 / (2.0 * math.pi * math.sqrt(compliance * reduced))
-    return hertz < BEYOND * _cutoff(study)
+    return hertz < study.policy.resonance_beyond * _cutoff(study)
 
 
 def _wide_gap(study: Study, p: Floats) -> bool:
-    return _value(p, "backlash", "gap") > COUNTS * study.data.resolution
+    return _value(p, "backlash", "gap") > study.policy.least_counts * study.data.resolution
 
 
 def _seen_eccentricity(study: Study, p: Floats) -> bool:
@@ -139,7 +130,7 @@ def _seen_eccentricity(study: Study, p: Floats) -> bool:
 
 def limits(study: Study) -> tuple[str, ...]:
     """What the sampling of a single recording does not allow to be told, in words."""
-    if study.data.repeated or _highest(study) <= UNRESOLVED * _resolved(study):
+    if study.data.repeated or _highest(study) <= study.policy.unresolved * _resolved(study):
         return ()
     period = 1e3 * study.data.finer * study.data.period
     return (
@@ -162,7 +153,7 @@ def alike_where_motion_is(study: Study, error: Floats) -> bool:
     if (
         study.data.repeated
         or len(rows) < LEAST_NEIGHBOURS
-        or np.var(rest) < LARGE_REST**2 * np.mean(torque**2)
+        or np.var(rest) < study.policy.large_rest**2 * np.mean(torque**2)
     ):
         return False
     table = coordinates(study.data)
@@ -177,7 +168,7 @@ def alike_where_motion_is(study: Study, error: Floats) -> bool:
         return False
     other = near[np.arange(len(rows)), np.argmax(apart, axis=1)]
     noise = 0.5 * float(np.mean((rest[found] - rest[other[found]]) ** 2))
-    return noise < MOST_NOISE * float(np.var(rest[found]))
+    return noise < study.policy.most_noise * float(np.var(rest[found]))
 
 
 def _highest(study: Study) -> float:

@@ -14,7 +14,6 @@ from autotune.estimation.least_squares import Fitted
 from autotune.estimation.problem import SEED, Study
 
 COUNT = 20
-PERCENTILE = 90.0
 
 
 def beats_surrogates(study: Study, base: Fitted, candidate: Fitted) -> bool:
@@ -26,7 +25,7 @@ def beats_surrogates(study: Study, base: Fitted, candidate: Fitted) -> bool:
     chance = [
         _gain(study, _randomised(study, base.error, random), base.jacobian, columns) for _ in range(COUNT)
     ]
-    return real > float(np.percentile(chance, PERCENTILE))
+    return real > float(np.percentile(chance, 100.0 * study.policy.surrogates_beaten))
 
 
 def _gain(study: Study, error: Floats, base: Floats, columns: Floats) -> float:

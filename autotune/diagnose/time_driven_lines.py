@@ -15,9 +15,6 @@ from autotune.core.arrays import Floats
 from autotune.estimation.data import TRAINING
 from autotune.estimation.problem import Study
 
-LEAST_SHARE = 0.05
-CONTRAST = 60.0
-EVERYWHERE = 0.8
 LEAST_HERTZ = 0.7
 
 
@@ -44,7 +41,7 @@ def time_driven_line(study: Study, error: Floats) -> TimeLine | None:
     hertz = np.fft.rfftfreq(len(series), step)
     band = (hertz > LEAST_HERTZ) & (hertz < 0.8 * hertz[-1])
     best = int(np.argmax(np.where(band, power, 0.0)))
-    if power[best] < CONTRAST * np.median(power[band]):
+    if power[best] < study.policy.line_contrast * np.median(power[band]):
         return None
     finest = min(
         hertz[best] + np.linspace(-1.0, 1.0, 41) / time.max(), key=lambda f: -_share(time, values, float(f))
@@ -53,7 +50,7 @@ def time_driven_line(study: Study, error: Floats) -> TimeLine | None:
         return None
     share = _share(time, values, float(finest))
     everywhere = _everywhere(study, error, float(finest))
-    return TimeLine(float(finest), share) if share > LEAST_SHARE and everywhere else None
+    return TimeLine(float(finest), share) if share > study.policy.line_part and everywhere else None
 
 
 def _of_the_motion(hertz: float, period: float, seconds: float) -> bool:
@@ -88,4 +85,4 @@ def _everywhere(study: Study, error: Floats, hertz: float) -> bool:
             own = np.arange(block.rows.start, block.rows.stop)
             found = np.linalg.lstsq(_terms(clock[own], hertz), error[own], rcond=None)[0]
             alike.append(float(np.linalg.norm(found - whole)) < 0.5 * float(np.linalg.norm(whole)))
-    return float(np.mean(alike)) >= EVERYWHERE
+    return float(np.mean(alike)) >= study.policy.line_everywhere

@@ -11,21 +11,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from autotune.diagnose.candidates import Progress, Refitted, judged
-from autotune.diagnose.further_rounds import NEARLY, error_left
+from autotune.diagnose.further_rounds import error_left
 from autotune.diagnose.starts import FAMILIES, Context
 from autotune.estimation.bias_corrected_fit import Level, settle_somewhere
+from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Study
 from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.table import EFFECTS
 
 SPRING, GAP = "elastic_transmission", "backlash"
-PLAINER, AS_PLAIN = 1.2, 1.1
-"""What a plain spring may leave of what a spring with a gap leaves, to be preferred: by itself, beside others."""
-HARDLY_A_GAP = 0.3
-"""Of the twist at Coulomb friction: a smaller gap is a name for chance."""
-WORTH_A_GAP = 0.8
-"""Of what a spring leaves: what a gap in its place must leave."""
 OF_THE_GAP = {"compliance": "contact_compliance"} | {
     name: name for name in ("load_inertia", "load_friction", "damping")
 }
@@ -36,9 +31,9 @@ def without_needless_gap(study: Study, refits: Sequence[Refitted]) -> list[Refit
     """The refits without backlash where an elastic transmission without a gap explains about as much."""
     found = {item.effect: item for item in refits}
     spring, gap = found.get(SPRING), found.get(GAP)
-    if spring is None or gap is None or spring.share < NEARLY:
+    if spring is None or gap is None or spring.share < study.policy.nearly:
         return list(refits)
-    if error_left(study, spring.level) > PLAINER * error_left(study, gap.level):
+    if error_left(study, spring.level) > study.policy.spring_instead * error_left(study, gap.level):
         return list(refits)
     return [item for item in refits if item is not gap]
 
@@ -58,17 +53,21 @@ def the_other_tried(
     """
     effects = chosen.level.effects
     if GAP in effects:
-        least = PLAINER if hardly_a_gap(chosen.level.fitted.packed) else AS_PLAIN
+        least = (
+            study.policy.spring_instead
+            if hardly_a_gap(study.policy, chosen.level.fitted.packed)
+            else study.policy.spring_instead_beside
+        )
         return _in_place_of(study, root, nominal, chosen, GAP, SPRING, least, progress)
     if effects == (SPRING,) and not chosen.named and all(level.effects != (GAP,) for level in seen):
-        return _in_place_of(study, root, nominal, chosen, SPRING, GAP, WORTH_A_GAP, progress)
+        return _in_place_of(study, root, nominal, chosen, SPRING, GAP, study.policy.gap_instead, progress)
     return chosen
 
 
-def hardly_a_gap(packed: Packed) -> bool:
+def hardly_a_gap(policy: Policy, packed: Packed) -> bool:
     """Whether the flanks give way by far more than the gap already at the torque of friction."""
     gap, compliance = (packed.p[EFFECTS[GAP].parameter(name).slot] for name in ("gap", "contact_compliance"))
-    return bool(gap < HARDLY_A_GAP * compliance * packed.p[layout.COULOMB])
+    return bool(gap < policy.hardly_a_gap * compliance * packed.p[layout.COULOMB])
 
 
 def _in_place_of(
@@ -82,7 +81,7 @@ def _in_place_of(
     progress: Progress,
 ) -> Refitted:
     """The chosen model with `new` for `old` if that leaves at most `least` of the error."""
-    if new not in FAMILIES:
+    if new not in study.candidates:
         return chosen
     progress(f"{new} in place of {old}")
     level = chosen.level

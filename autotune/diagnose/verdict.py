@@ -12,8 +12,6 @@ from autotune.diagnose.alternatives import challenged
 from autotune.diagnose.baseline import begin, quiet
 from autotune.diagnose.candidates import Progress, Refitted
 from autotune.diagnose.evidence import (
-    GENERIC_GAIN,
-    PARTLY,
     Candidate,
     candidates,
     likely_rivals,
@@ -34,15 +32,10 @@ from autotune.estimation.coordinates import variance_shares
 from autotune.estimation.cross_validation import gain_and_z
 from autotune.estimation.data import TEST, TRAINING, VETO
 from autotune.estimation.model_error import model_error
+from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import CHUNK, Study
 from autotune.models.drive_model import DriveModel
 from autotune.recordings.recording import Recording
-
-GENERIC_LEAD = 1.5
-NEAR, NEAR_ALONE = 0.03, 0.1
-"""Of the fall: rivals that come so near cannot be told apart, with repeats and without."""
-LEAST_Z = 2.0
-"""By which the better of two must err less."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,16 +70,27 @@ class Diagnosis:
     root: Level | None = field(default=None, repr=False)
 
 
-def diagnose(recordings: Sequence[Recording], model: DriveModel, progress: Progress = quiet) -> Diagnosis:
+def diagnose(
+    recordings: Sequence[Recording],
+    model: DriveModel,
+    progress: Progress = quiet,
+    *,
+    policy: Policy = POLICY,
+    effects: Sequence[str] | None = None,
+) -> Diagnosis:
     """What the model lacks, by the evidence of recordings.
+
+    `effects` are the candidates; all of the library where none are given.
 
     Raises:
         RecordingError, ConfigurationError: recordings that cannot be used.
         NotEnoughExcitation: nothing to fit, or a model that does not fit the axis at all.
     """
-    data = prepared_for(recordings)
-    study, root, nominal, notes = begin(data, model, progress)
-    given = model_error(data, model)
+    data = prepared_for(recordings, policy)
+    study, root, nominal, notes = begin(data, model, progress, policy=policy)
+    if effects is not None:
+        study = replace(study, candidates=tuple(effects))
+    given = model_error(data, model, policy)
     found = select(study, root, nominal, progress)
     chosen = found.chosen
     carried: list[Elsewhere] = []
@@ -104,14 +108,14 @@ def _judge(found: Selection, notes: tuple[str, ...], carried: Sequence[Elsewhere
     if chosen is not None:
         lead = max(lead, gain_and_z(root.unseen, chosen.level.unseen)[0])
     coordinate, free = max(found.generic.items(), key=lambda item: item[1], default=("", 0.0))
-    structured = free > GENERIC_GAIN and free > GENERIC_LEAD * max(lead, 0.0)
+    structured = free > study.policy.generic_gain and free > study.policy.generic_lead * max(lead, 0.0)
     verdict, confidence = "none", None
     effects: tuple[str, ...] = ()
     confusable: tuple[tuple[str, ...], ...] = ()
     if chosen is not None:
         rivals = _rivals(study, root, chosen, tried)
-        good = chosen.named if study.data.repeated else chosen.share >= PARTLY
-        good &= not (GAP in chosen.level.effects and hardly_a_gap(chosen.level.fitted.packed))
+        good = chosen.named if study.data.repeated else chosen.share >= study.policy.partly
+        good &= not (GAP in chosen.level.effects and hardly_a_gap(study.policy, chosen.level.fitted.packed))
         if good and not structured and rivals:
             verdict, confusable = "ambiguous", ((*chosen.level.effects, *rivals),)
             confidence, effects = "suspected", chosen.level.effects
@@ -132,10 +136,10 @@ def _judge(found: Selection, notes: tuple[str, ...], carried: Sequence[Elsewhere
         if chosen is None or _drowned(study, chosen, line):
             verdict, confidence, effects, confusable, chosen = "unknown", None, (), (), None
     if verdict == "unknown":
-        notes = (*notes, unknown_note(coordinate, free, chosen, study.data.repeated))
+        notes = (*notes, unknown_note(study, coordinate, free, chosen))
     if not confusable and confidence == "suspected":
         near = [r for item in carried for r in item.rivals]
-        near += likely_rivals(effects, first)
+        near += likely_rivals(study.policy, effects, first)
         confusable = (tuple(dict.fromkeys([*effects, *near])),) if near else ()
     final = chosen.level if chosen is not None and effects else root
     rows = study.training > 0
@@ -169,7 +173,7 @@ def _confirmed(study: Study, effects: Sequence[str], carried: Sequence[Elsewhere
     if study.data.repeated:
         return study.twin and study.has_veto
     sure = {item.effect for item in carried if item.confirmed}
-    return set(effects) <= (sure if study.twin else sure - loop_like(study.data))
+    return set(effects) <= (sure if study.twin else sure - loop_like(study.data, study.policy))
 
 
 def _rivals(study: Study, root: Level, chosen: Refitted, tried: Sequence[Refitted]) -> list[str]:
@@ -177,10 +181,15 @@ def _rivals(study: Study, root: Level, chosen: Refitted, tried: Sequence[Refitte
     if len(chosen.level.effects) != 1:
         return []
     if chosen.effect == SPRING:
-        tried = [item for item in tried if item.effect != GAP or not hardly_a_gap(item.level.fitted.packed)]
+        tried = [
+            item
+            for item in tried
+            if item.effect != GAP or not hardly_a_gap(study.policy, item.level.fitted.packed)
+        ]
     best = error_left(study, chosen.level)
     start = error_left(study, root)
-    near = NEAR if study.data.repeated or study.data.steady or len(study.data.starts) > 1 else NEAR_ALONE
+    several = study.data.repeated or study.data.steady or len(study.data.starts) > 1
+    near = study.policy.alike if several else study.policy.alike_single
     return [
         item.effect
         for item in tried
@@ -198,7 +207,7 @@ def _separated(study: Study, better: Level, worse: Level) -> bool:
     weight = study.weight * study.data.role(TRAINING, VETO)
     surplus = weight * (worse.fitted.error**2 - better.fitted.error**2)
     seconds = np.array([part.sum() for part in np.array_split(surplus, max(3, len(surplus) // CHUNK))])
-    return float(seconds.mean()) > LEAST_Z * float(seconds.std(ddof=1)) / math.sqrt(len(seconds))
+    return float(seconds.mean()) > study.policy.apart_z * float(seconds.std(ddof=1)) / math.sqrt(len(seconds))
 
 
 def _structure_left(study: Study, root: Level) -> bool:
@@ -206,7 +215,11 @@ def _structure_left(study: Study, root: Level) -> bool:
         return alike_where_motion_is(study, root.fitted.error)
     variance, error = study.repeatable(root.fitted.error, root.correction, TRAINING)
     noise = study.noise_variance(root.fitted.error, TRAINING)
-    return math.isfinite(variance) and variance > 1.5 * error and variance > 0.15 * noise
+    return (
+        math.isfinite(variance)
+        and variance > study.policy.structure_errors * error
+        and variance > study.policy.structure_part * noise
+    )
 
 
 def _floor(study: Study, level: Level) -> float:

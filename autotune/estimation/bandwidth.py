@@ -19,6 +19,7 @@ from autotune.estimation.controller import find_controller
 from autotune.estimation.coordinates import travel_since_reversal
 from autotune.estimation.data import CUTOFF, Block, Prepared, prepare
 from autotune.estimation.interpolation import finer, needed
+from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.speed_points import as_steady_recordings, speed_points
 from autotune.recordings.checks import check_recording, guide_of, torque_of
 from autotune.recordings.recording import Recording
@@ -128,7 +129,7 @@ def without_rest(data: Prepared) -> Prepared:
     return replace(data, grid=np.concatenate(rows), blocks=tuple(blocks))
 
 
-def prepared_for(recordings: Sequence[Recording]) -> Prepared:
+def prepared_for(recordings: Sequence[Recording], policy: Policy = POLICY) -> Prepared:
     """Recordings made ready: as the diagnosis programme wants it, or as a single trajectory allows.
 
     Raises:
@@ -142,7 +143,7 @@ def prepared_for(recordings: Sequence[Recording]) -> Prepared:
     data = prepare(recordings)
     if data.repeated:
         return data
-    known = data.recorded_reference and find_controller(data).usable
+    known = data.recorded_reference and find_controller(data, policy).usable
     cutoff = coherent_cutoff(max(recordings, key=len), known)
     if known:
         return without_rest(prepare(recordings, cutoff, 2.5 * cutoff))

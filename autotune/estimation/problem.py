@@ -16,6 +16,7 @@ from autotune.core.arrays import Floats
 from autotune.estimation.controller import PositionController
 from autotune.estimation.data import TRAINING, VETO, Block, Prepared
 from autotune.estimation.least_squares import Fitted, Free, fit
+from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.residual import (
     Motion,
     measured_motion,
@@ -26,15 +27,12 @@ from autotune.estimation.residual import (
 )
 from autotune.models import layout
 from autotune.models.drive_model import BASE, Packed
+from autotune.models.table import EFFECTS
 
 CHUNK = 200  # grid rows, about a second
 NOISE_CHUNK = 60
 SEED = 20_240
-OUTLYING = 12.0
 OUTLYING_SECONDS = 0.25
-LONELY = 6.0  # standard deviations
-FEW = 0.02
-"""Of the rows: so few may be left out one by one."""
 LEAST_WEIGHT = 0.1
 """Of the steadiest experiment: an unsteady one is never left out."""
 LEAST_COULOMB = 0.005  # of the torque
@@ -68,7 +66,10 @@ class Scales:
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """Everything a candidate is judged by."""
+    """Everything a candidate is judged by.
+
+    `candidates`: names of the effects that may be what is missing.
+    """
 
     data: Prepared
     moved: Motion
@@ -77,6 +78,8 @@ class Study:
     scales: Scales
     weight: Floats
     simulations: int = 2
+    policy: Policy = POLICY
+    candidates: tuple[str, ...] = tuple(EFFECTS)
 
     @property
     def twin(self) -> bool:
@@ -153,7 +156,7 @@ class Study:
         return any(block.role == VETO and block.repeats > 1 for block in self.data.blocks)
 
 
-def start_study(data: Prepared, controller: PositionController | None) -> Study:
+def start_study(data: Prepared, controller: PositionController | None, policy: Policy = POLICY) -> Study:
     """A study before anything is known about noise."""
     moved = measured_motion(data)
     rows = data.grid
@@ -167,7 +170,7 @@ def start_study(data: Prepared, controller: PositionController | None) -> Study:
         data.steady,
     )
     usable = controller if controller is not None and controller.usable else None
-    return Study(data, moved, usable, 0.0, scales, np.ones(len(rows)))
+    return Study(data, moved, usable, 0.0, scales, np.ones(len(rows)), policy=policy)
 
 
 def _can_tell(name: str, scales: Scales) -> bool:
@@ -312,15 +315,15 @@ def without_outlying(study: Study, error: Floats) -> Floats:
     pieces = np.array_split(np.arange(len(error)), max(1, len(error) // step))
     power = np.array([float(np.mean(error[piece] ** 2)) for piece in pieces])
     for piece, value in zip(pieces, power, strict=True):
-        if value > OUTLYING * np.median(power):
+        if value > study.policy.outlying * np.median(power):
             weight[piece] = 0.0
     if np.mean(weight > 0) <= 0.5:
         weight = np.ones_like(weight)
     if study.twin:
         return weight
     size = np.abs(error)
-    lonely = size > LONELY * float(np.median(size[weight > 0])) / 0.6745
-    if np.mean(lonely) < FEW:  # more of them are structure
+    lonely = size > study.policy.lonely * float(np.median(size[weight > 0])) / 0.6745
+    if np.mean(lonely) < study.policy.few:  # more of them are structure
         weight[lonely] = 0.0
     return weight
 

@@ -77,6 +77,6 @@ def test_what_looks_like_the_loop_is_not_confirmed_without_a_twin() -> None:
 
     recording = played(plain_axis(20_028), DRESSES[1], "periodic", 20_028, 8.0)
     study = start_study(prepare([recording]), None)
-    carried = [Elsewhere(name, 0.9, 9.0) for name in ("spring", "torque_ripple")]
+    carried = [Elsewhere(name, 0.9, 9.0, lowers=True) for name in ("spring", "torque_ripple")]
     assert not _confirmed(study, ["spring"], carried)
     assert _confirmed(study, ["torque_ripple"], carried)

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from autotune.estimation.controller import USABLE, find_controller
+from autotune.estimation.controller import find_controller
 from autotune.estimation.data import TRAINING, prepare
+from autotune.estimation.policy import POLICY
 from autotune.estimation.problem import estimate_noise, start_study
 from autotune.estimation.residual import residual
 from autotune.models.drive_model import base_model
@@ -52,7 +53,7 @@ def test_the_controller_is_taken_from_the_metadata_or_identified(short) -> None:
     assert known.source == "metadata"
     found = find_controller(prepare([short.with_metadata(controller=None)]))
     assert found.source == "identified"
-    assert found.explained > USABLE
+    assert found.explained > POLICY.controller_explains
     for gain in ("kp", "kd", "ki"):
         expected = getattr(short.metadata.controller, gain)
         assert getattr(found, gain) == pytest.approx(expected, rel=0.02)

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from unittest import mock
-
 import numpy as np
 import pytest
 
 from autotune.diagnose.baseline import begin
 from autotune.diagnose.candidates import inside_twin, screen
-from autotune.diagnose.starts import FAMILIES
 from autotune.diagnose.verdict import diagnose
 from autotune.estimation.bandwidth import prepared_for
 from autotune.estimation.bias_corrected_fit import SHARP, Level
@@ -18,6 +15,7 @@ from autotune.estimation.least_squares import fit
 from autotune.estimation.problem import LEAST_WEIGHT, Study, by_steadiness, start_study
 from autotune.estimation.residual import residual
 from autotune.models.drive_model import Packed, base_model
+from autotune.models.table import EFFECTS
 from bench.diagnosis import MEDIUM, NOMINAL, plain_axis
 from bench.diagnosis_truth import true_model
 
@@ -61,9 +59,8 @@ def test_a_gap_of_next_to_nothing_is_a_spring(recorded) -> None:
 
 def test_flanks_without_a_gap_are_not_named_backlash(recorded) -> None:
     """Where the library has no spring, the flanks of a gap can be one; but there is no gap then."""
-    kept = {name: start for name, start in FAMILIES.items() if name != EFFECT}
-    with mock.patch.dict(FAMILIES, kept, clear=True):
-        found = diagnose([recorded(53_009, **{EFFECT: MEDIUM[EFFECT]})], base_model(NOMINAL))
+    others = [name for name in EFFECTS if name != EFFECT]
+    found = diagnose([recorded(53_009, **{EFFECT: MEDIUM[EFFECT]})], base_model(NOMINAL), effects=others)
     assert (found.verdict, found.effects) == ("unknown", ())
 
 
