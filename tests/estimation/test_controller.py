@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from autotune.estimation.controller import PositionController, controller_of, find_controller
-from autotune.estimation.policy import POLICY
 from autotune.estimation.data import prepare
+from autotune.estimation.policy import POLICY
 from autotune.recordings.recording import Controller, Recording
 from tests.estimation.simulated import OF_TRUE, TRUE, recorded
 
