@@ -9,6 +9,7 @@ from pathlib import Path
 from autotune.api.results import AddedEffect, Comparison, DiagnosisResult
 from autotune.models.drive_model import DriveModel, staircase
 from autotune.models.table import effect_kind
+from autotune.models.torque_ripple import TORQUE_RIPPLE
 from autotune.models.waves import Wave, ripple_waves
 from autotune.view.model_pages import floor_range
 from autotune.view.scale import quantity
@@ -89,21 +90,21 @@ def parameter_lines(model: DriveModel) -> Iterator[str]:
 
 
 def _lines_of(model: DriveModel, names: Collection[str]) -> Iterator[str]:
-    waves = {f"torque_ripple.order_{wave.number}": wave for wave in ripple_waves(model)}
+    waves = {TORQUE_RIPPLE.surface(f"order_{wave.number}"): wave for wave in ripple_waves(model)}
     for name, value in model.parameters.items():
         if name not in names:
             continue
         if name in waves:
             yield _wave(model, waves[name])
-        elif not name.startswith("torque_ripple."):
+        elif not name.startswith(TORQUE_RIPPLE.surface("")):
             yield _parameter(model, name, value.value, value.standard_error)
 
 
 def _wave(model: DriveModel, wave: Wave) -> str:
     spread = f" ± {wave.standard_error:.2g}" if wave.standard_error is not None else ""
-    order = f"{wave.order:.5g} {model.unit(f'torque_ripple.order_{wave.number}')}"
+    order = f"{wave.order:.5g} {model.unit(TORQUE_RIPPLE.surface(f'order_{wave.number}'))}"
     where = f"at {order}, phase {math.degrees(wave.phase):.0f}°"
-    return f"{f'torque_ripple {wave.number}':<36}{wave.amplitude:.5g}{spread} {model.torque_symbol} {where}"
+    return f"{f'{TORQUE_RIPPLE.name} {wave.number}':<36}{wave.amplitude:.5g}{spread} {model.torque_symbol} {where}"
 
 
 def model_lines(model: DriveModel) -> Iterator[str]:

@@ -7,13 +7,10 @@ from one sample to the next, so the place is that of the middle between the two:
 the reference; the contact bends with the mean velocity up to there. As in section 5.1.2 the torque
 depends on the reference only and cannot destabilise the loop.
 
-Not every effect of a model belongs into a feedforward; `LEFT_OUT` says which do not, and why.
+Not every effect of a model belongs into a feedforward; `Kind.not_fed_forward` says which do not, and why.
 """
 
 from __future__ import annotations
-
-from collections.abc import Mapping
-from types import MappingProxyType
 
 import numpy as np
 
@@ -24,41 +21,27 @@ from autotune.models import layout
 from autotune.models.drive_model import DriveModel, base_model
 from autotune.models.inverse import required
 
-FED_FORWARD = (
-    "torque_ripple",
-    "direction_asymmetry",
-    "stribeck",
-    "nonlinear_viscous",
-    "position_dependent_friction",
-    "gravity_imbalance",
-    "spring",
-    "reversal_memory",
-)
-LEFT_OUT: Mapping[str, str] = MappingProxyType(
-    {
-        "thermal_drift": "it depends on how warm the axis is, which the reference does not know",
-        "elastic_transmission": "its inverse asks for derivatives of the reference that excite the resonance",
-        "backlash": "a torque that crosses the play at the wrong moment is a blow",
-        "torque_lag": "its inverse amplifies what the torque loop cannot follow",
-        "torque_saturation": "it acts where there is no torque in reserve",
-        "dwell_time_break_away": "it depends on how long the axis has rested, and on every small motion then",
-        "load_dependent_friction": "it depends on the load of the moment",
-        "encoder_eccentricity": "it is an error of the measurement, not a torque",
-    }
-)
-
 
 def fed_forward(model: DriveModel) -> DriveModel:
     """The model with those effects only that a feedforward can play."""
     for effect in model.effects:
-        if effect.name not in FED_FORWARD:
+        if not effect.kind.fed_forward:
             model = model.without_effect(effect.name)
     return model
 
 
 def left_out(model: DriveModel) -> dict[str, str]:
     """Effects of the model that the feedforward does not play, and why."""
-    return {effect.name: LEFT_OUT[effect.name] for effect in model.effects if effect.name in LEFT_OUT}
+    return {
+        effect.name: effect.kind.not_fed_forward for effect in model.effects if not effect.kind.fed_forward
+    }
+
+
+def beyond_lugre(model: DriveModel) -> tuple[str, ...]:
+    """Effects that this feedforward plays and that of the thesis does not have."""
+    return tuple(
+        effect.name for effect in model.effects if effect.kind.fed_forward and not effect.kind.in_lugre
+    )
 
 
 def lugre_model(parameters: LugreParameters, motion_unit: str = "rad") -> DriveModel:

@@ -28,6 +28,7 @@ from autotune.core.arrays import Floats
 from autotune.models import layout
 from autotune.models.drive_model import DriveModel, surface_parameter
 from autotune.models.plant import simulate, substeps_for
+from autotune.models.total_friction import total_friction
 from autotune.recordings.recording import Controller
 
 PERIODS = 4
@@ -35,8 +36,6 @@ ITERATIONS = 6
 DIFFERENCE = 0.02
 STOP = 1e-3
 MOVED = ("coulomb", "stiffness", "micro_damping")
-_MOVED_PARTS = ("torque_ripple.sin_", "torque_ripple.cos_", "reversal_memory.torque_")
-_ALSO = ("direction_asymmetry.coulomb",)
 Misfit = Callable[[Floats], Floats | None]
 
 
@@ -73,9 +72,7 @@ def simulated_error(
 
 def moved_parameters(model: DriveModel) -> tuple[str, ...]:
     """What a refinement may change, by surface name."""
-    return tuple(
-        name for name in model.parameters if name in MOVED or name in _ALSO or name.startswith(_MOVED_PARTS)
-    )
+    return tuple(name for name in model.parameters if name in MOVED or surface_parameter(name).refined)
 
 
 def refine_model(
@@ -169,18 +166,9 @@ def _sensitivities(misfit: Misfit, x: Floats, rest: Floats) -> Floats | None:
 
 
 def _width(name: str, model: DriveModel) -> float:
-    """How far a value may be from the diagnosed one: a twentieth of all friction for an element, and so on."""
-    friction = friction_level(model)
+    """How far a value may be from the diagnosed one; for parameters of effects a part of all friction."""
     if name in ("coulomb", "stiffness"):
         return 0.3 * max(model[name], 1e-6)
     if name == "micro_damping":
         return max(0.5 * model[name], 5e-4 * model["stiffness"])
-    return 0.02 * friction if name.startswith("torque_ripple") else 0.05 * friction
-
-
-def friction_level(model: DriveModel) -> float:
-    """Coulomb friction of the bristle and of all elastic elements together [N m or N]."""
-    parts = [
-        value.value for name, value in model.parameters.items() if name.startswith("reversal_memory.torque_")
-    ]
-    return float(model["coulomb"] + sum(parts))
+    return surface_parameter(name).refined * total_friction(model).value

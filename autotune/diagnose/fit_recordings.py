@@ -23,7 +23,7 @@ from autotune.diagnose.unseen import unseen_error
 from autotune.identify.complexity import Complexity, judge_complexity
 from autotune.identify.estimate import Estimate, Quantity
 from autotune.identify.first_guess import OneDirection
-from autotune.identify.fit import STARTED, fit, joined
+from autotune.identify.fit import STARTS, fit, joined
 from autotune.identify.plausible_axis import judge_model
 from autotune.identify.residuals import simulate_closed_loop, torque_residual
 from autotune.identify.run import EXPERIMENTS, identify_run
@@ -106,7 +106,7 @@ def _fitted(whole: Recording, effects: Sequence[str], progress: Progress) -> Fit
     if standard and not effects:
         progress("fit of the standard programme")
         return _by_experiments(whole)
-    if all(effect in STARTED for effect in effects):
+    if all(effect in STARTS for effect in effects):
         progress("fit of all motion together")
         try:
             result = fit(whole, effects)

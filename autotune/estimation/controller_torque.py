@@ -15,9 +15,10 @@ from autotune.core.errors import NotEnoughExcitation
 from autotune.estimation.data import Prepared, filtered_motion
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.residual import smoothed
+from autotune.models.table import EFFECTS, names
 
 LAGS = 4
-LOOP_LIKE = frozenset({"spring", "elastic_transmission", "torque_lag"})
+LOOP_LIKE = names(kind for kind in EFFECTS.values() if kind.loop_like)
 """Effects that are linear in the motion, as a controller is."""
 LONGEST_DELAY = 0.1  # s
 
@@ -43,10 +44,10 @@ def loop_note(data: Prepared, policy: Policy = POLICY) -> tuple[str, ...]:
     """A sentence where the torque may be just the controller's."""
     if not loop_like(data, policy):
         return ()
-    names = ", ".join(sorted(LOOP_LIKE)).replace("_", " ")
+    alike = ", ".join(sorted(LOOP_LIKE)).replace("_", " ")
     return (
         f"Reference and position make {100 * linear_share(data):.1f} % of the torque, as a controller does, but not "
-        f"one that can be simulated here: {names} may be that controller instead of the axis and stay suspected. "
+        f"one that can be simulated here: {alike} may be that controller instead of the axis and stay suspected. "
         "Record its gains, or every sample of torque command, reference and position.",
     )
 

@@ -9,12 +9,8 @@ from autotune.estimation.least_squares import Free
 from autotune.estimation.problem import Scales
 from autotune.models import layout
 from autotune.models.drive_model import DriveModel, Packed, surface_parameter
-from autotune.models.effect import Effect, Parameter
+from autotune.models.effect import Effect, Kind, Parameter
 from autotune.models.table import EFFECTS
-
-_HELD = frozenset(
-    {"knee", "torque_saturation.torque", "gravity_imbalance.order", "encoder_eccentricity.order"}
-)
 
 
 def free_of_model(model: DriveModel, scales: Scales) -> list[Free]:
@@ -22,16 +18,10 @@ def free_of_model(model: DriveModel, scales: Scales) -> list[Free]:
     free = []
     for effect in model.effects:
         for name, value in effect.values.items():
-            surface = effect.kind.surface(name)
-            if name in _HELD or surface in _HELD or _is_place(effect, name, model.motion_unit):
-                continue
-            free.append(_free(effect.kind.parameter(name), surface, value.value, scales))
+            parameter = effect.kind.parameter(name)
+            if not parameter.held:
+                free.append(_free(parameter, effect.kind.surface(name), value.value, scales))
     return free
-
-
-def _is_place(effect: Effect, name: str, motion_unit: str) -> bool:
-    """Ripple orders and displacements of elements are a raster, not something to fit."""
-    return name.startswith(("order", "displacement"))
 
 
 def _free(parameter: Parameter, surface: str, value: float, scales: Scales) -> Free:
@@ -53,11 +43,9 @@ def model_from(
 ) -> DriveModel:
     """The model with fitted values, and effects that the fit has added."""
     table = {f.name: (errors[i] if errors is not None else None) for i, f in enumerate(free)}
-    for name in layout.EFFECT_NAMES:
-        if (packed.on[layout.flag(name)] and name not in model) or (
-            name == "torque_ripple" and name in model
-        ):
-            model = model.with_effect(_effect(name, packed, table))
+    for name, kind in EFFECTS.items():
+        if (packed.on[layout.flag(name)] and name not in model) or (kind.terms is not None and name in model):
+            model = model.with_effect(_effect(kind, packed, table))
     values = {surface: float(packed.p[_slot(surface)]) for surface in model.parameters}
     return model.with_values(
         values, {k: float(v) for k, v in table.items() if v is not None and np.isfinite(v)}
@@ -68,25 +56,17 @@ def _slot(surface: str) -> int:
     return surface_parameter(surface).slot
 
 
-def _effect(name: str, packed: Packed, table: dict[str, float | None]) -> Effect:
-    kind = EFFECTS[name]
+def _effect(kind: Kind, packed: Packed, table: dict[str, float | None]) -> Effect:
     values = {}
     for parameter in kind.parameters:
         value = float(packed.p[parameter.slot])
-        group = _group_used(name, parameter.name, packed)
-        if group and (
-            not parameter.optional or value != parameter.neutral or kind.surface(parameter.name) in table
-        ):
+        fitted = value != parameter.neutral or kind.surface(parameter.name) in table
+        if _in_use(kind, parameter.name, packed) and (not parameter.optional or fitted):
             values[parameter.name] = value
     return kind.make(values)
 
 
-def _group_used(effect: str, parameter: str, packed: Packed) -> bool:
-    """Whether the numbered line or element that a parameter belongs to is in use."""
-    kind = EFFECTS[effect]
+def _in_use(kind: Kind, parameter: str, packed: Packed) -> bool:
+    """Whether the numbered term that a parameter belongs to is in use; all others are."""
     number = parameter.rpartition("_")[2]
-    if effect == "torque_ripple":
-        return bool(packed.p[kind.parameter(f"order_{number}").slot] > 0.0)
-    if effect == "reversal_memory":
-        return bool(packed.p[kind.parameter(f"displacement_{number}").slot] > 0.0)
-    return True
+    return kind.terms is None or int(number) in kind.terms_in_use(packed.p)

@@ -14,10 +14,11 @@ import numpy as np
 from autotune.core.arrays import Flags, Floats
 from autotune.estimation.data import TRAINING, Block, Prepared, Stretch
 from autotune.models import layout
+from autotune.models.table import EFFECTS
 
 SAME_PLACE = 0.01
 """Of the travel: repeats that are further apart are not the same motion."""
-_WARM = layout.flag("thermal_drift")
+_DRIFTING = [layout.flag(kind.name) for kind in EFFECTS.values() if kind.drifts]
 
 
 def until_last(data: Prepared, rows: Flags) -> Prepared:
@@ -33,10 +34,10 @@ def until_last(data: Prepared, rows: Flags) -> Prepared:
 def first_round(data: Prepared, on: Flags) -> Prepared:
     """The data up to the end of the first repeats; all that is fitted where repeats are not alike.
 
-    Warming makes them differ, and so does another place.
+    What drifts makes them differ, and so does another place.
     """
     rows = data.role(TRAINING)
-    if not on[_WARM]:
+    if not on[_DRIFTING].any():
         for block in _alike(data):
             rows[block.rows] = np.arange(block.repeats * block.count) < block.count
     return until_last(data, rows)
@@ -45,7 +46,7 @@ def first_round(data: Prepared, on: Flags) -> Prepared:
 def spread(data: Prepared, columns: Floats, on: Flags) -> None:
     """Copies what `first_round` gives of columns, shape (m, k), to the other repeats; other roles get 0."""
     columns[~data.role(TRAINING)] = 0.0
-    if on[_WARM]:
+    if on[_DRIFTING].any():
         return
     for block in _alike(data):
         part = columns[block.rows]

@@ -20,9 +20,7 @@ from autotune.models import layout
 from autotune.models.compiled import compiled
 from autotune.models.drive_model import Packed
 from autotune.models.inverse import applied_torque, load_substeps, required
-
-_SATURATES = layout.flag("torque_saturation")
-_LOSS = layout.block("torque_saturation")
+from autotune.models.torque_saturation import torque_slope
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,19 +104,7 @@ def stretch_residual(packed: Packed, start: Floats, moved: Motion, period: float
         load_substeps(packed.p, packed.on, period),
         needed,
     )
-    return np.asarray((acted - needed) / torque_slope(packed, moved.torque))
-
-
-def torque_slope(packed: Packed, demand: Floats) -> Floats | float:
-    """How much of a change of the demand arrives at the shaft.
-
-    The residual is told in the demand's own scale; else saturation would seem to explain by shrinking.
-    """
-    if not packed.on[_SATURATES]:
-        return 1.0
-    loss, level = packed.p[_LOSS], packed.p[_LOSS + 1]
-    ratio = np.minimum(np.abs(demand) / level, 1.0)
-    return np.asarray(np.maximum(1.0 - 3.0 * loss * ratio**2, 0.05))
+    return np.asarray((acted - needed) / torque_slope(packed.p, packed.on, moved.torque))
 
 
 def residual(data: Prepared, packed: Packed, moved: Motion) -> Floats:

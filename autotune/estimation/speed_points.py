@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from autotune.models.table import EFFECTS, names
 from autotune.recordings.checks import torque_of
 from autotune.recordings.recording import Recording
 
@@ -23,7 +24,7 @@ ROWS = 400
 SETTLING = 340
 PERIOD = 0.01
 FINE = 1e-15
-FAMILIES = ("stribeck", "nonlinear_viscous", "direction_asymmetry")
+FAMILIES = names(kind for kind in EFFECTS.values() if kind.at_constant_speed)
 
 
 @dataclass(frozen=True, slots=True)

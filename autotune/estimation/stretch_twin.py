@@ -15,7 +15,8 @@ from autotune.estimation.controller import PositionController
 from autotune.estimation.starting_state import starting_state
 from autotune.models.drive_model import Packed
 from autotune.models.plant import simulate, substeps_for
-from autotune.models.torque_path import MOTOR_TORQUE, saturated
+from autotune.models.torque_lag import MOTOR_TORQUE
+from autotune.models.torque_saturation import saturated
 
 
 class Recorded(Protocol):

@@ -18,10 +18,13 @@ from scipy.stats import t as student
 
 from autotune.core.arrays import Floats
 from autotune.identify.estimate import Quantity
+from autotune.models.direction_asymmetry import DIRECTION_ASYMMETRY
 from autotune.models.lugre import SHAPES, Shape, level
 
 LEAST_RISE = 0.03
 """Break-away within this share of Coulomb friction counts as equal to it."""
+DIFFERENCE_OF_LEVELS = DIRECTION_ASYMMETRY.surface("coulomb")
+DIFFERENCE_OF_SLOPES = DIRECTION_ASYMMETRY.surface("viscous")
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +83,8 @@ def predict(shape: Shape, values: Mapping[str, float], velocity: Floats) -> Floa
         values.get("stribeck_velocity", 1.0),
         values.get("exponent", 2.0),
     )
-    base = base + direction * values.get("direction_asymmetry.coulomb", 0.0)
-    slope = values["viscous"] + direction * values.get("direction_asymmetry.viscous", 0.0)
+    base = base + direction * values.get(DIFFERENCE_OF_LEVELS, 0.0)
+    slope = values["viscous"] + direction * values.get(DIFFERENCE_OF_SLOPES, 0.0)
     return np.asarray(values["offset"] + slope * velocity + direction * base)
 
 
@@ -141,7 +144,7 @@ def parameter_names(shape: Shape, asymmetric: bool) -> list[str]:
     if shape == "generalised_exponential":
         names.append("exponent")
     if asymmetric:
-        names.append("direction_asymmetry.viscous")
+        names.append(DIFFERENCE_OF_SLOPES)
     return names
 
 
@@ -151,10 +154,10 @@ def _bounds(names: list[str], points: Points) -> tuple[Floats, Floats]:
     top = 3.0 * float(np.max(np.abs(points.torque)))
     slope = 10.0 * top / float(speed.max())
     lower = {"coulomb": 0.0, "viscous": 0.0, "break_away": 0.0, "exponent": 0.5}
-    upper = {"viscous": slope, "exponent": 4.0, "direction_asymmetry.viscous": slope}
+    upper = {"viscous": slope, "exponent": 4.0, DIFFERENCE_OF_SLOPES: slope}
     lower["stribeck_velocity"] = 0.5 * float(speed.min())
     upper["stribeck_velocity"] = max(float(speed.max()), 2.0 * float(speed.min()))
-    lower["direction_asymmetry.viscous"] = -slope
+    lower[DIFFERENCE_OF_SLOPES] = -slope
     return (
         np.array([lower.get(name, -top) for name in names]),
         np.array([upper.get(name, top) for name in names]),

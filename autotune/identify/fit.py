@@ -7,7 +7,7 @@ the joint refinement, in the twin where the controller is known or can be identi
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,15 +22,17 @@ from autotune.identify.refinement import Joint, free_parameters, refine_recordin
 from autotune.identify.ripple_lines import find_lines
 from autotune.identify.speed_curve import fit_speed_curve, holds_constant_speeds_only
 from autotune.identify.steady_state import SteadyState
+from autotune.models.direction_asymmetry import DIRECTION_ASYMMETRY
 from autotune.models.drive_model import DriveModel, base_model, surface_parameter
 from autotune.models.effect import Kind
-from autotune.models.table import EFFECTS, effect_kind
+from autotune.models.stribeck import STRIBECK
+from autotune.models.table import effect_kind
+from autotune.models.torque_ripple import TORQUE_RIPPLE
 from autotune.recordings.checks import check_recording, refuse_clipping
 from autotune.recordings.recording import Recording, concatenate
 
 MOST_ROWS, STRETCH = 600_000, 20_000
 VAGUE = 0.1
-STARTED = ("stribeck", "direction_asymmetry", "torque_ripple")
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,27 +94,26 @@ def fit(recordings: Sequence[Recording] | Recording, effects: Sequence[str] = ()
     )
     joint = refine_recording(model, recording, seed=seed)
     for kind in kinds:
-        model = _started(kind, joint.model, pieces, bands)
+        model = STARTS[kind.name](joint.model, pieces, bands)
         joint = refine_recording(model, recording, seed=seed)
-        if kind.name == "direction_asymmetry" and _vague_difference(joint):
-            joint = _without_coulomb_difference(model, recording, seed)
+        for name in _vague(kind, joint):
+            joint = _held(name, model, recording, seed)
     return _result(joint)
 
 
-def _vague_difference(joint: Joint) -> bool:
-    """Whether the difference of Coulomb levels is known to a tenth of the level at best."""
-    error = joint.refined.standard_errors["direction_asymmetry.coulomb"]
-    return "offset" not in joint.estimate or error > VAGUE * joint.model["coulomb"]
+def _vague(kind: Kind, joint: Joint) -> list[str]:
+    """Parameters that look like the offset and are known to a tenth of the Coulomb level at best."""
+    alike = [kind.surface(parameter.name) for parameter in kind.parameters if parameter.like_offset]
+    least = VAGUE * joint.model["coulomb"]
+    known = "offset" in joint.estimate
+    return [name for name in alike if not known or joint.refined.standard_errors[name] > least]
 
 
-def _without_coulomb_difference(model: DriveModel, recording: Recording, seed: int) -> Joint:
-    """Sliding alone cannot tell a difference of Coulomb levels from the offset: it stays zero then."""
-    free = [name for name in free_parameters(model) if name != "direction_asymmetry.coulomb"]
+def _held(held: str, model: DriveModel, recording: Recording, seed: int) -> Joint:
+    """Sliding alone cannot tell a difference of levels from the offset: it stays as it is then."""
+    free = [name for name in free_parameters(model) if name != held]
     joint = refine_recording(model, recording, free, seed)
-    note = (
-        "direction_asymmetry.coulomb is held at zero: these recordings cannot tell it from the offset; "
-        "presliding would"
-    )
+    note = f"{held} is held at zero: these recordings cannot tell it from the offset; presliding would"
     return replace(joint, estimate=replace(joint.estimate, notes=(*joint.estimate.notes, note)))
 
 
@@ -146,21 +147,12 @@ def _result(joint: Joint) -> FitResult:
 
 def _startable(name: str) -> Kind:
     kind = effect_kind(name)
-    if name not in STARTED:
+    if name not in STARTS:
         raise ConfigurationError(
             f"effect {name!r} needs start values that a plain fit does not have; fit without it, then "
-            f"'autotune model add {name}'. Directly fitted are {', '.join(STARTED)}"
+            f"'autotune model add {name}'. Directly fitted are {', '.join(STARTS)}"
         )
     return kind
-
-
-def _started(kind: Kind, model: DriveModel, pieces: Sequence[Piece], bands: Bands) -> DriveModel:
-    """The model with an effect at values from which the refinement finds its way."""
-    if kind.name == "stribeck":
-        return _started_stribeck(model, pieces, bands)
-    if kind.name == "torque_ripple":
-        return _started_ripple(model, pieces, bands)
-    return model.with_effect(kind.make({"coulomb": 0.0, "viscous": 0.0}))
 
 
 def _started_stribeck(model: DriveModel, pieces: Sequence[Piece], bands: Bands) -> DriveModel:
@@ -170,9 +162,7 @@ def _started_stribeck(model: DriveModel, pieces: Sequence[Piece], bands: Bands) 
     trials = []
     for velocity in np.geomspace(0.01, 0.5, 6) * float(np.percentile(speeds, 95)):
         values = {"break_away": 1.1 * model["coulomb"], "stribeck_velocity": float(velocity)}
-        trials.append(
-            least_squares_step(model.with_effect(EFFECTS["stribeck"].make(values)), pieces, bands, names)
-        )
+        trials.append(least_squares_step(model.with_effect(STRIBECK.make(values)), pieces, bands, names))
     return min(trials, key=lambda pair: pair[0])[1]
 
 
@@ -215,4 +205,16 @@ def _started_ripple(model: DriveModel, pieces: Sequence[Piece], bands: Bands) ->
     values: dict[str, float] = {}
     for number, line in enumerate(sorted(lines, key=lambda one: -one.amplitude), 1):
         values |= {f"order_{number}": line.order, f"sin_{number}": line.sine, f"cos_{number}": line.cosine}
-    return model.with_effect(EFFECTS["torque_ripple"].make(values))
+    return model.with_effect(TORQUE_RIPPLE.make(values))
+
+
+def _started_asymmetry(model: DriveModel, pieces: Sequence[Piece], bands: Bands) -> DriveModel:
+    return model.with_effect(DIRECTION_ASYMMETRY.make({"coulomb": 0.0, "viscous": 0.0}))
+
+
+STARTS: Mapping[str, Callable[[DriveModel, Sequence[Piece], Bands], DriveModel]] = {
+    STRIBECK.name: _started_stribeck,
+    DIRECTION_ASYMMETRY.name: _started_asymmetry,
+    TORQUE_RIPPLE.name: _started_ripple,
+}
+"""The model with an effect at values from which the refinement finds its way."""

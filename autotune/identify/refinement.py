@@ -84,8 +84,8 @@ def refine_recording(
 
 
 def free_parameters(model: DriveModel) -> list[str]:
-    """What a refinement moves: everything but the orders of ripple."""
-    return [name for name in model.parameters if not name.startswith("torque_ripple.order")]
+    """What a refinement moves: everything but what is held, as the orders of ripple."""
+    return [name for name in model.parameters if not surface_parameter(name).held]
 
 
 def surroundings(recording: Recording, controller: PositionController) -> Surroundings:

@@ -24,7 +24,7 @@ from autotune.identify.refinement import refine_recording
 from autotune.identify.ripple_lines import Line
 from autotune.identify.steady_state import SteadyState, identify_steady_state
 from autotune.models.drive_model import BASE, DriveModel, base_model
-from autotune.models.table import EFFECTS
+from autotune.models.torque_ripple import TORQUE_RIPPLE
 from autotune.recordings.checks import check_recording
 from autotune.recordings.recording import Metadata, Recording
 
@@ -180,7 +180,7 @@ def with_ripple(model: DriveModel, lines: Sequence[Line]) -> DriveModel:
     values: dict[str, float] = {}
     for number, line in enumerate(ordered, 1):
         values |= {f"order_{number}": line.order, f"sin_{number}": line.sine, f"cos_{number}": line.cosine}
-    return model.with_effect(EFFECTS["torque_ripple"].make(values)) if values else model
+    return model.with_effect(TORQUE_RIPPLE.make(values)) if values else model
 
 
 def _ripple_notes(lines: Sequence[Line], metadata: Metadata) -> list[str]:

@@ -17,9 +17,10 @@ from autotune.identify.characteristic import fit_curve
 from autotune.identify.estimate import Estimate
 from autotune.identify.legs import find_legs
 from autotune.identify.steady_state import SteadyState, identify_steady_state
+from autotune.models.direction_asymmetry import DIRECTION_ASYMMETRY
 from autotune.models.drive_model import DriveModel, base_model
 from autotune.models.lugre import Shape
-from autotune.models.table import EFFECTS
+from autotune.models.stribeck import STRIBECK
 from autotune.recordings.checks import guide_of
 from autotune.recordings.recording import Recording
 
@@ -59,8 +60,8 @@ def fit_speed_curve(recording: Recording, effects: Sequence[str]) -> SpeedCurve:
         NotEnoughExcitation: too few speeds, or one direction only.
     """
     state = identify_steady_state(recording)
-    shape: Shape = "gaussian" if "stribeck" in effects else "linear"
-    curve = fit_curve(state.points, shape, "direction_asymmetry" in effects)
+    shape: Shape = "gaussian" if STRIBECK.name in effects else "linear"
+    curve = fit_curve(state.points, shape, DIRECTION_ASYMMETRY.name in effects)
     found = curve.parameters
     values = {name: quantity.value for name, quantity in found.items() if "." not in name}
     reach = float(np.min(np.abs(state.points.velocity))) * recording.period
@@ -74,11 +75,11 @@ def fit_speed_curve(recording: Recording, effects: Sequence[str]) -> SpeedCurve:
         metadata.fingerprint,
         metadata.torque_unit,
     )
-    if "direction_asymmetry" in effects:
-        name = "direction_asymmetry.viscous"
+    if DIRECTION_ASYMMETRY.name in effects:
+        name = DIRECTION_ASYMMETRY.surface("viscous")
         asymmetry = {"coulomb": 0.0, "viscous": found[name].value}
         model = model.with_effect(
-            EFFECTS["direction_asymmetry"].make(asymmetry, {"viscous": found[name].standard_error})
+            DIRECTION_ASYMMETRY.make(asymmetry, {"viscous": found[name].standard_error})
         )
     reason = (
         f"only the speed curve: {len(state.points)} points. Inertia, stiffness and micro_damping are not "

@@ -1,16 +1,16 @@
 """The contact of the axis: what its friction level is now, and how it ages, warms and is pressed.
 
-Every effect that changes friction enters here and nowhere else; the forward routine (`plant`) and the
-inverse one (`inverse`) call the same kernels.
+Every effect that changes friction, or adds a torque that depends on position, enters here and nowhere else: by the
+kernels that its `Kind` names (`contributions`), or by its own line where it is more than a term. The forward routine
+(`plant`) and the inverse one (`inverse`) call the same kernels.
 """
 
 from __future__ import annotations
 
 from autotune.core.arrays import Flags, Floats
 from autotune.models.compiled import compiled
-from autotune.models.direction_asymmetry import level_difference, viscous_difference
-from autotune.models.dwell_time_break_away import age_level, grow_older
-from autotune.models.gravity_imbalance import imbalance_torque
+from autotune.models.contributions import all_added, all_multiplied
+from autotune.models.dwell_time_break_away import AGES, grow_older
 from autotune.models.layout import (
     BREAK_AWAY,
     COULOMB,
@@ -19,29 +19,14 @@ from autotune.models.layout import (
     STIFFNESS,
     STRIBECK_VELOCITY,
     VISCOUS,
-    flag,
 )
-from autotune.models.load_dependent_friction import load_level
 from autotune.models.lugre import bristle_step, falling_level
-from autotune.models.nonlinear_viscous import curved_coefficient
-from autotune.models.position_dependent_friction import place_factor
-from autotune.models.reversal_memory import memory_torque
-from autotune.models.spring import spring_torque
-from autotune.models.stribeck import EXPONENT
-from autotune.models.thermal_drift import warm_factor
-from autotune.models.torque_ripple import ripple
+from autotune.models.reversal_memory import REMEMBERS, memory_torque
+from autotune.models.stribeck import EXPONENT, FALLS
 
-_STRIBECK = flag("stribeck")
-_ASYMMETRY = flag("direction_asymmetry")
-_RIPPLE = flag("torque_ripple")
-_CURVED = flag("nonlinear_viscous")
-_PLACE = flag("position_dependent_friction")
-_IMBALANCE = flag("gravity_imbalance")
-_SPRING = flag("spring")
-_MEMORY = flag("reversal_memory")
-_WARM = flag("thermal_drift")
-_DWELL = flag("dwell_time_break_away")
-_LOAD = flag("load_dependent_friction")
+_torque = all_added("torque")
+_level, _level_factor = all_added("level"), all_multiplied("level_factor")
+_viscous, _viscous_factor = all_added("viscous"), all_multiplied("viscous_factor")
 _LEAST_DEFLECTION = 1e-15
 _LEAST_SHARE = 0.02  # of the Coulomb level, where effects together would take it to zero
 
@@ -50,45 +35,24 @@ _LEAST_SHARE = 0.02  # of the Coulomb level, where effects together would take i
 def friction_limit(p: Floats, on: Flags, state: Floats, position: float, velocity: float) -> float:
     """g, the bristle's deflection in steady state [rad or m]."""
     level = float(p[COULOMB])
-    if on[_STRIBECK]:
+    if on[FALLS]:
         level = falling_level(velocity, level, p[BREAK_AWAY], p[STRIBECK_VELOCITY], p[EXPONENT])
-    if on[_ASYMMETRY]:
-        level += level_difference(p, velocity)
-    if on[_DWELL]:
-        level += age_level(p, state)
-    if on[_LOAD]:
-        level += load_level(p, state)
-    if on[_PLACE]:
-        level *= place_factor(p, position)
-    if on[_WARM]:
-        level *= warm_factor(p, state)
+    level = _level(level, p, on, state, velocity)
+    level = _level_factor(level, p, on, state, position)
     return float(max(max(level, _LEAST_SHARE * p[COULOMB]) / p[STIFFNESS], _LEAST_DEFLECTION))
 
 
 @compiled
 def viscous_coefficient(p: Floats, on: Flags, state: Floats, velocity: float) -> float:
     """Viscous torque over velocity [N m s/rad]."""
-    coefficient = float(p[VISCOUS])
-    if on[_ASYMMETRY]:
-        coefficient += viscous_difference(p, velocity)
-    if on[_CURVED]:
-        coefficient += curved_coefficient(p, velocity)
-    if on[_WARM]:
-        coefficient *= warm_factor(p, state)
-    return coefficient
+    coefficient = _viscous(float(p[VISCOUS]), p, on, velocity)
+    return _viscous_factor(coefficient, p, on, state)
 
 
 @compiled
 def additive(p: Floats, on: Flags, position: float) -> float:
     """Torque needed beside inertia and friction [N m]."""
-    total = float(p[OFFSET])
-    if on[_RIPPLE]:
-        total += ripple(p, position)
-    if on[_IMBALANCE]:
-        total += imbalance_torque(p, position)
-    if on[_SPRING]:
-        total += spring_torque(p, position)
-    return total
+    return _torque(float(p[OFFSET]), p, on, position)
 
 
 @compiled
@@ -99,7 +63,7 @@ def bend(
     limit = friction_limit(p, on, state, position, velocity)
     before = state[at]
     state[at] = bristle_step(before, velocity, limit, duration)
-    if on[_DWELL]:
+    if on[AGES]:
         slip = abs(velocity * duration - (state[at] - before))
         grow_older(p, state, slip, duration)
     return limit
@@ -108,7 +72,7 @@ def bend(
 @compiled
 def remembered(p: Floats, on: Flags, state: Floats, displacement: float) -> float:
     """Torque of the hysteresis elements after a displacement [N m]."""
-    return memory_torque(p, state, displacement) if on[_MEMORY] else 0.0
+    return memory_torque(p, state, displacement) if on[REMEMBERS] else 0.0
 
 
 @compiled

@@ -19,6 +19,7 @@ from autotune.core.units import torque_symbol
 from autotune.models import layout
 from autotune.models.effect import Effect, Parameter, Value, check
 from autotune.models.inverse import load_substeps, required
+from autotune.models.stribeck import STRIBECK
 from autotune.models.table import EFFECTS, effect_kind
 from autotune.models.torque_ripple import scale_slot
 
@@ -213,7 +214,7 @@ def base_model(
     errors = errors or {}
     base = {n: Value(float(v), errors.get(n)) for n, v in values.items() if n in _BASE_BY_NAME}
     rest = {name: value for name, value in values.items() if name not in _BASE_BY_NAME}
-    effects = (EFFECTS["stribeck"].make(rest, errors),) if rest else ()
+    effects = (STRIBECK.make(rest, errors),) if rest else ()
     return DriveModel(
         MappingProxyType(base), effects, motion_unit, axis, fingerprint, torque_unit=torque_unit
     )

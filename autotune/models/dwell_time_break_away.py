@@ -6,13 +6,49 @@ The contact ages: a' = (1 − a)/time_constant − a·|slip'|/slip, and the fric
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from autotune.core.arrays import Floats
 from autotune.models.compiled import compiled
-from autotune.models.effect import Kind, Parameter
-from autotune.models.layout import block, state_block
+from autotune.models.effect import Kernels, Kind, Parameter
+from autotune.models.layout import block, flag, state_block
+from autotune.models.look_alikes import AT_STARTS, IN_TIME
+from autotune.models.start_values import StartContext, StartValues, Vary
 
 _AT = block("dwell_time_break_away")
 AGE = state_block("dwell_time_break_away")
+AGES = flag("dwell_time_break_away")
+
+
+@compiled
+def age_level(p: Floats, state: Floats, velocity: float) -> float:
+    """What is added to the friction level [N m]."""
+    return float(p[_AT] * state[AGE])
+
+
+@compiled
+def grow_older(p: Floats, state: Floats, slip: float, duration: float) -> None:
+    """Lets the contact rest for `duration` [s] and slip by `slip` [rad]."""
+    gain = duration / p[_AT + 1]
+    state[AGE] = (state[AGE] + gain) / (1.0 + gain + slip / p[_AT + 2])
+
+
+LEAST_AGE = 0.1
+"""Seconds in which a contact ages: one that is faster falls with speed, as Stribeck's does, at every speed."""
+
+
+def starts(c: StartContext) -> Iterator[StartValues]:
+    """A contact that is young again within the bristle's reach, and one that takes longer."""
+    for slip in (0.3 * c.reach, 2.0 * c.reach):
+        yield StartValues(
+            {"rise": 0.1 * c.coulomb, "time_constant": 1.0, "slip": slip},
+            {
+                "rise": Vary(0.2 * c.coulomb, 0.4 * c.coulomb),
+                "time_constant": Vary(0.5, 0.8, lower=LEAST_AGE),
+                "slip": Vary(0.5 * slip, 0.7 * slip),
+            },
+        )
+
 
 DWELL_TIME_BREAK_AWAY = Kind(
     name="dwell_time_break_away",
@@ -24,17 +60,10 @@ DWELL_TIME_BREAK_AWAY = Kind(
     looks_like="The longer the axis has rested, the higher the peak of torque at the next start.",
     cause="Lubricant squeezed out of the contact at rest, seals that stick, slideways without a film.",
     remedy="Make a short move before precise work; slideway oil with adhesion additives, other seals.",
+    look_alikes=(AT_STARTS, IN_TIME),
+    not_fed_forward="it depends on how long the axis has rested, and on every small motion then",
+    kernels=Kernels(level=age_level),
+    starts=starts,
+    needs_rests=True,
+    quick=True,
 )
-
-
-@compiled
-def age_level(p: Floats, state: Floats) -> float:
-    """What is added to the friction level [N m]."""
-    return float(p[_AT] * state[AGE])
-
-
-@compiled
-def grow_older(p: Floats, state: Floats, slip: float, duration: float) -> None:
-    """Lets the contact rest for `duration` [s] and slip by `slip` [rad]."""
-    gain = duration / p[_AT + 1]
-    state[AGE] = (state[AGE] + gain) / (1.0 + gain + slip / p[_AT + 2])

@@ -1,18 +1,26 @@
-"""An effect: a named piece of physics with parameters, an explanation for people, and a kernel.
+"""An effect: a named piece of physics with parameters, an explanation for people, kernels and traits.
 
-`Kind` describes the physics once; `Effect` is one axis's values for it. Adding an effect to the code is
-one file that defines its `Kind` (and its kernel) and one entry in `table.EFFECTS`.
+`Kind` describes the physics once: all that the rest of the code must know of it is one of its traits, so that
+no other module needs the effect's name. `Effect` is one axis's values for it. Adding an effect to the code is
+one file that defines its `Kind` and one entry in `layout.EFFECT_NAMES` (docs/adding-an-effect.md).
 """
 
 from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import TypeAlias
 
+from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError
+from autotune.models.look_alikes import LookAlikes
+from autotune.models.start_values import StartContext, StartValues, Vary
+
+Measure: TypeAlias = Callable[[Floats], float]
+"""A quantity that follows from the vector of parameters."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +35,10 @@ class Parameter:
         meaning: a few words for the model file.
         slot: place in the vector of parameters (see `layout`).
         optional: an effect may be without it (a further ripple order, for example).
+        held: a refit of a model leaves it as it is: a raster, a reference level, a gear ratio.
+        refined: how far a refinement on measured periods of the benchmark may move it, as a part of all friction;
+            0: such a slow motion says next to nothing about it.
+        like_offset: without presliding it can hardly be told from the offset; held at neutral where it is vague.
     """
 
     name: str
@@ -37,6 +49,9 @@ class Parameter:
     meaning: str
     slot: int
     optional: bool = False
+    held: bool = False
+    like_offset: bool = False
+    refined: float = 0.0
 
     def unit_for(self, motion_unit: str, torque_unit: str = "") -> str:
         """Unit on an axis whose motion is in `motion_unit`: N m, kg m² and rad become N, kg and m.
@@ -63,13 +78,77 @@ class Value:
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
-    """The physics of an effect.
+class Terms:
+    """Numbered terms of an effect: lines of a ripple, elements of a hysteresis (`sin_3` is the third sine).
 
     Attributes:
+        present: the part that is above zero in every term in use.
+        amplitudes: parts that decide whether a term is beyond chance.
+    """
+
+    present: str
+    amplitudes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Kernels:
+    """Where the effect enters the contact; compiled, each None where it does not (`contact` adds them up).
+
+    Attributes:
+        torque: (p, position) → torque that it needs beside inertia and friction [N m].
+        level: (p, state, velocity) → added to the level of dry friction [N m].
+        level_factor: (p, state, position) → what that level is multiplied by, after all additions.
+        viscous: (p, velocity) → added to the viscous coefficient [N m s/rad].
+        viscous_factor: (p, state) → what that coefficient is multiplied by, after all additions.
+    """
+
+    torque: Callable[..., float] | None = None
+    level: Callable[..., float] | None = None
+    level_factor: Callable[..., float] | None = None
+    viscous: Callable[..., float] | None = None
+    viscous_factor: Callable[..., float] | None = None
+
+
+def no_start(context: StartContext) -> Iterator[StartValues]:
+    """Of an effect that no fit can begin with."""
+    yield from ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Kind:
+    """The physics of an effect, and all that other modules must know of it.
+
+    What people read:
         looks_like: what a person sees in the traces.
         cause: which part of a machine causes it.
         remedy: what a technician can do about it.
+        look_alikes: with which other effects it can be confused, and what would tell them apart.
+        not_fed_forward: why a feedforward does not play it; empty where it does.
+
+    How it is fitted:
+        starts: where a fit of it begins; several where its law has several minima.
+        why_no_start: what it means for people where there is no start.
+        freed_later: name → how it varies, once a first fit is there.
+        terms: of what it is a sum of numbered terms; None where it is not.
+        may_grow: further terms are looked for beside those that a model has.
+
+    When it can be seen:
+        extent: travel that the encoder must resolve [motion unit].
+        resonance: frequency that must lie in the band [Hz].
+        slow_change: time constant that the recording must outlast [s].
+        needs_rests: only the difference between short and long rests shows it.
+        quick: it lives in quick changes of torque, and is lost where a column was filtered.
+        of_place: it depends on place or direction alone, and shows even where the sampling is too slow.
+        at_constant_speed: it shows in mean torques at constant speeds.
+        rotary_only: it belongs to axes that turn.
+        lost_in_alignment: shifting torque against motion hides it.
+        loop_like: it is linear in the motion, as a position controller is.
+
+    What else sets it apart:
+        in_transmission: motor and load are two masses with it.
+        approximate: its law is a few elements in place of a distribution; some error is left beside it.
+        drifts: repeats of one motion differ by it.
+        in_lugre: the LuGre feedforward of the thesis has it too.
         surface_prefix: whether parameter names carry the effect's name on every surface.
     """
 
@@ -78,7 +157,34 @@ class Kind:
     looks_like: str
     cause: str
     remedy: str
+    look_alikes: tuple[LookAlikes, ...] = ()
+    not_fed_forward: str = ""
+    kernels: Kernels = Kernels()
+    starts: Callable[[StartContext], Iterator[StartValues]] = no_start
+    why_no_start: str = "there is nothing in the motion to start a fit from"
+    freed_later: Callable[[Floats], Mapping[str, Vary]] | None = None
+    terms: Terms | None = None
+    may_grow: bool = False
+    extent: Measure | None = None
+    resonance: Measure | None = None
+    slow_change: Measure | None = None
+    needs_rests: bool = False
+    quick: bool = False
+    of_place: bool = False
+    at_constant_speed: bool = False
+    rotary_only: bool = False
+    lost_in_alignment: bool = False
+    loop_like: bool = False
+    in_transmission: bool = False
+    approximate: bool = False
+    drifts: bool = False
+    in_lugre: bool = False
     surface_prefix: bool = True
+
+    @property
+    def fed_forward(self) -> bool:
+        """Whether a feedforward plays it."""
+        return not self.not_fed_forward
 
     def surface(self, parameter: str) -> str:
         """The parameter's name in files, tables and JSON."""
@@ -93,6 +199,17 @@ class Kind:
         near = difflib.get_close_matches(name, known, 1, cutoff=0.5)
         hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(known)}"
         raise ConfigurationError(f"effect {self.name!r} has no parameter {name!r}; {hint}")
+
+    def slot(self, name: str) -> int:
+        """Place of a parameter in the vector of parameters."""
+        return self.parameter(name).slot
+
+    def terms_in_use(self, p: Floats) -> list[int]:
+        """Numbers of the terms in use; empty for an effect that has none."""
+        if self.terms is None:
+            return []
+        names = [q.name for q in self.parameters if q.name.startswith(f"{self.terms.present}_")]
+        return [int(name.rpartition("_")[2]) for name in names if p[self.slot(name)] > 0.0]
 
     def make(self, values: Mapping[str, float], errors: Mapping[str, float] | None = None) -> Effect:
         """An effect with these values.

@@ -6,29 +6,18 @@ On an axis behind a gear, `order` is the gear's ratio: revolutions of the load p
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 from autotune.core.arrays import Floats
 from autotune.models.compiled import compiled
-from autotune.models.effect import Kind, Parameter
+from autotune.models.effect import Kernels, Kind, Parameter
 from autotune.models.layout import block
+from autotune.models.look_alikes import IN_PLACE
+from autotune.models.start_values import StartContext, StartValues, Vary
 from autotune.models.torque_ripple import scale_slot
 
 _AT = block("gravity_imbalance")
 _SCALE = scale_slot()
-
-GRAVITY_IMBALANCE = Kind(
-    name="gravity_imbalance",
-    parameters=(
-        Parameter("sin", "N m", 0.0, -1e6, 1e6, "sine part of the torque", _AT),
-        Parameter("cos", "N m", 0.0, -1e6, 1e6, "cosine part of the torque", _AT + 1),
-        Parameter(
-            "order", "cycles/rev", 1.0, 1e-6, 1e6, "turns of the load per turn of the motor", _AT + 2, True
-        ),
-    ),
-    looks_like="The holding torque follows one sine over a turn of the load, in both directions alike.",
-    cause="An unbalanced arm, table, chuck or workpiece, a missing counterweight.",
-    remedy="Balance the load, or compensate it by a sine of position; check that the workpiece is centred.",
-)
 
 
 @compiled
@@ -36,3 +25,37 @@ def imbalance_torque(p: Floats, position: float) -> float:
     """Torque that the imbalance needs [N m]."""
     angle = p[_AT + 2] * p[_SCALE] * position
     return float(p[_AT] * math.sin(angle) + p[_AT + 1] * math.cos(angle))
+
+
+def starts(c: StartContext) -> Iterator[StartValues]:
+    """One is enough: the torque is linear in both parts."""
+    if c.angle == 1.0:
+        yield StartValues({}, {"sin": Vary(0.1 * c.coulomb), "cos": Vary(0.1 * c.coulomb)})
+
+
+GRAVITY_IMBALANCE = Kind(
+    name="gravity_imbalance",
+    parameters=(
+        Parameter("sin", "N m", 0.0, -1e6, 1e6, "sine part of the torque", _AT),
+        Parameter("cos", "N m", 0.0, -1e6, 1e6, "cosine part of the torque", _AT + 1),
+        Parameter(
+            "order",
+            "cycles/rev",
+            1.0,
+            1e-6,
+            1e6,
+            "turns of the load per turn of the motor",
+            _AT + 2,
+            True,
+            True,
+        ),
+    ),
+    looks_like="The holding torque follows one sine over a turn of the load, in both directions alike.",
+    cause="An unbalanced arm, table, chuck or workpiece, a missing counterweight.",
+    remedy="Balance the load, or compensate it by a sine of position; check that the workpiece is centred.",
+    look_alikes=(IN_PLACE,),
+    kernels=Kernels(torque=imbalance_torque),
+    starts=starts,
+    of_place=True,
+    rotary_only=True,
+)

@@ -11,12 +11,12 @@ import math
 from autotune.core.arrays import Flags, Floats
 from autotune.models.compiled import compiled
 from autotune.models.contact import additive, bend, friction_limit, remembered, viscous_coefficient
-from autotune.models.encoder_eccentricity import true_motion
-from autotune.models.layout import BRISTLE, INERTIA, MICRO_DAMPING, POSITION, STIFFNESS, VELOCITY, flag
-from autotune.models.load_dependent_friction import press
+from autotune.models.encoder_eccentricity import IS_ECCENTRIC, true_motion
+from autotune.models.layout import BRISTLE, INERTIA, MICRO_DAMPING, POSITION, STIFFNESS, VELOCITY
+from autotune.models.load_dependent_friction import IS_PRESSED, press
 from autotune.models.lugre import bristle_rate
 from autotune.models.plant import MOST_SUBSTEPS, rubbing
-from autotune.models.thermal_drift import warm
+from autotune.models.thermal_drift import WARMS, warm
 from autotune.models.torque_path import delivered
 from autotune.models.transmission import (
     LOAD_BRISTLE,
@@ -28,10 +28,6 @@ from autotune.models.transmission import (
     load_shares,
     passed_torque,
 )
-
-_ECCENTRIC = flag("encoder_eccentricity")
-_LOAD = flag("load_dependent_friction")
-_WARM = flag("thermal_drift")
 
 
 @compiled
@@ -87,7 +83,7 @@ def _load_side(
         later = speed + step * (passed - friction) / (p[INERTIA] * mass + 0.5 * step * slope)
         state[LOAD_POSITION] += 0.5 * step * (speed + later)
         state[LOAD_VELOCITY] = later
-        if on[_WARM]:
+        if on[WARMS]:
             warm(p, state, friction * later, step)
     state[POSITION], state[VELOCITY] = position, velocity
     twist = position - state[LOAD_POSITION]
@@ -117,7 +113,7 @@ def required(
     before = velocity[0]
     for k in range(len(position)):
         q, v, a = position[k], velocity[k], acceleration[k]
-        if on[_ECCENTRIC]:
+        if on[IS_ECCENTRIC]:
             q, v, a = true_motion(p, q, v, a)
         mean = 0.5 * (before + v)
         before = v
@@ -130,11 +126,11 @@ def required(
         outside = additive(p, on, q)
         passed = _load_side(p, on, state, shares, spring, q, v, period, substeps) if loaded else 0.0
         torque[k] = p[INERTIA] * (1.0 - mass) * a + friction + outside + passed
-        if on[_LOAD]:
+        if on[IS_PRESSED]:
             press(
                 p, state, passed if loaded else p[INERTIA] * a + outside, 0.0 if loaded else friction, period
             )
-        if on[_WARM]:
+        if on[WARMS]:
             warm(p, state, friction * v, period)
 
 

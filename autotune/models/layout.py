@@ -3,6 +3,9 @@
 One vector of parameters holds the base model and a block for every effect, one vector of states the
 motion, the bristle and a block for every effect, one vector of flags which effects are present. The
 places are fixed, so that kernels of different effects can be compiled into one routine.
+
+`EFFECT_NAMES` is the table of effects: each name is a module beside this one, whose `Kind` is the constant of that
+name in capitals. A new effect goes to the end, so that the places of the others stay.
 """
 
 from __future__ import annotations

@@ -14,12 +14,12 @@ import math
 from autotune.core.arrays import Flags, Floats
 from autotune.models.compiled import compiled
 from autotune.models.contact import additive, bend, damping_slope, remembered, viscous_coefficient
-from autotune.models.encoder_eccentricity import reading_error
-from autotune.models.layout import BRISTLE, INERTIA, MICRO_DAMPING, POSITION, STIFFNESS, VELOCITY, flag
-from autotune.models.load_dependent_friction import press
+from autotune.models.encoder_eccentricity import IS_ECCENTRIC, reading_error
+from autotune.models.layout import BRISTLE, INERTIA, MICRO_DAMPING, POSITION, STIFFNESS, VELOCITY
+from autotune.models.load_dependent_friction import IS_PRESSED, press
 from autotune.models.lugre import bristle_rate
-from autotune.models.reversal_memory import memory_stiffness
-from autotune.models.thermal_drift import warm
+from autotune.models.reversal_memory import REMEMBERS, memory_stiffness
+from autotune.models.thermal_drift import WARMS, warm
 from autotune.models.torque_path import delivered
 from autotune.models.transmission import (
     LOAD_BRISTLE,
@@ -33,10 +33,6 @@ from autotune.models.transmission import (
     passed_torque,
 )
 
-_ECCENTRIC = flag("encoder_eccentricity")
-_LOAD = flag("load_dependent_friction")
-_WARM = flag("thermal_drift")
-_MEMORY = flag("reversal_memory")
 MOST_SUBSTEPS = 64
 
 
@@ -66,9 +62,9 @@ def one_mass(p: Floats, on: Flags, state: Floats, drive: float, step: float) -> 
     later = velocity + step * (drive - outside - friction) / (p[INERTIA] + 0.5 * step * slope)
     state[POSITION] = position + 0.5 * step * (velocity + later)
     state[VELOCITY] = later
-    if on[_LOAD]:
+    if on[IS_PRESSED]:
         press(p, state, p[INERTIA] * (later - velocity) / step + outside, friction, step)
-    if on[_WARM]:
+    if on[WARMS]:
         warm(p, state, friction * later, step)
 
 
@@ -92,9 +88,9 @@ def two_masses(p: Floats, on: Flags, state: Floats, drive: float, step: float) -
     faster = speed + step * (passed - carried) / (p[INERTIA] * mass + 0.5 * step * slope)
     state[POSITION], state[VELOCITY] = position + 0.5 * step * (velocity + later), later
     state[LOAD_POSITION], state[LOAD_VELOCITY] = beyond + 0.5 * step * (speed + faster), faster
-    if on[_LOAD]:
+    if on[IS_PRESSED]:
         press(p, state, passed, 0.0, step)
-    if on[_WARM]:
+    if on[WARMS]:
         warm(p, state, friction * later + carried * faster, step)
 
 
@@ -148,7 +144,7 @@ def simulate(
     weight = gains[4] if len(gains) > 4 else 1.0
     for k in range(len(command)):
         measured = state[POSITION] + position_noise[k]
-        if on[_ECCENTRIC]:
+        if on[IS_ECCENTRIC]:
             measured += reading_error(p, state[POSITION])
         if resolution > 0.0:
             measured = math.floor(measured / resolution + 0.5) * resolution
@@ -176,7 +172,7 @@ def simulate(
 
 @compiled
 def _fastest(p: Floats, on: Flags) -> float:
-    stiffness = p[STIFFNESS] + (memory_stiffness(p) if on[_MEMORY] else 0.0)
+    stiffness = p[STIFFNESS] + (memory_stiffness(p) if on[REMEMBERS] else 0.0)
     inertia = p[INERTIA]
     coupled = 0.0
     if has_load(on):

@@ -6,36 +6,25 @@ The friction level is multiplied by 1 + height·exp(−((q − centre)/width)²)
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+
+import numpy as np
 
 from autotune.core.arrays import Floats
 from autotune.models.compiled import compiled
-from autotune.models.effect import Kind, Parameter
+from autotune.models.effect import Kernels, Kind, Parameter
 from autotune.models.layout import block
+from autotune.models.look_alikes import IN_PLACE
+from autotune.models.start_values import StartContext, StartValues, Vary
 from autotune.models.torque_ripple import scale_slot
 
 _AT = block("position_dependent_friction")
 _SCALE = scale_slot()
 LEAST_FACTOR = 0.05
 
-POSITION_DEPENDENT_FRICTION = Kind(
-    name="position_dependent_friction",
-    parameters=(
-        Parameter("height", "1", 0.0, -0.95, 20.0, "relative rise of friction at the spot", _AT),
-        Parameter("centre", "rad", 0.0, -1e6, 1e6, "where the spot is", _AT + 1),
-        Parameter("width", "rad", 1.0, 1e-6, 1e6, "how far it reaches", _AT + 2),
-        Parameter("order", "cycles/rev", 0.0, 0.0, 1e6, "periods per revolution", _AT + 3, True),
-        Parameter("sin", "1", 0.0, -0.95, 0.95, "sine part, relative", _AT + 4, True),
-        Parameter("cos", "1", 0.0, -0.95, 0.95, "cosine part, relative", _AT + 5, True),
-    ),
-    looks_like="Friction is higher (or lower) at some places, in both directions: the band between "
-    "forward and backward torque widens there.",
-    cause="A tight spot of guide or screw, local wear, misalignment, a bent shaft, a damaged seal.",
-    remedy="Look at guide, screw and alignment at that place; clean and lubricate there first.",
-)
-
 
 @compiled
-def place_factor(p: Floats, position: float) -> float:
+def place_factor(p: Floats, state: Floats, position: float) -> float:
     """What the friction level is multiplied by."""
     factor = 1.0
     if p[_AT] != 0.0:
@@ -45,3 +34,56 @@ def place_factor(p: Floats, position: float) -> float:
         angle = p[_AT + 3] * p[_SCALE] * position
         factor += p[_AT + 4] * math.sin(angle) + p[_AT + 5] * math.cos(angle)
     return float(max(factor, LEAST_FACTOR))
+
+
+def starts(c: StartContext) -> Iterator[StartValues]:
+    """A spot where the residual looks most like one, and a wave over a turn (or the travel)."""
+    low, high = (float(edge) for edge in np.percentile(c.position(), [1, 99]))
+    centre, width = _likeliest_spot(c, low, high)
+    yield StartValues(
+        {"height": 0.02, "centre": centre, "width": width},
+        {
+            "height": Vary(0.2, 0.5),
+            "centre": Vary(0.5 * width, 0.7 * width),
+            "width": Vary(0.4 * width, 0.5 * width),
+        },
+    )
+    span = high - low
+    order = 1.0 if c.angle == 1.0 else 1.0 / span
+    if span * order * c.angle >= 1.2 * math.pi:
+        yield StartValues({"order": order}, {"sin": Vary(0.1, 0.4), "cos": Vary(0.1, 0.4)})
+
+
+def _likeliest_spot(c: StartContext, low: float, high: float) -> tuple[float, float]:
+    """Centre and width of the spot that explains most of the residual."""
+    thin = c.thinned()
+    place = c.position()[thin.rows]
+    column = c.sensitivity("coulomb")[thin.rows] * c.coulomb
+    span = high - low
+    best = (-1.0, 0.5 * (low + high), span)
+    for width in (0.04 * span, 0.1 * span, 0.22 * span, 0.5 * span):
+        for centre in np.linspace(low, high, min(25, max(9, int(span / width)))):
+            shape = np.exp(-(((place - centre) / width) ** 2))
+            best = max(best, (thin.share((column * shape)[:, None]), float(centre), float(width)))
+    return best[1], best[2]
+
+
+POSITION_DEPENDENT_FRICTION = Kind(
+    name="position_dependent_friction",
+    parameters=(
+        Parameter("height", "1", 0.0, -0.95, 20.0, "relative rise of friction at the spot", _AT),
+        Parameter("centre", "rad", 0.0, -1e6, 1e6, "where the spot is", _AT + 1),
+        Parameter("width", "rad", 1.0, 1e-6, 1e6, "how far it reaches", _AT + 2),
+        Parameter("order", "cycles/rev", 0.0, 0.0, 1e6, "periods per revolution", _AT + 3, True, held=True),
+        Parameter("sin", "1", 0.0, -0.95, 0.95, "sine part, relative", _AT + 4, True),
+        Parameter("cos", "1", 0.0, -0.95, 0.95, "cosine part, relative", _AT + 5, True),
+    ),
+    looks_like="Friction is higher (or lower) at some places, in both directions: the band between "
+    "forward and backward torque widens there.",
+    cause="A tight spot of guide or screw, local wear, misalignment, a bent shaft, a damaged seal.",
+    remedy="Look at guide, screw and alignment at that place; clean and lubricate there first.",
+    look_alikes=(IN_PLACE,),
+    kernels=Kernels(level_factor=place_factor),
+    starts=starts,
+    of_place=True,
+)

@@ -8,32 +8,39 @@ memory that the single bristle of LuGre does not have (thesis, sections 3.2.3 an
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from autotune.core.arrays import Floats
 from autotune.models.compiled import compiled
-from autotune.models.effect import Kind, Parameter
-from autotune.models.layout import block, state_block
+from autotune.models.effect import Kind, Parameter, Terms
+from autotune.models.layout import STIFFNESS, block, flag, state_block
+from autotune.models.look_alikes import AT_REVERSALS, AT_STARTS
+from autotune.models.start_values import StartContext, StartValues, Vary
 
 ELEMENTS = 10
 _AT = block("reversal_memory")
 _STATE = state_block("reversal_memory")
+REMEMBERS = flag("reversal_memory")
 
 
 def _element(number: int) -> tuple[Parameter, ...]:
     at, later = _AT + 2 * (number - 1), number > 1
     return (
-        Parameter(f"displacement_{number}", "rad", 0.0, 0.0, 1e6, "travel until it slides", at, later),
-        Parameter(f"torque_{number}", "N m", 0.0, 0.0, 1e6, "what it carries when it slides", at + 1, later),
+        Parameter(
+            f"displacement_{number}", "rad", 0.0, 0.0, 1e6, "travel until it slides", at, later, held=True
+        ),
+        Parameter(
+            f"torque_{number}",
+            "N m",
+            0.0,
+            0.0,
+            1e6,
+            "what it carries when it slides",
+            at + 1,
+            later,
+            refined=0.05,
+        ),
     )
-
-
-REVERSAL_MEMORY = Kind(
-    name="reversal_memory",
-    parameters=tuple(parameter for number in range(1, ELEMENTS + 1) for parameter in _element(number)),
-    looks_like="After a reversal the torque climbs in several stages over a long way; small loops inside "
-    "large ones close where they began.",
-    cause="Many contacts that let go one after another: preloaded balls and rollers, seals, wipers, cables.",
-    remedy="Nothing is broken; compensate it. If the way has grown, look at preload and seals.",
-)
 
 
 @compiled
@@ -58,3 +65,58 @@ def memory_stiffness(p: Floats) -> float:
         if p[_AT + 2 * i] > 0.0:
             total += p[_AT + 2 * i + 1] / p[_AT + 2 * i]
     return total
+
+
+STEPS = (0.5, 1.0, 2.0, 4.0, 9.0, 25.0, 80.0)
+"""Of the bristle's reach: where the elements of a start slide."""
+IN_USE = 0.05
+"""Of what all elements carry: an element that carries more may be moved."""
+
+
+def starts(c: StartContext) -> Iterator[StartValues]:
+    """Elements on a raster of displacements: what they carry enters linearly."""
+    reach = min(c.reach, 0.01 * c.travel)
+    for stiffer in (1.0, 3.0, 9.0):
+        values: dict[str, float] = {}
+        free: dict[str, Vary] = {}
+        for i, factor in enumerate(STEPS, 1):
+            values[f"displacement_{i}"] = factor * reach / stiffer
+            values[f"torque_{i}"] = 0.01 * c.coulomb
+            free[f"torque_{i}"] = Vary(0.1 * c.coulomb, 0.5 * c.coulomb)
+        yield StartValues(values, free, {STIFFNESS: float(c.p[STIFFNESS]) * stiffer})
+
+
+def displacements(p: Floats) -> dict[str, Vary]:
+    """Those of the elements that carry; free once a first fit is there."""
+    numbers = range(1, len(STEPS) + 1)
+    total = sum(float(p[_AT + 2 * i - 1]) for i in numbers)
+    free: dict[str, Vary] = {}
+    for i in numbers:
+        value = float(p[_AT + 2 * (i - 1)])
+        if p[_AT + 2 * i - 1] > IN_USE * total:
+            free[f"displacement_{i}"] = Vary(0.5 * value, 0.4 * value, 0.2 * value, 5.0 * value)
+    return free
+
+
+def mean_reach(p: Floats) -> float:
+    """Mean displacement of the elements, weighted by what they carry [rad]."""
+    reach, torque = p[_AT : _AT + 2 * ELEMENTS : 2], p[_AT + 1 : _AT + 2 * ELEMENTS : 2]
+    used = reach > 0.0
+    return float(torque[used] @ reach[used]) / max(float(torque[used].sum()), 1e-300)
+
+
+REVERSAL_MEMORY = Kind(
+    name="reversal_memory",
+    parameters=tuple(parameter for number in range(1, ELEMENTS + 1) for parameter in _element(number)),
+    looks_like="After a reversal the torque climbs in several stages over a long way; small loops inside "
+    "large ones close where they began.",
+    cause="Many contacts that let go one after another: preloaded balls and rollers, seals, wipers, cables.",
+    remedy="Nothing is broken; compensate it. If the way has grown, look at preload and seals.",
+    look_alikes=(AT_REVERSALS, AT_STARTS),
+    starts=starts,
+    freed_later=displacements,
+    terms=Terms("displacement", ("torque",)),
+    extent=mean_reach,
+    quick=True,
+    approximate=True,
+)

@@ -2,10 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from autotune.models.effect import Kind, Parameter
-from autotune.models.layout import BREAK_AWAY, STRIBECK_VELOCITY, block
+from autotune.models.layout import BREAK_AWAY, STRIBECK_VELOCITY, block, flag
+from autotune.models.look_alikes import AT_STARTS, IN_SPEED, IN_TIME
+from autotune.models.start_values import StartContext, StartValues, Vary
 
 EXPONENT = block("stribeck")
+FALLS = flag("stribeck")
+
+
+def starts(c: StartContext) -> Iterator[StartValues]:
+    """Several velocities, and the two shapes of Table 2.1 that differ most."""
+    for share, exponent in ((0.01, 2.0), (0.05, 2.0), (0.03, 1.0)):
+        speed = share * c.speed if not c.constant_speeds else 5.0 * share * c.speed
+        yield StartValues(
+            {"break_away": 1.1 * c.coulomb, "stribeck_velocity": speed, "stribeck_exponent": exponent},
+            {
+                "break_away": Vary(0.1 * c.coulomb, 0.4 * c.coulomb),
+                "stribeck_velocity": Vary(0.3 * speed, 0.6 * speed),
+            },
+        )
+
 
 STRIBECK = Kind(
     name="stribeck",
@@ -22,4 +41,8 @@ STRIBECK = Kind(
     cause="Boundary lubrication: at low speed the lubricant film does not carry and surfaces touch.",
     remedy="Use a lubricant with friction modifiers, lower the preload, renew dried grease.",
     surface_prefix=False,
+    look_alikes=(IN_SPEED, AT_STARTS, IN_TIME),
+    starts=starts,
+    at_constant_speed=True,
+    in_lugre=True,
 )

@@ -7,14 +7,57 @@ all friction is multiplied by exp(−softening·w) (viscosity law of Reynolds).
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 from autotune.core.arrays import Floats
 from autotune.models.compiled import compiled
-from autotune.models.effect import Kind, Parameter
-from autotune.models.layout import block, state_block
+from autotune.models.effect import Kernels, Kind, Parameter
+from autotune.models.layout import block, flag, state_block
+from autotune.models.look_alikes import IN_TIME
+from autotune.models.start_values import StartContext, StartValues, Vary
 
 _AT = block("thermal_drift")
 WARMTH = state_block("thermal_drift")
+WARMS = flag("thermal_drift")
+
+
+@compiled
+def warm_factor(p: Floats, state: Floats) -> float:
+    """What all friction is multiplied by."""
+    return math.exp(min(max(-p[_AT] * state[WARMTH], -3.0), 3.0))
+
+
+@compiled
+def level_when_warm(p: Floats, state: Floats, position: float) -> float:
+    """What the level of dry friction is multiplied by, at any position."""
+    return warm_factor(p, state)
+
+
+@compiled
+def warm(p: Floats, state: Floats, power: float, duration: float) -> None:
+    """Heats the axis with `power` [W] for `duration` [s]."""
+    gain = duration / p[_AT + 1]
+    state[WARMTH] = (state[WARMTH] + gain * (abs(power) + p[_AT + 2])) / (1.0 + gain)
+
+
+def starts(c: StartContext) -> Iterator[StartValues]:
+    """A fast and a slow warming."""
+    power = c.coulomb * c.mean_speed
+    for seconds in (20.0, 90.0):
+        yield StartValues(
+            {"softening": 0.0, "time_constant": seconds, "idle": 0.5 * power},
+            {
+                "softening": Vary(0.1 / power, 0.5 / power),
+                "time_constant": Vary(0.3 * seconds, 0.6 * seconds),
+                "idle": Vary(power, 2.0 * power),
+            },
+        )
+
+
+def time_constant(p: Floats) -> float:
+    """Of the warming [s]."""
+    return float(p[_AT + 1])
+
 
 THERMAL_DRIFT = Kind(
     name="thermal_drift",
@@ -26,17 +69,10 @@ THERMAL_DRIFT = Kind(
     looks_like="The same motion needs less and less (or more and more) torque from repeat to repeat.",
     cause="Lubricant that thins as bearings, screw or gear warm; preload that grows with warming.",
     remedy="Warm up before precise work; check the grade of the lubricant; recheck when the axis is warm.",
+    look_alikes=(IN_TIME,),
+    not_fed_forward="it depends on how warm the axis is, which the reference does not know",
+    kernels=Kernels(level_factor=level_when_warm, viscous_factor=warm_factor),
+    starts=starts,
+    slow_change=time_constant,
+    drifts=True,
 )
-
-
-@compiled
-def warm_factor(p: Floats, state: Floats) -> float:
-    """What all friction is multiplied by."""
-    return math.exp(min(max(-p[_AT] * state[WARMTH], -3.0), 3.0))
-
-
-@compiled
-def warm(p: Floats, state: Floats, power: float, duration: float) -> None:
-    """Heats the axis with `power` [W] for `duration` [s]."""
-    gain = duration / p[_AT + 1]
-    state[WARMTH] = (state[WARMTH] + gain * (abs(power) + p[_AT + 2])) / (1.0 + gain)

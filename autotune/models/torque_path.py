@@ -10,53 +10,18 @@ import math
 
 from autotune.core.arrays import Flags, Floats
 from autotune.models.compiled import compiled
-from autotune.models.effect import Kind, Parameter
-from autotune.models.layout import block, flag, state_block
-
-_LAG = block("torque_lag")
-_SATURATION = block("torque_saturation")
-_IS_LATE = flag("torque_lag")
-_SATURATES = flag("torque_saturation")
-MOTOR_TORQUE = state_block("torque_lag")
-
-TORQUE_LAG = Kind(
-    name="torque_lag",
-    parameters=(Parameter("time_constant", "s", 0.0, 0.0, 0.1, "of the torque loop", _LAG),),
-    looks_like="The torque comes late: the error grows with how fast the torque changes, not with its size.",
-    cause="A slow current loop, a filter on the torque demand, a delay on the bus.",
-    remedy="Tune the current loop, remove torque filters, use a shorter bus cycle.",
-)
-
-TORQUE_SATURATION = Kind(
-    name="torque_saturation",
-    parameters=(
-        Parameter("loss", "1", 0.0, 0.0, 0.33, "relative loss of torque at that level", _SATURATION),
-        Parameter("torque", "N m", 1.0, 1e-9, 1e9, "level at which the loss is given", _SATURATION + 1),
-    ),
-    looks_like="Large torques have less effect than small ones; fast accelerations fall short.",
-    cause="Iron of the motor that saturates, a weak magnet, a current limit, a low supply voltage.",
-    remedy="Check supply and current limits; a motor that was too hot may have lost magnetism; "
-    "plan gentler accelerations.",
-)
-
-
-@compiled
-def saturated(p: Floats, on: Flags, demand: float) -> float:
-    """Torque that a demand gives in the long run [N m]."""
-    if not on[_SATURATES]:
-        return demand
-    ratio = min(abs(demand) / p[_SATURATION + 1], 1.0 / math.sqrt(3.0 * max(p[_SATURATION], 1e-9)))
-    return math.copysign(p[_SATURATION + 1] * ratio * (1.0 - p[_SATURATION] * ratio * ratio), demand)
+from autotune.models.torque_lag import IS_LATE, MOTOR_TORQUE, TIME_CONSTANT
+from autotune.models.torque_saturation import saturated
 
 
 @compiled
 def delivered(p: Floats, on: Flags, state: Floats, demand: float, duration: float) -> float:
     """Mean torque at the shaft while a demand is held for `duration` [N m]."""
     target = saturated(p, on, demand)
-    if not on[_IS_LATE] or p[_LAG] <= 0.0:
+    if not on[IS_LATE] or p[TIME_CONSTANT] <= 0.0:
         return target
     missing = target - state[MOTOR_TORQUE]
-    ratio = duration / p[_LAG]
+    ratio = duration / p[TIME_CONSTANT]
     left = math.exp(-ratio)
     state[MOTOR_TORQUE] = target - missing * left
     return float(target - missing * (1.0 - left) / ratio)

@@ -14,8 +14,9 @@ import math
 
 from autotune.models.drive_model import DriveModel
 from autotune.models.effect import Value
+from autotune.models.reversal_memory import REVERSAL_MEMORY
 
-_MEMORY, _ELEMENT = "reversal_memory", "torque_"
+_MEMORY, _ELEMENT = REVERSAL_MEMORY.name, "torque_"
 
 
 def friction_parts(model: DriveModel) -> dict[str, Value]:

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from autotune.models.drive_model import DriveModel
+from autotune.models.torque_ripple import TORQUE_RIPPLE
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +28,7 @@ class Wave:
 def ripple_waves(model: DriveModel) -> Iterator[Wave]:
     """All waves of a model's torque ripple, as they stand in it."""
     for effect in model.effects:
-        if effect.name != "torque_ripple":
+        if effect.kind is not TORQUE_RIPPLE:
             continue
         for name, order in effect.values.items():
             number = name.removeprefix("order_")

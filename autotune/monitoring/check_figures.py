@@ -12,6 +12,7 @@ from autotune.core.errors import NotEnoughExcitation
 from autotune.identify.characteristic import Points
 from autotune.identify.steady_state import steady_points
 from autotune.models.drive_model import DriveModel
+from autotune.models.total_friction import total_friction
 from autotune.recordings.recording import Recording, concatenate
 from autotune.tuning.proof import TrackingError, fold, tracking_error
 
@@ -140,7 +141,7 @@ def expected_level(model: DriveModel, points: Points) -> float:
     values = model.parameters
     coulomb, viscous = values["coulomb"].value, values["viscous"].value
     break_away = values["break_away"].value if "break_away" in values else coulomb
-    elements = sum(v.value for name, v in values.items() if name.startswith("reversal_memory.torque_"))
+    elements = total_friction(model).value - coulomb
     scale = values["stribeck_velocity"].value if "stribeck_velocity" in values else 1.0
     speed = np.abs(points.velocity)
     torque = coulomb + (break_away - coulomb) * np.exp(-((speed / scale) ** 2)) + viscous * speed + elements

@@ -31,6 +31,7 @@ from autotune.experiments.path import CONDITIONING
 from autotune.experiments.runner import Programme
 from autotune.models.drive_model import DriveModel, HistoryEntry
 from autotune.models.model_file import write_model
+from autotune.models.reversal_memory import REVERSAL_MEMORY
 from autotune.recordings.files import read_recording
 from autotune.recordings.recording import Recording, Segment
 from autotune.tuning.session import Session
@@ -197,7 +198,7 @@ def _with_model(session: Session, told: Diagnosed, diagnosis: Diagnosis, model: 
     final = finer or level
     stairs = _stairs(study, root, level, diagnosis.effects)
     if finer is not None:
-        stairs.append(("reversal_memory resolved", level, finer))
+        stairs.append((f"{REVERSAL_MEMORY.name} resolved", level, finer))
     before, after, floor, unseen = held_out_errors(study, root, final)
     richer = updated_model(model, study, final.fitted)
     when, source = session.clock().isoformat(timespec="seconds"), session.directory.name
@@ -226,7 +227,7 @@ def _told(found: Diagnosed, before: float, after: float, stiffness: float, motio
         f"Missing in the identified model: {', '.join(found.effects)} ({found.confidence}). With it the torque error "
         f"on data not used for the fit falls from {before:.3g} to {after:.3g} {torque}"
     )
-    if "reversal_memory" in found.effects:
+    if REVERSAL_MEMORY.name in found.effects:
         text += (
             f", and one number is the stiffness at rest: {stiffness:.4g} {torque}/{motion_unit}, that of all elastic "
             "elements together"

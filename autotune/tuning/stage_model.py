@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import stats
 
-from autotune.control.model_feedforward import FED_FORWARD, ModelFeedforward, periodic_model_feedforward
+from autotune.control.model_feedforward import ModelFeedforward, fed_forward, periodic_model_feedforward
 from autotune.control.model_refinement import refine_model
 from autotune.control.refinement import PeriodAverage, periodic_feedforward
 from autotune.core.arrays import Floats
@@ -64,7 +64,7 @@ def adapt_model(
     Returns:
         None where the model has nothing that the LuGre feedforward lacks, or there is no machine time left.
     """
-    if not any(name in model for name in FED_FORWARD):
+    if not fed_forward(model).effects:
         return None
     if not plausible(model, rival, session.limits.torque):
         session.reporter.say(

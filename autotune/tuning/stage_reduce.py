@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from autotune.control.feedforward import FeedforwardLaw, FixedFeedforward, LugreParameters
-from autotune.control.model_feedforward import FED_FORWARD, periodic_model_feedforward
+from autotune.control.model_feedforward import beyond_lugre, periodic_model_feedforward
 from autotune.control.reduction import (
     DrivePart,
     Reduction,
@@ -153,7 +153,7 @@ def _of_the_whole(reduction: Reduction, findings: Findings) -> Reduction:
     model, proved = findings.proposed_model, findings.proved
     if model is None or proved is None:
         return reduction
-    lost = tuple(e.name for e in model.effects if e.name in FED_FORWARD and e.name != "stribeck")
+    lost = beyond_lugre(model)
     after = proved.proof.after
     if reduction.host:  # the host then plays all that the drive does not
         return replace(

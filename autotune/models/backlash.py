@@ -1,0 +1,53 @@
+"""Two masses with play between motor and load, and a spring where they touch; the equations are in `transmission`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from autotune.core.arrays import Floats
+from autotune.models.effect import Kind, Parameter
+from autotune.models.layout import block, flag
+from autotune.models.load_side import AT_START, compliance_at, least_compliance, load_parameters, load_varies
+from autotune.models.look_alikes import IN_QUICK_MOTION, IN_SPEED
+from autotune.models.start_values import StartContext, StartValues, Vary
+
+GAP = block("backlash")
+HAS_GAP = flag("backlash")
+
+
+def starts(c: StartContext) -> Iterator[StartValues]:
+    """Three gaps, measured by the bristle's reach."""
+    compliance, least = compliance_at(c, 200.0), least_compliance(c)
+    for reaches in (0.3, 1.0, 3.0):
+        gap = max(reaches * c.reach, 4.0 * c.resolution)
+        free = {
+            "gap": Vary(0.5 * gap, 0.6 * gap),
+            "contact_compliance": Vary(compliance, compliance, lower=least),
+        }
+        yield StartValues({"gap": gap, "contact_compliance": compliance, **AT_START}, free | load_varies())
+
+
+def width(p: Floats) -> float:
+    """Of the gap [rad]."""
+    return float(p[GAP])
+
+
+BACKLASH = Kind(
+    name="backlash",
+    parameters=(
+        Parameter("gap", "rad", 0.0, 0.0, 1e3, "free play", GAP),
+        Parameter(
+            "contact_compliance", "rad/(N m)", 1e-3, 1e-9, 1e3, "twist per torque of the flanks", GAP + 1
+        ),
+        *load_parameters(GAP + 2),
+    ),
+    looks_like="After a reversal the motor runs free for a moment, then catches the load with a blow.",
+    cause="Play in gear, coupling, key or nut.",
+    remedy="Adjust or preload the nut or gear, tighten the coupling; worn parts must be replaced.",
+    look_alikes=(IN_SPEED, IN_QUICK_MOTION),
+    not_fed_forward="a torque that crosses the play at the wrong moment is a blow",
+    starts=starts,
+    extent=width,
+    quick=True,
+    in_transmission=True,
+)

@@ -1,0 +1,53 @@
+"""Two masses with a spring between motor and load; the equations are in `transmission`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from autotune.core.arrays import Floats
+from autotune.models.effect import Kind, Parameter
+from autotune.models.layout import INERTIA, block, flag
+from autotune.models.load_side import AT_START, compliance_at, least_compliance, load_parameters, load_varies
+from autotune.models.look_alikes import IN_QUICK_MOTION
+from autotune.models.start_values import StartContext, StartValues, Vary
+
+COMPLIANCE = block("elastic_transmission")
+IS_ELASTIC = flag("elastic_transmission")
+
+
+def starts(c: StartContext) -> Iterator[StartValues]:
+    """Three resonances."""
+    least = least_compliance(c)
+    for hertz in (25.0, 60.0, 120.0):
+        compliance = compliance_at(c, hertz)
+        free = {"compliance": Vary(compliance, 0.6 * compliance, lower=least)} | load_varies()
+        yield StartValues({"compliance": compliance, **AT_START}, free)
+
+
+def resonance(p: Floats) -> float:
+    """Frequency at which motor and load ring [Hz]; infinite where they are one mass."""
+    share = p[COMPLIANCE + 1]
+    reduced = share * (1.0 - share) * p[INERTIA]
+    if reduced <= 0.0 or p[COMPLIANCE] <= 0.0:
+        return math.inf
+    return float(1.0 / (2.0 * math.pi * math.sqrt(p[COMPLIANCE] * reduced)))
+
+
+ELASTIC_TRANSMISSION = Kind(
+    name="elastic_transmission",
+    parameters=(
+        Parameter("compliance", "rad/(N m)", 0.0, 0.0, 1e3, "twist per torque", COMPLIANCE),
+        *load_parameters(COMPLIANCE + 1),
+    ),
+    looks_like="The torque rings or lags after every jerk, at the same frequency at every place and speed.",
+    cause="A belt, coupling, gear or long screw that twists between motor and load.",
+    remedy="Tension the belt, tighten coupling and clamps; limit jerk; a notch filter in the drive.",
+    look_alikes=(IN_QUICK_MOTION,),
+    not_fed_forward="its inverse asks for derivatives of the reference that excite the resonance",
+    starts=starts,
+    resonance=resonance,
+    quick=True,
+    loop_like=True,
+    in_transmission=True,
+)

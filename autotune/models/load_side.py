@@ -1,0 +1,46 @@
+"""What effects between motor and load have in common: parameters of the load, and where a fit of it begins."""
+
+from __future__ import annotations
+
+import math
+
+from autotune.models.effect import Parameter
+from autotune.models.layout import INERTIA
+from autotune.models.start_values import StartContext, Vary
+
+LEAST_LOAD = 0.1
+"""Share of the inertia beyond a transmission: less, behind a soft spring, is a hysteresis element."""
+STIFFEST = 2.0 * math.pi * 500.0
+"""Angular frequency [rad/s] above which a resonance of two equal masses is not looked for, or half the
+sampling rate where that is higher."""
+AT_START = {"load_inertia": 0.4, "load_friction": 0.4, "damping": 0.05}
+
+
+def load_parameters(at: int) -> tuple[Parameter, ...]:
+    """Share of the inertia, share of the friction and damping, from place `at` on."""
+    return (
+        Parameter("load_inertia", "1", 0.4, 0.02, 0.98, "share of the inertia beyond it", at),
+        Parameter("load_friction", "1", 0.4, 0.0, 1.0, "share of the friction beyond it", at + 1),
+        Parameter("damping", "1", 0.05, 0.0, 2.0, "share of critical damping", at + 2),
+    )
+
+
+def load_varies() -> dict[str, Vary]:
+    """Shares of a load that deserves the name."""
+    return {"load_inertia": Vary(0.2, 0.2, lower=LEAST_LOAD), "load_friction": Vary(0.2, 0.3)}
+
+
+def compliance_at(c: StartContext, hertz: float) -> float:
+    """Compliance with which the load of a start rings at `hertz` [rad/(N m)]."""
+    share = AT_START["load_inertia"]
+    reduced = share * (1.0 - share) * float(c.p[INERTIA])
+    return 1.0 / (reduced * (2 * math.pi * hertz) ** 2)
+
+
+def least_compliance(c: StartContext) -> float:
+    """Below it motor and load are one mass to these samples [rad/(N m)].
+
+    Without this bound a fit that needs no compliance ends where an integration takes ten times as long.
+    """
+    rate = max(math.pi / c.period, STIFFEST)
+    return 4.0 / (float(c.p[INERTIA]) * rate**2)
