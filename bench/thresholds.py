@@ -23,7 +23,7 @@ from unittest import mock
 import numpy as np
 
 from autotune.core.errors import AutotuneError
-from autotune.diagnose import candidates
+from autotune.diagnose import screening
 from autotune.diagnose.verdict import diagnose
 from autotune.estimation import bias_corrected_fit, problem
 from autotune.estimation.least_squares import fit
@@ -31,8 +31,8 @@ from autotune.estimation.policy import POLICY, Policy, thresholds
 from autotune.models.drive_model import base_model
 from autotune.models.table import EFFECTS
 from autotune.recordings.recording import Recording
-from bench.diagnosis import ALIENS, MEDIUM, NOMINAL, plain_axis, planted_size
-from bench.diagnosis_data import play, programme
+from tests.support.axes import ALIENS, MEDIUM, NOMINAL, plain_axis, planted_size
+from tests.support.diagnosis_programme import play, programme
 
 FACTORS = (0.7, 1.4)
 
@@ -130,9 +130,9 @@ class Remembered:
 
 def verdict_of(case: Case, recordings: list[Recording], policy: Policy) -> str:
     """Verdict, names and confidence in one line."""
-    effects = tuple(name for name in EFFECTS if name != case.without)
+    candidates = [kind for name, kind in EFFECTS.items() if name != case.without]
     try:
-        found = diagnose(recordings, base_model(NOMINAL), policy=policy, effects=effects)
+        found = diagnose(recordings, base_model(NOMINAL), policy=policy, candidates=candidates)
     except AutotuneError as error:
         return f"refused: {type(error).__name__}"
     return " ".join(filter(None, (found.verdict, " + ".join(found.effects), found.confidence)))
@@ -144,7 +144,7 @@ def changed_of(case: Case, names: Iterable[str]) -> dict[str, Any]:
     memory = Remembered()
     remembered = memory.of("fit", fit)
     with (
-        mock.patch.object(candidates, "fit", remembered),
+        mock.patch.object(screening, "fit", remembered),
         mock.patch.object(problem, "fit", remembered),
         mock.patch.object(bias_corrected_fit, "fit", remembered),
         mock.patch.object(

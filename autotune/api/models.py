@@ -19,11 +19,11 @@ from threadpoolctl import threadpool_limits
 from autotune.api.results import AddedEffect, Comparison, DiagnosisResult
 from autotune.core.errors import ConfigurationError, NotEnoughExcitation
 from autotune.diagnose import adding
-from autotune.diagnose.baseline import quiet
+from autotune.diagnose.candidates import no_progress
 from autotune.diagnose.compare import compare as compare_model
-from autotune.diagnose.files import diagnose_recordings
 from autotune.diagnose.fit_recordings import fit_recordings
 from autotune.diagnose.fit_result import FitResult
+from autotune.diagnose.verdict import diagnose as diagnose_model
 from autotune.estimation.residual import smoothed
 from autotune.identify.residuals import simulate_closed_loop
 from autotune.models.drive_model import DriveModel, HistoryEntry
@@ -42,7 +42,7 @@ def fit(
     *,
     effects: Sequence[str] = (),
     precision: float | None = None,
-    progress: Progress = quiet,
+    progress: Progress = no_progress,
     source: str = "",
 ) -> FitResult:
     """Fits a model; every number with its uncertainty.
@@ -90,7 +90,7 @@ def compare(recordings: Recordings, model: Model) -> Comparison:
     )  # fmt: skip
 
 
-def diagnose(recordings: Recordings, model: Model, *, progress: Progress = quiet) -> DiagnosisResult:
+def diagnose(recordings: Recordings, model: Model, *, progress: Progress = no_progress) -> DiagnosisResult:
     """Which physical effect the model lacks, with the evidence.
 
     Raises:
@@ -99,7 +99,7 @@ def diagnose(recordings: Recordings, model: Model, *, progress: Progress = quiet
     """
     known = _model(model)
     with _one_thread():
-        found = diagnose_recordings(_read(recordings), known, progress)
+        found = diagnose_model(_read(recordings), known, progress)
     return DiagnosisResult(
         known.torque_symbol, found.verdict, found.effects, found.confidence, found.candidates, found.confusable,
         found.where, found.noise_floor_rms, found.next_experiment, found.twin, found.error_rms,
@@ -109,7 +109,7 @@ def diagnose(recordings: Recordings, model: Model, *, progress: Progress = quiet
 
 
 def add_effect(
-    effect: str, recordings: Recordings, model: Model, *, progress: Progress = quiet, source: str = ""
+    effect: str, recordings: Recordings, model: Model, *, progress: Progress = no_progress, source: str = ""
 ) -> AddedEffect:
     """Refits the model with an effect, and tells how far the error falls on data that the fit never saw.
 

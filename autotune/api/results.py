@@ -13,8 +13,8 @@ from autotune.core.arrays import Floats
 from autotune.core.documents import finite
 from autotune.core.tables import frame, html_table
 from autotune.diagnose.compare import Compared, Worst
-from autotune.diagnose.evidence import Candidate
 from autotune.diagnose.verdict import Diagnosis
+from autotune.diagnose.wording import Candidate
 from autotune.models.as_json import parameters_json, waves_json
 from autotune.models.drive_model import DriveModel
 

@@ -9,11 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from autotune.core.errors import NotEnoughExcitation
-from autotune.diagnose.baseline import begin, quiet
-from autotune.diagnose.candidates import Progress, inside_twin, realigned, screen
-from autotune.diagnose.compare import check_same_axis
-from autotune.diagnose.significance import without_insignificant_terms
-from autotune.diagnose.unseen import EACH_IN_TURN, floor_of_unseen, roles_unseen
+from autotune.diagnose.baseline import begin
+from autotune.diagnose.candidates import Progress, no_progress
+from autotune.diagnose.compare import EACH_IN_TURN, check_same_axis, floor_of_unseen, roles_unseen
+from autotune.diagnose.evidence.kinds import evidence_of
+from autotune.diagnose.refits import inside_twin
+from autotune.diagnose.screening import screen
+from autotune.diagnose.terms import without_insignificant_terms
 from autotune.estimation.bandwidth import prepared_for
 from autotune.estimation.bias_corrected_fit import Level, settle
 from autotune.estimation.free_parameters import model_from
@@ -48,7 +50,7 @@ def add_effect(
     model: DriveModel,
     when: str,
     source: str,
-    progress: Progress = quiet,
+    progress: Progress = no_progress,
     policy: Policy = POLICY,
 ) -> Added:
     """Refits the model with an effect.
@@ -82,7 +84,7 @@ def grown(
     """
     level = _with_effect(study, root, nominal, effect, model)
     for _ in range(4):
-        again = realigned(study, level)
+        again = evidence_of(study.data).aligned(study, level)
         if again is study:
             break
         study = again
@@ -97,7 +99,7 @@ def _with_effect(study: Study, root: Level, nominal: Packed, effect: str, model:
     Raises:
         NotEnoughExcitation: the data do not allow it, or the twin becomes unstable.
     """
-    screened = screen(study, root, nominal, effect)
+    screened = screen(study, evidence_of(study.data), root, nominal, effect)
     if screened is None:
         raise NotEnoughExcitation(
             f"these recordings cannot say anything about {effect}: {_why_not(effect, model)}. "
@@ -131,10 +133,7 @@ def held_out_errors(study: Study, before: Level, after: Level) -> tuple[float, f
 
 
 def _why_not(effect: str, model: DriveModel) -> str:
-    if model.motion_unit != "rad" and effect in ("gravity_imbalance", "encoder_eccentricity"):
+    kind = effect_kind(effect)
+    if model.motion_unit != "rad" and kind.rotary_only:
         return "it belongs to axes that turn"
-    if effect == "torque_ripple":
-        return (
-            "no torque that repeats with position stands out, or the travel is below one and a half periods"
-        )
-    return "there is nothing in the motion to start a fit from"
+    return kind.no_start_means

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from autotune.core.errors import NotEnoughExcitation
-from autotune.diagnose.candidates import Progress, realigned
-from autotune.diagnose.single_recording import limits
+from autotune.diagnose.candidates import Progress, no_progress
+from autotune.diagnose.evidence.kinds import evidence_of
 from autotune.estimation.bias_corrected_fit import Level, settle
 from autotune.estimation.contact_start import as_rough, settled_contact
 from autotune.estimation.controller import find_controller
@@ -25,21 +25,15 @@ from autotune.estimation.problem import (
     estimate_noise,
     refit,
     start_study,
-    without_outlying,
 )
 from autotune.estimation.residual import smoothed
 from autotune.models.drive_model import DriveModel, Packed
-from autotune.models.transmission import has_load
-
-
-def quiet(_: str) -> None:
-    """Progress that nobody wants to see."""
 
 
 def begin(
     data: Prepared,
     model: DriveModel,
-    progress: Progress = quiet,
+    progress: Progress = no_progress,
     simulations: int = 2,
     policy: Policy = POLICY,
 ) -> tuple[Study, Level, Packed, tuple[str, ...]]:
@@ -74,7 +68,7 @@ def begin(
     dropped = 1.0 - float(np.mean(study.weight > 0))
     if dropped > 0.0:
         notes = (*notes, f"{100 * dropped:.1f} % of the rows were left out: starts, stops or disturbances.")
-    return study, settled, packed, (*notes, *limits(study))
+    return study, settled, packed, (*notes, *evidence_of(study.data).limits(study))
 
 
 def _first_level(study: Study, packed: Packed, free: list[Free]) -> tuple[Study, Level] | None:
@@ -84,8 +78,10 @@ def _first_level(study: Study, packed: Packed, free: list[Free]) -> tuple[Study,
     fitted = refit(study, packed, free, start, 8)
     if not np.isfinite(fitted.cost):
         return None
-    if not study.data.repeated and not study.data.steady:
-        study = replace(study, weight=without_outlying(study, fitted.error))
+    evidence = evidence_of(study.data)
+    weight = evidence.weights(study, fitted.error)
+    if weight is not None:
+        study = replace(study, weight=weight)
         fitted = refit(study, fitted.packed, free, start, 4)
         fitted, free = settled_contact(study, fitted, start, free)
     plain = fitted.cost
@@ -98,18 +94,18 @@ def _first_level(study: Study, packed: Packed, free: list[Free]) -> tuple[Study,
         fitted = refit(study, fitted.packed, free, correction, 4)
     study = by_steadiness(study, fitted.error)
     level = settle(study, fitted.packed, free, 2)
-    if study.twin and has_load(packed.on):  # with a held bias these fits walk off: the model may be nearer
+    if study.two_masses(packed):  # with a held bias these fits walk off: the model may be nearer
         as_given = settle(study, packed, free, 2)
         if level is None or (as_given is not None and as_given.fitted.cost < level.fitted.cost):
             level = as_given
-    if level is not None and not study.data.repeated and level.fitted.cost > study.policy.twin_worse * plain:
+    if level is not None and not evidence.repeats and level.fitted.cost > study.policy.twin_worse * plain:
         return None
     return None if level is None else (study, level)
 
 
 def _aligned(study: Study, level: Level) -> tuple[Study, Level]:
     """Torque and motion of a single recording aligned to this model, and the model fitted again."""
-    again = realigned(study, level)
+    again = evidence_of(study.data).aligned(study, level)
     if again is study:
         return study, level
     return again, settle(again, level.fitted.packed, list(level.free), 2) or level

@@ -15,11 +15,10 @@ import numpy as np
 
 from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError, NotEnoughExcitation
-from autotune.diagnose.baseline import quiet
-from autotune.diagnose.compare import Compared, compare
+from autotune.diagnose.candidates import no_progress
+from autotune.diagnose.compare import Compared, compare, unseen_error
 from autotune.diagnose.fit_result import FitResult
 from autotune.diagnose.general_fit import fit_model
-from autotune.diagnose.unseen import unseen_error
 from autotune.identify.complexity import Complexity, judge_complexity
 from autotune.identify.estimate import Estimate, Quantity
 from autotune.identify.first_guess import OneDirection
@@ -47,7 +46,7 @@ def fit_recordings(
     *,
     effects: Sequence[str] = (),
     precision: float | None = None,
-    progress: Progress = quiet,
+    progress: Progress = no_progress,
 ) -> FitResult:
     """Fits a model and judges how much model the axis needs for `precision` [rad or m].
 

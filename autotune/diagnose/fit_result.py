@@ -11,7 +11,7 @@ import numpy as np
 
 from autotune.core.documents import finite
 from autotune.core.tables import frame, html_table
-from autotune.diagnose.unseen import UnseenError
+from autotune.diagnose.compare import UnseenError
 from autotune.identify.complexity import Complexity
 from autotune.identify.estimate import Estimate
 from autotune.identify.residuals import ClosedLoop

@@ -14,8 +14,8 @@ import numpy as np
 
 from autotune.core.errors import NotEnoughExcitation
 from autotune.diagnose.adding import grown
-from autotune.diagnose.baseline import begin, quiet
-from autotune.diagnose.candidates import Progress
+from autotune.diagnose.baseline import begin
+from autotune.diagnose.candidates import Progress, no_progress
 from autotune.estimation.bandwidth import prepared_for
 from autotune.estimation.bias_corrected_fit import Level
 from autotune.estimation.data import Prepared, prepare
@@ -44,7 +44,7 @@ class FittedModel:
 def fit_model(
     recordings: Sequence[Recording],
     effects: Sequence[str] = (),
-    progress: Progress = quiet,
+    progress: Progress = no_progress,
     policy: Policy = POLICY,
 ) -> FittedModel:
     """Base model, and effects on top in the order given.

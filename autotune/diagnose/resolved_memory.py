@@ -24,7 +24,7 @@ from autotune.models import layout
 from autotune.models.drive_model import DriveModel, Packed
 from autotune.models.reversal_memory import ELEMENTS, REVERSAL_MEMORY
 
-EFFECT = "reversal_memory"
+EFFECT = REVERSAL_MEMORY.name
 NEW_ELEMENTS = 3
 NEAREST, FARTHEST = 0.2, 1.4  # of the bristle's reach
 LEAST_COUNTS = 3.0

@@ -6,9 +6,8 @@ Here stand what a start may look at (`Context`), and the search for orders that 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -113,9 +112,6 @@ class Context:
         return find_orders(self)[:most]
 
 
-Starts = Callable[[Context], Iterator[Start]]
-
-
 @dataclass(frozen=True, slots=True)
 class Thin:
     """A part of the training rows, to look for places and orders in, with the fitted columns taken out.
@@ -174,13 +170,14 @@ def varying(kind: Kind, name: str, vary: Vary) -> Free:
     return Free(surface, parameter.slot, lower, upper, vary.scale, vary.step, above=above)
 
 
-def _starts_of(kind: Kind, context: Context) -> Iterator[Start]:
+def starts_of(kind: Kind, context: Context) -> Iterator[Start]:
+    """Where fits of an effect begin in these data."""
     for start in kind.starts(context):
         yield begun(context, kind, start)
 
 
 def shapes(effect: str, packed: Packed) -> tuple[Free, ...]:
-    """What becomes free once a family's first fit is there."""
+    """What becomes free once an effect's first fit is there."""
     kind = EFFECTS[effect]
     later = kind.freed_later(packed.p) if kind.freed_later is not None else {}
     return tuple(varying(kind, name, vary) for name, vary in later.items())
@@ -237,6 +234,3 @@ def find_orders(c: Context, most: int = MOST_LINES) -> list[float]:
         found.append(order)
         gains = beside
     return found
-
-
-FAMILIES: dict[str, Starts] = {name: partial(_starts_of, kind) for name, kind in EFFECTS.items()}

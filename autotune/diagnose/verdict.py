@@ -1,41 +1,46 @@
-"""From a model and recordings to a verdict: what is missing, how sure, and what to do next."""
+"""From a model and recordings to a verdict: what is missing, how sure, and what to do next.
+
+What was found is gathered in `Facts`; the verdict is the first row of `CASES` whose condition holds.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
-from autotune.diagnose.alternatives import challenged
-from autotune.diagnose.baseline import begin, quiet
-from autotune.diagnose.candidates import Progress, Refitted
-from autotune.diagnose.evidence import (
+from autotune.diagnose.baseline import begin
+from autotune.diagnose.candidates import FittedCandidate, Progress, error_left, no_progress
+from autotune.diagnose.compare import check_same_axis
+from autotune.diagnose.confirmation import confirm, in_words
+from autotune.diagnose.evidence.evidence import Evidence, HoldoutResult
+from autotune.diagnose.evidence.kinds import evidence_of
+from autotune.diagnose.evidence.time_driven import TimeLine, time_driven_line
+from autotune.diagnose.search import Found, search
+from autotune.diagnose.transmission import GAP, SPRING, hardly_a_gap
+from autotune.diagnose.wording import (
+    TORQUE_CONSTANT,
     Candidate,
-    candidates,
+    candidate_rows,
     likely_rivals,
+    line_note,
     next_experiment,
     unknown_note,
 )
-from autotune.diagnose.further_rounds import error_left
-from autotune.diagnose.second_recording import Elsewhere, carried_on, said
-from autotune.diagnose.selection import Selection, select
-from autotune.diagnose.single_recording import alike_where_motion_is
-from autotune.diagnose.time_driven_lines import TimeLine, time_driven_line
-from autotune.diagnose.transmissions import GAP, SPRING, hardly_a_gap
-from autotune.diagnose.wording import TORQUE_CONSTANT
 from autotune.estimation.bandwidth import prepared_for
 from autotune.estimation.bias_corrected_fit import Level
-from autotune.estimation.controller_torque import loop_like
 from autotune.estimation.coordinates import variance_shares
 from autotune.estimation.cross_validation import gain_and_z
-from autotune.estimation.data import TEST, TRAINING, VETO
+from autotune.estimation.data import TEST, TRAINING
 from autotune.estimation.model_error import model_error
 from autotune.estimation.policy import POLICY, Policy
-from autotune.estimation.problem import CHUNK, Study
+from autotune.estimation.problem import Study
 from autotune.models.drive_model import DriveModel
+from autotune.models.effect import Kind
 from autotune.recordings.recording import Recording
+
+NAMED, NONE, UNKNOWN, AMBIGUOUS = "named", "none", "unknown", "ambiguous"
+CONFIRMED, SUSPECTED = "confirmed", "suspected"
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,158 +78,199 @@ class Diagnosis:
 def diagnose(
     recordings: Sequence[Recording],
     model: DriveModel,
-    progress: Progress = quiet,
+    progress: Progress = no_progress,
     *,
     policy: Policy = POLICY,
-    effects: Sequence[str] | None = None,
+    candidates: Sequence[Kind] | None = None,
 ) -> Diagnosis:
     """What the model lacks, by the evidence of recordings.
 
-    `effects` are the candidates; all of the library where none are given.
+    `candidates` are the effects that may be missing; all of the library where none are given.
 
     Raises:
-        RecordingError, ConfigurationError: recordings that cannot be used.
+        RecordingError, ConfigurationError: recordings that cannot be used, or of another axis.
         NotEnoughExcitation: nothing to fit, or a model that does not fit the axis at all.
     """
+    check_same_axis(model, recordings)
     data = prepared_for(recordings, policy)
     study, root, nominal, notes = begin(data, model, progress, policy=policy)
-    if effects is not None:
-        study = replace(study, candidates=tuple(effects))
+    if candidates is not None:
+        study = replace(study, candidates=tuple(candidates))
     given = model_error(data, model, policy)
-    found = select(study, root, nominal, progress)
-    chosen = found.chosen
-    carried: list[Elsewhere] = []
-    if chosen is not None:
-        progress("does another trajectory confirm it")
-        chosen, carried = carried_on(found.study, found.root, chosen)
-        carried = challenged(found.study, found.root, chosen, carried, found.first, nominal)
-    verdict = _judge(replace(found, chosen=chosen), (*notes, *said(carried)), carried)
+    found = search(study, root, nominal, progress)
+    progress("does another trajectory confirm it")
+    chosen, carried = confirm(found, nominal)
+    verdict = judge(replace(found, chosen=chosen), (*notes, *in_words(carried)), carried)
     return replace(verdict, error_rms=given.error_rms, relative_error=given.relative_error)
 
 
-def _judge(found: Selection, notes: tuple[str, ...], carried: Sequence[Elsewhere]) -> Diagnosis:
-    study, root, chosen, first, tried = found.study, found.root, found.chosen, found.first, found.tried
-    lead = max((item.gain for item in first), default=0.0)
-    if chosen is not None:
-        lead = max(lead, gain_and_z(root.unseen, chosen.level.unseen)[0])
-    coordinate, free = max(found.generic.items(), key=lambda item: item[1], default=("", 0.0))
-    structured = free > study.policy.generic_gain and free > study.policy.generic_lead * max(lead, 0.0)
-    verdict, confidence = "none", None
-    effects: tuple[str, ...] = ()
-    confusable: tuple[tuple[str, ...], ...] = ()
-    if chosen is not None:
-        rivals = _rivals(study, root, chosen, tried)
-        good = chosen.named if study.data.repeated else chosen.share >= study.policy.partly
-        good &= not (GAP in chosen.level.effects and hardly_a_gap(study.policy, chosen.level.fitted.packed))
-        if good and not structured and rivals:
-            verdict, confusable = "ambiguous", ((*chosen.level.effects, *rivals),)
-            confidence, effects = "suspected", chosen.level.effects
-        elif good and not structured:
-            verdict, effects = "named", chosen.level.effects
-            confidence = "confirmed" if _confirmed(study, effects, carried) else "suspected"
-        else:
-            verdict = "unknown"
-    elif structured or carried or _structure_left(study, root):
-        verdict = "unknown"
-    line = time_driven_line(study, (chosen.level if chosen else root).fitted.error)
-    if line is not None:
-        notes = (
-            *notes,
-            f"A disturbance of {line.hertz:.2f} Hz runs through all experiments whatever the motion "
-            f"({100 * line.share:.0f} % of the residual's variance): look for mains, fans, pumps, neighbours.",
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """All that a verdict depends on.
+
+    Attributes:
+        carried: what other trajectories said of the effects; `line`: a disturbance that follows the clock.
+        coordinate, generic: the free function that gains most, and its gain.
+        rivals: effects that explain as much as the chosen one.
+    """
+
+    study: Study
+    root: Level
+    chosen: FittedCandidate | None
+    evidence: Evidence
+    carried: Sequence[HoldoutResult]
+    line: TimeLine | None
+    coordinate: str
+    generic: float
+    lead: float
+    rivals: tuple[str, ...]
+
+    @property
+    def drowned(self) -> bool:
+        """What was found is smaller than a disturbance in time, and so may be its shadow."""
+        if self.line is None:
+            return False
+        if self.chosen is None:
+            return True
+        left = self.study.mean_square(self.chosen.level.fitted.error, TRAINING)
+        return self.chosen.training.fall < self.line.share * left
+
+    @property
+    def structured(self) -> bool:
+        """A free function of one coordinate explains plainly more than any physics."""
+        policy = self.study.policy
+        return self.generic > policy.generic_gain and self.generic > policy.generic_lead * max(self.lead, 0.0)
+
+    @property
+    def accepted(self) -> bool:
+        """Enough is explained for a name, and a gap is no name for chance."""
+        policy = self.study.policy
+        chosen = self.chosen
+        return (
+            chosen is not None
+            and self.evidence.accepts(policy, chosen)
+            and not hardly_a_gap(policy, chosen.level)
         )
-        if chosen is None or _drowned(study, chosen, line):
-            verdict, confidence, effects, confusable, chosen = "unknown", None, (), (), None
-    if verdict == "unknown":
-        notes = (*notes, unknown_note(study, coordinate, free, chosen))
-    if not confusable and confidence == "suspected":
-        near = [r for item in carried for r in item.rivals]
-        near += likely_rivals(study.policy, effects, first)
-        confusable = (tuple(dict.fromkeys([*effects, *near])),) if near else ()
-    final = chosen.level if chosen is not None and effects else root
-    rows = study.training > 0
+
+    @property
+    def structure_left(self) -> bool:
+        return self.evidence.structure_left(self.study, self.root)
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One row of the verdict: when it holds, what the verdict is then, and what is said."""
+
+    name: str
+    holds: Callable[[Facts], bool]
+    verdict: str
+    sentence: Callable[[Facts], str]
+
+
+def _unknown(facts: Facts) -> str:
+    return unknown_note(facts.study, facts.evidence, facts.coordinate, facts.generic, facts.chosen)
+
+
+def _unknown_without_name(facts: Facts) -> str:
+    return unknown_note(facts.study, facts.evidence, facts.coordinate, facts.generic, None)
+
+
+def _nothing_to_say(facts: Facts) -> str:
+    return ""
+
+
+CASES: tuple[Case, ...] = (
+    Case("a disturbance in time hides it", lambda f: f.drowned, UNKNOWN, _unknown_without_name),
+    Case("a free function explains more than any physics", lambda f: f.structured, UNKNOWN, _unknown),
+    Case("other effects do as well", lambda f: f.accepted and bool(f.rivals), AMBIGUOUS, _nothing_to_say),
+    Case("an effect explains it", lambda f: f.accepted, NAMED, _nothing_to_say),
+    Case("an effect explains too little", lambda f: f.chosen is not None, UNKNOWN, _unknown),
+    Case("another trajectory refutes it", lambda f: bool(f.carried), UNKNOWN, _unknown),
+    Case("what is left is no noise", lambda f: f.structure_left, UNKNOWN, _unknown),
+    Case("nothing is missing", lambda f: True, NONE, _nothing_to_say),
+)
+"""The verdict: the first row that holds."""
+
+
+def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]) -> Diagnosis:
+    """The verdict on what a search has found; `notes` are what was to be said before."""
+    facts = gathered(found, carried)
+    case = next(case for case in CASES if case.holds(facts))
+    effects: tuple[str, ...] = ()
+    confidence = None
+    if facts.chosen is not None and case.verdict in (NAMED, AMBIGUOUS):
+        effects = facts.chosen.level.effects
+        sure = case.verdict == NAMED and facts.evidence.confirms(facts.study, effects, carried)
+        confidence = CONFIRMED if sure else SUSPECTED
+    confusable = _confusable(facts, case.verdict, effects, confidence, found)
+    said = [line_note(facts.line) if facts.line is not None else "", case.sentence(facts)]
+    chosen = None if facts.drowned else facts.chosen
+    final = chosen.level if chosen is not None and effects else facts.root
+    study, root = facts.study, facts.root
+    own_axis = bool(study.data.metadata.fingerprint)
     return Diagnosis(
-        verdict,
+        case.verdict,
         effects,
         confidence,
-        candidates(study, root, first, tried, effects),
+        candidate_rows(study, facts.evidence, root, found.first, found.tried, effects),
         confusable,
-        variance_shares(study.data, root.fitted.error, rows),
-        _floor(study, final),
-        next_experiment(
-            verdict, effects, confusable, confidence, chosen, bool(study.data.metadata.fingerprint)
-        ),
+        variance_shares(study.data, root.fitted.error, study.training > 0),
+        facts.evidence.noise_rms(study, final),
+        next_experiment(case.verdict, effects, confusable, confidence, chosen, own_axis),
         study.twin,
         math.sqrt(study.mean_square(final.fitted.error, TEST)) if study.has(TEST) else math.nan,
-        notes=(*notes, TORQUE_CONSTANT),
+        notes=(*notes, *filter(None, said), TORQUE_CONSTANT),
         study=study,
         level=final,
         root=root,
     )
 
 
-def _drowned(study: Study, chosen: Refitted, line: TimeLine) -> bool:
-    """Whether what was found is smaller than a disturbance that shakes the axis in time, and so may be its shadow."""
-    return chosen.training.fall < line.share * study.mean_square(chosen.level.fitted.error, TRAINING)
+def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
+    """The facts of a search and of other trajectories."""
+    study, root, chosen = found.study, found.root, found.chosen
+    evidence = evidence_of(study.data)
+    lead = max((item.gain for item in found.first), default=0.0)
+    if chosen is not None:
+        lead = max(lead, gain_and_z(root.unseen, chosen.level.unseen)[0])
+    coordinate, generic = max(found.generic.items(), key=lambda item: item[1], default=("", 0.0))
+    line = time_driven_line(study, (chosen.level if chosen else root).fitted.error)
+    rivals = tuple(_rivals(study, evidence, root, chosen, found.tried)) if chosen is not None else ()
+    return Facts(study, root, chosen, evidence, carried, line, coordinate, generic, lead, rivals)
 
 
-def _confirmed(study: Study, effects: Sequence[str], carried: Sequence[Elsewhere]) -> bool:
-    """Whether data that were not fitted confirm every effect."""
-    if study.data.repeated:
-        return study.twin and study.has_veto
-    sure = {item.effect for item in carried if item.confirmed}
-    return set(effects) <= (sure if study.twin else sure - loop_like(study.data, study.policy))
-
-
-def _rivals(study: Study, root: Level, chosen: Refitted, tried: Sequence[Refitted]) -> list[str]:
+def _rivals(
+    study: Study, evidence: Evidence, root: Level, chosen: FittedCandidate, tried: Sequence[FittedCandidate]
+) -> list[str]:
     """Single effects that explain as much as the chosen single one; hardly a gap is no rival of a spring."""
     if len(chosen.level.effects) != 1:
         return []
-    if chosen.effect == SPRING:
-        tried = [
-            item
-            for item in tried
-            if item.effect != GAP or not hardly_a_gap(study.policy, item.level.fitted.packed)
-        ]
     best = error_left(study, chosen.level)
-    start = error_left(study, root)
-    several = study.data.repeated or study.data.steady or len(study.data.starts) > 1
-    near = study.policy.alike if several else study.policy.alike_single
+    near = evidence.alike(study) * (error_left(study, root) - best)
     return [
         item.effect
         for item in tried
         if item.effect != chosen.effect
         and item.named
+        and not (
+            chosen.effect == SPRING.name
+            and item.effect == GAP.name
+            and hardly_a_gap(study.policy, item.level)
+        )
         and (
-            error_left(study, item.level) - best < near * (start - best)
-            or (study.data.repeated and not _separated(study, chosen.level, item.level))
+            error_left(study, item.level) - best < near or not evidence.apart(study, chosen.level, item.level)
         )
     ]
 
 
-def _separated(study: Study, better: Level, worse: Level) -> bool:
-    """Whether one model errs less than another beyond chance, second by second of training and veto."""
-    weight = study.weight * study.data.role(TRAINING, VETO)
-    surplus = weight * (worse.fitted.error**2 - better.fitted.error**2)
-    seconds = np.array([part.sum() for part in np.array_split(surplus, max(3, len(surplus) // CHUNK))])
-    return float(seconds.mean()) > study.policy.apart_z * float(seconds.std(ddof=1)) / math.sqrt(len(seconds))
-
-
-def _structure_left(study: Study, root: Level) -> bool:
-    if not study.data.repeated:
-        return alike_where_motion_is(study, root.fitted.error)
-    variance, error = study.repeatable(root.fitted.error, root.correction, TRAINING)
-    noise = study.noise_variance(root.fitted.error, TRAINING)
-    return (
-        math.isfinite(variance)
-        and variance > study.policy.structure_errors * error
-        and variance > study.policy.structure_part * noise
-    )
-
-
-def _floor(study: Study, level: Level) -> float:
-    return (
-        math.sqrt(max(study.noise_variance(level.fitted.error, TRAINING, plain=True), 0.0))
-        if study.data.repeated
-        else math.nan
-    )
+def _confusable(
+    facts: Facts, verdict: str, effects: tuple[str, ...], confidence: str | None, found: Found
+) -> tuple[tuple[str, ...], ...]:
+    """Effects that these data cannot tell from those that are named."""
+    if verdict == AMBIGUOUS:
+        return ((*effects, *facts.rivals),)
+    if confidence != SUSPECTED:
+        return ()
+    near = [rival for item in facts.carried for rival in item.rivals]
+    near += likely_rivals(facts.study.policy, effects, found.first)
+    return (tuple(dict.fromkeys([*effects, *near])),) if near else ()

@@ -27,7 +27,9 @@ from autotune.estimation.residual import (
 )
 from autotune.models import layout
 from autotune.models.drive_model import BASE, Packed
+from autotune.models.effect import Kind
 from autotune.models.table import EFFECTS
+from autotune.models.transmission import has_load
 
 CHUNK = 200  # grid rows, about a second
 NOISE_CHUNK = 60
@@ -68,7 +70,7 @@ class Scales:
 class Study:
     """Everything a candidate is judged by.
 
-    `candidates`: names of the effects that may be what is missing.
+    `candidates`: effects that may be what is missing.
     """
 
     data: Prepared
@@ -79,11 +81,15 @@ class Study:
     weight: Floats
     simulations: int = 2
     policy: Policy = POLICY
-    candidates: tuple[str, ...] = tuple(EFFECTS)
+    candidates: tuple[Kind, ...] = tuple(EFFECTS.values())
 
     @property
     def twin(self) -> bool:
         return self.controller is not None
+
+    def two_masses(self, packed: Packed) -> bool:
+        """Whether the twin rings: its bias changes as fast with the parameters as the residual itself."""
+        return self.twin and has_load(packed.on)
 
     def correction(self, packed: Packed, simulations: int | None = None) -> Correction:
         """Bias of the measurement chain for this model; nothing to correct without a controller."""

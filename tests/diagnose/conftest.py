@@ -9,8 +9,8 @@ import pytest
 
 from autotune.models.drive_model import DriveModel, base_model
 from autotune.recordings.recording import Recording
-from bench.diagnosis import NOMINAL, plain_axis
-from bench.diagnosis_data import play, programme
+from tests.support.axes import NOMINAL, plain_axis
+from tests.support.diagnosis_programme import play, programme
 
 
 @pytest.fixture(scope="session")

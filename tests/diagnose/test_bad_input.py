@@ -3,23 +3,20 @@
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from unittest import mock
 
 import numpy as np
 import pytest
 
 from autotune.cli.main import main
-from autotune.diagnose.starts import FAMILIES, Context, Start
 from autotune.diagnose.verdict import diagnose
-from autotune.estimation.least_squares import Free
-from autotune.models import layout
-from autotune.models.drive_model import DriveModel, Packed, base_model
+from autotune.models.drive_model import DriveModel, base_model
 from autotune.models.model_file import write_model
+from autotune.models.start_values import StartContext, StartValues, Vary
 from autotune.models.table import EFFECTS
 from autotune.recordings.files import write_recording
 from autotune.recordings.recording import Recording
-from bench.diagnosis import NOMINAL, plain_axis
-from bench.single import DRESSES, played
+from tests.support.axes import NOMINAL, plain_axis
+from tests.support.recorded_once import DRESSES, played
 
 
 def _run(capsys, *arguments: object) -> tuple[int, str, str]:
@@ -160,21 +157,18 @@ def test_a_torque_of_the_wrong_sign_is_asked_for(capsys, tmp_path, plain, model)
     assert "% of the torque even after refitting; is the sign" in err
 
 
-def _diverging(context: Context) -> Iterator[Start]:
+def _diverging(context: StartContext) -> Iterator[StartValues]:
     """Starts that no fit survives: no number, and a spring that throws the twin out."""
     for stiffness in (np.nan, -1e9):
-        p, on = context.p.copy(), context.fitted.packed.on.copy()
-        slot = EFFECTS["spring"].parameter("stiffness").slot
-        p[slot] = stiffness
-        on[layout.flag("spring")] = True
-        yield Start(Packed(p, on), (Free("spring.stiffness", slot, -1e9, 1e9, 1.0, np.inf),))
+        yield StartValues({"stiffness": stiffness}, {"stiffness": Vary(1.0)})
 
 
 def test_a_candidate_that_diverges_leaves_the_others_to_be_judged(nominal: DriveModel) -> None:
     axis = plain_axis(31_337, {"gravity_imbalance": 0.02})
     recording = played(axis, DRESSES[0], "waves", 31_337, 12.0)
-    with mock.patch.dict(FAMILIES, {"spring": _diverging}):
-        found = diagnose([recording], nominal)
+    spring = replace(EFFECTS["spring"], starts=_diverging)
+    others = [kind for name, kind in EFFECTS.items() if name != "spring"]
+    found = diagnose([recording], nominal, candidates=[*others, spring])
     judged = {candidate.effect for candidate in found.candidates}
     assert {"gravity_imbalance", "stribeck", "direction_asymmetry"} <= judged
     assert all(np.isfinite(candidate.gain) for candidate in found.candidates)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from autotune.core.errors import NotEnoughExcitation
-from autotune.diagnose.second_recording import Elsewhere
+from autotune.diagnose.evidence.evidence import HoldoutResult
+from autotune.diagnose.evidence.single import SingleRecording
 from autotune.diagnose.verdict import diagnose
 from autotune.estimation.bandwidth import prepared_for
 from autotune.estimation.controller_torque import (
@@ -17,8 +18,8 @@ from autotune.estimation.controller_torque import (
 from autotune.estimation.data import prepare
 from autotune.models.drive_model import DriveModel
 from autotune.recordings.recording import Metadata, Recording
-from bench.diagnosis import plain_axis
-from bench.single import DRESSES, played
+from tests.support.axes import plain_axis
+from tests.support.recorded_once import DRESSES, played
 
 PERIOD = 1e-3
 COUNT = 2 * np.pi / 20_000
@@ -72,11 +73,10 @@ def test_a_reference_that_is_followed_causes_the_motion() -> None:
 
 
 def test_what_looks_like_the_loop_is_not_confirmed_without_a_twin() -> None:
-    from autotune.diagnose.verdict import _confirmed
     from autotune.estimation.problem import start_study
 
     recording = played(plain_axis(20_028), DRESSES[1], "periodic", 20_028, 8.0)
     study = start_study(prepare([recording]), None)
-    carried = [Elsewhere(name, 0.9, 9.0, lowers=True) for name in ("spring", "torque_ripple")]
-    assert not _confirmed(study, ["spring"], carried)
-    assert _confirmed(study, ["torque_ripple"], carried)
+    carried = [HoldoutResult(name, 0.9, 9.0, lowers=True) for name in ("spring", "torque_ripple")]
+    assert not SingleRecording().confirms(study, ["spring"], carried)
+    assert SingleRecording().confirms(study, ["torque_ripple"], carried)

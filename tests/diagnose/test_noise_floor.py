@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from autotune.diagnose.compare import compare
-from autotune.diagnose.significance import terms_of, without_insignificant_terms
-from autotune.diagnose.unseen import EACH_IN_TURN, unseen_error
+from autotune.diagnose.compare import EACH_IN_TURN, compare, unseen_error
+from autotune.diagnose.terms import without_insignificant_terms
 from autotune.estimation.bias_corrected_fit import Level
 from autotune.estimation.data import TRAINING, Block
 from autotune.estimation.least_squares import Fitted, Free, covariance
@@ -34,7 +33,7 @@ def _study(short, rows: int, repeats: int):
 
 def _plain():
     from autotune.models.drive_model import base_model
-    from bench.diagnosis import NOMINAL
+    from tests.support.axes import NOMINAL
 
     return base_model(NOMINAL)
 
@@ -93,10 +92,10 @@ def test_waves_that_chance_made_are_pruned_and_the_real_one_kept(recorded, nomin
     recording = recorded(45, torque_ripple=0.01)
     study, root, start, _ = begin(prepared_for([recording]), nominal)
     _, _, level = grown(study, root, start, "torque_ripple", nominal)
-    kept = terms_of(RIPPLE, level.fitted.packed)
+    kept = RIPPLE.terms_in_use(level.fitted.packed.p)
     crowded = _with_chance_waves(study, level, len(kept))
     pruned = without_insignificant_terms(study, crowded)
-    assert terms_of(RIPPLE, pruned.fitted.packed) == kept
+    assert RIPPLE.terms_in_use(pruned.fitted.packed.p) == kept
     orders = [level.fitted.packed.p[RIPPLE.parameter(f"order_{i}").slot] for i in kept]
     assert [pruned.fitted.packed.p[RIPPLE.parameter(f"order_{i}").slot] for i in kept] == orders
 

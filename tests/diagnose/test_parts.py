@@ -14,7 +14,7 @@ from autotune.estimation.problem import base_free, start_study
 from autotune.estimation.residual import measured_motion, residual
 from autotune.models import layout
 from autotune.models.drive_model import base_model
-from bench.diagnosis import MEDIUM, NOMINAL
+from tests.support.axes import MEDIUM, NOMINAL
 
 SEED = 44
 PACKED = base_model(NOMINAL).pack()

@@ -11,7 +11,7 @@ from autotune.estimation.policy import POLICY
 from autotune.estimation.problem import estimate_noise, start_study
 from autotune.estimation.residual import residual
 from autotune.models.drive_model import base_model
-from bench.diagnosis import plain_axis
+from tests.support.axes import plain_axis
 
 
 def _truth():

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from autotune.diagnose.baseline import begin
-from autotune.diagnose.candidates import inside_twin, screen
+from autotune.diagnose.evidence.repeated import RepeatedProgramme
+from autotune.diagnose.refits import inside_twin
+from autotune.diagnose.screening import screen
 from autotune.diagnose.verdict import diagnose
 from autotune.estimation.bandwidth import prepared_for
 from autotune.estimation.bias_corrected_fit import SHARP, Level
@@ -16,8 +18,8 @@ from autotune.estimation.problem import LEAST_WEIGHT, Study, by_steadiness, star
 from autotune.estimation.residual import residual
 from autotune.models.drive_model import Packed, base_model
 from autotune.models.table import EFFECTS
-from bench.diagnosis import MEDIUM, NOMINAL, plain_axis
-from bench.diagnosis_truth import true_model
+from tests.support.axes import MEDIUM, NOMINAL, plain_axis
+from tests.support.truth import true_model
 
 EFFECT = "elastic_transmission"
 SEED = 44
@@ -35,7 +37,7 @@ def begun(recorded) -> Begun:
 def test_the_fit_comes_as_low_as_the_truth(begun: Begun) -> None:
     """With the bias held during a fit it could end at twice the true model's error, and backlash looked better."""
     study, root, nominal = begun
-    found = inside_twin(study, root, root, screen(study, root, nominal, EFFECT))
+    found = inside_twin(study, root, root, screen(study, RepeatedProgramme(), root, nominal, EFFECT))
     packed = true_model(plain_axis(SEED, {EFFECT: MEDIUM[EFFECT]}).plant, (EFFECT,)).pack()
     true = residual(study.data, packed, study.moved) - study.correction(packed, SHARP).bias
     own, least = (study.mean_square(error, TRAINING) for error in (found.level.fitted.error, true))
@@ -59,8 +61,8 @@ def test_a_gap_of_next_to_nothing_is_a_spring(recorded) -> None:
 
 def test_flanks_without_a_gap_are_not_named_backlash(recorded) -> None:
     """Where the library has no spring, the flanks of a gap can be one; but there is no gap then."""
-    others = [name for name in EFFECTS if name != EFFECT]
-    found = diagnose([recorded(53_009, **{EFFECT: MEDIUM[EFFECT]})], base_model(NOMINAL), effects=others)
+    others = [kind for name, kind in EFFECTS.items() if name != EFFECT]
+    found = diagnose([recorded(53_009, **{EFFECT: MEDIUM[EFFECT]})], base_model(NOMINAL), candidates=others)
     assert (found.verdict, found.effects) == ("unknown", ())
 
 

@@ -8,8 +8,8 @@ from autotune.core.errors import ConfigurationError, NotEnoughExcitation
 from autotune.diagnose.adding import add_effect
 from autotune.diagnose.compare import REGIMES, compare
 from autotune.diagnose.verdict import diagnose
-from bench.diagnosis import ALIENS, plain_axis
-from bench.diagnosis_data import play
+from tests.support.axes import ALIENS, plain_axis
+from tests.support.diagnosis_programme import play
 
 SPRING = 0.004
 

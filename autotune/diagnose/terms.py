@@ -8,7 +8,6 @@ reaches once in a thousand times (Wald's test, χ² with as many degrees of free
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -20,10 +19,9 @@ from autotune.estimation.least_squares import Free, covariance
 from autotune.estimation.problem import Study
 from autotune.models import layout
 from autotune.models.drive_model import Packed
-from autotune.models.effect import Kind
+from autotune.models.effect import Kind, Terms
 from autotune.models.table import EFFECTS
 
-AMPLITUDES: Mapping[str, tuple[str, ...]] = {"torque_ripple": ("sin", "cos"), "reversal_memory": ("torque",)}
 _TERM = re.compile(r"(?P<part>\w+)_(?P<number>\d+)$")
 
 
@@ -34,30 +32,23 @@ def without_insignificant_terms(study: Study, level: Level) -> Level:
     """
     spread = covariance(level.fitted, study.training)
     packed, free = level.fitted.packed, level.free
-    for effect in AMPLITUDES:
-        if packed.on[layout.flag(effect)]:
-            keep = _significant(EFFECTS[effect], packed, level.free, spread, study.policy.term_chance)
-            packed, free = _kept(EFFECTS[effect], packed, free, keep)
+    for kind in EFFECTS.values():
+        if kind.terms is not None and packed.on[layout.flag(kind.name)]:
+            keep = _significant(kind, kind.terms, packed, level.free, spread, study.policy.term_chance)
+            packed, free = _kept(kind, packed, free, keep)
     if len(free) == len(level.free):
         return level
     return settle(study, packed, free, 2, level.effects) or level
 
 
-def terms_of(kind: Kind, packed: Packed) -> list[int]:
-    """Numbers of the terms in use."""
-    first = kind.parameters[0].name.rpartition("_")[0]
-    numbers = [int(p.name.rpartition("_")[2]) for p in kind.parameters if p.name.startswith(f"{first}_")]
-    return [number for number in numbers if packed.p[kind.parameter(f"{first}_{number}").slot] > 0.0]
-
-
 def _significant(
-    kind: Kind, packed: Packed, free: tuple[Free, ...], spread: Floats, chance: float
+    kind: Kind, terms: Terms, packed: Packed, free: tuple[Free, ...], spread: Floats, chance: float
 ) -> list[int]:
     """Terms to keep: those beyond chance, and those that were not fitted; at least the clearest of all."""
     places = {one.slot: i for i, one in enumerate(free)}
     worth: dict[int, float] = {}
-    for number in terms_of(kind, packed):
-        slots = [kind.parameter(f"{part}_{number}").slot for part in AMPLITUDES[kind.name]]
+    for number in kind.terms_in_use(packed.p):
+        slots = [kind.slot(f"{part}_{number}") for part in terms.amplitudes]
         if not all(slot in places for slot in slots):
             worth[number] = np.inf
             continue

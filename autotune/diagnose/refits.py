@@ -1,0 +1,146 @@
+"""Fits inside the twin: a model with one effect more, with one less, and more rounds where a fit has not settled.
+
+What an unsettled fit leaves would look like a further effect, and a rival that has settled sooner like the better name.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+from autotune.diagnose.candidates import FittedCandidate, Progress, ScreenedCandidate
+from autotune.estimation.bias_corrected_fit import Level, settle, settle_somewhere
+from autotune.estimation.cross_validation import explained, gain_and_z
+from autotune.estimation.data import TRAINING, VETO
+from autotune.estimation.problem import Study, estimate_noise
+from autotune.models.drive_model import Packed
+from autotune.models.layout import flag
+from autotune.models.table import EFFECTS
+from autotune.models.transmission import has_load
+
+MOST_ROUNDS = 3
+
+
+def inside_twin(
+    study: Study,
+    root: Level,
+    level: Level,
+    candidate: ScreenedCandidate,
+    target: float = math.inf,
+    best_start: bool = False,
+) -> FittedCandidate | None:
+    """A candidate fitted with its own bias; shares count from the model without any found effect.
+
+    `target`: see `settle`. Two masses begin at the first start that is better than the model without the candidate,
+    or at the `best_start` of all. None where the twin is unstable.
+    """
+    effects = tuple(dict.fromkeys([*level.effects, candidate.effect]))
+    fitted = candidate.fitted
+    if study.two_masses(fitted.packed):
+        starts = [fitted.packed, *candidate.others]
+        enough = 0.0 if best_start else level.fitted.cost
+        settled = settle_somewhere(study, starts, enough, fitted.free, effects, target)
+    else:
+        settled = settle(study, fitted.packed, fitted.free, 2, effects, fitted)
+    if settled is None:
+        return None
+    return judged(study, root, settled, candidate.effect, level)
+
+
+def judged(
+    study: Study, root: Level, settled: Level, effect: str, level: Level | None = None
+) -> FittedCandidate:
+    """What a settled model explains; the gain counts from `level`, or from the root."""
+    before = level or root
+    if has_load(settled.fitted.packed.on) and study.has_veto:
+        gain = gain_on_veto(study, before, settled)
+    else:
+        gain = gain_and_z(before.unseen, settled.unseen)[0]
+    parts = [
+        explained(study, root.fitted, settled.fitted, settled.correction, role) for role in (TRAINING, VETO)
+    ]
+    veto = parts[1] if study.has(VETO) else None
+    found = FittedCandidate(effect, settled, gain, parts[0], veto, named=False)
+    return replace(found, named=found.share >= _enough(study, found))
+
+
+def _enough(study: Study, found: FittedCandidate) -> float:
+    """Share for a name: more where something that repeats is left beyond doubt, unless the law is approximate."""
+    certain = found.training.certain or (found.veto is not None and found.veto.certain)
+    approximate = any(EFFECTS[name].approximate for name in found.level.effects)
+    return study.policy.named_with_rest if certain and not approximate else study.policy.named
+
+
+def gain_on_veto(study: Study, before: Level, after: Level) -> float:
+    """Fall of the squared error on the veto trajectory, relative: contact between two masses is not linear."""
+    errors = [study.mean_square(level.fitted.error, VETO) for level in (before, after)]
+    return 1.0 - errors[1] / max(errors[0], 1e-300)
+
+
+def without_effect(study: Study, root: Level, level: Level, effect: str) -> FittedCandidate | None:
+    """The model fitted without one of the effects that were found; None where the twin is unstable."""
+    kind = EFFECTS[effect]
+    slots = {parameter.slot for parameter in kind.parameters}
+    p, on = level.fitted.packed.p.copy(), level.fitted.packed.on.copy()
+    for parameter in kind.parameters:
+        p[parameter.slot] = root.fitted.packed.p[parameter.slot]
+    on[flag(effect)] = root.fitted.packed.on[flag(effect)]
+    kept = {f.name for f in root.free}
+    free = [f for f in level.free if f.slot not in slots or f.name in kept]
+    effects = tuple(name for name in level.effects if name != effect)
+    settled = settle(study, Packed(p, on), free, 2, effects)
+    if settled is None:
+        return None
+    return judged(study, root, settled, effects[-1])
+
+
+def best_refined(
+    study: Study, root: Level, fits: Sequence[FittedCandidate], best: FittedCandidate, progress: Progress
+) -> list[FittedCandidate]:
+    """The fits with the best of them refined: beside another effect it has not settled after two rounds."""
+    if not study.policy.nearly < best.share < study.policy.refined:
+        return list(fits)
+    done = refined(study, root, best, progress)
+    return [replace(done, effect=best.effect, gain=max(best.gain, done.gain))]
+
+
+def refined(study: Study, root: Level, chosen: FittedCandidate, progress: Progress) -> FittedCandidate:
+    """More rounds of the same fit, as long as they help: two masses need them, and what they leave misleads."""
+    for _ in range(MOST_ROUNDS):
+        level = chosen.level
+        if level.settled:
+            break
+        progress(f"refinement with {' and '.join(level.effects)}")
+        better = settle(study, level.fitted.packed, list(level.free), 4, level.effects, level.fitted)
+        if better is None or better.fitted.cost >= level.fitted.cost:
+            return replace(chosen, level=replace(level, settled=True))
+        gained = 1.0 - better.fitted.cost / level.fitted.cost
+        settled = better.settled or gained < study.policy.worth_refining
+        chosen = judged(study, root, replace(better, settled=settled), chosen.effect)
+        if chosen.share >= study.policy.refined:
+            break
+    return chosen
+
+
+def with_own_noise(study: Study, root: Level, chosen: FittedCandidate) -> tuple[Study, FittedCandidate]:
+    """The twin disturbed as much as the axis is by this model, and the model settled in it.
+
+    Near the limit of stability, as with a strong lag, a model that lacks the effect needs twice the noise.
+    """
+    level = chosen.level
+    noise = estimate_noise(study, level.fitted.packed, level.fitted.error)
+    if not study.twin or abs(noise - study.noise) <= study.policy.noise_changed * study.noise:
+        return study, chosen
+    quieter = replace(study, noise=noise)
+    settled = settle(quieter, level.fitted.packed, list(level.free), 2, level.effects, level.fitted)
+    if settled is None or settled.fitted.cost > level.fitted.cost:
+        return study, chosen
+    return quieter, judged(quieter, root, settled, chosen.effect)
+
+
+def fitted_again(study: Study, root: Level, chosen: FittedCandidate) -> tuple[Level, FittedCandidate]:
+    """Both models fitted again after torque and motion were aligned anew."""
+    before = settle(study, root.fitted.packed, list(root.free), 2) or root
+    after = settle(study, chosen.level.fitted.packed, list(chosen.level.free), 2, chosen.level.effects)
+    return before, chosen if after is None else judged(study, before, after, chosen.effect)
