@@ -23,7 +23,7 @@ import numpy as np
 from autotune.core.errors import AutotuneError
 from autotune.diagnose.candidates import no_progress
 from autotune.diagnose.fit_recordings import fit_recordings
-from autotune.diagnose.general_fit import fit_model
+from autotune.diagnose.fitting import fit_model
 from autotune.diagnose.verdict import Diagnosis, diagnose
 from autotune.models.drive_model import DriveModel
 from autotune.recordings.recording import Recording

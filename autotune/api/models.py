@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from autotune.api.results import AddedEffect, Comparison, DiagnosisResult
 from autotune.core.errors import ConfigurationError, NotEnoughExcitation
-from autotune.diagnose import adding
+from autotune.diagnose import fitting
 from autotune.diagnose.candidates import no_progress
 from autotune.diagnose.compare import compare as compare_model
 from autotune.diagnose.fit_recordings import fit_recordings
@@ -119,7 +119,7 @@ def add_effect(
     """
     known = _model(model)
     with _one_thread():
-        added = adding.add_effect(
+        added = fitting.add_effect(
             effect, _read(recordings), known, _now(), source or _named(recordings), progress
         )
     return AddedEffect(

@@ -18,7 +18,7 @@ from autotune.core.arrays import Flags
 from autotune.diagnose.candidates import FittedCandidate, ScreenedCandidate, no_progress
 from autotune.diagnose.evidence.evidence import Evidence, HoldoutResult
 from autotune.diagnose.evidence.kinds import evidence_of
-from autotune.diagnose.evidence.other_trajectory import carried_error, chunks_of
+from autotune.diagnose.evidence.single import carried_error, chunks_of
 from autotune.diagnose.evidence.visibility import visible
 from autotune.diagnose.refits import inside_twin, without_effect
 from autotune.diagnose.screening import rank
@@ -98,7 +98,7 @@ def compare_alternatives(
     near = [one for one in ranked if _rival(study, one, item.effect, own)]
     error = _pieces(study, chosen.level, folds)
     rivals = []
-    for one in near[: study.policy.most_alternatives]:
+    for one in near[: study.policy.most_refits]:
         fitted = inside_twin(study, root, less, one)
         if fitted is not None and not _clearly_less(study.policy, error, _pieces(study, fitted.level, folds)):
             rivals.append(one.effect)

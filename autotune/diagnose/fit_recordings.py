@@ -18,7 +18,7 @@ from autotune.core.errors import ConfigurationError, NotEnoughExcitation
 from autotune.diagnose.candidates import no_progress
 from autotune.diagnose.compare import Compared, compare, unseen_error
 from autotune.diagnose.fit_result import FitResult
-from autotune.diagnose.general_fit import fit_model
+from autotune.diagnose.fitting import fit_model
 from autotune.identify.complexity import Complexity, judge_complexity
 from autotune.identify.estimate import Estimate, Quantity
 from autotune.identify.first_guess import OneDirection

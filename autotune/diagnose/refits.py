@@ -1,25 +1,40 @@
-"""Fits inside the twin: a model with one effect more, with one less, and more rounds where a fit has not settled.
+"""Fits inside the twin: a model with one effect more, with one less, without terms that chance made, and more rounds.
 
 What an unsettled fit leaves would look like a further effect, and a rival that has settled sooner like the better name.
+
+A term is a numbered group of an effect's parameters: one wave of a ripple, one element of a memory. Its amplitudes a,
+with their covariance C from the fit, are significant where aᵀ·C⁻¹·a is above what chance reaches once in a thousand
+times (Wald's test, χ² with as many degrees of freedom as amplitudes).
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+from scipy.stats import chi2
+
+from autotune.core.arrays import Floats
 from autotune.diagnose.candidates import FittedCandidate, Progress, ScreenedCandidate
 from autotune.estimation.bias_corrected_fit import Level, settle, settle_somewhere
 from autotune.estimation.cross_validation import explained, gain_and_z
 from autotune.estimation.data import TRAINING, VETO
+from autotune.estimation.least_squares import Free, covariance
 from autotune.estimation.problem import Study, estimate_noise
 from autotune.models.drive_model import Packed
+from autotune.models.effect import Kind, Terms
 from autotune.models.layout import flag
 from autotune.models.table import EFFECTS
 from autotune.models.transmission import has_load
 
-MOST_ROUNDS = 3
+_TERM = re.compile(r"(?P<part>\w+)_(?P<number>\d+)$")
+MOST_ROUNDS, WORTH_ANOTHER_ROUND = 3, 0.02
+"""Rounds of a fit, and the relative fall of the cost in one of them that is worth the next."""
+NOISE_CHANGED = 0.25
+"""Relative change of the twin's noise that is worth fitting anew."""
 
 
 def inside_twin(
@@ -116,7 +131,7 @@ def refined(study: Study, root: Level, chosen: FittedCandidate, progress: Progre
         if better is None or better.fitted.cost >= level.fitted.cost:
             return replace(chosen, level=replace(level, settled=True))
         gained = 1.0 - better.fitted.cost / level.fitted.cost
-        settled = better.settled or gained < study.policy.worth_refining
+        settled = better.settled or gained < WORTH_ANOTHER_ROUND
         chosen = judged(study, root, replace(better, settled=settled), chosen.effect)
         if chosen.share >= study.policy.refined:
             break
@@ -130,7 +145,7 @@ def with_own_noise(study: Study, root: Level, chosen: FittedCandidate) -> tuple[
     """
     level = chosen.level
     noise = estimate_noise(study, level.fitted.packed, level.fitted.error)
-    if not study.twin or abs(noise - study.noise) <= study.policy.noise_changed * study.noise:
+    if not study.twin or abs(noise - study.noise) <= NOISE_CHANGED * study.noise:
         return study, chosen
     quieter = replace(study, noise=noise)
     settled = settle(quieter, level.fitted.packed, list(level.free), 2, level.effects, level.fitted)
@@ -144,3 +159,64 @@ def fitted_again(study: Study, root: Level, chosen: FittedCandidate) -> tuple[Le
     before = settle(study, root.fitted.packed, list(root.free), 2) or root
     after = settle(study, chosen.level.fitted.packed, list(chosen.level.free), 2, chosen.level.effects)
     return before, chosen if after is None else judged(study, before, after, chosen.effect)
+
+
+def without_insignificant_terms(study: Study, level: Level) -> Level:
+    """The model without the terms that it does not need, fitted again; the same where all are needed.
+
+    One term of each effect stays: whether the effect itself is there is for others to judge.
+    """
+    spread = covariance(level.fitted, study.training)
+    packed, free = level.fitted.packed, level.free
+    for kind in EFFECTS.values():
+        if kind.terms is not None and packed.on[flag(kind.name)]:
+            keep = _significant(kind, kind.terms, packed, level.free, spread, study.policy.term_chance)
+            packed, free = _kept(kind, packed, free, keep)
+    if len(free) == len(level.free):
+        return level
+    return settle(study, packed, free, 2, level.effects) or level
+
+
+def _significant(
+    kind: Kind, terms: Terms, packed: Packed, free: tuple[Free, ...], spread: Floats, chance: float
+) -> list[int]:
+    """Terms to keep: those beyond chance, and those that were not fitted; at least the clearest of all."""
+    places = {one.slot: i for i, one in enumerate(free)}
+    worth: dict[int, float] = {}
+    for number in kind.terms_in_use(packed.p):
+        slots = [kind.slot(f"{part}_{number}") for part in terms.amplitudes]
+        if not all(slot in places for slot in slots):
+            worth[number] = np.inf
+            continue
+        at = [places[slot] for slot in slots]
+        size = packed.p[slots]
+        square = float(size @ np.linalg.pinv(spread[np.ix_(at, at)], hermitian=True) @ size)
+        worth[number] = square / float(chi2.ppf(1.0 - chance, len(slots)))
+    clearest = max(worth, key=lambda number: worth[number], default=0)
+    return [number for number in worth if worth[number] > 1.0 or number == clearest]
+
+
+def _kept(
+    kind: Kind, packed: Packed, free: tuple[Free, ...], keep: list[int]
+) -> tuple[Packed, tuple[Free, ...]]:
+    """The parameters with only the terms in `keep`, numbered anew from 1."""
+    number_of = {old: new for new, old in enumerate(keep, 1)}
+    p = packed.p.copy()
+    moved: dict[int, int] = {}
+    for parameter in kind.parameters:
+        match = _TERM.match(parameter.name)
+        if match is None:
+            continue
+        p[parameter.slot] = parameter.neutral
+        if int(match["number"]) in number_of:
+            moved[parameter.slot] = kind.parameter(f"{match['part']}_{number_of[int(match['number'])]}").slot
+    for old, new in moved.items():
+        p[new] = packed.p[old]
+    names = {parameter.slot: kind.surface(parameter.name) for parameter in kind.parameters}
+    own = {parameter.slot for parameter in kind.parameters if _TERM.match(parameter.name)}
+    kept = tuple(
+        replace(one, slot=moved[one.slot], name=names[moved[one.slot]]) if one.slot in own else one
+        for one in free
+        if one.slot not in own or one.slot in moved
+    )
+    return Packed(p, packed.on), kept

@@ -29,6 +29,8 @@ NEW_ELEMENTS = 3
 NEAREST, FARTHEST = 0.2, 1.4  # of the bristle's reach
 LEAST_COUNTS = 3.0
 KEPT = 0.1  # of the bristle
+SPENT = 0.05  # of all friction: a bristle that carries less is not taken apart
+IDLE = 0.01  # of all friction: an element that carries less is given up
 ROUNDS = 2
 MORE_FITS = 3
 LONGEST = 0.3  # of the travel: elements beyond it never slide
@@ -116,14 +118,10 @@ def _elements(study: Study, packed: Packed) -> list[_Element]:
     coulomb, reach = float(p[layout.COULOMB]), float(p[layout.COULOMB] / p[layout.STIFFNESS])
     present = _present(p)
     friction = coulomb + sum(one.torque for one in present)
-    if coulomb < study.policy.bristle_spent * friction:
+    if coulomb < SPENT * friction:
         return []
     longest = LONGEST * study.scales.travel
-    used = [
-        one
-        for one in present
-        if one.torque > study.policy.element_idle * friction and one.displacement < longest
-    ]
+    used = [one for one in present if one.torque > IDLE * friction and one.displacement < longest]
     places = np.geomspace(
         max(NEAREST * reach, LEAST_COUNTS * study.data.resolution),
         max(FARTHEST * reach, 2.0 * LEAST_COUNTS * study.data.resolution),

@@ -22,15 +22,18 @@ from autotune.diagnose.refits import (
     refined,
     with_own_noise,
     without_effect,
+    without_insignificant_terms,
 )
 from autotune.diagnose.screening import generic_gains, rank, screen
-from autotune.diagnose.terms import without_insignificant_terms
 from autotune.diagnose.transmission import other_transmission_tried, without_needless_gap
 from autotune.estimation.bias_corrected_fit import Level
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.problem import Study
 from autotune.models.drive_model import Packed
 from autotune.models.transmission import has_load
+
+RIVAL_COST = 1.5
+"""Of the lowest cost: a fit that will not come so near is given up, to save time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +84,7 @@ class _Search:
             if best is None:
                 break
             chosen = self._take(best)
-            if chosen.share >= self.study.policy.all_explained and not self._more_to_explain(chosen.level):
+            if not self._more_to_explain(chosen.level):
                 break
         self._tidy()
         return Found(self.study, self.root, self.chosen, self.first, self.tried, self.generic)
@@ -113,11 +116,11 @@ class _Search:
         for item in passing[: policy.most_refits]:
             done = any(r.named for r in fits)
             worth = policy.worth_refit_beside if level.effects else policy.worth_refit
-            least = self.evidence.close_rival(self.study) if done else worth
+            least = policy.close_rival if done else worth
             if item.gain < least * passing[0].gain:
                 break
             self.progress(f"refit inside the twin: {item.effect}")
-            target = policy.rival_cost * min((r.level.fitted.cost for r in fits), default=math.inf)
+            target = RIVAL_COST * min((r.level.fitted.cost for r in fits), default=math.inf)
             fitted = inside_twin(self.study, self.root, level, item, target)
             if fitted is not None:
                 fits.append(fitted)
@@ -186,12 +189,12 @@ class _Search:
         if alone and not has_load(chosen.level.fitted.packed.on):
             return chosen
         for effect in chosen.level.effects:
-            if chosen.share >= policy.well_begun if alone else chosen.named:
+            if chosen.share >= policy.refined if alone else chosen.named:
                 break
             self.progress(f"another beginning for {effect}")
             again = self._from_best_start(chosen, effect, alone)
             left = error_left(self.study, chosen.level)
-            if again is not None and error_left(self.study, again.level) < policy.much_better * left:
+            if again is not None and error_left(self.study, again.level) < policy.clearly_less * left:
                 chosen = replace(again, effect=chosen.effect, gain=chosen.gain)
         return chosen
 
@@ -211,7 +214,7 @@ class _Search:
     def _more_to_explain(self, level: Level) -> bool:
         variance, error = self.study.repeatable(level.fitted.error, level.correction, TRAINING)
         noise = self.study.noise_variance(level.fitted.error, TRAINING)
-        return not math.isfinite(variance) or variance + error > self.study.policy.nothing_left * noise
+        return not math.isfinite(variance) or variance + error > self.study.policy.rest_part * noise
 
     def _tidy(self) -> None:
         """Drops what is not needed beside the others, and refines what is left."""

@@ -58,7 +58,7 @@ def other_transmission_tried(
         least = policy.spring_instead if hardly_a_gap(policy, chosen.level) else policy.spring_instead_beside
         exchange = _Exchange(GAP, SPRING, least)
     elif effects == (SPRING.name,) and not chosen.named and all(one.effects != (GAP.name,) for one in seen):
-        exchange = _Exchange(SPRING, GAP, policy.gap_instead)
+        exchange = _Exchange(SPRING, GAP, policy.clearly_less)
     else:
         return chosen
     if exchange.new not in study.candidates:

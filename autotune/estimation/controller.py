@@ -27,6 +27,8 @@ NAME_GAINS = (
 SHORTEST_RUN = 50  # samples between two clamps
 SHORTEST_STRETCH = 100  # samples
 MOST_ROWS = 40_000
+EXACT = 1e-6
+"""Share of the demand left that rounding explains: nothing is left for another law then."""
 SAME = 1e-9
 """Relative difference of two torques that are one value of the drive."""
 _FILTERS = (0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
@@ -172,10 +174,10 @@ def identified(samples: LoopSamples) -> PositionController:
         why = "the torque demand never changes; record motion"
         return _none(why) if known is None else _trusted(known, why)
     named = None if known is None else _checked(samples, known)
-    if named is not None and 1.0 - named.explained < samples.policy.controller_exact:
+    if named is not None and 1.0 - named.explained < EXACT:
         return named
     found = _searched(samples, cascaded=True)
-    if 1.0 - found.explained > samples.policy.controller_exact:
+    if 1.0 - found.explained > EXACT:
         other = _searched(samples, cascaded=False)
         found = other if _plainly_better(samples, other, found) else found
     if (

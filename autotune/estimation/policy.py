@@ -1,4 +1,4 @@
-"""Every threshold that decides: what is named, left out, refused or believed. Numerical tolerances stay elsewhere.
+"""Every threshold that decides: what is named, left out, refused or believed; numerical tolerances stay elsewhere.
 
 Each carries its unit, its meaning and its evidence; `docs/thresholds.md` shows what verdicts do when one of them
 is changed. Another policy is an argument of `diagnose`, never a change in a module.
@@ -115,15 +115,6 @@ class Policy:
         "of the best gain: what is fitted too though an effect is found that can be named",
         "rivals with less never explained as much",
     )
-    close_rival_single: float = _threshold(
-        0.9, "1", "the same from one trajectory", "there the order of gains says more than the fit"
-    )
-    rival_cost: float = _threshold(
-        1.5,
-        "1",
-        "of the lowest cost: a fit that will not come so near is given up",
-        "no fit that was given up would have been chosen",
-    )
     clear_fall: float = _threshold(
         0.2,
         "1",
@@ -218,15 +209,6 @@ class Policy:
         "times what is negligible: so much needs no fit to be seen",
         "fits without the effect never won back a tenth of it",
     )
-    nothing_left: float = _threshold(
-        0.02,
-        "1",
-        "of the noise: repeatable rest below which no second effect is looked for",
-        "the twin's own bias comes to a hundredth",
-    )
-    all_explained: float = _threshold(
-        0.995, "1", "share from which that is asked", "the rest of a true effect's law"
-    )
 
     # Refinement: when a fit is carried on
     refined: float = _threshold(
@@ -235,32 +217,11 @@ class Policy:
     nearly: float = _threshold(
         0.8, "1", "share below which more rounds will not make a name", "no fit rose from there to 0.9"
     )
-    worth_refining: float = _threshold(
-        0.02, "1", "relative fall of the cost that is worth another round", "chance of the twin's bias"
-    )
-    well_begun: float = _threshold(
-        0.98,
-        "1",
-        "share that a second mass explains by itself where its fit began well",
-        "fits from the right start reach 0.99",
-    )
-    much_better: float = _threshold(
+    clearly_less: float = _threshold(
         0.8,
         "1",
         "of what was left: what another start must leave to be taken",
         "chance between two fits is a fifth",
-    )
-    noise_changed: float = _threshold(
-        0.25,
-        "1",
-        "relative change of the twin's noise that is worth fitting anew",
-        "near the limit of stability it doubles",
-    )
-    worth_aligning: float = _threshold(
-        0.998,
-        "1",
-        "of the cost: less must be left to align torque and motion anew",
-        "moving by a tenth of a half sample changes less",
     )
 
     # Spring or gap
@@ -281,12 +242,6 @@ class Policy:
         "1",
         "of the contact's twist at Coulomb friction: a smaller gap is none",
         "gaps planted come to 0.5 and more",
-    )
-    gap_instead: float = _threshold(
-        0.8,
-        "1",
-        "of what a spring leaves: what a gap must leave to be preferred",
-        "chance between two fits is a fifth",
     )
 
     # Verdict
@@ -349,20 +304,11 @@ class Policy:
         "by which an effect must err less there than its rivals, evenly",
         "rivals differ there by a hundredth or by half",
     )
-    alike_elsewhere: float = _threshold(
-        0.6,
-        "1",
-        "of the best gain: of effects so near the other trajectory decides",
-        "within 0.02 the order of gains is chance",
-    )
     lost: float = _threshold(
         10.0,
         "1",
         "times the mean square of the fit: where a model is so far off nothing is compared",
         "a fit of little motion carried to much",
-    )
-    most_alternatives: int = _threshold(
-        3, "effects", "rivals fitted for each effect", "a fourth never came near"
     )
 
     # What one recording can show
@@ -374,9 +320,6 @@ class Policy:
     )
     clear_single_gain: float = _threshold(
         0.5, "1", "gain of an effect that may be smaller", "nothing but physics explains half"
-    )
-    clear_single_z: float = _threshold(
-        3.0, "standard errors", "z of such an effect", "one chance in a thousand"
     )
     clear_single_part: float = _threshold(
         0.002, "1", "of the torque's rms: the least of such an effect", "resolution of 12 bits"
@@ -390,27 +333,17 @@ class Policy:
     least_warming: float = _threshold(
         5.0, "s", "the shortest time constant of a warming", "within seconds it is the course of one move"
     )
-    least_recording: float = _threshold(
-        2.0, "1", "times it: the least length of a recording", "less than two time constants is a slope"
-    )
     least_rests: int = _threshold(
         6, "rests", "for friction that grows with rest", "fewer times of rest than the law has parameters"
     )
-    shortest_rest: float = _threshold(0.05, "s", "of those that count", "a reversal takes as long")
     rest_ratio: float = _threshold(
         3.0, "1", "longest over shortest rest, at least", "within a factor of three every start is alike"
     )
-    resonance_beyond: float = _threshold(
+    beyond: float = _threshold(
         1.5,
         "1",
-        "times the cut-off: the highest resonance that can be seen",
+        "times the cut-off or what the sampling allows: what cannot be seen",
         "its flank is still in the band",
-    )
-    unresolved: float = _threshold(
-        1.5,
-        "1",
-        "times what the sampling allows: torque above it was sampled too slowly",
-        "motion at 100 Hz: 8 wrong names",
     )
     large_rest: float = _threshold(
         0.03,
@@ -450,12 +383,6 @@ class Policy:
     few: float = _threshold(
         0.02, "1", "of the rows: more of them are structure and stay", "faults of a file come to a thousandth"
     )
-    fit_error: float = _threshold(
-        0.95, "1", "of the torque: a fit that leaves more is not valid", "a mean leaves 1"
-    )
-    fit_poor: float = _threshold(
-        0.2, "1", "of the torque: a fit that leaves more says so", "plain friction leaves a tenth"
-    )
     fit_loose: float = _threshold(
         1.0,
         "1",
@@ -475,9 +402,6 @@ class Policy:
         "1",
         "share of the demand's variance: with less a controller drives no twin",
         "gains wrong by a tenth do no harm, by three tenths they give false names",
-    )
-    controller_exact: float = _threshold(
-        1e-06, "1", "share of the demand left: with less no other law is looked for", "rounding leaves 1e-9"
     )
     controller_better: float = _threshold(
         0.1,
@@ -502,17 +426,6 @@ class Policy:
         "1",
         "of the torque's rms: an answer to position comes to so much",
         "a spring that one recording shows is a tenth",
-    )
-
-    # Reversal memory taken apart
-    bristle_spent: float = _threshold(
-        0.05,
-        "1",
-        "of all friction: a bristle that carries less is not taken apart",
-        "what a fit tells of it is within its error",
-    )
-    element_idle: float = _threshold(
-        0.01, "1", "of all friction: an element that carries less is given up", "the same"
     )
 
 

@@ -18,8 +18,8 @@ import numpy as np
 
 from autotune.control.model_feedforward import left_out
 from autotune.core.errors import AutotuneError, ConfigurationError
-from autotune.diagnose.adding import held_out_errors, updated_model
 from autotune.diagnose.compare import compare
+from autotune.diagnose.fitting import held_out_errors, updated_model
 from autotune.diagnose.refits import without_effect
 from autotune.diagnose.resolved_memory import resolved, stiffness_at_rest
 from autotune.diagnose.verdict import Diagnosis, diagnose

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from autotune.diagnose.general_fit import fit_model
+from autotune.diagnose.fitting import fit_model
 from autotune.diagnose.verdict import diagnose
 from autotune.estimation.bandwidth import prepared_for
 from autotune.estimation.data import stretches_of

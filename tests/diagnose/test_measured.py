@@ -4,8 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from autotune.diagnose.adding import add_effect
-from autotune.diagnose.general_fit import fit_model
+from autotune.diagnose.fitting import add_effect, fit_model
 from autotune.diagnose.verdict import diagnose
 from autotune.recordings.importing.importing import import_files
 from autotune.recordings.importing.options import Options, Wishes

@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 from autotune.diagnose.compare import EACH_IN_TURN, compare, unseen_error
-from autotune.diagnose.terms import without_insignificant_terms
+from autotune.diagnose.refits import without_insignificant_terms
 from autotune.estimation.bias_corrected_fit import Level
 from autotune.estimation.data import TRAINING, Block
 from autotune.estimation.least_squares import Fitted, Free, covariance
@@ -85,8 +85,8 @@ def test_stairs_tell_what_a_later_step_found_on_other_data() -> None:
 
 def test_waves_that_chance_made_are_pruned_and_the_real_one_kept(recorded, nominal) -> None:
     """One wave of 10 mN m is planted; five more orders are put into the model at a tenth of their error."""
-    from autotune.diagnose.adding import grown
     from autotune.diagnose.baseline import begin
+    from autotune.diagnose.fitting import grown
     from autotune.estimation.bandwidth import prepared_for
 
     recording = recorded(45, torque_ripple=0.01)

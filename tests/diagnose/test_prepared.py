@@ -8,7 +8,7 @@ import pytest
 from hypothesis import strategies as st
 
 from autotune.core.errors import NotEnoughExcitation, RecordingError
-from autotune.diagnose.general_fit import fit_model
+from autotune.diagnose.fitting import fit_model
 from autotune.diagnose.verdict import diagnose
 from autotune.estimation.data import TEST, TRAINING, VETO, prepare
 from autotune.estimation.periodic import period_of

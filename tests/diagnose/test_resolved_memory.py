@@ -9,8 +9,8 @@ import pytest
 
 from autotune.core.axis import read_axis
 from autotune.core.loop import LocalLoop
-from autotune.diagnose.adding import updated_model
 from autotune.diagnose.baseline import begin
+from autotune.diagnose.fitting import updated_model
 from autotune.diagnose.resolved_memory import resolved, stiffness_at_rest
 from autotune.estimation.bandwidth import prepared_for
 from autotune.experiments.diagnosis import confirmation

@@ -11,7 +11,7 @@ import pytest
 from scipy.signal import lfilter
 
 from autotune.diagnose.compare import compare
-from autotune.diagnose.general_fit import fit_model
+from autotune.diagnose.fitting import fit_model
 from autotune.diagnose.verdict import diagnose
 from autotune.estimation.alignment import aligned, best_shift
 from autotune.estimation.bandwidth import loud_below, prepared_for, without_rest

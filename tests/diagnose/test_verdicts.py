@@ -5,8 +5,8 @@ import math
 import pytest
 
 from autotune.core.errors import ConfigurationError, NotEnoughExcitation
-from autotune.diagnose.adding import add_effect
 from autotune.diagnose.compare import REGIMES, compare
+from autotune.diagnose.fitting import add_effect
 from autotune.diagnose.verdict import diagnose
 from tests.support.axes import ALIENS, plain_axis
 from tests.support.diagnosis_programme import play

@@ -78,11 +78,6 @@ class Evidence(ABC):
     ) -> list[ScreenedCandidate]:
         """Candidates worth a fit inside the twin, the best first."""
 
-    def close_rival(self, study: Study) -> float:
-        """Of the best gain: what is fitted too, though an effect is found that can be named."""
-        several = self.repeats or len(study.data.starts) > 1
-        return study.policy.close_rival if several else study.policy.close_rival_single
-
     @abstractmethod
     def best(self, study: Study, fitted: Sequence[FittedCandidate]) -> FittedCandidate:
         """The candidate that explains the recordings best."""

@@ -4,12 +4,15 @@ Held-out errors are predicted by a linear refit of all columns, which knows no b
 negative Stribeck dip. No candidate gains more than its own fit, inside its bounds, lowers the error. On one
 trajectory smooth structure that has nothing to do with an effect can still follow its columns: a candidate must
 lower the held-out error more than on nearly all residuals with the same spectrum but random phases.
+
+Another trajectory decides: a model fitted without it and carried there unchanged. The right effect lowers the error
+there, wrong ones raise it. Each recording is held out in turn; a `veto` segment is held out always.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,20 +21,26 @@ from scipy.spatial import cKDTree
 from autotune.core.arrays import Flags, Floats
 from autotune.diagnose.candidates import FittedCandidate, ScreenedCandidate
 from autotune.diagnose.evidence.evidence import Evidence, HoldoutResult
-from autotune.diagnose.evidence.other_trajectory import carried_error, folds_of
 from autotune.diagnose.evidence.visibility import highest_frequency, resolved_frequency, visible
 from autotune.estimation.alignment import best_shift, shifted
 from autotune.estimation.bias_corrected_fit import Level
 from autotune.estimation.controller_torque import loop_like
 from autotune.estimation.coordinates import coordinates
 from autotune.estimation.cross_validation import gain_and_z, held_out
+from autotune.estimation.data import VETO
 from autotune.estimation.least_squares import Fitted
 from autotune.estimation.policy import Policy
-from autotune.estimation.problem import SEED, Study, refit, without_outlying
+from autotune.estimation.problem import CHUNK, SEED, Study, refit, without_outlying
 from autotune.estimation.residual import measured_motion
 from autotune.models.effect import Kind
 
+LEAST_ROWS = 60
+LEAST_REST = 0.25
+"""Of the rows: with fewer left the other recordings say too little to be carried anywhere."""
+ITERATIONS = 10
 SURROGATES = 20
+WORTH_ALIGNING = 0.998
+"""Of the cost: what must be left at most for a shift of torque against motion to count."""
 MOST_NEIGHBOURS, LEAST_NEIGHBOURS, NEIGHBOURS = 6000, 300, 40
 APART = 0.5  # s, between rows that are compared
 
@@ -67,7 +76,7 @@ class SingleRecording(Evidence):
     def best(self, study: Study, fitted: Sequence[FittedCandidate]) -> FittedCandidate:
         """Of candidates that explain nearly alike the one that errs least on other trajectories."""
         best = max(fitted, key=lambda item: item.gain)
-        near = [item for item in fitted if item.gain >= study.policy.alike_elsewhere * best.gain]
+        near = [item for item in fitted if item.gain >= study.policy.rival_gain * best.gain]
         folds = self.other_trajectories(study) if len(near) > 1 else []
         if not folds:
             return best
@@ -107,14 +116,14 @@ class SingleRecording(Evidence):
 
         here = study.data.shift
         best, lowest = best_shift(cost, here, study.data.finer)
-        worth = best != here and lowest <= study.policy.worth_aligning * cost(here)
+        worth = best != here and lowest <= WORTH_ALIGNING * cost(here)
         return moved_by(best) if worth else study
 
     def weights(self, study: Study, error: Floats) -> Floats | None:
         return without_outlying(study, error)
 
     def limits(self, study: Study) -> tuple[str, ...]:
-        if highest_frequency(study) <= study.policy.unresolved * resolved_frequency(study):
+        if highest_frequency(study) <= study.policy.beyond * resolved_frequency(study):
             return ()
         period = 1e3 * study.data.finer * study.data.period
         return (
@@ -134,7 +143,7 @@ def matters(study: Study, level: Level, item: ScreenedCandidate) -> bool:
     """Whether the effect is large enough: less is as often the measurement chain as the axis."""
     policy = study.policy
     part = math.sqrt(max(item.gain * level.fitted.cost, 0.0)) / study.scales.torque
-    clear = item.gain >= policy.clear_single_gain and item.z >= policy.clear_single_z
+    clear = item.gain >= policy.clear_single_gain and item.z >= policy.least_z
     return part >= (policy.clear_single_part if clear else policy.least_part)
 
 
@@ -199,3 +208,32 @@ def _places(study: Study, rows: np.ndarray[tuple[int], np.dtype[np.int64]]) -> F
     names = ("position", "velocity", "acceleration", "travel_since_reversal")
     place = np.column_stack([table[name][rows] for name in names])
     return np.asarray((place - place.mean(axis=0)) / np.maximum(place.std(axis=0), 1e-300))
+
+
+def folds_of(study: Study) -> Iterator[Flags]:
+    """Grid rows to be held out: the veto trajectory, else each recording in turn."""
+    data = study.data
+    if study.has(VETO):
+        yield data.role(VETO) & (study.weight > 0)
+        return
+    if len(data.starts) < 2:
+        return
+    number = np.searchsorted(np.array(data.starts), data.grid, side="right")
+    fitted = study.training > 0
+    for one in np.unique(number):
+        held = fitted & (number == one)
+        left = fitted & (number != one)
+        if held.sum() >= LEAST_ROWS and left.sum() >= LEAST_REST * fitted.sum():
+            yield held
+
+
+def carried_error(study: Study, level: Level, held: Flags) -> Floats:
+    """Error of the model fitted without the rows held out, shape (m,)."""
+    others = replace(study, weight=study.weight * ~held)
+    return refit(others, level.fitted.packed, list(level.free), level.correction, ITERATIONS).error
+
+
+def chunks_of(error: Floats) -> list[float]:
+    """Squared error of pieces that are compared pairwise."""
+    pieces = max(1, min(len(error) // 20, max(10, len(error) // CHUNK)))
+    return [float(np.sum(part**2)) for part in np.array_split(error, pieces)]

@@ -19,8 +19,10 @@ from autotune.estimation.problem import Study
 from autotune.models.effect import Kind
 from autotune.models.table import EFFECTS
 
-STILL = 0.002
-"""Of the largest speed: slower is rest."""
+STILL, SHORTEST_REST = 0.002, 0.05
+"""Of the largest speed: slower is rest; and the time [s] that a reversal takes too."""
+TIME_CONSTANTS = 2.0
+"""Of a warming: a recording that holds fewer shows a slope."""
 
 
 def visible(study: Study, item: ScreenedCandidate) -> bool:
@@ -28,7 +30,7 @@ def visible(study: Study, item: ScreenedCandidate) -> bool:
     kind = EFFECTS[item.effect]
     if kind.quick and study.data.filtered:
         return False
-    too_slow = highest_frequency(study) > study.policy.unresolved * resolved_frequency(study)
+    too_slow = highest_frequency(study) > study.policy.beyond * resolved_frequency(study)
     if too_slow and not kind.of_place:
         return False
     return _parameters_in_sight(study, kind, item.fitted.packed.p)
@@ -38,10 +40,10 @@ def _parameters_in_sight(study: Study, kind: Kind, p: Floats) -> bool:
     policy = study.policy
     if kind.extent is not None and not kind.extent(p) > policy.least_counts * study.data.resolution:
         return False
-    if kind.resonance is not None and not kind.resonance(p) < policy.resonance_beyond * _cutoff(study):
+    if kind.resonance is not None and not kind.resonance(p) < policy.beyond * _cutoff(study):
         return False
     if kind.slow_change is not None:
-        long = study.scales.seconds > policy.least_recording * policy.least_warming
+        long = study.scales.seconds > TIME_CONSTANTS * policy.least_warming
         if not (long and kind.slow_change(p) >= policy.least_warming):
             return False
     return not kind.needs_rests or _rests_differ(study)
@@ -53,7 +55,7 @@ def _rests_differ(study: Study) -> bool:
     still = np.abs(data.velocity) < STILL * float(np.percentile(np.abs(data.velocity), 99.5))
     label, count = ndimage.label(still)
     rests = np.bincount(label)[1:] * data.period if count else np.zeros(0)
-    rests = rests[rests > policy.shortest_rest]
+    rests = rests[rests > SHORTEST_REST]
     return len(rests) >= policy.least_rests and float(np.ptp(np.log(rests))) > math.log(policy.rest_ratio)
 
 
