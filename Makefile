@@ -11,7 +11,10 @@ STAMP := $(VENV)/.installed
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: install demo test check lint types layers unit bench faults audit pictures clean
+# The floors that need no wire and no process of their own.
+QUICK := core signals models recordings importing estimation control experiments sim face cli
+
+.PHONY: install demo test quick check lint types layers unit bench faults audit pictures clean
 
 install: $(STAMP)
 
@@ -29,9 +32,13 @@ test: install
 
 check: lint types layers unit
 
+quick: install lint
+	$(BIN)/pytest -n 2 --dist worksteal -m 'not slow and not long' $(QUICK:%=tests/%)
+
 lint:
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
+	$(BIN)/python -m bench.house_rules
 
 types:
 	$(BIN)/mypy
@@ -46,7 +53,7 @@ bench: install
 	@$(BIN)/python -m bench
 
 faults: install
-	HYPOTHESIS_PROFILE=random $(BIN)/pytest -m '' tests/node tests/drivers tests/end_to_end tests/tuning tests/service tests/faults
+	HYPOTHESIS_PROFILE=random $(BIN)/pytest -m '' tests/node tests/drivers tests/end_to_end tests/tuning tests/service tests/faults tests/diagnose
 	$(BIN)/python -m bench.faults --seed $(SEED) --runs $(RUNS)
 
 # Known vulnerabilities of the pinned versions. Needs pip-audit and a network; where one is missing this is said, not failed.

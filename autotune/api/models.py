@@ -28,6 +28,7 @@ from autotune.estimation.residual import smoothed
 from autotune.identify.residuals import simulate_closed_loop
 from autotune.models.drive_model import DriveModel, HistoryEntry
 from autotune.models.model_file import read_model
+from autotune.models.table import effect_kind
 from autotune.recordings.files import read_recording
 from autotune.recordings.recording import Recording
 
@@ -90,16 +91,25 @@ def compare(recordings: Recordings, model: Model) -> Comparison:
     )  # fmt: skip
 
 
-def diagnose(recordings: Recordings, model: Model, *, progress: Progress = no_progress) -> DiagnosisResult:
+def diagnose(
+    recordings: Recordings,
+    model: Model,
+    *,
+    candidates: Sequence[str] | None = None,
+    progress: Progress = no_progress,
+) -> DiagnosisResult:
     """Which physical effect the model lacks, with the evidence.
 
+    `candidates` are the names of the effects that may be missing; all of the library where none are given.
+
     Raises:
-        RecordingError, ConfigurationError: recordings that cannot be used.
+        RecordingError, ConfigurationError: recordings that cannot be used; no such effect.
         NotEnoughExcitation: nothing to fit, or a model that does not fit the axis at all.
     """
     known = _model(model)
     with _one_thread():
-        found = diagnose_model(_read(recordings), known, progress)
+        kinds = None if candidates is None else [effect_kind(name) for name in candidates]
+        found = diagnose_model(_read(recordings), known, progress, candidates=kinds)
     return DiagnosisResult(
         known.torque_symbol, found.verdict, found.effects, found.confidence, found.candidates, found.confusable,
         found.where, found.noise_floor_rms, found.next_experiment, found.twin, found.error_rms,

@@ -6,6 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -170,6 +171,17 @@ class DiagnosisResult(Result):
     notes: tuple[str, ...]
     _model: DriveModel = field(repr=False)
     _diagnosis: Diagnosis = field(repr=False)
+
+    def found_model(self, source: str = "") -> DriveModel | None:
+        """The model with the named effects, fitted together, as `autotune run` writes it; None where none is named.
+
+        `source`: what the data were, for the model's history.
+        """
+        from autotune.diagnose.found_model import found_model
+
+        when = datetime.now(UTC).isoformat(timespec="seconds")
+        found = found_model(self._diagnosis, self._model, when, source)
+        return None if found is None else found.model
 
     def write_html(self, path: str | Path) -> None:
         """Writes a page: verdict, ranking with evidence, and the residual where it lives."""

@@ -9,12 +9,12 @@ import numpy as np
 from autotune.core.errors import NotEnoughExcitation
 from autotune.diagnose.candidates import Progress, no_progress
 from autotune.diagnose.evidence.kinds import evidence_of
+from autotune.estimation.alignment import without_twin
 from autotune.estimation.bias_corrected_fit import Level, settle
 from autotune.estimation.contact_start import as_rough, settled_contact
 from autotune.estimation.controller import find_controller
 from autotune.estimation.controller_torque import loop_note, refuse_answers
 from autotune.estimation.data import Prepared
-from autotune.estimation.filtered_columns import without_twin
 from autotune.estimation.free_parameters import free_of_model
 from autotune.estimation.least_squares import Free
 from autotune.estimation.policy import POLICY, Policy

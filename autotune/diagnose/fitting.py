@@ -19,8 +19,9 @@ from autotune.diagnose.candidates import Progress, no_progress
 from autotune.diagnose.compare import EACH_IN_TURN, check_same_axis, floor_of_unseen, roles_unseen
 from autotune.diagnose.evidence.kinds import evidence_of
 from autotune.diagnose.refits import inside_twin, without_insignificant_terms
+from autotune.diagnose.resolved_memory import resolved
 from autotune.diagnose.screening import screen
-from autotune.estimation.bandwidth import prepared_for
+from autotune.estimation.bandwidth import prepared_for, prepared_to_fit
 from autotune.estimation.bias_corrected_fit import Level, settle
 from autotune.estimation.data import Prepared, prepare
 from autotune.estimation.free_parameters import model_from
@@ -202,9 +203,10 @@ def add_effect(
     """
     effect_kind(effect)
     check_same_axis(model, recordings)
-    study, root, nominal, notes = begin(prepared_for(recordings, policy), model, progress, policy=policy)
+    study, root, nominal, notes = begin(prepared_to_fit(recordings, policy), model, progress, policy=policy)
     progress(f"refit with {effect}")
     study, root, level = grown(study, root, nominal, effect, model)
+    level = resolved(study, level) or level
     before, after, floor, unseen = held_out_errors(study, root, level)
     improved = updated_model(model, study, level.fitted)
     known_floor = floor if math.isfinite(floor) else None
@@ -274,4 +276,4 @@ def _why_not(effect: str, model: DriveModel) -> str:
     kind = effect_kind(effect)
     if model.motion_unit != "rad" and kind.rotary_only:
         return "it belongs to axes that turn"
-    return kind.no_start_means
+    return kind.why_no_start

@@ -53,7 +53,7 @@ def rank(
     base = _walked_on(study, level)
     tried: list[tuple[Kind, list[_ShortFit]]] = []
     for kind in evidence.candidates(study):
-        if level.fitted.packed.on[flag(kind.name)] and not kind.found_again:
+        if level.fitted.packed.on[flag(kind.name)] and not kind.may_grow:
             continue
         progress(f"candidate {kind.name}")
         if fits := _short_fits(study, base, nominal, kind):

@@ -27,7 +27,7 @@ from autotune.diagnose.wording import (
     next_experiment,
     unknown_note,
 )
-from autotune.estimation.bandwidth import prepared_for
+from autotune.estimation.bandwidth import prepared_for, prepared_to_fit
 from autotune.estimation.bias_corrected_fit import Level
 from autotune.estimation.coordinates import variance_shares
 from autotune.estimation.cross_validation import gain_and_z
@@ -92,11 +92,11 @@ def diagnose(
         NotEnoughExcitation: nothing to fit, or a model that does not fit the axis at all.
     """
     check_same_axis(model, recordings)
-    data = prepared_for(recordings, policy)
+    data = prepared_to_fit(recordings, policy)
     study, root, nominal, notes = begin(data, model, progress, policy=policy)
     if candidates is not None:
         study = replace(study, candidates=tuple(candidates))
-    given = model_error(data, model, policy)
+    given = model_error(prepared_for(recordings, policy), model, policy)
     found = search(study, root, nominal, progress)
     progress("does another trajectory confirm it")
     chosen, carried = confirm(found, nominal)

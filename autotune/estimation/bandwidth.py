@@ -14,12 +14,12 @@ import numpy as np
 from scipy import ndimage, signal
 
 from autotune.core.arrays import Floats, Integers
-from autotune.estimation.alignment import aligned
+from autotune.estimation.alignment import aligned, finer, needed
 from autotune.estimation.controller import find_controller
 from autotune.estimation.coordinates import travel_since_reversal
 from autotune.estimation.data import CUTOFF, Block, Prepared, prepare
-from autotune.estimation.interpolation import finer, needed
 from autotune.estimation.policy import POLICY, Policy
+from autotune.estimation.programme import fitted_part
 from autotune.estimation.speed_points import as_steady_recordings, speed_points
 from autotune.recordings.checks import check_recording, guide_of, torque_of
 from autotune.recordings.recording import Recording
@@ -127,6 +127,15 @@ def without_rest(data: Prepared) -> Prepared:
     if sum(len(part) for part in rows) < LEAST_MOVING * len(data.grid):
         return data
     return replace(data, grid=np.concatenate(rows), blocks=tuple(blocks))
+
+
+def prepared_to_fit(recordings: Sequence[Recording], policy: Policy = POLICY) -> Prepared:
+    """The same for a fit: of the standard programme that part which can be fitted in one twin.
+
+    Raises:
+        RecordingError, NotEnoughExcitation: as `prepare`.
+    """
+    return prepared_for([fitted_part(recording) for recording in recordings], policy)
 
 
 def prepared_for(recordings: Sequence[Recording], policy: Policy = POLICY) -> Prepared:

@@ -16,9 +16,16 @@ from scipy.signal import lfilter
 
 from autotune.core.arrays import Floats
 from autotune.estimation.normal_equations import BLOCK_SECONDS, Normal, Part, assemble, whitener
-from autotune.estimation.pieces import Bands, Piece, balanced, torque_error, with_motion
+from autotune.estimation.pieces import (
+    Bands,
+    Piece,
+    Surroundings,
+    balanced,
+    run_twin,
+    torque_error,
+    with_motion,
+)
 from autotune.estimation.small_motion import small_motion, suits
-from autotune.estimation.twin import Surroundings, run_twin
 from autotune.models.drive_model import DriveModel, Packed, surface_parameter
 
 ITERATIONS = 25

@@ -12,10 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from autotune.core.arrays import Flags, Floats
-from autotune.estimation.alignment import best_shift, shifted
+from autotune.estimation.alignment import best_shift, shifted, without_twin
 from autotune.estimation.controller import find_controller
 from autotune.estimation.data import Prepared
-from autotune.estimation.filtered_columns import without_twin
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import Study, estimate_noise, start_study, without_outlying
 from autotune.estimation.residual import measured_motion, residual, smoothed

@@ -2,6 +2,8 @@
 
 A piece is one segment without gaps. Its motion comes from zero-phase filters; where its bristle and
 controller stand at the start is read from the rows before it and from the balance of torques.
+
+Each piece has its twin: the fitted model, the encoder and the controller, run on what the piece was led by.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from autotune.core.arrays import Flags, Floats
 from autotune.core.errors import NotEnoughExcitation
 from autotune.estimation.controller import PositionController, is_closed
 from autotune.estimation.residual import Motion, stretch_residual
-from autotune.estimation.stretch_twin import start_state
+from autotune.estimation.twin import simulate_stretch, start_state
 from autotune.models.drive_model import Packed
 from autotune.recordings.checks import clipped, guide_of, torque_of
 from autotune.recordings.recording import Recording
@@ -243,3 +245,67 @@ def marked_sticking(pieces: list[Piece], displacement: float) -> list[Piece]:
             use[:edge] = use[len(use) - edge :] = False
         marked.append(replace(piece, sticks=sticks, use=use))
     return marked
+
+
+ASTRAY = 0.5
+"""A twin whose position differs by this share of the travel (and 20 counts) does not follow."""
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """What the twin needs beside the model.
+
+    Attributes:
+        resolution: of the encoder; 0 for none.
+        limit: of the torque; infinite where unknown.
+        process_noise, position_noise: standard deviations of a torque that changes every sample [N m],
+            and of the position before it is quantised.
+    """
+
+    controller: PositionController
+    resolution: float = 0.0
+    limit: float = np.inf
+    process_noise: float = 0.0
+    position_noise: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Simulated:
+    """Position and torque of a piece in the twin, arrays of shape (n,); `follows` where it did not go astray."""
+
+    position: Floats
+    torque: Floats
+    follows: bool
+
+
+def run_twin(
+    piece: Piece,
+    packed: Packed,
+    around: Surroundings,
+    noise: np.random.Generator | None = None,
+    quantised: bool = True,
+) -> Simulated:
+    """Simulates one piece; without `noise` it is free of noise.
+
+    A piece in closed loop without a usable controller does not follow, nor one that slides in torque
+    mode, where every error adds up.
+    """
+    controller = around.controller
+    if (piece.closed and not controller.usable) or not (piece.closed or piece.sticks):
+        return Simulated(piece.measured, piece.torque, False)
+    n = len(piece)
+    zero = np.zeros(n)
+    disturbed = zero if noise is None else noise.normal(0.0, 1.0, n) * around.process_noise
+    shaken = zero if noise is None else noise.normal(0.0, 1.0, n) * around.position_noise
+    resolution = around.resolution if quantised else 0.0
+    position, torque, inside = simulate_stretch(
+        piece, packed, controller, around.limit, resolution, disturbed, shaken
+    )
+    if not inside:
+        return Simulated(piece.measured, piece.torque, False)
+    return Simulated(position, torque, _follows(piece, position, around.resolution))
+
+
+def _follows(piece: Piece, position: Floats, resolution: float) -> bool:
+    away = float(np.sqrt(np.mean((position - piece.measured) ** 2)))
+    return away < max(ASTRAY * float(np.std(piece.measured)), 20.0 * resolution)

@@ -15,7 +15,7 @@ import numpy as np
 from autotune.core.arrays import Floats, Integers
 from autotune.estimation.controller import PositionController
 from autotune.estimation.data import Prepared, Stretch, filtered_motion
-from autotune.estimation.stretch_twin import simulate_stretch, started_torque
+from autotune.estimation.twin import simulate_stretch, started_torque
 from autotune.models import layout
 from autotune.models.compiled import compiled
 from autotune.models.drive_model import Packed

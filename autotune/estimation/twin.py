@@ -1,80 +1,183 @@
-"""The twin: the fitted model, the encoder and the controller, run on the recorded references.
+"""The twin of one contiguous stretch: plant, encoder and controller from where they were measured to start.
 
-It starts every piece from what was measured, follows the same reference (or takes the same torque
-where the axis ran in torque mode) and gives position and torque as the drive would have logged them.
+The contact starts from the balance of the first torques, the torque behind a lag has settled at the first
+demand, and the controller's sum is what makes the twin's first torque equal the measured one.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from typing import Protocol
 
 import numpy as np
 
-from autotune.core.arrays import Floats
+from autotune.core.arrays import Flags, Floats
 from autotune.estimation.controller import PositionController
-from autotune.estimation.pieces import Piece
-from autotune.estimation.stretch_twin import simulate_stretch
+from autotune.models import layout
+from autotune.models.compiled import compiled
+from autotune.models.contact import additive, friction_limit, viscous_coefficient
 from autotune.models.drive_model import Packed
+from autotune.models.layout import MICRO_DAMPING, STIFFNESS
+from autotune.models.plant import simulate, substeps_for
+from autotune.models.torque_lag import MOTOR_TORQUE
+from autotune.models.torque_saturation import saturated
 
-ASTRAY = 0.5
-"""A twin whose position differs by this share of the travel (and 20 counts) does not follow."""
+START_SECONDS = 0.02
+LEAST_SHARE = 0.05
+"""Of the stiffness: below, the start is forgotten so soon that its torque says nothing about it."""
 
 
-@dataclass(frozen=True, slots=True)
-class Surroundings:
-    """What the twin needs beside the model.
+@compiled
+def first_friction(
+    p: Floats, on: Flags, state: Floats, position: Floats, velocity: Floats, period: float
+) -> tuple[float, float]:
+    """Mean friction over the rows given as A + B·z0; arrays of shape (n,), steps as in `required`."""
+    a, b, level, slope = 0.0, 1.0, 0.0, 0.0
+    before = velocity[0]
+    for k in range(len(velocity)):
+        q, v = position[k], velocity[k]
+        mean = 0.5 * (before + v)
+        before = v
+        limit = friction_limit(p, on, state, q, mean)
+        left = math.exp(-abs(mean) * period / limit)
+        a = math.copysign(limit, mean) * (1.0 - left) + left * a
+        b *= left
+        drag = p[MICRO_DAMPING] * abs(v) / friction_limit(p, on, state, q, v)
+        level += (p[STIFFNESS] - drag) * a + (p[MICRO_DAMPING] + viscous_coefficient(p, on, state, v)) * v
+        slope += (p[STIFFNESS] - drag) * b
+    return level / len(velocity), slope / len(velocity)
+
+
+def starting_state(
+    packed: Packed, torque: Floats, position: Floats, velocity: Floats, acceleration: Floats, period: float
+) -> Floats:
+    """State at the first row: the bristle carries what balances the first torques, at most friction.
+
+    Arrays of shape (n,), of the whole piece or of its beginning.
+    """
+    p, on = packed.p, packed.on
+    state = np.zeros(layout.STATES)
+    first = slice(0, max(2, round(START_SECONDS / period)))
+    outside = additive(p, on, float(np.mean(position[first])))
+    spare = float(np.mean(torque[first])) - p[layout.INERTIA] * float(np.mean(acceleration[first])) - outside
+    level, slope = first_friction(p, on, state, position[first], velocity[first], period)
+    limit = friction_limit(p, on, state, float(position[0]), float(np.mean(velocity[first])))
+    told = slope > LEAST_SHARE * p[STIFFNESS]
+    bristle = (spare - level) / slope if told else math.copysign(limit, float(velocity[0]))
+    state[layout.POSITION], state[layout.VELOCITY] = position[0], velocity[0]
+    state[layout.BRISTLE] = min(max(bristle, -limit), limit)
+    return state
+
+
+class Recorded(Protocol):
+    """A contiguous stretch as it was recorded; arrays of shape (n,).
 
     Attributes:
-        resolution: of the encoder; 0 for none.
-        limit: of the torque; infinite where unknown.
-        process_noise, position_noise: standard deviations of a torque that changes every sample [N m],
-            and of the position before it is quantised.
+        closed: whether `reference` was followed; else `torque` is the input.
+        measured: position as recorded; `position`, `velocity`, `acceleration`: filtered motion.
+        feedforward: part of the torque that was recorded as not the controller's.
+        rate, last_reference, last_position: the controller's memory before the first row.
     """
 
-    controller: PositionController
-    resolution: float = 0.0
-    limit: float = np.inf
-    process_noise: float = 0.0
-    position_noise: float = 0.0
+    @property
+    def period(self) -> float: ...
+    @property
+    def closed(self) -> bool: ...
+    @property
+    def measured(self) -> Floats: ...
+    @property
+    def reference(self) -> Floats: ...
+    @property
+    def torque(self) -> Floats: ...
+    @property
+    def feedforward(self) -> Floats: ...
+    @property
+    def position(self) -> Floats: ...
+    @property
+    def velocity(self) -> Floats: ...
+    @property
+    def acceleration(self) -> Floats: ...
+    @property
+    def rate(self) -> float: ...
+    @property
+    def last_reference(self) -> float: ...
+    @property
+    def last_position(self) -> float: ...
 
 
-@dataclass(frozen=True, slots=True)
-class Simulated:
-    """Position and torque of a piece in the twin, arrays of shape (n,); `follows` where it did not go astray."""
-
-    position: Floats
-    torque: Floats
-    follows: bool
-
-
-def run_twin(
-    piece: Piece,
+def simulate_stretch(
+    recorded: Recorded,
     packed: Packed,
-    around: Surroundings,
-    noise: np.random.Generator | None = None,
-    quantised: bool = True,
-) -> Simulated:
-    """Simulates one piece; without `noise` it is free of noise.
+    controller: PositionController,
+    limit: float,
+    resolution: float,
+    disturbance: Floats,
+    position_noise: Floats,
+) -> tuple[Floats, Floats, bool]:
+    """Position and torque as the drive would have logged them, shape (n,), and whether all stayed in bounds.
 
-    A piece in closed loop without a usable controller does not follow, nor one that slides in torque
-    mode, where every error adds up.
+    Args:
+        limit: of the torque; infinite where unknown.
+        resolution: of the encoder; 0 for none.
+        disturbance, position_noise: torque after the demand, and position before it is quantised; shape (n,).
     """
-    controller = around.controller
-    if (piece.closed and not controller.usable) or not (piece.closed or piece.sticks):
-        return Simulated(piece.measured, piece.torque, False)
-    n = len(piece)
-    zero = np.zeros(n)
-    disturbed = zero if noise is None else noise.normal(0.0, 1.0, n) * around.process_noise
-    shaken = zero if noise is None else noise.normal(0.0, 1.0, n) * around.position_noise
-    resolution = around.resolution if quantised else 0.0
-    position, torque, inside = simulate_stretch(
-        piece, packed, controller, around.limit, resolution, disturbed, shaken
+    n = len(recorded.measured)
+    position, torque = np.zeros(n), np.zeros(n)
+    feedforward = recorded.feedforward * recorded.closed
+    if recorded.closed:
+        feedforward = feedforward + controller.feedforward(
+            recorded.reference, recorded.last_reference, recorded.period
+        )
+    done = simulate(
+        packed.p,
+        packed.on,
+        start_state(recorded, packed),
+        controller.gains,
+        np.array([recorded.period, limit, resolution, *_memory(recorded, controller, float(feedforward[0]))]),
+        recorded.closed,
+        substeps_for(packed.p, recorded.period, packed.on),
+        recorded.reference if recorded.closed else recorded.torque,
+        feedforward,
+        disturbance,
+        position_noise,
+        position,
+        torque,
     )
-    if not inside:
-        return Simulated(piece.measured, piece.torque, False)
-    return Simulated(position, torque, _follows(piece, position, around.resolution))
+    return position, torque, done == n
 
 
-def _follows(piece: Piece, position: Floats, resolution: float) -> bool:
-    away = float(np.sqrt(np.mean((position - piece.measured) ** 2)))
-    return away < max(ASTRAY * float(np.std(piece.measured)), 20.0 * resolution)
+def start_state(recorded: Recorded, packed: Packed) -> Floats:
+    """Motion, bristle and the torque behind lag and saturation at the first row."""
+    state = starting_state(
+        packed,
+        recorded.torque,
+        recorded.position,
+        recorded.velocity,
+        recorded.acceleration,
+        recorded.period,
+    )
+    return started_torque(packed, state, float(recorded.torque[0]))
+
+
+def started_torque(packed: Packed, start: Floats, demand: float) -> Floats:
+    """The start with the torque behind lag and saturation settled at a demand."""
+    state = start.copy()
+    state[MOTOR_TORQUE] = saturated(packed.p, packed.on, demand)
+    return state
+
+
+def _memory(
+    recorded: Recorded, controller: PositionController, feedforward: float
+) -> tuple[float, float, float, float]:
+    """Sum, filtered derivative, reference and position before the first row."""
+    if not recorded.closed:
+        return 0.0, 0.0, recorded.last_reference, recorded.last_position
+    error = recorded.reference[0] - recorded.measured[0]
+    change = controller.reference_rate * (recorded.reference[0] - recorded.last_reference)
+    change = (change - recorded.measured[0] + recorded.last_position) / recorded.period
+    rate = recorded.rate + controller.derivative_filter * (change - recorded.rate)
+    total = 0.0
+    if controller.ki > 0:
+        rest = recorded.torque[0] - feedforward - controller.kp * error - controller.kd * rate
+        total = rest / controller.ki - error * recorded.period
+    return total, recorded.rate, recorded.last_reference, recorded.last_position

@@ -21,7 +21,7 @@ from typing import NoReturn
 from autotune.core.axis import Limits
 from autotune.core.drive import Command, Mode, Sample
 from autotune.core.errors import GuardStop
-from autotune.experiments.motion_watch import MotionWatch
+from autotune.experiments.motion_watch import Learnt, MotionWatch
 from autotune.experiments.speed_watch import SpeedWatch
 
 REACTION_CYCLES = 2
@@ -42,6 +42,7 @@ class Guard:
         period: cycle [s].
         resolution: one count of the position sensor [rad or m].
         seconds: machine time allowed from now on [s].
+        learnt: of the axis by an earlier guard of this session.
     """
 
     __slots__ = (
@@ -69,7 +70,12 @@ class Guard:
     )
 
     def __init__(
-        self, limits: Limits, period: float, resolution: float, seconds: float | None = None
+        self,
+        limits: Limits,
+        period: float,
+        resolution: float,
+        seconds: float | None = None,
+        learnt: Learnt | None = None,
     ) -> None:
         self._limits = limits
         self._period = period
@@ -83,7 +89,7 @@ class Guard:
         self._error = self._error_trend = 0.0
         self._off = OFF_REFERENCE * limits.following_error + OFF_COUNTS * resolution
         self._silent = math.nan
-        self._motion = MotionWatch(limits, period, resolution)
+        self._motion = MotionWatch(limits, period, resolution, learnt)
         self._speeds = SpeedWatch(limits, period, resolution)
         self.where = ""
 
@@ -91,6 +97,11 @@ class Guard:
     def elapsed(self) -> float:
         """Machine time used so far [s]."""
         return self._seconds - self._left
+
+    @property
+    def learnt(self) -> Learnt:
+        """What the axis has shown of itself so far."""
+        return self._motion.learnt
 
     def begin(self, mode: Mode, sample: Sample) -> None:
         """Takes the first sample after power came on, in `mode`.

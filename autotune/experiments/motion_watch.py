@@ -27,10 +27,13 @@ known, from the limits: J = torque/deceleration, no friction, and a motion that 
 from __future__ import annotations
 
 import math
+from copy import deepcopy
+from dataclasses import dataclass
 
 from autotune.core.axis import Limits
 from autotune.core.drive import Mode
 from autotune.experiments.inverse_estimate import InverseEstimate
+from autotune.experiments.momentum_watch import EXCESS_SECONDS, ExcessWatch, MomentumWatch
 
 LAZY_COUNTS = 3.0  # of progress that an encoder at work must show
 ALIVE_COUNTS = 1.5  # a flicker of one count is no sign of life
@@ -98,6 +101,20 @@ class _Way:
         return self._from - position > (LAZY_COUNTS + 1.0) * count
 
 
+@dataclass(frozen=True, slots=True)
+class Learnt:
+    """What one programme has found out about its axis, for the next one of the same session.
+
+    Attributes:
+        scales: limits, cycle and resolution that it was learnt with; with others it means nothing.
+        estimate: of the inverse; sticks: torque beyond what slides it that was seen to hold it.
+    """
+
+    scales: tuple[Limits, float, float]
+    estimate: InverseEstimate
+    sticks: float
+
+
 class MotionWatch:
     """Watches one axis; pure apart from what it remembers.
 
@@ -105,7 +122,7 @@ class MotionWatch:
         limits: in force.
         period: cycle [s].
         resolution: of the encoder [rad or m].
-
+        learnt: by an earlier watch of the same session; taken over only where its scales are these.
     """
 
     __slots__ = (
@@ -113,11 +130,13 @@ class MotionWatch:
         "_count",
         "_down",
         "_estimate",
+        "_excess",
         "_first",
         "_held",
         "_last",
         "_limits",
         "_mode",
+        "_momentum",
         "_moved",
         "_order",
         "_period",
@@ -129,19 +148,30 @@ class MotionWatch:
         "_up",
     )
 
-    def __init__(self, limits: Limits, period: float, resolution: float) -> None:
+    def __init__(
+        self, limits: Limits, period: float, resolution: float, learnt: Learnt | None = None
+    ) -> None:
         self._blind = False
         self._limits = limits
         self._period = period
         self._count = resolution
         self._estimate = InverseEstimate(limits, period, resolution)
+        self._held = 0.0
+        if learnt is not None and learnt.scales == (limits, period, resolution):
+            self._estimate, self._held = deepcopy(learnt.estimate), learnt.sticks
+        self._momentum = MomentumWatch(limits, period, resolution)
         self._order = limits.torque / limits.deceleration
+        self._excess = ExcessWatch(self._order)
         self._sticks = STICKS_SECONDS
         self._up, self._down = _Way(), _Way()
-        self._held = 0.0
         self._mode = Mode.POSITION
         self._first = self._torque = 0.0
         self.begin(Mode.POSITION, 0.0, 0.0, 0.0)
+
+    @property
+    def learnt(self) -> Learnt:
+        """What is known of the axis now."""
+        return Learnt((self._limits, self._period, self._count), self._estimate, self._held)
 
     @property
     def doubtful(self) -> bool:
@@ -151,7 +181,11 @@ class MotionWatch:
         drive it.
         """
         fastest = max(self._up.run, self._down.run)
-        return self._blind or (self._silence > 0.0 and fastest * self._period > ALIVE_COUNTS * self._count)
+        return (
+            self._blind
+            or self._momentum.doubtful
+            or (self._silence > 0.0 and fastest * self._period > ALIVE_COUNTS * self._count)
+        )
 
     def begin(self, mode: Mode, position: float, reference: float, torque: float) -> None:
         """Power came on; what is known of the axis stays."""
@@ -164,6 +198,8 @@ class MotionWatch:
         self._up.still()
         self._down.still()
         self._estimate.restart(position)
+        self._momentum.begin(position)
+        self._excess.begin(reference)
         self._levels()
 
     def check(self, position: float, reference: float, torque: float, cycle: float) -> str:
@@ -176,6 +212,10 @@ class MotionWatch:
             self._levels()
             if why := self._overstated():
                 return why
+        if missing := self._momentum.check(position, acting, cycle, cycle > 1.5 * self._period):
+            return self._short(missing, acting)
+        if self._mode is Mode.POSITION and self._excess.check(reference, acting, cycle):
+            return self._unasked(acting)
         moved, count = position - self._position, self._count
         if moved > ALIVE_COUNTS * count or moved < -ALIVE_COUNTS * count:
             self._alive(position, reference, acting, cycle)
@@ -235,6 +275,7 @@ class MotionWatch:
         if inverse.inertia is not None and friction is not None and seen:
             lightest = LIGHT_PART * inverse.inertia
             heaviest = min(heaviest, HEAVY_PART * inverse.heaviest)
+            self._momentum.know(inverse, max(STICKS_BEYOND * self._held, SEEN_BEYOND * friction))
         for way, sign, level in ((self._up, 1.0, inverse.up), (self._down, -1.0, inverse.down)):
             way.lightest, way.heaviest = lightest, heaviest
             first = sign * self._first
@@ -252,6 +293,11 @@ class MotionWatch:
                 way.may = min(first + TORQUE_PART * friction, sign * level)
             beyond = max(MUST_BEYOND * friction, LEAST_BEYOND * limit)
             way.must = min(held + beyond, MOST_MUST * limit)
+        if seen and friction is not None and inverse.inertia is None:
+            more = max(LATER_MUST * limit - MUST_BEYOND * friction, 0.0)
+            self._excess.know(self._up.must + more, self._down.must + more)
+        else:
+            self._excess.know(math.inf, math.inf)
 
     def _overstated(self) -> str:
         """The guard stops in time only if the axis brakes as its file says."""
@@ -266,6 +312,22 @@ class MotionWatch:
                 "counts per revolution and the unit of torque, or lower limits.deceleration"
             )
         return ""
+
+    def _short(self, missing: float, torque: float) -> str:
+        self._blind = True
+        return (
+            f"the encoder shows {abs(missing):.4g} less speed than the torque must have given (now {torque:.4g}): it "
+            "tells only a part of the motion (lost pulses, a coupling that slips), or something has stopped the axis "
+            "or been put on it; check encoder, coupling and cable, and make sure that the axis moves freely"
+        )
+
+    def _unasked(self, torque: float) -> str:
+        self._blind = True
+        return (
+            f"the controller has demanded {torque:.4g} for {EXCESS_SECONDS * 1e3:.0f} ms, more than this axis has ever "
+            "needed and its reference asks for: its loop swings, something pushes or holds it, or the encoder tells "
+            "only a part of the motion; check gains, encoder and coupling, and make sure that the axis moves freely"
+        )
 
     def _unseen(self, way: _Way, torque: float) -> str:
         self._blind = True

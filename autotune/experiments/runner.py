@@ -16,6 +16,7 @@ from autotune.core.errors import AutotuneError, ConfigurationError, DriveFault, 
 from autotune.core.loop import Publish
 from autotune.experiments.experiment import Experiment
 from autotune.experiments.guard import Guard
+from autotune.experiments.motion_watch import Learnt
 from autotune.experiments.path import CONDITIONING, Item, Mark, Switch, unique
 from autotune.experiments.standstill import stands
 
@@ -36,10 +37,11 @@ class PlayedExperiment:
 
 @dataclass(frozen=True, slots=True)
 class Played:
-    """What a programme did."""
+    """What a programme did; `learnt`: what the guard knows of the axis now."""
 
     machine_seconds: float
     experiments: tuple[PlayedExperiment, ...]
+    learnt: Learnt | None = None
 
     def result(self, name: str) -> object:
         """What the last experiment of that name returned.
@@ -77,11 +79,13 @@ class Programme:
         experiments: in order.
         limits: in force, the tighter of axis file and drive (see `limits_guarded`).
         seconds: machine time that is left for it [s].
+        learnt: by the guard of the programme before it in the same session.
     """
 
     experiments: tuple[Experiment, ...]
     limits: Limits
     seconds: float
+    learnt: Learnt | None = None
 
     @property
     def labels(self) -> Sequence[str]:
@@ -160,7 +164,8 @@ class _Player:
         self._publish = publish
         self._index = {label: index for index, label in enumerate(programme.labels)}
         resolution = min((one.motion.resolution for one in programme.experiments), default=0.0)
-        self._guard = Guard(programme.limits, drive.period, resolution, programme.seconds + SLACK_SECONDS)
+        seconds = programme.seconds + SLACK_SECONDS
+        self._guard = Guard(programme.limits, drive.period, resolution, seconds, programme.learnt)
         self._mode: Mode | None = None
         self._last = HOLD
         self._count = 0
@@ -176,7 +181,7 @@ class _Player:
             seconds = self._guard.elapsed - began
             cycles = (self._count - count, self._missed - missed)
             done.append(PlayedExperiment(experiment.name, seconds, *cycles, result))
-        return Played(self._guard.elapsed, tuple(done))
+        return Played(self._guard.elapsed, tuple(done), self._guard.learnt)
 
     def _ready(self, experiment: Experiment, sample: Sample | None) -> Sample:
         """Power in the mode that the experiment begins with; the axis holds where it is."""

@@ -1,4 +1,12 @@
-"""What an experiment tells: numbers with intervals, whether they may be used, and why not."""
+"""What an experiment tells: numbers with intervals, whether they may be used, why not; and all of them together.
+
+One set of parameters from the separate experiments, after section 3.4.5: Coulomb friction, viscous friction and
+offset come from the steady state, inertia and σ1 + σ2 from presliding, as there. Section 3.4.5 takes F_s and σ0
+from Dahl's curve. Here break-away and its Stribeck velocity come from the steady state, which shows both, and the
+stiffness is that of rest, from presliding; Dahl's, which is softer where friction has several elastic elements,
+says over what displacement friction reverses (`complexity`) and bounds the adaptation. Dahl's curve and the high
+speed experiment stand in where the others failed, and are compared where they did not.
+"""
 
 from __future__ import annotations
 
@@ -78,3 +86,65 @@ class Estimate:
 def invalid(source: str, reason: str) -> Estimate:
     """An estimate that says why there is none."""
     return Estimate(source, valid=False, reason=reason)
+
+
+SAME_STIFFNESS = 0.10
+NEEDED = ("inertia", "viscous", "coulomb", "stiffness", "micro_damping", "offset")
+
+
+def combine(estimates: Mapping[str, Estimate]) -> Estimate:
+    """The parameters, and in `reason` what is missing where it is not valid."""
+    usable = {name: estimate for name, estimate in estimates.items() if estimate.valid}
+    found: dict[str, Quantity] = {}
+    for name in ("coulomb", "viscous", "offset", "break_away", "stribeck_velocity"):
+        _take(found, name, usable, "steady_state", "dahl" if name == "offset" else "")
+    _take(found, "inertia", usable, "presliding", "high_speed")
+    _take(found, "stiffness", usable, "presliding", "dahl")
+    _take(found, "viscous", usable, "", "high_speed")
+    if "presliding" in usable and "viscous" in found:
+        found["micro_damping"] = _difference(usable["presliding"]["presliding_damping"], found["viscous"])
+    missing = [name for name in NEEDED if name not in found]
+    reason = f"the experiments do not give {', '.join(missing)}" if missing else ""
+    return Estimate("combined", found, not missing, reason, notes=tuple(stiffness_notes(estimates)))
+
+
+def stiffness_notes(estimates: Mapping[str, Estimate]) -> list[str]:
+    """What the two stiffnesses say about the contact: one elastic element, or several."""
+    presliding, dahl = estimates.get("presliding"), estimates.get("dahl")
+    if not presliding or not dahl or not presliding.valid or not dahl.valid:
+        return []
+    small, large = presliding["stiffness"], dahl["stiffness"]
+    gap = abs(small.value - large.value)
+    uncertain = math.hypot(small.standard_error, large.standard_error)
+    text = (
+        f"stiffness at rest is {small.value:.4g} for small displacements and {large.value:.4g} over "
+        "Dahl's curve: "
+    )
+    if gap <= max(SAME_STIFFNESS * small.value, 2.0 * uncertain):
+        return [text + "they agree, friction behaves like one elastic element"]
+    if large.value < small.value:
+        return [
+            f"{text}they differ {small.value / large.value:.1f}-fold because friction has several elastic "
+            "elements that break one after another; a model with one element can only fit one of the two. "
+            "The effect reversal_memory describes it"
+        ]
+    return [
+        text + "the curve looks stiffer than small displacements, which one contact cannot do; check that "
+        "the junctions were relaxed before presliding"
+    ]
+
+
+def _take(
+    found: dict[str, Quantity], name: str, usable: Mapping[str, Estimate], first: str, second: str
+) -> None:
+    for source in (first, second):
+        if name not in found and source in usable and name in usable[source]:
+            found[name] = usable[source][name]
+
+
+def _difference(both: Quantity, viscous: Quantity) -> Quantity:
+    """σ1 = (σ1 + σ2) − σ2; never below zero."""
+    value = both.value - viscous.value
+    error = math.hypot(both.standard_error, viscous.standard_error)
+    note = "not distinguishable from zero" if value <= 0 else ""
+    return Quantity(max(value, 0.0), error, max(both.quantile, viscous.quantile), True, note)

@@ -20,8 +20,7 @@ from autotune.identify.estimate import Estimate
 from autotune.identify.first_guess import guess
 from autotune.identify.refinement import Joint, free_parameters, refine_recording
 from autotune.identify.ripple_lines import find_lines
-from autotune.identify.speed_curve import fit_speed_curve, holds_constant_speeds_only
-from autotune.identify.steady_state import SteadyState
+from autotune.identify.steady_state import SteadyState, fit_speed_curve, holds_constant_speeds_only
 from autotune.models.direction_asymmetry import DIRECTION_ASYMMETRY
 from autotune.models.drive_model import DriveModel, base_model, surface_parameter
 from autotune.models.effect import Kind

@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
 from autotune.core.arrays import Floats
-from autotune.estimation.spring_mass import SpringMass, from_difference
+from autotune.estimation.small_motion import SpringMass, from_difference
 from autotune.signals.filters import block_mean
 
 MOST_REFLECTED = 0.98  # of the reflection coefficients of the noise model; stable below 1

@@ -16,7 +16,7 @@ from scipy.stats import t as student
 
 from autotune.core.arrays import Floats
 from autotune.core.errors import NotEnoughExcitation
-from autotune.estimation.spring_mass import SpringMass
+from autotune.estimation.small_motion import SpringMass
 from autotune.identify.estimate import Estimate, Quantity, invalid
 from autotune.identify.linear_methods import METHODS, LinearFit, all_methods
 from autotune.recordings.checks import torque_of

@@ -12,8 +12,7 @@ from scipy.stats import t as student
 
 from autotune.estimation.controller import PositionController, controller_of
 from autotune.estimation.joint_fit import Refined, refine
-from autotune.estimation.pieces import UNFITTED, Bands, cut, marked_sticking
-from autotune.estimation.twin import Surroundings
+from autotune.estimation.pieces import UNFITTED, Bands, Surroundings, cut, marked_sticking
 from autotune.identify.estimate import Estimate, Quantity
 from autotune.models.drive_model import DriveModel, surface_parameter
 from autotune.recordings.recording import Recording

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from autotune.core.arrays import Floats
 from autotune.estimation.controller import PositionController, controller_of
-from autotune.estimation.pieces import Bands, Piece, cut, torque_error
-from autotune.estimation.twin import run_twin
+from autotune.estimation.pieces import Bands, Piece, cut, run_twin, torque_error
 from autotune.identify.refinement import surroundings
 from autotune.models.drive_model import DriveModel
 from autotune.recordings.recording import Recording

@@ -14,10 +14,9 @@ from typing import TypeVar
 
 from autotune.core.errors import NotEnoughExcitation
 from autotune.core.units import torque_symbol
-from autotune.identify.combine import combine
 from autotune.identify.complexity import Complexity, judge_complexity
 from autotune.identify.dahl import Dahl, identify_dahl
-from autotune.identify.estimate import Estimate, Quantity, invalid
+from autotune.identify.estimate import Estimate, Quantity, combine, invalid
 from autotune.identify.high_speed import HighSpeed, identify_high_speed
 from autotune.identify.presliding import Presliding, identify_presliding
 from autotune.identify.refinement import refine_recording

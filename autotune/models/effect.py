@@ -127,7 +127,6 @@ class Kind:
 
     How it is fitted:
         starts: where a fit of it begins; several where its law has several minima.
-        no_start_means: what it says of the data where there is none.
         why_no_start: what it means for people where there is no start.
         freed_later: name → how it varies, once a first fit is there.
         terms: of what it is a sum of numbered terms; None where it is not.
@@ -147,7 +146,6 @@ class Kind:
 
     What else sets it apart:
         in_transmission: motor and load are two masses with it.
-        found_again: more terms of it may be found beside those in the model.
         approximate: its law is a few elements in place of a distribution; some error is left beside it.
         drifts: repeats of one motion differ by it.
         in_lugre: the LuGre feedforward of the thesis has it too.
@@ -163,7 +161,6 @@ class Kind:
     not_fed_forward: str = ""
     kernels: Kernels = Kernels()
     starts: Callable[[StartContext], Iterator[StartValues]] = no_start
-    no_start_means: str = "there is nothing in the motion to start a fit from"
     why_no_start: str = "there is nothing in the motion to start a fit from"
     freed_later: Callable[[Floats], Mapping[str, Vary]] | None = None
     terms: Terms | None = None
@@ -179,7 +176,6 @@ class Kind:
     lost_in_alignment: bool = False
     loop_like: bool = False
     in_transmission: bool = False
-    found_again: bool = False
     approximate: bool = False
     drifts: bool = False
     in_lugre: bool = False

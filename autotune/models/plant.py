@@ -125,8 +125,7 @@ def simulate(
     """The twin: plant, quantiser and controller, sample by sample.
 
     Args:
-        gains: kp, kd, ki, derivative filter, and optionally what part of the reference's rate enters the
-            derivative (1 without it).
+        gains: kp, kd, ki, derivative filter, and optionally the part of the reference's rate in the derivative.
         loop: sample period [s], torque limit [N m], position resolution (0: none), then the controller's
             state to start from, and in place the one it ends with: sum Σe·h, filtered derivative,
             reference and position of the sample before.

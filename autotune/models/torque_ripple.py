@@ -85,6 +85,4 @@ TORQUE_RIPPLE = Kind(
     terms=Terms("order", ("sin", "cos")),
     may_grow=True,
     of_place=True,
-    found_again=True,
-    no_start_means="no torque that repeats with position stands out, or the travel is below one and a half periods",
 )

@@ -6,7 +6,7 @@ so that a commit cut anywhere is recognised and put back on the next start. Doub
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from datetime import datetime
 from pathlib import Path
 
@@ -21,7 +21,13 @@ COARSEST = 0.02  # a drive whose parameters have whole steps may hold this much 
 
 def feedforward_parameters(loop: Loop) -> dict[str, float]:
     """What the drive's own feedforward holds now; empty where it has none."""
-    return {name: value for name, value in loop.read_parameters().items() if name.startswith("feedforward.")}
+    return parameters_beside(loop, ["feedforward.enabled"])
+
+
+def parameters_beside(loop: Loop, names: Iterable[str]) -> dict[str, float]:
+    """What the drive holds now in the groups (`feedforward.`, `controller.`) that the names belong to."""
+    groups = {name.partition(".")[0] for name in names}
+    return {name: value for name, value in loop.read_parameters().items() if name.partition(".")[0] in groups}
 
 
 def commit(
@@ -36,7 +42,7 @@ def commit(
 
     Args:
         loop: at rest.
-        values: complete set of feedforward parameters, SI.
+        values: complete set of feedforward parameters, or of the controller's gains, SI.
         journal: of this run; what it has changed for the run's duration is backed up with its old value.
         store: folder below which backups are kept.
         now: local time, for the backup's id.
@@ -49,7 +55,7 @@ def commit(
         ConfigurationError: the drive does not know a parameter; nothing has been written then.
         AutotuneError: whatever ended it, after everything was put back as far as the link allows.
     """
-    present = feedforward_parameters(loop)
+    present = parameters_beside(loop, values)
     present |= {name: value for name, value in journal.state.changed.items() if name in present}
     unknown = sorted(set(values) - set(present))
     if unknown:
@@ -97,8 +103,12 @@ def write_verified(loop: Loop, values: Mapping[str, float]) -> dict[str, float]:
 
 
 def store_as_before(loop: Loop, journal: Journal) -> None:
-    """Stores with the limits as they were before the run: what a run narrows must not survive it."""
-    before = {n: v for n, v in journal.state.changed.items() if not n.startswith("feedforward.")}
+    """Stores with the limits, and what else is not part of the commit, as they were before the run.
+
+    What a run narrows or switches off for its own duration must not survive it.
+    """
+    groups = {name.partition(".")[0] for name in journal.state.written}
+    before = {n: v for n, v in journal.state.changed.items() if n.partition(".")[0] not in groups}
     if not before:
         loop.store()
         return

@@ -18,8 +18,8 @@ SENTENCE = "Kept: the drive holds the proved parameters; the run was cut off bef
 def complete(directory: Path, state: JournalState) -> None:
     """Writes `run.json` where it is missing. Raises OSError."""
     path = directory / "run.json"
-    if path.is_file():
-        return
+    if path.is_file() or not any(name.startswith("feedforward.") for name in state.written):
+        return  # gains that were kept are the journal's alone
     content = {
         "schema": SCHEMA_VERSION, "outcome": Outcome.KEPT.value, "verdict": SENTENCE, "axis": state.axis,
         "fingerprint": state.fingerprint, "started": state.started, "machine_seconds": 0.0,

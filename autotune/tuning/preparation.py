@@ -109,7 +109,7 @@ def prepared(hold: Hold, loop: Loop, journal: Journal) -> Iterator[Session]:
 def _own_feedforward_off(
     loop: Loop, parameters: Mapping[str, float], note: Callable[[Mapping[str, float]], None], journal: Journal
 ) -> Iterator[None]:
-    """The drive's own feedforward would hide what is measured; a commit leaves it as committed."""
+    """The drive's own feedforward would hide what is measured; a commit of it leaves it as committed."""
     was = own_feedforward(parameters)
     if not was:
         yield
@@ -119,7 +119,8 @@ def _own_feedforward_off(
     try:
         yield
     finally:
-        if journal.state.phase is not CommitPhase.KEPT:
+        written = journal.state.written if journal.state.phase is CommitPhase.KEPT else {}
+        if not any(name.startswith("feedforward.") for name in written):
             loop.write_parameters(was)
 
 

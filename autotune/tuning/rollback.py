@@ -10,7 +10,7 @@ from autotune.core.axis import Axis
 from autotune.core.errors import ConfigurationError, IdentityMismatch
 from autotune.core.loop import Loop
 from autotune.tuning.backup import Backup, backup_ids, load_backup, take_backup
-from autotune.tuning.commit import feedforward_parameters, put_back
+from autotune.tuning.commit import parameters_beside, put_back
 from autotune.tuning.journal import CommitPhase, DamagedJournal, Journal
 from autotune.tuning.recovery import damaged_journals, open_journals, put_right
 from autotune.tuning.run_directory import axis_lock, make_run_directory
@@ -42,7 +42,7 @@ def roll_back(
             journal.note(identity=dict(loop.identity))
             backup = _chosen(runs, axis, identifier, loop.identity)
             doubtful = _recovered(loop, runs, journal, tell)
-            present = feedforward_parameters(loop)
+            present = parameters_beside(loop, backup.parameters)
             take_backup(runs, axis.name, loop.identity, present, now)
             journal.note(stage="rollback", backup=backup.id, phase=CommitPhase.STORING, written=present)
             put_back(loop, backup, journal)

@@ -10,6 +10,7 @@ from pathlib import Path
 from autotune.core.axis import Axis, Limits
 from autotune.core.loop import Loop, Watch
 from autotune.experiments.experiment import Experiment
+from autotune.experiments.motion_watch import Learnt
 from autotune.experiments.path import Motion
 from autotune.experiments.record import Progress, Recorder, metadata_for, play
 from autotune.experiments.runner import Budget, Played, Programme
@@ -24,7 +25,7 @@ LabelledWatch = Callable[[Sequence[str]], Watch]
 
 @dataclass
 class Session:
-    """What every stage needs. Only `budget`, `written` and `seconds` change while the run goes on.
+    """What every stage needs. Only `budget`, `written`, `seconds` and what the guard has learnt change.
 
     Attributes:
         limits: in force, the tighter of axis file and drive.
@@ -50,6 +51,7 @@ class Session:
     viewers: Sequence[LabelledWatch] = ()
     written: dict[str, Path] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
+    _learnt: Learnt | None = None
     _stage_seconds: float = 1.0
     _stage_began: float = 0.0
 
@@ -63,11 +65,12 @@ class Session:
 
         Raises: as `Programme`; the rows until then are in `recordings/<name>.parquet`.
         """
-        programme = Programme(tuple(experiments), self.limits, self.budget.left)
+        programme = Programme(tuple(experiments), self.limits, self.budget.left, self._learnt)
         recorder = Recorder(metadata_for(self.axis, self.controller), programme.labels)
         watches = [viewer(programme.labels) for viewer in self.viewers]
         try:
             played = play(self.loop, programme, recorder, *watches, tell=self._tell)
+            self._learnt = played.learnt
         finally:
             self.budget = self.budget.spend(recorder.machine_seconds)
             self.seconds[name] = round(recorder.machine_seconds, 3)

@@ -184,7 +184,7 @@ dl div{flex-wrap:wrap}p,td,dd,figcaption,small{overflow-wrap:anywhere}
 thead{display:none}table,tbody,tr,td{display:block;width:100%}tr{border-bottom:2px solid var(--line);padding:4px 0}
 td,td.number{border:0;padding:2px 0;text-align:left;white-space:normal}td:empty{display:none}
 td[data-column]:not([data-column=""])::before{content:attr(data-column) ": ";color:var(--muted)}
-pre{white-space:pre-wrap;overflow-wrap:anywhere}.lines{grid-template-columns:1fr;gap:34px}}
+pre{white-space:pre-wrap;overflow-wrap:anywhere}.modebar-container{display:none}.lines{grid-template-columns:1fr;gap:34px}}
 @page{size:A4;margin:14mm}
 @media print{body{background:#fff;font-size:11pt}main{max-width:none;padding:0}
 section,figure{border:0;border-radius:0;padding:0;margin:0 0 7mm;break-inside:avoid}

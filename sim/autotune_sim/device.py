@@ -235,9 +235,10 @@ class Device:
     # Power and memory
 
     def power_loss(self) -> None:
-        """Power goes and comes back: volatile values are lost, stored ones are kept."""
+        """Power goes and comes back: volatile values are lost, stored ones are kept; meanwhile the brake holds."""
         self._log("power lost")
         self.firmware.disable("power lost")
+        self.firmware.servo.lose(round(BOOT_TIME / self.firmware.servo.period))
         self.node.emergency.reset()
         self.node.shut_down()
         self._boot_at = self.now + BOOT_TIME

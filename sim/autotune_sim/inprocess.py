@@ -30,6 +30,7 @@ from autotune_sim.hurts import HURTS, apply_hurt
 from autotune_sim.link_url import parse_sim_url
 from autotune_sim.presets import Preset
 from autotune_sim.ramp import Ramp
+from autotune_sim.read_back import ReadBack
 from autotune_sim.rehearsal import Agenda
 from autotune_sim.servo import Servo, ServoMode, ServoState
 from autotune_sim.truth import Truth
@@ -111,6 +112,7 @@ class SimDrive:
         self._missed = 0
         self._told: Command | None = None
         self._foreign, self._leap = math.nan, LEAP
+        self._sent, self._read_back = 0.0, ReadBack()
         self._sample: ServoState = self._servo.idle()
         self._read_limits()
 
@@ -159,6 +161,7 @@ class SimDrive:
         self._demand = self._demand_before = self._servo.position
         self._missed = 0
         self._told, self._foreign = None, math.nan
+        self._sent, self._read_back = self._demand, ReadBack()
         self._note("enabled", mode=mode.value)
 
     def disable(self) -> None:
@@ -232,9 +235,6 @@ class SimDrive:
             self._without_power()
         return watch
 
-    def _fails_in_stop(self, ramp: Ramp) -> bool:
-        return "stop-fault" in self._conditions and ramp.elapsed >= STOP_FAULT
-
     def _without_power(self) -> None:
         servo = self._servo
         servo.power(False)
@@ -303,13 +303,27 @@ class SimDrive:
         )
 
     def _heard(self, command: Command) -> Command:
-        """The command that reaches the servo loop: an earlier one, or another master's target."""
+        """The command that reaches the servo loop: an earlier one, or another master's target.
+
+        Raises:
+            LinkError: it is not ours, and looking has shown it.
+        """
+        if not math.isnan(command.position):
+            self._sent = command.position
+        sent = command._replace(position=self._sent)
         if "rpdo-lost" in self._conditions:
-            self._told = self._told or command
-            return self._told
-        if math.isnan(self._foreign):
-            self._foreign = self._sample.position + self._leap
-        return command._replace(position=self._foreign)
+            self._told = self._told or sent
+            heard = self._told
+        else:
+            if math.isnan(self._foreign):
+                self._foreign = self._sample.position + self._leap
+            heard = sent._replace(position=self._foreign)
+        self._read_back.cycle(self._target(sent), self._target(heard))
+        return heard
+
+    def _target(self, command: Command) -> tuple[float, float]:
+        """What of a command counts in the present mode."""
+        return command[self._mode], command.torque_feedforward
 
     def _watch(self, state: ServoState) -> None:
         """Names what a limit check has found; leaves for good where it is a fault."""
@@ -453,6 +467,8 @@ class SimDrive:
             return
         if name == "clear":
             self._servo.heal()
+        if name in _ALTERED:
+            self._sent = self._demand
         if name == "second-master":
             self._leap = float(value or LEAP)
         self._conditions = set() if name == "clear" else self._conditions | {name}

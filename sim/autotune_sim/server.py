@@ -278,6 +278,10 @@ def serve(
         log=log,
         ready=ready,
     )
+    _run_until_signalled(server)
+
+
+def _run_until_signalled(server: Server) -> None:
     before = {
         number: signal.signal(number, lambda *_: server.stop()) for number in (signal.SIGINT, signal.SIGTERM)
     }

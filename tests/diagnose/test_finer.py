@@ -7,9 +7,9 @@ import pytest
 
 from autotune.diagnose.fitting import fit_model
 from autotune.diagnose.verdict import diagnose
+from autotune.estimation.alignment import finer, needed
 from autotune.estimation.bandwidth import prepared_for
 from autotune.estimation.data import stretches_of
-from autotune.estimation.interpolation import finer, needed
 from autotune.recordings.recording import Metadata, Recording
 from autotune.signals.filters import motion
 

@@ -13,10 +13,9 @@ from scipy.signal import lfilter
 from autotune.diagnose.compare import compare
 from autotune.diagnose.fitting import fit_model
 from autotune.diagnose.verdict import diagnose
-from autotune.estimation.alignment import aligned, best_shift
+from autotune.estimation.alignment import aligned, best_shift, compensated
 from autotune.estimation.bandwidth import loud_below, prepared_for, without_rest
 from autotune.estimation.data import prepare
-from autotune.estimation.filtered_columns import compensated
 from autotune.estimation.least_squares import Free, with_values
 from autotune.models import layout
 from autotune.models.drive_model import base_model

@@ -46,6 +46,7 @@ def test_the_fit_comes_as_low_as_the_truth(begun: Begun) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_spring_is_not_named_a_gap_beside_another_effect(recorded) -> None:
     """While nonlinear viscosity was missing, a small gap took a part of it over."""
     planted = {name: MEDIUM[name] for name in (EFFECT, "nonlinear_viscous")}
@@ -59,6 +60,7 @@ def test_a_gap_of_next_to_nothing_is_a_spring(recorded) -> None:
     assert (found.verdict, found.effects) == ("named", (EFFECT,))
 
 
+@pytest.mark.slow
 def test_flanks_without_a_gap_are_not_named_backlash(recorded) -> None:
     """Where the library has no spring, the flanks of a gap can be one; but there is no gap then."""
     others = [kind for name, kind in EFFECTS.items() if name != EFFECT]
@@ -66,6 +68,7 @@ def test_flanks_without_a_gap_are_not_named_backlash(recorded) -> None:
     assert (found.verdict, found.effects) == ("unknown", ())
 
 
+@pytest.mark.long
 def test_a_small_gap_is_found_behind_a_spring_that_does_not_explain_enough(recorded) -> None:
     """Its short refits all led away; begun where the twin finds it best, one step comes down."""
     found = diagnose([recorded(38_610, backlash=0.5 * MEDIUM["backlash"])], base_model(NOMINAL))

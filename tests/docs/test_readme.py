@@ -53,6 +53,7 @@ def test_the_axis_file_shown_is_valid_and_shows_every_limit(tmp_path: Path) -> N
         assert f"`{name}`" in README, name
 
 
+@pytest.mark.slow
 def test_the_commands_on_an_axis_work_as_shown(tmp_path: Path) -> None:
     shown_axis(tmp_path, "sim://edm-vertical")
     mine = [arguments for arguments in commands("autotune") if "my-axis.toml" in arguments]

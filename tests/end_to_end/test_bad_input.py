@@ -99,9 +99,9 @@ def test_limits_too_small_for_an_experiment_say_which_and_what_is_needed(
     [
         ("blocked@12", (4, 5)),
         ("drive-fault@12", (5,)),
-        ("emcy@12", (5,)),
-        ("hot@12", (4, 5)),
-        ("enable-missing@12", (5,)),
+        pytest.param("emcy@12", (5,), marks=pytest.mark.long),
+        pytest.param("hot@12", (4, 5), marks=pytest.mark.long),
+        pytest.param("enable-missing@12", (5,), marks=pytest.mark.long),
     ],
 )
 def test_a_failure_in_the_middle_ends_at_rest_with_everything_kept(
@@ -118,7 +118,7 @@ def test_a_failure_in_the_middle_ends_at_rest_with_everything_kept(
     assert json.loads(done.stdout or "{}").get("outcome", "aborted") == "aborted"
 
 
-@pytest.mark.parametrize("fault", ["silent@12", "unplugged@12"])
+@pytest.mark.parametrize("fault", [pytest.param("silent@12", marks=pytest.mark.long), "unplugged@12"])
 def test_a_node_lost_in_the_middle_stops_by_itself_and_the_next_run_puts_it_right(
     bench: Bench, fault: str
 ) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import time
 
 import pytest
@@ -19,6 +20,7 @@ def in_process(bench: Bench, query: str = "") -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.long) for seed in (2, 3, 4, 5))])
 def test_what_other_axes_lack_is_named_and_their_error_falls_to_the_floor(bench: Bench, seed: int) -> None:
     """The plant's true inverse leaves 0.06 mrad here; LuGre feedforward alone, which the drive holds, 0.5."""
@@ -47,6 +49,7 @@ def test_what_other_axes_lack_is_named_and_their_error_falls_to_the_floor(bench:
     assert {effect.name for effect in held.effects} == set(said["effects"])
 
 
+@pytest.mark.slow
 def test_an_axis_that_is_plain_lugre_gets_no_name_and_no_other_feedforward(bench: Bench) -> None:
     bench.change(
         'link = "canopen+slcan:edm-vertical.tty?bitrate=1000000&node=5"', 'link = "sim://lugre?seed=1"'
@@ -98,11 +101,13 @@ def test_a_second_run_cannot_have_the_axis_at_the_same_time(bench: Bench) -> Non
     first = bench.popen()
     bench.wait_for(lambda: bench.runs.exists() and any(bench.runs.glob("2*-edm-vertical/journal.json")))
     second = bench.run()
+    first.send_signal(signal.SIGINT)
     first.communicate(timeout=200)
     assert second.returncode == 2
     assert f"process {first.pid}" in second.stderr
 
 
+@pytest.mark.long
 def test_a_run_takes_less_than_a_tenth_of_its_machine_time(bench: Bench) -> None:
     """The second run: kernels are compiled then. Processor time, which a loaded machine does not stretch."""
     import resource

@@ -40,8 +40,7 @@ def powered(bench: Bench) -> bool:
     "stage",
     [
         "experiment",
-        *(pytest.param(stage, marks=pytest.mark.long) for stage in ("diagnose", "adapt", "prove")),
-        "commit",
+        *(pytest.param(stage, marks=pytest.mark.long) for stage in ("diagnose", "adapt", "prove", "commit")),
     ],
 )
 def test_a_killed_run_is_stopped_by_the_drive_and_put_right_by_the_next(bench: Bench, stage: str) -> None:

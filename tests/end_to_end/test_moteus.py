@@ -129,7 +129,11 @@ def test_a_mistyped_axis_file_is_named_with_the_nearest_right_key(
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "message"),
-    [("drive-fault@12", "motor driver"), ("blocked@12", "blocked|follow"), ("hot@12", "(?i)temperature")],
+    [
+        ("drive-fault@12", "motor driver"),
+        pytest.param("blocked@12", "blocked|follow", marks=pytest.mark.long),
+        pytest.param("hot@12", "(?i)temperature", marks=pytest.mark.long),
+    ],
 )
 def test_a_failure_in_the_middle_ends_at_rest_with_everything_kept(
     bench: Bench, fault: str, message: str

@@ -7,17 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import autotune
 from autotune.cli.main import main
 from autotune.core.errors import NotEnoughExcitation
 from autotune.diagnose.compare import compare
 from autotune.diagnose.fit_recordings import fit_recordings
 from autotune.diagnose.verdict import diagnose
-from autotune.models.drive_model import base_model
+from autotune.models.drive_model import DriveModel, base_model
 from autotune.models.model_file import read_model, write_model
 from autotune.models.table import EFFECTS
 from autotune.recordings.files import read_recording, write_recording
 from autotune.recordings.recording import Controller, Recording, concatenate
-from autotune.tuning.stage_diagnose import error_as_given
+from autotune.tuning.stage_diagnose import error_as_given, found_in
 from tests.estimation.simulated import AXIS, OF_TRUE, TRUE, recorded
 
 AGREE = 1e-9
@@ -98,6 +99,45 @@ def check_one(recording: Recording) -> None:
     assert found.relative_error == pytest.approx(compared.relative_error, rel=AGREE)
     in_run = error_as_given(recording, fitted.model)
     assert in_run == pytest.approx((compared.error_rms, compared.relative_error), rel=AGREE)
+
+
+def check_run(recording: Recording, model: DriveModel) -> tuple[str, ...]:
+    """The run's stage and the library's diagnosis come to the same, model included; what they name."""
+    ours, theirs = found_in([recording], model, "now", "here"), autotune.diagnose(recording, model)
+    assert (ours.verdict, ours.effects, ours.confidence) == (
+        theirs.verdict,
+        theirs.effects,
+        theirs.confidence,
+    )
+    assert [(c["effect"], c["gain"]) for c in ours.candidates] == [
+        (c.effect, pytest.approx(c.gain, rel=AGREE)) for c in theirs.candidates
+    ]
+    richer = theirs.found_model()
+    assert (ours.model is None) == (richer is None)
+    if ours.model is not None and richer is not None:
+        values = {name: value.value for name, value in richer.parameters.items()}
+        assert {name: v.value for name, v in ours.model.parameters.items()} == pytest.approx(
+            values, rel=AGREE
+        )
+    return ours.effects
+
+
+@pytest.mark.parametrize("kind", ["spring that the model lacks", "no controller named"])
+def test_run_and_diagnose_find_the_same(kind: str) -> None:
+    effects = check_run(simulated(kind, 1), base_model(AXIS))
+    assert ("spring" in effects) == kind.startswith("spring")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [3, 4])
+def test_run_and_diagnose_find_the_same_in_the_standard_programme(seed: int) -> None:
+    recording = autotune.simulate(f"sim://edm-vertical?seed={seed}", programme="identification")
+    model = fit_recordings([recording], progress=_quiet).model
+    assert model is not None
+    check_one(recording)
+    assert "reversal_memory" in check_run(recording, model)
+    added = autotune.add_effect("reversal_memory", recording, model)
+    assert added.model["reversal_memory.displacement_1"] < 0.01  # resolved down to the first contacts
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -13,7 +13,7 @@ from autotune.estimation.residual import (
     run_twin,
     stretch_residual,
 )
-from autotune.estimation.stretch_twin import start_state
+from autotune.estimation.twin import start_state
 from autotune.models.drive_model import base_model
 from autotune.models.table import EFFECTS
 from tests.estimation.simulated import AXIS, OF_TRUE, TRUE, recorded

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from autotune.core.errors import NotEnoughExcitation
-from autotune.estimation.spring_mass import SpringMass, from_difference
+from autotune.estimation.small_motion import SpringMass, from_difference
 from autotune.identify.characteristic import Points, compare_shapes, fit_curve, predict
 from autotune.identify.dahl import dahl_curve, identify_dahl
 from autotune.identify.legs import find_legs

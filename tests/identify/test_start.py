@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from autotune.estimation.starting_state import starting_state
+from autotune.estimation.twin import starting_state
 from autotune.models import layout
 from autotune.models.drive_model import base_model
 from autotune.models.inverse import required

@@ -414,3 +414,14 @@ def test_emcy_inhibit_time(bench: Bench) -> None:
     assert len(bench.take(0x085)) == 1
     bench.wait(0.06)
     assert len(bench.take(0x085)) == 1
+
+
+def test_an_axis_that_loses_power_in_motion_rests_when_it_is_back(bench: Bench) -> None:
+    """Time does not stand still while the drive starts: a fast master must not find the axis as it was left."""
+    start = bench.enable()
+    for k in range(100):
+        bench.cycle(15, start + 40 * k)  # 5 rad/s
+    assert bench.device.firmware.servo.true_velocity == pytest.approx(5.0, abs=0.5)
+    bench.device.power_loss()
+    bench.wait(0.31)
+    assert abs(bench.device.firmware.servo.true_velocity) < 0.05  # its noise shakes it against the brake

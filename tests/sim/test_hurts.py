@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from autotune.core.drive import HOLD, Command, Mode
-from autotune.core.errors import AutotuneError, ConfigurationError, DriveFault
+from autotune.core.errors import AutotuneError, ConfigurationError, DriveFault, LinkError
 from autotune_sim.faults import parse_order
 from autotune_sim.hurts import HURTS
 from autotune_sim.inprocess import SimDrive, open_sim
@@ -138,6 +138,41 @@ def test_lost_commands_leave_the_drive_with_the_last_one() -> None:
     later = rows[(rows["time"] > WHEN + 0.02) & (rows["mode"] >= 0)]
     assert np.ptp(later["target"]) == 0.0
     assert drive.faults() == []
+
+
+@pytest.mark.parametrize(
+    ("order", "mode", "change"),
+    [
+        ("rpdo-lost", Mode.POSITION, Command(position=H)),
+        ("rpdo-lost", Mode.VELOCITY, Command(velocity=2.0 * H)),
+        ("rpdo-lost", Mode.TORQUE, Command(torque=0.1 * H)),
+        ("rpdo-lost", Mode.POSITION, Command(torque_feedforward=0.1 * H)),
+        ("second-master=0.03", Mode.POSITION, Command(position=H)),
+    ],
+)
+def test_a_target_that_is_not_ours_is_read_back(order: str, mode: Mode, change: Command) -> None:
+    drive = open_sim(f"sim://edm-vertical?fault={order}@{WHEN}")
+    drive.enable(mode)
+    told = []
+
+    def play() -> None:
+        for cycle in range(500):
+            told.append(cycle * H)
+            drive.step(Command(*(cycle * part for part in change)))
+
+    with pytest.raises(LinkError, match="does not have the target"):
+        play()
+    assert 0.02 <= told[-1] - WHEN <= 0.05  # two looks, 20 cycles apart
+    drive.disable()
+    assert not drive.servo.powered
+
+
+def test_a_lost_command_that_says_what_the_one_before_said_is_no_matter() -> None:
+    drive = open_sim(f"sim://edm-vertical?fault=rpdo-lost@{WHEN}")
+    drive.enable(Mode.POSITION)
+    for _ in range(500):
+        drive.step(HOLD)
+    drive.disable()
 
 
 def test_another_masters_target_is_followed() -> None:

@@ -106,7 +106,7 @@ def test_before_after_names_the_peaks_and_marks_the_count(sampled, drawn) -> Non
     assert f"before: peak {peak:.2f} mrad" in names
     assert any(name.startswith("after: peak 0.") and name.endswith("mrad") for name in names)
     notes = [note.text for note in drawn["before_after"].layout.annotations]
-    assert any("± one encoder count (126 µrad)" in note for note in notes)
+    assert any("±1 count (126 µrad)" in note for note in notes)
 
 
 def test_before_after_of_one_repeat_has_no_band(sampled) -> None:

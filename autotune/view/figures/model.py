@@ -137,10 +137,10 @@ def ranking(ranks: Sequence[Rank]) -> go.Figure:
     figure.update_yaxes(categoryorder="array", categoryarray=[_spaced(rank.name) for rank in ordered])
     reach = max(max(gains), -min(gains), 1e-3)
     figure.update_xaxes(
-        title="Fall of the error on unseen data [%]",
+        title="Fall of the unseen error [%]",
         range=[
-            min(0.0, min(gains)) - (0.12 * reach if min(gains) < 0 else 0.0),
-            max(0.0, max(gains)) + 0.12 * reach,
+            min(0.0, min(gains)) - (0.3 * reach if min(gains) < 0 else 0.0),
+            max(0.0, max(gains)) + 0.3 * reach,
         ],
     )
     figure.update_layout(barmode="overlay", showlegend=True)

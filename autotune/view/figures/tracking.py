@@ -159,7 +159,7 @@ def _mark_count(figure: go.Figure, resolution: float, factor: float, unit: str) 
     figure.add_annotation(
         x=1, y=resolution * factor, xref="x2 domain", yref="y2", showarrow=False,
         xanchor="right", yanchor="bottom",
-        text=f"± one encoder count ({quantity(resolution, unit)})",
+        text=f"±1 count ({quantity(resolution, unit)})",
     )  # fmt: skip
 
 

@@ -1,0 +1,127 @@
+"""`autotune gains`: today's gains judged, better ones proposed and, on request, proved and written."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from autotune.cli.output import answer, answer_json, say
+from autotune.cli.owned import holding
+from autotune.cli.run import confirmation, reporting
+from autotune.core.axis import Axis, read_axis
+from autotune.core.errors import ConfigurationError, LinkError
+from autotune.view.console import Stage
+
+if TYPE_CHECKING:
+    from autotune.tuning.gains import Judged
+    from autotune.tuning.gains_apply import Applied
+
+NOTHING = 3
+LONGEST = 0.02
+"""s, of dead time: beyond it no servo loop is closed."""
+
+
+def gains(
+    axis_file: Annotated[Path, typer.Argument(metavar="AXIS.toml", help="The axis.")],
+    bandwidth: Annotated[
+        float | None,
+        typer.Option(metavar="HZ", help="The bandwidth wanted; the largest robust one by default."),
+    ] = None,
+    apply: Annotated[
+        bool,
+        typer.Option("--apply", help="Prove the proposed gains on the axis and write them to the drive."),
+    ] = False,
+    dead_time: Annotated[
+        float,
+        typer.Option(
+            metavar="SECONDS",
+            help="From sample to torque, as the drive's data sheet says; beside what the model knows.",
+        ),
+    ] = 0.0,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="With --apply: move the axis and keep what is proved, unasked.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON object.")] = False,
+    html: Annotated[
+        Path | None, typer.Option("--html", metavar="FILE", help="Write a page with figures.")
+    ] = None,
+    runs: Annotated[Path, typer.Option(help="Folder for what runs leave.")] = Path("runs"),
+) -> None:
+    """Judge today's gains by the axis's last model, and propose better ones; nothing moves without --apply."""
+    from autotune.tuning.gains import judge_axis
+
+    if not 0.0 <= dead_time <= LONGEST:
+        raise ConfigurationError(f"--dead-time is {dead_time:g} s; it must be 0 to {LONGEST:g} s")
+    if html is not None and not html.resolve().parent.is_dir():
+        raise ConfigurationError(f"there is no folder {html.parent} to write {html.name} to; make it first")
+    axis = read_axis(axis_file)
+    held = _held(axis, axis_file, runs, needed=apply)
+    judged = judge_axis(axis, runs, held, bandwidth, dead_time)
+    if html is not None:
+        from autotune.view.gains_page import write_gains
+
+        write_gains(
+            html, judged.current, judged.proposal, judged.kin, judged.task, judged.words, axis.motion_unit
+        )
+        say(f"figures: {html}")
+    applied = _applied(axis, axis_file, runs, judged, yes) if apply else None
+    _show(judged, applied, as_json)
+    if apply and not (applied and applied.kept):
+        raise typer.Exit(NOTHING)
+
+
+def _held(axis: Axis, axis_file: Path, runs: Path, needed: bool) -> dict[str, float] | None:
+    """The drive's parameters; None where it cannot be asked and need not be."""
+    from autotune.tuning.links import open_link
+
+    try:
+        with holding(axis, axis_file, "gains"):
+            loop = open_link(axis, axis_file.resolve().parent, runs)
+            try:
+                return loop.read_parameters()
+            finally:
+                loop.close()
+    except LinkError as error:
+        if needed:
+            raise
+        say(f"the drive cannot be asked ({error}); its gains are taken from the last recording")
+        return None
+
+
+def _applied(axis: Axis, axis_file: Path, runs: Path, judged: Judged, yes: bool) -> Applied | None:
+    from autotune.tuning.gains_apply import GainsRequest, apply_gains
+    from autotune.tuning.links import open_link
+    from autotune.tuning.motion_plan import planned_run
+
+    verdict = judged.proposal.verdict
+    if verdict is None:
+        return None
+    confirm = confirmation(axis, yes, planned_run(axis, "prove"), "gains --apply")
+    with (
+        holding(axis, axis_file, "gains"),
+        reporting(stages=[Stage("connect", 2.0), Stage("gains", 70.0), Stage("commit", 12.0)]) as console,
+    ):
+        return apply_gains(
+            GainsRequest(
+                axis,
+                lambda: open_link(axis, axis_file.resolve().parent, runs),
+                runs,
+                console,
+                datetime.now,
+                gains=verdict.gains,
+                approve=confirm,
+            )
+        )
+
+
+def _show(judged: Judged, applied: Applied | None, as_json: bool) -> None:
+    more = (applied.sentence,) if applied else ()
+    content: dict[str, Any] = judged.as_json(bool(applied and applied.kept), more)
+    if as_json:
+        answer_json(content)
+        return
+    for sentence in content["advice"]:
+        answer(sentence)

@@ -1,0 +1,111 @@
+"""The axes that a model stands for: its nominal one, and others at the ends of its parameters' intervals.
+
+One group of parameters at a time is moved to either end: two standard errors, `LEAST` at least, `ASSUMED` where
+the model has no standard error (Table 6.2 of the thesis: what was identified again differed by 3 to 40 %).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+from autotune.control.gains.loop import LoopTiming
+from autotune.core.errors import ConfigurationError
+from autotune.models.drive_model import DriveModel
+
+ERRORS = 2.0
+"""Standard errors to either side: 95 %."""
+LEAST = 0.05
+"""Relative, of an interval: friction and inertia of one machine differ by as much from day to day."""
+ASSUMED = 0.2
+"""Relative, where the model has no standard error: the reproducibility of Table 6.2."""
+MOST = 0.6
+"""Relative: a parameter that nothing was said about may not turn its sign."""
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """One axis of the family; `what` says which end of which interval it is."""
+
+    what: str
+    model: DriveModel
+    timing: LoopTiming
+
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """All members, the nominal one first; `assumed` names the parameters whose interval was assumed."""
+
+    members: tuple[Member, ...]
+    assumed: tuple[str, ...]
+
+    @property
+    def nominal(self) -> Member:
+        return self.members[0]
+
+
+_GROUPS: tuple[tuple[str, tuple[str, ...]], ...] = (
+    ("inertia", ("inertia",)),
+    ("friction", ("coulomb", "break_away", "reversal_memory.torque_")),
+    ("stiffness", ("stiffness", "reversal_memory.displacement_")),
+    ("damping", ("micro_damping", "viscous")),
+    ("compliance", ("elastic_transmission.compliance", "backlash.contact_compliance")),
+)
+
+
+def family(model: DriveModel, timing: LoopTiming) -> Family:
+    """The nominal axis and both ends of each group.
+
+    Raises:
+        ConfigurationError: the model is of an axis without inertia to speak of, or not in SI torque.
+    """
+    if model.torque_unit:
+        raise ConfigurationError(
+            f"the model's torque is in {model.torque_unit}; gains are judged in N m or N. Import the recordings with "
+            "the torque constant and fit the model again"
+        )
+    members = [Member("nominal", model, timing)]
+    assumed: list[str] = []
+    for name, keys in _GROUPS:
+        present = [one for one in model.parameters if _in_group(one, keys) and model[one] > 0.0]
+        if not present:
+            continue
+        part, known = _spread(model, present)
+        assumed += [] if known else [name]
+        for sign, end in ((-1.0, "low"), (1.0, "high")):
+            factor = 1.0 + sign * part
+            members.append(Member(f"{name} {end}", _scaled(model, present, factor), timing))
+    return Family((*members, *_late(model, timing)), tuple(assumed))
+
+
+def _in_group(name: str, keys: Iterable[str]) -> bool:
+    return any(name.startswith(key) if key.endswith("_") else name == key for key in keys)
+
+
+def _spread(model: DriveModel, names: list[str]) -> tuple[float, bool]:
+    """Relative half width of a group's interval, and whether it rests on standard errors."""
+    table = model.parameters
+    total = sum(table[name].value for name in names)
+    errors = [table[name].standard_error for name in names]
+    known = [error for error in errors if error is not None and math.isfinite(error)]
+    if not known or (len(known) < len(names) and len(names) == 1):
+        return ASSUMED, False
+    return min(max(ERRORS * math.hypot(*known) / total, LEAST), MOST), True
+
+
+def _scaled(model: DriveModel, names: list[str], factor: float) -> DriveModel:
+    """A group scaled; travel of memory elements falls as their stiffness rises."""
+    errors = {name: model.parameters[name].standard_error for name in names}
+    changed = {
+        name: model[name] / factor if "displacement" in name else model[name] * factor for name in names
+    }
+    return model.with_values(changed, errors)
+
+
+def _late(model: DriveModel, timing: LoopTiming) -> list[Member]:
+    """A loop that is later, where its dead time is uncertain; an earlier one is no risk."""
+    if timing.dead_time_error <= 0.0:
+        return []
+    later = timing.dead_time + ERRORS * timing.dead_time_error
+    return [Member("dead time high", model, replace(timing, dead_time=later))]

@@ -1,0 +1,262 @@
+"""Better gains: the quickest to settle among those that are robust in both regimes, over the intervals, and hold.
+
+Gains are sought as (ωc, a, b): kd makes ωc the crossover of the sliding regime, kp = kd·ωc/a, ki = kp·ωc/b. Those
+that do not keep `Requirements` on the corners of the family are left by their margins alone; the rest is run on the
+twin. Differential evolution (Storn and Price, 1997) with a fixed seed searches; what it finds must then hold on
+every member, or the requirements are drawn tighter and it is sought again.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import differential_evolution
+
+from autotune.control.gains.hunting import after_step
+from autotune.control.gains.judge import Task, Verdict, judge
+from autotune.control.gains.loop import Gains
+from autotune.control.gains.members import Family, Member
+from autotune.control.gains.regimes import REGIMES, linear_axis
+from autotune.control.gains.sampled import (
+    Complexes,
+    SampledAxis,
+    axis_response,
+    controller_response,
+    frequencies,
+    margins,
+    sampled_axis,
+    torque_noise,
+)
+from autotune.control.gains.steps import HORIZON, settling_time
+from autotune.core.arrays import Floats
+from autotune.core.errors import ConfigurationError
+
+SEED = 20
+POPULATION, GENERATIONS = 10, 14
+ROUNDS = 3
+TIGHTER = 1.15
+LEAST_BANDWIDTH = 0.5  # Hz
+ON_TARGET = 0.02
+"""Relative: what counts as the bandwidth that was asked for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Requirements:
+    """What gains must keep on every corner of the family.
+
+    Attributes:
+        modulus: distance of L from −1, that is a sensitivity of at most 1/modulus (Åström and Hägglund, Advanced
+            PID Control, ch. 4, take 1/1.4 to 1/2.0).
+        phase: [deg]; gain: [dB], to either side.
+        noise: step of the torque for one count, as a share of the torque limit.
+    """
+
+    modulus: float = 0.45
+    phase: float = 27.0
+    gain: float = 6.0
+    noise: float = 0.05
+
+    def tighter(self) -> Requirements:
+        return replace(
+            self,
+            modulus=min(self.modulus * TIGHTER, 0.8),
+            phase=self.phase * TIGHTER,
+            gain=self.gain * TIGHTER,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Corner:
+    """One axis in one regime, sampled."""
+
+    what: str
+    axis: SampledAxis
+    response: Complexes
+    period: float
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """What is proposed, and why no more is; `verdict` None where nothing can be."""
+
+    verdict: Verdict | None
+    requirements: Requirements
+    limited_by: str
+    resonance: float
+
+
+def propose(
+    kin: Family,
+    task: Task,
+    current: Gains,
+    bandwidth: float | None = None,
+    requirements: Requirements | None = None,
+) -> Proposal:
+    """Gains in the structure of `current`, for a crossover of `bandwidth` [Hz] or the quickest robust ones.
+
+    Raises:
+        ConfigurationError: a bandwidth beyond what the cycle, or an identified resonance, can carry.
+    """
+    wanted = requirements or Requirements()
+    resonance = linear_axis(kin.nominal.model, "sliding").resonance
+    _check_bandwidth(bandwidth, kin.nominal.timing.period, resonance)
+    corners = corners_of(kin)
+    for _ in range(ROUNDS):
+        found = _searched(kin, corners, task, current, bandwidth, wanted)
+        if found is None:
+            return Proposal(None, wanted, _limit(corners, current, kin, wanted, bandwidth), resonance)
+        verdict = judge(found, kin, task)
+        if _holds(verdict):
+            return Proposal(verdict, wanted, _limit(corners, found, kin, wanted, bandwidth), resonance)
+        wanted = wanted.tighter()
+    return Proposal(
+        None,
+        wanted,
+        "on the twin, some member of the family hunts or stick-slips with all of them",
+        resonance,
+    )
+
+
+def _check_bandwidth(bandwidth: float | None, period: float, resonance: float) -> None:
+    if bandwidth is None:
+        return
+    highest = 0.25 / period
+    if not LEAST_BANDWIDTH <= bandwidth <= highest:
+        raise ConfigurationError(
+            f"the bandwidth asked for is {bandwidth:g} Hz; with a cycle of {period:g} s it can be "
+            f"{LEAST_BANDWIDTH:g} to {highest:g} Hz. Leave --bandwidth out to have the largest robust one"
+        )
+    if 0.0 < resonance < bandwidth:
+        raise ConfigurationError(
+            f"the axis's resonance at {resonance:.4g} Hz lies below the bandwidth asked for, {bandwidth:g} Hz; no gains "
+            f"reach beyond it. Ask for less than {0.5 * resonance:.3g} Hz, or stiffen the transmission"
+        )
+
+
+def corners_of(kin: Family) -> tuple[Corner, ...]:
+    """Both regimes of every member."""
+    return tuple(_corner(one, regime) for one in kin.members for regime in REGIMES)
+
+
+def _corner(member: Member, regime: str) -> Corner:
+    axis = sampled_axis(
+        linear_axis(member.model, "sticking" if regime == "sticking" else "sliding"), member.timing
+    )
+    period = member.timing.period
+    return Corner(f"{regime}, {member.what}", axis, axis_response(axis, period), period)
+
+
+def shaped(corners: tuple[Corner, ...], current: Gains, point: Floats) -> Gains:
+    """Gains of (ln ωc, ln a, ln b) in the structure of `current`; kd from |L(ωc)| = 1 on the nominal axis, sliding."""
+    crossover, a, b = np.exp(point)
+    rate = 2.0 * math.pi * crossover
+    integral = 0.0 if current.structure == "pi_velocity" else rate**2 / (a * b)
+    unit = current.scaled(rate / a, 1.0, integral)
+    nominal = corners[1]
+    loop = np.abs(nominal.response * controller_response(unit, nominal.period))
+    at = float(
+        np.interp(math.log(crossover), np.log(frequencies(nominal.period)), np.log(np.maximum(loop, 1e-300)))
+    )
+    kd = math.exp(-at)
+    return current.scaled(kd * rate / a, kd, kd * integral)
+
+
+def shortfall(corners: tuple[Corner, ...], gains: Gains, wanted: Requirements) -> float:
+    """By how much the requirements are missed over all corners, 0 where they are kept."""
+    total = 0.0
+    for one in corners:
+        found = margins(one.axis, gains, one.period, one.response)
+        if not found.stable:
+            return 10.0 + min(found.radius, 10.0)
+        total += max(0.0, wanted.modulus - found.modulus) / wanted.modulus
+        total += max(0.0, wanted.phase - found.phase) / wanted.phase
+        total += max(0.0, wanted.gain - min(found.gain, found.gain_down)) / wanted.gain
+    return total
+
+
+def _searched(
+    kin: Family,
+    corners: tuple[Corner, ...],
+    task: Task,
+    current: Gains,
+    bandwidth: float | None,
+    wanted: Requirements,
+) -> Gains | None:
+    """The best of the search; None where nothing keeps the requirements."""
+    member, limit = kin.nominal, kin.nominal.timing.torque_limit
+    few = _binding(corners)
+
+    def cost(point: Floats) -> float:
+        gains = shaped(corners, current, point)
+        noise = torque_noise(gains, member.timing) / (wanted.noise * limit)
+        missed = max(0.0, noise - 1.0) + shortfall(few, gains, wanted)
+        return 100.0 + missed if missed > 0.0 else _time(member, gains, task)
+
+    low, high = (LEAST_BANDWIDTH, 0.25 / member.timing.period) if bandwidth is None else (
+        bandwidth * (1.0 - ON_TARGET), bandwidth * (1.0 + ON_TARGET),
+    )  # fmt: skip
+    bounds = [
+        (math.log(low), math.log(high)),
+        (math.log(1.05), math.log(8.0)),
+        (math.log(1.5), math.log(60.0)),
+    ]
+    result = differential_evolution(
+        cost, bounds, popsize=POPULATION, maxiter=GENERATIONS, seed=SEED, tol=1e-3, polish=False, init="sobol"
+    )
+    if result.fun >= 100.0:
+        return None
+    gains = shaped(corners, current, result.x)
+    return (
+        gains if shortfall(corners, gains, wanted) < 0.02 else _backed_off(corners, current, result.x, wanted)
+    )
+
+
+def _binding(corners: tuple[Corner, ...]) -> tuple[Corner, ...]:
+    """The corners that usually bind; all are looked at in the end."""
+    keys = ("nominal", "inertia low", "inertia high", "damping low", "compliance", "dead time")
+    return tuple(one for one in corners if any(key in one.what for key in keys))
+
+
+def _backed_off(
+    corners: tuple[Corner, ...], current: Gains, point: Floats, wanted: Requirements
+) -> Gains | None:
+    """Less crossover at the same shape until every corner keeps the requirements."""
+    for part in (0.95, 0.9, 0.8, 0.7, 0.6):
+        gains = shaped(corners, current, point + np.array([math.log(part), 0.0, 0.0]))
+        if shortfall(corners, gains, wanted) < 0.02:
+            return gains
+    return None
+
+
+def _time(member: Member, gains: Gains, task: Task) -> float:
+    """Seconds to settle, the longer of both steps, with a little of the shorter; more where it hunts."""
+    times = [
+        settling_time(member.model, gains, member.timing, size)
+        for size in (task.steps.small, task.steps.large)
+    ]
+    worst = max(times)
+    if worst < HORIZON and after_step(member.model, gains, member.timing, task.steps.large, 2.0) is not None:
+        return 50.0
+    return worst + 0.1 * min(times)
+
+
+def _holds(verdict: Verdict) -> bool:
+    return not verdict.hunting_members and not verdict.sticking_members
+
+
+def _limit(
+    corners: tuple[Corner, ...], gains: Gains, kin: Family, wanted: Requirements, bandwidth: float | None
+) -> str:
+    """What stands in the way of more, in words."""
+    member = kin.nominal
+    if bandwidth is not None and shortfall(corners, gains, wanted) < 0.02:
+        return f"the bandwidth asked for, {bandwidth:g} Hz"
+    if torque_noise(gains, member.timing) > 0.9 * wanted.noise * member.timing.torque_limit:
+        return (
+            f"the encoder: one count makes a torque of {torque_noise(gains, member.timing):.3g}, and "
+            f"{100 * wanted.noise:g} % of the torque limit are allowed"
+        )
+    worst = min(corners, key=lambda one: margins(one.axis, gains, one.period, one.response).modulus)
+    return f"the margins on the axis with {worst.what.split(', ')[1]}, {worst.what.split(', ')[0]}"

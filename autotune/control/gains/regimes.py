@@ -1,0 +1,141 @@
+"""The two quasi-linear regimes of an axis (section 4.2.2), from its model.
+
+Sliding (4.68): J·q'' + σ2·q' = u. Sticking, in presliding (4.69): J·q'' + (σ1 + σ2)·q' + σ0·q = u, where σ0 is the
+stiffness at rest of all that is elastic: the bristle, the elements of reversal memory, a spring. Where the
+transmission is elastic, motor and load are two masses and friction is shared between them. A drive's torque lag
+is one state more.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from autotune.core.arrays import Floats
+from autotune.core.errors import ConfigurationError
+from autotune.models.drive_model import DriveModel
+from autotune.models.total_friction import total_friction
+
+Regime = Literal["sticking", "sliding"]
+REGIMES: tuple[Regime, ...] = ("sticking", "sliding")
+ELEMENTS = 10
+
+
+@dataclass(frozen=True, slots=True)
+class LinearAxis:
+    """What a regime is made of; SI, motor side.
+
+    Attributes:
+        inertia, damping, stiffness: J, all damping and all stiffness to the ground.
+        coupling, coupling_damping: spring and damper between motor and load; 0 for one mass.
+        load_share, load_friction: parts of inertia and of friction beyond the spring.
+        lag: time constant of the torque [s].
+    """
+
+    inertia: float
+    damping: float
+    stiffness: float
+    coupling: float = 0.0
+    coupling_damping: float = 0.0
+    load_share: float = 0.0
+    load_friction: float = 0.0
+    lag: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not self.inertia > 0.0:
+            raise ConfigurationError(
+                f"the inertia is {self.inertia!r}; it must be above 0. Identify the axis again"
+            )
+
+    @property
+    def resonance(self) -> float:
+        """Of motor against load [Hz]; 0 for one mass."""
+        if self.coupling == 0.0:
+            return 0.0
+        reduced = self.inertia * self.load_share * (1.0 - self.load_share)
+        return math.sqrt(self.coupling / reduced) / (2.0 * math.pi)
+
+    def state_space(self) -> tuple[Floats, Floats, Floats]:
+        """A (n, n), b (n,), c (n,) from torque to motor position, in continuous time."""
+        a, b = self._two_masses() if self.coupling > 0.0 else self._one_mass()
+        c = np.zeros(len(b))
+        c[0] = 1.0
+        return (a, b, c) if self.lag <= 0.0 else _lagged(a, b, c, self.lag)
+
+    def _one_mass(self) -> tuple[Floats, Floats]:
+        a = np.array([[0.0, 1.0], [-self.stiffness / self.inertia, -self.damping / self.inertia]])
+        return a, np.array([0.0, 1.0 / self.inertia])
+
+    def _two_masses(self) -> tuple[Floats, Floats]:
+        load = self.inertia * self.load_share
+        motor, rub = self.inertia - load, self.load_friction
+        k, d = self.coupling, self.coupling_damping
+        near_k, near_d = self.stiffness * (1.0 - rub), self.damping * (1.0 - rub)
+        far_k, far_d = self.stiffness * rub, self.damping * rub
+        a = np.array(
+            [
+                [0.0, 1.0, 0.0, 0.0],
+                [-(k + near_k) / motor, -(d + near_d) / motor, k / motor, d / motor],
+                [0.0, 0.0, 0.0, 1.0],
+                [k / load, d / load, -(k + far_k) / load, -(d + far_d) / load],
+            ]
+        )
+        return a, np.array([0.0, 1.0 / motor, 0.0, 0.0])
+
+
+def _lagged(a: Floats, b: Floats, c: Floats, lag: float) -> tuple[Floats, Floats, Floats]:
+    n = len(b)
+    wide = np.zeros((n + 1, n + 1))
+    wide[:n, :n], wide[:n, n], wide[n, n] = a, b, -1.0 / lag
+    drive = np.zeros(n + 1)
+    drive[n] = 1.0 / lag
+    return wide, drive, np.append(c, 0.0)
+
+
+def linear_axis(model: DriveModel, regime: Regime) -> LinearAxis:
+    """The axis in one regime."""
+    sticks = regime == "sticking"
+    damping = model["viscous"] + (model["micro_damping"] if sticks else 0.0)
+    stiffness = stiffness_at_rest(model) if sticks else 0.0
+    if "spring" in model:
+        stiffness += model["spring.stiffness"]
+    lag = model["torque_lag.time_constant"] if "torque_lag" in model else 0.0
+    kind = next((name for name in ("elastic_transmission", "backlash") if name in model), None)
+    if kind is None:
+        return LinearAxis(model["inertia"], damping, stiffness, lag=lag)
+    compliance = model["elastic_transmission.compliance" if kind[0] == "e" else "backlash.contact_compliance"]
+    share = model[f"{kind}.load_inertia"]
+    coupling = 1.0 / max(compliance, 1e-12)
+    reduced = model["inertia"] * share * (1.0 - share)
+    return LinearAxis(
+        model["inertia"],
+        damping,
+        stiffness,
+        coupling,
+        2.0 * model[f"{kind}.damping"] * math.sqrt(coupling * reduced),
+        share,
+        model[f"{kind}.load_friction"],
+        lag,
+    )
+
+
+def stiffness_at_rest(model: DriveModel) -> float:
+    """σ0 of bristle and memory elements together [N m/rad]."""
+    total = model["stiffness"] if model["coulomb"] > 0.0 else 0.0
+    if "reversal_memory" not in model:
+        return total
+    names = model.parameters
+    for number in range(1, ELEMENTS + 1):
+        travel = f"reversal_memory.displacement_{number}"
+        if travel in names and model[travel] > 0.0:
+            total += model[f"reversal_memory.torque_{number}"] / model[travel]
+    return total
+
+
+def characteristic_space(model: DriveModel) -> float:
+    """x_s = F/σ0, the way of a small step (section 4.2.1) [rad or m]; 0 without friction."""
+    stiffness = stiffness_at_rest(model)
+    return total_friction(model).value / stiffness if stiffness > 0.0 else 0.0

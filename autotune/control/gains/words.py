@@ -1,0 +1,163 @@
+"""A verdict on gains in sentences: first what matters at the machine, then why."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from autotune.control.gains.hunting import LimitCycle
+from autotune.control.gains.judge import Verdict
+from autotune.control.gains.loop import STRUCTURES, Gains
+from autotune.control.gains.members import ASSUMED, Family
+from autotune.control.gains.propose import Proposal, Requirements
+from autotune.control.gains.routh import passivity_margin, pid_conditions
+
+
+def advice(kin: Family, current: Verdict | None, proposal: Proposal, unit: str) -> list[str]:
+    """All that is to be said, a sentence each."""
+    said = assumptions(kin)
+    if current is not None:
+        said += about(kin, current, unit, "Today's gains", proposal.requirements)
+    if proposal.verdict is not None:
+        said.append(_proposed(current, proposal, unit))
+    else:
+        said.append(f"No better gains can be proposed: {proposal.limited_by}.")
+    said += resonance_advice(proposal)
+    said.append(passivity_in_words(kin))
+    return said
+
+
+def about(kin: Family, verdict: Verdict, unit: str, who: str, wanted: Requirements) -> list[str]:
+    """What a set of gains does: hunting, stick-slip, margins, and what the textbook's conditions say."""
+    said = [f"{who}: {hunting_in_words(verdict, unit)}"]
+    if verdict.slow.below > 0.0:
+        said.append(
+            f"{who}: in slow motion the axis comes to stand again and again below about {verdict.slow.below:.2g} {unit}/s."
+        )
+    elif verdict.sticking_members:
+        said.append(
+            f"{who}: the nominal axis moves evenly down to {verdict.slow.speeds[0]:.2g} {unit}/s, but not the one with "
+            f"{', '.join(verdict.sticking_members)}."
+        )
+    else:
+        said.append(
+            f"{who}: no stick-slip between {verdict.slow.speeds[0]:.2g} and {verdict.slow.speeds[-1]:.2g} {unit}/s."
+        )
+    said.append(f"{who}: {_margins_in_words(verdict, wanted)}")
+    said.append(f"{who}: {conditions_in_words(kin, verdict.gains)}")
+    return said
+
+
+def hunting_in_words(verdict: Verdict, unit: str) -> str:
+    """The verdict on hunting with its frequency and amplitude."""
+    if verdict.cycle is not None:
+        return f"the axis hunts after a step, {cycle_in_words(verdict.cycle, unit)}."
+    if verdict.hunting_members:
+        return (
+            "the nominal axis holds its set point, but within the intervals of its parameters it can hunt (with "
+            f"{', '.join(verdict.hunting_members)})."
+        )
+    sliding = verdict.nominal["sliding"]
+    if not sliding.stable:
+        return (
+            "after a step friction holds the axis, although the loop is unstable while it slides: in motion it swings, "
+            "and a little less friction lets it hunt."
+        )
+    return "the axis does not hunt, at any end of its parameters' intervals."
+
+
+def cycle_in_words(cycle: LimitCycle, unit: str) -> str:
+    """Amplitude and frequency."""
+    if cycle.unbounded:
+        return "and the swing grows without bound"
+    rate = f" at {cycle.frequency:.3g} Hz" if math.isfinite(cycle.frequency) else ", not periodically"
+    return f"by about ±{1e3 * cycle.amplitude:.3g} m{unit}{rate}"
+
+
+def _margins_in_words(verdict: Verdict, wanted: Requirements) -> str:
+    parts = []
+    for regime, (found, what) in verdict.worst.items():
+        if not found.stable:
+            parts.append(f"{regime}, unstable ({what})")
+        else:
+            room = min(found.gain, found.gain_down)
+            parts.append(f"{regime}, {found.phase:.0f}° and {room:.3g} dB ({what})")
+    good = all(
+        one.stable and one.modulus >= 0.98 * wanted.modulus and one.phase >= 0.98 * wanted.phase
+        for one, _ in verdict.worst.values()
+    )
+    told = "that is robust" if good else f"at least {wanted.phase:.0f}° and {wanted.gain:.0f} dB are wanted"
+    return f"crossover at {verdict.bandwidth:.3g} Hz; least margins over the intervals: {'; '.join(parts)}; {told}."
+
+
+def conditions_in_words(kin: Family, gains: Gains) -> str:
+    """Theorem 4.2 and Routh with their margins, as information."""
+    found = pid_conditions(kin.nominal.model, gains)
+    theorem = (
+        "Theorem 4.2 guarantees that it does not hunt"
+        if found.sufficient
+        else "Theorem 4.2, which is sufficient and not necessary, does not tell"
+    )
+    routh = "holds" if found.sliding_stable else "fails"
+    return (
+        f"for information, without sampling: {theorem} (kp {found.position[0]:.3g} of {found.position[1]:.3g}, damping "
+        f"{found.damping[0]:.3g} of {found.damping[1]:.3g}); Routh's condition of the sliding regime {routh} "
+        f"({found.routh[0]:.3g} against {found.routh[1]:.3g})."
+    )
+
+
+def _proposed(current: Verdict | None, proposal: Proposal, unit: str) -> str:
+    verdict = proposal.verdict
+    if verdict is None:
+        return ""
+    named = ", ".join(f"{name} {value:.4g}" for name, value in verdict.gains.named().items())
+    before = ""
+    if current is not None:
+        was = "do not settle" if current.settling >= 2.0 else f"need {1e3 * current.settling:.0f} ms"
+        before = f" (today's {was})"
+    return (
+        f"Proposed for {STRUCTURES[verdict.gains.structure]}: {named}. Crossover {verdict.bandwidth:.3g} Hz; on the twin "
+        f"steps settle to ±10 % within {1e3 * verdict.settling:.0f} ms{before}, {hunting_in_words(verdict, unit)} More is "
+        f"limited by {proposal.limited_by}."
+    )
+
+
+def assumptions(kin: Family) -> list[str]:
+    """What was assumed because the model does not say it."""
+    if not kin.assumed:
+        return []
+    return [
+        f"The model has no standard error for {', '.join(kin.assumed)}: ±{100 * ASSUMED:.0f} % is assumed. Identify the axis "
+        "('autotune run') to have intervals."
+    ]
+
+
+def resonance_advice(proposal: Proposal) -> list[str]:
+    """A notch where a resonance was identified."""
+    if proposal.resonance <= 0.0:
+        return []
+    verdict = proposal.verdict
+    if verdict is not None and verdict.gains.notch is not None:
+        return [
+            f"The transmission resonates at {proposal.resonance:.4g} Hz: the proposal has a notch there. It pays only while "
+            "the resonance stays where it is."
+        ]
+    return [
+        f"The transmission resonates at {proposal.resonance:.4g} Hz; the proposal keeps clear of it without a notch."
+    ]
+
+
+def passivity_in_words(kin: Family) -> str:
+    """(3.13), (3.14) as a sentence about the identified parameters."""
+    margin = passivity_margin(kin.nominal.model)
+    if margin >= 0.0:
+        return f"The axis by itself is passive: its viscous friction exceeds what (3.14) asks for by {margin:.2g}."
+    return (
+        f"The axis by itself is not passive (3.14): its friction falls with speed, and a velocity gain of {-margin:.2g} "
+        "would make it so."
+    )
+
+
+def joined(sentences: Sequence[str]) -> str:
+    """For a report: one paragraph."""
+    return " ".join(sentences)

@@ -1,0 +1,153 @@
+"""`autotune gains`: what is known of an axis's loop from its last model, its drive, and its recordings.
+
+Today's gains are read from the drive where its profile maps them, else from the recording's file, else identified
+from the recording. Nothing moves here; what is written is the business of `gains_apply`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import pi
+from pathlib import Path
+from typing import Any
+
+from autotune.control.gains.judge import Task, Verdict, judge
+from autotune.control.gains.loop import Gains, LoopTiming, cascaded_from, of_controller
+from autotune.control.gains.members import Family, family
+from autotune.control.gains.propose import Proposal, propose
+from autotune.control.gains.steps import step_sizes
+from autotune.control.gains.words import advice
+from autotune.core.axis import Axis
+from autotune.core.errors import ConfigurationError
+from autotune.estimation.controller import PositionController, controller_of
+from autotune.models.drive_model import DriveModel
+from autotune.models.model_file import read_model
+from autotune.recordings.files import read_recording
+from autotune.tuning.findings import latest_run
+from autotune.tuning.session import controller_of as controller_in_drive
+
+MODEL, EXPERIMENT = "model.toml", "recordings/experiment.parquet"
+NAMES = ("kp", "kd", "ki", "derivative_filter")
+CASCADED = 0.05
+"""Part of the reference's rate in the derivative: with less the loops are cascaded."""
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """What the answer rests on: the model's file, the gains and where they were found."""
+
+    model: DriveModel
+    source: Path
+    gains: Gains
+    gains_from: str
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """The answer; `words` as `advice` in the JSON."""
+
+    known: Known
+    kin: Family
+    task: Task
+    current: Verdict
+    proposal: Proposal
+    words: tuple[str, ...]
+
+    def as_json(self, applied: bool = False, more: tuple[str, ...] = ()) -> dict[str, Any]:
+        proposed = self.proposal.verdict
+        return {
+            "current": self.current.as_json(),
+            "proposed": proposed.as_json() if proposed else None,
+            "advice": [*self.words, *more],
+            "applied": applied,
+            "model": str(self.known.source),
+            "gains_from": self.known.gains_from,
+        }
+
+
+def known_of(axis: Axis, runs: Path, held: Mapping[str, float] | None) -> Known:
+    """Model and gains of an axis.
+
+    Args:
+        held: the drive's parameters, None where it was not asked.
+
+    Raises:
+        ConfigurationError: no model, the model of another axis, or no way to tell the gains.
+    """
+    directory = latest_run(runs, axis, MODEL)
+    model = read_model(directory / MODEL)
+    if model.fingerprint and model.fingerprint != axis.fingerprint:
+        raise ConfigurationError(
+            f"the model {directory / MODEL} is of an axis with the fingerprint {model.fingerprint}, {axis.name} has "
+            f"{axis.fingerprint}: name, unit, profile or mechanics were changed since. Run 'autotune run' again"
+        )
+    controller = controller_in_drive(held or {})
+    if controller is not None:
+        return Known(model, directory / MODEL, of_controller(controller), "drive")
+    found = _recorded(directory, axis)
+    return Known(model, directory / MODEL, _gains_of(found), f"{found.source} ({directory.name})")
+
+
+def _recorded(directory: Path, axis: Axis) -> PositionController:
+    path = directory / EXPERIMENT
+    if not path.is_file():
+        raise ConfigurationError(
+            f"the profile {axis.profile} does not map the gains of axis {axis.name}, and {path} is not there to find them "
+            "in: run 'autotune run' again, which records it"
+        )
+    found = controller_of(read_recording(path))
+    if not found.usable:
+        raise ConfigurationError(
+            f"the gains of axis {axis.name} are in neither its profile nor its recording: {found.why} Nothing can be said "
+            "about gains that nobody knows; record motion under position control with its set points (column reference)"
+        )
+    return found
+
+
+def _gains_of(found: PositionController) -> Gains:
+    if found.reference_rate < CASCADED and found.kd > 0.0:
+        return cascaded_from(found.kp, found.kd, found.ki, found.derivative_filter)
+    return Gains(max(found.kp, 0.0), max(found.kd, 0.0), max(found.ki, 0.0), found.derivative_filter)
+
+
+def timing_of(axis: Axis, held: Mapping[str, float] | None, dead_time: float = 0.0) -> LoopTiming:
+    """Cycle, encoder, torque limit (the lesser of drive and file) and reference filter."""
+    limit = min(axis.limits.torque, (held or {}).get("limit.torque") or axis.limits.torque)
+    return LoopTiming(
+        axis.cycle,
+        axis.position_resolution,
+        limit,
+        dead_time,
+        0.1 * dead_time,
+        axis.reference.filter,
+    )
+
+
+def task_of(axis: Axis, model: DriveModel, timing: LoopTiming) -> Task:
+    """The benchmark's amplitude as the large step, its peak speed as the fastest slow motion."""
+    benchmark = axis.benchmark
+    return Task(
+        step_sizes(model, timing, benchmark.amplitude), 2.0 * pi * benchmark.frequency * benchmark.amplitude
+    )
+
+
+def judge_axis(
+    axis: Axis,
+    runs: Path,
+    held: Mapping[str, float] | None,
+    bandwidth: float | None = None,
+    dead_time: float = 0.0,
+) -> Judged:
+    """Judges today's gains and proposes better ones; some seconds of work, nothing moves.
+
+    Raises:
+        ConfigurationError: as `known_of`, or a bandwidth that cannot be.
+    """
+    known = known_of(axis, runs, held)
+    timing = timing_of(axis, held, dead_time)
+    kin, task = family(known.model, timing), task_of(axis, known.model, timing)
+    proposal = propose(kin, task, known.gains, bandwidth)
+    current = judge(known.gains, kin, task)
+    words = (f"Gains from: {known.gains_from}.", *advice(kin, current, proposal, axis.motion_unit))
+    return Judged(known, kin, task, current, proposal, words)

@@ -1,0 +1,86 @@
+"""Runs a batch of worlds; restartable: what stands in the file is not run again.
+
+    python -m bench.worlds --seed 0 --singles 40 --nulls 20 --workers 2 --out worlds.jsonl --table worlds.md
+
+One line of JSON a case. `--hash` prints the hash of the list of cases and runs nothing: it is written down first.
+Seeds below 100000 are for development.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from bench.worlds.cases import Case, batch_hash, draw_batch
+from bench.worlds.judge import judged
+from bench.worlds.table import table
+
+PLURALS = {"singles": "single", "halves": "half", "nulls": "null", "aliens": "alien", "pairs": "pair"}
+
+
+def arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--seed", type=int, default=0, help="first seed of each kind")
+    for name in (*PLURALS, "removed"):
+        parser.add_argument(f"--{name}", type=int, default=0, metavar="N")
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--out", type=Path, default=Path("worlds.jsonl"))
+    parser.add_argument("--table", type=Path)
+    parser.add_argument("--hash", action="store_true", help="print the batch's hash and stop")
+    parser.add_argument("--only", nargs="*", default=[], metavar="EFFECT", help="of the singles, these only")
+    return parser.parse_args()
+
+
+def chosen(given: argparse.Namespace) -> list[Case]:
+    counts = {kind: getattr(given, plural) for plural, kind in PLURALS.items()} | {"removed": given.removed}
+    cases = draw_batch(given.seed, counts)
+    return [case for case in cases if not given.only or set(case.truth) & set(given.only)]
+
+
+def lines_of(path: Path) -> list[dict[str, Any]]:
+    """What was run already; a line that was cut off at the end is run again."""
+    out = []
+    for text in path.read_text().splitlines() if path.exists() else []:
+        try:
+            out.append(json.loads(text))
+        except json.JSONDecodeError:
+            continue
+    return out
+
+
+def results(cases: list[Case], workers: int) -> Iterator[dict[str, Any]]:
+    if workers <= 1:
+        yield from map(judged, cases)
+        return
+    with multiprocessing.get_context("spawn").Pool(workers, maxtasksperchild=20) as pool:
+        yield from pool.imap_unordered(judged, cases)
+
+
+def main() -> int:
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    given = arguments()
+    cases = chosen(given)
+    head = f"{len(cases)} cases, seed {given.seed}, sha256 {batch_hash(cases)}"
+    sys.stdout.write(head + "\n")
+    if given.hash:
+        return 0
+    done = {line["key"] for line in lines_of(given.out)}
+    with given.out.open("a") as file:
+        for line in results([case for case in cases if case.key not in done], given.workers):
+            file.write(json.dumps(line) + "\n")
+            file.flush()
+    wanted = {case.key for case in cases}
+    text = table([line for line in lines_of(given.out) if line["key"] in wanted], head + "\n")
+    (given.table.write_text if given.table else sys.stdout.write)(text)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
