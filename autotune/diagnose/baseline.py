@@ -10,8 +10,8 @@ from autotune.core.errors import NotEnoughExcitation
 from autotune.diagnose.candidates import Progress, no_progress
 from autotune.diagnose.evidence.kinds import evidence_of
 from autotune.estimation.alignment import without_twin
-from autotune.estimation.bias_corrected_fit import Level, settle
-from autotune.estimation.contact_start import as_rough, settled_contact
+from autotune.estimation.bias_corrected_fit import Level, fit_inside_twin
+from autotune.estimation.contact_start import as_rough, fitted_contact
 from autotune.estimation.controller import find_controller
 from autotune.estimation.controller_torque import loop_note, refuse_answers
 from autotune.estimation.data import Prepared
@@ -83,7 +83,7 @@ def _first_level(study: Study, packed: Packed, free: list[Free]) -> tuple[Study,
     if weight is not None:
         study = replace(study, weight=weight)
         fitted = refit(study, fitted.packed, free, start, 4)
-        fitted, free = settled_contact(study, fitted, start, free)
+        fitted, free = fitted_contact(study, fitted, start, free)
     plain = fitted.cost
     for _ in range(2):
         study = replace(study, noise=estimate_noise(study, fitted.packed, fitted.error))
@@ -93,9 +93,9 @@ def _first_level(study: Study, packed: Packed, free: list[Free]) -> tuple[Study,
             return None
         fitted = refit(study, fitted.packed, free, correction, 4)
     study = by_steadiness(study, fitted.error)
-    level = settle(study, fitted.packed, free, 2)
+    level = fit_inside_twin(study, fitted.packed, free, 2)
     if study.two_masses(packed):  # with a held bias these fits walk off: the model may be nearer
-        as_given = settle(study, packed, free, 2)
+        as_given = fit_inside_twin(study, packed, free, 2)
         if level is None or (as_given is not None and as_given.fitted.cost < level.fitted.cost):
             level = as_given
     if level is not None and not evidence.repeats and level.fitted.cost > study.policy.twin_worse * plain:
@@ -108,7 +108,7 @@ def _aligned(study: Study, level: Level) -> tuple[Study, Level]:
     again = evidence_of(study.data).aligned(study, level)
     if again is study:
         return study, level
-    return again, settle(again, level.fitted.packed, list(level.free), 2) or level
+    return again, fit_inside_twin(again, level.fitted.packed, list(level.free), 2) or level
 
 
 def _refuse_misfit(study: Study, level: Level) -> None:

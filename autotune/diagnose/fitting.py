@@ -22,7 +22,7 @@ from autotune.diagnose.refits import inside_twin, without_insignificant_terms
 from autotune.diagnose.resolved_memory import resolved
 from autotune.diagnose.screening import screen
 from autotune.estimation.bandwidth import prepared_for, prepared_to_fit
-from autotune.estimation.bias_corrected_fit import Level, settle
+from autotune.estimation.bias_corrected_fit import Level, fit_inside_twin
 from autotune.estimation.data import Prepared, prepare
 from autotune.estimation.free_parameters import model_from
 from autotune.estimation.least_squares import Fitted, standard_errors
@@ -228,8 +228,8 @@ def grown(
         if again is study:
             break
         study = again
-        root = settle(study, root.fitted.packed, list(root.free), 2) or root
-        level = settle(study, level.fitted.packed, list(level.free), 3, level.effects) or level
+        root = fit_inside_twin(study, root.fitted.packed, list(root.free), 2) or root
+        level = fit_inside_twin(study, level.fitted.packed, list(level.free), 3, level.effects) or level
     return study, root, without_insignificant_terms(study, level)
 
 

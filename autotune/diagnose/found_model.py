@@ -45,11 +45,11 @@ def found_model(diagnosis: Diagnosis, model: DriveModel, when: str, source: str)
     study, root, level = diagnosis.study, diagnosis.root, diagnosis.level
     if diagnosis.verdict != "named" or study is None or root is None or level is None:
         return None
-    finer = resolved(study, level)
-    final = finer or level
+    fine = resolved(study, level)
+    final = fine or level
     steps = _steps(study, root, level, diagnosis.effects)
-    if finer is not None:
-        steps.append((f"{REVERSAL_MEMORY.name} resolved", level, finer))
+    if fine is not None:
+        steps.append((f"{REVERSAL_MEMORY.name} resolved", level, fine))
     before, after, floor, unseen = held_out_errors(study, root, final)
     richer = updated_model(model, study, final.fitted)
     for action, lower, upper in steps:
@@ -57,10 +57,10 @@ def found_model(diagnosis: Diagnosis, model: DriveModel, when: str, source: str)
     return FoundModel(richer, before, after, floor if math.isfinite(floor) else None, unseen)
 
 
-def _entry(study: Study, before: Level, after: Level, told: tuple[str, str, str]) -> HistoryEntry:
-    """A step of the history; `told`: when, what, from which data."""
+def _entry(study: Study, before: Level, after: Level, step: tuple[str, str, str]) -> HistoryEntry:
+    """A step of the history; `step`: when, what, from which data."""
     error_before, error_after, noise, unseen = held_out_errors(study, before, after)
-    return HistoryEntry(*told, error_before, error_after, noise if math.isfinite(noise) else None, unseen)
+    return HistoryEntry(*step, error_before, error_after, noise if math.isfinite(noise) else None, unseen)
 
 
 def _steps(

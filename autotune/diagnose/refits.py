@@ -19,7 +19,7 @@ from scipy.stats import chi2
 
 from autotune.core.arrays import Floats
 from autotune.diagnose.candidates import FittedCandidate, Progress, ScreenedCandidate
-from autotune.estimation.bias_corrected_fit import Level, settle, settle_somewhere
+from autotune.estimation.bias_corrected_fit import Level, fit_from_starts, fit_inside_twin
 from autotune.estimation.cross_validation import explained, gain_and_z
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.least_squares import Free, covariance
@@ -47,7 +47,7 @@ def inside_twin(
 ) -> FittedCandidate | None:
     """A candidate fitted with its own bias; shares count from the model without any found effect.
 
-    `target`: see `settle`. Two masses begin at the first start that is better than the model without the candidate,
+    `target`: see `fit_inside_twin`. Two masses begin at the first start that is better than without the candidate,
     or at the `best_start` of all. None where the twin is unstable.
     """
     effects = tuple(dict.fromkeys([*level.effects, candidate.effect]))
@@ -55,9 +55,9 @@ def inside_twin(
     if study.two_masses(fitted.packed):
         starts = [fitted.packed, *candidate.others]
         enough = 0.0 if best_start else level.fitted.cost
-        settled = settle_somewhere(study, starts, enough, fitted.free, effects, target)
+        settled = fit_from_starts(study, starts, enough, fitted.free, effects, target)
     else:
-        settled = settle(study, fitted.packed, fitted.free, 2, effects, fitted)
+        settled = fit_inside_twin(study, fitted.packed, fitted.free, 2, effects, fitted)
     if settled is None:
         return None
     return judged(study, root, settled, candidate.effect, level)
@@ -104,7 +104,7 @@ def without_effect(study: Study, root: Level, level: Level, effect: str) -> Fitt
     kept = {f.name for f in root.free}
     free = [f for f in level.free if f.slot not in slots or f.name in kept]
     effects = tuple(name for name in level.effects if name != effect)
-    settled = settle(study, Packed(p, on), free, 2, effects)
+    settled = fit_inside_twin(study, Packed(p, on), free, 2, effects)
     if settled is None:
         return None
     return judged(study, root, settled, effects[-1])
@@ -124,15 +124,15 @@ def refined(study: Study, root: Level, chosen: FittedCandidate, progress: Progre
     """More rounds of the same fit, as long as they help: two masses need them, and what they leave misleads."""
     for _ in range(MOST_ROUNDS):
         level = chosen.level
-        if level.settled:
+        if level.converged:
             break
         progress(f"refinement with {' and '.join(level.effects)}")
-        better = settle(study, level.fitted.packed, list(level.free), 4, level.effects, level.fitted)
+        better = fit_inside_twin(study, level.fitted.packed, list(level.free), 4, level.effects, level.fitted)
         if better is None or better.fitted.cost >= level.fitted.cost:
-            return replace(chosen, level=replace(level, settled=True))
+            return replace(chosen, level=replace(level, converged=True))
         gained = 1.0 - better.fitted.cost / level.fitted.cost
-        settled = better.settled or gained < WORTH_ANOTHER_ROUND
-        chosen = judged(study, root, replace(better, settled=settled), chosen.effect)
+        converged = better.converged or gained < WORTH_ANOTHER_ROUND
+        chosen = judged(study, root, replace(better, converged=converged), chosen.effect)
         if chosen.share >= study.policy.refined:
             break
     return chosen
@@ -148,7 +148,7 @@ def with_own_noise(study: Study, root: Level, chosen: FittedCandidate) -> tuple[
     if not study.twin or abs(noise - study.noise) <= NOISE_CHANGED * study.noise:
         return study, chosen
     quieter = replace(study, noise=noise)
-    settled = settle(quieter, level.fitted.packed, list(level.free), 2, level.effects, level.fitted)
+    settled = fit_inside_twin(quieter, level.fitted.packed, list(level.free), 2, level.effects, level.fitted)
     if settled is None or settled.fitted.cost > level.fitted.cost:
         return study, chosen
     return quieter, judged(quieter, root, settled, chosen.effect)
@@ -156,8 +156,10 @@ def with_own_noise(study: Study, root: Level, chosen: FittedCandidate) -> tuple[
 
 def fitted_again(study: Study, root: Level, chosen: FittedCandidate) -> tuple[Level, FittedCandidate]:
     """Both models fitted again after torque and motion were aligned anew."""
-    before = settle(study, root.fitted.packed, list(root.free), 2) or root
-    after = settle(study, chosen.level.fitted.packed, list(chosen.level.free), 2, chosen.level.effects)
+    before = fit_inside_twin(study, root.fitted.packed, list(root.free), 2) or root
+    after = fit_inside_twin(
+        study, chosen.level.fitted.packed, list(chosen.level.free), 2, chosen.level.effects
+    )
     return before, chosen if after is None else judged(study, before, after, chosen.effect)
 
 
@@ -174,7 +176,7 @@ def without_insignificant_terms(study: Study, level: Level) -> Level:
             packed, free = _kept(kind, packed, free, keep)
     if len(free) == len(level.free):
         return level
-    return settle(study, packed, free, 2, level.effects) or level
+    return fit_inside_twin(study, packed, free, 2, level.effects) or level
 
 
 def _significant(

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from autotune.core.arrays import Floats
-from autotune.estimation.bias_corrected_fit import Level, settle
+from autotune.estimation.bias_corrected_fit import Level, fit_inside_twin
 from autotune.estimation.data import VETO
 from autotune.estimation.least_squares import Free
 from autotune.estimation.problem import Study
@@ -53,10 +53,10 @@ def resolved(study: Study, level: Level) -> Level | None:
     """
     best: Level | None = None
     for _ in range(ROUNDS):
-        finer = _taken_apart(study, best or level)
-        if finer is None:
+        more = _taken_apart(study, best or level)
+        if more is None:
             break
-        best = finer
+        best = more
     return best
 
 
@@ -66,23 +66,23 @@ def _taken_apart(study: Study, level: Level) -> Level | None:
     elements = _elements(study, packed) if packed.on[layout.flag(EFFECT)] else []
     if not elements:
         return None
-    finer = _settled(study, _started(packed, elements), _free(study, level, elements), level.effects)
-    if finer is None or finer.unseen.total > (1.0 - study.policy.least_gain) * level.unseen.total:
+    more = _settled(study, _started(packed, elements), _free(study, level, elements), level.effects)
+    if more is None or more.unseen.total > (1.0 - study.policy.least_gain) * level.unseen.total:
         return None
     if study.has(VETO):
-        before, after = (study.mean_square(one.fitted.error, VETO) for one in (level, finer))
+        before, after = (study.mean_square(one.fitted.error, VETO) for one in (level, more))
         if after >= before:
             return None
-    return finer
+    return more
 
 
 def _settled(study: Study, packed: Packed, free: list[Free], effects: tuple[str, ...]) -> Level | None:
     """Fits inside the twin until no more is gained: two elements that should be one find it slowly."""
-    level = settle(study, packed, free, 2, effects)
+    level = fit_inside_twin(study, packed, free, 2, effects)
     for _ in range(MORE_FITS):
         if level is None:
             break
-        again = settle(study, level.fitted.packed, free, 2, effects, level.fitted)
+        again = fit_inside_twin(study, level.fitted.packed, free, 2, effects, level.fitted)
         if again is None or again.fitted.cost >= level.fitted.cost:
             break
         gained = level.fitted.cost - again.fitted.cost > study.policy.least_gain * level.fitted.cost

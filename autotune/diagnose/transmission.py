@@ -13,7 +13,7 @@ from dataclasses import replace
 from autotune.diagnose.candidates import FittedCandidate, Progress, error_left
 from autotune.diagnose.refits import judged
 from autotune.diagnose.starts import Context, Start, starts_of
-from autotune.estimation.bias_corrected_fit import Level, settle_somewhere
+from autotune.estimation.bias_corrected_fit import Level, fit_from_starts
 from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Study
 from autotune.models import layout
@@ -91,7 +91,7 @@ class _Exchange:
         free = [*(f for f in level.free if f.slot not in slots), *begun[-1].free]
         effects = tuple(self.new.name if name == self.old.name else name for name in level.effects)
         target = max(self.least, 1.0) * level.fitted.cost
-        settled = settle_somewhere(study, starts, 0.0, free, effects, target)
+        settled = fit_from_starts(study, starts, 0.0, free, effects, target)
         if settled is None or error_left(study, settled) > self.least * error_left(study, level):
             return chosen
         effect = self.new.name if chosen.effect == self.old.name else chosen.effect

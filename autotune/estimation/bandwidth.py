@@ -14,7 +14,7 @@ import numpy as np
 from scipy import ndimage, signal
 
 from autotune.core.arrays import Floats, Integers
-from autotune.estimation.alignment import aligned, finer, needed
+from autotune.estimation.alignment import aligned, needed, upsampled
 from autotune.estimation.controller import find_controller
 from autotune.estimation.coordinates import travel_since_reversal
 from autotune.estimation.data import CUTOFF, Block, Prepared, prepare
@@ -157,5 +157,5 @@ def prepared_for(recordings: Sequence[Recording], policy: Policy = POLICY) -> Pr
     if known:
         return without_rest(prepare(recordings, cutoff, 2.5 * cutoff))
     factor = needed(cutoff, recordings[0].period)
-    fine = [finer(recording, factor) for recording in recordings]
-    return aligned(replace(without_rest(prepare(fine, cutoff, 2.5 * cutoff)), finer=factor))
+    fine = [upsampled(recording, factor) for recording in recordings]
+    return aligned(replace(without_rest(prepare(fine, cutoff, 2.5 * cutoff)), upsampling=factor))

@@ -86,4 +86,4 @@ def best_aligned(data: Prepared, packed: Packed) -> Prepared:
         moved = shifted(data, shift)
         return float(np.mean(residual(moved, packed, measured_motion(moved)) ** 2))
 
-    return shifted(data, best_shift(cost, data.shift, data.finer)[0])
+    return shifted(data, best_shift(cost, data.shift, data.upsampling)[0])

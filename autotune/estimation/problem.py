@@ -313,7 +313,7 @@ def refit(
 
 
 def without_outlying(study: Study, error: Floats) -> Floats:
-    """Weights that leave out stretches with far more error than the usual one: starts, stops, blows."""
+    """Weights that leave out stretches with far more error than the usual one: starts, stops, impacts."""
     weight = np.ones_like(study.weight)
     step = max(
         1, round(OUTLYING_SECONDS / (study.data.period * float(np.median(np.diff(study.data.grid[:50])))))

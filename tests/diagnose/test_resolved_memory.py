@@ -59,10 +59,10 @@ def coarse_model() -> DriveModel:
 def test_the_short_elements_come_out_of_the_bristle() -> None:
     plant, model = preset("edm-vertical").plant, coarse_model()
     study, root, _, _ = begin(prepared_for([recording("edm-vertical")]), model)
-    finer = resolved(study, root)
-    assert finer is not None
-    assert finer.unseen.total < 0.6 * root.unseen.total
-    found = updated_model(model.without_effect("reversal_memory"), study, finer.fitted)
+    fine = resolved(study, root)
+    assert fine is not None
+    assert fine.unseen.total < 0.6 * root.unseen.total
+    found = updated_model(model.without_effect("reversal_memory"), study, fine.fitted)
     assert stiffness_at_rest(found) == pytest.approx(plant.stiffness, rel=0.15)
     assert found["coulomb"] < 0.2 * model["coulomb"]
     carried = sum(v.value for k, v in found.parameters.items() if ".torque_" in k)

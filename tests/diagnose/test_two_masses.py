@@ -55,14 +55,14 @@ def test_a_spring_is_not_named_a_gap_beside_another_effect(recorded) -> None:
 
 
 def test_a_gap_of_next_to_nothing_is_a_spring(recorded) -> None:
-    """The gap's fit met the truth, with flanks as soft as the spring; the spring's own had stopped beside it."""
+    """The gap's fit met the truth, with a contact as soft as the spring; the spring's own had stopped beside it."""
     found = diagnose([recorded(44_709, **{EFFECT: 0.5 * MEDIUM[EFFECT]})], base_model(NOMINAL))
     assert (found.verdict, found.effects) == ("named", (EFFECT,))
 
 
 @pytest.mark.slow
-def test_flanks_without_a_gap_are_not_named_backlash(recorded) -> None:
-    """Where the library has no spring, the flanks of a gap can be one; but there is no gap then."""
+def test_a_contact_without_a_gap_are_not_named_backlash(recorded) -> None:
+    """Where the library has no spring, the contact of a gap can be one; but there is no gap then."""
     others = [kind for name, kind in EFFECTS.items() if name != EFFECT]
     found = diagnose([recorded(53_009, **{EFFECT: MEDIUM[EFFECT]})], base_model(NOMINAL), candidates=others)
     assert (found.verdict, found.effects) == ("unknown", ())

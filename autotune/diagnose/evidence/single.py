@@ -115,7 +115,7 @@ class SingleRecording(Evidence):
             return refit(moved_by(shift), level.fitted.packed, list(level.free), level.correction, 6).cost
 
         here = study.data.shift
-        best, lowest = best_shift(cost, here, study.data.finer)
+        best, lowest = best_shift(cost, here, study.data.upsampling)
         worth = best != here and lowest <= WORTH_ALIGNING * cost(here)
         return moved_by(best) if worth else study
 
@@ -125,7 +125,7 @@ class SingleRecording(Evidence):
     def limits(self, study: Study) -> tuple[str, ...]:
         if highest_frequency(study) <= study.policy.beyond * resolved_frequency(study):
             return ()
-        period = 1e3 * study.data.finer * study.data.period
+        period = 1e3 * study.data.upsampling * study.data.period
         return (
             f"The torque holds frequencies up to {highest_frequency(study):.3g} Hz, samples of {period:.3g} ms "
             f"allow {resolved_frequency(study):.2g} Hz: only effects of place and direction can be told. Record "

@@ -64,14 +64,14 @@ def highest_frequency(study: Study) -> float:
     if study.twin or study.data.steady:
         return 0.0
     longest = max(study.data.stretches, key=lambda stretch: stretch.stop - stretch.start)
-    every = study.data.finer
+    every = study.data.upsampling
     torque = study.data.recorded_torque[longest.rows][::every]
     return loud_below(torque, every * study.data.period) if len(torque) > 64 else 0.0
 
 
 def resolved_frequency(study: Study) -> float:
     """Highest frequency that the samples of the file allow [Hz]."""
-    return FASTEST / (study.data.finer * study.data.period)
+    return FASTEST / (study.data.upsampling * study.data.period)
 
 
 def _cutoff(study: Study) -> float:

@@ -7,7 +7,7 @@ import pytest
 
 from autotune.diagnose.fitting import fit_model
 from autotune.diagnose.verdict import diagnose
-from autotune.estimation.alignment import finer, needed
+from autotune.estimation.alignment import needed, upsampled
 from autotune.estimation.bandwidth import prepared_for
 from autotune.estimation.data import stretches_of
 from autotune.recordings.recording import Metadata, Recording
@@ -40,7 +40,7 @@ def _coarse(every: int) -> Recording:
 
 def test_a_raster_fine_enough_is_left_alone() -> None:
     recording = _wave()
-    assert finer(recording, 1) is recording
+    assert upsampled(recording, 1) is recording
     assert needed(4.0, PERIOD) == 1
     assert needed(9.0, PERIOD) == 2
     assert needed(1e4, PERIOD) == 4
@@ -49,7 +49,7 @@ def test_a_raster_fine_enough_is_left_alone() -> None:
 def test_differences_on_the_finer_raster_are_derivatives() -> None:
     recording, inner = _wave(), slice(100, -100)
     coarse = motion(recording["position"], PERIOD, 45.0)[1]
-    fine = finer(recording, 3)
+    fine = upsampled(recording, 3)
     velocity = motion(fine["position"], fine.period, 135.0)[1]
     true = FASTEST * np.cos(FASTEST * fine["time"])
     assert np.max(np.abs(coarse[inner])) / FASTEST == pytest.approx(0.948, abs=0.005)
@@ -63,7 +63,7 @@ def test_cuts_segments_and_the_count_of_the_position_stay() -> None:
     missed[200] = 3
     names = np.where(np.arange(len(plain)) < 400, "one", "two")
     cut = Recording(plain.metadata, plain.floats, names, plain.repeat, missed)
-    fine = finer(cut, 2)
+    fine = upsampled(cut, 2)
     assert [s.experiment for s in fine.segments()] == ["one", "two"]
     assert fine.segments()[1].start == 800
     assert [s.start for s in stretches_of(fine, 0)] == [0, 400]
@@ -71,13 +71,13 @@ def test_cuts_segments_and_the_count_of_the_position_stay() -> None:
     whole = replace(plain.metadata, position_resolution=None)
     counts = np.round(np.sin(plain["time"]) / 0.01) * 0.01
     stepped = Recording.from_columns(dict(plain.floats) | {"position": counts}, whole)
-    assert finer(stepped, 2).metadata.position_resolution == pytest.approx(0.01, rel=1e-6)
+    assert upsampled(stepped, 2).metadata.position_resolution == pytest.approx(0.01, rel=1e-6)
 
 
 def test_slow_sampling_alone_is_no_missing_effect() -> None:
     recording = _coarse(10)
     data = prepared_for([recording])
-    assert data.finer > 1
+    assert data.upsampling > 1
     model = fit_model([recording]).model
     assert model["inertia"] == pytest.approx(3e-4, rel=0.05)
     found = diagnose([recording], model)
