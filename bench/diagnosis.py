@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from autotune.diagnose.verdict import Diagnosis, diagnose
+from autotune.diagnosis.verdict import Diagnosis, diagnose
 from autotune.estimation.data import TEST, TRAINING
 from autotune.estimation.free_parameters import model_from
 from autotune.estimation.residual import residual

@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 
 from autotune.core.errors import AutotuneError
-from autotune.diagnose.candidates import no_progress
-from autotune.diagnose.fit_recordings import fit_recordings
-from autotune.diagnose.fitting import fit_model
-from autotune.diagnose.verdict import Diagnosis, diagnose
+from autotune.diagnosis.candidates import no_progress
+from autotune.diagnosis.fit_recordings import fit_recordings
+from autotune.diagnosis.fitting import fit_model
+from autotune.diagnosis.verdict import Diagnosis, diagnose
 from autotune.models.drive_model import DriveModel
 from autotune.recordings.recording import Recording
 from tests.support.axes import MEDIUM, plain_axis, planted_size

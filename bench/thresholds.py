@@ -24,9 +24,9 @@ from unittest import mock
 import numpy as np
 
 from autotune.core.errors import AutotuneError
-from autotune.diagnose import screening
-from autotune.diagnose.evidence import single
-from autotune.diagnose.verdict import diagnose
+from autotune.diagnosis import screening
+from autotune.diagnosis.evidence import single
+from autotune.diagnosis.verdict import diagnose
 from autotune.estimation import bias_corrected_fit, controller, problem
 from autotune.estimation.data import Prepared
 from autotune.estimation.policy import POLICY, Policy, thresholds

@@ -18,12 +18,12 @@ from threadpoolctl import threadpool_limits
 
 from autotune.api.results import AddedEffect, Comparison, DiagnosisResult
 from autotune.core.errors import ConfigurationError, NotEnoughExcitation
-from autotune.diagnose import fitting
-from autotune.diagnose.candidates import no_progress
-from autotune.diagnose.compare import compare as compare_model
-from autotune.diagnose.fit_recordings import fit_recordings
-from autotune.diagnose.fit_result import FitResult
-from autotune.diagnose.verdict import diagnose as diagnose_model
+from autotune.diagnosis import fitting
+from autotune.diagnosis.candidates import no_progress
+from autotune.diagnosis.compare import compare as compare_model
+from autotune.diagnosis.fit_recordings import fit_recordings
+from autotune.diagnosis.fit_result import FitResult
+from autotune.diagnosis.verdict import diagnose as diagnose_model
 from autotune.estimation.residual import smoothed
 from autotune.identify.residuals import simulate_closed_loop
 from autotune.models.drive_model import DriveModel, HistoryEntry
