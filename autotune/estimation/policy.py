@@ -23,115 +23,115 @@ class Policy:
         0.03,
         "1",
         "fall of the squared error on experiments held out, below which a candidate is nothing",
-        "where nothing is planted the best candidate gains at most 0.02",
+        "prototype study: where nothing is planted the best candidate gains at most 0.02",
     )
     clear_gain: float = _threshold(
         0.1,
         "1",
         "gain that counts whatever its scatter over chunks",
-        "five times what the best candidate gains by chance",
+        "prototype study: five times the largest gain where nothing is planted",
     )
     least_z: float = _threshold(
         3.0,
         "standard errors",
         "by which a smaller gain must be beyond its scatter over chunks",
-        "one chance in a thousand, for each of sixteen candidates",
+        "prototype study; one chance in a thousand for each candidate",
     )
     least_gain_without_twin: float = _threshold(
         0.12,
         "1",
         "the least gain where no controller is known",
-        "what an invented controller makes of a perfect model reaches a tenth",
+        "prototype study, runs without a usable controller",
     )
     least_gain_single: float = _threshold(
         0.08,
         "1",
         "the least gain without repeats",
-        "smaller gains are as often the measurement chain as the axis",
+        "reasoned: smaller gains are as often the measurement chain as the axis",
     )
     least_z_single: float = _threshold(
-        2.5,
-        "standard errors",
-        "the least z without repeats",
-        "surrogates of random phase pass 2 in a tenth of the cases",
+        2.5, "standard errors", "the least z without repeats", "study of measured data, beside surrogates"
     )
     least_z_by_phase: float = _threshold(
         2.0,
         "standard errors",
         "the same where ranges of phase are held out",
-        "ranges of phase differ more from one another than stretches of time",
+        "reasoned: ranges of phase differ more from one another than stretches of time",
     )
     surrogates_beaten: float = _threshold(
         0.9,
         "1",
         "of residuals with random phases, that a candidate must gain more than",
-        "without it smooth residuals that are no effect pass in 18 of 60 cases",
+        "study of measured data: without it 18 of 60 residuals with random phases passed",
     )
     promising_fall: float = _threshold(
         0.009,
         "1",
         "fall of the cost in a short fit that is followed to its end",
-        "a third of the least gain, as two steps find a third of what ten find",
+        "reasoned: a third of the least gain, found in two steps",
     )
     close_start: float = _threshold(
         0.4,
         "1",
         "of the best start's fall: starts that come so near are followed too",
-        "gaps and Stribeck velocities have second minima there",
+        "reasoned: gaps and Stribeck velocities have several minima",
     )
     near_best_beside: float = _threshold(
         0.3,
         "1",
         "of the best short fit's fall: what a further effect must reach to be followed",
-        "pairs named are the same with 0, at twice the time",
+        "saves time: a further effect is seldom the weakest of all",
     )
     near_worth_beside: float = _threshold(
         0.5,
         "1",
         "of the fall that a further effect is worth having for: the same",
-        "a fit to its end seldom doubles what the short one found",
+        "saves time: a fit to its end seldom doubles what two steps found",
     )
     most_refits: int = _threshold(
         4,
         "fits",
         "candidates fitted inside the twin in one round",
-        "the right one was among the first three in all of 397 runs",
+        "bench.diagnosis: the planted effect was in the first three in 319 of 319 runs",
     )
     most_effects: int = _threshold(
-        3, "effects", "effects added to a model at most", "a fourth was never needed beside a planted pair"
+        3,
+        "effects",
+        "effects added to a model at most",
+        "reasoned: pairs are what was planted; what is left beside three is called unknown",
     )
     worth_refit: float = _threshold(
         0.35,
         "1",
         "of the best candidate's gain: less is not worth a fit inside the twin",
-        "no right effect gained less beside a wrong one",
+        "saves time: reasoned, little gain beside the best one is seldom the right name",
     )
     worth_refit_beside: float = _threshold(
-        0.6, "1", "the same for a further effect", "beside another effect gains are less spread"
+        0.6, "1", "the same for a further effect", "saves time: likewise beside another effect"
     )
     close_rival: float = _threshold(
         0.75,
         "1",
         "of the best gain: what is fitted too though an effect is found that can be named",
-        "rivals with less never explained as much",
+        "saves time: effects with less gain explain less",
     )
     clear_fall: float = _threshold(
         0.2,
         "1",
         "fall of the cost at which the veto trajectory is asked although hold-outs see no gain",
-        "no candidate falls so far where nothing is missing",
+        "reasoned: no candidate falls so far where nothing is missing",
     )
     generic_gain: float = _threshold(
         0.05,
         "1",
         "gain of a free function of one coordinate that says something is missing there",
-        "free functions gain up to 0.03 on noise",
+        "prototype study, together with the lead",
     )
     generic_lead: float = _threshold(
         1.5,
         "1",
         "times the best physical gain: such a function says the effect is unknown",
-        "laws that differ from the library's: 15 of 15 unknown",
+        "prototype study: effects outside the library called unknown 15 of 15",
     )
 
     # Naming: how much of what can be explained must be explained
@@ -139,34 +139,40 @@ class Policy:
         0.9,
         "1",
         "share of the explainable error on training and veto, for a name",
-        "true effects reach 0.96, wrong ones 0.13",
+        "prototype study: true effects reach 0.96, wrong ones at most 0.13",
     )
     named_with_rest: float = _threshold(
         0.95,
         "1",
         "the same where something that repeats is left beyond doubt",
-        "laws that resemble the true one reach 0.9 to 0.94",
+        "reasoned: laws that resemble the true one leave a rest that repeats",
     )
     partly: float = _threshold(
         0.5,
         "1",
         "share below which nothing is said of an effect",
-        "wrong effects reach 0.13, with laws that resemble 0.45",
+        "prototype study: wrong effects reach 0.13",
     )
     rest_errors: float = _threshold(
         3.0, "standard errors", "of the repeatable rest, to be beyond doubt", "one chance in a thousand"
     )
     rest_part: float = _threshold(
-        0.03, "1", "of the noise: a smaller rest is none", "the twin's own bias comes to a hundredth"
+        0.03,
+        "1",
+        "of the noise: a smaller rest is none",
+        "reasoned: the bias of the twin is known to some hundredths of the noise",
     )
     drift_z: float = _threshold(
         6.0,
         "standard errors",
         "of a friction level that differs between repeats",
-        "thermal drift 12 of 12, no false alarm in 171",
+        "second prototype study: thermal drift 12 of 12, no false alarm in 171",
     )
     drift_part: float = _threshold(
-        0.1, "1", "of what differs between repeats: a smaller drift is none", "the same runs"
+        0.1,
+        "1",
+        "of what differs between repeats: a smaller drift is none",
+        "second prototype study, together with its z",
     )
 
     # A further effect beside those that are found
@@ -174,54 +180,57 @@ class Policy:
         0.01,
         "1",
         "of what is explained: the least that a further effect must explain",
-        "second names that are not there explain up to 0.008",
+        "second prototype study: false second names explain less",
     )
     clear_beside: float = _threshold(
         0.1,
         "1",
         "of what is left: an effect that explains so much may be smaller",
-        "a weak effect beside a strong one",
+        "reasoned: a weak effect beside a strong one",
     )
     worth_if_clear: float = _threshold(
-        0.005,
-        "1",
-        "of what is explained: the least in that case",
-        "law mismatch of a strong first effect leaves up to 0.005",
+        0.005, "1", "of what is explained: the least in that case", "reasoned: half of what else is asked"
     )
     chance_of_contact: float = _threshold(
         0.3,
         "1",
         "of what is left between two masses: what two fits of one model differ by",
-        "a fifth was seen by chance",
+        "bench.diagnosis: by a fifth two fits of one model differ by chance",
     )
     negligible: float = _threshold(
         0.02,
         "1",
         "of what is explained: an effect that is worth less is dropped",
-        "true second effects are worth 0.03 and more",
+        "second prototype study: what adds less than 0.02 on training and veto is dropped",
     )
     negligible_left: float = _threshold(
-        0.05, "1", "of what is left: likewise, both must hold", "the same runs"
+        0.05, "1", "of what is left: likewise, both must hold", "the same study; both must hold"
     )
     plainly_needed: float = _threshold(
         20.0,
         "1",
         "times what is negligible: so much needs no fit to be seen",
-        "fits without the effect never won back a tenth of it",
+        "saves time: reasoned, a fit without the effect wins little back",
     )
 
     # Refinement: when a fit is carried on
     refined: float = _threshold(
-        0.99, "1", "share from which a fit is not carried on", "more rounds change no verdict"
+        0.99,
+        "1",
+        "share from which a fit is not carried on",
+        "saves time: what is left above it changes no name",
     )
     nearly: float = _threshold(
-        0.8, "1", "share below which more rounds will not make a name", "no fit rose from there to 0.9"
+        0.8,
+        "1",
+        "share below which more rounds will not make a name",
+        "saves time: reasoned, more rounds win hundredths, not tenths",
     )
     clearly_less: float = _threshold(
         0.8,
         "1",
         "of what was left: what another start must leave to be taken",
-        "chance between two fits is a fifth",
+        "bench.diagnosis: by a fifth two fits of one model differ by chance",
     )
 
     # Spring or gap
@@ -229,19 +238,19 @@ class Policy:
         1.2,
         "1",
         "of what a gap leaves: what a spring alone may leave to be preferred",
-        "chance between two fits is a fifth",
+        "bench.diagnosis: by a fifth two fits of one model differ by chance",
     )
     spring_instead_beside: float = _threshold(
         1.1,
         "1",
         "the same beside other effects, or where it is plainly a gap",
-        "there a gap takes up what is missing",
+        "reasoned: beside others, or plainly a gap, chance is half of that",
     )
     hardly_a_gap: float = _threshold(
         0.3,
         "1",
         "of the contact's twist at Coulomb friction: a smaller gap is none",
-        "gaps planted come to 0.5 and more",
+        "bench.diagnosis, seed 53009: a contact without gap took a spring's place",
     )
 
     # Verdict
@@ -249,46 +258,53 @@ class Policy:
         0.03,
         "1",
         "of the fall: rivals that come so near cannot be told apart",
-        "the right one leads its rivals by 0.05 and more",
+        "reasoned: what repeats allow a fall to be known by",
     )
     alike_single: float = _threshold(
-        0.1, "1", "the same from one trajectory", "in one recording rivals tie within a few hundredths"
+        0.1,
+        "1",
+        "the same from one trajectory",
+        "study of measured data: in one file three effects tie within 0.02",
     )
     apart_z: float = _threshold(
         2.0, "standard errors", "by which the better of two models must err less", "one chance in forty"
     )
     structure_errors: float = _threshold(
-        1.5, "standard errors", "of the repeatable rest that says something is missing", "no null run in 212"
+        1.5,
+        "standard errors",
+        "of the repeatable rest that says something is missing",
+        "bench.diagnosis: 0 names, 2 unknown where nothing was planted in 372 runs",
     )
-    structure_part: float = _threshold(
-        0.15, "1", "of the noise: the least such rest", "below it no effect can be named either"
-    )
+    structure_part: float = _threshold(0.15, "1", "of the noise: the least such rest", "the same runs")
     line_part: float = _threshold(
         0.05,
         "1",
         "of the residual's variance: the least disturbance that follows the clock",
-        "chance lines come to a hundredth",
+        "reasoned: a smaller line turns no verdict",
     )
     line_contrast: float = _threshold(
         60.0,
         "1",
         "times the median power: the least line",
-        "exponential noise reaches 20 in ten thousand bins",
+        "reasoned: of ten thousand lines of noise the largest is thirteen times the median",
     )
     line_everywhere: float = _threshold(
-        0.8, "1", "of the experiments that must hold it alike", "a motion's harmonic is in one or two"
+        0.8,
+        "1",
+        "of the experiments that must hold it alike",
+        "reasoned: a harmonic of one motion is in that experiment only",
     )
     rival_gain: float = _threshold(
         0.5,
         "1",
         "of the named effect's gain: an effect with less is no rival",
-        "rivals that confused a verdict gained 0.7 and more",
+        "reasoned: what gains half as much does not confuse",
     )
     term_chance: float = _threshold(
         0.001,
         "1",
         "chance of a term that is not there to be kept (Wald)",
-        "a dozen are looked at in every fit",
+        "Wald's test; a dozen terms are looked at in a fit",
     )
 
     # Confirmation by another trajectory
@@ -296,19 +312,19 @@ class Policy:
         0.3,
         "1",
         "fall of the error there that counts whatever its scatter",
-        "wrong effects raise the error, some sevenfold",
+        "study of measured data: wrong effects raise the error on another trajectory",
     )
     confirming_margin: float = _threshold(
         0.1,
         "1",
         "by which an effect must err less there than its rivals, evenly",
-        "rivals differ there by a hundredth or by half",
+        "reasoned: a tenth of the error, evenly over the trajectory",
     )
     lost: float = _threshold(
         10.0,
         "1",
         "times the mean square of the fit: where a model is so far off nothing is compared",
-        "a fit of little motion carried to much",
+        "reasoned: models that are both far off tell nothing of each other",
     )
 
     # What one recording can show
@@ -316,46 +332,55 @@ class Policy:
         0.007,
         "1",
         "of the torque's rms: a smaller effect is as often the measurement chain",
-        "10 wrong names in 100 runs without it",
+        "reasoned: what scaling, filters and rounding of others' files come to",
     )
     clear_single_gain: float = _threshold(
-        0.5, "1", "gain of an effect that may be smaller", "nothing but physics explains half"
+        0.5,
+        "1",
+        "gain of an effect that may be smaller",
+        "reasoned: what explains half of the error everywhere is no accident",
     )
     clear_single_part: float = _threshold(
-        0.002, "1", "of the torque's rms: the least of such an effect", "resolution of 12 bits"
+        0.002,
+        "1",
+        "of the torque's rms: the least of such an effect",
+        "reasoned: the resolution of a measured current",
     )
     least_counts: float = _threshold(
         5.0,
         "counts",
         "of the encoder: shorter displacements and gaps cannot be seen",
-        "rounding of two positions and their filter",
+        "reasoned: two roundings and the filter of a position",
     )
     least_warming: float = _threshold(
-        5.0, "s", "the shortest time constant of a warming", "within seconds it is the course of one move"
+        5.0,
+        "s",
+        "the shortest time constant of a warming",
+        "reasoned: within seconds it is the course of one move",
     )
     least_rests: int = _threshold(
-        6, "rests", "for friction that grows with rest", "fewer times of rest than the law has parameters"
+        6, "rests", "for friction that grows with rest", "reasoned: twice as many as the law has parameters"
     )
     rest_ratio: float = _threshold(
-        3.0, "1", "longest over shortest rest, at least", "within a factor of three every start is alike"
+        3.0, "1", "longest over shortest rest, at least", "reasoned: within less every start is alike"
     )
     beyond: float = _threshold(
         1.5,
         "1",
         "times the cut-off or what the sampling allows: what cannot be seen",
-        "its flank is still in the band",
+        "reasoned: half above a limit its flank is still seen",
     )
     large_rest: float = _threshold(
         0.03,
         "1",
         "of the torque: less may be left without a word",
-        "measurement chains of others leave a few hundredths",
+        "reasoned: measurement chains of others leave some hundredths",
     )
     most_noise: float = _threshold(
         0.5,
         "1",
         "of the rest: what must be alike where the motion is alike to be structure",
-        "of noise it is 1",
+        "study of measured data: nearest neighbours tell noise within a third",
     )
 
     # The model that everything is compared with
@@ -363,37 +388,40 @@ class Policy:
         2.0,
         "1",
         "times the cost without twin: a twin that makes it worse is not used",
-        "it rings where the axis did not",
+        "reasoned: it rings where the axis did not",
     )
     misfit: float = _threshold(
         0.8,
         "1",
         "of the torque's variance: a model that leaves more is of another axis",
-        "wrong signs leave more than all",
+        "reasoned: a wrong sign or unit leaves more",
     )
     outlying: float = _threshold(
         12.0,
         "1",
         "times the median power: a quarter of a second with more is left out",
-        "starts, stops and blows; noise reaches 3",
+        "study of measured data: twelve times the median power",
     )
     lonely: float = _threshold(
-        6.0, "standard deviations", "samples beyond are left out", "a normal error comes there once in 10⁹"
+        6.0,
+        "standard deviations",
+        "samples beyond are left out",
+        "a normal error comes there twice in a billion samples",
     )
     few: float = _threshold(
-        0.02, "1", "of the rows: more of them are structure and stay", "faults of a file come to a thousandth"
+        0.02, "1", "of the rows: more of them are structure and stay", "reasoned: more of them are structure"
     )
     fit_loose: float = _threshold(
         1.0,
         "1",
         "relative standard error from which inertia or friction is not known",
-        "its interval holds zero",
+        "its interval of 95 % holds zero",
     )
     wrong_sign: float = _threshold(
         0.3,
         "1",
         "of the torque: what a negative inertia must come to, to be a wrong sign",
-        "chance gives a hundredth",
+        "reasoned: chance gives a negative inertia next to nothing",
     )
 
     # The controller
@@ -401,31 +429,31 @@ class Policy:
         0.999,
         "1",
         "share of the demand's variance: with less a controller drives no twin",
-        "gains wrong by a tenth do no harm, by three tenths they give false names",
+        "prototype study: gains wrong by a tenth do no harm, by three tenths they give false names",
     )
     controller_better: float = _threshold(
         0.1,
         "1",
         "of what a law leaves: what another must leave to be taken instead",
-        "a gain wrong by a tenth can still explain 0.999",
+        "reasoned: a gain wrong by a tenth can still explain 0.999 where it does little",
     )
     answer_explains: float = _threshold(
         0.99,
         "1",
         "share of the torque that is linear in reference and position: just a controller's answer",
-        "torque of friction and ripple is 0.3 to 0.97",
+        "study of measured data",
     )
     reference_causes: float = _threshold(
         0.25,
         "1",
         "of the velocity's variance: the reference explains at least so much where it causes it",
-        "followed motion 0.9, foreign motion 0.05",
+        "reasoned: a reference that is followed explains nearly all of the speed",
     )
     answer_holds: float = _threshold(
         0.25,
         "1",
         "of the torque's rms: an answer to position comes to so much",
-        "a spring that one recording shows is a tenth",
+        "reasoned: a spring that the axis has carries a part of the torque only",
     )
 
 
