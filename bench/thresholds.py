@@ -4,8 +4,10 @@
 
 The batch is small and fixed, of development seeds (below 5000): planted effects of several sizes, nothing, pairs, a
 true effect that is not among the candidates, effects outside the library, recordings without repeats. Changed is a
-verdict, a name or a confidence. What is printed is the table of `docs/thresholds.md`. Fits do not depend on thresholds;
-those that come again are remembered, which makes a run some times faster and changes none of its numbers.
+verdict, a name or a confidence. What is printed is the table of `docs/thresholds.md`.
+
+A run notes every comparison with a threshold: where none would turn out otherwise, the changed threshold gives the same
+run, and nothing is computed. Fits do not depend on thresholds; those that come again are remembered.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import operator
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass, fields, is_dataclass, replace
@@ -79,8 +82,11 @@ BATCH = (
     Case("spring of half size", 306, (("spring", 0.5),)),
     Case("elastic transmission and asymmetry", 373, (("elastic_transmission", 1.0), ("direction_asymmetry", 1.0))),
     Case("thermal drift and spring", 371, (("thermal_drift", 1.0), ("spring", 1.0))),
+    Case("dwell time", 313, (("dwell_time_break_away", 1.0),)),
+    Case("backlash", 310, (("backlash", 1.0),)),
     Case("Stribeck, not a candidate", 382, (("stribeck", 1.0),), without="stribeck"),
     Case("a disturbance in time", 391, alien="mains"),
+    Case("a law that is unknown", 390, alien="dip"),
     Case("nothing, one file", 361, files=(SLOW,), known=False),
     Case("Stribeck, two files", 400, (("stribeck", 1.0),), files=(SLOW, FAST), known=False),
     Case("asymmetry, two files", 402, (("direction_asymmetry", 1.0),), files=(SLOW, FAST), known=False),
@@ -142,14 +148,106 @@ class Remembered:
         return call
 
 
+class Watched(np.float64):
+    """A threshold that notes what would be decided otherwise with it at 0.7 and at 1.4 times its value.
+
+    Where no comparison of a run would be, the changed threshold gives the same run: nothing need be computed.
+    """
+
+    __array_ufunc__ = None
+    turned: ClassVar[set[tuple[str, float]]] = set()
+    others: dict[str, tuple[Any, ...]]
+
+    def __new__(cls, value: float, others: dict[str, tuple[Any, ...]]) -> Watched:
+        made = super().__new__(cls, value)
+        made.others = others
+        return made
+
+    def _by_threshold(self, other: Any, of: Callable[[Any, Any], Any]) -> dict[str, tuple[Any, ...]]:
+        """The result with each of the thresholds changed that this number or the other comes from."""
+        plain = other if isinstance(other, np.ndarray) else float(other)
+        own, his = self.others, getattr(other, "others", {})
+        same, alike = (float(self),) * len(FACTORS), (plain,) * len(FACTORS)
+        return {
+            name: tuple(of(a, b) for a, b in zip(own.get(name, same), his.get(name, alike), strict=True))
+            for name in own.keys() | his.keys()
+        }
+
+    def _made(self, other: Any, of: Callable[[Any, Any], Any]) -> Watched:
+        return Watched(of(float(self), float(other)), self._by_threshold(other, of))
+
+    def _asked(self, other: Any, of: Callable[[Any, Any], Any]) -> Any:
+        value = of(float(self), other if isinstance(other, np.ndarray) else float(other))
+        for name, variants in self._by_threshold(other, of).items():
+            for factor, variant in zip(FACTORS, variants, strict=True):
+                if not np.array_equal(variant, value):
+                    Watched.turned.add((name, factor))
+        return value
+
+    def __mul__(self, other: Any) -> Any:
+        return self._made(other, operator.mul)
+
+    __rmul__ = __mul__
+
+    def __add__(self, other: Any) -> Any:
+        return self._made(other, operator.add)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> Any:
+        return self._made(other, operator.sub)
+
+    def __rsub__(self, other: Any) -> Any:
+        return self._made(other, lambda a, b: b - a)
+
+    def __truediv__(self, other: Any) -> Any:
+        return self._made(other, operator.truediv)
+
+    def __pow__(self, other: Any, _: Any = None) -> Any:
+        return self._made(other, operator.pow)
+
+    def __lt__(self, other: Any) -> Any:
+        return self._asked(other, operator.lt)
+
+    def __le__(self, other: Any) -> Any:
+        return self._asked(other, operator.le)
+
+    def __gt__(self, other: Any) -> Any:
+        return self._asked(other, operator.gt)
+
+    def __ge__(self, other: Any) -> Any:
+        return self._asked(other, operator.ge)
+
+
+NOT_WATCHED = ("rest_ratio", "surrogates_beaten", "term_chance")
+"""Used in functions that a watched number does not pass through; likewise whole numbers."""
+
+
 class Noting(Policy):
-    """A policy that notes which of its thresholds were asked: the others decide nothing in this case."""
+    """The policy with thresholds that are watched; `asked` are those that a run has used."""
 
     asked: ClassVar[set[str]] = set()
 
     def __getattribute__(self, name: str) -> Any:
         Noting.asked.add(name)
-        return super().__getattribute__(name)
+        value = super().__getattribute__(name)
+        if name.startswith("__") or not watched(name):
+            return value
+        return Watched(value, {name: tuple(scaled_value(name, factor) for factor in FACTORS)})
+
+
+def watched(name: str) -> bool:
+    """Whether comparisons with a threshold can be followed."""
+    return name not in NOT_WATCHED and not isinstance(getattr(POLICY, name), int)
+
+
+def scaled_value(name: str, factor: float) -> float:
+    """A threshold changed by a factor; of shares near 1 what they leave, and whole numbers by one at least."""
+    value = getattr(POLICY, name)
+    if isinstance(value, int):
+        new = round(factor * value)
+        return new if new != value else value + (1 if factor > 1.0 else -1)
+    return 1.0 - (1.0 - value) / factor if 0.5 < value < 1.0 else float(factor * value)
 
 
 def verdict_of(case: Case, recordings: list[Recording], policy: Policy) -> str:
@@ -171,30 +269,19 @@ def changed_of(case: Case, names: Iterable[str]) -> dict[str, Any]:
             memory = memory_of.setdefault(name, Remembered())
             stack.enter_context(mock.patch.object(place, name, memory.of(getattr(place, name))))
         Noting.asked.clear()
+        Watched.turned.clear()
         usual = verdict_of(case, recordings, Noting())
-        asked = [name for name in names if name in Noting.asked]
+        asked, turned = [name for name in names if name in Noting.asked], frozenset(Watched.turned)
         other = {
-            f"{name} x {factor}": verdict_of(case, recordings, _scaled(name, factor))
+            f"{name} x {factor}": verdict_of(
+                case, recordings, replace(POLICY, **{name: scaled_value(name, factor)})
+            )
             for name in asked
             for factor in FACTORS
+            if not watched(name) or (name, factor) in turned
         }
-    return {
-        "case": case.name,
-        "verdict": usual,
-        "asked": asked,
-        "changed": {k: v for k, v in other.items() if v != usual},
-    }
-
-
-def _scaled(name: str, factor: float) -> Policy:
-    """The policy with one threshold changed; shares stay below 1, numbers of things stay whole."""
-    value = getattr(POLICY, name)
-    new = factor * value
-    if isinstance(value, int):
-        new = round(new) if round(new) != value else value + (1 if factor > 1.0 else -1)
-    elif 0.5 < value < 1.0:
-        new = 1.0 - (1.0 - value) / factor  # what is left to explain is changed by the factor
-    return replace(POLICY, **{name: new})
+    changed = {key: verdict for key, verdict in other.items() if verdict != usual}
+    return {"case": case.name, "verdict": usual, "asked": asked, "tried": list(other), "changed": changed}
 
 
 def table(results: list[dict[str, Any]], names: Iterable[str]) -> str:

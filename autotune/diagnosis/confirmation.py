@@ -29,6 +29,9 @@ from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Study
 from autotune.models.drive_model import Packed
 
+MOST_RIVALS = 3
+"""Fitted in the place of each effect."""
+
 
 def confirm(found: Found, nominal: Packed) -> tuple[FittedCandidate | None, list[HoldoutResult]]:
     """What was found, without the effects that another trajectory refutes, and what it said of each of them."""
@@ -98,7 +101,7 @@ def compare_alternatives(
     near = [one for one in ranked if _rival(study, one, item.effect, own)]
     error = _pieces(study, chosen.level, folds)
     rivals = []
-    for one in near[: study.policy.most_refits]:
+    for one in near[:MOST_RIVALS]:
         fitted = inside_twin(study, root, less, one)
         if fitted is not None and not _clearly_less(study.policy, error, _pieces(study, fitted.level, folds)):
             rivals.append(one.effect)

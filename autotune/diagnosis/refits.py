@@ -33,6 +33,8 @@ from autotune.models.transmission import has_load
 _TERM = re.compile(r"(?P<part>\w+)_(?P<number>\d+)$")
 MOST_ROUNDS, WORTH_ANOTHER_ROUND = 3, 0.02
 """Rounds of a fit, and the relative fall of the cost in one of them that is worth the next."""
+NEARLY, REFINED = 0.8, 0.99
+"""Shares between which a fit is carried on: more rounds win hundredths, and above it no name changes."""
 NOISE_CHANGED = 0.25
 """Relative change of the twin's noise that is worth fitting anew."""
 
@@ -114,7 +116,7 @@ def best_refined(
     study: Study, root: Level, fits: Sequence[FittedCandidate], best: FittedCandidate, progress: Progress
 ) -> list[FittedCandidate]:
     """The fits with the best of them refined: beside another effect it has not settled after two rounds."""
-    if not study.policy.nearly < best.share < study.policy.refined:
+    if not NEARLY < best.share < REFINED:
         return list(fits)
     done = refined(study, root, best, progress)
     return [replace(done, effect=best.effect, gain=max(best.gain, done.gain))]
@@ -133,7 +135,7 @@ def refined(study: Study, root: Level, chosen: FittedCandidate, progress: Progre
         gained = 1.0 - better.fitted.cost / level.fitted.cost
         converged = better.converged or gained < WORTH_ANOTHER_ROUND
         chosen = judged(study, root, replace(better, converged=converged), chosen.effect)
-        if chosen.share >= study.policy.refined:
+        if chosen.share >= REFINED:
             break
     return chosen
 

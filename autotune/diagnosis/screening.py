@@ -21,6 +21,10 @@ from autotune.models.effect import Kind
 from autotune.models.layout import flag
 from autotune.models.table import EFFECTS
 
+PROMISING = 0.009
+"""Relative fall of the cost in a short fit that is followed to its end: a third of the least gain."""
+NEAR_BEST, NEAR_WORTH = 0.3, 0.5
+"""Beside another effect: of the best short fit's fall, and of the fall that a further effect is worth having for."""
 HOPEFUL = 3e-3
 """Relative fall of the cost that a short fit must be able to reach, to be begun."""
 
@@ -39,7 +43,7 @@ def screen(
     """The best fit of one effect on the measured motion; None where it has no start here."""
     kind = EFFECTS[effect]
     tried = _short_fits(study, level, nominal, kind)
-    return _followed(study, evidence, level, kind, tried, study.policy.promising_fall) if tried else None
+    return _followed(study, evidence, level, kind, tried, PROMISING) if tried else None
 
 
 def rank(
@@ -66,12 +70,12 @@ def rank(
 
 def _least_fall(study: Study, base: Level, best: Sequence[_ShortFit], worth: float) -> float:
     """Relative fall of the cost from which a short fit is followed to its end."""
-    policy, cost = study.policy, base.fitted.cost
+    cost = base.fitted.cost
     if not base.effects:
-        return policy.promising_fall
+        return PROMISING
     largest = max((1.0 - item.fitted.cost / cost for item in best), default=0.0)
-    near = max(policy.near_best_beside * largest, policy.near_worth_beside * worth / cost)
-    return max(policy.promising_fall, near)
+    near = max(NEAR_BEST * largest, NEAR_WORTH * worth / cost)
+    return max(PROMISING, near)
 
 
 def _short_fits(study: Study, level: Level, nominal: Packed, kind: Kind) -> list[_ShortFit]:

@@ -14,6 +14,7 @@ from autotune.diagnosis.candidates import FittedCandidate, Progress, ScreenedCan
 from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.evidence.kinds import evidence_of
 from autotune.diagnosis.refits import (
+    REFINED,
     best_refined,
     fitted_again,
     gain_on_veto,
@@ -24,7 +25,7 @@ from autotune.diagnosis.refits import (
     without_effect,
     without_insignificant_terms,
 )
-from autotune.diagnosis.screening import generic_gains, rank, screen
+from autotune.diagnosis.screening import NEAR_WORTH, generic_gains, rank, screen
 from autotune.diagnosis.transmission import other_transmission_tried, without_needless_gap
 from autotune.estimation.bias_corrected_fit import Level
 from autotune.estimation.data import TRAINING, VETO
@@ -32,6 +33,12 @@ from autotune.estimation.problem import Study
 from autotune.models.drive_model import Packed
 from autotune.models.transmission import has_load
 
+MOST_EFFECTS, MOST_FITS = 3, 4
+"""Effects that are added, and candidates fitted inside the twin for each of them."""
+WORTH_A_FIT, WORTH_A_FIT_BESIDE, CLOSE_RIVAL = 0.35, 0.6, 0.75
+"""Of the best candidate's gain: what is fitted, beside another effect, and beside one that can be named already."""
+PLAINLY_NEEDED = 20.0
+"""Times what is negligible: so much needs no fit without the effect to be seen."""
 RIVAL_COST = 1.5
 """Of the lowest cost: a fit that will not come so near is given up, to save time."""
 
@@ -79,7 +86,7 @@ class _Search:
     generic: Mapping[str, float] = field(default_factory=dict)
 
     def found(self) -> Found:
-        for number in range(self.study.policy.most_effects):
+        for number in range(MOST_EFFECTS):
             best = self._round(first=number == 0)
             if best is None:
                 break
@@ -96,7 +103,7 @@ class _Search:
         ranked = rank(study, self.evidence, level, self.nominal, self.progress, worth)
         if first:
             self.first, self.generic = ranked, generic_gains(study, self.root)
-        near = [item for item in ranked if item.fall >= study.policy.near_worth_beside * worth or first]
+        near = [item for item in ranked if item.fall >= NEAR_WORTH * worth or first]
         passing = self.evidence.worth_fitting(study, level, near)
         fits = self._fit_down(level, passing)
         if not any(item.named for item in fits):
@@ -111,12 +118,11 @@ class _Search:
 
     def _fit_down(self, level: Level, passing: Sequence[ScreenedCandidate]) -> list[FittedCandidate]:
         """Fits inside the twin down the ranking until one explains nearly everything, and its close rivals."""
-        policy = self.study.policy
         fits: list[FittedCandidate] = []
-        for item in passing[: policy.most_refits]:
+        for item in passing[:MOST_FITS]:
             done = any(r.named for r in fits)
-            worth = policy.worth_refit_beside if level.effects else policy.worth_refit
-            least = policy.close_rival if done else worth
+            worth = WORTH_A_FIT_BESIDE if level.effects else WORTH_A_FIT
+            least = CLOSE_RIVAL if done else worth
             if item.gain < least * passing[0].gain:
                 break
             self.progress(f"refit inside the twin: {item.effect}")
@@ -176,7 +182,7 @@ class _Search:
         return best
 
     def _unsettled(self, chosen: FittedCandidate) -> bool:
-        return self.study.policy.partly < chosen.share < self.study.policy.refined
+        return self.study.policy.partly < chosen.share < REFINED
 
     def _begun_anew(self, chosen: FittedCandidate) -> FittedCandidate:
         """Each effect looked for again beside the others, where together they do not explain what they should.
@@ -189,7 +195,7 @@ class _Search:
         if alone and not has_load(chosen.level.fitted.packed.on):
             return chosen
         for effect in chosen.level.effects:
-            if chosen.share >= policy.refined if alone else chosen.named:
+            if chosen.share >= REFINED if alone else chosen.named:
                 break
             self.progress(f"another beginning for {effect}")
             again = self._from_best_start(chosen, effect, alone)
@@ -238,7 +244,7 @@ class _Search:
                 break
             rest = set(current.level.effects) - {effect}
             known = [level for level in self.seen if set(level.effects) == rest]
-            times = study.policy.plainly_needed
+            times = PLAINLY_NEEDED
             if known and not any(negligible(study, current, level, times) for level in known):
                 continue
             self.progress(f"is {effect} needed")

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from autotune.diagnosis.candidates import FittedCandidate, Progress, error_left
-from autotune.diagnosis.refits import judged
+from autotune.diagnosis.refits import NEARLY, judged
 from autotune.diagnosis.starts import Context, Start, starts_of
 from autotune.estimation.bias_corrected_fit import Level, fit_from_starts
 from autotune.estimation.policy import Policy
@@ -33,7 +33,7 @@ def without_needless_gap(study: Study, fits: Sequence[FittedCandidate]) -> list[
     """The fits without backlash where an elastic transmission without a gap explains about as much."""
     found = {item.effect: item for item in fits}
     spring, gap = found.get(SPRING.name), found.get(GAP.name)
-    if spring is None or gap is None or spring.share < study.policy.nearly:
+    if spring is None or gap is None or spring.share < NEARLY:
         return list(fits)
     if error_left(study, spring.level) > study.policy.spring_instead * error_left(study, gap.level):
         return list(fits)

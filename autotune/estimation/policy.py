@@ -64,57 +64,6 @@ class Policy:
         "of residuals with random phases, that a candidate must gain more than",
         "study of measured data: without it 18 of 60 residuals with random phases passed",
     )
-    promising_fall: float = _threshold(
-        0.009,
-        "1",
-        "fall of the cost in a short fit that is followed to its end",
-        "reasoned: a third of the least gain, found in two steps",
-    )
-    close_start: float = _threshold(
-        0.4,
-        "1",
-        "of the best start's fall: starts that come so near are followed too",
-        "reasoned: gaps and Stribeck velocities have several minima",
-    )
-    near_best_beside: float = _threshold(
-        0.3,
-        "1",
-        "of the best short fit's fall: what a further effect must reach to be followed",
-        "saves time: a further effect is seldom the weakest of all",
-    )
-    near_worth_beside: float = _threshold(
-        0.5,
-        "1",
-        "of the fall that a further effect is worth having for: the same",
-        "saves time: a fit to its end seldom doubles what two steps found",
-    )
-    most_refits: int = _threshold(
-        4,
-        "fits",
-        "candidates fitted inside the twin in one round",
-        "bench.diagnosis: the planted effect was in the first three in 319 of 319 runs",
-    )
-    most_effects: int = _threshold(
-        3,
-        "effects",
-        "effects added to a model at most",
-        "reasoned: pairs are what was planted; what is left beside three is called unknown",
-    )
-    worth_refit: float = _threshold(
-        0.35,
-        "1",
-        "of the best candidate's gain: less is not worth a fit inside the twin",
-        "saves time: reasoned, little gain beside the best one is seldom the right name",
-    )
-    worth_refit_beside: float = _threshold(
-        0.6, "1", "the same for a further effect", "saves time: likewise beside another effect"
-    )
-    close_rival: float = _threshold(
-        0.75,
-        "1",
-        "of the best gain: what is fitted too though an effect is found that can be named",
-        "saves time: effects with less gain explain less",
-    )
     clear_fall: float = _threshold(
         0.2,
         "1",
@@ -206,26 +155,8 @@ class Policy:
     negligible_left: float = _threshold(
         0.05, "1", "of what is left: likewise, both must hold", "the same study; both must hold"
     )
-    plainly_needed: float = _threshold(
-        20.0,
-        "1",
-        "times what is negligible: so much needs no fit to be seen",
-        "saves time: reasoned, a fit without the effect wins little back",
-    )
 
-    # Refinement: when a fit is carried on
-    refined: float = _threshold(
-        0.99,
-        "1",
-        "share from which a fit is not carried on",
-        "saves time: what is left above it changes no name",
-    )
-    nearly: float = _threshold(
-        0.8,
-        "1",
-        "share below which more rounds will not make a name",
-        "saves time: reasoned, more rounds win hundredths, not tenths",
-    )
+    # Two fits of one model
     clearly_less: float = _threshold(
         0.8,
         "1",
@@ -395,21 +326,6 @@ class Policy:
         "1",
         "of the torque's variance: a model that leaves more is of another axis",
         "reasoned: a wrong sign or unit leaves more",
-    )
-    outlying: float = _threshold(
-        12.0,
-        "1",
-        "times the median power: a quarter of a second with more is left out",
-        "study of measured data: twelve times the median power",
-    )
-    lonely: float = _threshold(
-        6.0,
-        "standard deviations",
-        "samples beyond are left out",
-        "a normal error comes there twice in a billion samples",
-    )
-    few: float = _threshold(
-        0.02, "1", "of the rows: more of them are structure and stay", "reasoned: more of them are structure"
     )
     fit_loose: float = _threshold(
         1.0,

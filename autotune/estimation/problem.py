@@ -34,7 +34,10 @@ from autotune.models.transmission import has_load
 CHUNK = 200  # grid rows, about a second
 NOISE_CHUNK = 60
 SEED = 20_240
-OUTLYING_SECONDS = 0.25
+OUTLYING, OUTLYING_SECONDS = 12.0, 0.25
+"""Times the median power: a piece of so many seconds with more is left out."""
+LONELY, FEW = 6.0, 0.02
+"""Standard deviations beyond which samples are left out, where they are so few of the rows."""
 LEAST_WEIGHT = 0.1
 """Of the steadiest experiment: an unsteady one is never left out."""
 LEAST_COULOMB = 0.005  # of the torque
@@ -321,15 +324,15 @@ def without_outlying(study: Study, error: Floats) -> Floats:
     pieces = np.array_split(np.arange(len(error)), max(1, len(error) // step))
     power = np.array([float(np.mean(error[piece] ** 2)) for piece in pieces])
     for piece, value in zip(pieces, power, strict=True):
-        if value > study.policy.outlying * np.median(power):
+        if value > OUTLYING * np.median(power):
             weight[piece] = 0.0
     if np.mean(weight > 0) <= 0.5:
         weight = np.ones_like(weight)
     if study.twin:
         return weight
     size = np.abs(error)
-    lonely = size > study.policy.lonely * float(np.median(size[weight > 0])) / 0.6745
-    if np.mean(lonely) < study.policy.few:  # more of them are structure
+    lonely = size > LONELY * float(np.median(size[weight > 0])) / 0.6745
+    if np.mean(lonely) < FEW:  # more of them are structure
         weight[lonely] = 0.0
     return weight
 

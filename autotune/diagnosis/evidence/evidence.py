@@ -13,6 +13,9 @@ from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Study
 from autotune.models.effect import Kind
 
+CLOSE_START = 0.4
+"""Of the best start's fall: starts that come so near are followed too, as gaps and speeds have several minima."""
+
 
 @dataclass(frozen=True, slots=True)
 class HoldoutResult:
@@ -66,7 +69,7 @@ class Evidence(ABC):
         return list(study.candidates)
 
     def effort(self, study: Study) -> Effort:
-        return Effort(study.policy.close_start, 2, 4)
+        return Effort(CLOSE_START, 2, 4)
 
     def borne_out(self, level: Level, found: Sequence[ScreenedCandidate]) -> list[ScreenedCandidate]:
         """Candidates with the gains that their fits bear out."""

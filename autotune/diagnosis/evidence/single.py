@@ -38,7 +38,7 @@ LEAST_ROWS = 60
 LEAST_REST = 0.25
 """Of the rows: with fewer left the other recordings say too little to be carried anywhere."""
 ITERATIONS = 10
-SURROGATES = 20
+MOST_LIKELY, SURROGATES = 6, 20
 WORTH_ALIGNING = 0.998
 """Of the cost: what must be left at most for a shift of torque against motion to count."""
 MOST_NEIGHBOURS, LEAST_NEIGHBOURS, NEIGHBOURS = 6000, 300, 40
@@ -71,7 +71,7 @@ class SingleRecording(Evidence):
         policy = study.policy
         least_z = policy.least_z_by_phase if study.data.periodic else policy.least_z_single
         likely = [item for item in ranked if item.gain >= least and item.z >= least_z]
-        return [item for item in likely if visible(study, item)][: policy.most_refits + 2]
+        return [item for item in likely if visible(study, item)][:MOST_LIKELY]
 
     def best(self, study: Study, fitted: Sequence[FittedCandidate]) -> FittedCandidate:
         """Of candidates that explain nearly alike the one that errs least on other trajectories."""
