@@ -9,9 +9,7 @@
 name is loaded when it is used for the first time. Everything not named here may change from version to version.
 """
 
-import sys
 from importlib import import_module
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -20,7 +18,7 @@ if TYPE_CHECKING:
     from autotune.api.models import add_effect, compare, diagnose, fit
     from autotune.api.results import AddedEffect, Comparison, DiagnosisResult
     from autotune.core.errors import AutotuneError
-    from autotune.diagnose.fit_result import FitResult
+    from autotune.diagnosis.fit_result import FitResult
     from autotune.models.drive_model import DriveModel
     from autotune.models.model_file import read_model, write_model
     from autotune.recordings.files import read_recording, write_recording
@@ -57,7 +55,7 @@ _HOMES = {
     "autotune.api.models": ("add_effect", "compare", "diagnose", "fit"),
     "autotune.api.results": ("AddedEffect", "Comparison", "DiagnosisResult"),
     "autotune.core.errors": ("AutotuneError",),
-    "autotune.diagnose.fit_result": ("FitResult",),
+    "autotune.diagnosis.fit_result": ("FitResult",),
     "autotune.models.drive_model": ("DriveModel",),
     "autotune.models.model_file": ("read_model", "write_model"),
     "autotune.recordings.files": ("read_recording", "write_recording"),
@@ -77,14 +75,3 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted([*__all__, "__version__"])
-
-
-class _Face(ModuleType):
-    """The package `autotune.diagnose`, once imported, does not hide the function of that name."""
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        if not (name in _HOME and isinstance(value, ModuleType)):
-            super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Face

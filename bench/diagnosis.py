@@ -15,37 +15,25 @@ import json
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
-from unittest import mock
 
 import numpy as np
 
-from autotune.diagnose import starts as families
-from autotune.diagnose.verdict import Diagnosis, diagnose
+from autotune.diagnosis.verdict import Diagnosis, diagnose
 from autotune.estimation.data import TEST, TRAINING
 from autotune.estimation.free_parameters import model_from
 from autotune.estimation.residual import residual
 from autotune.models.drive_model import DriveModel, base_model
+from autotune.models.effect import Kind
+from autotune.models.table import EFFECTS as LIBRARY
 from autotune.recordings.recording import Recording
-from autotune_sim.effects import EFFECTS
-from autotune_sim.presets import Preset, preset
-from bench.diagnosis_data import play
+from autotune_sim.presets import Preset
 from bench.diagnosis_summary import summary
-from bench.diagnosis_truth import coefficient_error, true_model
-
-MEDIUM = {
-    "torque_ripple": 0.01, "direction_asymmetry": 0.06, "stribeck": 0.04, "nonlinear_viscous": 0.02,
-    "position_dependent_friction": 0.15, "gravity_imbalance": 0.015, "spring": 0.004,
-    "reversal_memory": 0.06, "thermal_drift": 0.03, "elastic_transmission": 0.01, "backlash": 4e-3,
-    "torque_lag": 5e-4, "torque_saturation": 0.2, "dwell_time_break_away": 0.08,
-    "load_dependent_friction": 0.15, "encoder_eccentricity": 1.6e-2,
-}  # fmt: skip
-NOMINAL = {
-    "inertia": 6.66e-4, "viscous": 4.13e-3, "coulomb": 0.30, "stiffness": 100.0, "micro_damping": 0.05,
-    "offset": 0.048,
-}  # fmt: skip
+from tests.support.axes import ALIENS, MEDIUM, NOMINAL, plain_axis, planted_size
+from tests.support.diagnosis_programme import play
+from tests.support.truth import coefficient_error, true_model
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,24 +56,18 @@ class Run:
     coefficients: tuple[float, ...] = ()
 
 
-def plain_axis(seed: int, effects: Mapping[str, float] | None = None) -> Preset:
-    """A LuGre axis without Stribeck effect, every parameter within ±20 %, with planted effects."""
-    axis = preset("lugre", seed=seed, effects=effects)
-    bristle = axis.plant.bristle
-    if bristle is None:
-        raise ValueError("the preset 'lugre' has a bristle")
-    return replace(axis, plant=replace(axis.plant, bristle=replace(bristle, break_away=bristle.coulomb)))
+def judge(
+    recording: Recording,
+    planted: tuple[str, ...],
+    axis: Preset | None = None,
+    candidates: Sequence[Kind] | None = None,
+) -> Run:
+    """Diagnoses a recording with the nominal model; `axis` where the truth is in the library.
 
-
-def planted_size(effect: str, size: float) -> float:
-    """As much of an effect as the simulator allows."""
-    return min(size, EFFECTS[effect].high)
-
-
-def judge(recording: Recording, planted: tuple[str, ...], axis: Preset | None = None) -> Run:
-    """Diagnoses a recording with the nominal model; `axis` where the truth is in the library."""
+    `candidates` are all effects of the library where None.
+    """
     start = time.process_time()
-    result = diagnose([recording], base_model(NOMINAL))
+    result = diagnose([recording], base_model(NOMINAL), candidates=candidates)
     seconds = time.process_time() - start
     order = [c.effect for c in sorted(result.candidates, key=lambda c: -c.gain)]
     rank = order.index(planted[0]) + 1 if planted and planted[0] in order else 0
@@ -184,40 +166,8 @@ def removed(runs: int, seed: int, size: float, names: list[str]) -> Iterator[Run
                 continue
             own = seed + 100 * number + i
             recording = play(plain_axis(own, {effect: planted_size(effect, medium * size)}), own)
-            kept = {name: f for name, f in families.FAMILIES.items() if name != effect}
-            with mock.patch.dict(families.FAMILIES, kept, clear=True):
-                yield judge(recording, (f"-{effect}",))
-
-
-def _dip(time: float, position: float, velocity: float, acceleration: float) -> float:
-    return -0.05 * velocity * math.exp(-((velocity / 1.5) ** 2))
-
-
-def _crank(time: float, position: float, velocity: float, acceleration: float) -> float:
-    return -1.5e-4 * acceleration * math.cos(2 * position)
-
-
-def _uneven_oil(time: float, position: float, velocity: float, acceleration: float) -> float:
-    return -0.006 * velocity * math.sin(position)
-
-
-def _mains(time: float, position: float, velocity: float, acceleration: float) -> float:
-    return 0.012 * math.sin(2 * math.pi * 7.3 * time)
-
-
-class _Creep:
-    """A dashpot behind a spring: torque follows velocity late."""
-
-    def __init__(self) -> None:
-        self.late = 0.0
-
-    def __call__(self, time: float, position: float, velocity: float, acceleration: float) -> float:
-        self.late += 1e-3 / 0.3 * (velocity - self.late)
-        return -0.01 * self.late
-
-
-ALIENS = {"dip": lambda: _dip, "crank": lambda: _crank, "uneven_oil": lambda: _uneven_oil,
-          "mains": lambda: _mains, "creep": _Creep}  # fmt: skip
+            others = [kind for name, kind in LIBRARY.items() if name != effect]
+            yield judge(recording, (f"-{effect}",), candidates=others)
 
 
 def aliens(runs: int, seed: int, size: float, names: list[str]) -> Iterator[Run]:

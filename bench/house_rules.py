@@ -13,7 +13,7 @@ from pathlib import Path
 
 MOST_LINES = 60
 MOST_MODULES = 65
-COUNTED = ("autotune/estimation", "autotune/identify", "autotune/diagnose")
+COUNTED = ("autotune/estimation", "autotune/identify", "autotune/diagnosis")
 PARTS = ("autotune", "drivers", "sim", "bench", "tests")
 
 

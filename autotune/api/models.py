@@ -18,17 +18,18 @@ from threadpoolctl import threadpool_limits
 
 from autotune.api.results import AddedEffect, Comparison, DiagnosisResult
 from autotune.core.errors import ConfigurationError, NotEnoughExcitation
-from autotune.diagnose import adding
-from autotune.diagnose.baseline import quiet
-from autotune.diagnose.compare import compare as compare_model
-from autotune.diagnose.files import diagnose_recordings
-from autotune.diagnose.fit_recordings import fit_recordings
-from autotune.diagnose.fit_result import FitResult
+from autotune.diagnosis import fitting
+from autotune.diagnosis.candidates import no_progress
+from autotune.diagnosis.compare import compare as compare_model
+from autotune.diagnosis.fit_recordings import fit_recordings
+from autotune.diagnosis.fit_result import FitResult
+from autotune.diagnosis.verdict import diagnose as diagnose_model
 from autotune.estimation.coordinates import coordinates
 from autotune.estimation.residual import smoothed
 from autotune.identify.residuals import simulate_closed_loop
 from autotune.models.drive_model import DriveModel, HistoryEntry
 from autotune.models.model_file import read_model
+from autotune.models.table import effect_kind
 from autotune.recordings.files import read_recording
 from autotune.recordings.recording import Recording
 
@@ -43,7 +44,7 @@ def fit(
     *,
     effects: Sequence[str] = (),
     precision: float | None = None,
-    progress: Progress = quiet,
+    progress: Progress = no_progress,
     source: str = "",
 ) -> FitResult:
     """Fits a model; every number with its uncertainty.
@@ -92,16 +93,25 @@ def compare(recordings: Recordings, model: Model) -> Comparison:
     )  # fmt: skip
 
 
-def diagnose(recordings: Recordings, model: Model, *, progress: Progress = quiet) -> DiagnosisResult:
+def diagnose(
+    recordings: Recordings,
+    model: Model,
+    *,
+    candidates: Sequence[str] | None = None,
+    progress: Progress = no_progress,
+) -> DiagnosisResult:
     """Which physical effect the model lacks, with the evidence.
 
+    `candidates` are the names of the effects that may be missing; all of the library where none are given.
+
     Raises:
-        RecordingError, ConfigurationError: recordings that cannot be used.
+        RecordingError, ConfigurationError: recordings that cannot be used; no such effect.
         NotEnoughExcitation: nothing to fit, or a model that does not fit the axis at all.
     """
     known = _model(model)
     with _one_thread():
-        found = diagnose_recordings(_read(recordings), known, progress)
+        kinds = None if candidates is None else [effect_kind(name) for name in candidates]
+        found = diagnose_model(_read(recordings), known, progress, candidates=kinds)
     return DiagnosisResult(
         known.torque_symbol, found.verdict, found.effects, found.confidence, found.candidates, found.confusable,
         found.where, found.noise_floor_rms, found.next_experiment, found.twin, found.error_rms,
@@ -111,7 +121,7 @@ def diagnose(recordings: Recordings, model: Model, *, progress: Progress = quiet
 
 
 def add_effect(
-    effect: str, recordings: Recordings, model: Model, *, progress: Progress = quiet, source: str = ""
+    effect: str, recordings: Recordings, model: Model, *, progress: Progress = no_progress, source: str = ""
 ) -> AddedEffect:
     """Refits the model with an effect, and tells how far the error falls on data that the fit never saw.
 
@@ -121,7 +131,7 @@ def add_effect(
     """
     known = _model(model)
     with _one_thread():
-        added = adding.add_effect(
+        added = fitting.add_effect(
             effect, _read(recordings), known, _now(), source or _named(recordings), progress
         )
     return AddedEffect(

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 from autotune.core.arrays import Floats
 from autotune.core.documents import finite
 from autotune.core.tables import frame, html_table
-from autotune.diagnose.compare import Compared, Worst
-from autotune.diagnose.evidence import Candidate
-from autotune.diagnose.verdict import Diagnosis
+from autotune.diagnosis.compare import Compared, Worst
+from autotune.diagnosis.verdict import Diagnosis
+from autotune.diagnosis.wording import Candidate
 from autotune.models.as_json import parameters_json, waves_json
 from autotune.models.drive_model import DriveModel
 
@@ -179,7 +179,7 @@ class DiagnosisResult(Result):
 
         `source`: what the data were, for the model's history.
         """
-        from autotune.diagnose.found_model import found_model
+        from autotune.diagnosis.found_model import found_model
 
         when = datetime.now(UTC).isoformat(timespec="seconds")
         found = found_model(self._diagnosis, self._model, when, source)

@@ -12,7 +12,7 @@ from autotune.cli.output import answer, answer_json, say
 from autotune.core.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from autotune.diagnose.fit_result import FitResult
+    from autotune.diagnosis.fit_result import FitResult
     from autotune.models.drive_model import DriveModel
     from autotune.recordings.recording import Recording
 
@@ -290,7 +290,7 @@ def _check_folder(path: Path | None) -> None:
 
 def _print_fit(known: DriveModel | None, result: FitResult, out: Path) -> None:
     from autotune.cli.model_text import parameter_lines
-    from autotune.diagnose.fit_result import least_torque_line
+    from autotune.diagnosis.fit_result import least_torque_line
 
     for line in parameter_lines(known) if known is not None else []:
         mark = "  not identified" if line.split()[0] in result.not_identified else ""
@@ -310,8 +310,8 @@ def _write_figures(
     read: list[Recording], known: DriveModel, result: FitResult, html: Path | None, rrd: Path | None
 ) -> None:
     """The page and the Rerun recording of a fit."""
-    from autotune.diagnose.fit_recordings import compared_or_none
-    from autotune.diagnose.fit_result import summary
+    from autotune.diagnosis.fit_recordings import compared_or_none
+    from autotune.diagnosis.fit_result import summary
 
     if html is not None:
         from autotune.view.fit_page import write_fit
@@ -325,7 +325,7 @@ def _write_figures(
 
 def _write_rerun(rrd: Path, read: list[Recording], known: DriveModel) -> None:
     """Recording and model in one file: the model's torque beside the measured one, parameters at the end."""
-    from autotune.diagnose.fit_recordings import model_torque
+    from autotune.diagnosis.fit_recordings import model_torque
     from autotune.view.rerun_file import FinalValue, Shown, write_rrd
 
     finals = [

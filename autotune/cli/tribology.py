@@ -45,7 +45,7 @@ def tribology(
 
 
 def _beside(model_file: Path, surface: Path) -> Judged:
-    from autotune.diagnose.resolved_memory import stiffness_at_rest
+    from autotune.diagnosis.resolved_memory import stiffness_at_rest
     from autotune.models.model_file import read_model
     from autotune.tribology.configuration import read_contact
     from autotune.tribology.expectation import expected, judged

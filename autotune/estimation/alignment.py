@@ -40,7 +40,7 @@ def needed(cutoff: float, period: float) -> int:
     return min(MOST, max(1, math.ceil(FINE * cutoff * period - 1e-9)))
 
 
-def finer(recording: Recording, factor: int) -> Recording:
+def upsampled(recording: Recording, factor: int) -> Recording:
     """The recording with `factor` rows for each one, interpolated between cuts; itself for 1."""
     if factor == 1:
         return recording
@@ -76,12 +76,12 @@ EARLIEST, LATEST = -4.0, 6.0
 LEAST_FAST = 0.2
 
 
-def best_shift(cost: Callable[[float], float], start: float, finer: int = 1) -> tuple[float, float]:
+def best_shift(cost: Callable[[float], float], start: float, upsampling: int = 1) -> tuple[float, float]:
     """The nearest minimum of a cost over the shift, in tenths of half samples, and its cost there.
 
-    `finer`: rows for each sample of the file.
+    `upsampling`: rows for each sample of the file.
     """
-    earliest, latest = finer * EARLIEST, finer * LATEST
+    earliest, latest = upsampling * EARLIEST, upsampling * LATEST
     known: dict[float, float] = {}
 
     def at(shift: float) -> float:
@@ -121,7 +121,7 @@ def aligned(data: Prepared) -> Prepared:
     """
     rows = away_from_reversals(data)
     return shifted(
-        data, best_shift(lambda shift: linear_misfit(shifted(data, shift), rows), 0.0, data.finer)[0]
+        data, best_shift(lambda shift: linear_misfit(shifted(data, shift), rows), 0.0, data.upsampling)[0]
     )
 
 
@@ -174,7 +174,7 @@ def compensated(data: Prepared) -> tuple[Prepared, str | None]:
     if plain > LARGE:
         return data, None
     trials: list[tuple[float, str, float]] = []
-    for samples in (data.finer * count for count in SAMPLES):
+    for samples in (data.upsampling * count for count in SAMPLES):
         trials.append((_misfit(_motion_through(data, samples)), "torque", samples))
         trials.append((_misfit(_torque_through(data, samples)), "position", samples))
     misfit, column, samples = min(trials)
@@ -192,13 +192,13 @@ def compensated(data: Prepared) -> tuple[Prepared, str | None]:
 
 def _best(data: Prepared) -> float:
     rows = away_from_reversals(data)
-    return best_shift(lambda shift: linear_misfit(shifted(data, shift), rows), data.shift, data.finer)[0]
+    return best_shift(lambda shift: linear_misfit(shifted(data, shift), rows), data.shift, data.upsampling)[0]
 
 
 def _misfit(data: Prepared) -> float:
     """Share of the torque's variance that inertia and friction leave, at the best shift."""
     rows = away_from_reversals(data)
-    return best_shift(lambda shift: linear_misfit(shifted(data, shift), rows), data.shift, data.finer)[1]
+    return best_shift(lambda shift: linear_misfit(shifted(data, shift), rows), data.shift, data.upsampling)[1]
 
 
 def _motion_through(data: Prepared, samples: float) -> Prepared:

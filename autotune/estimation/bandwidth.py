@@ -14,10 +14,11 @@ import numpy as np
 from scipy import ndimage, signal
 
 from autotune.core.arrays import Floats, Integers
-from autotune.estimation.alignment import aligned, finer, needed
+from autotune.estimation.alignment import aligned, needed, upsampled
 from autotune.estimation.controller import find_controller
 from autotune.estimation.coordinates import travel_since_reversal
 from autotune.estimation.data import CUTOFF, Block, Prepared, prepare
+from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.programme import fitted_part
 from autotune.estimation.speed_points import as_steady_recordings, speed_points
 from autotune.recordings.checks import check_recording, guide_of, torque_of
@@ -128,16 +129,16 @@ def without_rest(data: Prepared) -> Prepared:
     return replace(data, grid=np.concatenate(rows), blocks=tuple(blocks))
 
 
-def prepared_to_fit(recordings: Sequence[Recording]) -> Prepared:
+def prepared_to_fit(recordings: Sequence[Recording], policy: Policy = POLICY) -> Prepared:
     """The same for a fit: of the standard programme that part which can be fitted in one twin.
 
     Raises:
         RecordingError, NotEnoughExcitation: as `prepare`.
     """
-    return prepared_for([fitted_part(recording) for recording in recordings])
+    return prepared_for([fitted_part(recording) for recording in recordings], policy)
 
 
-def prepared_for(recordings: Sequence[Recording]) -> Prepared:
+def prepared_for(recordings: Sequence[Recording], policy: Policy = POLICY) -> Prepared:
     """Recordings made ready: as the diagnosis programme wants it, or as a single trajectory allows.
 
     Raises:
@@ -151,10 +152,10 @@ def prepared_for(recordings: Sequence[Recording]) -> Prepared:
     data = prepare(recordings)
     if data.repeated:
         return data
-    known = data.recorded_reference and find_controller(data).usable
+    known = data.recorded_reference and find_controller(data, policy).usable
     cutoff = coherent_cutoff(max(recordings, key=len), known)
     if known:
         return without_rest(prepare(recordings, cutoff, 2.5 * cutoff))
     factor = needed(cutoff, recordings[0].period)
-    fine = [finer(recording, factor) for recording in recordings]
-    return aligned(replace(without_rest(prepare(fine, cutoff, 2.5 * cutoff)), finer=factor))
+    fine = [upsampled(recording, factor) for recording in recordings]
+    return aligned(replace(without_rest(prepare(fine, cutoff, 2.5 * cutoff)), upsampling=factor))

@@ -32,7 +32,7 @@ COARSE = 0.03
 STUCK, NEAR = 0.9, 0.5
 """Of the cost at its start: a fit that comes no lower has not found its way, unless it began so near the end."""
 SHARP = 9
-"""Simulations for the bias that two masses are judged by: their blows make that of a few a matter of luck."""
+"""Simulations for the bias that two masses are judged by: their contact makes that of a few a matter of luck."""
 ENOUGH = 0.01
 """Relative fall of the cost that is not worth another step between two masses: the chance of their bias."""
 
@@ -41,21 +41,21 @@ ENOUGH = 0.01
 class Level:
     """A model at its best: fit, the bias that belongs to it, and its error on unseen experiments.
 
-    `settled`: more rounds would not make it better.
+    `converged`: more rounds would not make it better.
     """
 
     fitted: Fitted
     correction: Correction
     unseen: Unseen
     effects: tuple[str, ...] = ()
-    settled: bool = False
+    converged: bool = False
 
     @property
     def free(self) -> tuple[Free, ...]:
         return self.fitted.free
 
 
-def settle(
+def fit_inside_twin(
     study: Study,
     start: Packed | Twinned,
     free: Sequence[Free],
@@ -90,7 +90,7 @@ def settle(
     return _level(study, fitted, best.correction, effects)
 
 
-def settle_somewhere(
+def fit_from_starts(
     study: Study,
     starts: Sequence[Packed],
     enough: float,
@@ -112,7 +112,7 @@ def settle_somewhere(
         if here.cost > enough:
             dear.append(here)
             continue
-        level = settle(study, here, free, 2, effects, target=target)
+        level = fit_inside_twin(study, here, free, 2, effects, target=target)
         if level is not None and (best is None or level.fitted.cost < best.fitted.cost):
             best = level
         if level is not None and (level.fitted.cost < STUCK * here.cost or here.cost < NEAR * enough):
@@ -120,7 +120,7 @@ def settle_somewhere(
     if best is not None or not dear:
         return best
     here = min(dear, key=lambda place: place.cost)
-    return settle(study, here, free, 2, effects, target=target)
+    return fit_inside_twin(study, here, free, 2, effects, target=target)
 
 
 def _step_by_step(
@@ -148,7 +148,7 @@ def _step_by_step(
     if sharp is None:
         return None
     level = _level(study, replace(fitted, error=sharp.error, cost=sharp.cost), sharp.correction, effects)
-    return replace(level, settled=fitted.converged)
+    return replace(level, converged=fitted.converged)
 
 
 @dataclass(frozen=True, slots=True)

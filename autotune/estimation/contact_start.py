@@ -49,19 +49,19 @@ def best_contact(study: Study, fitted: Fitted, correction: Correction) -> Fitted
     return min(found, key=lambda item: item.cost)
 
 
-def told(study: Study, fitted: Fitted, free: Sequence[Free]) -> list[Free]:
+def identifiable(study: Study, fitted: Fitted, free: Sequence[Free]) -> list[Free]:
     """The free parameters without those of the bristle that a single recording says nothing about."""
     errors = dict(zip((f.name for f in free), standard_errors(fitted, study.training), strict=True))
     values = fitted.packed.p
     return [f for f in free if f.name not in _CONTACT or errors[f.name] < LOOSE * abs(values[f.slot])]
 
 
-def settled_contact(
+def fitted_contact(
     study: Study, fitted: Fitted, correction: Correction, free: Sequence[Free]
 ) -> tuple[Fitted, list[Free]]:
     """Fit and free parameters that the search of a single recording begins with."""
     best = best_contact(study, fitted, correction)
-    kept = told(study, best, free)
+    kept = identifiable(study, best, free)
     held = [f for f in kept if f.name not in _CONTACT]
     packed = quiet_contact(study, best.packed)
     if packed is None:

@@ -16,11 +16,10 @@ from scipy.optimize import minimize_scalar
 
 from autotune.core.arrays import Flags, Floats, Integers
 from autotune.estimation.data import Prepared, stretches_of
+from autotune.estimation.policy import POLICY, Policy
 from autotune.recordings.checks import at_limit, torque_of
 from autotune.recordings.recording import Controller, Recording
 
-USABLE = 0.999
-"""Share of the demand's variance: only a controller that explains more may drive a twin."""
 IMPORT_REFERENCE = "import it with one if there is: autotune data import FILE --column reference=FIELD"
 NAME_GAINS = (
     "If you know its gains, name them: autotune data import FILE --controller 'pid kp=... kd=... ki=...'"
@@ -28,13 +27,10 @@ NAME_GAINS = (
 SHORTEST_RUN = 50  # samples between two clamps
 SHORTEST_STRETCH = 100  # samples
 MOST_ROWS = 40_000
+EXACT = 1e-6
+"""Share of the demand left that rounding explains: nothing is left for another law then."""
 SAME = 1e-9
 """Relative difference of two torques that are one value of the drive."""
-EXACT = 1e-6
-"""Share of the demand left: with less there is nothing for another law to explain."""
-PLAINLY_BETTER = 0.1
-"""Of the mean square that a law leaves: another must leave less to be taken instead. A gain that is wrong by
-a tenth can still explain 99.9 % where it does little, and would spoil the twin's damping."""
 _FILTERS = (0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 
 
@@ -103,6 +99,7 @@ class LoopSamples:
     clamped: Flags
     stretches: tuple[slice, ...]
     known: Controller | None
+    policy: Policy = POLICY
 
 
 def is_closed(recording: Recording) -> bool:
@@ -112,7 +109,7 @@ def is_closed(recording: Recording) -> bool:
     return bool(np.mean(recording["reference"] != recording["position"]) > 0.05)
 
 
-def find_controller(data: Prepared) -> PositionController:
+def find_controller(data: Prepared, policy: Policy = POLICY) -> PositionController:
     """The controller that made the torque demand of prepared data; none unless all of them were controlled."""
     if not data.recorded_reference:
         return _none(f"the recording has no column 'reference'; {IMPORT_REFERENCE}")
@@ -127,6 +124,7 @@ def find_controller(data: Prepared) -> PositionController:
             clamped(data.torque, data.metadata.torque_limit),
             tuple(stretch.rows for stretch in data.stretches),
             data.metadata.controller,
+            policy,
         )
     )
 
@@ -181,16 +179,22 @@ def identified(samples: LoopSamples) -> PositionController:
     found = _searched(samples, cascaded=True)
     if 1.0 - found.explained > EXACT:
         other = _searched(samples, cascaded=False)
-        found = other if _plainly_better(other, found) else found
-    if named is not None and named.explained > USABLE and not _plainly_better(found, named):
+        found = other if _plainly_better(samples, other, found) else found
+    if (
+        named is not None
+        and named.explained > samples.policy.controller_explains
+        and not _plainly_better(samples, found, named)
+    ):
         return named
-    if not (found.explained > USABLE and found.kp > 0.0):
-        return replace(found, source="none", why=_unexplained(found.explained))
+    if not (found.explained > samples.policy.controller_explains and found.kp > 0.0):
+        return replace(
+            found, source="none", why=_unexplained(found.explained, samples.policy.controller_explains)
+        )
     return found if named is None else replace(found, why=_replaced(named.explained, found.explained))
 
 
-def _plainly_better(one: PositionController, other: PositionController) -> bool:
-    return 1.0 - one.explained < PLAINLY_BETTER * (1.0 - other.explained)
+def _plainly_better(samples: LoopSamples, one: PositionController, other: PositionController) -> bool:
+    return 1.0 - one.explained < samples.policy.controller_better * (1.0 - other.explained)
 
 
 def _none(why: str) -> PositionController:
@@ -209,10 +213,10 @@ def _trusted(known: Controller, why: str) -> PositionController:
     )
 
 
-def _unexplained(share: float) -> str:
+def _unexplained(share: float, needed: float) -> str:
     return (
         f"reference and position explain {100 * share:.1f} % of the torque demand as a PID controller "
-        f"would; more than {100 * USABLE:.1f} % are needed. {NAME_GAINS}"
+        f"would; more than {100 * needed:.1f} % are needed. {NAME_GAINS}"
     )
 
 

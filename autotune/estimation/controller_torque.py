@@ -13,19 +13,14 @@ import numpy as np
 from autotune.core.arrays import Floats
 from autotune.core.errors import NotEnoughExcitation
 from autotune.estimation.data import Prepared, filtered_motion
+from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.residual import smoothed
 from autotune.models.table import EFFECTS, names
 
-LINEAR = 0.99
-"""Share of the torque's variance above which it is a linear function of reference and position."""
 LAGS = 4
 LOOP_LIKE = names(kind for kind in EFFECTS.values() if kind.loop_like)
 """Effects that are linear in the motion, as a controller is."""
-CAUSED = 0.25
-"""Of the velocity's variance: what the reference's velocity explains at least where it causes the motion."""
 LONGEST_DELAY = 0.1  # s
-STIFF = 0.25
-"""Of the torque's rms: what an answer proportional to position comes to at least."""
 
 
 def linear_share(data: Prepared) -> float:
@@ -40,14 +35,14 @@ def linear_share(data: Prepared) -> float:
     return _explained(np.column_stack([*columns, total[rows], np.ones(len(rows))]), data.torque[rows])
 
 
-def loop_like(data: Prepared) -> frozenset[str]:
+def loop_like(data: Prepared, policy: Policy = POLICY) -> frozenset[str]:
     """Effects that a regression on these data could take the controller for; empty where it is no danger."""
-    return LOOP_LIKE if not data.repeated and linear_share(data) > LINEAR else frozenset()
+    return LOOP_LIKE if not data.repeated and linear_share(data) > policy.answer_explains else frozenset()
 
 
-def loop_note(data: Prepared) -> tuple[str, ...]:
+def loop_note(data: Prepared, policy: Policy = POLICY) -> tuple[str, ...]:
     """A sentence where the torque may be just the controller's."""
-    if not loop_like(data):
+    if not loop_like(data, policy):
         return ()
     alike = ", ".join(sorted(LOOP_LIKE)).replace("_", " ")
     return (
@@ -57,11 +52,11 @@ def loop_note(data: Prepared) -> tuple[str, ...]:
     )
 
 
-def refuse_answers(data: Prepared) -> None:
+def refuse_answers(data: Prepared, policy: Policy = POLICY) -> None:
     """Raises NotEnoughExcitation where the torque answers a motion that it did not cause."""
     if data.repeated or data.steady:
         return
-    foreign = _foreign_to_reference(data) if data.recorded_reference else _holds_back(data)
+    foreign = _foreign_to_reference(data, policy) if data.recorded_reference else _holds_back(data, policy)
     if foreign:
         raise NotEnoughExcitation(
             "the torque is just a controller's answer to a motion that something else caused (it follows position and "
@@ -70,7 +65,7 @@ def refuse_answers(data: Prepared) -> None:
         )
 
 
-def _foreign_to_reference(data: Prepared) -> bool:
+def _foreign_to_reference(data: Prepared, policy: Policy) -> bool:
     """Whether the torque is linear in the motion and the reference does not cause the motion."""
     wanted = filtered_motion(data.reference, data.stretches, data.period, data.motion_cutoff)[1]
     velocity = data.velocity[data.grid]
@@ -78,10 +73,10 @@ def _foreign_to_reference(data: Prepared) -> bool:
     for delay in np.linspace(0.0, LONGEST_DELAY, 11):
         late = np.roll(wanted, round(float(delay) / data.period))[data.grid]
         best = max(best, _explained(np.column_stack([late, np.ones(len(late))]), velocity))
-    return best < CAUSED and linear_share(data) > LINEAR
+    return best < policy.reference_causes and linear_share(data) > policy.answer_explains
 
 
-def _holds_back(data: Prepared) -> bool:
+def _holds_back(data: Prepared, policy: Policy) -> bool:
     """Whether the torque is linear in the motion, against position and against velocity."""
     acted = smoothed(data, data.torque)
     parts = [smoothed(data, values) for values in (data.position, data.velocity, data.acceleration)]
@@ -89,8 +84,8 @@ def _holds_back(data: Prepared) -> bool:
     scale = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
     stiffness, damping, _, _ = np.linalg.lstsq(table / scale, acted, rcond=1e-10)[0] / scale
     against = stiffness < 0.0 and damping < 0.0
-    strong = abs(stiffness) * float(np.std(parts[0])) > STIFF * float(np.std(acted))
-    return bool(against and strong and _explained(table, acted) > LINEAR)
+    strong = abs(stiffness) * float(np.std(parts[0])) > policy.answer_holds * float(np.std(acted))
+    return bool(against and strong and _explained(table, acted) > policy.answer_explains)
 
 
 def _rows(data: Prepared, margin: int, most: int = 40_000) -> np.ndarray[tuple[int], np.dtype[np.int64]]:

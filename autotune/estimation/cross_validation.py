@@ -14,11 +14,6 @@ from autotune.estimation.problem import CHUNK, Correction, Study
 from autotune.estimation.residual import residual
 from autotune.models.drive_model import Packed
 
-LEAST_Z = 6.0
-LEAST_SHARE = 0.1
-SURE_LEFT = 3.0
-LARGE_LEFT = 0.03
-
 
 @dataclass(frozen=True, slots=True)
 class Unseen:
@@ -105,7 +100,7 @@ def drift(study: Study, fitted: Fitted, correction: Correction, role: str) -> tu
     rest = d - slope * x
     z = slope / max(math.sqrt(float(rest @ rest) / len(d) * 4.0 / power), 1e-300)
     share = 1.0 - float(rest @ rest) / max(float(d @ d), 1e-300)
-    if abs(z) < LEAST_Z or share < LEAST_SHARE:
+    if abs(z) < study.policy.drift_z or share < study.policy.drift_part:
         return 0.0, z
     return 0.25 * slope**2 * power / len(d), z
 
@@ -130,7 +125,11 @@ def explained(study: Study, before: Fitted, after: Fitted, correction: Correctio
     fall = study.mean_square(before.error, role) - study.mean_square(after.error, role)
     variance, error = study.repeatable(after.error, correction, role)
     noise = study.noise_variance(after.error, role)
-    certain = math.isfinite(variance) and variance > SURE_LEFT * error and variance > LARGE_LEFT * noise
+    certain = (
+        math.isfinite(variance)
+        and variance > study.policy.rest_errors * error
+        and variance > study.policy.rest_part * noise
+    )
     return Explained(fall, still_explainable(study, after, correction, role), certain)
 
 

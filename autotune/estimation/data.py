@@ -77,7 +77,7 @@ class Prepared:
         starts: first sample of each recording.
         temperature: °C, shape (n,); None unless every recording has it.
         steady: only the curve of torque over constant speeds is compared (see `speed_curve`).
-        finer: rows for each one of the file.
+        upsampling: rows for each one of the file.
         periodic: stretches whose motion repeats itself: they are held out by phase.
     """
 
@@ -104,7 +104,7 @@ class Prepared:
     starts: tuple[int, ...] = (0,)
     temperature: Floats | None = None
     steady: bool = False
-    finer: int = 1
+    upsampling: int = 1
     periodic: tuple[Periodic, ...] = ()
 
     def role(self, *roles: str) -> Flags:
@@ -282,10 +282,10 @@ def _controlled(recording: Recording) -> NDArray[np.int8]:
     for rows in segments:
         closed[rows] = np.any(recording["reference"][rows] != recording["position"][rows])
     rests = [not closed[rows][0] and np.ptp(recording["position"][rows]) == 0.0 for rows in segments]
-    told = [i for i, rest in enumerate(rests) if not rest]
+    known = [i for i, rest in enumerate(rests) if not rest]
     for i, rows in enumerate(segments):
-        if rests[i] and told:
-            nearest = max((k for k in told if k < i), default=told[0])
+        if rests[i] and known:
+            nearest = max((k for k in known if k < i), default=known[0])
             closed[rows] = closed[segments[nearest]][0]
     return closed
 

@@ -15,6 +15,7 @@ from autotune.core.arrays import Flags, Floats
 from autotune.estimation.alignment import best_shift, shifted, without_twin
 from autotune.estimation.controller import find_controller
 from autotune.estimation.data import Prepared
+from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import Study, estimate_noise, start_study, without_outlying
 from autotune.estimation.residual import measured_motion, residual, smoothed
 from autotune.models.drive_model import DriveModel, Packed
@@ -52,10 +53,10 @@ class ModelError:
         return self.error_rms / math.sqrt(max(float(np.mean(self.torque**2)), 1e-300))
 
 
-def model_error(data: Prepared, model: DriveModel) -> ModelError:
+def model_error(data: Prepared, model: DriveModel, policy: Policy = POLICY) -> ModelError:
     """The error of a model on prepared data."""
-    found = find_controller(data)
-    study = start_study(data, found)
+    found = find_controller(data, policy)
+    study = start_study(data, found, policy)
     packed = model.pack()
     notes = found.notes if found.usable else (f"No twin: {found.why}.",)
     if study.twin and not study.correction(packed, 1).stable:
@@ -64,7 +65,7 @@ def model_error(data: Prepared, model: DriveModel) -> ModelError:
     if not study.twin:
         data, said = without_twin(data)
         data = data if data.repeated or data.steady else best_aligned(data, packed)
-        study, notes = start_study(data, None), (*notes, *said)
+        study, notes = start_study(data, None, policy), (*notes, *said)
     raw = residual(data, packed, study.moved)
     if study.twin:
         study = replace(study, noise=estimate_noise(study, packed, raw))
@@ -85,4 +86,4 @@ def best_aligned(data: Prepared, packed: Packed) -> Prepared:
         moved = shifted(data, shift)
         return float(np.mean(residual(moved, packed, measured_motion(moved)) ** 2))
 
-    return shifted(data, best_shift(cost, data.shift, data.finer)[0])
+    return shifted(data, best_shift(cost, data.shift, data.upsampling)[0])

@@ -16,6 +16,7 @@ from autotune.core.arrays import Floats
 from autotune.estimation.controller import PositionController
 from autotune.estimation.data import TRAINING, VETO, Block, Prepared
 from autotune.estimation.least_squares import Fitted, Free, fit
+from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.residual import (
     Motion,
     measured_motion,
@@ -26,15 +27,17 @@ from autotune.estimation.residual import (
 )
 from autotune.models import layout
 from autotune.models.drive_model import BASE, Packed
+from autotune.models.effect import Kind
+from autotune.models.table import EFFECTS
+from autotune.models.transmission import has_load
 
 CHUNK = 200  # grid rows, about a second
 NOISE_CHUNK = 60
 SEED = 20_240
-OUTLYING = 12.0
-OUTLYING_SECONDS = 0.25
-LONELY = 6.0  # standard deviations
-FEW = 0.02
-"""Of the rows: so few may be left out one by one."""
+OUTLYING, OUTLYING_SECONDS = 12.0, 0.25
+"""Times the median power: a piece of so many seconds with more is left out."""
+LONELY, FEW = 6.0, 0.02
+"""Standard deviations beyond which samples are left out, where they are so few of the rows."""
 LEAST_WEIGHT = 0.1
 """Of the steadiest experiment: an unsteady one is never left out."""
 LEAST_COULOMB = 0.005  # of the torque
@@ -68,7 +71,10 @@ class Scales:
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """Everything a candidate is judged by."""
+    """Everything a candidate is judged by.
+
+    `candidates`: effects that may be what is missing.
+    """
 
     data: Prepared
     moved: Motion
@@ -77,10 +83,16 @@ class Study:
     scales: Scales
     weight: Floats
     simulations: int = 2
+    policy: Policy = POLICY
+    candidates: tuple[Kind, ...] = tuple(EFFECTS.values())
 
     @property
     def twin(self) -> bool:
         return self.controller is not None
+
+    def two_masses(self, packed: Packed) -> bool:
+        """Whether the twin rings: its bias changes as fast with the parameters as the residual itself."""
+        return self.twin and has_load(packed.on)
 
     def correction(self, packed: Packed, simulations: int | None = None) -> Correction:
         """Bias of the measurement chain for this model; nothing to correct without a controller."""
@@ -153,7 +165,7 @@ class Study:
         return any(block.role == VETO and block.repeats > 1 for block in self.data.blocks)
 
 
-def start_study(data: Prepared, controller: PositionController | None) -> Study:
+def start_study(data: Prepared, controller: PositionController | None, policy: Policy = POLICY) -> Study:
     """A study before anything is known about noise."""
     moved = measured_motion(data)
     rows = data.grid
@@ -167,7 +179,7 @@ def start_study(data: Prepared, controller: PositionController | None) -> Study:
         data.steady,
     )
     usable = controller if controller is not None and controller.usable else None
-    return Study(data, moved, usable, 0.0, scales, np.ones(len(rows)))
+    return Study(data, moved, usable, 0.0, scales, np.ones(len(rows)), policy=policy)
 
 
 def _can_tell(name: str, scales: Scales) -> bool:
@@ -304,7 +316,7 @@ def refit(
 
 
 def without_outlying(study: Study, error: Floats) -> Floats:
-    """Weights that leave out stretches with far more error than the usual one: starts, stops, blows."""
+    """Weights that leave out stretches with far more error than the usual one: starts, stops, impacts."""
     weight = np.ones_like(study.weight)
     step = max(
         1, round(OUTLYING_SECONDS / (study.data.period * float(np.median(np.diff(study.data.grid[:50])))))

@@ -62,8 +62,8 @@ def starting_state(
     spare = float(np.mean(torque[first])) - p[layout.INERTIA] * float(np.mean(acceleration[first])) - outside
     level, slope = first_friction(p, on, state, position[first], velocity[first], period)
     limit = friction_limit(p, on, state, float(position[0]), float(np.mean(velocity[first])))
-    told = slope > LEAST_SHARE * p[STIFFNESS]
-    bristle = (spare - level) / slope if told else math.copysign(limit, float(velocity[0]))
+    known = slope > LEAST_SHARE * p[STIFFNESS]
+    bristle = (spare - level) / slope if known else math.copysign(limit, float(velocity[0]))
     state[layout.POSITION], state[layout.VELOCITY] = position[0], velocity[0]
     state[layout.BRISTLE] = min(max(bristle, -limit), limit)
     return state

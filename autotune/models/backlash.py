@@ -37,7 +37,7 @@ BACKLASH = Kind(
     parameters=(
         Parameter("gap", "rad", 0.0, 0.0, 1e3, "free play", GAP),
         Parameter(
-            "contact_compliance", "rad/(N m)", 1e-3, 1e-9, 1e3, "twist per torque of the contact", GAP + 1
+            "contact_compliance", "rad/(N m)", 1e-3, 1e-9, 1e3, "twist per torque of its contact", GAP + 1
         ),
         *load_parameters(GAP + 2),
     ),

@@ -16,10 +16,10 @@ import numpy as np
 
 from autotune.control.model_feedforward import left_out
 from autotune.core.errors import AutotuneError, ConfigurationError
-from autotune.diagnose.compare import compare
-from autotune.diagnose.files import diagnose_recordings
-from autotune.diagnose.found_model import FoundModel, found_model
-from autotune.diagnose.resolved_memory import stiffness_at_rest
+from autotune.diagnosis.compare import compare
+from autotune.diagnosis.found_model import FoundModel, found_model
+from autotune.diagnosis.resolved_memory import stiffness_at_rest
+from autotune.diagnosis.verdict import diagnose
 from autotune.experiments.diagnosis import confirmation
 from autotune.experiments.experiment import Experiment
 from autotune.experiments.runner import Programme
@@ -132,7 +132,7 @@ def found_in(recordings: Sequence[Recording], model: DriveModel, when: str, sour
     Raises:
         AutotuneError: recordings that allow no diagnosis.
     """
-    diagnosis = diagnose_recordings(recordings, model)
+    diagnosis = diagnose(recordings, model)
     candidates = tuple(
         {"effect": c.effect, "gain": c.gain, "accepted": c.accepted, "why": c.why}
         for c in diagnosis.candidates

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from autotune.core.errors import NotEnoughExcitation
-from autotune.diagnose.compare import Compared
+from autotune.diagnosis.compare import Compared
 from autotune.identify.estimate import Estimate
 from autotune.identify.run import Identification
 from autotune.identify.steady_state import identify_steady_state

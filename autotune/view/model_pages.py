@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from autotune.core.arrays import Flags, Floats
-from autotune.diagnose.compare import Compared, Worst
-from autotune.diagnose.verdict import Diagnosis
+from autotune.diagnosis.compare import Compared, Worst
+from autotune.diagnosis.verdict import Diagnosis
 from autotune.estimation.coordinates import coordinates
 from autotune.estimation.data import Prepared
 from autotune.estimation.residual import smoothed

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from contextlib import nullcontext
 from typing import Any
-from unittest import mock
 
 import numpy as np
 
 import autotune
+from autotune.models.table import EFFECTS
 from bench.worlds import sizes
 from bench.worlds.cases import Case, Ready, ready
 from bench.worlds.lone import CHANGES, TRAJECTORIES, alone, second_file
@@ -77,12 +76,11 @@ def diagnosed(made: Ready) -> Line:
     began = time.process_time()
     line: Line = {"rows": len(taken), "seconds_recorded": round(len(taken) * taken.period, 1)}
     try:
-        with _without(hidden):
-            fitted = autotune.fit(taken)
-            between = time.process_time()
-            if fitted.model is None:
-                return line | {"verdict": "refused", "why": fitted.reason, "cpu": round(between - began, 2)}
-            found = autotune.diagnose(taken, fitted)
+        fitted = autotune.fit(taken)
+        between = time.process_time()
+        if fitted.model is None:
+            return line | {"verdict": "refused", "why": fitted.reason, "cpu": round(between - began, 2)}
+        found = autotune.diagnose(taken, fitted, candidates=_without(hidden))
     except autotune.AutotuneError as refused:
         return line | {
             "verdict": "refused",
@@ -163,11 +161,6 @@ def _floor(world: World, taps: Floats) -> float:
     return scale * float(np.sqrt(np.mean(0.5 * (errors[0] - errors[1])[rows] ** 2))) if rows.any() else 0.0
 
 
-def _without(hidden: tuple[str, ...]) -> Any:
+def _without(hidden: tuple[str, ...]) -> list[str]:
     """The library of effects without the true one."""
-    if not hidden:
-        return nullcontext()
-    from autotune.diagnose import starts
-
-    kept = {name: family for name, family in starts.FAMILIES.items() if name not in hidden}
-    return mock.patch.dict(starts.FAMILIES, kept, clear=True)
+    return [name for name in EFFECTS if name not in hidden]

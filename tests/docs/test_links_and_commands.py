@@ -88,7 +88,7 @@ def test_every_file_that_is_named_is_there(page: Path) -> None:
 
 def test_a_file_that_has_moved_is_found() -> None:
     text = (
-        "`diagnose/starts.py` `starts.py` `identify/foreign.py` `moteus_*.py` `config/none.toml` `run.json`"
+        "`diagnosis/starts.py` `starts.py` `identify/foreign.py` `moteus_*.py` `config/none.toml` `run.json`"
     )
     assert missing(text) == ["identify/foreign.py", "config/none.toml"]
 

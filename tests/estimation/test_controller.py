@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from autotune.estimation.controller import USABLE, PositionController, controller_of, find_controller
+from autotune.estimation.controller import PositionController, controller_of, find_controller
 from autotune.estimation.data import prepare
+from autotune.estimation.policy import POLICY
 from autotune.recordings.recording import Controller, Recording
 from tests.estimation.simulated import OF_TRUE, TRUE, recorded
 
@@ -21,7 +22,7 @@ def both(recording: Recording) -> PositionController:
 
 def assert_is(found: PositionController, law: PositionController) -> None:
     """The torque follows from reference and logged position exactly: only the search's tolerance is left."""
-    assert found.explained > USABLE
+    assert found.explained > POLICY.controller_explains
     for name in ("kp", "kd", "ki", "derivative_filter", "reference_rate"):
         assert getattr(found, name) == pytest.approx(getattr(law, name), rel=2e-3, abs=2e-3), name
     assert found.velocity_feedforward == pytest.approx(law.velocity_feedforward, abs=1e-4)

@@ -10,9 +10,9 @@ import pytest
 import autotune
 from autotune.cli.main import main
 from autotune.core.errors import NotEnoughExcitation
-from autotune.diagnose.compare import compare
-from autotune.diagnose.fit_recordings import fit_recordings
-from autotune.diagnose.verdict import diagnose
+from autotune.diagnosis.compare import compare
+from autotune.diagnosis.fit_recordings import fit_recordings
+from autotune.diagnosis.verdict import diagnose
 from autotune.models.drive_model import DriveModel, base_model
 from autotune.models.model_file import read_model, write_model
 from autotune.models.table import EFFECTS

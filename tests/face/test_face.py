@@ -42,8 +42,8 @@ def test_an_unknown_name_is_an_attribute_error_that_lists_the_known() -> None:
         autotune.diagnos  # noqa: B018
 
 
-def test_the_package_of_the_same_name_does_not_hide_the_function() -> None:
-    importlib.import_module("autotune.diagnose.verdict")
+def test_loading_the_package_diagnosis_leaves_the_function_diagnose() -> None:
+    importlib.import_module("autotune.diagnosis.verdict")
     assert callable(autotune.diagnose)
     assert autotune.diagnose is importlib.import_module("autotune.api.models").diagnose
 

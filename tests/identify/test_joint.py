@@ -16,9 +16,9 @@ from autotune.identify.run import identify_run
 from autotune.models.drive_model import base_model
 from autotune.recordings.recording import Metadata, Recording, concatenate
 from autotune_sim.presets import preset
-from bench.diagnosis import plain_axis
 from bench.identify_data import play, truth
-from bench.single import DRESSES, played
+from tests.support.axes import plain_axis
+from tests.support.recorded_once import DRESSES, played
 
 
 def _model(plant):

@@ -170,7 +170,7 @@ def test_sizes_are_stated_as_an_engineer_says_them() -> None:
 def test_a_measured_axis_in_milliseconds_is_no_valid_fit() -> None:
     from scipy import io as matlab
 
-    from autotune.diagnose.fit_recordings import fit_recordings
+    from autotune.diagnosis.fit_recordings import fit_recordings
 
     file = Path(__file__).resolve().parents[2] / "../shared/data/emps/DATA_EMPS.mat"
     if not file.is_file():

@@ -1,0 +1,229 @@
+"""Measured against model: how large the error is, how much of it is noise, and where it sits.
+
+The model is taken as it is, nothing is fitted. The torque residual is corrected by a twin where a
+controller is known, so that the measurement chain is not blamed on the model.
+
+The error on data that the model's fit never saw is that on a veto or a test trajectory where there is one. Else each
+experiment is held out in turn: a refit of all the others, linearised round the model, predicts it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from autotune.core.arrays import Flags, Floats
+from autotune.core.errors import ConfigurationError
+from autotune.core.units import torque_symbol
+from autotune.estimation.bandwidth import prepared_for
+from autotune.estimation.coordinates import coordinates, since_reversal, variance_shares
+from autotune.estimation.cross_validation import bins, held_out
+from autotune.estimation.data import TEST, TRAINING, VETO, Prepared
+from autotune.estimation.free_parameters import free_of_model
+from autotune.estimation.least_squares import fit
+from autotune.estimation.model_error import ModelError, model_error
+from autotune.estimation.noise_floor import NoiseFloor, noise_floor
+from autotune.estimation.problem import Study, base_free
+from autotune.estimation.residual import residual, run_twin
+from autotune.models import layout
+from autotune.models.drive_model import DriveModel, Packed
+from autotune.recordings.recording import Recording
+
+EACH_IN_TURN = "each experiment held out in turn"
+WORST = 6
+BINS = 12
+REGIMES = ("presliding", "reversal", "low_speed", "high_speed", "acceleration")
+_LOGARITHMIC = ("travel_since_reversal", "time_since_reversal")
+
+
+@dataclass(frozen=True, slots=True)
+class Worst:
+    """A stretch of a coordinate with more than its part of the error: `share` of all squared error."""
+
+    coordinate: str
+    low: float
+    high: float
+    share: float
+
+
+@dataclass(frozen=True, slots=True)
+class Compared:
+    """Model against measurement. Torques in N m or N, motor side.
+
+    Attributes:
+        error_rms: of the residual; `relative_error`: over the rms of the torque.
+        noise_floor_rms: estimate of what differs from repeat to repeat, with its interval of 95 %; nan and
+            None without repeats.
+        explained: share of the torque's explainable variance that the model explains, 0…1; without repeats
+            of all its variance, the least that it can be.
+        regimes: rms by kind of motion; nan where there is none.
+        where: share of the residual's variance that each coordinate explains.
+        position_rms: of the simulated against the measured position; nan without twin.
+        error, torque: on the grid, shape (m,); `time` likewise.
+    """
+
+    error_rms: float
+    relative_error: float
+    noise_floor_rms: float
+    noise_floor_interval: tuple[float, float] | None
+    explained: float
+    worst: tuple[Worst, ...]
+    regimes: Mapping[str, float]
+    where: Mapping[str, float]
+    twin: bool
+    position_rms: float
+    study: Study
+    error: Floats
+    rows: Flags
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class UnseenError:
+    """Rms of the torque error [N m or N], the floor under it (None where unknown), and on which data."""
+
+    rms: float
+    floor: NoiseFloor | None
+    data: str
+
+
+def check_same_axis(model: DriveModel, recordings: Sequence[Recording]) -> None:
+    """Raises ConfigurationError where model and recordings cannot be of the same axis."""
+    for recording in recordings:
+        other = recording.metadata
+        if model.motion_unit != other.motion_unit:
+            raise ConfigurationError(
+                f"the model is for motion in {model.motion_unit}, the recording is in {other.motion_unit}; "
+                "use the model of this axis, or fit one: autotune model fit"
+            )
+        if model.torque_unit != other.torque_unit:
+            raise ConfigurationError(
+                f"the model is for torque in {model.torque_symbol}, the recording is in "
+                f"{torque_symbol(other.motion_unit, other.torque_unit)}; import the file with the unit of the model, "
+                "or fit one to it: autotune model fit"
+            )
+        if model.fingerprint and other.fingerprint and model.fingerprint != other.fingerprint:
+            raise ConfigurationError(
+                f"the model is of axis {model.axis or model.fingerprint}, the recording of "
+                f"{other.axis or other.fingerprint}; use the model of this axis, or fit one: autotune model fit"
+            )
+
+
+def compare(recordings: Sequence[Recording], model: DriveModel) -> Compared:
+    """Compares a model with recordings.
+
+    Raises:
+        RecordingError, ConfigurationError, NotEnoughExcitation: recordings that cannot be used.
+    """
+    check_same_axis(model, recordings)
+    left = model_error(prepared_for(recordings), model)
+    return _measures(left, model, _position_error(left.study, model))
+
+
+def _measures(left: ModelError, model: DriveModel, position: float) -> Compared:
+    study, error, rows = left.study, left.error, left.rows
+    data = study.data
+    square = left.error_rms**2
+    noise = noise_floor(study, error, rows)
+    floor = noise.rms**2 if noise is not None else 0.0
+    explainable = max(float(np.var(left.torque)) - floor, 1e-300)
+    return Compared(
+        left.error_rms,
+        left.relative_error,
+        noise.rms if noise is not None else math.nan,
+        noise.interval if noise is not None else None,
+        float(np.clip(1.0 - max(square - floor, 0.0) / explainable, 0.0, 1.0)),
+        worst_places(data, error, rows),
+        regimes(data, model, error, rows),
+        variance_shares(data, error, rows),
+        study.twin,
+        position,
+        study,
+        error,
+        rows,
+        left.notes,
+    )
+
+
+def _position_error(study: Study, model: DriveModel) -> float:
+    if study.controller is None:
+        return math.nan
+    run = run_twin(study.data, model.pack(), study.controller, 0.0, np.random.default_rng(0))
+    return float(np.sqrt(np.mean((run.position - study.data.measured) ** 2))) if run.stable else math.nan
+
+
+def worst_places(data: Prepared, error: Floats, rows: Flags) -> tuple[Worst, ...]:
+    """Where the squared error is most above its even share."""
+    table = coordinates(data)
+    total = max(float(np.sum(error[rows] ** 2)), 1e-300)
+    found: list[tuple[float, Worst]] = []
+    for name, values in table.items():
+        member = bins(values, BINS, rows)
+        for column in member.T:
+            inside = rows & (column > 0)
+            if inside.sum() < 20:
+                continue
+            share = float(np.sum(error[inside] ** 2)) / total
+            low, high = float(values[inside].min()), float(values[inside].max())
+            if name in _LOGARITHMIC:
+                low, high = 10.0**low, 10.0**high
+            found.append((share * rows.sum() / inside.sum(), Worst(name, low, high, share)))
+    found.sort(key=lambda item: -item[0])
+    return tuple(worst for _, worst in found[:WORST])
+
+
+def regimes(data: Prepared, model: DriveModel, error: Floats, rows: Flags) -> dict[str, float]:
+    """Rms of the error by kind of motion; nan where the recordings have none."""
+    p = model.pack().p
+    reach = p[layout.COULOMB] / p[layout.STIFFNESS]
+    travel, _ = since_reversal(data)
+    speed, change = np.abs(data.velocity[data.grid]), np.abs(data.acceleration[data.grid])
+    fast, hard = np.percentile(speed[rows], 99.5), np.percentile(change[rows], 99.5)
+    kinds = {
+        "presliding": travel < 3.0 * reach,
+        "reversal": (travel >= 3.0 * reach) & (travel < 30.0 * reach),
+        "low_speed": (travel >= 3.0 * reach) & (speed < 0.1 * fast),
+        "high_speed": speed > 0.5 * fast,
+        "acceleration": change > 0.4 * hard,
+    }
+    return {name: _rms(error[rows & kinds[name]]) for name in REGIMES}
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else math.nan
+
+
+def roles_unseen(study: Study) -> list[str]:
+    """Which of the roles that are never fitted the recordings have."""
+    return [role for role in (VETO, TEST) if study.has(role)]
+
+
+def floor_of_unseen(study: Study, error: Floats) -> NoiseFloor | None:
+    """The floor on the repeated rows that were not fitted, else on those that were."""
+    counted = study.weight > 0
+    unseen = noise_floor(study, error, counted & study.data.role(VETO, TEST))
+    return unseen or noise_floor(study, error, counted & study.data.role(TRAINING))
+
+
+def unseen_error(result: Compared, model: DriveModel) -> UnseenError:
+    """What `compare` found, on the data that the model's fit has not seen."""
+    study, error = result.study, result.error
+    floor = floor_of_unseen(study, error)
+    if roles := roles_unseen(study):
+        rows = result.rows & study.data.role(*roles)
+        return UnseenError(math.sqrt(float(np.mean(error[rows] ** 2))), floor, " and ".join(roles))
+    total = held_out(study, error, _sensitivities(study, model, error)).total
+    return UnseenError(math.sqrt(total / max(float(study.training.sum()), 1.0)), floor, EACH_IN_TURN)
+
+
+def _sensitivities(study: Study, model: DriveModel, error: Floats) -> Floats:
+    """Columns of the residual's change with the model's parameters, shape (m, parameters)."""
+    packed = model.pack()
+    inside = Packed(packed.p.copy(), packed.on)
+    free = [*base_free(inside, study.scales, model.motion_unit), *free_of_model(model, study.scales)]
+    free = [replace(one, lower=min(one.lower, packed.p[one.slot])) for one in free]
+    bias = residual(study.data, packed, study.moved) - error
+    return fit(study.data, study.moved, packed, free, bias, study.training, iterations=0).jacobian

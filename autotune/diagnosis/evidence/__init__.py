@@ -1,0 +1,1 @@
+"""Kinds of recordings as evidence: repeated programmes, single recordings, speed curves."""

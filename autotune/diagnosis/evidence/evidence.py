@@ -1,0 +1,134 @@
+"""What one kind of recordings allows to be said of candidates: the methods that all kinds have."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from autotune.core.arrays import Flags, Floats
+from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate
+from autotune.estimation.bias_corrected_fit import Level
+from autotune.estimation.policy import Policy
+from autotune.estimation.problem import Study
+from autotune.models.effect import Kind
+
+CLOSE_START = 0.4
+"""Of the best start's fall: starts that come so near are followed too, as gaps and speeds have several minima."""
+
+
+@dataclass(frozen=True, slots=True)
+class HoldoutResult:
+    """What an effect does to the error on trajectories that were not fitted.
+
+    Attributes:
+        gain: relative fall of the squared error there; below 0 it rose.
+        lowers: whether it lowers it beyond chance.
+        rivals: effects in its place that do nearly as well there.
+    """
+
+    effect: str
+    gain: float
+    z: float
+    lowers: bool = False
+    rivals: tuple[str, ...] = ()
+
+    @property
+    def confirmed(self) -> bool:
+        return self.lowers and not self.rivals
+
+    @property
+    def refuted(self) -> bool:
+        return self.gain < 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """How far screening follows the starts of a candidate.
+
+    Attributes:
+        close: of the best start's fall; starts that come so near are followed too.
+        starts, rounds: at most.
+        follows_promises: whether a start that is worse is followed where its linear model promises more.
+    """
+
+    close: float
+    starts: int
+    rounds: int
+    follows_promises: bool = True
+
+
+class Evidence(ABC):
+    """A kind of recordings. Every method takes the study as it is at that moment."""
+
+    repeats: bool = False
+    """Whether repeats tell noise from what could be explained: only then a fit knows how far it could get."""
+
+    def candidates(self, study: Study) -> list[Kind]:
+        """Effects that such recordings can show at all."""
+        return list(study.candidates)
+
+    def effort(self, study: Study) -> Effort:
+        return Effort(CLOSE_START, 2, 4)
+
+    def borne_out(self, level: Level, found: Sequence[ScreenedCandidate]) -> list[ScreenedCandidate]:
+        """Candidates with the gains that their fits bear out."""
+        return list(found)
+
+    @abstractmethod
+    def worth_fitting(
+        self, study: Study, level: Level, ranked: Sequence[ScreenedCandidate]
+    ) -> list[ScreenedCandidate]:
+        """Candidates worth a fit inside the twin, the best first."""
+
+    @abstractmethod
+    def best(self, study: Study, fitted: Sequence[FittedCandidate]) -> FittedCandidate:
+        """The candidate that explains the recordings best."""
+
+    @abstractmethod
+    def accepts(self, policy: Policy, chosen: FittedCandidate) -> bool:
+        """Whether enough is explained for a name."""
+
+    def alike(self, study: Study) -> float:
+        """Of the fall: rivals that come so near cannot be told apart."""
+        return study.policy.alike
+
+    def apart(self, study: Study, better: Level, worse: Level) -> bool:
+        """Whether one model errs less than another beyond chance."""
+        return True
+
+    @abstractmethod
+    def structure_left(self, study: Study, level: Level) -> bool:
+        """Whether what the model leaves is large and not noise."""
+
+    @abstractmethod
+    def confirms(self, study: Study, effects: Sequence[str], carried: Sequence[HoldoutResult]) -> bool:
+        """Whether data that were not fitted confirm every effect."""
+
+    def other_trajectories(self, study: Study) -> list[Flags]:
+        """Grid rows of trajectories that a model fitted without them is carried to; empty where there are none."""
+        return []
+
+    def aligned(self, study: Study, level: Level) -> Study:
+        """The study with torque and motion aligned as a model suggests; the same where nothing changes."""
+        return study
+
+    def weights(self, study: Study, error: Floats) -> Floats | None:
+        """Weights of the rows without single events; None where none are left out."""
+        return None
+
+    def noise_rms(self, study: Study, level: Level) -> float:
+        """Of what differs from repeat to repeat [N m or N]; nan where unknown."""
+        return float("nan")
+
+    def limits(self, study: Study) -> tuple[str, ...]:
+        """What these recordings do not allow to be told, in words."""
+        return ()
+
+    @abstractmethod
+    def explains(self, candidate: FittedCandidate) -> str:
+        """What a fitted candidate does to the error, in words."""
+
+    @abstractmethod
+    def explains_part(self, chosen: FittedCandidate) -> str:
+        """The same of one that explains a part of what is unknown."""

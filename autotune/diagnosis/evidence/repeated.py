@@ -1,0 +1,68 @@
+"""A programme played more than once: what repeats do not share is noise, all else could be explained."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, error_left
+from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
+from autotune.estimation.bias_corrected_fit import Level
+from autotune.estimation.data import TRAINING, VETO
+from autotune.estimation.policy import Policy
+from autotune.estimation.problem import CHUNK, Study
+
+
+class RepeatedProgramme(Evidence):
+    """A candidate must explain nearly all that can be explained, on a veto trajectory too."""
+
+    repeats = True
+
+    def worth_fitting(
+        self, study: Study, level: Level, ranked: Sequence[ScreenedCandidate]
+    ) -> list[ScreenedCandidate]:
+        policy = study.policy
+        least = policy.least_gain if study.twin else policy.least_gain_without_twin
+        return [
+            item
+            for item in ranked
+            if item.gain >= least and (item.z >= policy.least_z or item.gain >= policy.clear_gain)
+        ]
+
+    def best(self, study: Study, fitted: Sequence[FittedCandidate]) -> FittedCandidate:
+        return min(fitted, key=lambda item: error_left(study, item.level))
+
+    def accepts(self, policy: Policy, chosen: FittedCandidate) -> bool:
+        return chosen.named
+
+    def apart(self, study: Study, better: Level, worse: Level) -> bool:
+        """Second by second of training and veto."""
+        weight = study.weight * study.data.role(TRAINING, VETO)
+        surplus = weight * (worse.fitted.error**2 - better.fitted.error**2)
+        seconds = np.array([part.sum() for part in np.array_split(surplus, max(3, len(surplus) // CHUNK))])
+        error = float(seconds.std(ddof=1)) / math.sqrt(len(seconds))
+        return float(seconds.mean()) > study.policy.apart_z * error
+
+    def structure_left(self, study: Study, level: Level) -> bool:
+        """Repeatable, beyond doubt, and not next to nothing beside the noise."""
+        variance, error = study.repeatable(level.fitted.error, level.correction, TRAINING)
+        noise = study.noise_variance(level.fitted.error, TRAINING)
+        policy = study.policy
+        beyond = variance > policy.structure_errors * error and variance > policy.structure_part * noise
+        return math.isfinite(variance) and beyond
+
+    def confirms(self, study: Study, effects: Sequence[str], carried: Sequence[HoldoutResult]) -> bool:
+        """By the veto trajectory, which was never fitted; without a twin not at all."""
+        return study.twin and study.has_veto
+
+    def noise_rms(self, study: Study, level: Level) -> float:
+        return math.sqrt(max(study.noise_variance(level.fitted.error, TRAINING, plain=True), 0.0))
+
+    def explains(self, candidate: FittedCandidate) -> str:
+        veto = f", {100 * candidate.veto.share:.0f} % on the veto trajectory" if candidate.veto else ""
+        return f"explains {100 * candidate.training.share:.0f} % of the explainable error{veto}"
+
+    def explains_part(self, chosen: FittedCandidate) -> str:
+        return f"explains {100 * chosen.share:.0f} % of it"

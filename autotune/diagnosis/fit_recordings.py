@@ -1,0 +1,201 @@
+"""Which way recordings are fitted, and how the result is judged.
+
+The standard programme is analysed experiment by experiment; any other motion is fitted as a whole inside
+the twin. What that cannot start (effects beyond friction and ripple, motion one way only) is left to the
+search of `diagnose`, which needs less and promises less.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from autotune.core.arrays import Floats
+from autotune.core.errors import ConfigurationError, NotEnoughExcitation
+from autotune.diagnosis.candidates import no_progress
+from autotune.diagnosis.compare import Compared, compare, unseen_error
+from autotune.diagnosis.fit_result import FitResult
+from autotune.diagnosis.fitting import fit_model
+from autotune.identify.complexity import Complexity, judge_complexity
+from autotune.identify.estimate import Estimate, Quantity
+from autotune.identify.first_guess import OneDirection
+from autotune.identify.fit import STARTS, fit, joined
+from autotune.identify.plausible_axis import judge_model
+from autotune.identify.residuals import simulate_closed_loop, torque_residual
+from autotune.identify.run import EXPERIMENTS, identify_run
+from autotune.models.drive_model import DriveModel
+from autotune.models.table import effect_kind
+from autotune.recordings.axis_sizes import refuse_unlike_axis, sizes, sizes_line
+from autotune.recordings.importing.plausible import refuse_other_velocity
+from autotune.recordings.recording import Recording
+from autotune.recordings.turn_lines import unit_question
+
+Progress = Callable[[str], None]
+USUAL_ACCELERATION = 0.2 * (2.0 * math.pi) ** 2
+"""Of the benchmark sine, at its reversals."""
+ONE_NUMBER = ("coulomb", "offset")
+"""What motion in one direction cannot tell apart."""
+USUAL_PRECISION = {"rad": 1e-3, "m": 1e-5}
+
+
+def fit_recordings(
+    recordings: Sequence[Recording],
+    *,
+    effects: Sequence[str] = (),
+    precision: float | None = None,
+    progress: Progress = no_progress,
+) -> FitResult:
+    """Fits a model and judges how much model the axis needs for `precision` [rad or m].
+
+    Raises:
+        RecordingError, NotEnoughExcitation: what is wrong with the data, or with their units, in a sentence.
+        ConfigurationError: an unknown effect, one named twice, a precision that is none.
+    """
+    for effect in effects:
+        effect_kind(effect)
+        if list(effects).count(effect) > 1:
+            raise ConfigurationError(f"effect {effect!r} is named twice in --effects; name it once")
+    if precision is not None and not 0.0 < precision < math.inf:
+        raise ConfigurationError(f"--precision is {precision:g}; it must be a finite number above 0")
+    whole = joined(recordings)
+    refuse_other_velocity(whole, "the recording")
+    questions = refuse_unlike_axis(whole)
+    result = _fitted(whole, effects, progress)
+    model = result.model
+    if model is None:
+        return replace(result, notes=(*questions, *result.notes), questions=tuple(questions))
+    result = _with_units_judged(result, model, whole)
+    rows = sum(len(part) for part in recordings)
+    if len(whole) < rows:
+        said = f"of {rows} rows {len(whole)} were fitted, in stretches spread evenly: more would tell little more"
+        result = replace(result, notes=(*result.notes, said))
+    complexity = _complexity(result, precision, whole)
+    result = replace(result, complexity=complexity, loop=simulate_closed_loop(whole, model))
+    return _with_error(result, recordings)
+
+
+def _with_units_judged(result: FitResult, model: DriveModel, whole: Recording) -> FitResult:
+    """The fit with its sizes stated, questions about units asked, and not valid where it is of no axis."""
+    impossible, questions = judge_model(model, whole, result.not_identified)
+    questions += [question] if (question := unit_question(whole)) else []
+    stated = sizes_line(whole, None if "inertia" in result.not_identified else model["inertia"])
+    result = replace(result, notes=(*questions, stated, *result.notes), questions=tuple(questions))
+    if not impossible:
+        return result
+    reason = f"this is no axis: {impossible}"
+    return replace(result, estimate=replace(result.estimate, valid=False, reason=reason))
+
+
+def _complexity(result: FitResult, precision: float | None, whole: Recording) -> Complexity | None:
+    """The verdict for reversals as the recording has them; as the benchmark has them for the programme."""
+    metadata = whole.metadata
+    recorded = sizes(whole).acceleration if result.found is None else 0.0
+    known = {name: quantity for name, quantity in result.estimate.parameters.items() if quantity.identified}
+    wanted = precision if precision is not None else USUAL_PRECISION[metadata.motion_unit]
+    dahl = result.found.dahl if result.found is not None else None
+    reversal = dahl.reversal if dahl is not None else None
+    return judge_complexity(known, wanted, recorded or USUAL_ACCELERATION, metadata, reversal)
+
+
+def _fitted(whole: Recording, effects: Sequence[str], progress: Progress) -> FitResult:
+    standard = sum(name in whole.experiment for name in EXPERIMENTS) >= 2
+    if standard and not effects:
+        progress("fit of the standard programme")
+        return _by_experiments(whole)
+    if all(effect in STARTS for effect in effects):
+        progress("fit of all motion together")
+        try:
+            result = fit(whole, effects)
+        except OneDirection as reason:
+            return _by_search(whole, effects, (f"{reason}; coulomb is the sum of both here",), progress)
+        method = "speed_curve" if result.steady_state is not None else "twin"
+        model = _with_errors(result.model, result.estimate)
+        return FitResult(model, method, result.estimate, result.estimate.notes, steady=result.steady_state)
+    return _by_search(whole, effects, (), progress)
+
+
+def _by_experiments(whole: Recording) -> FitResult:
+    found = identify_run(whole)
+    joint = found.joint
+    if found.model is None:
+        reasons = "; ".join(f"{e.source}: {e.reason}" for e in found.estimates.values() if not e.valid)
+        reason = f"{joint.reason} ({reasons})" if reasons else joint.reason
+        return FitResult(
+            None, "programme", replace(joint, valid=False, reason=reason), found.notes, found=found
+        )
+    return FitResult(found.model, "programme", joint, found.notes, found=found, steady=found.steady_state)
+
+
+def _by_search(
+    whole: Recording, effects: Sequence[str], notes: tuple[str, ...], progress: Progress
+) -> FitResult:
+    result = fit_model([whole], effects, progress)
+    reason = "; ".join(text for text in (result.reason, *notes) if text)
+    model = result.model
+    unknown: dict[str, Quantity] = {}
+    if notes:
+        model, unknown = _as_one_number(model, notes[0])
+    estimate = Estimate(
+        "search", unknown, result.valid, reason, result.relative_error, tuple(result.notes) + notes
+    )
+    return FitResult(model, "search", estimate, estimate.notes)
+
+
+def _as_one_number(model: DriveModel, why: str) -> tuple[DriveModel, dict[str, Quantity]]:
+    """The model of an axis that moved one way only: neither part of a sum has an error of its own."""
+    base = dict(model.base)
+    unknown = {}
+    for name in ONE_NUMBER:
+        base[name] = replace(base[name], standard_error=None)
+        unknown[name] = Quantity(model[name], math.inf, identified=False, note=why)
+    return replace(model, base=base), unknown
+
+
+def _with_errors(model: DriveModel, estimate: Estimate) -> DriveModel:
+    """The model with the standard errors of the estimate: those allow for colour and for what is systematic."""
+    errors = {
+        name: quantity.standard_error
+        for name, quantity in estimate.parameters.items()
+        if name in model.parameters and math.isfinite(quantity.standard_error)
+    }
+    return model.with_values({name: model[name] for name in errors}, errors)
+
+
+def _with_error(result: FitResult, recordings: Sequence[Recording]) -> FitResult:
+    """The error of the model as `compare` measures it, where it can."""
+    if result.model is None:
+        return result
+    compared = compared_or_none(recordings, result.model)
+    if compared is None:
+        return result
+    return replace(
+        result,
+        estimate=replace(result.estimate, relative_error=compared.relative_error),
+        refinement_relative_error=result.estimate.relative_error,
+        error_rms=compared.error_rms,
+        unseen=unseen_error(compared, result.model),
+    )
+
+
+def compared_or_none(recordings: Sequence[Recording], model: DriveModel) -> Compared | None:
+    """`compare`; None where the recordings are too poor for it."""
+    try:
+        return compare(recordings, model)
+    except NotEnoughExcitation:
+        return None
+
+
+def model_torque(recording: Recording, model: DriveModel) -> Floats:
+    """What the model says for every row [N m or N]: the measured torque less the residual; nan in gaps."""
+    residual = torque_residual(recording, model)
+    predicted = np.full(len(recording), math.nan)
+    edges = np.flatnonzero(np.diff(residual.row) > 4 * np.median(np.diff(residual.row))) + 1
+    for rows, values in zip(
+        np.split(residual.row, edges), np.split(residual.torque - residual.error, edges), strict=True
+    ):
+        every = np.arange(rows[0], rows[-1] + 1)
+        predicted[every] = np.interp(every, rows, values)
+    return predicted

@@ -1,0 +1,279 @@
+"""Models fitted to any recordings: a first one, without knowing which experiments were made, and effects added to it.
+
+The first: inertia, viscous and Coulomb friction and offset by least squares on motion and torque; stiffness from the
+best of several presliding distances; then everything together inside the twin. An effect: a joint fit with it, with
+the error before and after on data that no fit ever saw.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from autotune.core.errors import NotEnoughExcitation
+from autotune.diagnosis.baseline import begin
+from autotune.diagnosis.candidates import Progress, no_progress
+from autotune.diagnosis.compare import EACH_IN_TURN, check_same_axis, floor_of_unseen, roles_unseen
+from autotune.diagnosis.evidence.kinds import evidence_of
+from autotune.diagnosis.refits import inside_twin, without_insignificant_terms
+from autotune.diagnosis.resolved_memory import resolved
+from autotune.diagnosis.screening import screen
+from autotune.estimation.bandwidth import prepared_for, prepared_to_fit
+from autotune.estimation.bias_corrected_fit import Level, fit_inside_twin
+from autotune.estimation.data import Prepared, prepare
+from autotune.estimation.free_parameters import model_from
+from autotune.estimation.least_squares import Fitted, standard_errors
+from autotune.estimation.policy import POLICY, Policy
+from autotune.estimation.problem import Study, start_study
+from autotune.estimation.residual import residual, smoothed
+from autotune.models.drive_model import DriveModel, HistoryEntry, Packed, base_model
+from autotune.models.table import effect_kind
+from autotune.recordings.recording import Recording
+
+POOR = 0.2
+"""Relative error above which a user is told of it."""
+REACHES = (1e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2)  # of the travel
+
+
+@dataclass(frozen=True, slots=True)
+class FittedModel:
+    """A fitted model and whether it may be used."""
+
+    model: DriveModel
+    valid: bool
+    reason: str
+    relative_error: float
+    notes: tuple[str, ...] = ()
+
+
+def fit_model(
+    recordings: Sequence[Recording],
+    effects: Sequence[str] = (),
+    progress: Progress = no_progress,
+    policy: Policy = POLICY,
+) -> FittedModel:
+    """Base model, and effects on top in the order given.
+
+    Raises:
+        RecordingError, ConfigurationError, NotEnoughExcitation: recordings that cannot be used.
+    """
+    data = prepared_for(recordings, policy)
+    start = starting_model(data, policy)
+    if data.steady:
+        # constant speeds tell nothing about inertia and presliding; the noise on them a little
+        rough = starting_model(prepare(recordings), policy)
+        start = start.with_values({name: rough[name] for name in ("inertia", "stiffness", "micro_damping")})
+    study, level, nominal, notes = begin(data, start, progress, policy=policy)
+    for effect in effects:
+        progress(f"refit with {effect}")
+        study, _, level = grown(study, level, nominal, effect, start)
+    errors = standard_errors(level.fitted, study.training)
+    model = model_from(start, level.fitted.packed, level.fitted.free, errors)
+    relative = relative_error(study, level)
+    reason = _reason(model, policy)
+    if not reason and relative > POOR:
+        notes = (
+            *notes,
+            f"The base model leaves {100 * relative:.0f} % of the torque unexplained; "
+            "'autotune model diagnose' tells what is missing.",
+        )
+    if data.steady:
+        notes = (*notes, "Only the curve over constant speeds was fitted; inertia and stiffness are rough.")
+    if study.scales.one_way:
+        notes = (
+            *notes,
+            "The axis moved one way only: offset and Coulomb friction are one number; it is "
+            "given as Coulomb friction.",
+        )
+    return FittedModel(model, not reason, reason, relative, notes)
+
+
+def relative_error(study: Study, level: Level) -> float:
+    """Norm of the residual over norm of the torque, on what was fitted."""
+    rows = study.training > 0
+    torque = smoothed(study.data, study.data.torque)[rows]
+    return float(np.linalg.norm(level.fitted.error[rows]) / max(float(np.linalg.norm(torque)), 1e-300))
+
+
+def starting_model(data: Prepared, policy: Policy = POLICY) -> DriveModel:
+    """Rough base parameters from least squares.
+
+    Raises:
+        NotEnoughExcitation: inertia or friction cannot be told from the motion.
+    """
+    study = start_study(data, None)
+    values = _least_squares(data, study.scales.one_way, policy)
+    travel = float(np.ptp(data.position[data.grid]))
+    best = (math.inf, values)
+    for reach in REACHES[:1] if data.steady else REACHES:
+        stiffness = values["coulomb"] / (reach * travel)
+        damping = 0.3 * math.sqrt(stiffness * values["inertia"])
+        trial = {**values, "stiffness": stiffness, "micro_damping": damping}
+        packed = base_model(trial, motion_unit=data.metadata.motion_unit).pack()
+        cost = float(np.mean(residual(data, packed, study.moved)[study.training > 0] ** 2))
+        best = min(best, (cost, trial), key=lambda item: item[0])
+    meta = data.metadata
+    return base_model(best[1], None, meta.motion_unit, meta.axis, meta.fingerprint, meta.torque_unit)
+
+
+def _least_squares(data: Prepared, one_way: bool, policy: Policy) -> dict[str, float]:
+    rows = data.role("training")
+    speed = np.percentile(np.abs(data.velocity[data.grid[rows]]), 90)
+    moving = rows & (np.abs(data.velocity[data.grid]) > 0.02 * speed)
+    parts = {
+        "inertia": data.acceleration,
+        "viscous": data.velocity,
+        "coulomb": np.sign(data.velocity),
+        "offset": np.ones(len(data.velocity)),
+    }
+    table = np.column_stack([smoothed(data, np.ascontiguousarray(x))[moving] for x in parts.values()])
+    target = smoothed(data, 0.5 * (data.torque + np.concatenate([data.torque[:1], data.torque[:-1]])))[moving]
+    if moving.sum() < 50:
+        raise NotEnoughExcitation("the axis hardly moves in these recordings; record longer, faster motion")
+    size = np.linalg.norm(table, axis=0)
+    found = np.linalg.lstsq(table / np.maximum(size, 1e-300), target, rcond=1e-10)[0] / np.maximum(
+        size, 1e-300
+    )
+    values = dict(zip(parts, found.tolist(), strict=True))
+    if values["inertia"] <= 0.0:
+        part = float(np.std(values["inertia"] * table[:, 0]) / max(float(np.std(target)), 1e-300))
+        if part > policy.wrong_sign:
+            raise NotEnoughExcitation(
+                f"the torque falls where the axis accelerates (inertia {values['inertia']:.3g}): its sign is "
+                "wrong, or it is not the torque of this motion. Import again with a factor of -1"
+            )
+    scale = float(np.std(target))
+    values["inertia"] = max(values["inertia"], 1e-3 * scale / max(float(np.std(table[:, 0])), 1e-300))
+    values["viscous"] = max(values["viscous"], 1e-3 * scale / max(float(np.std(table[:, 1])), 1e-300))
+    values["coulomb"] = max(values["coulomb"], 1e-2 * scale)
+    if one_way:
+        values["coulomb"] = max(values["coulomb"] + values["offset"], 1e-2 * scale)
+        values["offset"] = 0.0
+    return values
+
+
+def _reason(model: DriveModel, policy: Policy) -> str:
+    loose = [
+        name
+        for name in ("inertia", "coulomb")
+        if (error := model.base[name].standard_error) is not None and error > policy.fit_loose * model[name]
+    ]
+    if loose:
+        return f"{', '.join(loose)} cannot be told from these recordings; record the whole programme"
+    return ""
+
+
+@dataclass(frozen=True, slots=True)
+class Added:
+    """A model with one effect more, and how far the error fell.
+
+    Attributes:
+        error_before, error_after, noise_floor_rms: rms on data not used for the fit [N m or N].
+        unseen: in words, which data those are.
+    """
+
+    model: DriveModel
+    error_before: float
+    error_after: float
+    noise_floor_rms: float
+    unseen: str
+    notes: tuple[str, ...] = ()
+
+
+def add_effect(
+    effect: str,
+    recordings: Sequence[Recording],
+    model: DriveModel,
+    when: str,
+    source: str,
+    progress: Progress = no_progress,
+    policy: Policy = POLICY,
+) -> Added:
+    """Refits the model with an effect.
+
+    Args:
+        when, source: for the model's history: the time, and what the data were.
+
+    Raises:
+        ConfigurationError: no such effect, or a model of another axis.
+        NotEnoughExcitation: these data cannot say anything about the effect.
+    """
+    effect_kind(effect)
+    check_same_axis(model, recordings)
+    study, root, nominal, notes = begin(prepared_to_fit(recordings, policy), model, progress, policy=policy)
+    progress(f"refit with {effect}")
+    study, root, level = grown(study, root, nominal, effect, model)
+    level = resolved(study, level) or level
+    before, after, floor, unseen = held_out_errors(study, root, level)
+    improved = updated_model(model, study, level.fitted)
+    known_floor = floor if math.isfinite(floor) else None
+    entry = HistoryEntry(when, f"+ {effect}", source, before, after, known_floor, unseen)
+    return Added(improved.with_history(entry), before, after, floor, unseen, notes)
+
+
+def grown(
+    study: Study, root: Level, nominal: Packed, effect: str, model: DriveModel
+) -> tuple[Study, Level, Level]:
+    """The model without and with an effect, and the study, whose columns may have been aligned anew.
+
+    Raises:
+        NotEnoughExcitation: the data do not allow it, or the twin becomes unstable.
+    """
+    level = _with_effect(study, root, nominal, effect, model)
+    for _ in range(4):
+        again = evidence_of(study.data).aligned(study, level)
+        if again is study:
+            break
+        study = again
+        root = fit_inside_twin(study, root.fitted.packed, list(root.free), 2) or root
+        level = fit_inside_twin(study, level.fitted.packed, list(level.free), 3, level.effects) or level
+    return study, root, without_insignificant_terms(study, level)
+
+
+def _with_effect(study: Study, root: Level, nominal: Packed, effect: str, model: DriveModel) -> Level:
+    """The model with the effect, at its best.
+
+    Raises:
+        NotEnoughExcitation: the data do not allow it, or the twin becomes unstable.
+    """
+    screened = screen(study, evidence_of(study.data), root, nominal, effect)
+    if screened is None:
+        raise NotEnoughExcitation(
+            f"these recordings cannot say anything about {effect}: {_why_not(effect, model)}. "
+            f"It would look like this: {effect_kind(effect).looks_like}"
+        )
+    refitted = inside_twin(study, root, root, screened)
+    if refitted is None:
+        raise NotEnoughExcitation(
+            f"with {effect} the simulated axis becomes unstable on these recordings; record the programme "
+            "'diagnosis' once more, or add another effect first"
+        )
+    return refitted.level
+
+
+def updated_model(model: DriveModel, study: Study, fitted: Fitted) -> DriveModel:
+    """The model with fitted values, effects and standard errors."""
+    return model_from(model, fitted.packed, fitted.free, standard_errors(fitted, study.training))
+
+
+def held_out_errors(study: Study, before: Level, after: Level) -> tuple[float, float, float, str]:
+    """Rms before and after, noise floor, and on which data: veto and test, else held-out experiments."""
+    floor = floor_of_unseen(study, after.fitted.error)
+    noise = floor.rms if floor is not None else math.nan
+    if roles := roles_unseen(study):
+        rows = study.data.role(*roles)
+        errors = [float(np.sqrt(np.mean(x.fitted.error[rows] ** 2))) for x in (before, after)]
+        return errors[0], errors[1], noise, " and ".join(roles)
+    count = max(float(study.training.sum()), 1.0)
+    errors = [math.sqrt(x.unseen.total / count) for x in (before, after)]
+    return errors[0], errors[1], noise, EACH_IN_TURN
+
+
+def _why_not(effect: str, model: DriveModel) -> str:
+    kind = effect_kind(effect)
+    if model.motion_unit != "rad" and kind.rotary_only:
+        return "it belongs to axes that turn"
+    return kind.why_no_start

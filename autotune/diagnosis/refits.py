@@ -1,0 +1,226 @@
+"""Fits inside the twin: a model with one effect more, with one less, without terms that chance made, and more rounds.
+
+What an unsettled fit leaves would look like a further effect, and a rival that has settled sooner like the better name.
+
+A term is a numbered group of an effect's parameters: one wave of a ripple, one element of a memory. Its amplitudes a,
+with their covariance C from the fit, are significant where aᵀ·C⁻¹·a is above what chance reaches once in a thousand
+times (Wald's test, χ² with as many degrees of freedom as amplitudes).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from autotune.core.arrays import Floats
+from autotune.diagnosis.candidates import FittedCandidate, Progress, ScreenedCandidate
+from autotune.estimation.bias_corrected_fit import Level, fit_from_starts, fit_inside_twin
+from autotune.estimation.cross_validation import explained, gain_and_z
+from autotune.estimation.data import TRAINING, VETO
+from autotune.estimation.least_squares import Free, covariance
+from autotune.estimation.problem import Study, estimate_noise
+from autotune.models.drive_model import Packed
+from autotune.models.effect import Kind, Terms
+from autotune.models.layout import flag
+from autotune.models.table import EFFECTS
+from autotune.models.transmission import has_load
+
+_TERM = re.compile(r"(?P<part>\w+)_(?P<number>\d+)$")
+MOST_ROUNDS, WORTH_ANOTHER_ROUND = 3, 0.02
+"""Rounds of a fit, and the relative fall of the cost in one of them that is worth the next."""
+NEARLY, REFINED = 0.8, 0.99
+"""Shares between which a fit is carried on: more rounds win hundredths, and above it no name changes."""
+NOISE_CHANGED = 0.25
+"""Relative change of the twin's noise that is worth fitting anew."""
+
+
+def inside_twin(
+    study: Study,
+    root: Level,
+    level: Level,
+    candidate: ScreenedCandidate,
+    target: float = math.inf,
+    best_start: bool = False,
+) -> FittedCandidate | None:
+    """A candidate fitted with its own bias; shares count from the model without any found effect.
+
+    `target`: see `fit_inside_twin`. Two masses begin at the first start that is better than without the candidate,
+    or at the `best_start` of all. None where the twin is unstable.
+    """
+    effects = tuple(dict.fromkeys([*level.effects, candidate.effect]))
+    fitted = candidate.fitted
+    if study.two_masses(fitted.packed):
+        starts = [fitted.packed, *candidate.others]
+        enough = 0.0 if best_start else level.fitted.cost
+        settled = fit_from_starts(study, starts, enough, fitted.free, effects, target)
+    else:
+        settled = fit_inside_twin(study, fitted.packed, fitted.free, 2, effects, fitted)
+    if settled is None:
+        return None
+    return judged(study, root, settled, candidate.effect, level)
+
+
+def judged(
+    study: Study, root: Level, settled: Level, effect: str, level: Level | None = None
+) -> FittedCandidate:
+    """What a settled model explains; the gain counts from `level`, or from the root."""
+    before = level or root
+    if has_load(settled.fitted.packed.on) and study.has_veto:
+        gain = gain_on_veto(study, before, settled)
+    else:
+        gain = gain_and_z(before.unseen, settled.unseen)[0]
+    parts = [
+        explained(study, root.fitted, settled.fitted, settled.correction, role) for role in (TRAINING, VETO)
+    ]
+    veto = parts[1] if study.has(VETO) else None
+    found = FittedCandidate(effect, settled, gain, parts[0], veto, named=False)
+    return replace(found, named=found.share >= _enough(study, found))
+
+
+def _enough(study: Study, found: FittedCandidate) -> float:
+    """Share for a name: more where something that repeats is left beyond doubt, unless the law is approximate."""
+    certain = found.training.certain or (found.veto is not None and found.veto.certain)
+    approximate = any(EFFECTS[name].approximate for name in found.level.effects)
+    return study.policy.named_with_rest if certain and not approximate else study.policy.named
+
+
+def gain_on_veto(study: Study, before: Level, after: Level) -> float:
+    """Fall of the squared error on the veto trajectory, relative: contact between two masses is not linear."""
+    errors = [study.mean_square(level.fitted.error, VETO) for level in (before, after)]
+    return 1.0 - errors[1] / max(errors[0], 1e-300)
+
+
+def without_effect(study: Study, root: Level, level: Level, effect: str) -> FittedCandidate | None:
+    """The model fitted without one of the effects that were found; None where the twin is unstable."""
+    kind = EFFECTS[effect]
+    slots = {parameter.slot for parameter in kind.parameters}
+    p, on = level.fitted.packed.p.copy(), level.fitted.packed.on.copy()
+    for parameter in kind.parameters:
+        p[parameter.slot] = root.fitted.packed.p[parameter.slot]
+    on[flag(effect)] = root.fitted.packed.on[flag(effect)]
+    kept = {f.name for f in root.free}
+    free = [f for f in level.free if f.slot not in slots or f.name in kept]
+    effects = tuple(name for name in level.effects if name != effect)
+    settled = fit_inside_twin(study, Packed(p, on), free, 2, effects)
+    if settled is None:
+        return None
+    return judged(study, root, settled, effects[-1])
+
+
+def best_refined(
+    study: Study, root: Level, fits: Sequence[FittedCandidate], best: FittedCandidate, progress: Progress
+) -> list[FittedCandidate]:
+    """The fits with the best of them refined: beside another effect it has not settled after two rounds."""
+    if not NEARLY < best.share < REFINED:
+        return list(fits)
+    done = refined(study, root, best, progress)
+    return [replace(done, effect=best.effect, gain=max(best.gain, done.gain))]
+
+
+def refined(study: Study, root: Level, chosen: FittedCandidate, progress: Progress) -> FittedCandidate:
+    """More rounds of the same fit, as long as they help: two masses need them, and what they leave misleads."""
+    for _ in range(MOST_ROUNDS):
+        level = chosen.level
+        if level.converged:
+            break
+        progress(f"refinement with {' and '.join(level.effects)}")
+        better = fit_inside_twin(study, level.fitted.packed, list(level.free), 4, level.effects, level.fitted)
+        if better is None or better.fitted.cost >= level.fitted.cost:
+            return replace(chosen, level=replace(level, converged=True))
+        gained = 1.0 - better.fitted.cost / level.fitted.cost
+        converged = better.converged or gained < WORTH_ANOTHER_ROUND
+        chosen = judged(study, root, replace(better, converged=converged), chosen.effect)
+        if chosen.share >= REFINED:
+            break
+    return chosen
+
+
+def with_own_noise(study: Study, root: Level, chosen: FittedCandidate) -> tuple[Study, FittedCandidate]:
+    """The twin disturbed as much as the axis is by this model, and the model settled in it.
+
+    Near the limit of stability, as with a strong lag, a model that lacks the effect needs twice the noise.
+    """
+    level = chosen.level
+    noise = estimate_noise(study, level.fitted.packed, level.fitted.error)
+    if not study.twin or abs(noise - study.noise) <= NOISE_CHANGED * study.noise:
+        return study, chosen
+    quieter = replace(study, noise=noise)
+    settled = fit_inside_twin(quieter, level.fitted.packed, list(level.free), 2, level.effects, level.fitted)
+    if settled is None or settled.fitted.cost > level.fitted.cost:
+        return study, chosen
+    return quieter, judged(quieter, root, settled, chosen.effect)
+
+
+def fitted_again(study: Study, root: Level, chosen: FittedCandidate) -> tuple[Level, FittedCandidate]:
+    """Both models fitted again after torque and motion were aligned anew."""
+    before = fit_inside_twin(study, root.fitted.packed, list(root.free), 2) or root
+    after = fit_inside_twin(
+        study, chosen.level.fitted.packed, list(chosen.level.free), 2, chosen.level.effects
+    )
+    return before, chosen if after is None else judged(study, before, after, chosen.effect)
+
+
+def without_insignificant_terms(study: Study, level: Level) -> Level:
+    """The model without the terms that it does not need, fitted again; the same where all are needed.
+
+    One term of each effect stays: whether the effect itself is there is for others to judge.
+    """
+    spread = covariance(level.fitted, study.training)
+    packed, free = level.fitted.packed, level.free
+    for kind in EFFECTS.values():
+        if kind.terms is not None and packed.on[flag(kind.name)]:
+            keep = _significant(kind, kind.terms, packed, level.free, spread, study.policy.term_chance)
+            packed, free = _kept(kind, packed, free, keep)
+    if len(free) == len(level.free):
+        return level
+    return fit_inside_twin(study, packed, free, 2, level.effects) or level
+
+
+def _significant(
+    kind: Kind, terms: Terms, packed: Packed, free: tuple[Free, ...], spread: Floats, chance: float
+) -> list[int]:
+    """Terms to keep: those beyond chance, and those that were not fitted; at least the clearest of all."""
+    places = {one.slot: i for i, one in enumerate(free)}
+    worth: dict[int, float] = {}
+    for number in kind.terms_in_use(packed.p):
+        slots = [kind.slot(f"{part}_{number}") for part in terms.amplitudes]
+        if not all(slot in places for slot in slots):
+            worth[number] = np.inf
+            continue
+        at = [places[slot] for slot in slots]
+        size = packed.p[slots]
+        square = float(size @ np.linalg.pinv(spread[np.ix_(at, at)], hermitian=True) @ size)
+        worth[number] = square / float(chi2.ppf(1.0 - chance, len(slots)))
+    clearest = max(worth, key=lambda number: worth[number], default=0)
+    return [number for number in worth if worth[number] > 1.0 or number == clearest]
+
+
+def _kept(
+    kind: Kind, packed: Packed, free: tuple[Free, ...], keep: list[int]
+) -> tuple[Packed, tuple[Free, ...]]:
+    """The parameters with only the terms in `keep`, numbered anew from 1."""
+    number_of = {old: new for new, old in enumerate(keep, 1)}
+    p = packed.p.copy()
+    moved: dict[int, int] = {}
+    for parameter in kind.parameters:
+        match = _TERM.match(parameter.name)
+        if match is None:
+            continue
+        p[parameter.slot] = parameter.neutral
+        if int(match["number"]) in number_of:
+            moved[parameter.slot] = kind.parameter(f"{match['part']}_{number_of[int(match['number'])]}").slot
+    for old, new in moved.items():
+        p[new] = packed.p[old]
+    names = {parameter.slot: kind.surface(parameter.name) for parameter in kind.parameters}
+    own = {parameter.slot for parameter in kind.parameters if _TERM.match(parameter.name)}
+    kept = tuple(
+        replace(one, slot=moved[one.slot], name=names[moved[one.slot]]) if one.slot in own else one
+        for one in free
+        if one.slot not in own or one.slot in moved
+    )
+    return Packed(p, packed.on), kept

@@ -1,0 +1,172 @@
+"""Reversal memory resolved down to the first contacts that let go.
+
+A search adds a few elements beside the single bristle, which then stands for all short ones at once: an
+exponential F·(1 − e^(−x/g)) where the axis has a chain of straight pieces. That names the effect, but a
+feedforward built on it is wrong by several mN m in the first milliradians after every reversal. Here the
+bristle is taken apart into elements of its own, started on its virgin curve, and everything is fitted again
+inside the twin: torques and displacements of all elements. What the elements carry at rest together, with
+what is left of the bristle, is the one stiffness that presliding and Dahl's curve have in common.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import nnls
+
+from autotune.core.arrays import Floats
+from autotune.estimation.bias_corrected_fit import Level, fit_inside_twin
+from autotune.estimation.data import VETO
+from autotune.estimation.least_squares import Free
+from autotune.estimation.problem import Study
+from autotune.models import layout
+from autotune.models.drive_model import DriveModel, Packed
+from autotune.models.reversal_memory import ELEMENTS, REVERSAL_MEMORY
+
+EFFECT = REVERSAL_MEMORY.name
+NEW_ELEMENTS = 3
+NEAREST, FARTHEST = 0.2, 1.4  # of the bristle's reach
+LEAST_COUNTS = 3.0
+KEPT = 0.1  # of the bristle
+SPENT = 0.05  # of all friction: a bristle that carries less is not taken apart
+IDLE = 0.01  # of all friction: an element that carries less is given up
+ROUNDS = 2
+MORE_FITS = 3
+LONGEST = 0.3  # of the travel: elements beyond it never slide
+
+
+@dataclass(frozen=True, slots=True)
+class _Element:
+    """One elastic element: travel until it slides [motion unit], and what it carries then [N m or N]."""
+
+    displacement: float
+    torque: float
+
+
+def resolved(study: Study, level: Level) -> Level | None:
+    """The model with its bristle taken apart; None where that explains unseen data no better.
+
+    Args:
+        study: of the diagnosis that named the effect.
+        level: the model with it.
+    """
+    best: Level | None = None
+    for _ in range(ROUNDS):
+        more = _taken_apart(study, best or level)
+        if more is None:
+            break
+        best = more
+    return best
+
+
+def _taken_apart(study: Study, level: Level) -> Level | None:
+    """One step of it; None where there is nothing left of the bristle, or no gain."""
+    packed = level.fitted.packed
+    elements = _elements(study, packed) if packed.on[layout.flag(EFFECT)] else []
+    if not elements:
+        return None
+    more = _settled(study, _started(packed, elements), _free(study, level, elements), level.effects)
+    if more is None or more.unseen.total > (1.0 - study.policy.least_gain) * level.unseen.total:
+        return None
+    if study.has(VETO):
+        before, after = (study.mean_square(one.fitted.error, VETO) for one in (level, more))
+        if after >= before:
+            return None
+    return more
+
+
+def _settled(study: Study, packed: Packed, free: list[Free], effects: tuple[str, ...]) -> Level | None:
+    """Fits inside the twin until no more is gained: two elements that should be one find it slowly."""
+    level = fit_inside_twin(study, packed, free, 2, effects)
+    for _ in range(MORE_FITS):
+        if level is None:
+            break
+        again = fit_inside_twin(study, level.fitted.packed, free, 2, effects, level.fitted)
+        if again is None or again.fitted.cost >= level.fitted.cost:
+            break
+        gained = level.fitted.cost - again.fitted.cost > study.policy.least_gain * level.fitted.cost
+        level = again
+        if not gained:
+            break
+    return level
+
+
+def stiffness_at_rest(model: DriveModel) -> float:
+    """Of the bristle and all elements together [N m/rad or N/m]: what a small displacement feels."""
+    values = model.parameters
+    total = values["stiffness"].value
+    for i in range(1, ELEMENTS + 1):
+        displacement = values.get(f"{EFFECT}.displacement_{i}")
+        if displacement is not None and displacement.value > 0.0:
+            total += values[f"{EFFECT}.torque_{i}"].value / displacement.value
+    return float(total)
+
+
+def _slot(part: str, number: int) -> int:
+    return REVERSAL_MEMORY.parameter(f"{part}_{number}").slot
+
+
+def _present(p: Floats) -> list[_Element]:
+    pairs = [(p[_slot("displacement", i)], p[_slot("torque", i)]) for i in range(1, ELEMENTS + 1)]
+    return [_Element(float(d), float(w)) for d, w in pairs if d > 0.0]
+
+
+def _elements(study: Study, packed: Packed) -> list[_Element]:
+    """Those that the bristle is taken apart into, then those that carry something already."""
+    p = packed.p
+    coulomb, reach = float(p[layout.COULOMB]), float(p[layout.COULOMB] / p[layout.STIFFNESS])
+    present = _present(p)
+    friction = coulomb + sum(one.torque for one in present)
+    if coulomb < SPENT * friction:
+        return []
+    longest = LONGEST * study.scales.travel
+    used = [one for one in present if one.torque > IDLE * friction and one.displacement < longest]
+    places = np.geomspace(
+        max(NEAREST * reach, LEAST_COUNTS * study.data.resolution),
+        max(FARTHEST * reach, 2.0 * LEAST_COUNTS * study.data.resolution),
+        max(min(NEW_ELEMENTS, ELEMENTS - len(used)), 1),
+    )
+    if len(used) >= ELEMENTS:
+        return []
+    return [*_on_the_curve(coulomb, reach, places), *used]
+
+
+def _on_the_curve(coulomb: float, reach: float, places: Floats) -> list[_Element]:
+    """Elements that slide at `places` and follow the bristle's virgin curve, less what is kept of it."""
+    way = np.geomspace(0.05 * places[0], 4.0 * reach + places[-1], 200)
+    columns = np.minimum(way[:, None] / places[None, :], 1.0)
+    curve = coulomb * (1.0 - np.exp(-way / reach)) - KEPT * coulomb * (1.0 - np.exp(-way / places[0]))
+    torques, _ = nnls(columns, curve)
+    least = 1e-3 * coulomb
+    return [_Element(float(d), max(float(w), least)) for d, w in zip(places, torques, strict=True)]
+
+
+def _started(packed: Packed, elements: list[_Element]) -> Packed:
+    p = packed.p.copy()
+    for i in range(1, ELEMENTS + 1):
+        p[_slot("displacement", i)] = p[_slot("torque", i)] = 0.0
+    for i, one in enumerate(elements, 1):
+        p[_slot("displacement", i)], p[_slot("torque", i)] = one.displacement, one.torque
+    p[layout.COULOMB] *= KEPT
+    p[layout.STIFFNESS] = p[layout.COULOMB] / elements[0].displacement
+    p[layout.MICRO_DAMPING] *= 0.5
+    p[layout.BREAK_AWAY] *= KEPT
+    return Packed(p, packed.on)
+
+
+def _free(study: Study, level: Level, elements: list[_Element]) -> list[Free]:
+    coulomb = float(level.fitted.packed.p[layout.COULOMB])
+    friction = coulomb + sum(one.torque for one in elements)
+    free = [f for f in level.free if not f.name.startswith(f"{EFFECT}.")]
+    free = [replace(f, lower=min(f.lower, 1e-3 * friction)) if f.name == "coulomb" else f for f in free]
+    for i, one in enumerate(elements, 1):
+        torque, place = (REVERSAL_MEMORY.parameter(f"{part}_{i}") for part in ("torque", "displacement"))
+        d = one.displacement
+        least = max(0.3 * d, study.data.resolution)
+        free.append(
+            Free(REVERSAL_MEMORY.surface(torque.name), torque.slot, 0.0, torque.upper, 0.1 * friction,
+                 0.5 * friction)
+        )  # fmt: skip
+        free.append(Free(REVERSAL_MEMORY.surface(place.name), place.slot, least, 3.0 * d, 0.3 * d, 0.3 * d))
+    return free

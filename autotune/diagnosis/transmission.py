@@ -1,0 +1,108 @@
+"""Spring or gap: which of two transmissions that look alike is between motor and load.
+
+Backlash has a spring in its contact and one parameter more. As long as another effect is missing, a gap takes a part
+of it over; and a small gap that is begun far from its size looks worse than a spring. So each is tried in the
+other's place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from autotune.diagnosis.candidates import FittedCandidate, Progress, error_left
+from autotune.diagnosis.refits import NEARLY, judged
+from autotune.diagnosis.starts import Context, Start, starts_of
+from autotune.estimation.bias_corrected_fit import Level, fit_from_starts
+from autotune.estimation.policy import Policy
+from autotune.estimation.problem import Study
+from autotune.models import layout
+from autotune.models.backlash import BACKLASH
+from autotune.models.drive_model import Packed
+from autotune.models.effect import Kind
+from autotune.models.elastic_transmission import ELASTIC_TRANSMISSION
+
+SPRING, GAP = ELASTIC_TRANSMISSION, BACKLASH
+OF_THE_GAP = {"compliance": "contact_compliance"} | {
+    name: name for name in ("load_inertia", "load_friction", "damping")
+}
+"""Parameters of a spring that begin at those of a gap."""
+
+
+def without_needless_gap(study: Study, fits: Sequence[FittedCandidate]) -> list[FittedCandidate]:
+    """The fits without backlash where an elastic transmission without a gap explains about as much."""
+    found = {item.effect: item for item in fits}
+    spring, gap = found.get(SPRING.name), found.get(GAP.name)
+    if spring is None or gap is None or spring.share < NEARLY:
+        return list(fits)
+    if error_left(study, spring.level) > study.policy.spring_instead * error_left(study, gap.level):
+        return list(fits)
+    return [item for item in fits if item is not gap]
+
+
+def other_transmission_tried(
+    study: Study,
+    root: Level,
+    nominal: Packed,
+    chosen: FittedCandidate,
+    seen: Sequence[Level],
+    progress: Progress,
+) -> FittedCandidate:
+    """The chosen model with the other transmission, where that does better.
+
+    A spring is tried for every gap; a gap for a spring where that alone does not explain enough, and the gap was not
+    `seen` by itself.
+    """
+    effects, policy = chosen.level.effects, study.policy
+    if GAP.name in effects:
+        least = policy.spring_instead if hardly_a_gap(policy, chosen.level) else policy.spring_instead_beside
+        exchange = _Exchange(GAP, SPRING, least)
+    elif effects == (SPRING.name,) and not chosen.named and all(one.effects != (GAP.name,) for one in seen):
+        exchange = _Exchange(SPRING, GAP, policy.clearly_less)
+    else:
+        return chosen
+    if exchange.new not in study.candidates:
+        return chosen
+    progress(f"{exchange.new.name} in place of {exchange.old.name}")
+    return exchange.tried(study, root, nominal, chosen)
+
+
+def hardly_a_gap(policy: Policy, level: Level) -> bool:
+    """Whether there is backlash that gives way in its contact by far more than its gap already at Coulomb friction."""
+    if GAP.name not in level.effects:
+        return False
+    p = level.fitted.packed.p
+    twist = p[GAP.slot("contact_compliance")] * p[layout.COULOMB]
+    return bool(p[GAP.slot("gap")] < policy.hardly_a_gap * twist)
+
+
+class _Exchange:
+    """One transmission in place of the `old` one, if that leaves at most `least` of the error."""
+
+    def __init__(self, old: Kind, new: Kind, least: float) -> None:
+        self.old, self.new, self.least = old, new, least
+
+    def tried(self, study: Study, root: Level, nominal: Packed, chosen: FittedCandidate) -> FittedCandidate:
+        """The model with the new one where that is better, else the chosen one."""
+        level = chosen.level
+        begun = list(starts_of(self.new, Context(study, level.fitted, nominal)))
+        starts = [self._start(start, root) for start in (begun[:1] if self.new is SPRING else begun)]
+        slots = {parameter.slot for parameter in self.old.parameters}
+        free = [*(f for f in level.free if f.slot not in slots), *begun[-1].free]
+        effects = tuple(self.new.name if name == self.old.name else name for name in level.effects)
+        target = max(self.least, 1.0) * level.fitted.cost
+        settled = fit_from_starts(study, starts, 0.0, free, effects, target)
+        if settled is None or error_left(study, settled) > self.least * error_left(study, level):
+            return chosen
+        effect = self.new.name if chosen.effect == self.old.name else chosen.effect
+        return replace(judged(study, root, settled, effect), gain=chosen.gain)
+
+    def _start(self, start: Start, root: Level) -> Packed:
+        """A start of the new one without the old one; a spring begins where the gap's contact is."""
+        p, on = start.packed.p.copy(), start.packed.on.copy()
+        for name, source in OF_THE_GAP.items() if self.new is SPRING else ():
+            p[self.new.slot(name)] = p[self.old.slot(source)]
+        slots = [parameter.slot for parameter in self.old.parameters]
+        p[slots] = root.fitted.packed.p[slots]
+        on[layout.flag(self.old.name)] = False
+        return Packed(p, on)

@@ -1,0 +1,276 @@
+"""From a model and recordings to a verdict: what is missing, how sure, and what to do next.
+
+What was found is gathered in `Facts`; the verdict is the first row of `CASES` whose condition holds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from autotune.diagnosis.baseline import begin
+from autotune.diagnosis.candidates import FittedCandidate, Progress, error_left, no_progress
+from autotune.diagnosis.compare import check_same_axis
+from autotune.diagnosis.confirmation import confirm, in_words
+from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
+from autotune.diagnosis.evidence.kinds import evidence_of
+from autotune.diagnosis.evidence.time_driven import TimeLine, time_driven_line
+from autotune.diagnosis.search import Found, search
+from autotune.diagnosis.transmission import GAP, SPRING, hardly_a_gap
+from autotune.diagnosis.wording import (
+    TORQUE_CONSTANT,
+    Candidate,
+    candidate_rows,
+    likely_rivals,
+    line_note,
+    next_experiment,
+    unknown_note,
+)
+from autotune.estimation.bandwidth import prepared_for, prepared_to_fit
+from autotune.estimation.bias_corrected_fit import Level
+from autotune.estimation.coordinates import variance_shares
+from autotune.estimation.cross_validation import gain_and_z
+from autotune.estimation.data import TEST, TRAINING
+from autotune.estimation.model_error import model_error
+from autotune.estimation.policy import POLICY, Policy
+from autotune.estimation.problem import Study
+from autotune.models.drive_model import DriveModel
+from autotune.models.effect import Kind
+from autotune.recordings.recording import Recording
+
+NAMED, NONE, UNKNOWN, AMBIGUOUS = "named", "none", "unknown", "ambiguous"
+CONFIRMED, SUSPECTED = "confirmed", "suspected"
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """The verdict with all its evidence.
+
+    Attributes:
+        verdict: `named`, `none`, `unknown` or `ambiguous`; `effects`: names, strongest first.
+        confidence: `confirmed`, `suspected` or None.
+        confusable: sets of effects that these data cannot tell apart.
+        where: share of the residual's variance by coordinate.
+        error_test: rms on the unseen test trajectory; nan without one.
+        error_rms, relative_error: of the model as it was given, before anything was fitted; as `compare` finds.
+        notes: sentences for people.
+    """
+
+    verdict: str
+    effects: tuple[str, ...]
+    confidence: str | None
+    candidates: tuple[Candidate, ...]
+    confusable: tuple[tuple[str, ...], ...]
+    where: Mapping[str, float]
+    noise_floor_rms: float
+    next_experiment: str | None
+    twin: bool
+    error_test: float = math.nan
+    error_rms: float = math.nan
+    relative_error: float = math.nan
+    notes: tuple[str, ...] = ()
+    study: Study | None = field(default=None, repr=False)
+    level: Level | None = field(default=None, repr=False)
+    root: Level | None = field(default=None, repr=False)
+
+
+def diagnose(
+    recordings: Sequence[Recording],
+    model: DriveModel,
+    progress: Progress = no_progress,
+    *,
+    policy: Policy = POLICY,
+    candidates: Sequence[Kind] | None = None,
+) -> Diagnosis:
+    """What the model lacks, by the evidence of recordings.
+
+    `candidates` are the effects that may be missing; all of the library where none are given.
+
+    Raises:
+        RecordingError, ConfigurationError: recordings that cannot be used, or of another axis.
+        NotEnoughExcitation: nothing to fit, or a model that does not fit the axis at all.
+    """
+    check_same_axis(model, recordings)
+    data = prepared_to_fit(recordings, policy)
+    study, root, nominal, notes = begin(data, model, progress, policy=policy)
+    if candidates is not None:
+        study = replace(study, candidates=tuple(candidates))
+    given = model_error(prepared_for(recordings, policy), model, policy)
+    found = search(study, root, nominal, progress)
+    progress("does another trajectory confirm it")
+    chosen, carried = confirm(found, nominal)
+    verdict = judge(replace(found, chosen=chosen), (*notes, *in_words(carried)), carried)
+    return replace(verdict, error_rms=given.error_rms, relative_error=given.relative_error)
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """All that a verdict depends on.
+
+    Attributes:
+        carried: what other trajectories said of the effects; `line`: a disturbance that follows the clock.
+        coordinate, generic: the free function that gains most, and its gain.
+        rivals: effects that explain as much as the chosen one.
+    """
+
+    study: Study
+    root: Level
+    chosen: FittedCandidate | None
+    evidence: Evidence
+    carried: Sequence[HoldoutResult]
+    line: TimeLine | None
+    coordinate: str
+    generic: float
+    lead: float
+    rivals: tuple[str, ...]
+
+    @property
+    def drowned(self) -> bool:
+        """What was found is smaller than a disturbance in time, and so may be its shadow."""
+        if self.line is None:
+            return False
+        if self.chosen is None:
+            return True
+        left = self.study.mean_square(self.chosen.level.fitted.error, TRAINING)
+        return self.chosen.training.fall < self.line.share * left
+
+    @property
+    def structured(self) -> bool:
+        """A free function of one coordinate explains plainly more than any physics."""
+        policy = self.study.policy
+        return self.generic > policy.generic_gain and self.generic > policy.generic_lead * max(self.lead, 0.0)
+
+    @property
+    def accepted(self) -> bool:
+        """Enough is explained for a name, and a gap is no name for chance."""
+        policy = self.study.policy
+        chosen = self.chosen
+        return (
+            chosen is not None
+            and self.evidence.accepts(policy, chosen)
+            and not hardly_a_gap(policy, chosen.level)
+        )
+
+    @property
+    def structure_left(self) -> bool:
+        return self.evidence.structure_left(self.study, self.root)
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One row of the verdict: when it holds, what the verdict is then, and what is said."""
+
+    name: str
+    holds: Callable[[Facts], bool]
+    verdict: str
+    sentence: Callable[[Facts], str]
+
+
+def _unknown(facts: Facts) -> str:
+    return unknown_note(facts.study, facts.evidence, facts.coordinate, facts.generic, facts.chosen)
+
+
+def _unknown_without_name(facts: Facts) -> str:
+    return unknown_note(facts.study, facts.evidence, facts.coordinate, facts.generic, None)
+
+
+def _nothing_to_say(facts: Facts) -> str:
+    return ""
+
+
+CASES: tuple[Case, ...] = (
+    Case("a disturbance in time hides it", lambda f: f.drowned, UNKNOWN, _unknown_without_name),
+    Case("a free function explains more than any physics", lambda f: f.structured, UNKNOWN, _unknown),
+    Case("other effects do as well", lambda f: f.accepted and bool(f.rivals), AMBIGUOUS, _nothing_to_say),
+    Case("an effect explains it", lambda f: f.accepted, NAMED, _nothing_to_say),
+    Case("an effect explains too little", lambda f: f.chosen is not None, UNKNOWN, _unknown),
+    Case("another trajectory refutes it", lambda f: bool(f.carried), UNKNOWN, _unknown),
+    Case("what is left is no noise", lambda f: f.structure_left, UNKNOWN, _unknown),
+    Case("nothing is missing", lambda f: True, NONE, _nothing_to_say),
+)
+"""The verdict: the first row that holds."""
+
+
+def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]) -> Diagnosis:
+    """The verdict on what a search has found; `notes` are what was to be said before."""
+    facts = gathered(found, carried)
+    case = next(case for case in CASES if case.holds(facts))
+    effects: tuple[str, ...] = ()
+    confidence = None
+    if facts.chosen is not None and case.verdict in (NAMED, AMBIGUOUS):
+        effects = facts.chosen.level.effects
+        sure = case.verdict == NAMED and facts.evidence.confirms(facts.study, effects, carried)
+        confidence = CONFIRMED if sure else SUSPECTED
+    confusable = _confusable(facts, case.verdict, effects, confidence, found)
+    said = [line_note(facts.line) if facts.line is not None else "", case.sentence(facts)]
+    chosen = None if facts.drowned else facts.chosen
+    final = chosen.level if chosen is not None and effects else facts.root
+    study, root = facts.study, facts.root
+    own_axis = bool(study.data.metadata.fingerprint)
+    return Diagnosis(
+        case.verdict,
+        effects,
+        confidence,
+        candidate_rows(study, facts.evidence, root, found.first, found.tried, effects),
+        confusable,
+        variance_shares(study.data, root.fitted.error, study.training > 0),
+        facts.evidence.noise_rms(study, final),
+        next_experiment(case.verdict, effects, confusable, confidence, chosen, own_axis),
+        study.twin,
+        math.sqrt(study.mean_square(final.fitted.error, TEST)) if study.has(TEST) else math.nan,
+        notes=(*notes, *filter(None, said), TORQUE_CONSTANT),
+        study=study,
+        level=final,
+        root=root,
+    )
+
+
+def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
+    """The facts of a search and of other trajectories."""
+    study, root, chosen = found.study, found.root, found.chosen
+    evidence = evidence_of(study.data)
+    lead = max((item.gain for item in found.first), default=0.0)
+    if chosen is not None:
+        lead = max(lead, gain_and_z(root.unseen, chosen.level.unseen)[0])
+    coordinate, generic = max(found.generic.items(), key=lambda item: item[1], default=("", 0.0))
+    line = time_driven_line(study, (chosen.level if chosen else root).fitted.error)
+    rivals = tuple(_rivals(study, evidence, root, chosen, found.tried)) if chosen is not None else ()
+    return Facts(study, root, chosen, evidence, carried, line, coordinate, generic, lead, rivals)
+
+
+def _rivals(
+    study: Study, evidence: Evidence, root: Level, chosen: FittedCandidate, tried: Sequence[FittedCandidate]
+) -> list[str]:
+    """Single effects that explain as much as the chosen single one; hardly a gap is no rival of a spring."""
+    if len(chosen.level.effects) != 1:
+        return []
+    best = error_left(study, chosen.level)
+    near = evidence.alike(study) * (error_left(study, root) - best)
+    return [
+        item.effect
+        for item in tried
+        if item.effect != chosen.effect
+        and item.named
+        and not (
+            chosen.effect == SPRING.name
+            and item.effect == GAP.name
+            and hardly_a_gap(study.policy, item.level)
+        )
+        and (
+            error_left(study, item.level) - best < near or not evidence.apart(study, chosen.level, item.level)
+        )
+    ]
+
+
+def _confusable(
+    facts: Facts, verdict: str, effects: tuple[str, ...], confidence: str | None, found: Found
+) -> tuple[tuple[str, ...], ...]:
+    """Effects that these data cannot tell from those that are named."""
+    if verdict == AMBIGUOUS:
+        return ((*effects, *facts.rivals),)
+    if confidence != SUSPECTED:
+        return ()
+    near = [rival for item in facts.carried for rival in item.rivals]
+    near += likely_rivals(facts.study.policy, effects, found.first)
+    return (tuple(dict.fromkeys([*effects, *near])),) if near else ()

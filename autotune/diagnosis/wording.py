@@ -1,0 +1,163 @@
+"""The evidence behind a verdict in figures and words: candidates, why, what is left, what to record next."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate
+from autotune.diagnosis.evidence.evidence import Evidence
+from autotune.diagnosis.evidence.time_driven import TimeLine
+from autotune.estimation.bias_corrected_fit import Level
+from autotune.estimation.policy import Policy
+from autotune.estimation.problem import Study
+from autotune.models.table import looking_alike
+
+WORST_GAIN = -1.0
+"""Shown of a candidate that is worse than nothing: how much worse an extrapolation is says nothing."""
+TORQUE_CONSTANT = (
+    "A wrong torque constant cannot be seen in these data: all torques scale with it. An independent "
+    "inertia or a known added mass would show it."
+)
+PROGRAMME = "autotune record AXIS.toml diagnosis --out FILE"
+OWN_RECORDER = (
+    "record it with your own controller or scope, at least twice, and import both: autotune data import FILE"
+)
+"""Where the axis is not one that this program has recorded."""
+MOST_NAMES = 4
+"""In one sentence: a longer list tells nobody what to look at."""
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """One effect's evidence.
+
+    Attributes:
+        gain: fall of the squared error on unseen experiments, relative.
+        error_before, error_after: rms on unseen experiments [N m or N].
+    """
+
+    effect: str
+    gain: float
+    error_before: float
+    error_after: float
+    accepted: bool
+    why: str
+
+
+def candidate_rows(
+    study: Study,
+    evidence: Evidence,
+    root: Level,
+    first: Sequence[ScreenedCandidate],
+    tried: Sequence[FittedCandidate],
+    effects: Sequence[str],
+) -> tuple[Candidate, ...]:
+    """One row for every candidate."""
+    count = max(float(study.training.sum()), 1.0)
+    before = math.sqrt(root.unseen.total / count)
+    fits = {item.effect: item for item in tried}
+    table = []
+    for item in first:
+        accepted = item.effect in effects
+        gain = max(fits[item.effect].gain if item.effect in fits else item.gain, WORST_GAIN)
+        after = before * math.sqrt(max(1.0 - gain, 0.0))
+        text = why(study.policy, evidence, item, fits, accepted)
+        table.append(Candidate(item.effect, gain, before, after, accepted, text))
+    return tuple(table)
+
+
+def why(
+    policy: Policy,
+    evidence: Evidence,
+    item: ScreenedCandidate,
+    fits: Mapping[str, FittedCandidate],
+    accepted: bool,
+) -> str:
+    """Why a candidate was taken or left."""
+    if item.effect in fits:
+        text = evidence.explains(fits[item.effect])
+        return text if accepted else text + "; not the best explanation"
+    if accepted:
+        return "taken beside the others: lowers what they leave"
+    if item.gain < policy.least_gain:
+        gain = 100 * max(item.gain, WORST_GAIN)
+        return f"gain {gain:.1f} % on unseen experiments; {100 * policy.least_gain:.0f} % are needed"
+    return f"gain {100 * item.gain:.1f} % on unseen experiments, less than others"
+
+
+def unknown_note(
+    study: Study, evidence: Evidence, coordinate: str, gain: float, chosen: FittedCandidate | None
+) -> str:
+    """What is known about what is unknown: where it sits, and what explains a part."""
+    text = "Something repeatable is missing that none of the known effects explains"
+    if gain > study.policy.generic_gain:
+        text += f"; it is structured in {coordinate.replace('_', ' ')}"
+    if chosen is not None and chosen.share >= study.policy.partly:
+        names = ", ".join(chosen.level.effects).replace("_", " ")
+        text += f"; {names} {evidence.explains_part(chosen)} and may be part of the truth"
+    return text + "."
+
+
+def line_note(line: TimeLine) -> str:
+    """What a disturbance that follows the clock is, and where to look for it."""
+    return (
+        f"A disturbance of {line.hertz:.2f} Hz runs through all experiments whatever the motion "
+        f"({100 * line.share:.0f} % of the residual's variance): look for mains, fans, pumps, neighbours."
+    )
+
+
+def likely_rivals(policy: Policy, effects: Sequence[str], first: Sequence[ScreenedCandidate]) -> list[str]:
+    """Effects that usually look like the named ones and gain nearly as much here, the likeliest first."""
+    gains = {item.effect: item.gain for item in first}
+    least = policy.rival_gain * max((gains.get(effect, 0.0) for effect in effects), default=0.0)
+    usual = dict.fromkeys(rival for effect in effects for rival in usual_rivals(effect))
+    near = [r for r in usual if r not in effects and gains.get(r, 0.0) >= max(least, policy.least_gain)]
+    return sorted(near, key=lambda rival: -gains[rival])
+
+
+def usual_rivals(effect: str) -> list[str]:
+    """Effects that can look like this one."""
+    rivals: dict[str, None] = {}
+    for effects in looking_alike().values():
+        if effect in effects:
+            rivals |= dict.fromkeys(sorted(effects - {effect}))
+    return list(rivals)
+
+
+def next_experiment(
+    verdict: str,
+    effects: Sequence[str],
+    confusable: Sequence[Sequence[str]],
+    confidence: str | None,
+    chosen: FittedCandidate | None,
+    own_axis: bool,
+) -> str | None:
+    """What to record next, where that would tell more; None where nothing is missing or all is confirmed."""
+    if verdict == "ambiguous":
+        return separating_experiment(confusable[0], own_axis)
+    if verdict == "named" and confidence == "suspected":
+        near = confusable[0] if confusable else effects
+        return separating_experiment(near, own_axis) + ". A second trajectory confirms or refutes the name."
+    if verdict == "unknown":
+        return separating_experiment(chosen.level.effects if chosen else (), own_axis)
+    return None
+
+
+def separating_experiment(rivals: Sequence[str], own_axis: bool) -> str:
+    """The experiment that tells most of the rivals apart, in words, and how to come by it.
+
+    Args:
+        rivals: effects, the likeliest first.
+        own_axis: whether the recordings came from an axis that this program can move.
+    """
+    sets = looking_alike()
+    best = max(sets, key=lambda one: (len(sets[one] & set(rivals)), -len(sets[one])))
+    separates = len(sets[best] & set(rivals)) > 1
+    words = best.experiment if separates else "small and large, slow and fast motion over the whole travel"
+    names = [rival.replace("_", " ") for rival in rivals[:MOST_NAMES]]
+    aim = f"To tell {' from '.join(names)}" if len(names) == 2 else f"To tell {', '.join(names)} apart"
+    aim = aim if len(names) > 1 else "To learn more"
+    how = f"record it: {PROGRAMME}" if own_axis else OWN_RECORDER
+    return f"{aim}, move the axis so: {words}; {how}"

@@ -1,0 +1,135 @@
+"""The noise floor as an estimate, the error on unseen data, and terms that chance made."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from autotune.diagnosis.compare import EACH_IN_TURN, compare, unseen_error
+from autotune.diagnosis.refits import without_insignificant_terms
+from autotune.estimation.bias_corrected_fit import Level
+from autotune.estimation.data import TRAINING, Block
+from autotune.estimation.least_squares import Fitted, Free, covariance
+from autotune.estimation.noise_floor import noise_floor
+from autotune.estimation.problem import start_study
+from autotune.models.drive_model import HistoryEntry, Packed, staircase
+from autotune.models.table import EFFECTS
+from autotune.models.waves import ripple_waves
+
+TRUE = 0.003
+RIPPLE = EFFECTS["torque_ripple"]
+
+
+def _study(short, rows: int, repeats: int):
+    """A study of one experiment, `repeats` times `rows` long, whose only content is what a test puts there."""
+    study = start_study(compare([short], _plain()).study.data, None)
+    block = Block("one", TRAINING, 0, repeats, rows)
+    grid = np.arange(rows * repeats)
+    return replace(study, data=replace(study.data, grid=grid, blocks=(block,)), weight=np.ones(len(grid)))
+
+
+def _plain():
+    from autotune.models.drive_model import base_model
+    from tests.support.axes import NOMINAL
+
+    return base_model(NOMINAL)
+
+
+@pytest.mark.parametrize("colour", [0.0, 0.8, 0.95])
+def test_the_interval_of_the_floor_contains_the_noise(short, colour: float) -> None:
+    """Of 200 draws 95 % ± 5 % (three binomial standard deviations): with coloured noise too."""
+    study = _study(short, 2000, 2)
+    random = np.random.default_rng(7)
+    inside = 0
+    for _ in range(200):
+        white = random.normal(0.0, TRUE * np.sqrt(1.0 - colour**2), (2, 2400))
+        noise = lfilter([1.0], [1.0, -colour], white, axis=1)[:, 400:]
+        missing = 0.02 * np.sin(np.arange(2000) / 50.0)  # what a model lacks is in all repeats alike
+        found = noise_floor(study, (noise + missing).ravel(), np.ones(4000, dtype=bool))
+        inside += found.low <= TRUE <= found.high
+    assert 0.90 * 200 <= inside <= 0.99 * 200
+
+
+def test_without_repeats_the_floor_is_unknown(short) -> None:
+    assert noise_floor(_study(short, 2000, 1), np.ones(2000), np.ones(2000, dtype=bool)) is None
+
+
+def test_the_error_on_unseen_data_is_not_the_fits_own(recorded, nominal) -> None:
+    result = compare([recorded(41, spring=0.004)], nominal)
+    unseen = unseen_error(result, nominal)
+    rows = result.rows & result.study.data.role("veto", "test")
+    assert unseen.data == "veto and test"
+    assert unseen.rms == pytest.approx(float(np.sqrt(np.mean(result.error[rows] ** 2))))
+    assert unseen.rms != pytest.approx(result.error_rms, rel=0.01)
+
+
+def test_without_a_veto_each_experiment_is_held_out(short, nominal) -> None:
+    result = compare([short.rows(~np.isin(short.experiment, ["veto", "test"]))], nominal)
+    unseen = unseen_error(result, nominal)
+    assert unseen.data == EACH_IN_TURN
+    assert (
+        unseen.floor.low < unseen.rms < 1.5 * result.error_rms
+    )  # the others' refit predicts it, at most noise
+
+
+def test_stairs_tell_what_a_later_step_found_on_other_data() -> None:
+    old = HistoryEntry("1", "fitted", "a", None, 0.0212, 0.003)
+    new = HistoryEntry("2", "+ spring", "a", 0.0168, 0.005, 0.003, "veto and test")
+    assert [stair.error for stair in staircase([old, new])] == [0.0168, 0.005]
+    same = replace(old, unseen="veto and test")
+    assert [stair.error for stair in staircase([same, new])] == [0.0212, 0.005]
+
+
+def test_waves_that_chance_made_are_pruned_and_the_real_one_kept(recorded, nominal) -> None:
+    """One wave of 10 mN m is planted; five more orders are put into the model at a tenth of their error."""
+    from autotune.diagnosis.baseline import begin
+    from autotune.diagnosis.fitting import grown
+    from autotune.estimation.bandwidth import prepared_for
+
+    recording = recorded(45, torque_ripple=0.01)
+    study, root, start, _ = begin(prepared_for([recording]), nominal)
+    _, _, level = grown(study, root, start, "torque_ripple", nominal)
+    kept = RIPPLE.terms_in_use(level.fitted.packed.p)
+    crowded = _with_chance_waves(study, level, len(kept))
+    pruned = without_insignificant_terms(study, crowded)
+    assert RIPPLE.terms_in_use(pruned.fitted.packed.p) == kept
+    orders = [level.fitted.packed.p[RIPPLE.parameter(f"order_{i}").slot] for i in kept]
+    assert [pruned.fitted.packed.p[RIPPLE.parameter(f"order_{i}").slot] for i in kept] == orders
+
+
+def _with_chance_waves(study, level: Level, present: int) -> Level:
+    from autotune.estimation.problem import refit
+
+    p, free = level.fitted.packed.p.copy(), list(level.free)
+    for number, order in enumerate((31.0, 53.0, 87.0), present + 1):
+        p[RIPPLE.parameter(f"order_{number}").slot] = order
+        for part in ("sin", "cos"):
+            parameter = RIPPLE.parameter(f"{part}_{number}")
+            surface = RIPPLE.surface(parameter.name)
+            free.append(Free(surface, parameter.slot, parameter.lower, parameter.upper, 0.01))
+    fitted = refit(study, Packed(p, level.fitted.packed.on), free, level.correction, 3)
+    return Level(fitted, level.correction, level.unseen, level.effects)
+
+
+def test_covariance_of_a_straight_line() -> None:
+    """Two known columns and unit noise: the textbook (XᵀX)⁻¹·s², rows counted one by one."""
+    random = np.random.default_rng(3)
+    columns = np.column_stack([np.ones(400), np.linspace(-1, 1, 400)])
+    error = random.normal(0.0, 1.0, 400)
+    free = (Free("offset", 0, -1, 1, 1.0), Free("viscous", 1, -1, 1, 1.0))
+    fitted = Fitted(Packed(np.zeros(2), np.zeros(0, dtype=bool)), free, error, columns, np.ones(2), 1.0)
+    found = covariance(fitted, np.ones(400), correlated=1.0)
+    wanted = np.linalg.inv(columns.T @ columns) * float(error @ error) / 398.0
+    assert found == pytest.approx(wanted, rel=1e-9, abs=1e-12)
+
+
+def test_a_wave_has_amplitude_phase_and_an_error(nominal) -> None:
+    values = {"order_1": 12.0, "sin_1": 0.03, "cos_1": 0.04}
+    errors = {"sin_1": 0.001, "cos_1": 0.001}
+    (wave,) = ripple_waves(nominal.with_effect(RIPPLE.make(values, errors)))
+    assert (wave.order, wave.amplitude) == (12.0, pytest.approx(0.05))
+    assert wave.phase == pytest.approx(np.arctan2(0.04, 0.03))
+    assert wave.standard_error == pytest.approx(0.001)

@@ -1,0 +1,67 @@
+"""Parts of a recording that fits and their sensitivities are computed on: nothing may be lost by it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from autotune.estimation.data import TRAINING, VETO, Prepared, prepare
+from autotune.estimation.least_squares import jacobian
+from autotune.estimation.parts import first_round, until_last
+from autotune.estimation.problem import base_free, start_study
+from autotune.estimation.residual import measured_motion, residual
+from autotune.models import layout
+from autotune.models.drive_model import base_model
+from tests.support.axes import MEDIUM, NOMINAL
+
+SEED = 44
+PACKED = base_model(NOMINAL).pack()
+
+
+@pytest.fixture(scope="module")
+def data(recorded) -> Prepared:
+    return prepare([recorded(SEED, elastic_transmission=MEDIUM["elastic_transmission"])])
+
+
+def sensitivities(data: Prepared, on: np.ndarray) -> np.ndarray:
+    study = start_study(data, None)
+    packed = replace(PACKED, on=on)
+    free = base_free(packed, study.scales, "rad")
+    return jacobian(data, study.moved, packed, free, residual(data, packed, study.moved))[0]
+
+
+def test_residuals_before_the_end_are_those_of_the_whole(data: Prepared) -> None:
+    rows = data.role(TRAINING)
+    part = until_last(data, rows)
+    assert part.stretches[-1].stop < data.stretches[-1].stop
+    whole = residual(data, PACKED, measured_motion(data))
+    cut = residual(part, PACKED, measured_motion(data))
+    np.testing.assert_array_equal(cut[rows], whole[rows])
+    np.testing.assert_array_equal(cut[data.role("test")], 0.0)
+
+
+def test_sensitivities_of_the_first_round_hold_for_the_others(data: Prepared) -> None:
+    """What repeats differ by is noise: far less than what the column is."""
+    rows = data.role(TRAINING)
+    assert first_round(data, PACKED.on).stretches[-1].stop < 0.6 * until_last(data, rows).stretches[-1].stop
+    warming = PACKED.on.copy()
+    warming[layout.flag("thermal_drift")] = True  # by itself it changes nothing, but every repeat is computed
+    copied, own = sensitivities(data, PACKED.on), sensitivities(data, warming)
+    first = np.zeros(len(rows), dtype=bool)
+    for block in data.blocks:
+        first[block.rows] = (np.arange(block.repeats * block.count) < block.count) & (block.role == TRAINING)
+    np.testing.assert_allclose(copied[first], own[first], atol=1e-12)
+    for column, true in zip(copied[rows].T, own[rows].T, strict=True):
+        assert np.sum((column - true) ** 2) < 0.03 * np.sum(true**2)
+    np.testing.assert_array_equal(copied[data.role(VETO)], 0.0)
+
+
+def test_repeats_at_another_place_are_computed_each(data: Prepared) -> None:
+    position = data.position.copy()
+    for block in data.blocks:
+        position[data.grid[block.rows][block.count :]] += 0.5
+    elsewhere = replace(data, position=position)
+    everything = until_last(elsewhere, elsewhere.role(TRAINING))
+    assert first_round(elsewhere, PACKED.on).stretches == everything.stretches

@@ -1,0 +1,81 @@
+"""Twin-corrected residual, controller, noise."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from autotune.estimation.controller import find_controller
+from autotune.estimation.data import TRAINING, prepare
+from autotune.estimation.policy import POLICY
+from autotune.estimation.problem import estimate_noise, start_study
+from autotune.estimation.residual import residual
+from autotune.models.drive_model import base_model
+from tests.support.axes import plain_axis
+
+
+def _truth():
+    plant = plain_axis(3).plant
+    bristle = plant.bristle
+    return base_model(
+        {
+            "inertia": plant.inertia, "viscous": plant.viscous, "coulomb": bristle.coulomb,
+            "stiffness": bristle.stiffness, "micro_damping": bristle.damping, "offset": plant.offset,
+        }
+    ).pack()  # fmt: skip
+
+
+def test_the_true_model_leaves_nothing_repeatable(short) -> None:
+    """What repeats in the residual of the true parameters is within the noise; raw it is not."""
+    data = prepare([short])
+    study = start_study(data, find_controller(data))
+    packed = _truth()
+    raw = residual(data, packed, study.moved)
+    study = replace(study, noise=estimate_noise(study, packed, raw))
+    correction = study.correction(packed, 4)
+    corrected, error = study.repeatable(raw - correction.bias, correction, TRAINING)
+    uncorrected, _ = study.repeatable(raw, study.correction(packed, 4), TRAINING)
+    noise = study.noise_variance(raw, TRAINING)
+    assert abs(corrected) < max(3.0 * error, 0.15 * noise)
+    assert uncorrected > 3.0 * abs(corrected)
+
+
+def test_the_noise_of_the_plant_is_found(short) -> None:
+    """5 mN m were simulated; a fifth is what a minute of data can tell."""
+    data = prepare([short])
+    study = start_study(data, find_controller(data))
+    raw = residual(data, _truth(), study.moved)
+    assert estimate_noise(study, _truth(), raw) == pytest.approx(5e-3, rel=0.2)
+
+
+def test_the_controller_is_taken_from_the_metadata_or_identified(short) -> None:
+    known = find_controller(prepare([short]))
+    assert known.source == "metadata"
+    found = find_controller(prepare([short.with_metadata(controller=None)]))
+    assert found.source == "identified"
+    assert found.explained > POLICY.controller_explains
+    for gain in ("kp", "kd", "ki"):
+        expected = getattr(short.metadata.controller, gain)
+        assert getattr(found, gain) == pytest.approx(expected, rel=0.02)
+
+
+def test_wrong_gains_in_the_metadata_are_not_believed(short) -> None:
+    wrong = replace(short.metadata.controller, kp=0.7 * short.metadata.controller.kp)
+    found = find_controller(prepare([short.with_metadata(controller=wrong)]))
+    assert found.source == "identified"
+    assert found.kp == pytest.approx(short.metadata.controller.kp, rel=0.02)
+
+
+def test_a_controller_that_is_none_says_so(short) -> None:
+    random = np.random.default_rng(0)
+    noisy = dict(short.floats) | {
+        "torque_command": short["torque_command"] + random.normal(0, 0.1, len(short))
+    }
+    from autotune.recordings.recording import Recording
+
+    spoiled = Recording.from_columns(
+        noisy, replace(short.metadata, controller=None), short.experiment, short.repeat
+    )
+    found = find_controller(prepare([spoiled]))
+    assert not found.usable
+    assert "99.9 %" in found.why

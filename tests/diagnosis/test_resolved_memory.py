@@ -1,0 +1,81 @@
+"""A bristle that stands for several short elements is taken apart into them, as far as the data go."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from autotune.core.axis import read_axis
+from autotune.core.loop import LocalLoop
+from autotune.diagnosis.baseline import begin
+from autotune.diagnosis.fitting import updated_model
+from autotune.diagnosis.resolved_memory import resolved, stiffness_at_rest
+from autotune.estimation.bandwidth import prepared_for
+from autotune.experiments.diagnosis import confirmation
+from autotune.experiments.path import Motion
+from autotune.experiments.programmes import build
+from autotune.experiments.record import Recorder, metadata_for, play
+from autotune.experiments.runner import Programme
+from autotune.models.drive_model import DriveModel, base_model
+from autotune.models.table import EFFECTS
+from autotune.recordings.recording import Controller, Recording
+from autotune_sim.inprocess import SimDrive
+from autotune_sim.presets import preset
+
+AXIS = read_axis(Path(__file__).resolve().parents[2] / "config" / "axes" / "edm-vertical.toml")
+SHORT = 3  # elements that the coarse model has in its bristle
+
+
+def recording(name: str) -> Recording:
+    """Dahl's curves and the confirming trajectory, on the simulated axis or its plain LuGre twin."""
+    motion = Motion.of(AXIS)
+    experiments = (*build("dahl", AXIS), *confirmation(motion, 6.0, np.random.default_rng(1)))
+    programme = Programme(experiments, AXIS.limits, 300.0)
+    recorder = Recorder(metadata_for(AXIS, Controller(60.0, 0.15, 6000.0, 1.0)), programme.labels)
+    play(LocalLoop(SimDrive(preset(name), seed=4)), programme, recorder)
+    return recorder.recording()
+
+
+def coarse_model() -> DriveModel:
+    """The long elements as they are; one bristle for the short ones."""
+    plant = preset("edm-vertical").plant
+    short, long = plant.elements[:SHORT], plant.elements[SHORT:]
+    values = {
+        "inertia": plant.inertia, "viscous": plant.viscous, "coulomb": sum(e.torque for e in short),
+        "stiffness": 50.0, "micro_damping": 0.1, "offset": plant.offset,
+    }  # fmt: skip
+    memory = {f"displacement_{i}": e.displacement for i, e in enumerate(long, 1)}
+    memory |= {f"torque_{i}": e.torque for i, e in enumerate(long, 1)}
+    ripple: dict[str, float] = {}
+    for i, wave in enumerate(plant.ripple, 1):
+        sine, cosine = wave.amplitude * np.cos(wave.phase), wave.amplitude * np.sin(wave.phase)
+        ripple |= {f"order_{i}": wave.order, f"sin_{i}": sine, f"cos_{i}": cosine}
+    model = base_model(values).with_effect(EFFECTS["reversal_memory"].make(memory))
+    return model.with_effect(EFFECTS["torque_ripple"].make(ripple))
+
+
+def test_the_short_elements_come_out_of_the_bristle() -> None:
+    plant, model = preset("edm-vertical").plant, coarse_model()
+    study, root, _, _ = begin(prepared_for([recording("edm-vertical")]), model)
+    fine = resolved(study, root)
+    assert fine is not None
+    assert fine.unseen.total < 0.6 * root.unseen.total
+    found = updated_model(model.without_effect("reversal_memory"), study, fine.fitted)
+    assert stiffness_at_rest(found) == pytest.approx(plant.stiffness, rel=0.15)
+    assert found["coulomb"] < 0.2 * model["coulomb"]
+    carried = sum(v.value for k, v in found.parameters.items() if ".torque_" in k)
+    assert carried + found["coulomb"] == pytest.approx(plant.friction, rel=0.03)
+    places = [found[f"reversal_memory.displacement_{i}"] for i in range(1, SHORT + 1)]
+    torques = [found[f"reversal_memory.torque_{i}"] for i in range(1, SHORT + 1)]
+    for element in plant.elements[1:SHORT]:
+        near = [w for d, w in zip(places, torques, strict=True) if 0.7 < d / element.displacement < 1.4]
+        assert sum(near) == pytest.approx(element.torque, rel=0.3)
+
+
+def test_a_model_without_the_effect_is_left_as_it_is() -> None:
+    model = coarse_model().without_effect("reversal_memory")
+    study, root, _, _ = begin(prepared_for([recording("edm-vertical")]), model)
+    assert resolved(study, root) is None
+    assert stiffness_at_rest(model) == model["stiffness"]

@@ -1,0 +1,201 @@
+"""Single recordings without repeats: alignment, filtered columns, rests, another trajectory, verdicts.
+
+The axis here is a few lines of its own: inertia, Coulomb and viscous friction, effects added by hand, and a
+torque that is computed from the motion, so that what is hidden is known exactly.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from autotune.diagnosis.compare import compare
+from autotune.diagnosis.fitting import fit_model
+from autotune.diagnosis.verdict import diagnose
+from autotune.estimation.alignment import aligned, best_shift, compensated
+from autotune.estimation.bandwidth import loud_below, prepared_for, without_rest
+from autotune.estimation.data import prepare
+from autotune.estimation.least_squares import Free, with_values
+from autotune.models import layout
+from autotune.models.drive_model import base_model
+from autotune.recordings.recording import Metadata, Recording
+
+PERIOD = 1e-3
+INERTIA, COULOMB, VISCOUS = 3e-4, 0.06, 1.2e-3
+COUNT = 2 * np.pi / 20_000
+
+
+def _path(kind: str, seconds: float) -> np.ndarray:
+    time = np.arange(0.0, seconds, PERIOD)
+    if kind == "slow":
+        waves = ((2.5, 0.11, 0.3), (0.8, 0.43, 1.0), (0.2, 1.7, 2.0))
+    else:
+        waves = ((1.5, 0.31, 0.0), (1.1, 0.83, 2.2), (0.05, 4.1, 0.5))
+    return sum(a * np.sin(2 * np.pi * f * time + p) for a, f, p in waves)
+
+
+def _torque(q: np.ndarray, ripple: float = 0.0, curved: float = 0.0, slope: float = 0.0) -> np.ndarray:
+    """What the motion needs, held from sample to sample as a drive does."""
+    v = np.gradient(q, PERIOD)
+    needed = INERTIA * np.gradient(v, PERIOD) + VISCOUS * v + COULOMB * np.tanh(v / 5e-3)
+    needed += ripple * np.sin(7 * q) + curved * np.sign(v) * np.sqrt(np.abs(v)) + slope * q
+    middle = np.concatenate([needed[1:], needed[-1:]])
+    return 0.5 * (needed + middle)
+
+
+def _recording(kind: str = "slow", seconds: float = 20.0, noise: float = 2e-3, **effects: float) -> Recording:
+    q = _path(kind, seconds)
+    random = np.random.default_rng([len(kind), 5])
+    torque = _torque(q, **effects) + random.normal(0.0, noise, len(q))
+    columns = {"time": np.arange(len(q)) * PERIOD, "position": np.round(q / COUNT) * COUNT, "torque": torque}
+    return Recording.from_columns(columns, Metadata(sample_period=PERIOD, position_resolution=COUNT), kind)
+
+
+def _with(recording: Recording, **columns: np.ndarray) -> Recording:
+    return Recording.from_columns(dict(recording.floats) | columns, recording.metadata, recording.experiment)
+
+
+def test_the_nearest_minimum_is_found_between_half_samples() -> None:
+    shift, cost = best_shift(lambda s: 3.0 + (s - 1.3) ** 2, 0.0)
+    assert shift == pytest.approx(1.3, abs=0.051)
+    assert cost == pytest.approx(3.0, abs=0.01)
+
+
+@pytest.mark.parametrize("samples", [-1, 0, 2])
+def test_a_torque_that_was_logged_late_is_moved_back(samples: int) -> None:
+    recording = _recording(seconds=10.0)
+    late = np.roll(recording["torque"], samples)
+    found = aligned(without_rest(prepare([_with(recording, torque=late)], 30.0, 75.0))).shift
+    assert found == pytest.approx(2.0 * samples, abs=0.8)
+
+
+@pytest.mark.parametrize("column", ["torque", "position"])
+def test_a_filtered_column_is_recognised_and_met(column: str) -> None:
+    recording = _recording("quick", seconds=12.0)
+    share = 1.0 - np.exp(-1.0 / 8.0)
+    slow = lfilter([share], [1.0, share - 1.0], recording[column])
+    data = prepared_for([_with(recording, **{column: slow})])
+    met, said = compensated(data)
+    assert said is not None
+    assert f"The {column} looks low-passed" in said
+    assert met.filtered
+    untouched, nothing = compensated(prepared_for([recording]))
+    assert nothing is None
+    assert not untouched.filtered
+
+
+def test_rests_and_reversals_below_the_encoder_are_left_out() -> None:
+    moving = _recording(seconds=10.0)
+    rest = np.full(4000, moving["position"][-1])
+    torque = np.concatenate([moving["torque"], np.full(4000, 0.03)])
+    columns = {"time": np.arange(14_000) * PERIOD, "position": np.concatenate([moving["position"], rest])}
+    stopped = Recording.from_columns(columns | {"torque": torque}, moving.metadata, "stops")
+    data = without_rest(prepare([stopped], 30.0, 75.0))
+    assert data.grid.max() < 10_100
+    assert all(block.rows.stop <= len(data.grid) for block in data.blocks)
+    assert len(data.grid) == sum(block.repeats * block.count for block in data.blocks)
+
+
+def test_a_short_piece_does_not_shift_the_rows_after_it() -> None:
+    recording = _recording(seconds=10.0)
+    missed = np.zeros(len(recording), dtype=np.int64)
+    missed[[3000, 3013]] = 2
+    cut = Recording(recording.metadata, recording.floats, recording.experiment, recording.repeat, missed)
+    data = prepare([cut], 30.0, 75.0)
+    assert len(data.position) == len(recording)
+    np.testing.assert_allclose(data.position[5000:8000], recording["position"][5000:8000], atol=5e-3)
+
+
+def test_most_of_a_slow_torque_is_below_its_frequencies() -> None:
+    time = np.arange(0.0, 20.0, PERIOD)
+    random = np.random.default_rng(1)
+    torque = np.sin(2 * np.pi * 3.0 * time) + random.normal(0.0, 0.2, len(time))
+    assert 2.5 < loud_below(torque, PERIOD) < 6.0
+
+
+def test_break_away_is_never_below_coulomb_friction() -> None:
+    packed = base_model(
+        {
+            "inertia": 1e-3,
+            "viscous": 1e-3,
+            "coulomb": 0.1,
+            "stiffness": 50.0,
+            "micro_damping": 0.1,
+            "offset": 0.0,
+        }
+    ).pack()
+    free = [Free("break_away", layout.BREAK_AWAY, 0.0, 1.0, 0.01, above=layout.COULOMB)]
+    assert with_values(packed, free, np.array([0.05])).p[layout.BREAK_AWAY] == pytest.approx(0.1)
+    assert with_values(packed, free, np.array([0.15])).p[layout.BREAK_AWAY] == pytest.approx(0.15)
+
+
+def test_plain_friction_is_fitted_and_nothing_is_named() -> None:
+    recording = _recording()
+    fitted = fit_model([recording])
+    assert fitted.model["inertia"] == pytest.approx(INERTIA, rel=0.05)
+    assert fitted.model["coulomb"] == pytest.approx(COULOMB, rel=0.05)
+    found = diagnose([recording], fitted.model)
+    assert (found.verdict, found.effects) == ("none", ())
+
+
+def test_one_recording_suspects_and_a_second_trajectory_confirms() -> None:
+    one, other = (_recording(kind, ripple=0.015) for kind in ("slow", "quick"))
+    model = fit_model([one]).model
+    alone = diagnose([one], model)
+    assert (alone.verdict, alone.effects, alone.confidence) == ("named", ("torque_ripple",), "suspected")
+    both = diagnose([one, other], model)
+    assert (both.effects, both.confidence) == (("torque_ripple",), "confirmed")
+    assert any("lowers the squared error there" in note for note in both.notes)
+
+
+def test_what_another_trajectory_refutes_is_not_named() -> None:
+    """A spring in one file only: re-rigged between the two, or another axis."""
+    one, other = _recording("slow", slope=0.01), _recording("quick")
+    found = diagnose([one, other], fit_model([other]).model)
+    assert found.confidence != "confirmed"
+
+
+def test_temperature_is_a_coordinate_where_it_was_recorded() -> None:
+    recording = _recording(seconds=10.0)
+    model = fit_model([recording]).model
+    warm = _with(recording, temperature=np.linspace(20.0, 30.0, len(recording)))
+    assert "temperature" in compare([warm], model).where
+    cold = _with(recording, temperature=np.full(len(recording), 20.0))
+    assert "temperature" not in compare([cold], model).where
+
+
+def test_sampling_too_slow_for_the_torque_is_said() -> None:
+    recording = _recording("quick")
+    thin = {name: values[::20] for name, values in recording.floats.items()}
+    slow = Recording.from_columns(thin, replace(recording.metadata, sample_period=0.02), "slow")
+    found = diagnose([slow], fit_model([slow]).model)
+    assert found.confidence != "confirmed"
+    assert set(found.effects) <= {"direction_asymmetry"}
+
+
+def test_two_files_that_do_not_tell_rivals_apart_confirm_neither() -> None:
+    """Within a fifth of a turn a spring and an imbalance are the same, in both files."""
+    files = []
+    for kind in ("slow", "quick"):
+        q = 0.12 * _path(kind, 10.0)
+        torque = _torque(q, slope=0.05) + np.random.default_rng([len(kind), 5]).normal(0.0, 2e-3, len(q))
+        columns = {"time": np.arange(len(q)) * PERIOD, "position": np.round(q / COUNT) * COUNT}
+        metadata = Metadata(sample_period=PERIOD, position_resolution=COUNT)
+        files.append(Recording.from_columns(columns | {"torque": torque}, metadata, kind))
+    found = diagnose(files, fit_model(files[:1]).model)
+    assert set(found.effects) <= {"spring", "gravity_imbalance"}
+    assert found.confidence == "suspected"
+    assert {"spring", "gravity_imbalance"} <= set(found.confusable[0])
+    assert any("in its place does nearly as well" in note for note in found.notes)
+
+
+def test_samples_fast_enough_judge_every_effect() -> None:
+    """A slow motion is compared at low frequencies only; that is not for want of samples."""
+    q = _path("slow", 20.0)
+    torque = _torque(q, curved=0.01) + np.random.default_rng(5).normal(0.0, 2e-3, len(q))
+    columns = {"time": np.arange(len(q)) * PERIOD, "position": np.round(q / COUNT) * COUNT, "torque": torque}
+    recording = Recording.from_columns(columns, Metadata(position_resolution=COUNT), "slow")
+    found = diagnose([recording], fit_model([recording]).model)
+    assert (found.effects, found.confidence) == (("nonlinear_viscous",), "suspected")
+    assert not any("samples of" in note for note in found.notes)

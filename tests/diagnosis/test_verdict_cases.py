@@ -1,0 +1,75 @@
+"""The verdict as a table: which row holds for which facts, and that rows above hide those below."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from autotune.diagnosis.evidence.kinds import evidence_of
+from autotune.diagnosis.evidence.repeated import RepeatedProgramme
+from autotune.diagnosis.evidence.single import SingleRecording
+from autotune.diagnosis.evidence.speed_curve import SpeedCurve
+from autotune.diagnosis.verdict import CASES
+
+NOTHING = {
+    "drowned": False,
+    "structured": False,
+    "accepted": False,
+    "rivals": (),
+    "chosen": None,
+    "carried": (),
+    "structure_left": False,
+}
+FOUND = {"chosen": object(), "accepted": True}
+
+
+def _row(**facts: object) -> tuple[str, str]:
+    case = next(case for case in CASES if case.holds(SimpleNamespace(**(NOTHING | facts))))
+    return case.verdict, case.name
+
+
+@pytest.mark.parametrize(
+    ("facts", "verdict"),
+    [
+        ({}, "none"),
+        (FOUND, "named"),
+        (FOUND | {"rivals": ("spring",)}, "ambiguous"),
+        (FOUND | {"structured": True}, "unknown"),
+        (FOUND | {"drowned": True, "rivals": ("spring",)}, "unknown"),
+        ({"chosen": object()}, "unknown"),
+        ({"chosen": object(), "rivals": ("spring",)}, "unknown"),
+        ({"carried": ("refuted",)}, "unknown"),
+        ({"structure_left": True}, "unknown"),
+        ({"structured": True}, "unknown"),
+    ],
+)
+def test_facts_lead_to_a_verdict(facts: dict[str, object], verdict: str) -> None:
+    assert _row(**facts)[0] == verdict
+
+
+def test_every_row_can_be_reached_and_has_a_name_of_its_own() -> None:
+    reached = {
+        _row(),
+        _row(**FOUND),
+        _row(**FOUND, rivals=("spring",)),
+        _row(**FOUND, structured=True),
+        _row(**FOUND, drowned=True),
+        _row(chosen=object()),
+        _row(carried=("refuted",)),
+        _row(structure_left=True),
+    }
+    assert {name for _, name in reached} == {case.name for case in CASES}
+    assert len({case.name for case in CASES}) == len(CASES)
+
+
+@pytest.mark.parametrize(
+    ("steady", "repeated", "kind"),
+    [
+        (True, False, SpeedCurve),
+        (False, True, RepeatedProgramme),
+        (False, False, SingleRecording),
+    ],
+)
+def test_recordings_are_evidence_of_one_kind(steady: bool, repeated: bool, kind: type) -> None:
+    assert type(evidence_of(SimpleNamespace(steady=steady, repeated=repeated))) is kind

@@ -1,0 +1,34 @@
+"""What a verdict says: advice that the reader can follow, rivals that matter, nothing longer than a line or two."""
+
+from __future__ import annotations
+
+import pytest
+
+from autotune.core.errors import ConfigurationError, a_few
+from autotune.diagnosis.wording import MOST_NAMES, PROGRAMME, separating_experiment
+from autotune.models.table import EFFECTS, effect_kind
+
+
+def test_who_has_a_file_only_is_not_sent_to_an_axis_file() -> None:
+    own, foreign = (separating_experiment(["spring", "gravity_imbalance"], own) for own in (True, False))
+    assert PROGRAMME in own
+    assert "AXIS.toml" not in foreign
+    assert "autotune data import" in foreign
+    assert "To tell spring from gravity imbalance" in foreign
+
+
+def test_nobody_is_asked_to_tell_ten_effects_apart() -> None:
+    text = separating_experiment(sorted(EFFECTS), own_axis=True)
+    assert sum(name.replace("_", " ") in text for name in EFFECTS) <= MOST_NAMES
+
+
+def test_an_unknown_effect_lists_what_there_is() -> None:
+    with pytest.raises(ConfigurationError, match="there is no effect 'nonsense'") as error:
+        effect_kind("nonsense")
+    assert all(name in str(error.value) for name in EFFECTS)
+
+
+def test_a_wide_file_is_named_in_one_line() -> None:
+    text = a_few([f"a rather long column name number {i} with words" for i in range(500)])
+    assert len(text) < 400
+    assert text.endswith("and 492 more")
