@@ -65,10 +65,17 @@ def told(axis: DrawnAxis, random: np.random.Generator | None) -> tuple[DriveMode
             "stiffness": (0.02 * small.torque / small.displacement, ERRORS["stiffness"]),
             "micro_damping": (plant.micro_damping * off["damping"], ERRORS["damping"]),
         }
-    model = base_model({n: v for n, (v, _) in values.items()}, {n: abs(v) * e for n, (v, e) in values.items()})
+    model = base_model(
+        {n: v for n, (v, _) in values.items()}, {n: abs(v) * e for n, (v, e) in values.items()}
+    )
     model = _with_effects(model, axis, off)
     timing = LoopTiming(
-        PERIOD, plant.resolution, plant.torque_limit, axis.dead_time * off["dead_time"], 0.1 * axis.dead_time, axis.filter
+        PERIOD,
+        plant.resolution,
+        plant.torque_limit,
+        axis.dead_time * off["dead_time"],
+        0.1 * axis.dead_time,
+        axis.filter,
     )
     return model, timing
 
@@ -109,7 +116,11 @@ def one_axis(number: int, seed: int, search: bool) -> dict[str, object]:
     random = np.random.default_rng([seed, number])
     axis = draw(random)
     kin, task = kin_of(axis, random)
-    row: dict[str, object] = {"number": number, "resonant": axis.plant.transmission_stiffness > 0, "late": axis.dead_time}
+    row: dict[str, object] = {
+        "number": number,
+        "resonant": axis.plant.transmission_stiffness > 0,
+        "late": axis.dead_time,
+    }
     began = time.monotonic()
     try:
         proposal = propose(kin, task, Gains(1.0, 1.0, 1.0))
@@ -120,7 +131,9 @@ def one_axis(number: int, seed: int, search: bool) -> dict[str, object]:
         return row | {"refused": proposal.limited_by}
     gains = as_array(proposal.verdict.gains)
     sizes = (task.steps.small, task.steps.large)
-    row["hunts"] = any(swinging(axis, gains, sign * size) is not None for size in sizes for sign in (1.0, -1.0))
+    row["hunts"] = any(
+        swinging(axis, gains, sign * size) is not None for size in sizes for sign in (1.0, -1.0)
+    )
     below = row["below"] = proposal.verdict.stick_slip_below
     free = [float(v) for v in proposal.verdict.slow.speeds if v > below]
     row["sticks"] = any(stands(axis, gains, v) for v in free)
@@ -151,7 +164,11 @@ def best_settling(axis: DrawnAxis, sizes: tuple[float, float], robust: bool) -> 
             return 10.0 + min(missed, 9.0)
         return max(settled(axis, as_array(gains), size) for size in sizes)
 
-    bounds = [(math.log(0.5), math.log(250.0)), (math.log(1.05), math.log(8.0)), (math.log(1.5), math.log(60.0))]
+    bounds = [
+        (math.log(0.5), math.log(250.0)),
+        (math.log(1.05), math.log(8.0)),
+        (math.log(1.5), math.log(60.0)),
+    ]
     found = differential_evolution(cost, bounds, popsize=12, maxiter=SEARCHED, seed=5, polish=False, tol=1e-4)
     return float(found.fun)
 
@@ -163,12 +180,20 @@ def axes(seed: int, count: int, search: bool, processes: int) -> None:
     for row in rows:
         if "refused" in row or row["hunts"] or row["sticks"]:
             print(row)
-    print(f"{count} axes of seed {seed}: {len(done)} proposals, {sum(bool(r['hunts']) for r in done)} hunt, ", end="")
+    print(
+        f"{count} axes of seed {seed}: {len(done)} proposals, {sum(bool(r['hunts']) for r in done)} hunt, ",
+        end="",
+    )
     print(f"{sum(bool(r['sticks']) for r in done)} stick-slip at a speed said to be free")
     print(f"{sum(bool(r['below']) for r in done)} are told to stick-slip below some speed", end=", ")
-    print(f"{sum(bool(r['none free']) for r in done)} at all; median {np.median([float(str(r['seconds'])) for r in done]):.1f} s each")
+    print(
+        f"{sum(bool(r['none free']) for r in done)} at all; median "
+        f"{np.median([float(str(r['seconds'])) for r in done]):.1f} s each"
+    )
     missed = [float(str(r["margins"])) for r in done]
-    print(f"margins at the true parameters: {sum(m > 0 for m in missed)} miss one, largest shortfall {max(missed):.3f}")
+    print(
+        f"margins at the true parameters: {sum(m > 0 for m in missed)} miss one, largest shortfall {max(missed):.3f}"
+    )
     if search:
         for name in ("best", "wild"):
             ratio = np.array([float(str(r["settles"])) / float(str(r[name])) for r in done])
@@ -188,7 +213,9 @@ def boundary_sets(axis: DrawnAxis, random: np.random.Generator) -> Gains | None:
     kd = 2.0 * random.uniform(0.05, 0.6) * inertia * crossover
     low, high = 0.05 * kp * crossover, 50.0 * (kp + stiff) * crossover
     size = axis.step
-    if swinging(axis, np.array([kp, kd, low, 1.0]), size) or not swinging(axis, np.array([kp, kd, high, 1.0]), size):
+    if swinging(axis, np.array([kp, kd, low, 1.0]), size) or not swinging(
+        axis, np.array([kp, kd, high, 1.0]), size
+    ):
         return None
     for _ in range(9):
         middle = math.sqrt(low * high)
@@ -209,7 +236,11 @@ def one_boundary(number: int, seed: int) -> tuple[bool, bool, float, float] | No
     swing = max((one for one in true if one), key=lambda one: one.amplitude, default=None)
     cycle = predicted(member.model, gains, member.timing, (axis.step,), slow=False)
     off = [math.nan, math.nan]
-    if swing and cycle and all(map(math.isfinite, (swing.amplitude, swing.frequency, cycle.amplitude, cycle.frequency))):
+    if (
+        swing
+        and cycle
+        and all(map(math.isfinite, (swing.amplitude, swing.frequency, cycle.amplitude, cycle.frequency)))
+    ):
         off = [cycle.frequency / swing.frequency - 1.0, cycle.amplitude / swing.amplitude - 1.0]
     return swing is not None, cycle is not None, off[0], off[1]
 
@@ -220,7 +251,10 @@ def boundary(seed: int, count: int, processes: int) -> None:
     rows = [row for row in found if row is not None][:count]
     counted = Counter((row[0], row[1]) for row in rows)
     right = counted[(True, True)] + counted[(False, False)]
-    print(f"{len(rows)} gain sets of seed {seed}, {sum(r[0] for r in rows)} hunt on the plant: {right / len(rows):.1%} right")
+    print(
+        f"{len(rows)} gain sets of seed {seed}, {sum(r[0] for r in rows)} hunt on the plant: "
+        f"{right / len(rows):.1%} right"
+    )
     print(f"missed {counted[(True, False)]}, false {counted[(False, True)]}")
     for name, at, within in (("frequency", 2, 0.1), ("amplitude", 3, 0.25)):
         errors = np.abs([row[at] for row in rows if row[0] and row[1] and math.isfinite(row[at])])
@@ -237,11 +271,15 @@ def thesis() -> None:
     model, timing = told(axis, None)
     for ki in (2000.0, 1000.0):
         gains = Gains(16.4, 0.02, ki)
-        print(ki, "plant", swinging(axis, as_array(gains), 0.2), "twin", predicted(model, gains, timing, (0.2,)))
+        print(
+            ki, "plant", swinging(axis, as_array(gains), 0.2), "twin", predicted(model, gains, timing, (0.2,))
+        )
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("what", choices=("axes", "boundary", "thesis"))
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--count", type=int, default=200)

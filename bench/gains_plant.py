@@ -14,7 +14,17 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from autotune_sim.plant import Bristle, Element, PlantParameters, Wave, advance, fresh_state, pack, reading, substeps
+from autotune_sim.plant import (
+    Bristle,
+    Element,
+    PlantParameters,
+    Wave,
+    advance,
+    fresh_state,
+    pack,
+    reading,
+    substeps,
+)
 
 Floats = NDArray[np.float64]
 PERIOD = 1e-3
@@ -39,10 +49,16 @@ def draw(random: np.random.Generator) -> DrawnAxis:
     travel = 10.0 ** random.uniform(-3.0, -2.0)  # x_s [rad]
     friction = stiffness * travel
     damping = 2.0 * random.uniform(0.1, 0.6) * inertia * rate
-    plant: dict[str, Any] = {"inertia": inertia, "viscous": random.uniform(0.5, 3.0) * inertia, "offset": random.uniform(-0.2, 0.2) * friction}
+    plant: dict[str, Any] = {
+        "inertia": inertia,
+        "viscous": random.uniform(0.5, 3.0) * inertia,
+        "offset": random.uniform(-0.2, 0.2) * friction,
+    }
     if random.random() < 0.5:
         rise = random.uniform(0.9, 1.4)
-        plant["bristle"] = Bristle(friction, friction * rise, 10.0 ** random.uniform(-1.5, 0.0), stiffness, damping)
+        plant["bristle"] = Bristle(
+            friction, friction * rise, 10.0 ** random.uniform(-1.5, 0.0), stiffness, damping
+        )
     else:
         plant["elements"], plant["micro_damping"] = _elements(random, friction, stiffness), damping
     if random.random() < 0.5:
@@ -55,7 +71,12 @@ def draw(random: np.random.Generator) -> DrawnAxis:
         }
     limit = friction * random.uniform(3.0, 8.0)
     ripple = (Wave(24.0, 0.02 * friction, random.uniform(0.0, 6.0)),)
-    noise = {"process_noise": 0.01 * friction, "torque_noise": 0.005 * friction, "ripple": ripple, "torque_limit": limit}
+    noise = {
+        "process_noise": 0.01 * friction,
+        "torque_noise": 0.005 * friction,
+        "ripple": ripple,
+        "torque_limit": limit,
+    }
     counts = round(2.0 * math.pi / (travel / 40.0))
     dead = PERIOD * random.integers(0, 4)
     return DrawnAxis(PlantParameters(**plant, **noise, counts=counts), dead, 20.0 * travel, 200.0 * travel)
@@ -70,7 +91,18 @@ def _elements(random: np.random.Generator, friction: float, stiffness: float) ->
 
 
 @njit(cache=True)
-def _loop(p: Any, s: Any, gains: Floats, limit: float, delay: int, parts: int, h: float, r: Floats, noise: Floats, q: Floats) -> int:
+def _loop(
+    p: Any,
+    s: Any,
+    gains: Floats,
+    limit: float,
+    delay: int,
+    parts: int,
+    h: float,
+    r: Floats,
+    noise: Floats,
+    q: Floats,
+) -> int:
     total = derivative = last_r = last_y = 0.0
     queue = np.zeros(delay + 1)
     for k in range(len(r)):
@@ -98,7 +130,18 @@ def positions(axis: DrawnAxis, gains: Floats, reference: Floats, seed: int, nois
     noise = random.normal(0.0, plant.process_noise, len(reference)) * float(noisy)
     packed, state, result = pack(plant), fresh_state(), np.full(len(reference), math.inf)
     delay = round(axis.dead_time / PERIOD)
-    _loop(packed[0], state[0], gains, plant.torque_limit, delay, substeps(plant, PERIOD), PERIOD, reference, noise, result)
+    _loop(
+        packed[0],
+        state[0],
+        gains,
+        plant.torque_limit,
+        delay,
+        substeps(plant, PERIOD),
+        PERIOD,
+        reference,
+        noise,
+        result,
+    )
     return result
 
 
@@ -129,7 +172,9 @@ class Swing:
     frequency: float
 
 
-def swinging(axis: DrawnAxis, gains: Floats, size: float, seconds: float = 8.0, seed: int = 2) -> Swing | None:
+def swinging(
+    axis: DrawnAxis, gains: Floats, size: float, seconds: float = 8.0, seed: int = 2
+) -> Swing | None:
     """The oscillation in the last quarter after a step: lasting, and beyond six counts and the noise at rest."""
     q = stepped(axis, gains, size, seconds, seed)
     if not np.all(np.isfinite(q)):
@@ -137,7 +182,9 @@ def swinging(axis: DrawnAxis, gains: Floats, size: float, seconds: float = 8.0, 
     quarter = len(q) // 4
     last, before = q[-quarter:], q[-2 * quarter : -quarter]
     reach = float(np.ptp(last))
-    floor = max(6.0 * axis.plant.resolution, 12.0 * axis.plant.process_noise / max(axis.plant.stiffness, 1e-12))
+    floor = max(
+        6.0 * axis.plant.resolution, 12.0 * axis.plant.process_noise / max(axis.plant.stiffness, 1e-12)
+    )
     parts = [float(np.ptp(part)) for part in np.array_split(q[quarter:], 9)]
     bursts = any(parts[j] > max(3.0 * parts[i], 2.0 * floor) for i in range(9) for j in range(i + 1, 9))
     if bursts:

@@ -93,13 +93,15 @@ def _recorded(directory: Path, axis: Axis) -> PositionController:
     path = directory / EXPERIMENT
     if not path.is_file():
         raise ConfigurationError(
-            f"the profile {axis.profile} does not map the gains of axis {axis.name}, and {path} is not there to find them "
+            f"the profile {axis.profile} does not map the gains of axis {axis.name}, and {path} is not there "
+            "to find them "
             "in: run 'autotune run' again, which records it"
         )
     found = controller_of(read_recording(path))
     if not found.usable:
         raise ConfigurationError(
-            f"the gains of axis {axis.name} are in neither its profile nor its recording: {found.why} Nothing can be said "
+            f"the gains of axis {axis.name} are in neither its profile nor its recording: {found.why} Nothing "
+            "can be said "
             "about gains that nobody knows; record motion under position control with its set points (column reference)"
         )
     return found

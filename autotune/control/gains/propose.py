@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import differential_evolution
+from scipy.optimize import Bounds, differential_evolution
 
 from autotune.control.gains.hunting import after_step
 from autotune.control.gains.judge import Task, Verdict, judge
@@ -132,7 +132,8 @@ def _check_bandwidth(bandwidth: float | None, period: float, resonance: float) -
         )
     if 0.0 < resonance < bandwidth:
         raise ConfigurationError(
-            f"the axis's resonance at {resonance:.4g} Hz lies below the bandwidth asked for, {bandwidth:g} Hz; no gains "
+            f"the axis's resonance at {resonance:.4g} Hz lies below the bandwidth asked for, {bandwidth:g} Hz; "
+            "no gains "
             f"reach beyond it. Ask for less than {0.5 * resonance:.3g} Hz, or stiffen the transmission"
         )
 
@@ -147,7 +148,9 @@ def _corner(member: Member, regime: str) -> Corner:
         linear_axis(member.model, "sticking" if regime == "sticking" else "sliding"), member.timing
     )
     period = member.timing.period
-    return Corner(f"{regime}, {member.what}", axis, axis_response(axis, period), period, member.what == NOMINAL)
+    return Corner(
+        f"{regime}, {member.what}", axis, axis_response(axis, period), period, member.what == NOMINAL
+    )
 
 
 def shaped(corners: tuple[Corner, ...], current: Gains, point: Floats) -> Gains:
@@ -200,9 +203,16 @@ def _searched(
     low, high = (LEAST_BANDWIDTH, 0.25 / member.timing.period) if bandwidth is None else (
         bandwidth * (1.0 - ON_TARGET), bandwidth * (1.0 + ON_TARGET),
     )  # fmt: skip
-    bounds = [(math.log(one), math.log(other)) for one, other in ((low, high), (1.05, 8.0), (1.5, 60.0))]
+    edges = np.log(np.array([(low, high), (1.05, 8.0), (1.5, 60.0)]))
     result = differential_evolution(
-        cost, tuple(bounds), popsize=POPULATION, maxiter=GENERATIONS, seed=SEED, tol=1e-3, polish=False, init="sobol"
+        cost,
+        Bounds(edges[:, 0], edges[:, 1]),
+        popsize=POPULATION,
+        maxiter=GENERATIONS,
+        seed=SEED,
+        tol=1e-3,
+        polish=False,
+        init="sobol",
     )
     if result.fun >= 100.0:
         return None

@@ -124,8 +124,10 @@ def _proposed(current: Verdict | None, proposal: Proposal, unit: str) -> str:
         was = "do not settle" if current.settling >= 2.0 else f"need {1e3 * current.settling:.0f} ms"
         before = f" (today's {was})"
     return (
-        f"Proposed for {STRUCTURES[verdict.gains.structure]}: {named}. Crossover {verdict.bandwidth:.3g} Hz; on the twin "
-        f"steps settle to ±10 % within {1e3 * verdict.settling:.0f} ms{before}, {hunting_in_words(verdict, unit)} More is "
+        f"Proposed for {STRUCTURES[verdict.gains.structure]}: {named}. Crossover {verdict.bandwidth:.3g} Hz; "
+        "on the twin "
+        f"steps settle to ±10 % within {1e3 * verdict.settling:.0f} ms{before}, "
+        f"{hunting_in_words(verdict, unit)} More is "
         f"limited by {proposal.limited_by}."
     )
 
@@ -135,7 +137,8 @@ def assumptions(kin: Family) -> list[str]:
     if not kin.assumed:
         return []
     return [
-        f"The model has no standard error for {', '.join(kin.assumed)}: ±{100 * ASSUMED:.0f} % is assumed. Identify the axis "
+        f"The model has no standard error for {', '.join(kin.assumed)}: ±{100 * ASSUMED:.0f} % is assumed. "
+        "Identify the axis "
         "('autotune run') to have intervals."
     ]
 
@@ -147,7 +150,8 @@ def resonance_advice(proposal: Proposal) -> list[str]:
     verdict = proposal.verdict
     if verdict is not None and verdict.gains.notch is not None:
         return [
-            f"The transmission resonates at {proposal.resonance:.4g} Hz: the proposal has a notch there. It pays only while "
+            f"The transmission resonates at {proposal.resonance:.4g} Hz: the proposal has a notch there. It "
+            "pays only while "
             "the resonance stays where it is."
         ]
     return [
@@ -161,7 +165,8 @@ def passivity_in_words(kin: Family) -> str:
     if margin >= 0.0:
         return f"The axis by itself is passive: its viscous friction exceeds what (3.14) asks for by {margin:.2g}."
     return (
-        f"The axis by itself is not passive (3.14): its friction falls with speed, and a velocity gain of {-margin:.2g} "
+        "The axis by itself is not passive (3.14): its friction falls with speed, and a velocity gain of "
+        f"{-margin:.2g} "
         "would make it so."
     )
 

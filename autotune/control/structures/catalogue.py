@@ -151,7 +151,9 @@ def _best_correction(structure: Structure, bench: Bench, member: Member, trials:
     tried = []
     for correction in CORRECTIONS:
         own = bench.own.copy()
-        own[laws.CORRECTION] = correction * bench.lugre.coulomb / bench.lugre.stiffness / trials.amplitude * 10.0
+        own[laws.CORRECTION] = (
+            correction * bench.lugre.coulomb / bench.lugre.stiffness / trials.amplitude * 10.0
+        )
         other = replace(bench, own=own)
         tried.append((_peak(_sine(structure, other, member, trials), trials), correction, other))
     return min(tried, key=lambda one: one[:2])[2]
@@ -169,7 +171,9 @@ def _peak(motion: Motion, trials: Trials) -> float:
     return float(np.max(np.abs(motion.error[-rows:])))
 
 
-def _step(structure: Structure, bench: Bench, member: Member, size: float, seconds: float = HORIZON) -> Motion:
+def _step(
+    structure: Structure, bench: Bench, member: Member, size: float, seconds: float = HORIZON
+) -> Motion:
     reference = step_reference(size, BEFORE, seconds, member.timing)
     return run(structure, bench, member.model, member.timing, reference)[0]
 
@@ -178,7 +182,9 @@ def _entry(structure: Structure, bench: Bench, kin: Family, trials: Trials, plai
     member, start = kin.nominal, round(BEFORE / bench.timing.period)
     sine = _sine(structure, bench, member, trials)
     peak = _peak(sine, trials)
-    small, large = (_step(structure, bench, member, size) for size in (trials.steps.small, trials.steps.large))
+    small, large = (
+        _step(structure, bench, member, size) for size in (trials.steps.small, trials.steps.large)
+    )
     oscillates = _swings(structure, bench, member, trials)
     robust = [_robust(structure, bench, one, trials, peak, plain) for one in kin.members]
     return Entry(
@@ -220,7 +226,14 @@ def _bearable(
     """The most of `LATE` with which it still does not swing nor loses its accuracy."""
     for last, cycles in zip((0.0, *LATE), LATE, strict=False):
         dead = member.timing.dead_time + cycles * member.timing.period
-        if not _robust(structure, bench, replace(member, timing=replace(member.timing, dead_time=dead)), trials, peak, plain):
+        if not _robust(
+            structure,
+            bench,
+            replace(member, timing=replace(member.timing, dead_time=dead)),
+            trials,
+            peak,
+            plain,
+        ):
             return last
     return LATE[-1]
 
@@ -235,7 +248,9 @@ def _noise(motion: Motion, trials: Trials) -> float:
 
 def recommended(entries: Sequence[Entry]) -> tuple[str, str]:
     """The most accurate of those offered that neither oscillate nor are fragile; of equals the least effort."""
-    sound = [one for one in entries if not one.structure.in_host and not one.oscillates and one.robustness > 0.99]
+    sound = [
+        one for one in entries if not one.structure.in_host and not one.oscillates and one.robustness > 0.99
+    ]
     if not sound:
         return "", (
             "Nothing can be recommended with today's gains: every structure oscillates somewhere within the intervals. "
@@ -248,7 +263,8 @@ def recommended(entries: Sequence[Entry]) -> tuple[str, str]:
     gain = plain.sine_peak_error / chosen.sine_peak_error if chosen.sine_peak_error > 0 else math.inf
     host = [one for one in entries if one.structure.in_host and one.sine_peak_error < chosen.sine_peak_error]
     beside = (
-        f" {', '.join(one.structure.name for one in host)} would track closer on the twin, but they close a loop on friction "
+        f" {', '.join(one.structure.name for one in host)} would track closer on the twin, but they close a "
+        "loop on friction "
         "through the host and are not offered."
         if host
         else ""

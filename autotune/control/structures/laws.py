@@ -23,7 +23,9 @@ from autotune.models.compiled import compiled
 from autotune.models.layout import POSITION, VELOCITY
 
 PID, KINETIC_FEEDFORWARD, LUGRE_FEEDFORWARD, ADAPTIVE_FEEDFORWARD, PLAYED_FEEDFORWARD = range(5)
-LUND_GRENOBLE, LUENBERGER, LUENBERGER_SLOWED, LUENBERGER_EXACT, KINETIC_LINEARISED, LUGRE_LINEARISED = range(5, 11)
+LUND_GRENOBLE, LUENBERGER, LUENBERGER_SLOWED, LUENBERGER_EXACT, KINETIC_LINEARISED, LUGRE_LINEARISED = range(
+    5, 11
+)
 FEEDBACK_LAWS = range(LUND_GRENOBLE, LUGRE_LINEARISED + 1)
 CORRECTION, L1, DAMPING, SLOW_SPEED, DEAD_ZONE = range(5)
 """Places in the vector of a law's own numbers: k of (5.17), l1, velocity gain on q̇̂, v_l of (5.30), zone of (3.7)."""
@@ -42,22 +44,24 @@ def kinetic(f: Floats, velocity: float, push: float, zone: float) -> float:
     """σ0·g(v)·sign v, and F_s in the direction of `push` at rest: (5.1), (5.34) [N m]."""
     sign = direction(velocity, zone)
     if sign == 0.0:
-        return f[6] * direction(push, 0.0)
-    return stribeck_level(f, velocity) * sign
+        return float(f[6] * direction(push, 0.0))
+    return float(stribeck_level(f, velocity) * sign)
 
 
 @compiled
 def bristle_after(f: Floats, z: float, velocity: float, push: float, period: float) -> float:
     """ẑ a sample later for a constant velocity (5.8); `push` is what is integrated beside the decay."""
     if velocity == 0.0:
-        return z + period * push
+        return float(z + period * push)
     limit = stribeck_level(f, velocity) / f[3]
     decay = math.exp(-abs(velocity) / limit * period)
-    return decay * z + (1.0 - decay) * limit / abs(velocity) * (velocity + push)
+    return float(decay * z + (1.0 - decay) * limit / abs(velocity) * (velocity + push))
 
 
 @compiled
-def observer_step(kind: int, f: Floats, x: Floats, seen: Floats, q: float, torque: float, period: float) -> None:
+def observer_step(
+    kind: int, f: Floats, x: Floats, seen: Floats, q: float, torque: float, period: float
+) -> None:
     """Luenberger-like observers; `seen` is [ξ1, ξ2 = ẑ (l2 = 0)] and is updated."""
     velocity, z = seen[0] + x[L1] * q, seen[1]
     limit = stribeck_level(f, velocity) / f[3]
@@ -74,26 +78,34 @@ def observer_step(kind: int, f: Floats, x: Floats, seen: Floats, q: float, torqu
 
 @compiled
 def compensation(
-    kind: int, f: Floats, x: Floats, seen: Floats, q: float, slope: float, feedback: float, ref: Floats, period: float
+    kind: int,
+    f: Floats,
+    x: Floats,
+    seen: Floats,
+    q: float,
+    slope: float,
+    feedback: float,
+    ref: Floats,
+    period: float,
 ) -> float:
     """What a law adds to the PID's torque; `ref` is [r, ṙ, r̈], `slope` the measured velocity."""
     rate, change = ref[1], ref[2]
     if kind == KINETIC_FEEDFORWARD:
-        return f[0] * change + f[1] * rate + f[5] + stribeck_level(f, rate) * direction(rate, 1e-9)
+        return float(f[0] * change + f[1] * rate + f[5] + stribeck_level(f, rate) * direction(rate, 1e-9))
     if kind in (LUGRE_FEEDFORWARD, ADAPTIVE_FEEDFORWARD):
         return feedforward_step(f, seen, rate, change, period)
     base = f[0] * change + f[1] * rate + f[5]
     if kind == KINETIC_LINEARISED:
-        return base + kinetic(f, slope, feedback + f[0] * change, x[DEAD_ZONE])
+        return float(base + kinetic(f, slope, feedback + f[0] * change, x[DEAD_ZONE]))
     if kind in (LUND_GRENOBLE, LUGRE_LINEARISED):
         z = seen[0]
         force = f[3] * z - f[4] * z * abs(slope) * f[3] / stribeck_level(f, slope) + f[4] * rate
         correction = x[CORRECTION] * (ref[0] - q) if kind == LUND_GRENOBLE else 0.0
         seen[0] = bristle_after(f, z, slope, correction, period)
-        return base + force
+        return float(base + force)
     velocity, z = seen[0] + x[L1] * q, seen[1]
     bend = velocity - abs(velocity) * f[3] / stribeck_level(f, velocity) * z
-    return base + f[3] * z + f[4] * bend + x[DAMPING] * (rate - velocity)
+    return float(base + f[3] * z + f[4] * bend + x[DAMPING] * (rate - velocity))
 
 
 @compiled

@@ -46,7 +46,12 @@ class Structure:
     source: str = ""
 
 
-NONE, ADAPTED, IDENTIFIED, DIAGNOSED = "none", "some minutes of adaptation", "identification", "identification and diagnosis"
+NONE, ADAPTED, IDENTIFIED, DIAGNOSED = (
+    "none",
+    "some minutes of adaptation",
+    "identification",
+    "identification and diagnosis",
+)
 EFFORTS = (NONE, ADAPTED, IDENTIFIED, DIAGNOSED)
 """Rising."""
 STRUCTURES: tuple[Structure, ...] = (
@@ -58,7 +63,9 @@ STRUCTURES: tuple[Structure, ...] = (
     Structure("diagnosed model's feedforward", laws.PLAYED_FEEDFORWARD, DIAGNOSED),
     Structure("Lund-Grenoble observer", laws.LUND_GRENOBLE, IDENTIFIED, in_host=True, source="(5.17)"),
     Structure("Luenberger observer", laws.LUENBERGER, IDENTIFIED, True, LARGER, True, "(5.23)"),
-    Structure("Luenberger observer, slowed", laws.LUENBERGER_SLOWED, IDENTIFIED, True, LARGER, True, "(5.29)"),
+    Structure(
+        "Luenberger observer, slowed", laws.LUENBERGER_SLOWED, IDENTIFIED, True, LARGER, True, "(5.29)"
+    ),
     Structure("Luenberger observer, exact", laws.LUENBERGER_EXACT, IDENTIFIED, True, LARGER, True, "(5.32)"),
     Structure("kinetic linearisation", laws.KINETIC_LINEARISED, IDENTIFIED, False, 1.0, True, "(5.34)"),
     Structure("LuGre linearisation", laws.LUGRE_LINEARISED, IDENTIFIED, in_host=True, source="(5.39)"),
@@ -132,7 +139,9 @@ def run(
     packed = twin.pack()
     state = np.zeros(layout.STATES)
     state[POSITION] = reference[0]
-    loop = np.array([h, timing.torque_limit, timing.resolution, timing.dead_time, 0.0, 0.0, reference[0], reference[0]])
+    loop = np.array(
+        [h, timing.torque_limit, timing.resolution, timing.dead_time, 0.0, 0.0, reference[0], reference[0]]
+    )
     start = twin["offset"] if structure.integral and structure.kind == laws.PID else 0.0
     loop[4] = start / values[2] if values[2] > 0.0 else 0.0
     depth = int(timing.dead_time / h + 1e-9) + 2
@@ -167,7 +176,9 @@ def reference_rates(reference: Floats, period: float) -> Floats:
 
 def _adaptation(bench: Bench) -> Floats:
     gains, omega = AdaptationGains(), 2.0 * math.pi * bench.frequency
-    low, high = Bounds.around(bench.lugre, (bench.lugre.stiffness / 16.0, bench.lugre.stiffness * 2.0)).arrays()
+    low, high = Bounds.around(
+        bench.lugre, (bench.lugre.stiffness / 16.0, bench.lugre.stiffness * 2.0)
+    ).arrays()
     return np.concatenate([[gains.stiffness, gains.coulomb * omega, gains.offset * omega], low, high])
 
 
