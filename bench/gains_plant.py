@@ -32,7 +32,7 @@ PERIOD = 1e-3
 
 @dataclass(frozen=True)
 class DrawnAxis:
-    """One axis: the plant, the dead time of its drive [s], and its task: large step [rad], fastest slow motion [rad/s]."""
+    """One axis: plant, dead time of its drive [s], large step [rad], fastest slow motion [rad/s], reference filter."""
 
     plant: PlantParameters
     dead_time: float

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -51,7 +52,7 @@ def test_a_broken_cycle_of_dead_time_lies_between_whole_ones() -> None:
     axis = linear_axis(vertical(), "sliding")
     gains = Gains(20.0, 0.1, 500.0)
     found = [margins(sampled_axis(axis, late(d)), gains, H).phase for d in (0.0, 0.5, 1.0, 1.5, 2.0)]
-    assert all(one > other for one, other in zip(found, found[1:], strict=False))
+    assert all(one > other for one, other in pairwise(found))
     crossover = margins(sampled_axis(axis, TIMING), gains, H).crossover
     assert found[0] - found[2] == pytest.approx(360.0 * crossover * H, rel=0.1)  # ωc·h
 
@@ -120,7 +121,9 @@ def test_a_notch_takes_out_its_own_frequency_only() -> None:
 def test_a_cascade_is_a_pid_loop_with_weights() -> None:
     gains = cascade(50.0, 0.1, 2.0)
     assert (gains.kp, gains.kd, gains.ki) == pytest.approx((7.0, 0.1, 100.0))
-    assert cascade_of(gains) == pytest.approx({"position_gain": 50.0, "velocity_gain": 0.1, "integral_gain": 2.0})
+    assert cascade_of(gains) == pytest.approx(
+        {"position_gain": 50.0, "velocity_gain": 0.1, "integral_gain": 2.0}
+    )
     again = cascaded_from(7.0, 0.1, 100.0)
     assert (again.kp, again.kd, again.ki) == pytest.approx((7.0, 0.1, 100.0))
     assert cascaded_from(1.0, 1.0, 100.0).ki == pytest.approx(0.25)  # the most that a cascade has
