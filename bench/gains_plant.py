@@ -186,7 +186,9 @@ def swinging(
         6.0 * axis.plant.resolution, 12.0 * axis.plant.process_noise / max(axis.plant.stiffness, 1e-12)
     )
     parts = [float(np.ptp(part)) for part in np.array_split(q[quarter:], 9)]
-    bursts = any(parts[j] > max(3.0 * parts[i], 2.0 * floor) for i in range(9) for j in range(i + 1, 9))
+    bursts = any(
+        parts[j] > max(3.0 * parts[i], 2.0 * floor) for i in range(9) for j in range(max(i + 1, 4), 9)
+    )
     if bursts:
         return Swing(0.5 * float(np.ptp(q[quarter:])), math.nan)
     if reach <= floor or reach < 0.7 * float(np.ptp(before)):

@@ -22,7 +22,7 @@ COUNTS = 6.0
 """Counts of the sensor from peak to peak: less is what rounding alone may do."""
 LASTING = 0.7
 """Of the swing before: with less, it dies out."""
-SECONDS = 6.0
+SECONDS = 8.0
 LONG_SECONDS = 30.0
 """After the step: stick and slip about a set point may have periods of several seconds (0.04 to 0.3 Hz are
 reported in section 6.3.5)."""
@@ -63,12 +63,12 @@ def recognised(position: Floats, period: float, resolution: float) -> LimitCycle
 
 
 def _in_bursts(position: Floats, resolution: float) -> bool:
-    """A swing that dies out and comes again: some later piece swings more than an earlier one, both ways."""
+    """A swing that dies out and comes again: a piece of the second half swings more than an earlier one."""
     swings = [float(np.ptp(piece)) for piece in np.array_split(position, PIECES)]
     return any(
         later > RISE * earlier and later > 2.0 * COUNTS * resolution
         for k, earlier in enumerate(swings)
-        for later in swings[k + 1 :]
+        for later in swings[max(k + 1, PIECES // 2) :]
     )
 
 
