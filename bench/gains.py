@@ -44,7 +44,7 @@ from autotune.tuning.links import open_link
 from autotune.tuning.progress import Silent
 from autotune.tuning.run import Request, tune
 from autotune_sim.presets import preset
-from bench.gains_plant import PERIOD, DrawnAxis, draw, settled, stands, stepped, swinging
+from bench.gains_plant import PERIOD, DrawnAxis, draw, settled, stands, swinging
 
 ROOT = Path(__file__).resolve().parents[1]
 Floats = NDArray[np.float64]

@@ -14,6 +14,7 @@ from autotune.models.model_file import write_model
 from autotune.recordings.files import read_recording
 from autotune.tuning.commit import feedforward_parameters
 from autotune.tuning.findings import HOST_FILE, Yardstick, latest_run, load_findings, save_findings
+from autotune.tuning.hunting_note import hunting_note
 from autotune.tuning.preparation import own_feedforward
 from autotune.tuning.request import STAGES, Request
 from autotune.tuning.resume import stages_left, take_up
@@ -126,6 +127,8 @@ def _diagnose(request: Request, session: Session, course: Course) -> bool:
     course.findings.diagnosed = told = diagnose_stage(session, recording, found.model, reserve)
     course.findings.model = told.model
     course.notes += told.notes
+    if note := hunting_note(session, told.model or found.model):
+        course.notes.append(note)
     return True
 
 
