@@ -53,12 +53,10 @@ def gains(
     """Judge today's gains by the axis's last model, and propose better ones; nothing moves without --apply."""
     from autotune.tuning.gains import judge_axis
 
-    if not 0.0 <= dead_time <= LONGEST:
-        raise ConfigurationError(f"--dead-time is {dead_time:g} s; it must be 0 to {LONGEST:g} s")
-    if html is not None and not html.resolve().parent.is_dir():
-        raise ConfigurationError(f"there is no folder {html.parent} to write {html.name} to; make it first")
+    checked_dead_time(dead_time)
+    need_folder(html)
     axis = read_axis(axis_file)
-    held = _held(axis, axis_file, runs, needed=apply)
+    held = held_by_drive(axis, axis_file, runs, needed=apply)
     judged = judge_axis(axis, runs, held, bandwidth, dead_time)
     if html is not None:
         from autotune.view.gains_page import write_gains
@@ -73,7 +71,19 @@ def gains(
         raise typer.Exit(NOTHING)
 
 
-def _held(axis: Axis, axis_file: Path, runs: Path, needed: bool) -> dict[str, float] | None:
+def checked_dead_time(seconds: float) -> None:
+    """Raises ConfigurationError where no servo loop has such a dead time."""
+    if not 0.0 <= seconds <= LONGEST:
+        raise ConfigurationError(f"--dead-time is {seconds:g} s; it must be 0 to {LONGEST:g} s")
+
+
+def need_folder(path: Path | None) -> None:
+    """Raises ConfigurationError where a page could not be written, before the work is done."""
+    if path is not None and not path.resolve().parent.is_dir():
+        raise ConfigurationError(f"there is no folder {path.parent} to write {path.name} to; make it first")
+
+
+def held_by_drive(axis: Axis, axis_file: Path, runs: Path, needed: bool) -> dict[str, float] | None:
     """The drive's parameters; None where it cannot be asked and need not be."""
     from autotune.tuning.links import open_link
 

@@ -33,6 +33,7 @@ COMMANDS = {
     "record": "Play a programme on the axis and write the recording.",
     "serve": "Look after axes: a gentle check every day, a re-tune when one has drifted, an HTTP API.",
     "gains": "Judge today's controller gains by the model, and propose better ones.",
+    "catalogue": "Compare control structures on the twin of the axis.",
     "data": "Recordings that others made.",
     "workbench": "Look at models and recordings in the browser: compare, diagnose, add effects, save.",
     "export": "Write a model as C, a LinuxCNC component, an FMU, structured text, or tables.",

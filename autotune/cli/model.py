@@ -239,6 +239,32 @@ def show(
             answer(line)
 
 
+@model.command()
+def curves(
+    files: Annotated[
+        list[Path],
+        typer.Argument(metavar="MODEL_OR_RECORDING...", help="Models (.toml) or recordings, one a curve."),
+    ],
+    as_json: Json = False,
+    html: Html = None,
+) -> None:
+    """Steady-state friction of several lubricants, dates or temperatures side by side: does it fall with speed?"""
+    from autotune.cli.curves import curves_of
+
+    _check_folder(html)
+    found, motion_unit, torque_unit = curves_of(files)
+    if html is not None:
+        from autotune.view.curves_page import write_curves
+
+        write_curves(html, found, motion_unit, torque_unit)
+        say(f"figures: {html}")
+    if as_json:
+        answer_json({"curves": [one.as_json() for one in found], "motion_unit": motion_unit})
+        return
+    for one in found:
+        answer(one.sentence(motion_unit))
+
+
 def _effects_first(words: list[str]) -> tuple[list[str], list[Path]]:
     """What is no file, before the first that is one, names effects.
 

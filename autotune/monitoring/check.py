@@ -16,6 +16,7 @@ from autotune.monitoring.check_figures import CheckFigures, Figure, figures
 from autotune.monitoring.check_file import FILE_NAME, before_of, earlier_checks
 from autotune.monitoring.check_plan import COMPENSATED, UNCOMPENSATED, CheckPlan, plan_check
 from autotune.monitoring.drift import DriftSettings, Evidence, Verdict, judge
+from autotune.monitoring.friction_scale import scale_in_words
 from autotune.monitoring.trend import analyse
 from autotune.recordings.recording import Recording
 from autotune.tuning.committed import Committed, InForce, in_force
@@ -74,6 +75,7 @@ class CheckResult:
             },
             "friction": {"level": _figure(measured.level), **friction},
             "expected_friction": measured.expected,
+            "friction_scale": measured.scale.as_json() if measured.scale else None,
             "tracking_error": asdict(measured.tracking.error),
             "uncompensated": asdict(measured.uncompensated.error),
             "committed": self.committed.as_json() if self.committed else None,
@@ -188,6 +190,8 @@ def _result(
         reference,
     )
     verdict = judge(evidence, request.settings)
+    warmer = measured.temperature - reference
+    told = scale_in_words(measured.scale, warmer) if measured.scale else ""
     return CheckResult(
         axis.name,
         axis.fingerprint,
@@ -198,7 +202,7 @@ def _result(
         measured,
         verdict,
         present.committed,
-        (*notes, *verdict.notes),
+        (*notes, *verdict.notes, *([told[0].upper() + told[1:]] if told else [])),
     )
 
 

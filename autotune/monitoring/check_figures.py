@@ -13,6 +13,7 @@ from autotune.identify.characteristic import Points
 from autotune.identify.steady_state import steady_points
 from autotune.models.drive_model import DriveModel
 from autotune.models.total_friction import total_friction
+from autotune.monitoring.friction_scale import FrictionScale, friction_scale
 from autotune.recordings.recording import Recording, concatenate
 from autotune.tuning.proof import TrackingError, fold, tracking_error
 
@@ -55,6 +56,7 @@ class CheckFigures:
         position_noise: rms of the second difference of position over √6, on the legs [motion unit].
         torque_noise: scatter of torque within the legs [N m or N].
         missed, samples: cycles lost, and played.
+        scale: of all friction against the committed model's (5.11); None without a model.
     """
 
     level: Figure
@@ -67,6 +69,7 @@ class CheckFigures:
     torque_noise: float
     missed: int
     samples: int
+    scale: FrictionScale | None = None
 
 
 def figures(
@@ -98,6 +101,7 @@ def figures(
         _torque_noise(moving),
         int(whole.missed.sum()),
         len(whole),
+        friction_scale(points, model) if model is not None else None,
     )
 
 

@@ -16,10 +16,11 @@ from autotune.control.gains.judge import Task, Verdict, judge
 from autotune.control.gains.loop import Gains, LoopTiming, cascaded_from, of_controller
 from autotune.control.gains.members import Family, family
 from autotune.control.gains.propose import Proposal, propose
+from autotune.control.gains.recorded import held_set_points
 from autotune.control.gains.steps import step_sizes
-from autotune.control.gains.words import advice
+from autotune.control.gains.words import advice, cycle_in_words
 from autotune.core.axis import Axis
-from autotune.core.errors import ConfigurationError
+from autotune.core.errors import ConfigurationError, RecordingError
 from autotune.estimation.controller import PositionController, controller_of
 from autotune.models.drive_model import DriveModel
 from autotune.models.model_file import read_model
@@ -93,13 +94,15 @@ def _recorded(directory: Path, axis: Axis) -> PositionController:
     path = directory / EXPERIMENT
     if not path.is_file():
         raise ConfigurationError(
-            f"the profile {axis.profile} does not map the gains of axis {axis.name}, and {path} is not there to find them "
+            f"the profile {axis.profile} does not map the gains of axis {axis.name}, and {path} is not there "
+            "to find them "
             "in: run 'autotune run' again, which records it"
         )
     found = controller_of(read_recording(path))
     if not found.usable:
         raise ConfigurationError(
-            f"the gains of axis {axis.name} are in neither its profile nor its recording: {found.why} Nothing can be said "
+            f"the gains of axis {axis.name} are in neither its profile nor its recording: {found.why} Nothing "
+            "can be said "
             "about gains that nobody knows; record motion under position control with its set points (column reference)"
         )
     return found
@@ -109,6 +112,18 @@ def _gains_of(found: PositionController) -> Gains:
     if found.reference_rate < CASCADED and found.kd > 0.0:
         return cascaded_from(found.kp, found.kd, found.ki, found.derivative_filter)
     return Gains(max(found.kp, 0.0), max(found.kd, 0.0), max(found.ki, 0.0), found.derivative_filter)
+
+
+def seen_in_words(directory: Path, axis: Axis) -> str:
+    """What the run's recording shows at held set points."""
+    try:
+        seen = held_set_points(read_recording(directory / EXPERIMENT), axis.position_resolution)
+    except (RecordingError, OSError) as error:
+        return f"Whether the axis hunted in the last run is not seen: {error}."
+    if seen.cycle is None:
+        return f"In the last run's recording the axis held its set points ({seen.seconds:.1f} s of them)."
+    told = cycle_in_words(seen.cycle, axis.motion_unit)
+    return f"In the last run's recording the axis hunted at its set points, {told}."
 
 
 def timing_of(axis: Axis, held: Mapping[str, float] | None, dead_time: float = 0.0) -> LoopTiming:
@@ -149,5 +164,9 @@ def judge_axis(
     kin, task = family(known.model, timing), task_of(axis, known.model, timing)
     proposal = propose(kin, task, known.gains, bandwidth)
     current = judge(known.gains, kin, task)
-    words = (f"Gains from: {known.gains_from}.", *advice(kin, current, proposal, axis.motion_unit))
+    words = (
+        f"Gains from: {known.gains_from}.",
+        *advice(kin, current, proposal, axis.motion_unit),
+        seen_in_words(known.source.parent, axis),
+    )
     return Judged(known, kin, task, current, proposal, words)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from autotune.control.gains.loop import Gains
 from autotune.core.errors import AutotuneError, ConfigurationError
@@ -119,7 +119,10 @@ def _proved_and_kept(request: GainsRequest, session: Session) -> Applied:
     standing(loop, session.limits)
     proof, held_out, doubt = _prove(session, old, wanted)
     before, after = proof.before.peak_error, proof.after.peak_error
-    told = f"peak error on the benchmark {session.milli(before)} with today's gains, {session.milli(after)} with the proposed"
+    told = (
+        f"peak error on the benchmark {session.milli(before)} with today's gains, {session.milli(after)} with the "
+        "proposed ones"
+    )
     if doubt:
         return Applied(False, f"Nothing was written: {doubt}.", proof)
     if not request.approve(f"Proved: {told}. Write the gains to the drive for good?"):
@@ -174,8 +177,6 @@ def _prove(
 
 def _without_controller(recording: Recording) -> Recording:
     """Windows with different gains stand in one recording only where it names none."""
-    from dataclasses import replace
-
     return replace(recording, metadata=replace(recording.metadata, controller=None))
 
 

@@ -14,6 +14,7 @@ from autotune.models.model_file import write_model
 from autotune.recordings.files import read_recording
 from autotune.tuning.commit import feedforward_parameters
 from autotune.tuning.findings import HOST_FILE, Yardstick, latest_run, load_findings, save_findings
+from autotune.tuning.hunting_note import hunting_note
 from autotune.tuning.preparation import own_feedforward
 from autotune.tuning.request import STAGES, Request
 from autotune.tuning.resume import stages_left, take_up
@@ -129,6 +130,8 @@ def _diagnose(request: Request, session: Session, course: Course) -> bool:
     course.notes += told.notes
     kp = session.controller.kp if session.controller is not None else None
     refuse_two_masses(found.joint, found.estimates.get("presliding"), told.effects, kp)
+    if note := hunting_note(session, told.model or found.model):
+        course.notes.append(note)
     return True
 
 

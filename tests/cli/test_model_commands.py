@@ -19,7 +19,9 @@ def test_every_effect_is_listed_with_what_people_read(capsys: pytest.CaptureFixt
     assert not ending.value.code
     listed = json.loads(capsys.readouterr().out)["effects"]
     assert list(listed) == list(EFFECTS)
-    assert all(set(words) == {"looks_like", "cause", "remedy"} and all(words.values()) for words in listed.values())
+    assert all(
+        set(words) == {"looks_like", "cause", "remedy"} and all(words.values()) for words in listed.values()
+    )
 
 
 def test_effects_come_first_then_recordings(tmp_path: Path) -> None:

@@ -2,7 +2,7 @@
 
 It is predicted on the twin, from steps of several sizes and either direction, because a loop may hold after one
 and hunt after another; and recognised in what was measured, by the same rule: the position swings on by more than
-a few counts of its sensor, and no less in the end than before.
+a few counts of its sensor, and no less in the end than before. What creeps one way without turning is no limit cycle.
 """
 
 from __future__ import annotations
@@ -22,18 +22,22 @@ COUNTS = 6.0
 """Counts of the sensor from peak to peak: less is what rounding alone may do."""
 LASTING = 0.7
 """Of the swing before: with less, it dies out."""
-SECONDS = 6.0
+SECONDS = 8.0
 LONG_SECONDS = 30.0
 """After the step: stick and slip about a set point may have periods of several seconds (0.04 to 0.3 Hz are
 reported in section 6.3.5)."""
-BEFORE = 0.2
+BEFORE = 0.6
+"""s from power-on, with an empty integral, to the step."""
+PIECES = 6
+RISE = 3.0
+"""Times the swing of an earlier piece: it comes in bursts."""
 
 
 @dataclass(frozen=True, slots=True)
 class LimitCycle:
-    """An oscillation that lasts: half its peak-to-peak [rad or m] and its frequency [Hz] (nan: not periodic).
+    """An oscillation that lasts: half its peak-to-peak [rad or m] and its frequency [Hz], nan where it is not periodic.
 
-    `unbounded`: the state left all bounds, there is no amplitude.
+    `unbounded`: the state left all bounds, there is neither amplitude nor frequency.
     """
 
     amplitude: float
@@ -46,14 +50,26 @@ def recognised(position: Floats, period: float, resolution: float) -> LimitCycle
     third = len(position) // 3
     if third < 20:
         return None
-    middle, last = position[third : 2 * third], position[-third:]
+    middle, last, later = position[third : 2 * third], position[-third:], position[third:]
     swing, before = float(np.ptp(last)), float(np.ptp(middle))
+    if _in_bursts(later, resolution):
+        return LimitCycle(0.5 * float(np.ptp(later)), _frequency(later, period))
     if swing <= COUNTS * resolution or swing < LASTING * before:
         return None
     rate = _frequency(last, period)
     if math.isnan(rate):
-        rate = _frequency(position[third:], period)
-    return LimitCycle(0.5 * swing, rate)
+        rate = _frequency(later, period)
+    return None if math.isnan(rate) else LimitCycle(0.5 * swing, rate)
+
+
+def _in_bursts(position: Floats, resolution: float) -> bool:
+    """A swing that dies out and comes again: a piece of the second half swings more than an earlier one."""
+    swings = [float(np.ptp(piece)) for piece in np.array_split(position, PIECES)]
+    return any(
+        later > RISE * earlier and later > 2.0 * COUNTS * resolution
+        for k, earlier in enumerate(swings)
+        for later in swings[max(k + 1, PIECES // 2) :]
+    )
 
 
 def _frequency(position: Floats, period: float) -> float:
@@ -72,7 +88,8 @@ def after_step(
     model: DriveModel, gains: Gains, timing: LoopTiming, size: float, seconds: float = SECONDS
 ) -> LimitCycle | None:
     """What is left `seconds` after a step of `size` [rad or m] on the twin."""
-    motion = follow(model, gains, timing, step_reference(size, BEFORE, seconds, timing))
+    reference = step_reference(size, BEFORE, seconds, timing)
+    motion = follow(model, gains, timing, reference, held_offset=False)
     if not motion.bounded:
         return LimitCycle(math.inf, math.nan, unbounded=True)
     after = motion.position[round(BEFORE / timing.period) :]

@@ -11,7 +11,7 @@ from autotune.control.gains.members import Family, Member
 from autotune.control.gains.regimes import REGIMES, Regime, linear_axis
 from autotune.control.gains.sampled import Margins, margins, sampled_axis, torque_noise
 from autotune.control.gains.steps import StepSizes, settling_time, stop_time
-from autotune.control.gains.stick_slip import SlowMotion, slow_motion
+from autotune.control.gains.stick_slip import SlowMotion, slow_at, slow_motion
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +35,7 @@ class Verdict:
         nominal: margins of the nominal axis by regime; `worst` the least over the family, with its member.
         cycle: hunting on the nominal axis; None where it holds.
         hunting_members: those that hunt, of the family.
+        sticking_members: those that stick-slip, and `stick_slip_below` the speed that all of them keep above.
         small_settling, large_settling: on the nominal axis [s].
         stop_seconds: standstill where the reference turns at the task's speed [s].
         noise: step of the torque that one count makes [N m or N].
@@ -47,6 +48,7 @@ class Verdict:
     hunting_members: tuple[str, ...]
     slow: SlowMotion
     sticking_members: tuple[str, ...]
+    stick_slip_below: float
     small_settling: float
     large_settling: float
     stop_seconds: float
@@ -91,7 +93,7 @@ class Verdict:
             "hunts": self.hunts,
             "hunting_frequency_hz": cycle.frequency if cycle else None,
             "hunting_amplitude": cycle.amplitude if cycle else None,
-            "stick_slip_below": self.slow.below,
+            "stick_slip_below": self.stick_slip_below,
             "settling_time": self.settling,
             "settling_time_small": self.small_settling,
             "settling_time_large": self.large_settling,
@@ -109,11 +111,8 @@ def judge(gains: Gains, kin: Family, task: Task) -> Verdict:
     cycle = predicted(nominal.model, gains, nominal.timing, sizes)
     hunting = [one.what for one in kin.members[1:] if _hunts(one, gains, sizes)]
     slow = slow_motion(nominal.model, gains, nominal.timing, task.speed)
-    sticking = [
-        one.what
-        for one in kin.members[1:]
-        if slow_motion(one.model, gains, one.timing, task.speed).below > 0.0
-    ]
+    others = {one.what: slow_at(one.model, gains, one.timing, slow.speeds).below for one in kin.members[1:]}
+    sticking = [what for what, below in others.items() if below > 0.0]
     small, large = (settling_time(nominal.model, gains, nominal.timing, size) for size in sizes[::-1])
     return Verdict(
         gains=gains,
@@ -123,6 +122,7 @@ def judge(gains: Gains, kin: Family, task: Task) -> Verdict:
         hunting_members=tuple((["nominal"] if cycle else []) + hunting),
         slow=slow,
         sticking_members=tuple((["nominal"] if slow.below > 0.0 else []) + sticking),
+        stick_slip_below=max([slow.below, *others.values()]),
         small_settling=small,
         large_settling=large,
         stop_seconds=stop_time(nominal.model, gains, nominal.timing, task.speed),

@@ -22,6 +22,7 @@ LEAST = 0.05
 """Relative, of an interval: friction and inertia of one machine differ by as much from day to day."""
 ASSUMED = 0.2
 """Relative, where the model has no standard error: the reproducibility of Table 6.2."""
+NOMINAL = "nominal"
 MOST = 0.6
 """Relative: a parameter that nothing was said about may not turn its sign."""
 
@@ -67,7 +68,7 @@ def family(model: DriveModel, timing: LoopTiming) -> Family:
             f"the model's torque is in {model.torque_unit}; gains are judged in N m or N. Import the recordings with "
             "the torque constant and fit the model again"
         )
-    members = [Member("nominal", model, timing)]
+    members = [Member(NOMINAL, model, timing)]
     assumed: list[str] = []
     for name, keys in _GROUPS:
         present = [one for one in model.parameters if _in_group(one, keys) and model[one] > 0.0]

@@ -52,7 +52,7 @@ def sticks_at(model: DriveModel, gains: Gains, timing: LoopTiming, speed: float)
     way = 40.0 * max(characteristic_space(model), 20.0 * timing.resolution)
     seconds = min(max(way / speed, 1.0), LONGEST)
     count = round(seconds / timing.period)
-    motion = follow(model, gains, timing, np.arange(count) * speed * timing.period)
+    motion = follow(model, gains, timing, np.arange(count, dtype=np.float64) * (speed * timing.period))
     return not motion.bounded or stands_often(motion.position, speed, timing)
 
 
@@ -69,5 +69,9 @@ def stands_often(position: Floats, speed: float, timing: LoopTiming) -> bool:
 
 def slow_motion(model: DriveModel, gains: Gains, timing: LoopTiming, fastest: float) -> SlowMotion:
     """Looks at `SPEEDS` speeds up to `fastest`."""
-    speeds = slow_speeds(model, timing, fastest)
+    return slow_at(model, gains, timing, slow_speeds(model, timing, fastest))
+
+
+def slow_at(model: DriveModel, gains: Gains, timing: LoopTiming, speeds: Floats) -> SlowMotion:
+    """Looks at given speeds, rising, shape (n,)."""
     return SlowMotion(speeds, tuple(sticks_at(model, gains, timing, float(speed)) for speed in speeds))

@@ -135,13 +135,17 @@ def follow(
     reference: Floats,
     feedforward: Floats | None = None,
     disturbance: Floats | None = None,
+    held_offset: bool = True,
 ) -> Motion:
-    """Plays a reference [rad], shape (n,), on the twin, from rest at its first value with the offset held."""
+    """Plays a reference [rad], shape (n,), on the twin, from rest at its first value.
+
+    With `held_offset` the integral holds the offset already; else it is empty, as when power comes on.
+    """
     packed = model.pack()
     zero = np.zeros(len(reference))
     state = np.zeros(layout.STATES)
     state[POSITION] = reference[0]
-    start = model["offset"]
+    start = model["offset"] if held_offset else 0.0
     depth = int(timing.dead_time / timing.period + 1e-9) + 2
     held = np.full(depth, start)
     loop = np.zeros(12)

@@ -1,0 +1,76 @@
+"""Hunting and stick-slip: recognised in records, predicted on the twin, and true on the simulator's plant."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from autotune.control.gains.hunting import after_step, predicted, recognised
+from autotune.control.gains.loop import Gains
+from autotune.control.gains.routh import pid_conditions
+from autotune.control.gains.stick_slip import slow_motion
+from tests.control.gains_axis import HOLDS, HUNTS, TIMING, lugre, on_the_plant, vertical
+
+COUNT = TIMING.resolution
+
+
+def record(seconds: float = 6.0) -> np.ndarray:
+    return np.arange(round(seconds / TIMING.period)) * TIMING.period
+
+
+def test_a_swing_is_told_with_frequency_and_amplitude() -> None:
+    found = recognised(0.01 * np.sin(2.0 * math.pi * 7.3 * record()), TIMING.period, COUNT)
+    assert found is not None
+    assert found.frequency == pytest.approx(7.3, rel=0.02)
+    assert found.amplitude == pytest.approx(0.01, rel=0.02)
+
+
+@pytest.mark.parametrize("name", ["rests", "rounds", "dies out", "creeps"])
+def test_what_is_no_limit_cycle(name: str) -> None:
+    time = record()
+    shapes = {
+        "rests": np.zeros_like(time),
+        "rounds": COUNT * np.round(1.4 * np.sin(60.0 * time)),
+        "dies out": 0.05 * np.exp(-2.0 * time) * np.sin(40.0 * time),
+        "creeps": 1e-3 * time,
+    }
+    assert recognised(shapes[name], TIMING.period, COUNT) is None
+
+
+def test_bursts_are_hunting_too() -> None:
+    time = record()
+    bursts = 0.02 * np.sin(40.0 * time) * ((time % 1.9) < 0.3)
+    assert recognised(bursts, TIMING.period, COUNT) is not None
+
+
+def test_the_vertical_axis_hunts_with_ki_2000_and_is_told_before() -> None:
+    """About ±90 mrad at 26.5 Hz on the plant; the twin knows it within 10 % and 25 %."""
+    plant = recognised(on_the_plant(HUNTS, 0.2, 4.0), TIMING.period, COUNT)
+    assert plant is not None
+    assert plant.amplitude == pytest.approx(0.09, rel=0.1)
+    assert plant.frequency == pytest.approx(26.5, rel=0.05)
+    twin = predicted(vertical(), HUNTS, TIMING, (0.2,))
+    assert twin is not None
+    assert twin.frequency == pytest.approx(plant.frequency, rel=0.1)
+    assert twin.amplitude == pytest.approx(plant.amplitude, rel=0.25)
+
+
+def test_with_ki_1000_friction_holds_it_although_routh_fails() -> None:
+    assert recognised(on_the_plant(HOLDS, 0.2, 4.0), TIMING.period, COUNT) is None
+    assert predicted(vertical(), HOLDS, TIMING, (0.2,)) is None
+    assert not pid_conditions(vertical(), HOLDS).sliding_stable
+    assert not pid_conditions(vertical(), HUNTS).sliding_stable
+
+
+def test_a_loop_that_runs_away_is_told() -> None:
+    found = after_step(lugre(), Gains(50.0, 3.0), TIMING, 0.2)
+    assert found is not None
+
+
+def test_falling_friction_stick_slips_with_soft_gains_only() -> None:
+    soft = slow_motion(lugre(0.25, 0.5), Gains(2.0, 0.005, 20.0), TIMING, 1.0)
+    stiff = slow_motion(lugre(0.3, 0.31), Gains(60.0, 0.15, 2000.0), TIMING, 1.0)
+    assert soft.below > 0.0
+    assert stiff.below == 0.0

@@ -1,0 +1,165 @@
+"""Gains into a drive: proved in turn, kept, rolled back; killed anywhere, never mixed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import datetime
+from pathlib import Path
+from random import Random
+
+import pytest
+
+from autotune.control.gains.loop import Gains, Notch
+from autotune.core.axis import Axis, read_axis
+from autotune.core.errors import ConfigurationError, DriveError
+from autotune.core.paths import config_directory
+from autotune.tuning.commit import commit
+from autotune.tuning.gains_apply import GainsRequest, apply_gains, written_as
+from autotune.tuning.journal import Journal, unfinished
+from autotune.tuning.links import open_link
+from autotune.tuning.progress import Silent
+from autotune.tuning.recovery import recover
+from autotune.tuning.rollback import roll_back
+from tests.tuning import cut_rig
+from tests.tuning.test_commit import CuttingLoop, Dead, MemoryDrive
+
+NOW = datetime(2026, 11, 20, 4, 0, 0)
+OLD = {"controller.kp": 60.0, "controller.kd": 0.15, "controller.ki": 6000.0}
+NEW = {"controller.kp": 75.0, "controller.kd": 0.3, "controller.ki": 15000.0}
+BETTER, WORSE = Gains(75.0, 0.3, 15000.0), Gains(20.0, 0.05, 300.0)
+
+
+def axis_in(folder: Path) -> Axis:
+    text = (config_directory() / "axes" / "simulated.toml").read_text(encoding="utf-8")
+    path = folder / "axis.toml"
+    path.write_text(text.replace("runs/simulated-drive.json", "drive.json"), encoding="utf-8")
+    return read_axis(path)
+
+
+def request(folder: Path, gains: Gains, approve: Callable[[str], bool] = lambda said: True) -> GainsRequest:
+    axis = axis_in(folder)
+    return GainsRequest(
+        axis,
+        lambda: open_link(axis, folder, folder / "runs"),
+        folder / "runs",
+        Silent(),
+        lambda: NOW,
+        gains=gains,
+        approve=approve,
+    )
+
+
+def held(folder: Path) -> dict[str, float]:
+    loop = open_link(axis_in(folder), folder)
+    try:
+        return loop.read_parameters(sorted(OLD))
+    finally:
+        loop.close()
+
+
+def test_better_gains_are_kept_and_rolled_back(tmp_path: Path) -> None:
+    applied = apply_gains(request(tmp_path, BETTER))
+    assert applied.kept, applied.sentence
+    assert held(tmp_path) == pytest.approx(NEW, rel=1e-6)
+    axis = axis_in(tmp_path)
+    roll_back(axis, lambda: open_link(axis, tmp_path), tmp_path / "runs", NOW)
+    assert held(tmp_path) == pytest.approx(OLD, rel=1e-6)
+
+
+def test_worse_gains_are_not_written(tmp_path: Path) -> None:
+    applied = apply_gains(request(tmp_path, WORSE))
+    assert not applied.kept
+    assert "not better beyond doubt" in applied.sentence
+    assert held(tmp_path) == pytest.approx(OLD, rel=1e-6)
+    assert not unfinished(tmp_path / "runs", axis_in(tmp_path).name)
+
+
+def test_what_a_drive_cannot_hold_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match="does not map controller"):
+        written_as(BETTER, {"feedforward.enabled": 0.0})
+    with pytest.raises(ConfigurationError, match="set the others at the drive by hand"):
+        written_as(Gains(1.0, 1.0, notch=Notch(100.0)), OLD)
+
+
+class GainsDrive(MemoryDrive):
+    """Holds gains and a feedforward that is switched off for the run."""
+
+    def __init__(self) -> None:
+        self.volatile = {**OLD, "feedforward.enabled": 0.0}
+        self.stored = {**OLD, "feedforward.enabled": 1.0}
+
+
+def begin(runs: Path, name: str = "20261120-040000-axis") -> Journal:
+    directory = runs / name
+    directory.mkdir(parents=True)
+    return Journal.begin(directory, "axis", "f00", NOW)
+
+
+def attempted(drive: GainsDrive, runs: Path, cut: int, good: bool = True) -> bool:
+    journal = begin(runs)
+    journal.note(changed={"feedforward.enabled": 1.0}, during={"feedforward.enabled": 0.0})
+    return commit(CuttingLoop(drive, cut, Dead), NEW, journal, runs, NOW, lambda: good)
+
+
+def test_what_was_switched_off_for_the_run_is_not_stored_as_off(tmp_path: Path) -> None:
+    drive = GainsDrive()
+    assert attempted(drive, tmp_path, -1)
+    assert drive.stored == {**NEW, "feedforward.enabled": 1.0}
+
+
+@pytest.mark.parametrize("power_cycle", [False, True])
+@pytest.mark.parametrize("good", [False, True])
+def test_killed_at_any_operation_never_mixed(tmp_path: Path, good: bool, power_cycle: bool) -> None:
+    for cut in range(60):
+        drive, runs = GainsDrive(), tmp_path / str(cut)
+        try:
+            attempted(drive, runs, cut, good)
+        except (Dead, DriveError):
+            pass
+        else:
+            break
+        if power_cycle:
+            drive.power_cycle()
+        recover(CuttingLoop(drive), runs, begin(runs, "20261120-050000-axis"))
+        gains = {name: drive.volatile[name] for name in OLD}
+        assert gains in (OLD, NEW), cut
+        assert gains == {name: drive.stored[name] for name in OLD}, cut
+    else:
+        pytest.fail("the commit never came to its end")
+
+
+class GainsRig(cut_rig.Rig):
+    """The simulated drive behind its wire, seen by its gains (2000h)."""
+
+    def volatile(self) -> dict[str, float]:
+        return {name: float(self.device.objects[0x2000, k].value) for k, name in enumerate(cut_rig.BLOCK, 1)}
+
+    def stored(self) -> dict[str, float]:
+        values, entries = self.memory.read(), self.device.objects
+        return {
+            n: float(entries[0x2000, k].decode(values[0x2000, k])) for k, n in enumerate(cut_rig.BLOCK, 1)
+        }
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_killed_over_the_wire_never_mixed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
+    use_gains(monkeypatch.setattr)
+    wrong = cuts(tmp_path, 6, seed)
+    assert not wrong
+
+
+def use_gains(put: Callable[[object, str, object], None]) -> None:
+    """The rig commits gains instead of a feedforward."""
+    put(cut_rig, "Rig", GainsRig)
+    put(cut_rig, "BLOCK", ("kp", "kd", "ki"))
+    put(cut_rig, "OLD", {"kp": 60.0, "kd": 0.125, "ki": 6000.0})
+    put(cut_rig, "NEW", {"kp": 75.0, "kd": 0.25, "ki": 15000.0})
+    put(cut_rig, "parameters", lambda block: {f"controller.{name}": value for name, value in block.items()})
+
+
+def cuts(folder: Path, places: int, seed: int) -> list[str]:
+    """What went wrong of so many commits cut at random bytes, in words."""
+    random, stored = Random(seed), cut_rig.factory()
+    whole = cut_rig.length(stored, folder / "whole")
+    endings = [cut_rig.play(cut_rig.Case.draw(random, whole), stored, folder / str(k)) for k in range(places)]
+    return [ending.wrong for ending in endings if ending.wrong]
