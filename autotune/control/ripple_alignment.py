@@ -98,7 +98,7 @@ def resolved(model: Mapping[int, complex], rest: Lines) -> dict[int, complex]:
         near = {n: max(abs(side) for side in rest[n]) for n in around(group, max(rest)) if n in rest}
         largest = max(near.values())
         lines = [n for n, size in near.items() if size >= OF_THE_LARGEST * largest]
-        if set(lines) == set(group):
+        if set(lines) == set(group) or len(lines) > len(group):  # where all are alike, none stands out
             found |= {n: model[n] for n in group}
             continue
         total = math.sqrt(sum(abs(model[n]) ** 2 for n in group))

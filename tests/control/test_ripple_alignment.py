@@ -84,6 +84,10 @@ def test_a_wave_that_a_model_has_split_into_its_neighbours_is_put_where_the_axis
     assert found[72] == model[72]
     assert abs(found[144]) == pytest.approx(0.01)
     assert resolved({72: 0.01 + 0j}, rest) == {72: 0.01 + 0j}
+    noise = dict.fromkeys(around([25], 256), (1e-06 + 0j, 0.000001j))
+    assert resolved({25: 1e-4 + 0j}, noise) == {
+        25: 1e-4 + 0j
+    }  # nothing stands out: left where the model has it
 
 
 def test_neighbours_stay_inside_what_the_drive_holds() -> None:
