@@ -16,7 +16,7 @@ from autotune.tuning.links import open_link
 from autotune.tuning.progress import Silent
 from autotune.tuning.proof import fold
 from autotune.tuning.run import Request, tune
-from autotune.tuning.stage_prove import windows_of
+from autotune.tuning.stage_prove import AFTER, BEFORE, COMMITTED, windows_of
 from autotune.view.data import BeforeAfter
 from autotune.view.svg import before_after_svg
 
@@ -32,21 +32,26 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as scratch:
         runs = Path(scratch)
         result = tune(Request(axis, lambda: open_link(axis, runs), runs, Silent(), datetime.now))
-        proof = read_recording(result.run_directory / "recordings" / "proof.parquet")
+        recordings = result.run_directory / "recordings"
+        proof = read_recording(recordings / "proof.parquet")
+        alone = read_recording(recordings / "committed.parquet")
     samples = round(1.0 / (axis.benchmark.frequency * proof.period))
     errors = {
         label: np.array(
-            [fold(w["reference"] - w["position"], samples).mean(axis=0) for w in windows_of(proof, label)]
+            [fold(w["reference"] - w["position"], samples).mean(axis=0) for w in windows_of(rows, label)]
         )
-        for label in ("before", "after")
+        for rows, label in ((proof, BEFORE), (proof, AFTER), (alone, COMMITTED))
     }
     shown = BeforeAfter(
         np.asarray(np.arange(samples) * proof.period),
         fold(windows_of(proof, "before")[0]["reference"], samples).mean(axis=0),
-        errors["before"],
-        errors["after"],
+        errors[BEFORE],
+        errors[AFTER],
         axis.position_resolution,
         axis.motion_unit,
+        after_name="while a host plays",
+        committed=errors[COMMITTED],
+        committed_name="in the drive",
     )
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "before-after.svg").write_text(before_after_svg(shown), encoding="utf-8")

@@ -200,6 +200,21 @@ def _show(result: RunResult, as_json: bool) -> None:
         answer_json(result.as_json())
         return
     answer(result.verdict)
+    for line in _headline(result):
+        answer(f"  {line}")
     for note in result.notes:
         answer(f"  {note}")
     answer(f"Report: {result.run_directory / 'report.html'}")
+
+
+def _headline(result: RunResult) -> list[str]:
+    """What is in the drive, then what a host adds while it plays; nothing where no proof was reached."""
+    here, host, unit = result.in_drive, result.host_adds, result.motion_unit
+    before, alone = here.get("peak_error_before"), here.get("peak_error")
+    if before is None or alone is None or not host:
+        return []
+    keeps = ", ".join(here["keeps"]) or "nothing"
+    gone = here.get("ripple_removed")
+    ripple = f"; {100 * gone:.0f} % of the torque ripple gone" if gone is not None else ""
+    lines = [f"In the drive: {keeps}: peak error {1e3 * before:.2f} -> {1e3 * alone:.2f} m{unit}{ripple}"]
+    return [*lines, f"While a host plays: {1e3 * host['peak_error']:.2f} m{unit}"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 
@@ -17,13 +17,17 @@ SCHEMA_VERSION = 1
 
 @dataclass(frozen=True, slots=True)
 class Backup:
-    """Parameters of one drive at one time. `identity` tells drives of the same axis name apart."""
+    """Parameters of one drive at one time. `identity` tells drives of the same axis name apart.
+
+    `alignment`: what moves the zero from which the drive counts a turn, where it holds torque over position.
+    """
 
     id: str
     axis: str
     taken: str
     identity: Mapping[str, int | str]
     parameters: Mapping[str, float]
+    alignment: Mapping[str, float] = field(default_factory=dict)
 
 
 def take_backup(
@@ -32,6 +36,7 @@ def take_backup(
     identity: Mapping[str, int | str],
     parameters: Mapping[str, float],
     now: datetime,
+    alignment: Mapping[str, float] | None = None,
 ) -> Backup:
     """Writes a backup below `store` and reads it back before anything may rely on it.
 
@@ -41,14 +46,21 @@ def take_backup(
     folder = store / "backups" / axis
     folder.mkdir(parents=True, exist_ok=True)
     stamp = stamp_after(backup_ids(store, axis), now)
-    backup = Backup(f"{stamp}-1", axis, now.isoformat(timespec="seconds"), dict(identity), dict(parameters))
+    backup = Backup(
+        f"{stamp}-1",
+        axis,
+        now.isoformat(timespec="seconds"),
+        dict(identity),
+        dict(parameters),
+        dict(alignment or {}),
+    )
     content = {
         "schema": SCHEMA_VERSION,
         "axis": axis,
         "taken": backup.taken,
         "identity": dict(identity),
         "parameters": dict(parameters),
-    }
+    } | ({"alignment": dict(alignment)} if alignment else {})
     path = folder / f"{backup.id}.json"
     try:
         write_checked(path, content)
@@ -74,7 +86,8 @@ def load_backup(store: Path, axis: str, identifier: str) -> Backup:
         content = read_checked(path, "backup")
         texts = texts_of(content, "axis", "taken")
         parameters, identity = numbers_of(content["parameters"]), dict(content["identity"])
-        return Backup(identifier, texts["axis"], texts["taken"], identity, parameters)
+        alignment = numbers_of(content.get("alignment", {}))
+        return Backup(identifier, texts["axis"], texts["taken"], identity, parameters, alignment)
     except (ConfigurationError, KeyError, TypeError, ValueError) as error:
         raise ConfigurationError(
             f"backup {path} is damaged and is not used ({error}); choose another one with --to"

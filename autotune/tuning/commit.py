@@ -12,10 +12,13 @@ from pathlib import Path
 
 from autotune.core.errors import AutotuneError, ConfigurationError, DriveError
 from autotune.core.loop import Loop
+from autotune.core.ripple_parameters import GAIN, alignment_of, is_ripple, moved
 from autotune.tuning.backup import Backup, take_backup
 from autotune.tuning.journal import CommitPhase, Journal
 
 RELATIVE_RESOLUTION = 1e-4
+SWITCHES = ("feedforward.enabled", GAIN)
+"""What is off while the rest is written."""
 COARSEST = 0.02  # a drive whose parameters have whole steps may hold this much beside what is wanted
 
 
@@ -62,7 +65,8 @@ def commit(
         raise ConfigurationError(
             f"the drive cannot hold {', '.join(unknown)}; it holds {', '.join(present) or 'none'}"
         )
-    backup = take_backup(store, journal.state.axis, loop.identity, present, now)
+    zero = alignment_of(loop.read_parameters())
+    backup = take_backup(store, journal.state.axis, loop.identity, present, now, zero)
     journal.note(
         identity=dict(loop.identity), backup=backup.id, phase=CommitPhase.WRITING, written=dict(values)
     )
@@ -92,13 +96,14 @@ def write_verified(loop: Loop, values: Mapping[str, float]) -> dict[str, float]:
     Raises:
         DriveError: it holds something else.
     """
-    enabled = "feedforward.enabled"
-    if enabled in values and loop.read_parameters([enabled])[enabled]:
-        loop.write_parameters({enabled: 0.0})
-    loop.write_parameters({name: value for name, value in values.items() if name != enabled})
-    verify(loop, {name: value for name, value in values.items() if name != enabled}, COARSEST)
-    if enabled in values:
-        loop.write_parameters({enabled: values[enabled]})
+    switches = {name: values[name] for name in SWITCHES if name in values}
+    for name in switches:
+        if loop.read_parameters([name])[name]:
+            loop.write_parameters({name: 0.0})
+    rest = {name: value for name, value in values.items() if name not in switches}
+    loop.write_parameters(rest)
+    verify(loop, rest, COARSEST)
+    loop.write_parameters(switches)
     return verify(loop, values, COARSEST)
 
 
@@ -142,13 +147,32 @@ def verify(
     return held
 
 
+def must_be_aligned(loop: Loop, backup: Backup) -> None:
+    """Ripple acts from the drive's commutation: where that has moved, what was held before acts at the wrong places.
+
+    Raises:
+        ConfigurationError: the backup holds ripple, and the commutation is not what it was then.
+    """
+    holds = any(value for name, value in backup.parameters.items() if is_ripple(name) and name != GAIN)
+    if not (backup.alignment and holds and backup.parameters.get(GAIN)):
+        return
+    changed = moved(backup.alignment, loop.read_parameters(list(backup.alignment)))
+    if changed:
+        raise ConfigurationError(
+            f"backup {backup.id} holds torque over position that was aligned with another commutation "
+            f"({'; '.join(changed)}): it would act at the wrong places. Nothing of it was written. Set the commutation "
+            "back, or run 'autotune run' anew, which aligns it"
+        )
+
+
 def put_back(loop: Loop, backup: Backup, journal: Journal) -> None:
     """Writes and stores the backup, then closes the transaction in the journal.
 
     Raises:
         DriveError: the drive could not be restored now, or the journal cannot say that it was; it stays open
-            for the next start.
+            for the next start. ConfigurationError: see `must_be_aligned`.
     """
+    must_be_aligned(loop, backup)
     try:
         write_verified(loop, backup.parameters)
         if journal.state.phase is not CommitPhase.WRITING:

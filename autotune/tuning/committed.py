@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from autotune.core.axis import Axis
 from autotune.core.errors import ConfigurationError
+from autotune.core.ripple_parameters import moved
 from autotune.models.drive_model import DriveModel
 from autotune.models.model_file import read_model
 from autotune.tuning.accepted import accepted_since
@@ -26,12 +27,14 @@ class Committed:
         peak_error: on the benchmark, as re-measured after the commit [motion unit]; None if not known.
         parameters: feedforward parameters written.
         accepted: a later run that found nothing better; model and peak error are then its own. "" for none.
+        alignment: what moves the zero of the ripple among them, as it was; empty where there is none.
     """
 
     run: str
     peak_error: float | None
     parameters: dict[str, float]
     accepted: str = ""
+    alignment: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def baseline(self) -> str:
@@ -64,7 +67,7 @@ def in_force(runs: Path, axis: Axis, held: Mapping[str, float]) -> InForce:
     if not kept:
         return InForce()
     path, committed = kept[0]
-    holds = _agrees(committed.parameters, held)
+    holds = _agrees(committed.parameters, held) and not moved(committed.alignment, held)
     accepted = accepted_since(runs, axis, committed.run)
     if accepted is not None:
         path = accepted.directory
@@ -95,7 +98,10 @@ def _committed(directory: Path, content: Mapping[str, Any]) -> Committed:
     if (content.get("reduction") or {}).get("host"):
         measured = {}  # with what the host played beside the drive, which no check plays
     return Committed(
-        directory.name, measured.get("peak_error"), dict(content.get("feedforward") or {}) | {ENABLED: 1.0}
+        directory.name,
+        measured.get("peak_error"),
+        dict(content.get("feedforward") or {}) | {ENABLED: 1.0},
+        alignment=(content.get("in_drive") or {}).get("alignment") or {},
     )
 
 

@@ -19,7 +19,7 @@ from autotune.tuning.diagnosis_pages import diagnosis_pictures, diagnosis_tables
 from autotune.tuning.findings import Findings
 from autotune.tuning.objects import objects_of
 from autotune.tuning.outcome import Outcome, RunResult
-from autotune.tuning.parameter_tables import feedforward_table, held_out_table, identified_table
+from autotune.tuning.parameter_tables import feedforward_table, held_out_table, identified_table, ripple_table
 from autotune.tuning.proof import fold
 from autotune.tuning.stage_prove import COMMITTED, windows_of
 from autotune.view import data
@@ -38,7 +38,8 @@ NEXT_STEPS = {
     Outcome.HOST_ONLY: (
         "The drive is as it was, and does what it did before. The gain is there only while a host plays the "
         "feedforward as torque offset in every cycle; without one nothing has changed.",
-        "To have it in the drive itself, use a drive or a profile that holds a feedforward.",
+        "'autotune export' with this run's folder writes it for the controller that you have: C, LinuxCNC, FMU, "
+        "structured text, a TwinCAT table or CSV. To have it in the drive itself, use one that holds a feedforward.",
     ),
     Outcome.ROLLED_BACK: (
         "The drive is as it was. Look at the committed window in run.rrd: something changed after the proof.",
@@ -263,6 +264,8 @@ def _tables(material: Material) -> list[Table]:
         tables.append(identified_table(result))
     if result.feedforward:
         tables.append(feedforward_table(result, material.findings, objects_of(material.axis.profile)))
+    if (ripple := ripple_table(material.findings, result.outcome is Outcome.KEPT)) is not None:
+        tables.append(ripple)
     if result.held_out:
         tables.append(held_out_table(result))
     tables += diagnosis_tables(material.findings, unit)

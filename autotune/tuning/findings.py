@@ -28,6 +28,7 @@ from autotune.tuning.stage_diagnose import Diagnosed
 from autotune.tuning.stage_identify import Start
 from autotune.tuning.stage_model import ModelAdapted
 from autotune.tuning.stage_prove import Proved
+from autotune.tuning.stage_ripple import RipplePlan
 
 FILE_NAME = "findings.json"
 SCHEMA_VERSION = 1
@@ -45,10 +46,14 @@ NEEDS = {
 
 @dataclass(frozen=True, slots=True)
 class Planned:
-    """Parameters that go into the drive, decided in an earlier stage or run; `host`: it plays the rest."""
+    """Parameters that go into the drive, decided in an earlier stage or run; `host`: it plays the rest.
+
+    `alignment`: what moves the zero of the ripple among them, as it was when that was found.
+    """
 
     values: dict[str, float]
     host: bool = False
+    alignment: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -82,7 +87,8 @@ class Findings:
 
     `model` is the diagnosed one. `proposed` is what a drive's block can hold; `proposed_model` goes to the
     proof in its place where it is better beyond doubt. `better` is the verdict; `planned` goes into the drive,
-    where that is not just what is proposed; `held` is in the drive then, `held_before` was before.
+    where that is not just what is proposed; `held` is in the drive then, `held_before` was before. `ripple` is what
+    the drive takes of it, `ripple_removed` the share that was gone when it was measured after writing.
     """
 
     start: Start | None = None
@@ -101,6 +107,8 @@ class Findings:
     held_out: HeldOutError | None = None
     reduction: Reduction | None = None
     planned: Planned | None = None
+    ripple: RipplePlan | None = None
+    ripple_removed: float | None = None
     held: dict[str, float] = field(default_factory=dict)
     held_before: dict[str, float] = field(default_factory=dict)
 
@@ -229,7 +237,9 @@ def _taken_up(content: dict[str, Any], stage: str) -> Findings:
         findings.yardstick = Yardstick.from_json(content["proof"])
     if stage == "commit" and "planned" in content:
         planned = content["planned"]
-        findings.planned = Planned(numbers_of(planned["values"]), planned.get("host", False) is True)
+        values = numbers_of(planned["values"])
+        zero = numbers_of(planned.get("alignment", {}))
+        findings.planned = Planned(values, planned.get("host", False) is True, zero)
     return findings
 
 

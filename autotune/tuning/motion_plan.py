@@ -8,17 +8,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from autotune.core.axis import Axis
+from autotune.core.errors import ConfigurationError
 from autotune.experiments.diagnosis import confirmation
 from autotune.experiments.experiment import Experiment
 from autotune.experiments.held_out import HeldOut
 from autotune.experiments.path import Motion
 from autotune.experiments.programmes import build
+from autotune.experiments.ripple_sweep import RippleSweep, sweep_of
 from autotune.experiments.sines import BenchmarkSine
+from autotune.tuning.holdings import holding_of
 from autotune.tuning.request import STAGES
 from autotune.tuning.stage_adapt import LONGEST_SECONDS, REFINEMENT_STEPS, window_seconds
 from autotune.tuning.stage_diagnose import SECONDS, SEED
 from autotune.tuning.stage_identify import BASELINE_PERIODS
 from autotune.tuning.stage_prove import committed_seconds, proof_seconds
+from autotune.tuning.stage_ripple import SWEEPS
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,8 +78,23 @@ def _stage(axis: Axis, stage: str) -> tuple[Sequence[Experiment], float] | None:
     if stage == "prove":
         return (sine, held_out), proof_seconds(motion, benchmark)
     if stage == "commit":
-        return (sine, held_out), committed_seconds(motion, benchmark)
+        sweeps = _sweeps(axis, motion)
+        seconds = committed_seconds(motion, benchmark) + sum(sweep.duration for sweep in sweeps)
+        return (sine, held_out, *sweeps), seconds
     return None
+
+
+def _sweeps(axis: Axis, motion: Motion) -> list[RippleSweep]:
+    """Those that align torque ripple, at the highest speed that they may have; none where the drive holds none."""
+    holding = holding_of(axis.profile)
+    if motion.revolution is None or holding is None or not holding.ripple:
+        return []
+    sweep = sweep_of(motion, 1)
+    try:
+        sweep.requirements(axis.limits)
+    except ConfigurationError:
+        return []  # no room for a turn: the ripple stays with the host, and nothing is swept
+    return [sweep] * SWEEPS
 
 
 def planned(experiments: Sequence[Experiment], axis: Axis) -> MotionPlan:

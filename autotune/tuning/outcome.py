@@ -35,6 +35,9 @@ class RunResult:
 
     Attributes:
         verdict: one to three sentences in plain words.
+        in_drive: what is in the drive and acts without a host: `keeps` (names), `peak_error` before and with it,
+            `ripple_removed` (share, as measured); empty `keeps` where nothing is.
+        host_adds: what a host reaches beyond that while it plays: `peak_error`, `file`, what it has to play.
         before, after: on the benchmark, without and with what is proposed (played by the host); None where not
             measured.
         improvement: mean fall of the peak error and its interval, or None.
@@ -59,6 +62,8 @@ class RunResult:
     started: str
     machine_seconds: float
     run_directory: Path
+    in_drive: Mapping[str, Any] = field(default_factory=dict)
+    host_adds: Mapping[str, Any] = field(default_factory=dict)
     before: TrackingError | None = None
     after: TrackingError | None = None
     improvement: Mapping[str, Any] | None = None
@@ -90,7 +95,8 @@ class RunResult:
 
     def as_json(self) -> dict[str, Any]:
         """The object of `run --json` and run.json."""
-        content = asdict(self)
+        content: dict[str, Any] = {"outcome": self.outcome.value, "verdict": self.verdict}
+        content |= {"in_drive": dict(self.in_drive), "host_adds": dict(self.host_adds)} | asdict(self)
         content |= {
             "schema": SCHEMA_VERSION,
             "outcome": self.outcome.value,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from autotune.core.ripple_parameters import is_ripple
 from autotune.models.drive_model import surface_parameter
 from autotune.tuning.findings import Findings
 from autotune.tuning.outcome import Outcome, RunResult
@@ -46,7 +47,11 @@ def _with_interval(one: Mapping[str, object]) -> tuple[str, str]:
 def feedforward_table(result: RunResult, findings: Findings, objects: Mapping[str, str]) -> Table:
     """Identified, before and now, with where the drive keeps it, and why identified and written differ."""
     kept = result.outcome is Outcome.KEPT
-    rows = [_row(name, value, result, findings, objects) for name, value in result.feedforward.items()]
+    rows = [
+        _row(name, value, result, findings, objects)
+        for name, value in result.feedforward.items()
+        if not is_ripple(name)
+    ]
     note = "Read back from the drive after writing." if kept else "Proposed; none of it is in the drive."
     now = "in the drive now" if kept else "proposed"
     columns = ("parameter", "object", "identified", "in the drive before", now, "why not as identified")
@@ -93,6 +98,25 @@ def _row(
         quantity(value, unit),
         _why(short, float(found["value"]), value) if found else "",
     ]
+
+
+def ripple_table(findings: Findings, kept: bool) -> Table | None:
+    """What the drive takes of the torque ripple; None for nothing."""
+    plan = findings.ripple
+    if plan is None:
+        return None
+    found, gone = plan.alignment, findings.ripple_removed
+    written = [[str(order), quantity(abs(wave), "N m"), "in the drive" if kept else "not written"]
+               for order, wave in sorted(found.waves.items())]  # fmt: skip
+    out = [[f"{one.order:g}", quantity(one.amplitude, "N m"), one.why] for one in plan.kept.left_out]
+    note = (
+        f"Aligned by experiment: the drive counts the turn from {quantity(found.zero, 'rad')}. Of the ripple in the "
+        f"tracking error {100 * (1.0 - found.left):.0f} % were predicted to go"
+        + (f", {100 * gone:.0f} % were gone when it was measured after writing." if gone is not None else ".")
+    )
+    return Table(
+        "Torque ripple in the drive", ("order", "amplitude", ""), [*written, *out], note, frozenset({0, 1})
+    )
 
 
 def _why(name: str, identified: float, written: float) -> str:

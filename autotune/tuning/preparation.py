@@ -11,6 +11,7 @@ from pathlib import Path
 from autotune.core.axis import Axis
 from autotune.core.errors import AutotuneError, DriveFault, Interrupted
 from autotune.core.loop import Loop, power_in_words
+from autotune.core.ripple_parameters import GAIN as RIPPLE_GAIN
 from autotune.experiments.limits_guarded import PREFIX, limits_guarded, tighter
 from autotune.experiments.runner import Budget
 from autotune.tuning.commit import verify
@@ -127,8 +128,7 @@ def _own_feedforward_off(
 def own_feedforward(parameters: Mapping[str, float]) -> dict[str, float]:
     """What must be 0 for the drive's own feedforward to be off, with the values that it has now.
 
-    Its switch, where it has one; else every gain of it.
+    Its switches, where it has them; else every gain of it.
     """
-    if ENABLED in parameters:
-        return {ENABLED: parameters[ENABLED]} if parameters[ENABLED] else {}
-    return {name: value for name, value in parameters.items() if name in GAINS and value}
+    names = {RIPPLE_GAIN} | ({ENABLED} if ENABLED in parameters else GAINS)
+    return {name: value for name, value in parameters.items() if name in names and value}

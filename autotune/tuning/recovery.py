@@ -13,12 +13,10 @@ from pathlib import Path
 from autotune.core.errors import ConfigurationError, DriveError
 from autotune.core.loop import Loop
 from autotune.tuning.backup import Backup, backup_ids, load_backup
-from autotune.tuning.commit import COARSEST, RELATIVE_RESOLUTION, put_back, verify, write_verified
+from autotune.tuning.commit import COARSEST, RELATIVE_RESOLUTION, SWITCHES, put_back, verify, write_verified
 from autotune.tuning.journal import CommitPhase, DamagedJournal, Journal, journals
 from autotune.tuning.kept_run import complete
 from autotune.tuning.same_drive import differences, named
-
-SWITCH = "feedforward.enabled"
 
 
 def describe(journal: Journal) -> str:
@@ -130,7 +128,7 @@ def misfits(journal: Journal, backup: Backup | None, held: Mapping[str, float]) 
     for name in names:
         old = [values[name] for values in before if name in values]
         new = [values[name] for values in after if name in values]
-        if name == SWITCH:
+        if name in SWITCHES:
             new.append(0.0)  # off while the rest is written
         if name not in held:
             wrong.append(f"{name} is not there any more")

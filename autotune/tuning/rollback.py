@@ -9,8 +9,9 @@ from pathlib import Path
 from autotune.core.axis import Axis
 from autotune.core.errors import ConfigurationError, IdentityMismatch
 from autotune.core.loop import Loop
+from autotune.core.ripple_parameters import alignment_of
 from autotune.tuning.backup import Backup, backup_ids, load_backup, take_backup
-from autotune.tuning.commit import parameters_beside, put_back
+from autotune.tuning.commit import must_be_aligned, parameters_beside, put_back
 from autotune.tuning.journal import CommitPhase, DamagedJournal, Journal
 from autotune.tuning.recovery import damaged_journals, open_journals, put_right
 from autotune.tuning.run_directory import axis_lock, make_run_directory
@@ -42,8 +43,10 @@ def roll_back(
             journal.note(identity=dict(loop.identity))
             backup = _chosen(runs, axis, identifier, loop.identity)
             doubtful = _recovered(loop, runs, journal, tell)
+            must_be_aligned(loop, backup)
             present = parameters_beside(loop, backup.parameters)
-            take_backup(runs, axis.name, loop.identity, present, now)
+            zero = alignment_of(loop.read_parameters())
+            take_backup(runs, axis.name, loop.identity, present, now, zero)
             journal.note(stage="rollback", backup=backup.id, phase=CommitPhase.STORING, written=present)
             put_back(loop, backup, journal)
             _settle(doubtful, tell)

@@ -17,7 +17,7 @@ from autotune.tuning.ending import ending, is_beside, to_raise
 from autotune.tuning.files import finite, write_json
 from autotune.tuning.findings import Findings
 from autotune.tuning.journal import CommitPhase, Journal
-from autotune.tuning.outcome import RunResult
+from autotune.tuning.outcome import Outcome, RunResult
 from autotune.tuning.preparation import connected, prepared
 from autotune.tuning.recovery import recover
 from autotune.tuning.request import STAGES as STAGES
@@ -117,6 +117,8 @@ def _result(
         started=started.isoformat(timespec="seconds"),
         machine_seconds=round(session.budget.used, 3) if session else 0.0,
         run_directory=directory,
+        in_drive=summary.in_drive(findings, course.outcome is Outcome.KEPT),
+        host_adds=summary.host_adds(findings),
         before=proof.before if proof else findings.baseline,
         after=proof.after if proof else None,
         improvement=summary.improvement(proof, request.axis.acceptance.confidence) if proof else None,

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 from autotune.control.reduction import Reduction, reduces
 from autotune.core.errors import ConfigurationError
+from autotune.core.ripple_parameters import is_ripple
+from autotune.models.model_file import write_model
 from autotune.tuning.commit import commit, feedforward_parameters
 from autotune.tuning.findings import HOST_FILE, Planned, Yardstick, save_findings
+from autotune.tuning.holdings import export_step
 from autotune.tuning.outcome import Outcome
 from autotune.tuning.proof import TrackingError, no_worse
 from autotune.tuning.run_state import Course
@@ -22,13 +26,17 @@ from autotune.tuning.stage_prove import (
     measure_with_host,
 )
 from autotune.tuning.stage_reduce import (
+    RIPPLE,
     Plan,
     announcement,
     holds_predicted,
     holds_reduced,
     is_worth_it,
     plan_commit,
+    same_commutation,
+    with_own_ripple,
 )
+from autotune.tuning.stage_ripple import RipplePlan, enough, plan_ripple, removed
 
 
 def commit_stage(session: Session, course: Course, approve: Callable[[str], bool]) -> bool:
@@ -43,27 +51,53 @@ def commit_stage(session: Session, course: Course, approve: Callable[[str], bool
         raise ConfigurationError(
             "nothing is proved that could be committed; run 'autotune run' with all stages"
         )
+    same_commutation(session, findings.planned)
     held = feedforward_parameters(session.loop)
-    plan = plan_commit(session, findings, held)
-    findings.reduction = plan.reduction
+    changed = session.journal.state.changed
+    plan = with_own_ripple(plan_commit(session, findings, held, _ripple(session, course, held)), changed)
+    findings.reduction, findings.ripple = plan.reduction, plan.ripple
     if not plan.values:
         return _host_only(session, course, "this drive cannot hold a feedforward")
-    if plan.reduction is not None:
-        course.notes.append(announcement(plan.reduction, session.axis.motion_unit))
-        session.reporter.say(course.notes[-1])
-        if not _worth_it(session, plan.reduction, findings.yardstick):
-            predicted = announcement(plan.reduction, session.axis.motion_unit)
-            return _host_only(
-                session, course, f"{predicted}, which is not worth writing (acceptance.improvement)"
-            )
-    changed = session.journal.state.changed
+    for told in _announced(session, plan):
+        course.notes.append(told)
+        session.reporter.say(told)
+    if plan.reduction is not None and not _worth_it(session, plan.reduction, findings.yardstick):
+        predicted = announcement(plan.reduction, session.axis.motion_unit)
+        why = f"{predicted}, which is not worth writing (acceptance.improvement)"
+        if plan.ripple is None:
+            return _host_only(session, course, why)
+        course.notes.append(f"of friction nothing is written: {why}")
+        plan = replace(plan, values=dict(plan.ripple.values), reduction=None, host=None)
+        findings.reduction = None
     findings.held_before = {name: changed.get(name, held[name]) for name in plan.values if name in held}
-    findings.planned = Planned(dict(plan.values), plan.host is not None)
+    zero = dict(plan.ripple.settings) if plan.ripple is not None else {}
+    findings.planned = Planned(dict(plan.values), plan.host is not None, zero)
     if not approve(_question(plan, session)):
         save_findings(session, findings, course.whole)
         course.verdict = "Proved, but not written: it was not approved."
         return False
     return _written(session, course, plan, findings.yardstick)
+
+
+def _ripple(session: Session, course: Course, held: Mapping[str, float]) -> RipplePlan | None:
+    """What the drive takes of the model's ripple; not in a plan of an earlier stage that has none."""
+    findings = course.findings
+    if findings.planned is not None and not any(map(is_ripple, findings.planned.values)):
+        return None
+    session.begin("commit", committed_seconds(session.motion, session.axis.benchmark))
+    found = plan_ripple(session, findings.proposed_model or findings.model, held)
+    if isinstance(found, RipplePlan):
+        return found
+    if found:
+        course.notes.append(found)
+        session.reporter.say(found)
+    return None
+
+
+def _announced(session: Session, plan: Plan) -> list[str]:
+    """What goes into the drive, in words."""
+    told = [announcement(plan.reduction, session.axis.motion_unit)] if plan.reduction is not None else []
+    return [*told, plan.ripple.in_words()] if plan.ripple is not None else told
 
 
 def _host_only(session: Session, course: Course, why: str) -> bool:
@@ -79,7 +113,7 @@ def _host_only(session: Session, course: Course, why: str) -> bool:
         )
     course.verdict = (
         f"Nothing is in the drive: {why}.{gain} The host has to play the feedforward as torque offset, "
-        "all the time, or it is lost."
+        f"all the time, or it is lost. {export_step(session.directory)}"
     )
     return False
 
@@ -96,7 +130,11 @@ def _written(session: Session, course: Course, plan: Plan, yardstick: Yardstick)
         findings.committed, findings.held_out = measured.benchmark, measured.held_out
         if plan.host is not None:
             findings.with_host = measure_with_host(session, plan.host)
-        doubt = _doubt(session, plan, yardstick, measured, findings.with_host)
+        if plan.ripple is not None:
+            findings.ripple_removed = removed(session, plan.ripple)
+        doubt = _ripple_doubt(plan, findings.ripple_removed) or _doubt(
+            session, plan, yardstick, measured, findings.with_host
+        )
         return not doubt
 
     kept = commit(session.loop, plan.values, session.journal, session.runs, session.clock(), proves)
@@ -104,10 +142,22 @@ def _written(session: Session, course: Course, plan: Plan, yardstick: Yardstick)
     course.nothing_to_gain = not kept and plan.reduction is not None
     if kept:
         findings.held = session.loop.read_parameters([name for name in plan.values if name != ENABLED])
+        if plan.ripple is not None and findings.proposed_model is not None:
+            write_model(findings.proposed_model.without_effect(RIPPLE), session.directory / HOST_FILE)
         course.verdict = _kept(session, course, yardstick)
     else:
         course.verdict = f"Everything was put back: {doubt}."
     return kept
+
+
+def _ripple_doubt(plan: Plan, share: float | None) -> str:
+    """Why the ripple that was written must not be kept; "" where it may."""
+    if plan.ripple is None or share is None or enough(share, plan.ripple):
+        return ""
+    return (
+        f"of the torque ripple {100 * share:.0f} % were gone with what was written, where "
+        f"{100 * (1.0 - plan.ripple.alignment.left):.0f} % were predicted"
+    )
 
 
 def _doubt(
@@ -124,6 +174,13 @@ def _doubt(
             return f"with the host beside the drive the peak error was {milli(with_host.peak_error)}, not as proved"
         if not no_worse(before, alone, session.axis.position_resolution):
             return f"the drive by itself gave {milli(alone.peak_error)}, worse than {milli(before.peak_error)} before"
+        return ""
+    if plan.only_ripple:
+        if not no_worse(before, alone, session.axis.position_resolution):
+            return (
+                f"with the ripple compensated the drive gave {milli(alone.peak_error)}, worse than "
+                f"{milli(before.peak_error)} before"
+            )
         return ""
     if reduction is not None:
         enough = reduces(reduction.values) or holds_predicted(before, alone, reduction)
@@ -146,9 +203,9 @@ def _worth_it(session: Session, reduction: Reduction, yardstick: Yardstick) -> b
 
 
 def _question(plan: Plan, session: Session) -> str:
-    if plan.reduction is None:
+    told = "; ".join(_announced(session, plan))
+    if not told:
         return "Write the proved parameters to the drive for good?"
-    told = announcement(plan.reduction, session.axis.motion_unit)
     return f"{told[0].upper()}{told[1:]}. Write it to the drive for good?"
 
 
@@ -163,6 +220,16 @@ def _kept(session: Session, course: Course, yardstick: Yardstick) -> str:
         f"Kept: with its own feedforward the drive's peak error on the benchmark is {milli(alone.peak_error)}; before "
         f"it was {milli(before)}, {times_less(before, alone.peak_error)}, as measured after writing."
     )
+    if findings.ripple is not None and findings.ripple_removed is not None:
+        told += (
+            f" The drive takes {100 * findings.ripple_removed:.0f} % of the torque ripple away, as measured on one "
+            "turn forward and backward."
+        )
+        if all(map(is_ripple, findings.held)):
+            return (
+                f"{told} It holds nothing else of the feedforward: friction and inertia ({milli(after)} on the "
+                f"benchmark) have to come from a host, which plays {HOST_FILE}. {export_step(session.directory)}"
+            )
     if reduction is None:
         return f"{told} Proved beyond doubt was {milli(after)}, with the same feedforward played by the host."
     if findings.with_host is not None:
@@ -171,6 +238,10 @@ def _kept(session: Session, course: Course, yardstick: Yardstick) -> str:
             f"{milli(findings.with_host.peak_error)} was measured, {times_less(before, findings.with_host.peak_error)}."
         )
     predicted = f"Predicted was {milli(reduction.predicted_peak)}"
+    if not reduces(reduction.values) and not reduction.lost:
+        return (
+            f"{told} Proved beyond doubt was {milli(after)}, with the whole feedforward played by the host."
+        )
     if not reduces(reduction.values):
         return (
             f"{told} {predicted}. The feedforward of the diagnosed model ({', '.join(reduction.lost)}) gives "

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from autotune.control.feedforward import FeedforwardLaw, FixedFeedforward, LugreParameters
-from autotune.control.model_feedforward import beyond_lugre, periodic_model_feedforward
+from autotune.control.model_feedforward import ModelFeedforward, beyond_lugre, periodic_model_feedforward
 from autotune.control.reduction import (
     DrivePart,
     Reduction,
@@ -25,13 +25,16 @@ from autotune.control.reduction import (
 )
 from autotune.control.refinement import PeriodAverage, periodic_feedforward
 from autotune.core.errors import ConfigurationError
+from autotune.core.ripple_parameters import GAIN, is_ripple, moved
 from autotune.recordings.recording import Controller
 from autotune.tuning.findings import Findings, Planned
 from autotune.tuning.proof import TrackingError
 from autotune.tuning.session import Session
 from autotune.tuning.stage_adapt import period_average
 from autotune.tuning.stage_prove import ENABLED, GIVEN_BACK
+from autotune.tuning.stage_ripple import RipplePlan
 
+RIPPLE = "torque_ripple"
 PREFIX = "feedforward."
 
 
@@ -44,22 +47,64 @@ class Plan:
             drive holds none.
         reduction: None where the drive holds all.
         host: law that the host has to play beside the drive; None for none.
+        ripple: what the drive takes of torque ripple, among `values`; None for nothing.
     """
 
     values: Mapping[str, float]
     reduction: Reduction | None = None
     host: Remainder | None = None
+    ripple: RipplePlan | None = None
+
+    @property
+    def only_ripple(self) -> bool:
+        """The drive knows ripple and nothing of friction."""
+        return self.ripple is not None and all(map(is_ripple, self.values))
 
 
-def plan_commit(session: Session, findings: Findings, held: Mapping[str, float]) -> Plan:
-    """Decides from what the drive holds now (`held`) and what was proved.
+def plan_commit(
+    session: Session, findings: Findings, held: Mapping[str, float], ripple: RipplePlan | None = None
+) -> Plan:
+    """Decides from what the drive holds now (`held`), what was proved, and what it takes of ripple.
 
     Raises:
         ConfigurationError: a reduction is needed and nothing says how the controller acts.
     """
+    plan = _plan_friction(session, findings, {n: v for n, v in held.items() if not is_ripple(n)}, ripple)
+    if ripple is None:
+        return plan
+    reduction = plan.reduction
+    if reduction is not None:
+        lost = tuple(name for name in reduction.lost if name != RIPPLE)
+        reduction = replace(reduction, lost=lost)
+    return replace(plan, values={**plan.values, **ripple.values}, reduction=reduction, ripple=ripple)
+
+
+def same_commutation(session: Session, planned: Planned | None) -> None:
+    """Raises ConfigurationError: ripple that was planned would act at the wrong places."""
+    if planned is None or not planned.alignment or not planned.values.get(GAIN):
+        return
+    changed = moved(planned.alignment, session.loop.read_parameters(list(planned.alignment)))
+    if changed:
+        raise ConfigurationError(
+            f"the torque over position that was planned was aligned with another commutation ({'; '.join(changed)}); "
+            "nothing was written. Run 'autotune run' anew, which aligns it"
+        )
+
+
+def with_own_ripple(plan: Plan, before: Mapping[str, float]) -> Plan:
+    """The same, with the ripple that the drive held before the run switched on as it was, where none is planned."""
+    if not plan.values or GAIN in plan.values or GAIN not in before:
+        return plan
+    return replace(plan, values={**plan.values, GAIN: before[GAIN]})
+
+
+def _plan_friction(
+    session: Session, findings: Findings, held: Mapping[str, float], ripple: RipplePlan | None
+) -> Plan:
     if findings.planned is not None:
         law = findings.law(session.axis.cycle)
-        values = {name: value for name, value in findings.planned.values.items() if name in held}
+        planned = findings.planned.values
+        values = {name: value for name, value in planned.items() if name in held}
         part = {name.removeprefix(PREFIX): value for name, value in values.items() if name != ENABLED}
         return Plan(values, None, Remainder(law, part, session.axis.cycle) if findings.planned.host else None)
     full = findings.need_proposed()
@@ -76,9 +121,17 @@ def plan_commit(session: Session, findings: Findings, held: Mapping[str, float])
     values = {PREFIX + name: value for name, value in reduction.values.items()}
     if ENABLED in held:
         values[ENABLED] = 1.0
-    law = findings.law(session.axis.cycle)
+    law = host_law(findings, session.axis.cycle, ripple)
     host = Remainder(law, reduction.values, session.axis.cycle) if reduction.host else None
     return Plan(values, reduction, host)
+
+
+def host_law(findings: Findings, period: float, ripple: RipplePlan | None) -> FeedforwardLaw:
+    """What was proved, without the ripple that the drive plays."""
+    model = findings.proposed_model
+    if model is None or ripple is None:
+        return findings.law(period)
+    return ModelFeedforward(model.without_effect(RIPPLE), period)
 
 
 def plan_retune(session: Session, findings: Findings, held: Mapping[str, float]) -> FeedforwardLaw | None:
@@ -87,7 +140,7 @@ def plan_retune(session: Session, findings: Findings, held: Mapping[str, float])
     Nobody plays the rest at night, so it is this that has to be better than what the drive holds now.
     """
     full, period = findings.need_proposed(), session.axis.cycle
-    names = {name.removeprefix(PREFIX) for name in held}
+    names = {name.removeprefix(PREFIX) for name in held if not is_ripple(name)}
     if not reduces(names):
         block = with_one_level(full) if rises(full) else full
         findings.planned = Planned({PREFIX + n: v for n, v in _named(block).items()} | {ENABLED: 1.0})
@@ -198,6 +251,8 @@ def _controller(session: Session) -> Controller:
 def announcement(reduction: Reduction, unit: str) -> str:
     """What a person is told before the commit."""
     parts = ", ".join(sorted(reduction.values))
+    if not reduces(reduction.values) and not reduction.lost:
+        return "this drive holds the LuGre part of the feedforward"
     if not reduces(reduction.values):
         return (
             f"this drive holds the LuGre part of the feedforward; {', '.join(reduction.lost)} would have to come "

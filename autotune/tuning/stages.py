@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from autotune.core.errors import GuardStop
+from autotune.core.ripple_parameters import GAIN
 from autotune.experiments.programmes import build
 from autotune.experiments.runner import Programme
 from autotune.experiments.sines import BenchmarkSine
@@ -14,6 +16,7 @@ from autotune.models.model_file import write_model
 from autotune.recordings.files import read_recording
 from autotune.tuning.commit import feedforward_parameters
 from autotune.tuning.findings import HOST_FILE, Yardstick, latest_run, load_findings, save_findings
+from autotune.tuning.holdings import nothing_kept
 from autotune.tuning.hunting_note import hunting_note
 from autotune.tuning.preparation import own_feedforward
 from autotune.tuning.request import STAGES, Request
@@ -84,6 +87,9 @@ def _check(request: Request, session: Session, course: Course) -> bool:
     sine = BenchmarkSine(session.motion, 1, session.axis.benchmark.periods)
     programme = Programme((sine, *build("identification", session.axis)), session.limits, session.budget.left)
     programme.check(session.loop.period)
+    if not feedforward_parameters(session.loop):
+        course.notes.append(nothing_kept(session.axis.profile))
+        session.reporter.say(course.notes[-1])
     place = standing(session.loop, session.limits)
     if request.only == "check":
         unit = session.axis.motion_unit
@@ -163,7 +169,8 @@ def _prove(request: Request, session: Session, course: Course) -> bool:
     if request.gain is not None:
         least = request.gain
         law = plan_retune(session, findings, feedforward_parameters(session.loop)) or law
-    findings.proved = proved = prove_stage(session, law, own, least)
+    with _own_ripple(session, own.pop(GAIN, 0.0) if request.gain is not None else 0.0):
+        findings.proved = proved = prove_stage(session, law, own, least)
     findings.yardstick = Yardstick(proved.proof.before, proved.proof.after, proved.held_out_before)
     findings.better = proved.better
     if not proved.better:
@@ -172,6 +179,18 @@ def _prove(request: Request, session: Session, course: Course) -> bool:
     elif request.only is not None:
         course.verdict = _proved(session, proved)
     return proved.better
+
+
+@contextmanager
+def _own_ripple(session: Session, gain: float) -> Iterator[None]:
+    """The ripple that the drive holds acts on both sides of a proof that is not about it; 0: it holds none."""
+    if gain:
+        session.loop.write_parameters({GAIN: gain})
+    try:
+        yield
+    finally:
+        if gain:
+            session.loop.write_parameters({GAIN: 0.0})
 
 
 def _not_better(session: Session, proved: Proved) -> str:

@@ -6,9 +6,11 @@ from dataclasses import asdict
 from typing import Any
 
 from autotune.control.feedforward import LugreParameters
+from autotune.core.ripple_parameters import is_ripple
 from autotune.identify.run import Identification
 from autotune.models.drive_model import DriveModel, surface_parameter
 from autotune.models.total_friction import total_friction
+from autotune.tuning.findings import HOST_FILE, Findings
 from autotune.tuning.proof import HeldOutError, Proof
 from autotune.tuning.stage_adapt import Adapted
 from autotune.tuning.stage_diagnose import Diagnosed
@@ -28,6 +30,37 @@ def parameters(found: Identification, motion_unit: str) -> dict[str, dict[str, A
         }
         for name, quantity in found.joint.parameters.items()
     }
+
+
+def in_drive(findings: Findings, kept: bool) -> dict[str, Any]:
+    """What acts without a host, first of all that a run says."""
+    before = findings.yardstick.before.peak_error if findings.yardstick else None
+    if not kept:
+        return {"keeps": [], "peak_error_before": before, "peak_error": before, "ripple_removed": None}
+    alone = findings.committed.peak_error if findings.committed else None
+    names = {name.removeprefix("feedforward.") for name in findings.held if not is_ripple(name)}
+    keeps = sorted(names) + (["torque_ripple"] if findings.ripple is not None else [])
+    return {
+        "keeps": keeps,
+        "peak_error_before": before,
+        "peak_error": alone,
+        "ripple_removed": findings.ripple_removed,
+        "alignment": dict(findings.ripple.settings) if findings.ripple else {},
+        "ripple_left_out": [one.order for one in findings.ripple.kept.left_out] if findings.ripple else [],
+    }
+
+
+def host_adds(findings: Findings) -> dict[str, Any]:
+    """What a host reaches beyond it while it plays; empty where nothing was proved."""
+    if findings.yardstick is None or not findings.better:
+        return {}
+    with_host, reduction = findings.with_host, findings.reduction
+    reached = (with_host or findings.yardstick.after).peak_error
+    plays = [*reduction.host, *reduction.lost] if reduction else []
+    if findings.held and all(map(is_ripple, findings.held)):
+        plays = ["friction", "inertia"]
+    model = findings.proposed_model is not None
+    return {"peak_error": reached, "plays": plays, "file": HOST_FILE if model else None}
 
 
 def improvement(proof: Proof, confidence: float) -> dict[str, Any]:

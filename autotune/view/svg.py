@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from autotune.core.arrays import Floats
-from autotune.view.colours import AFTER, BEFORE, GRID, INK, MUTED, REFERENCE
+from autotune.view.colours import AFTER, BEFORE, GOOD, GRID, INK, MUTED, REFERENCE
 from autotune.view.data import BeforeAfter
 from autotune.view.plane import ticks
 from autotune.view.scale import multiple, peak, quantity, significant, thin
@@ -44,6 +44,7 @@ class _Panel(NamedTuple):
 def before_after_svg(data: BeforeAfter, title: str = "") -> str:
     """The picture as SVG text; white background, no scripts, no external fonts."""
     before, after = np.atleast_2d(data.before), np.atleast_2d(data.after)
+    alone = np.atleast_2d(data.committed) if data.committed is not None else None
     factor, unit = multiple(peak(before, after), data.motion_unit)
     reference_factor, reference_unit = multiple(peak(data.reference), data.motion_unit)
     span = _range(data.time, 0.0)
@@ -51,12 +52,13 @@ def before_after_svg(data: BeforeAfter, title: str = "") -> str:
     lower = _Panel(78, 176, 720, 232, span, _range(np.vstack([before, after]) * factor, 0.08))
     parts = [
         _text(78, 28, title or "Tracking error over one period of the benchmark", 17, INK, weight=600),
-        *_legend(before * factor, after * factor, unit, data),
+        *_legend(data, factor, unit),
         *_axes(upper, reference_unit, "reference", bottom=False),
         *_axes(lower, unit, "error", bottom=True),
         *_count(lower, data, factor),
         _line(upper, data.time, data.reference * reference_factor, REFERENCE),
         *_error(lower, data.time, before * factor, BEFORE),
+        *(_error(lower, data.time, alone * factor, GOOD) if alone is not None else ()),
         *_error(lower, data.time, after * factor, AFTER),
     ]
     body = "\n".join(parts)
@@ -120,13 +122,20 @@ def _line(panel: _Panel, x: Floats, y: Floats, colour: str) -> str:
     return f'<polyline points="{points}" {style}/>'
 
 
-def _legend(before: Floats, after: Floats, unit: str, data: BeforeAfter) -> list[str]:
+def _legend(data: BeforeAfter, factor: float, unit: str) -> list[str]:
+    """What is in the drive stands before what a host plays."""
     parts, x = [], 78.0
-    for errors, name, colour in ((before, data.before_name, BEFORE), (after, data.after_name, AFTER)):
-        text = f"{name}: peak {significant(peak(errors.mean(axis=0)))} {unit}"
+    for errors, name, colour in (
+        (data.before, data.before_name, BEFORE),
+        (data.committed, data.committed_name, GOOD),
+        (data.after, data.after_name, AFTER),
+    ):
+        if errors is None:
+            continue
+        text = f"{name}: peak {significant(peak(np.atleast_2d(errors).mean(axis=0) * factor))} {unit}"
         parts.append(f'<rect x="{x:.0f}" y="45" width="22" height="4" rx="2" fill="{colour}"/>')
-        parts.append(_text(x + 30, 52, text, 14, INK))
-        x += 60 + 7.4 * len(text)
+        parts.append(_text(x + 30, 52, text, 13, INK))
+        x += 50 + 6.6 * len(text)
     return parts
 
 

@@ -19,6 +19,7 @@ from autotune.core.configuration import Strict, read_toml, validate
 from autotune.core.errors import ConfigurationError
 from autotune.core.paths import config_directory
 from autotune_drivers.canopen.objects import ObjectRef
+from autotune_drivers.tables import HarmonicsBlock
 from autotune_drivers.units import TORQUE_UNITS, UNITS, is_constant, is_current
 
 PARAMETERS = (
@@ -270,7 +271,8 @@ class Profile(Strict):
 
     `expects` are objects that must have a value for the profile's units to be right; they are compared
     before anything is written. `encoder`: where the drive says how many counts a turn has; `none` where its
-    positions do not follow object 608Fh. `remarks` are told to the person who commissions the axis.
+    positions do not follow object 608Fh. `ripple`: harmonics of torque that the drive adds. `remarks` are told to
+    the person who commissions the axis.
     """
 
     schema_version: Annotated[Literal[1], Field(alias="schema")] = 1
@@ -292,6 +294,7 @@ class Profile(Strict):
     cycle: Cycle = Cycle()
     guard: Guard = Guard()
     store: Store | None = None
+    ripple: HarmonicsBlock | None = None
     transition_seconds: Annotated[float, Field(gt=0, le=30)] = 3.0
     faults: Mapping[str, str] = {}
 

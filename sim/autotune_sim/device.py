@@ -24,6 +24,7 @@ from autotune_sim.object_dictionary import Entry, Value, read_eds
 from autotune_sim.recorder import Recorder
 from autotune_sim.servo import Servo
 from autotune_sim.state_machine import State
+from autotune_sim.vendor_blocks import FrictionBlock, RippleBlock
 
 GAP = 0.02  # s without SYNC until the wall clock takes over
 PATIENCE = 0.25  # s, the same while operation is enabled
@@ -85,6 +86,10 @@ class Device:
         self.node = Node(self.objects, self._send, self, log, self._refuse)
         self.firmware = Firmware(self.objects, servo, self.node.emergency, log)
         self._settings = Settings(self.objects, self.firmware)
+        self._friction_block = FrictionBlock(self.objects, self.firmware)
+        self._ripple_block = RippleBlock(
+            self.objects, self.firmware, memory.read, self._write_memory, self._save_delay
+        )
         bind_process_values(self.objects, self.firmware)
         self.recorder = Recorder(self.objects, lambda: self.firmware.cycles)
         self._bind()
@@ -265,6 +270,8 @@ class Device:
     def _reset_application(self) -> None:
         self.node.emergency.reset()
         self._settings.apply()
+        self._friction_block.start()
+        self._ripple_block.start()
         self.firmware.reset()
         self.recorder.reset()
 
@@ -282,12 +289,18 @@ class Device:
         return [
             entry
             for entry in self.objects
-            if entry.kept and entry.index not in _NOT_KEPT and area[0] <= entry.index <= area[1]
+            if entry.kept
+            and entry.index not in _NOT_KEPT
+            and area[0] <= entry.index <= area[1]
+            and not self._ripple_block.keeps(entry)
         ]
 
     def _store_delay(self, value: Value) -> float:
         if value != _SAVE:
             raise Abort(AbortCode.STORE)
+        return self._save_delay()
+
+    def _save_delay(self) -> float:
         if self.firmware.powered:
             raise Abort(AbortCode.STATE)
         if self.on_store is not None:

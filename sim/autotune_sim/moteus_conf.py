@@ -3,6 +3,10 @@
 The names are moteus's own where it has the parameter, in its units (revolutions, N m/rev). What moteus
 does not have is below `autotune.`: the torque limit, the derivative's filter, the LuGre feedforward, and
 how the simulation's time passes. Numbers are printed with six digits, as the controller prints them.
+
+`motor.cogging_dq_comp.N` (int8) times `motor.cogging_dq_scale` [A] times the torque constant (8.27/Kv, the
+manual's formula) is added over the turn of the commutation encoder, whose zero
+`motor_position.sources.0.offset` [counts] moves.
 """
 
 from __future__ import annotations
@@ -14,8 +18,12 @@ from dataclasses import dataclass
 from autotune_sim.aborts import Abort
 from autotune_sim.firmware import Firmware
 from autotune_sim.object_dictionary import REAL32, Entry, ObjectDictionary
+from autotune_sim.own_ripple import POINTS
 
 TURN = 2.0 * math.pi
+KV = 82.7  # rpm/V: 0.1 N m/A
+TORQUE_FACTOR = 8.27  # N m/A times rpm/V
+SCALE, TABLE = "motor.cogging_dq_scale", "motor.cogging_dq_comp"
 _LONGEST_LINE = 100
 _FEEDFORWARD = ("enabled", "inertia", "viscous", "coulomb", "break_away", "stribeck_velocity", "stiffness",
                 "micro_damping", "offset", "reference_filter")  # fmt: skip
@@ -23,12 +31,13 @@ _FEEDFORWARD = ("enabled", "inertia", "viscous", "coulomb", "break_away", "strib
 
 @dataclass
 class Plain:
-    """A value of the console alone; `fixed` ones cannot be set."""
+    """A value of the console alone; `fixed` ones cannot be set, `whole` ones hold whole numbers."""
 
     value: float
     fixed: bool = False
     low: float = -math.inf
     high: float = math.inf
+    whole: bool = False
 
 
 def plain_values(node_id: int, lock_step: bool) -> dict[str, Plain]:
@@ -45,7 +54,16 @@ def plain_values(node_id: int, lock_step: bool) -> dict[str, Plain]:
         "servo.timeout_mode": Plain(12, low=0.0, high=15.0),
         "autotune.lock_step": Plain(lock_step, fixed=True),
         "autotune.period_s": Plain(1e-3, low=1e-3, high=0.1),
-    }
+        "motor.poles": Plain(14, fixed=True),
+        "motor.phase_invert": Plain(0, fixed=True),
+        "motor.Kv": Plain(KV, low=1.0, high=1e5),
+        "motor_position.commutation_source": Plain(0, fixed=True),
+        "motor_position.rotor_to_output_ratio": Plain(1, fixed=True),
+        "motor_position.output.sign": Plain(1, fixed=True),
+        "motor_position.sources.0.sign": Plain(1, fixed=True),
+        "motor_position.sources.0.offset": Plain(0, low=-1e6, high=1e6, whole=True),
+        SCALE: Plain(0.0),
+    } | {f"{TABLE}.{k}": Plain(0, low=-128.0, high=127.0, whole=True) for k in range(POINTS)}
 
 
 def object_values(firmware: Firmware) -> dict[str, tuple[int, int, float]]:
@@ -85,6 +103,7 @@ class Console:
         plain: dict[str, Plain],
         actions: dict[str, Callable[[], str]],
         refuse: Callable[[Entry, bool], int],
+        changed: Callable[[], None],
     ) -> None:
         self.output = bytearray()
         self._objects = objects
@@ -92,6 +111,7 @@ class Console:
         self._plain = plain
         self._actions = actions
         self._refuse = refuse
+        self._changed = changed
         self._input = b""
         self._skipping = False
 
@@ -168,7 +188,8 @@ class Console:
         if not place.fixed:
             if not place.low <= value <= place.high:
                 return "ERR error setting"
-            place.value = value
+            place.value = float(math.trunc(value)) if place.whole else value
+            self._changed()
         return "OK"
 
     def _unknown(self, name: str, doing: str) -> str:

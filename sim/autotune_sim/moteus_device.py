@@ -18,7 +18,7 @@ from autotune_sim.aborts import Abort
 from autotune_sim.device import STORE_TIME, Device
 from autotune_sim.emergency import ErrorCode
 from autotune_sim.memory import Memory
-from autotune_sim.moteus_conf import TURN, Console, plain_values
+from autotune_sim.moteus_conf import SCALE, TABLE, TORQUE_FACTOR, TURN, Console, plain_values
 from autotune_sim.moteus_frames import (
     LONGEST,
     NOP,
@@ -38,6 +38,7 @@ from autotune_sim.moteus_frames import (
 )
 from autotune_sim.moteus_registers import COMMANDS, MODE, MODEL, readable
 from autotune_sim.moteus_trajectory import PositionCommand, Trajectory
+from autotune_sim.own_ripple import POINTS
 from autotune_sim.servo import Servo, ServoMode
 from autotune_sim.state_machine import FAULTY, State
 
@@ -91,7 +92,11 @@ class MoteusDevice(Device):
         self._plain = plain_values(node_id, not real_time)
         self._fresh_plain = {name: place.value for name, place in self._plain.items()}
         actions = {"write": self._store_all, "load": self._load_all, "default": self._default_all}
-        self.console = Console(self.objects, self.firmware, self._plain, actions, self._refuse)
+        self.console = Console(
+            self.objects, self.firmware, self._plain, actions, self._refuse, self._apply_ripple
+        )
+        self._zero = float(servo.ripple["offset"][0])
+        self._cells = [self._plain[f"{TABLE}.{k}"] for k in range(POINTS)]
         self._console_ready = 0.0
         self._answering = False
         self._packet = 0
@@ -374,10 +379,23 @@ class MoteusDevice(Device):
     def _start(self, area: tuple[int, int]) -> None:
         for name, value in self._fresh_plain.items():
             self._plain[name].value = value
-        for number, value in self._stored_plain().items():
-            list(self._plain.values())[number].value = value
+        self._take_stored()
         super()._start(area)
         self._scales = (math.nan,) * 4
+
+    def _take_stored(self) -> None:
+        places = list(self._plain.values())
+        for number, value in self._stored_plain().items():
+            places[number].value = value
+        self._apply_ripple()
+
+    def _apply_ripple(self) -> None:
+        """The table and its zero as they stand in the console, to the servo loop."""
+        record, plain, servo = self.firmware.servo.ripple, self._plain, self.firmware.servo
+        counts = servo.preset.plant.counts
+        record["offset"] = self._zero + plain["motor_position.sources.0.offset"].value / counts
+        record["step"] = plain[SCALE].value * TORQUE_FACTOR / plain["motor.Kv"].value
+        record["table"] = [cell.value for cell in self._cells]
 
     def _stored_plain(self) -> dict[int, float]:
         return {
@@ -419,8 +437,8 @@ class MoteusDevice(Device):
         for name, value in self._fresh_plain.items():
             self._plain[name].value = value
         if stored:
-            for number, value in self._stored_plain().items():
-                list(self._plain.values())[number].value = value
+            self._take_stored()
+        self._apply_ripple()
         self._load((0x2000, 0xFFFF), stored)
         self._settings.apply()
         self._scales = (math.nan,) * 4

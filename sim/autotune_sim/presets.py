@@ -44,6 +44,7 @@ class Preset:
     Attributes:
         seed: of the variation of the plant; the noise has a seed of its own (`Servo`).
         effects: what was planted, name → size.
+        commutation_offset: where the zero of the commutation encoder is, seen from position 0 [turns].
     """
 
     name: str
@@ -52,6 +53,7 @@ class Preset:
     period: float = PERIOD
     seed: int = 0
     effects: tuple[tuple[str, float], ...] = ()
+    commutation_offset: float = 0.0
 
 
 _BREAKS = (0.8e-3, 2e-3, 6e-3, 15e-3, 40e-3, 80e-3)
@@ -111,7 +113,8 @@ def preset(name: str, seed: int | None = 0, effects: Mapping[str, float] | None 
         plant = vary(plant, np.random.default_rng([seed, 1]))
     planted = dict(effects or {})
     plant = apply_effects(plant, planted, seed)
-    return Preset(name, plant, seed=seed, effects=tuple(planted.items()))
+    offset = float(np.random.default_rng([seed, 3]).uniform())
+    return Preset(name, plant, seed=seed, effects=tuple(planted.items()), commutation_offset=offset)
 
 
 def vary(plant: PlantParameters, random: np.random.Generator, spread: float = SPREAD) -> PlantParameters:

@@ -27,6 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from autotune_sim.kernel import Record, kernel
+from autotune_sim.own_ripple import acts, fresh_ripple, own_ripple
 from autotune_sim.parameters import Parameters
 from autotune_sim.plant import (
     AMBIENT,
@@ -116,6 +117,7 @@ class Servo:
         self._plant = pack(preset.plant, self.period / self._steps)
         self._state = fresh_state()
         self._memory = np.zeros(1, MEMORY)
+        self.ripple = fresh_ripple(preset.commutation_offset)
         self._rows = NO_TRUTH
         self._truth: Truth | None = None
         self._random = np.random.default_rng([seed, preset.seed, 2])
@@ -187,6 +189,7 @@ class Servo:
                 self._state,
                 self.parameters.record,
                 self._memory,
+                self.ripple,
                 self._switch,
                 self.brake_stuck,
                 target_position,
@@ -291,6 +294,7 @@ def _cycle(
     state: Any,
     control: Any,
     memory: Any,
+    ripple: Any,
     mode: int,
     brake_stuck: bool,
     target_position: float,
@@ -324,8 +328,13 @@ def _cycle(
     m.demand_velocity = (demand - m.demand) / h
     m.demand, m.measured = demand, y
     m.cycles += 1.0
-    before, given = s.velocity, stage(p, mode, wanted)
-    advance(p, s, given, process_noise, mode < 0 or brake_stuck, steps, h / steps)
+    before, braked = s.velocity, mode < 0 or brake_stuck
+    if mode >= 0 and acts(ripple[0]):
+        for _ in range(steps):  # in the current loop, which is as fast as the plant's steps
+            given = stage(p, mode, wanted + own_ripple(ripple[0], reading(p, s)))
+            advance(p, s, given, process_noise, braked, 1, h / steps)
+    else:
+        advance(p, s, stage(p, mode, wanted), process_noise, braked, steps, h / steps)
     shown = p.velocity_gain * m.velocity
     if len(truth) > 0:
         target = target_position if mode == 0 else target_velocity if mode == 1 else target_torque

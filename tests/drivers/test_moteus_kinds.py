@@ -14,6 +14,7 @@ import pytest
 
 from autotune.core.drive import HOLD, Mode
 from autotune.core.errors import DriveFault, LinkError
+from autotune.core.ripple_parameters import is_ripple
 from autotune_drivers.moteus.exchange import TEMPERATURE_AGE
 from autotune_drivers.moteus.opening import MoteusOpener, open_controller
 from autotune_drivers.moteus.port import open_port
@@ -136,7 +137,7 @@ def test_an_older_firmware_gives_what_it_has(tmp_path: Path) -> None:
     assert shares == pytest.approx(column(samples, "torque_command"), abs=1e-6)
 
 
-def test_the_makers_profile_holds_no_feedforward_and_keeps_real_time(tmp_path: Path) -> None:
+def test_the_makers_profile_holds_ripple_and_nothing_of_friction_and_keeps_real_time(tmp_path: Path) -> None:
     profile = patient(read_moteus_profile("moteus"))
     axis = moteus_axis()
     with served(tmp_path, lambda *_: None, real_time=True) as directory:
@@ -149,7 +150,9 @@ def test_the_makers_profile_holds_no_feedforward_and_keeps_real_time(tmp_path: P
             drive.store()
         finally:
             drive.close()
-    assert not any(name.startswith("feedforward.") for name in names)
+    held = {name for name in names if name.startswith("feedforward.")}
+    assert len(held) == 1025
+    assert all(map(is_ripple, held))
     assert {"controller.kp", "limit.position_min"} <= names
     steps = np.diff(column(samples, "time")) / drive.period
     assert steps == pytest.approx(1.0 + column(samples, "missed")[1:], abs=1e-6)

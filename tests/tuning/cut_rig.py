@@ -36,7 +36,7 @@ from autotune_drivers.canopen.slcan import encode
 from autotune_drivers.profile import read_profile
 from autotune_sim.device import Device
 from autotune_sim.memory import Memory
-from autotune_sim.presets import preset
+from autotune_sim.presets import Preset, preset
 from autotune_sim.servo import Servo
 from autotune_sim.slcan import SlcanAdapter
 from tests.drivers.simulator import axis_of
@@ -60,7 +60,7 @@ class Dead(BaseException):
 class Rig:
     """A simulated drive and its adapter. `cut` is the byte at which `kind` happens."""
 
-    def __init__(self, stored: Mapping[tuple[int, int], bytes]) -> None:
+    def __init__(self, stored: Mapping[tuple[int, int], bytes], axis: Preset | None = None) -> None:
         self.now = 1000.0
         self.bytes = 0
         self.cut = NEVER
@@ -71,7 +71,7 @@ class Rig:
         self._adapter = SlcanAdapter(
             lambda cob, data: self.device.receive(cob, data, self.now), lambda: self.now
         )
-        servo = Servo(preset("edm-vertical"), 0)
+        servo = Servo(axis or preset("edm-vertical"), 0)
         eds = config_directory() / "eds" / "autotune-sim.eds"
         self.device = Device(servo, eds, NODE, self._adapter.transmit, self.memory, lambda _: None)
         self._adapter.feed(b"S8\rO\r")

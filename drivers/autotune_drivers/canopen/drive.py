@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 
 from autotune.core.axis import Axis
@@ -48,6 +49,7 @@ SUPPORTED_MODES = ObjectRef(0x6502, 0, "u32", "supported drive modes")
 INCLUDES = "torque.demand_includes_feedforward"
 """Not in the drive, but how it is read: 1 or 0, where the profile says that it has to be found."""
 _SAVE = 0x65766173
+_BUSY, _DONE = 255, (0, 1)  # status of a command object (ETG.1020)
 _TARGET, _OFFSET = 1, 2  # their places in the outputs of a cycle
 _MODE_TIMEOUT = 0.5
 
@@ -104,6 +106,7 @@ class CanopenDrive:
 
     def note(self) -> None:
         """Notes everything that will be changed, so that `backup` is complete from the beginning."""
+        self._parameters.find_ripple()
         self._session.remember(self._guard)
         self._session.remember(MODE_WANTED)
         for setting in self._exchange.settings(self._profile.commands.position.ref):
@@ -388,6 +391,7 @@ class CanopenDrive:
         ref = ObjectRef(store.at.index, store.at.sub, store.at.type, "store parameters")
         self._put_back()  # what a session changes must not survive it
         try:
+            self._save_ripple()
             self._sdo.write(ref, _SAVE, store.seconds)
             if store.verify != "none":
                 self._verify_stored(store)
@@ -395,6 +399,25 @@ class CanopenDrive:
             for setting in self._settings:
                 self._session.write_if_there(*setting)
             self._node.monitor(self._profile.guard.monitor)
+
+    def _save_ripple(self) -> None:
+        """The harmonics into the drive's memory, where that is a command of its own.
+
+        Raises:
+            DriveError: it says that it has failed, or does not come to an end.
+        """
+        block = self._parameters.ripple
+        if block is None or block.save is None:
+            return
+        save = block.save
+        self._sdo.write(replace(save.command, name="save harmonics"), save.value, save.seconds)
+        self._node.wire.wait(save.seconds, lambda: self._sdo.read(save.status) != _BUSY)
+        status = self._sdo.read(save.status)
+        if status not in _DONE:
+            raise DriveError(
+                f"node {self._node.number} was told to save its harmonics ({save.command}), and {save.status} is "
+                f"{status}: they are not stored. Look into the drive's diagnosis, and have its memory checked"
+            )
 
     def _verify_stored(self, store: Store) -> None:
         """Resets the node and reads everything again; what is not in the stored area gets its value back.

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from autotune.core.errors import ConfigurationError, LinkError, TransferAborted
+from autotune.core.ripple_parameters import GAIN, HIGHEST_ORDER, ORDER, SOURCE, TORQUE, is_ripple
 from autotune_drivers.canopen.objects import ObjectRef, Raw
 from autotune_drivers.canopen.sdo import Sdo
 from autotune_drivers.profile import Parameter, Profile
+from autotune_drivers.tables import HarmonicsBlock, unit_factor
 from autotune_drivers.units import MIRRORED, SIGNED_PARAMETERS, Units
 
 _AREAS = {1: (0x1000, 0xFFFF), 2: (0x1000, 0x1FFF), 3: (0x6000, 0x9FFF), 4: (0x2000, 0x5FFF)}
@@ -26,22 +28,61 @@ class Place:
 
 
 class DriveParameters:
-    """Reads and writes the parameters that a profile names."""
+    """Reads and writes the parameters that a profile names, and the harmonics of its `[ripple]`."""
 
     def __init__(self, sdo: Sdo, profile: Profile, units: Units) -> None:
         self._sdo = sdo
         self._places = {
             name: _place(name, _own(profile.parameters, name, units), units) for name in profile.parameters
         }
+        self._told: dict[str, ObjectRef] = {}
+        self._ripple = profile.ripple
+
+    def find_ripple(self) -> None:
+        """Asks whether this drive has the harmonics of the profile; not every motor has them. Raises LinkError."""
+        block = self._ripple
+        if block is None:
+            return
+        places = _harmonics(block)
+        try:
+            for ref in (places[GAIN].ref, *block.told().values()):
+                self._sdo.read(ref)
+        except TransferAborted:
+            self._ripple = None
+            return
+        self._places |= places
+        self._told = block.told()
+
+    @property
+    def ripple(self) -> HarmonicsBlock | None:
+        """Where this drive holds harmonics; None where it has none."""
+        return self._ripple if self._told or GAIN in self._places else None
 
     def read(self, names: Sequence[str] | None = None) -> dict[str, float]:
         """Values in SI. Raises ConfigurationError (unknown name), LinkError."""
-        wanted = list(self._places) if names is None else names
+        told = self._told_values(names)
+        wanted = list(self._places) if names is None else [name for name in names if name not in told]
         places = {name: self._find(name) for name in wanted}
-        return {name: _si(place, self._sdo.read(place.ref)) for name, place in places.items()}
+        return {name: _si(place, self._sdo.read(place.ref)) for name, place in places.items()} | told
+
+    def _told_values(self, names: Sequence[str] | None) -> dict[str, float]:
+        """What is only read: where the turn is counted from, and the highest order."""
+        if self.ripple is None:
+            return {}
+        found = {
+            name: float(self._sdo.read(ref))
+            for name, ref in self._told.items()
+            if names is None or name in names
+        }
+        if names is None or HIGHEST_ORDER in names:
+            found[HIGHEST_ORDER] = float(self.ripple.highest_order)
+        return found
 
     def stored_by(self, store: ObjectRef, name: str) -> bool:
         """True where 1010h with this sub-index (CiA 301: all, communication, application, manufacturer) keeps it."""
+        block = self._ripple
+        if is_ripple(name) and name not in (GAIN, SOURCE) and block is not None and block.save is not None:
+            return block.control is None or self._sdo.read(block.control) == block.use
         low, high = _AREAS.get(store.sub, _AREAS[1]) if store.index == 0x1010 else _AREAS[1]
         return low <= self._find(name).ref.index <= high
 
@@ -52,7 +93,11 @@ class DriveParameters:
             ConfigurationError: unknown name, or a value outside its range; nothing was written.
             LinkError: refused, or not as written when read back; the old values are back.
         """
-        wanted = {name: (self._find(name), self._raw(name, value)) for name, value in values.items()}
+        known = [
+            *(name for name in self._places if name in values),
+            *(n for n in values if n not in self._places),
+        ]
+        wanted = {name: (self._find(name), self._raw(name, values[name])) for name in known}
         before: list[tuple[ObjectRef, Raw]] = []
         try:
             for name, (place, raw) in wanted.items():
@@ -117,6 +162,21 @@ def _place(name: str, parameter: Parameter, units: Units) -> Place:
     if signed and units.direction < 0 and parameter.min is not None and parameter.max is not None:
         low, high = -parameter.max, -parameter.min
     return Place(signal.ref, factor, low, high)
+
+
+def _harmonics(block: HarmonicsBlock) -> dict[str, Place]:
+    found: dict[str, Place] = {}
+    for name, (ref, unit) in block.places().items():
+        factor = unit_factor(unit)
+        low, high = (edge * factor for edge in ref.range)
+        if unit == "deg":
+            low, high = 0.0, 360.0 * factor
+        elif name.startswith(f"{ORDER}."):
+            high = float(block.highest_order)
+        elif name.startswith(f"{TORQUE}.") or name == GAIN:
+            low = 0.0
+        found[name] = Place(replace(ref, name=name), factor, low, high)
+    return found
 
 
 def _si(place: Place, raw: Raw) -> float:

@@ -66,6 +66,14 @@ def _others(profile: Profile) -> Iterator[Use]:
         yield Use("guard.watchdog", profile.guard.watchdog.ref, "rw")
     if profile.store is not None:
         yield Use("store", profile.store.at, "w")
+    if profile.ripple is not None:
+        for name, (ref, _) in profile.ripple.places().items():
+            yield Use(name, ref, "rw")
+        for name, ref in profile.ripple.told().items():
+            yield Use(name, ref, "r")
+        if profile.ripple.save is not None:
+            yield Use("ripple.save", profile.ripple.save.command, "w", typed=False)
+            yield Use("ripple.save", profile.ripple.save.status, "r")
 
 
 def _recorder(profile: Profile) -> Iterator[Use]:

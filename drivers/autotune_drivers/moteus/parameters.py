@@ -8,10 +8,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from autotune.core.errors import ConfigurationError, LinkError, TransferAborted
+from autotune.core.ripple_parameters import GAIN, LARGEST_STEP, is_ripple
 from autotune_drivers.moteus.console import Console
 from autotune_drivers.moteus.profile import UNITS, MoteusParameter, MoteusProfile
 from autotune_drivers.units import MIRRORED, SIGNED_PARAMETERS
 
+MANY = 32
+"""So many parameters and more are read by one `conf enumerate`."""
 PRINTED = 1e-5
 """Relative resolution of what the console prints: six digits."""
 
@@ -28,7 +31,7 @@ class Place:
 
 
 class MoteusParameters:
-    """Reads and writes the parameters that a profile names.
+    """Reads and writes the parameters that a profile names, and the table of its `[ripple]`.
 
     Attributes:
         absent: names that this controller does not have, or has no number for (a limit that is `nan`).
@@ -38,15 +41,45 @@ class MoteusParameters:
         self._console = console
         self._places = {name: _place(name, profile.parameters, direction) for name in profile.parameters}
         self.absent: set[str] = set()
+        self._told: dict[str, str] = {}
+        self._table = profile.ripple
 
     def find_absent(self) -> None:
         """Asks for every parameter once. Raises LinkError."""
-        for name, place in self._places.items():
+        self._find_table()
+        for name, place in list(self._places.items()):
+            if is_ripple(name):
+                continue
             try:
                 if math.isnan(self._console.number(place.at)):
                     self.absent.add(name)
             except TransferAborted:
                 self.absent.add(name)
+
+    def _find_table(self) -> None:
+        """Whether this firmware has the whole table and what moves its zero; not every one has."""
+        table = self._table
+        if table is None:
+            return
+        listed = self._console.enumerate()
+        names = {*table.places().values(), *table.told().values()}
+        speed = _number(listed.get(table.constant, ""))
+        if not names <= set(listed) or not speed > 0.0:
+            self._table = None
+            return
+        step = float(table.largest_step)
+        places = {name: Place(at, 1.0, -step, step, 0.0) for name, at in table.places().items()}
+        constant = table.torque_factor / speed
+        self._places |= places | {GAIN: Place(table.scale, constant, 0.0, math.inf, 0.0)}
+        self._told = dict(table.told())
+
+    def places_of(self, prefixes: tuple[str, ...]) -> list[str]:
+        """The controller's names of all parameters that are there and begin so."""
+        return [
+            place.at
+            for name, place in self._places.items()
+            if name not in self.absent and name.startswith(prefixes)
+        ]
 
     def where(self, name: str) -> Place:
         """Where a parameter of the profile is, also one that is absent."""
@@ -63,9 +96,29 @@ class MoteusParameters:
 
     def read(self, names: Sequence[str] | None = None) -> dict[str, float]:
         """Values in SI. Raises ConfigurationError (unknown name), LinkError."""
-        wanted = [name for name in self._places if name not in self.absent] if names is None else names
+        told = {name: at for name, at in self._told.items() if names is None or name in names}
+        fixed = self._fixed(names)
+        if names is None:
+            wanted = [name for name in self._places if name not in self.absent]
+        else:
+            wanted = [name for name in names if name not in told and name not in fixed]
         places = {name: self.place(name) for name in wanted}
-        return {name: self._console.number(place.at) * place.factor for name, place in places.items()}
+        numbers = self._numbers([*(place.at for place in places.values()), *told.values()])
+        found = {name: numbers[place.at] * place.factor for name, place in places.items()}
+        return found | {name: numbers[at] for name, at in told.items()} | fixed
+
+    def _fixed(self, names: Sequence[str] | None) -> dict[str, float]:
+        """What the profile says of the table."""
+        if self._table is None or (names is not None and LARGEST_STEP not in names):
+            return {}
+        return {LARGEST_STEP: float(self._table.largest_step)}
+
+    def _numbers(self, wanted: Sequence[str]) -> dict[str, float]:
+        """Values by the controller's names, one by one or all in one go."""
+        if len(wanted) < MANY:
+            return {at: self._console.number(at) for at in wanted}
+        listed = self._console.enumerate()
+        return {at: _number(listed[at]) if at in listed else self._console.number(at) for at in wanted}
 
     def write(self, values: Mapping[str, float]) -> None:
         """Writes all or nothing: everything is checked first, and put back where one is refused.
@@ -77,6 +130,9 @@ class MoteusParameters:
         wanted = {name: (self._checked(name, value), value) for name, value in values.items()}
         before: list[tuple[str, str]] = []
         try:
+            if len(wanted) >= MANY:
+                self._write_many(wanted, before)
+                return
             for name, (place, value) in wanted.items():
                 before.append((place.at, self._console.get(place.at)))
                 self._write(name, place, value)
@@ -84,10 +140,24 @@ class MoteusParameters:
             self._put_back(before, error)
             raise
 
+    def _write_many(self, wanted: Mapping[str, tuple[Place, float]], before: list[tuple[str, str]]) -> None:
+        """What differs from what is listed; all is listed again, and compared, at the end."""
+        listed = self._console.enumerate()
+        for place, value in wanted.values():
+            present = listed.get(place.at, "")
+            if not _same(place, _number(present) * place.factor, value):
+                before.append((place.at, present))
+                self._console.set(place.at, f"{value / place.factor:.9g}")
+        found = self._console.enumerate()
+        for name, (place, value) in wanted.items():
+            self._compare(name, place, value, _number(found.get(place.at, "")) * place.factor)
+
     def _write(self, name: str, place: Place, value: float) -> None:
         self._console.set(place.at, f"{value / place.factor:.9g}")
-        found = self._console.number(place.at) * place.factor
-        if abs(found - value) > max(place.resolution, PRINTED * abs(value), 1e-12):
+        self._compare(name, place, value, self._console.number(place.at) * place.factor)
+
+    def _compare(self, name: str, place: Place, value: float, found: float) -> None:
+        if not _same(place, found, value):
             raise LinkError(
                 f"{name} was written as {value:.9g}, but the drive has {found:.9g} ({place.at}); it limits the "
                 "value, or something else writes it too"
@@ -112,6 +182,17 @@ class MoteusParameters:
                 f"{name} is {value:.9g}; this drive allows {place.low:.9g} to {place.high:.9g} ({place.at})"
             )
         return place
+
+
+def _same(place: Place, found: float, value: float) -> bool:
+    return abs(found - value) <= max(place.resolution, PRINTED * abs(value), 1e-12)
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
 
 
 def _place(name: str, parameters: Mapping[str, MoteusParameter], direction: int) -> Place:

@@ -19,6 +19,7 @@ from pydantic import Field, model_validator
 from autotune.core.configuration import Strict, read_toml, validate
 from autotune.core.errors import ConfigurationError
 from autotune_drivers.profile import PARAMETERS, profile_path
+from autotune_drivers.tables import StepTable
 
 _TURN = 2.0 * math.pi
 UNITS: Mapping[str, float] = MappingProxyType(
@@ -102,6 +103,7 @@ class MoteusProfile(Strict):
     cycle: MoteusCycle = MoteusCycle()
     guard: MoteusGuard = MoteusGuard()
     store: MoteusStore | None = None
+    ripple: StepTable | None = None
     transition_seconds: Annotated[float, Field(gt=0, le=30)] = 3.0
     faults: Mapping[str, str] = {}
 

@@ -151,8 +151,7 @@ class MoteusSettings:
                 self.change(name, value)
 
     def _ours(self, before: Mapping[str, str]) -> dict[str, str]:
-        names = [name for name in self._profile.parameters if name.startswith(_OURS)]
-        places = [self.parameters.place(name).at for name in names if name not in self.parameters.absent]
+        places = self.parameters.places_of(_OURS)
         missing = [at for at in places if at not in before]
         if missing:
             raise ConfigurationError(

@@ -1,0 +1,56 @@
+"""What of ripple goes into a plan: kept as it was where none is planned, refused where the commutation has moved."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import cast
+
+import pytest
+
+from autotune.core.errors import ConfigurationError
+from autotune.core.ripple_parameters import GAIN, alignment_of, moved, without_table
+from autotune.tuning.findings import Planned
+from autotune.tuning.preparation import own_feedforward
+from autotune.tuning.session import Session
+from autotune.tuning.stage_reduce import Plan, same_commutation, with_own_ripple
+
+ZERO = {"alignment.motor_position.sources.0.offset": 12.0, "alignment.motor.Kv": 82.7}
+
+
+def session(now: dict[str, float]) -> Session:
+    loop = SimpleNamespace(read_parameters=lambda names: {name: now[name] for name in names if name in now})
+    return cast(Session, SimpleNamespace(loop=loop))
+
+
+def test_a_plan_of_an_earlier_run_is_refused_where_the_commutation_moved() -> None:
+    planned = Planned({GAIN: 1e-4, "feedforward.coulomb": 0.2}, alignment=ZERO)
+    same_commutation(session(ZERO), planned)
+    shifted = {**ZERO, "alignment.motor_position.sources.0.offset": 13.0}
+    with pytest.raises(ConfigurationError, match=r"sources\.0\.offset was 12 and is 13.*nothing was written"):
+        same_commutation(session(shifted), planned)
+    with pytest.raises(ConfigurationError, match="not there any more"):
+        same_commutation(session({"alignment.motor.Kv": 82.7}), planned)
+    same_commutation(session(shifted), Planned({"feedforward.coulomb": 0.2}))
+    same_commutation(session(shifted), None)
+
+
+def test_ripple_that_the_drive_held_before_acts_again_where_none_is_planned() -> None:
+    plan = with_own_ripple(Plan({"feedforward.coulomb": 0.2}), {GAIN: 0.5, "limit.torque": 1.0})
+    assert plan.values == {"feedforward.coulomb": 0.2, GAIN: 0.5}
+    assert with_own_ripple(Plan({}), {GAIN: 0.5}).values == {}
+    assert with_own_ripple(Plan({GAIN: 0.1}), {GAIN: 0.5}).values == {GAIN: 0.1}
+
+
+def test_a_run_measures_the_axis_without_the_ripple_that_its_drive_adds() -> None:
+    assert own_feedforward({"feedforward.enabled": 1.0, GAIN: 0.5, "feedforward.coulomb": 0.2}) == {
+        "feedforward.enabled": 1.0,
+        GAIN: 0.5,
+    }
+    assert own_feedforward({"feedforward.coulomb": 0.2, GAIN: 0.0}) == {"feedforward.coulomb": 0.2}
+
+
+def test_settings_that_move_the_zero_are_told_from_the_rest() -> None:
+    values = {**ZERO, "feedforward.ripple.table.3": 4.0, GAIN: 0.1}
+    assert alignment_of(values) == ZERO
+    assert without_table(values) == {**ZERO, GAIN: 0.1}
+    assert moved(ZERO, ZERO) == []
