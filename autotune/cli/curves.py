@@ -51,7 +51,7 @@ def _model(path: Path) -> DriveModel:
     recording = read_recording(path)
     for remark in recording.metadata.remarks:
         say(remark)
-    fitted = autotune.fit([recording], effects=["stribeck"])
+    fitted = autotune.fit([recording], effects=[STRIBECK.name])
     if fitted.model is None or not fitted.valid:
         raise NotEnoughExcitation(
             f"{path} does not tell friction over speed: {fitted.reason}. Record constant speeds from slow to fast "

@@ -159,7 +159,7 @@ def fastest_shown(models: Sequence[DriveModel]) -> float:
     """Ten times the largest Stribeck velocity, or where viscous friction equals Coulomb friction."""
     speeds = []
     for model in models:
-        if "stribeck" in model:
+        if STRIBECK.name in model:
             speeds.append(10.0 * model["stribeck_velocity"])
         elif model["viscous"] > 0.0:
             speeds.append(0.2 * max(total_friction(model).value, 1e-9) / model["viscous"])

@@ -34,7 +34,7 @@ from autotune.tuning.stage_adapt import period_average
 from autotune.tuning.stage_prove import ENABLED, GIVEN_BACK
 from autotune.tuning.stage_ripple import RipplePlan
 
-RIPPLE = "torque_ripple"
+RIPPLE = TORQUE_RIPPLE.name
 PREFIX = "feedforward."
 
 

@@ -39,7 +39,7 @@ def in_drive(findings: Findings, kept: bool) -> dict[str, Any]:
         return {"keeps": [], "peak_error_before": before, "peak_error": before, "ripple_removed": None}
     alone = findings.committed.peak_error if findings.committed else None
     names = {name.removeprefix("feedforward.") for name in findings.held if not is_ripple(name)}
-    keeps = sorted(names) + (["torque_ripple"] if findings.ripple is not None else [])
+    keeps = sorted(names) + ([TORQUE_RIPPLE.name] if findings.ripple is not None else [])
     return {
         "keeps": keeps,
         "peak_error_before": before,

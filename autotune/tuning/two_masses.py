@@ -14,12 +14,15 @@ import math
 from collections.abc import Collection
 
 from autotune.identify.estimate import Estimate, Quantity
+from autotune.models.backlash import BACKLASH
+from autotune.models.elastic_transmission import ELASTIC_TRANSMISSION
+from autotune.models.torque_lag import TORQUE_LAG
 from autotune.tuning.unfit_axes import NotTunable
 
 AGREES = 0.8
 """Inertia of the whole motion over that of small motion, from which on it may be one mass."""
 ERRORS = 4.0  # standard errors by which it has to be smaller beside
-NAMED = frozenset({"elastic_transmission", "backlash", "torque_lag"})
+NAMED = frozenset(kind.name for kind in (ELASTIC_TRANSMISSION, BACKLASH, TORQUE_LAG))
 """Effects that explain it: two masses in the model, and a lag, which looks like inertia in small motion."""
 
 

@@ -94,7 +94,7 @@ class Bench:
 def bristle_of_all(model: DriveModel) -> LugreParameters:
     """All friction and stiffness in one bristle; what a LuGre structure starts from."""
     level = max(total_friction(model).value, 1e-9)
-    falls = "stribeck" in model
+    falls = STRIBECK.name in model
     excess = model["break_away"] - model["coulomb"] if falls else 0.0
     return LugreParameters(
         inertia=model["inertia"],
