@@ -33,7 +33,7 @@ COMMANDS = {
     "record": "Play a programme on the axis and write the recording.",
     "serve": "Look after axes: a gentle check every day, a re-tune when one has drifted, an HTTP API.",
     "gains": "Judge today's gains by the axis's last model, and propose better ones; nothing moves without --apply.",
-    "catalogue": "Compare control structures on the twin of the axis: accuracy, steps, robustness, noise, effort. Nothing moves.",
+    "catalogue": "Compare control structures on the twin of the axis: accuracy, steps, robustness, noise.",
     "data": "Recordings that others made.",
     "workbench": "Look at models and recordings in the browser: compare, diagnose, add effects, save.",
     "export": "Export a model, or what a run has proved, as a file that another controller plays.",
