@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from autotune.cli.main import main
-from autotune.control.gains import propose
+from autotune.control.gains import members, propose
 from autotune.control.gains.loop import Gains
 from autotune.control.gains.members import Family
 from autotune.control.structures.catalogue import Catalogue, Trials, catalogue
@@ -37,6 +37,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(propose, "POPULATION", 5)
     monkeypatch.setattr(propose, "GENERATIONS", 2)
+    monkeypatch.setattr(members, "_GROUPS", (("inertia", ("inertia",)),))
     monkeypatch.setattr(tuning_catalogue, "catalogue", once)
     text = (config_directory() / "axes" / "simulated.toml").read_text(encoding="utf-8")
     (tmp_path / "axis.toml").write_text(text, encoding="utf-8")
