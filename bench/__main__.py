@@ -27,6 +27,8 @@ LONG: dict[str, list[list[str]]] = {
     "service_kills": [[], ["--wire", "--kills", "20"]],
     "year": [[]],
     "fuzz": [["--inputs", "1000000"]],
+    "worlds": [["--singles", "32", "--nulls", "16", "--aliens", "11", "--workers", "2"]],
+    "worlds.rivals": [[]],
 }
 
 

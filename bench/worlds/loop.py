@@ -121,7 +121,7 @@ def inside(
 
 @njit(cache=True)
 def between(reference: np.ndarray, k: int, part: float, cubic: bool) -> float:
-    """The set point on the way to row k, from the row before it."""
+    """The set point on the way to row k, from the row before it; cubic (Catmull and Rom), row k + 1 must be known."""
     one, two = reference[max(k - 1, 0)], reference[max(k, 0)]
     if not cubic:
         return one + part * (two - one)
@@ -163,7 +163,7 @@ def play(
         old[k % 4] = told
         out[3, k] = mean
         mean, push = 0.0, 0.0
-        at = max(k - dead, 0)
+        at = max(k - dead - (1 if kind != HOST_PID and c[CUBIC] > 0.0 else 0), 0)
         if kind == HOST_PID:
             demand = host(c, mem, reference[at], old[at % 4], cycle, limit)
         elif c[ACCEL_FEED] != 0.0 and at >= 2:
