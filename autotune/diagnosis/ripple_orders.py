@@ -13,6 +13,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from autotune.core.arrays import Floats, Integers
 from autotune.estimation.bias_corrected_fit import Level, fit_inside_twin
@@ -24,6 +25,8 @@ from autotune.models.torque_ripple import TORQUE_RIPPLE
 LEAST_LINE_GAIN = 0.008
 MOST_LINES = 7
 LINE_CONTRAST = 6.0
+"""Times what its neighbours explain beside it: so much, and more than the chance of all orders that are tried."""
+CHANCE = 0.01
 SPACING = 0.35
 """Of what the travel can tell apart: distance of the orders that are tried."""
 SAME = 0.7
@@ -32,7 +35,7 @@ MOST_ORDERS = 3000
 MOST_VALUES = 8e6
 """Of all columns that are kept at a time."""
 PIECE = 128
-REFINED = 9
+REFINED, STEPS = 9, 3
 WITHIN = 2.0
 """Standard errors, rows counted as correlated, and a share of the resolution: a whole number so near is meant."""
 LEAST_DOUBT = 0.01
@@ -68,22 +71,22 @@ def find_orders(study: Study, thin: Searched, angle: float, present: list[float]
     far = np.ones(len(orders), dtype=np.bool_)
     for other in present:
         far &= np.abs(orders - other) > SAME * tells
+    contrast = max(LINE_CONTRAST, float(chi2.ppf(1.0 - CHANCE / len(orders), 2) / chi2.median(2)))
     found: list[float] = []
+    left, beside_found = error, basis
     gains = np.where(far, _gains(table, basis, error), 0.0)
-    while len(found) < min(most, MOST_LINES):
-        best = int(np.argmax(gains))
-        if gains[best] < LEAST_LINE_GAIN:
-            break
-        order, column = waves.refined(float(orders[best]), SPACING * tells, basis, error)
-        extra = np.linalg.qr(column - basis @ (basis.T @ column))[0]
-        strength = float(np.sum((extra.T @ error) ** 2)) / max(float(error @ error), 1e-300)
-        basis, error = np.hstack([basis, extra]), error - extra @ (extra.T @ error)
-        beside = np.where(far, _gains(table, basis, error), 0.0)
+    while len(found) < min(most, MOST_LINES) and np.max(gains) >= LEAST_LINE_GAIN:
+        order = waves.refined(float(orders[int(np.argmax(gains))]), SPACING * tells, beside_found, left)
+        trial, beside_found, rest = waves.together([*found, order], SPACING * tells, basis, error)
+        strength = 1.0 - float(rest @ rest) / max(float(left @ left), 1e-300)
+        left, order = rest, trial[-1]
+        beside = np.where(far, _gains(table, beside_found, left), 0.0)
         near = (orders > 0.6 * order - 1.0) & (orders < 1.7 * order + 1.0)
-        if strength < LINE_CONTRAST * (1.0 - strength) * float(np.median(beside[near])):
+        if strength < contrast * (1.0 - strength) * float(np.median(beside[near])):
             break
-        found.append(order)
-        gains = np.where(np.abs(orders - order) > SAME * tells, beside, 0.0)
+        found = trial
+        far &= np.abs(orders - order) > SAME * tells
+        gains = np.where(far, beside, 0.0)
     return found
 
 
@@ -130,13 +133,39 @@ class _Waves:
             result[:, 2 * start + 1 : 2 * (start + len(part)) : 2] = np.cos(phase) * fade
         return result
 
-    def refined(self, order: float, step: float, basis: Floats, error: Floats) -> tuple[float, Floats]:
-        """The order around that explains most, and its columns."""
-        for reach in (step, step / 4.0, step / 16.0):
+    def refined(self, order: float, step: float, basis: Floats, error: Floats) -> float:
+        """The order around that explains most."""
+        for reach in (step, step / 4.0):
             trials = order + reach * np.linspace(-1.0, 1.0, REFINED)
             gains = _gains(self.table(trials), basis, error)
             order = float(trials[int(np.argmax(gains))])
-        return order, np.asarray(self.table(np.array([order])), dtype=np.float64)
+        return order
+
+    def together(
+        self, orders: list[float], step: float, basis: Floats, error: Floats
+    ) -> tuple[list[float], Floats, Floats]:
+        """All orders at their best beside each other (Gauss–Newton), the basis with them, and what they leave."""
+        found = np.array(orders)
+        for _ in range(STEPS):
+            columns = self._beside(self.table(found), basis)
+            sizes = np.linalg.lstsq(columns, error, rcond=None)[0]
+            slopes = self._beside(self._slopes(found, sizes), basis)
+            both = np.hstack([columns, slopes])
+            change = np.linalg.lstsq(both, error - columns @ sizes, rcond=1e-9)[0][len(sizes) :]
+            found = found + np.clip(change, -step, step)
+        extra = np.linalg.qr(self._beside(self.table(found), basis))[0]
+        return found.tolist(), np.hstack([basis, extra]), np.asarray(error - extra @ (extra.T @ error))
+
+    def _slopes(self, orders: Floats, sizes: Floats) -> Floats:
+        """What waves of these sizes change by with their orders, shape (rows, orders)."""
+        phase = np.outer(self._phase, orders)
+        fade = np.exp(-(np.outer(self._rate, orders) ** 4))
+        turned = sizes[::2] * np.cos(phase) - sizes[1::2] * np.sin(phase)
+        return np.asarray(self._phase[:, None] * turned * fade)
+
+    @staticmethod
+    def _beside(columns: NDArray[np.floating], basis: Floats) -> Floats:
+        return np.asarray(columns - basis @ (basis.T @ columns), dtype=np.float64)
 
 
 def _gains(table: NDArray[np.float32], basis: Floats, error: Floats) -> Floats:

@@ -42,6 +42,11 @@ class Disturbance:
         """Of all torque that acts on the axis [N m]."""
         return math.hypot(self.white, self.coloured)
 
+    def level_at(self, hertz: float, period: float) -> float:
+        """Level of the white noise that is as dense at this frequency [N m]."""
+        dense = float(coloured_power(np.array([hertz]), self.correlation, period)[0])
+        return math.hypot(self.white, self.coloured * math.sqrt(dense))
+
     def louder(self, factor: float) -> Disturbance:
         """The same disturbance with `factor` times the torque and the position noise."""
         return replace(
