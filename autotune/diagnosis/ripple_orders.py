@@ -210,7 +210,7 @@ def with_whole_orders(study: Study, level: Level) -> Level:
     settled = fit_inside_twin(study, Packed(p, packed.on), free, 2, level.effects)
     if settled is None or settled.fitted.cost > MUCH_WORSE * level.fitted.cost:
         return level
-    return replace(settled, settled=level.settled)
+    return replace(settled, converged=level.converged)
 
 
 MUCH_WORSE = 1.02
