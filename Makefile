@@ -71,6 +71,7 @@ linuxcnc: install
 
 pictures: install
 	$(BIN)/python -m bench.pictures
+	$(BIN)/python -m bench.architecture_picture
 
 clean:
 	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -36,7 +36,7 @@ COMMANDS = {
     "catalogue": "Compare control structures on the twin of the axis; nothing moves.",
     "data": "Recordings that others made.",
     "workbench": "Look at models and recordings in the browser: compare, diagnose, add effects, save.",
-    "export": "Export a model, or what a run has proved, as a file that another controller plays.",
+    "export": "Write a model as C, a LinuxCNC component, an FMU, structured text, or tables.",
     "model": "Drive models: fit, compare, diagnose, add effects, show.",
     "tribology": "Tell what a contact of this surface, material and load should show: stiffness at rest, break-away.",
 }
