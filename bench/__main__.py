@@ -26,7 +26,11 @@ LONG: dict[str, list[list[str]]] = {
     "service_schema": [[]],
     "service_kills": [[], ["--wire", "--kills", "20"]],
     "year": [[]],
+    "gains": [["thesis"], ["identified"], ["boundary"], ["axes"]],
+    "friction_scale": [[]],
     "fuzz": [["--inputs", "1000000"]],
+    "worlds": [["--singles", "32", "--nulls", "16", "--aliens", "11", "--workers", "2"]],
+    "worlds.rivals": [[]],
 }
 
 

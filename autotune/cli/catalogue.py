@@ -27,7 +27,7 @@ def catalogue(
     ] = 0.0,
     runs: Annotated[Path, typer.Option(help="Folder for what runs leave.")] = Path("runs"),
 ) -> None:
-    """Compare control structures on the twin of the axis: accuracy, steps, robustness, noise, effort. Nothing moves."""
+    """Compare control structures on the twin of the axis; nothing moves."""
     from autotune.tuning.catalogue import catalogue_of
 
     checked_dead_time(dead_time)

@@ -46,6 +46,7 @@ def _model(path: Path) -> DriveModel:
 
         return read_model(path)
     import autotune
+    from autotune.models.stribeck import STRIBECK
     from autotune.recordings.files import read_recording
 
     recording = read_recording(path)

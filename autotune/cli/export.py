@@ -53,7 +53,7 @@ def export(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object, nothing else.")] = False,
 ) -> None:
-    """Export a model, or what a run has proved, as a file that another controller plays."""
+    """Write a model as C, a LinuxCNC component, an FMU, structured text, or tables."""
     from autotune.export.targets import export as export_to
 
     given = {"period": cycle, "torque_limit": torque_limit, "speed": speed}

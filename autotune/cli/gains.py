@@ -50,7 +50,7 @@ def gains(
     ] = None,
     runs: Annotated[Path, typer.Option(help="Folder for what runs leave.")] = Path("runs"),
 ) -> None:
-    """Judge today's gains by the axis's last model, and propose better ones; nothing moves without --apply."""
+    """Judge today's gains by the last model, and propose better ones; nothing moves without --apply."""
     from autotune.tuning.gains import judge_axis
 
     checked_dead_time(dead_time)

@@ -18,6 +18,7 @@ from autotune.models import layout
 from autotune.models.contact import friction_limit, viscous_coefficient
 from autotune.models.drive_model import DriveModel
 from autotune.models.layout import STIFFNESS
+from autotune.models.stribeck import STRIBECK
 from autotune.models.total_friction import total_friction
 
 SPEEDS, DRAWS, SEED = 80, 200, 61

@@ -15,6 +15,7 @@ from autotune.estimation.contact_start import as_rough, fitted_contact
 from autotune.estimation.controller import find_controller
 from autotune.estimation.controller_torque import loop_note, refuse_answers
 from autotune.estimation.data import Prepared
+from autotune.estimation.disturbance_estimate import estimate_disturbance
 from autotune.estimation.free_parameters import free_of_model
 from autotune.estimation.least_squares import Free
 from autotune.estimation.policy import POLICY, Policy
@@ -22,9 +23,9 @@ from autotune.estimation.problem import (
     Study,
     base_free,
     by_steadiness,
-    estimate_noise,
     refit,
     start_study,
+    with_expected_noise,
 )
 from autotune.estimation.residual import smoothed
 from autotune.models.drive_model import DriveModel, Packed
@@ -86,13 +87,13 @@ def _first_level(study: Study, packed: Packed, free: list[Free]) -> tuple[Study,
         fitted, free = fitted_contact(study, fitted, start, free)
     plain = fitted.cost
     for _ in range(2):
-        study = replace(study, noise=estimate_noise(study, fitted.packed, fitted.error))
+        study = replace(study, disturbance=estimate_disturbance(study, fitted.packed))
         study = as_rough(study, fitted.packed)
         correction = study.correction(fitted.packed, 1)
         if not correction.stable:
             return None
         fitted = refit(study, fitted.packed, free, correction, 4)
-    study = by_steadiness(study, fitted.error)
+    study = with_expected_noise(by_steadiness(study, fitted.error), fitted.packed)
     level = fit_inside_twin(study, fitted.packed, free, 2)
     if study.two_masses(packed):  # with a held bias these fits walk off: the model may be nearer
         as_given = fit_inside_twin(study, packed, free, 2)

@@ -22,6 +22,7 @@ from autotune.estimation.bandwidth import prepared_for
 from autotune.estimation.coordinates import coordinates, since_reversal, variance_shares
 from autotune.estimation.cross_validation import bins, held_out
 from autotune.estimation.data import TEST, TRAINING, VETO, Prepared
+from autotune.estimation.disturbance import STILL
 from autotune.estimation.free_parameters import free_of_model
 from autotune.estimation.least_squares import fit
 from autotune.estimation.model_error import ModelError, model_error
@@ -151,7 +152,7 @@ def _measures(left: ModelError, model: DriveModel, position: float) -> Compared:
 def _position_error(study: Study, model: DriveModel) -> float:
     if study.controller is None:
         return math.nan
-    run = run_twin(study.data, model.pack(), study.controller, 0.0, np.random.default_rng(0))
+    run = run_twin(study.data, model.pack(), study.controller, STILL, np.random.default_rng(0))
     return float(np.sqrt(np.mean((run.position - study.data.measured) ** 2))) if run.stable else math.nan
 
 

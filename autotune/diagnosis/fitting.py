@@ -20,6 +20,7 @@ from autotune.diagnosis.compare import EACH_IN_TURN, check_same_axis, floor_of_u
 from autotune.diagnosis.evidence.kinds import evidence_of
 from autotune.diagnosis.refits import inside_twin, without_insignificant_terms
 from autotune.diagnosis.resolved_memory import resolved
+from autotune.diagnosis.ripple_orders import with_whole_orders
 from autotune.diagnosis.screening import screen
 from autotune.estimation.bandwidth import prepared_for, prepared_to_fit
 from autotune.estimation.bias_corrected_fit import Level, fit_inside_twin
@@ -230,7 +231,7 @@ def grown(
         study = again
         root = fit_inside_twin(study, root.fitted.packed, list(root.free), 2) or root
         level = fit_inside_twin(study, level.fitted.packed, list(level.free), 3, level.effects) or level
-    return study, root, without_insignificant_terms(study, level)
+    return study, root, with_whole_orders(study, without_insignificant_terms(study, level))
 
 
 def _with_effect(study: Study, root: Level, nominal: Packed, effect: str, model: DriveModel) -> Level:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,15 +19,18 @@ from scipy.stats import chi2
 
 from autotune.core.arrays import Floats
 from autotune.diagnosis.candidates import FittedCandidate, Progress, ScreenedCandidate
+from autotune.diagnosis.ripple_orders import candidate_orders
 from autotune.estimation.bias_corrected_fit import Level, fit_from_starts, fit_inside_twin
 from autotune.estimation.cross_validation import explained, gain_and_z
 from autotune.estimation.data import TRAINING, VETO
+from autotune.estimation.disturbance_estimate import estimate_disturbance
 from autotune.estimation.least_squares import Free, covariance
-from autotune.estimation.problem import Study, estimate_noise
+from autotune.estimation.problem import Study, with_expected_noise
 from autotune.models.drive_model import Packed
 from autotune.models.effect import Kind, Terms
 from autotune.models.layout import flag
 from autotune.models.table import EFFECTS
+from autotune.models.torque_ripple import TORQUE_RIPPLE, scale_slot
 from autotune.models.transmission import has_load
 
 _TERM = re.compile(r"(?P<part>\w+)_(?P<number>\d+)$")
@@ -146,10 +149,13 @@ def with_own_noise(study: Study, root: Level, chosen: FittedCandidate) -> tuple[
     Near the limit of stability, as with a strong lag, a model that lacks the effect needs twice the noise.
     """
     level = chosen.level
-    noise = estimate_noise(study, level.fitted.packed, level.fitted.error)
-    if not study.twin or abs(noise - study.noise) <= NOISE_CHANGED * study.noise:
+    if not study.twin:
         return study, chosen
-    quieter = replace(study, noise=noise)
+    disturbance = estimate_disturbance(study, level.fitted.packed)
+    before = study.disturbance.process
+    if abs(disturbance.process - before) <= NOISE_CHANGED * before:
+        return study, chosen
+    quieter = with_expected_noise(replace(study, disturbance=disturbance), level.fitted.packed)
     settled = fit_inside_twin(quieter, level.fitted.packed, list(level.free), 2, level.effects, level.fitted)
     if settled is None or settled.fitted.cost > level.fitted.cost:
         return study, chosen
@@ -174,7 +180,10 @@ def without_insignificant_terms(study: Study, level: Level) -> Level:
     packed, free = level.fitted.packed, level.free
     for kind in EFFECTS.values():
         if kind.terms is not None and packed.on[flag(kind.name)]:
-            keep = _significant(kind, kind.terms, packed, level.free, spread, study.policy.term_chance)
+            chance = study.policy.term_chance
+            if kind is TORQUE_RIPPLE:  # the best of all orders that were looked at
+                chance /= max(len(candidate_orders(study, float(packed.p[scale_slot()]))), 1)
+            keep = _significant(kind, kind.terms, packed, level.free, spread, chance)
             packed, free = _kept(kind, packed, free, keep)
     if len(free) == len(level.free):
         return level
@@ -184,20 +193,48 @@ def without_insignificant_terms(study: Study, level: Level) -> Level:
 def _significant(
     kind: Kind, terms: Terms, packed: Packed, free: tuple[Free, ...], spread: Floats, chance: float
 ) -> list[int]:
-    """Terms to keep: those beyond chance, and those that were not fitted; at least the clearest of all."""
+    """Terms to keep: those beyond chance, and those that were not fitted; at least the clearest of all.
+
+    The weakest is taken out first, and the others are judged as they would be fitted without it: of two terms that
+    stand for one thing, each seems needless beside the other.
+    """
     places = {one.slot: i for i, one in enumerate(free)}
-    worth: dict[int, float] = {}
-    for number in kind.terms_in_use(packed.p):
-        slots = [kind.slot(f"{part}_{number}") for part in terms.amplitudes]
-        if not all(slot in places for slot in slots):
-            worth[number] = np.inf
-            continue
-        at = [places[slot] for slot in slots]
-        size = packed.p[slots]
-        square = float(size @ np.linalg.pinv(spread[np.ix_(at, at)], hermitian=True) @ size)
-        worth[number] = square / float(chi2.ppf(1.0 - chance, len(slots)))
-    clearest = max(worth, key=lambda number: worth[number], default=0)
-    return [number for number in worth if worth[number] > 1.0 or number == clearest]
+    kept = kind.terms_in_use(packed.p)
+    slots = {n: [kind.slot(f"{part}_{n}") for part in terms.amplitudes] for n in kept}
+    fitted = [n for n in kept if all(slot in places for slot in slots[n])]
+    value = packed.p[[one.slot for one in free]]
+    least = float(chi2.ppf(1.0 - chance, len(terms.amplitudes)))
+    while len(fitted) > (len(fitted) == len(kept)):
+        worth = {n: _wald(value, spread, [places[slot] for slot in slots[n]]) for n in fitted}
+        weakest = min(fitted, key=lambda n: worth[n])
+        if worth[weakest] > least:
+            break
+        value, spread = _without(value, spread, *_places_of(kind, terms, weakest, places))
+        fitted.remove(weakest)
+        kept.remove(weakest)
+    return kept
+
+
+def _places_of(
+    kind: Kind, terms: Terms, number: int, places: Mapping[int, int]
+) -> tuple[list[int], list[int]]:
+    """Where the amplitudes of a term are among the free parameters, and where all that belongs to it is."""
+    own = {parameter.slot for parameter in kind.parameters if parameter.name.endswith(f"_{number}")}
+    amplitudes = [places[kind.slot(f"{part}_{number}")] for part in terms.amplitudes]
+    return amplitudes, [places[slot] for slot in own if slot in places]
+
+
+def _wald(value: Floats, spread: Floats, at: list[int]) -> float:
+    size = value[at]
+    return float(size @ np.linalg.pinv(spread[np.ix_(at, at)], hermitian=True) @ size)
+
+
+def _without(value: Floats, spread: Floats, amplitudes: list[int], own: list[int]) -> tuple[Floats, Floats]:
+    """Values and covariance of a linear fit in which these amplitudes are 0; what is taken out varies no more."""
+    change = np.zeros(len(value))
+    change[amplitudes] = -value[amplitudes]
+    share = spread[:, own] @ np.linalg.pinv(spread[np.ix_(own, own)], hermitian=True)
+    return np.asarray(value + share @ change[own]), np.asarray(spread - share @ spread[own])
 
 
 def _kept(

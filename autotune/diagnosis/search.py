@@ -25,6 +25,7 @@ from autotune.diagnosis.refits import (
     without_effect,
     without_insignificant_terms,
 )
+from autotune.diagnosis.ripple_orders import with_whole_orders
 from autotune.diagnosis.screening import NEAR_WORTH, generic_gains, rank, screen
 from autotune.diagnosis.transmission import other_transmission_tried, without_needless_gap
 from autotune.estimation.bias_corrected_fit import Level
@@ -158,6 +159,9 @@ class _Search:
             return None
         best = self.evidence.best(study, fits)
         worth = best.gain >= study.policy.least_gain
+        if self.evidence.repeats and self.chosen is None:
+            least = study.policy.least_gain * study.mean_square(self.root.fitted.error, TRAINING)
+            worth &= best.training.fall >= least
         if self.chosen is not None:
             before = self.chosen.level
             worth &= _fall(study, before, best.level, TRAINING) >= least_fall(study, self.chosen)
@@ -230,7 +234,7 @@ class _Search:
         chosen = self._pruned(self.chosen)
         if self._unsettled(chosen):
             chosen = refined(study, root, chosen, self.progress)
-        level = without_insignificant_terms(study, chosen.level)
+        level = with_whole_orders(study, without_insignificant_terms(study, chosen.level))
         self.chosen = chosen if level is chosen.level else judged(study, root, level, chosen.effect)
 
     def _pruned(self, chosen: FittedCandidate) -> FittedCandidate:

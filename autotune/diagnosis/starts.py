@@ -1,6 +1,6 @@
 """How a fit of each effect begins: what the effect's own starts (`Kind.starts`) find in the data.
 
-Here stand what a start may look at (`Context`), and the search for orders that repeat with position.
+Here stands what a start may look at (`Context`).
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from autotune.core.arrays import Floats, Integers
+from autotune.diagnosis.ripple_orders import find_orders
 from autotune.estimation.least_squares import Fitted, Free
 from autotune.estimation.problem import Study
 from autotune.models import layout
@@ -20,10 +21,6 @@ from autotune.models.effect import Kind
 from autotune.models.start_values import StartValues, Vary
 from autotune.models.table import EFFECTS
 from autotune.models.torque_ripple import TORQUE_RIPPLE, scale_slot
-
-LEAST_LINE_GAIN = 0.008
-MOST_LINES = 7
-LINE_CONTRAST = 6.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +106,10 @@ class Context:
         return thinned(self)
 
     def orders_in_residual(self, most: int) -> list[float]:
-        return find_orders(self)[:most]
+        present = [
+            float(self.p[TORQUE_RIPPLE.slot(f"order_{i}")]) for i in TORQUE_RIPPLE.terms_in_use(self.p)
+        ]
+        return find_orders(self.study, thinned(self), self.angle, present, most)
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,56 +181,3 @@ def shapes(effect: str, packed: Packed) -> tuple[Free, ...]:
     kind = EFFECTS[effect]
     later = kind.freed_later(packed.p) if kind.freed_later is not None else {}
     return tuple(varying(kind, name, vary) for name, vary in later.items())
-
-
-def candidate_orders(c: Context) -> Floats:
-    """Orders that the travel can tell apart and the sampling can show."""
-    travel = c.study.scales.travel * c.angle / (2 * math.pi)
-    slow = float(np.percentile(np.abs(c.velocity()), 25)) * c.angle / (2 * math.pi)
-    cutoff = 0.9 / (c.study.data.period * max(len(c.study.data.taps) // 2, 1))
-    most = 400.0 if c.angle == 1.0 else 2000.0 / max(travel, 1e-9)
-    highest = min(most, 0.8 * cutoff / max(slow, 1e-9))
-    lowest = 1.5 / max(travel, 1e-9)
-    if c.angle == 1.0:
-        first = max(2.0, math.ceil(lowest))
-        return np.arange(first, max(highest, first + 1.0))
-    return np.asarray(np.arange(lowest, max(highest, 2 * lowest), 0.35 / max(travel, 1e-12)))
-
-
-def line_columns(c: Context, order: float, rows: Integers) -> Floats:
-    """Sine and cosine of an order, faded out where the low-pass removes them, shape (rows, 2)."""
-    angle = order * c.angle
-    phase = angle * c.position()[rows]
-    hertz = np.abs(c.velocity()[rows]) * angle / (2 * math.pi)
-    cutoff = 0.9 / (c.study.data.period * max(len(c.study.data.taps) // 2, 1))
-    fade = np.exp(-((hertz / cutoff) ** 4))
-    return np.asarray(np.column_stack([np.sin(phase) * fade, np.cos(phase) * fade]))
-
-
-def find_orders(c: Context, most: int = MOST_LINES) -> list[float]:
-    """Ripple orders in the residual, strongest first.
-
-    A line must stand out of what its neighbours explain beside it: over a short travel a strong line
-    leaks into them, and what they seem to explain without it is its own.
-    """
-    thin = thinned(c)
-    present = [c.p[TORQUE_RIPPLE.slot(f"order_{i}")] for i in TORQUE_RIPPLE.terms_in_use(c.p)]
-    found: list[float] = []
-    orders = candidate_orders(c)
-    tables = [line_columns(c, float(order), thin.rows) for order in orders]
-    gains = np.array([thin.share(table) for table in tables])
-    while len(found) < most:
-        best = int(np.argmax(gains))
-        order = float(orders[best])
-        if gains[best] < LEAST_LINE_GAIN or any(abs(order - other) < 0.5 for other in present):
-            break
-        extra = np.linalg.qr(thin.without_base(tables[best]))[0]
-        thin = Thin(thin.rows, np.hstack([thin.basis, extra]), thin.error - extra @ (extra.T @ thin.error))
-        beside = np.array([thin.share(table) for table in tables])
-        near = (orders > 0.6 * order - 1.0) & (orders < 1.7 * order + 1.0)
-        left = (1.0 - gains[best]) * float(np.median(beside[near]))
-        if gains[best] < LINE_CONTRAST * left:
-            break
-        found.append(order)
-        gains = beside
-    return found

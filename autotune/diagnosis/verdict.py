@@ -10,12 +10,19 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from autotune.diagnosis.baseline import begin
-from autotune.diagnosis.candidates import FittedCandidate, Progress, error_left, no_progress
+from autotune.diagnosis.candidates import (
+    FittedCandidate,
+    Progress,
+    ScreenedCandidate,
+    error_left,
+    no_progress,
+)
 from autotune.diagnosis.compare import check_same_axis
 from autotune.diagnosis.confirmation import confirm, in_words
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
 from autotune.diagnosis.evidence.kinds import evidence_of
 from autotune.diagnosis.evidence.time_driven import TimeLine, time_driven_line
+from autotune.diagnosis.first_alone import doubt_of
 from autotune.diagnosis.search import Found, search
 from autotune.diagnosis.transmission import GAP, SPRING, hardly_a_gap
 from autotune.diagnosis.wording import (
@@ -101,6 +108,11 @@ def diagnose(
     progress("does another trajectory confirm it")
     chosen, carried = confirm(found, nominal)
     verdict = judge(replace(found, chosen=chosen), (*notes, *in_words(carried)), carried)
+    if verdict.confidence == CONFIRMED and not data.repeated:
+        doubt = doubt_of(recordings, model, verdict.effects, progress, policy, study.candidates)
+        if doubt is not None:
+            said = f"Suspected only: {doubt.why}."
+            verdict = replace(verdict, confidence=SUSPECTED, notes=(said, *verdict.notes))
     return replace(verdict, error_rms=given.error_rms, relative_error=given.relative_error)
 
 
@@ -124,6 +136,7 @@ class Facts:
     generic: float
     lead: float
     rivals: tuple[str, ...]
+    first: Sequence[ScreenedCandidate] = ()
 
     @property
     def drowned(self) -> bool:
@@ -153,6 +166,30 @@ class Facts:
         )
 
     @property
+    def outdone(self) -> str:
+        """A candidate that is not named although it gains far more than all that is; empty where there is none."""
+        if self.chosen is None or self.evidence.repeats:
+            return ""
+        own = gain_and_z(self.root.unseen, self.chosen.level.unseen)[0]
+        own = max(own, self.chosen.gain)
+        others = [item for item in self.first if item.effect not in self.chosen.level.effects]
+        best = max(others, key=lambda item: item.gain, default=None)
+        return best.effect if best is not None and best.gain > self.study.policy.outdone * own else ""
+
+    @property
+    def law_differs(self) -> bool:
+        """One effect explains most of the error, far ahead of any other, but not all that its place holds."""
+        policy, chosen = self.study.policy, self.chosen
+        if chosen is None or not self.evidence.repeats or len(chosen.level.effects) > 1:
+            return False
+        if hardly_a_gap(policy, chosen.level) or not self.study.has_veto:
+            return False
+        others = [item.gain for item in self.first if item.effect != chosen.effect]
+        own = next((item.gain for item in self.first if item.effect == chosen.effect), chosen.gain)
+        alone = max(others, default=0.0) <= policy.law_lead * max(own, chosen.gain)
+        return chosen.share >= policy.law_differs and alone
+
+    @property
     def structure_left(self) -> bool:
         return self.evidence.structure_left(self.study, self.root)
 
@@ -179,11 +216,32 @@ def _nothing_to_say(facts: Facts) -> str:
     return ""
 
 
+def _outdone(facts: Facts) -> str:
+    chosen = facts.chosen
+    names = " and ".join(chosen.level.effects).replace("_", " ") if chosen is not None else ""
+    return (
+        f"{facts.outdone.replace('_', ' ').capitalize()} explains far more of these data than {names}, "
+        "but not beyond doubt; so nothing is named."
+    )
+
+
+def _another_law(facts: Facts) -> str:
+    chosen = facts.chosen
+    if chosen is None:
+        return ""
+    return (
+        f"Its law differs: {chosen.effect.replace('_', ' ')} {facts.evidence.explains_part(chosen)}; the effect is "
+        "there, but not quite as the model has it, so that its coefficients are approximate."
+    )
+
+
 CASES: tuple[Case, ...] = (
     Case("a disturbance in time hides it", lambda f: f.drowned, UNKNOWN, _unknown_without_name),
     Case("a free function explains more than any physics", lambda f: f.structured, UNKNOWN, _unknown),
+    Case("what is not named explains far more", lambda f: bool(f.outdone), UNKNOWN, _outdone),
     Case("other effects do as well", lambda f: f.accepted and bool(f.rivals), AMBIGUOUS, _nothing_to_say),
     Case("an effect explains it", lambda f: f.accepted, NAMED, _nothing_to_say),
+    Case("an effect explains most, by another law", lambda f: f.law_differs, NAMED, _another_law),
     Case("an effect explains too little", lambda f: f.chosen is not None, UNKNOWN, _unknown),
     Case("another trajectory refutes it", lambda f: bool(f.carried), UNKNOWN, _unknown),
     Case("what is left is no noise", lambda f: f.structure_left, UNKNOWN, _unknown),
@@ -236,7 +294,7 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     coordinate, generic = max(found.generic.items(), key=lambda item: item[1], default=("", 0.0))
     line = time_driven_line(study, (chosen.level if chosen else root).fitted.error)
     rivals = tuple(_rivals(study, evidence, root, chosen, found.tried)) if chosen is not None else ()
-    return Facts(study, root, chosen, evidence, carried, line, coordinate, generic, lead, rivals)
+    return Facts(study, root, chosen, evidence, carried, line, coordinate, generic, lead, rivals, found.first)
 
 
 def _rivals(

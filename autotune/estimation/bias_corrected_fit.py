@@ -19,7 +19,6 @@ from autotune.estimation.parts import until_last
 from autotune.estimation.problem import Correction, Study, refit
 from autotune.estimation.residual import residual
 from autotune.models.drive_model import Packed
-from autotune.models.transmission import has_load
 
 LEVEL_GROUND = 1.005
 """What the cost may rise by from a twin to the next: its noise."""
@@ -31,6 +30,9 @@ COARSE = 0.03
 """Of a parameter's scale: difference for sensitivities of two masses, whose contact makes small ones noise."""
 STUCK, NEAR = 0.9, 0.5
 """Of the cost at its start: a fit that comes no lower has not found its way, unless it began so near the end."""
+MOST_PLACES = 4
+NEAR_NOISE = 1.5
+"""Times the variance between repeats: a fit that comes so low has found its way."""
 SHARP = 9
 """Simulations for the bias that two masses are judged by: their contact makes that of a few a matter of luck."""
 ENOUGH = 0.01
@@ -74,7 +76,7 @@ def fit_inside_twin(
     if here is None:
         return None
     best = here
-    if study.twin and has_load(here.packed.on):
+    if study.two_masses(here.packed):
         return _step_by_step(study, here, free, STEPS_A_ROUND * rounds, effects, target)
     last: Fitted | None = None
     for _ in range(rounds):
@@ -105,6 +107,7 @@ def fit_from_starts(
     """
     best: Level | None = None
     dear: list[Twinned] = []
+    tried = 0
     for packed in starts:
         here = twinned(study, packed)
         if here is None:
@@ -112,15 +115,26 @@ def fit_from_starts(
         if here.cost > enough:
             dear.append(here)
             continue
-        level = fit_inside_twin(study, here, free, 2, effects, target=target)
+        least = target if best is None else min(target, best.fitted.cost)
+        level = fit_inside_twin(study, here, free, 2, effects, target=least)
+        tried += 1
         if level is not None and (best is None or level.fitted.cost < best.fitted.cost):
             best = level
-        if level is not None and (level.fitted.cost < STUCK * here.cost or here.cost < NEAR * enough):
+        if tried >= MOST_PLACES or (level is not None and _arrived(study, level, here.cost, enough)):
             break
     if best is not None or not dear:
         return best
     here = min(dear, key=lambda place: place.cost)
     return fit_inside_twin(study, here, free, 2, effects, target=target)
+
+
+def _arrived(study: Study, level: Level, before: float, enough: float) -> bool:
+    """Whether a fit has found its way: to the noise where that is known, else far enough down."""
+    floor = study.noise_variance(level.fitted.error, TRAINING)
+    cost = level.fitted.cost
+    if math.isfinite(floor):
+        return cost < NEAR_NOISE * floor
+    return cost < STUCK * before or before < NEAR * enough
 
 
 def _step_by_step(

@@ -14,6 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from autotune.core.arrays import Floats
+from autotune.estimation.controller import asked
+from autotune.estimation.disturbance import STILL
 from autotune.estimation.least_squares import Fitted, Free, standard_errors
 from autotune.estimation.problem import SEED, Correction, Study, refit
 from autotune.estimation.residual import residual, run_twin
@@ -100,20 +102,20 @@ def as_rough(study: Study, packed: Packed) -> Study:
     Without repeats what the model lacks would pass for noise, and a twin that is shaken so slides where the axis
     stuck.
     """
-    if study.data.repeated or study.controller is None or study.noise <= 0.0:
+    if study.data.repeated or study.controller is None or study.disturbance.process <= 0.0:
         return study
-    measured = _roughness(study, study.data.torque)
+    measured = _roughness(study, asked(study.data, study.controller))
     shares = []
-    for noise in (0.0, study.noise):
-        run = run_twin(study.data, packed, study.controller, noise, np.random.default_rng(SEED))
+    for shaken in (STILL, study.disturbance):
+        run = run_twin(study.data, packed, study.controller, shaken, np.random.default_rng(SEED))
         if not run.stable:
             return study
         shares.append(_roughness(study, run.torque))
-    calm, shaken = shares
-    if shaken <= calm:
+    calm, rough = shares
+    if rough <= calm:
         return study
-    factor = max(measured - calm, 0.0) / (shaken - calm)
-    return replace(study, noise=study.noise * math.sqrt(min(factor, MOST_NOISE)))
+    factor = max(measured - calm, 0.0) / (rough - calm)
+    return replace(study, disturbance=study.disturbance.louder(math.sqrt(min(factor, MOST_NOISE))))
 
 
 def _roughness(study: Study, torque: Floats) -> float:

@@ -129,6 +129,21 @@ def find_controller(data: Prepared, policy: Policy = POLICY) -> PositionControll
     )
 
 
+def asked(data: Prepared, controller: PositionController) -> Floats:
+    """The torque that a controller asks for along prepared data [N m], shape (n,).
+
+    Its integral begins anew in every stretch and is right but for a constant from clamp to clamp.
+    """
+    stretches = tuple(stretch.rows for stretch in data.stretches)
+    held = clamped(data.torque, data.metadata.torque_limit)
+    samples = LoopSamples(data.period, data.reference, data.measured, data.torque, held, stretches, None)
+    kd, filtered = controller.kd, controller.derivative_filter
+    law = [controller.kp, kd, controller.ki, kd * controller.reference_rate, controller.velocity_feedforward]
+    demand = _terms(samples, filtered) @ np.array(law) + controller.constant + data.feedforward
+    limit = data.metadata.torque_limit or np.inf
+    return np.asarray(np.where(held, np.clip(data.torque, -limit, limit), demand))
+
+
 def controller_of(recording: Recording) -> PositionController:
     """The controller of the parts of a recording that were under position control."""
     if "reference" not in recording:

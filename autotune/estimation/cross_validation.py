@@ -121,10 +121,17 @@ def _of_friction(study: Study, fitted: Fitted, correction: Correction, role: str
 
 
 def explained(study: Study, before: Fitted, after: Fitted, correction: Correction, role: str) -> Explained:
-    """What `after` explains beyond `before` of a role's residual."""
+    """What `after` explains beyond `before` of a role's residual.
+
+    Of what repeats do not share only what the disturbance does not make can be explained: a lag that smooths the
+    noise of the torque explains nothing.
+    """
     fall = study.mean_square(before.error, role) - study.mean_square(after.error, role)
     variance, error = study.repeatable(after.error, correction, role)
     noise = study.noise_variance(after.error, role)
+    if math.isfinite(noise):
+        quieter = study.noise_variance(before.error, role) - noise
+        fall -= max(quieter - study.noise_explainable(before.error, role), 0.0)
     certain = (
         math.isfinite(variance)
         and variance > study.policy.rest_errors * error

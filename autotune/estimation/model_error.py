@@ -15,8 +15,9 @@ from autotune.core.arrays import Flags, Floats
 from autotune.estimation.alignment import best_shift, shifted, without_twin
 from autotune.estimation.controller import find_controller
 from autotune.estimation.data import Prepared
+from autotune.estimation.disturbance_estimate import estimate_disturbance
 from autotune.estimation.policy import POLICY, Policy
-from autotune.estimation.problem import Study, estimate_noise, start_study, without_outlying
+from autotune.estimation.problem import Study, start_study, without_outlying
 from autotune.estimation.residual import measured_motion, residual, smoothed
 from autotune.models.drive_model import DriveModel, Packed
 
@@ -68,7 +69,7 @@ def model_error(data: Prepared, model: DriveModel, policy: Policy = POLICY) -> M
         study, notes = start_study(data, None, policy), (*notes, *said)
     raw = residual(data, packed, study.moved)
     if study.twin:
-        study = replace(study, noise=estimate_noise(study, packed, raw))
+        study = replace(study, disturbance=estimate_disturbance(study, packed))
     correction = study.correction(packed, SIMULATIONS)
     if not correction.stable:
         study, correction = replace(study, controller=None), replace(correction, stable=True)

@@ -15,6 +15,7 @@ import numpy as np
 from autotune.core.arrays import Floats
 from autotune.estimation.controller import PositionController
 from autotune.estimation.data import TRAINING, VETO, Block, Prepared
+from autotune.estimation.disturbance import STILL, Disturbance
 from autotune.estimation.least_squares import Fitted, Free, fit
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.residual import (
@@ -73,18 +74,21 @@ class Scales:
 class Study:
     """Everything a candidate is judged by.
 
-    `candidates`: effects that may be what is missing.
+    Attributes:
+        candidates: effects that may be what is missing.
+        expected: variance between repeats of each block that the disturbance alone makes [(N m)²], shape (blocks,).
     """
 
     data: Prepared
     moved: Motion
     controller: PositionController | None
-    noise: float
+    disturbance: Disturbance
     scales: Scales
     weight: Floats
     simulations: int = 2
     policy: Policy = POLICY
     candidates: tuple[Kind, ...] = tuple(EFFECTS.values())
+    expected: Floats | None = None
 
     @property
     def twin(self) -> bool:
@@ -103,7 +107,7 @@ class Study:
         random = np.random.default_rng(SEED)
         runs = []
         for _ in range(simulations or self.simulations):
-            run = run_twin(data, packed, self.controller, self.noise, random)
+            run = run_twin(data, packed, self.controller, self.disturbance, random)
             if not run.stable:
                 return Correction(empty.bias, empty.variance, stable=False)
             raw = raw_residual(data, packed, simulated_motion(data, run))
@@ -143,6 +147,16 @@ class Study:
         variances, counts = np.array(values).T
         return float(np.average(variances, weights=counts))
 
+    def noise_explainable(self, error: Floats, role: str) -> float:
+        """Of the variance between repeats, what the disturbance does not make: drift, memory [(N m)²]."""
+        measured = self.noise_variance(error, role)
+        if self.expected is None or not math.isfinite(measured):
+            return math.inf
+        blocks = zip(self.data.blocks, self.expected, strict=True)
+        known = [(v, b.count * self._steadiness(b)) for b, v in blocks if b.role == role and b.repeats > 1]
+        levels, counts = np.array(known).T
+        return max(measured - float(np.average(levels, weights=counts)), 0.0)
+
     def mean_square(self, error: Floats, role: str) -> float:
         """Of the rows of a role, by their weight [(N m)²]; nan without any."""
         weight = self.weight * self.data.role(role)
@@ -179,7 +193,7 @@ def start_study(data: Prepared, controller: PositionController | None, policy: P
         data.steady,
     )
     usable = controller if controller is not None and controller.usable else None
-    return Study(data, moved, usable, 0.0, scales, np.ones(len(rows)), policy=policy)
+    return Study(data, moved, usable, STILL, scales, np.ones(len(rows)), policy=policy)
 
 
 def _can_tell(name: str, scales: Scales) -> bool:
@@ -230,30 +244,21 @@ def base_free(packed: Packed, scales: Scales, motion_unit: str) -> list[Free]:
     return free
 
 
-def estimate_noise(study: Study, packed: Packed, error: Floats) -> float:
-    """Standard deviation of a torque, new in every sample, that makes repeats differ as they do [N m].
-
-    Where the quantiser makes the motion chaotic, repeats differ by more than the noise; the quieter half
-    of the chunks decides, less what the twin itself differs there.
-    """
-    measured = _chunk_noise(study, error)
-    gain = float(np.sum(np.convolve(study.data.taps, [0.5, 0.5]) ** 2))
-    if len(measured) == 0:
-        rows = study.training > 0
-        return float(np.sqrt(0.25 * np.median(error[rows] ** 2) / 0.455 / gain))
-    quiet = measured <= np.median(measured)
-    level = 0.0
-    for guess in (0.0, 1.0):
-        if study.controller is None:
-            return float(np.sqrt(np.median(measured[quiet]) / gain))
-        random = np.random.default_rng(SEED)
-        run = run_twin(study.data, packed, study.controller, guess * np.sqrt(level), random)
-        if not run.stable:
-            return float(np.sqrt(np.median(measured[quiet]) / gain))
-        rest = smoothed(study.data, raw_residual(study.data, packed, simulated_motion(study.data, run)))
-        spare = np.median((measured - _chunk_noise(study, rest))[quiet]) / gain
-        level = max(level + float(spare), 0.02 * float(np.median(measured[quiet])) / gain)
-    return float(np.sqrt(level))
+def with_expected_noise(study: Study, packed: Packed) -> Study:
+    """The study, knowing by how much repeats would differ if nothing but the disturbance did it."""
+    data, shaken = study.data, study.disturbance
+    if study.controller is None or not data.repeated or not math.isfinite(shaken.sensor):
+        return replace(study, expected=None)
+    run = run_twin(data, packed, study.controller, shaken, np.random.default_rng([SEED, 1]))
+    if not run.stable:
+        return replace(study, expected=None)
+    error = smoothed(data, raw_residual(data, packed, simulated_motion(data, run)))
+    heard = shaken.sensor**2 * float(np.sum(np.convolve(data.taps, [0.5, 0.5]) ** 2))
+    expected = np.full(len(data.blocks), heard)
+    for i, block in enumerate(data.blocks):
+        if block.repeats > 1:
+            expected[i] += float(_table(error, block).var(axis=0, ddof=1).mean())
+    return replace(study, expected=expected)
 
 
 def by_steadiness(study: Study, error: Floats) -> Study:
@@ -270,12 +275,6 @@ def by_steadiness(study: Study, error: Floats) -> Study:
     for i, level in noise.items():
         weight[study.data.blocks[i].rows] *= max(quietest / max(level, 1e-300), LEAST_WEIGHT)
     return replace(study, weight=weight)
-
-
-def _chunk_noise(study: Study, error: Floats) -> Floats:
-    """Variance between repeats of every chunk of training data [(N m)²], shape (chunks,)."""
-    values = [levels for _, levels in _noise_by_block(study, error)]
-    return np.concatenate(values) if values else np.zeros(0)
 
 
 def _noise_by_block(study: Study, error: Floats) -> Iterator[tuple[int, Floats]]:

@@ -15,6 +15,7 @@ import numpy as np
 from autotune.core.arrays import Floats, Integers
 from autotune.estimation.controller import PositionController
 from autotune.estimation.data import Prepared, Stretch, filtered_motion
+from autotune.estimation.disturbance import Disturbance
 from autotune.estimation.twin import simulate_stretch, started_torque
 from autotune.models import layout
 from autotune.models.compiled import compiled
@@ -116,20 +117,17 @@ def run_twin(
     data: Prepared,
     packed: Packed,
     controller: PositionController,
-    noise: float,
+    shaken: Disturbance,
     random: np.random.Generator,
     quantised: bool = True,
 ) -> Simulated:
-    """Simulates all stretches from their references, each from where it was measured to start.
-
-    `noise` is the standard deviation of a torque that changes every sample [N m].
-    """
+    """Simulates all stretches from their references, each from where it was measured to start."""
     n = len(data.reference)
     position, torque = np.zeros(n), np.zeros(n)
-    disturbance = random.normal(0.0, noise, n) if noise > 0 else np.zeros(n)
+    disturbance = shaken.drawn(random, n, data.period) if shaken.process > 0.0 else np.zeros(n)
+    unsure = random.normal(0.0, shaken.position, n) if shaken.position > 0.0 else np.zeros(n)
     limit = data.metadata.torque_limit or np.inf
     resolution = data.resolution if quantised else 0.0
-    clean = np.zeros(n)
     stable = True
     for stretch in data.stretches:
         rows = stretch.rows
@@ -140,7 +138,7 @@ def run_twin(
             limit,
             resolution,
             disturbance[rows],
-            clean[rows],
+            unsure[rows],
         )
         stable &= inside
     stable = stable and bool(np.all(np.isfinite(position)))

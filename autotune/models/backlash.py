@@ -2,29 +2,40 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 
 from autotune.core.arrays import Floats
 from autotune.models.effect import Kind, Parameter
 from autotune.models.layout import block, flag
-from autotune.models.load_side import AT_START, compliance_at, least_compliance, load_parameters, load_varies
+from autotune.models.load_side import (
+    AT_START,
+    SPLITS,
+    compliance_at,
+    least_compliance,
+    load_parameters,
+    load_varies,
+)
 from autotune.models.look_alikes import IN_QUICK_MOTION, IN_SPEED
 from autotune.models.start_values import StartContext, StartValues, Vary
 
 GAP = block("backlash")
 HAS_GAP = flag("backlash")
+CONTACTS = (120.0, 300.0)
+"""Resonances of motor and load in contact [Hz]."""
 
 
 def starts(c: StartContext) -> Iterator[StartValues]:
-    """Three gaps, measured by the bristle's reach."""
-    compliance, least = compliance_at(c, 200.0), least_compliance(c)
-    for reaches in (0.3, 1.0, 3.0):
-        gap = max(reaches * c.reach, 4.0 * c.resolution)
+    """Three gaps, measured by the bristle's reach, with a hard contact or not, with friction on both sides or not."""
+    least = least_compliance(c)
+    for reaches, hertz, split in itertools.product((0.3, 1.0, 3.0), CONTACTS, SPLITS):
+        gap, compliance = max(reaches * c.reach, 4.0 * c.resolution), compliance_at(c, hertz)
         free = {
             "gap": Vary(0.5 * gap, 0.6 * gap),
             "contact_compliance": Vary(compliance, compliance, lower=least),
         }
-        yield StartValues({"gap": gap, "contact_compliance": compliance, **AT_START}, free | load_varies())
+        values = {"gap": gap, "contact_compliance": compliance, **AT_START, "load_friction": split}
+        yield StartValues(values, free | load_varies())
 
 
 def width(p: Floats) -> float:

@@ -8,21 +8,31 @@ from collections.abc import Iterator
 from autotune.core.arrays import Floats
 from autotune.models.effect import Kind, Parameter
 from autotune.models.layout import INERTIA, block, flag
-from autotune.models.load_side import AT_START, compliance_at, least_compliance, load_parameters, load_varies
+from autotune.models.load_side import (
+    AT_START,
+    SPLITS,
+    compliance_at,
+    least_compliance,
+    load_parameters,
+    load_varies,
+)
 from autotune.models.look_alikes import IN_QUICK_MOTION
 from autotune.models.start_values import StartContext, StartValues, Vary
 
 COMPLIANCE = block("elastic_transmission")
 IS_ELASTIC = flag("elastic_transmission")
+RESONANCES = (20.0, 35.0, 60.0, 105.0, 180.0)
+"""Hz."""
 
 
 def starts(c: StartContext) -> Iterator[StartValues]:
-    """Three resonances."""
+    """Five resonances, with friction on both sides or at the motor."""
     least = least_compliance(c)
-    for hertz in (25.0, 60.0, 120.0):
+    for hertz in RESONANCES:
         compliance = compliance_at(c, hertz)
         free = {"compliance": Vary(compliance, 0.6 * compliance, lower=least)} | load_varies()
-        yield StartValues({"compliance": compliance, **AT_START}, free)
+        for split in SPLITS:
+            yield StartValues({"compliance": compliance, **AT_START, "load_friction": split}, free)
 
 
 def resonance(p: Floats) -> float:

@@ -14,6 +14,8 @@ STIFFEST = 2.0 * math.pi * 500.0
 """Angular frequency [rad/s] above which a resonance of two equal masses is not looked for, or half the
 sampling rate where that is higher."""
 AT_START = {"load_inertia": 0.4, "load_friction": 0.4, "damping": 0.05}
+SPLITS = (0.4, 0.02)
+"""Shares of the friction on the load that fits begin with: both sides, and next to all of it at the motor."""
 
 
 def load_parameters(at: int) -> tuple[Parameter, ...]:
@@ -26,8 +28,12 @@ def load_parameters(at: int) -> tuple[Parameter, ...]:
 
 
 def load_varies() -> dict[str, Vary]:
-    """Shares of a load that deserves the name."""
-    return {"load_inertia": Vary(0.2, 0.2, lower=LEAST_LOAD), "load_friction": Vary(0.2, 0.3)}
+    """Shares of a load that deserves the name, and the damping between."""
+    return {
+        "load_inertia": Vary(0.2, 0.2, lower=LEAST_LOAD),
+        "load_friction": Vary(0.2, 0.3),
+        "damping": Vary(0.1, 0.1),
+    }
 
 
 def compliance_at(c: StartContext, hertz: float) -> float:

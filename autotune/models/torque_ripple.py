@@ -62,13 +62,12 @@ def starts(c: StartContext) -> Iterator[StartValues]:
     values = {f"order_{i}": float(c.p[_AT + 3 * (i - 1)]) for i in present}
     values |= {f"sin_{i}": float(c.p[_AT + 3 * (i - 1) + 1]) for i in present}
     values |= {f"cos_{i}": float(c.p[_AT + 3 * (i - 1) + 2]) for i in present}
+    reach = 1.0 / (c.angle * c.travel)
     free: dict[str, Vary] = {}
     for i, order in enumerate(orders, len(present) + 1):
         values |= {f"order_{i}": order, f"sin_{i}": 0.0, f"cos_{i}": 0.0}
         free |= {f"sin_{i}": Vary(0.1 * c.coulomb), f"cos_{i}": Vary(0.1 * c.coulomb)}
-        if c.angle != 1.0:
-            reach = 1.0 / (c.angle * c.travel)
-            free[f"order_{i}"] = Vary(0.2 * reach, 0.5 * reach)
+        free[f"order_{i}"] = Vary(0.2 * reach, 0.5 * reach)
     yield StartValues(values, free)
 
 

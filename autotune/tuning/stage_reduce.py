@@ -26,6 +26,7 @@ from autotune.control.reduction import (
 from autotune.control.refinement import PeriodAverage, periodic_feedforward
 from autotune.core.errors import ConfigurationError
 from autotune.core.ripple_parameters import GAIN, is_ripple, moved
+from autotune.models.torque_ripple import TORQUE_RIPPLE
 from autotune.recordings.recording import Controller
 from autotune.tuning.findings import Findings, Planned
 from autotune.tuning.proof import TrackingError

@@ -9,6 +9,7 @@ from autotune.control.feedforward import LugreParameters
 from autotune.core.ripple_parameters import is_ripple
 from autotune.identify.run import Identification
 from autotune.models.drive_model import DriveModel, surface_parameter
+from autotune.models.torque_ripple import TORQUE_RIPPLE
 from autotune.models.total_friction import total_friction
 from autotune.tuning.findings import HOST_FILE, Findings
 from autotune.tuning.proof import HeldOutError, Proof

@@ -5,7 +5,7 @@ far above the position loop's bandwidth; the motion as a whole shows it below. O
 a soft transmission resonates about the bandwidth, or play lets go of the load, the torque rings there, and the fit
 of one mass to the whole motion has to give inertia away. What would be learned then is the motor without its load:
 the motor's error falls, and the load's stays as it is (simulated axes, docs/benchmarks.md). A transmission that the
-diagnosis has named is in the model, and no reason to refuse.
+diagnosis has named is in the model, and no reason to refuse, unless its resonance lies about the bandwidth.
 """
 
 from __future__ import annotations
@@ -15,12 +15,15 @@ from collections.abc import Collection
 
 from autotune.identify.estimate import Estimate, Quantity
 from autotune.models.backlash import BACKLASH
+from autotune.models.drive_model import DriveModel
 from autotune.models.elastic_transmission import ELASTIC_TRANSMISSION
 from autotune.models.torque_lag import TORQUE_LAG
 from autotune.tuning.unfit_axes import NotTunable
 
 AGREES = 0.8
 """Inertia of the whole motion over that of small motion, from which on it may be one mass."""
+RESONANT = 1.6
+"""Resonance of motor against load over the position loop's bandwidth, √(kp/J), from which on it may be tuned."""
 ERRORS = 4.0  # standard errors by which it has to be smaller beside
 NAMED = frozenset(kind.name for kind in (ELASTIC_TRANSMISSION, BACKLASH, TORQUE_LAG))
 """Effects that explain it: two masses in the model, and a lag, which looks like inertia in small motion."""
@@ -54,6 +57,28 @@ def refuse_two_masses(
         "learned is the motor without its load; tighten coupling, belt and clamps, lower the gains or put a notch "
         "filter there, then run again"
     )
+
+
+def refuse_resonance(model: DriveModel | None, kp: float | None) -> None:
+    """Looks at the soft transmission that was named, if one was.
+
+    Raises:
+        NotTunable: both masses swing against each other about the bandwidth of the position loop, or below it.
+    """
+    if model is None or not kp or ELASTIC_TRANSMISSION.name not in {effect.name for effect in model.effects}:
+        return
+    share, compliance = (model[ELASTIC_TRANSMISSION.surface(name)] for name in ("load_inertia", "compliance"))
+    if not compliance * share * (1.0 - share) > 0.0:
+        return
+    bandwidth = math.sqrt(kp / model["inertia"]) / (2.0 * math.pi)
+    resonance = bandwidth / math.sqrt(compliance * share * (1.0 - share) * kp)
+    if resonance < RESONANT * bandwidth:
+        raise NotTunable(
+            f"motor and load swing against each other at {resonance:.0f} Hz, about the position loop's bandwidth of "
+            f"{bandwidth:.0f} Hz (at least {RESONANT:g} times that is asked for): tracking better would cost damping, "
+            "and the load would not follow. Tighten coupling, belt and clamps, lower the gains or put a notch filter "
+            "there, then run again"
+        )
 
 
 def _less(whole: Quantity, motor: Quantity) -> bool:

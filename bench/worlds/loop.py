@@ -121,7 +121,7 @@ def inside(
 
 @njit(cache=True)
 def between(reference: np.ndarray, k: int, part: float, cubic: bool) -> float:
-    """The set point on the way to row k, from the row before it."""
+    """The set point on the way to row k, from the row before it; cubic (Catmull and Rom), row k + 1 must be known."""
     one, two = reference[max(k - 1, 0)], reference[max(k, 0)]
     if not cubic:
         return one + part * (two - one)
@@ -156,15 +156,14 @@ def play(
     old = np.full(4, reference[0])
     kind, dead, limit = int(c[KIND]), int(c[DEAD]), p[LIMIT]
     two = law[ELASTIC] > 0 or law[GAP] > 0
-    step, keep = tick / substeps, math.exp(-tick / p[CURRENT_TAU])
-    demand, motor, mean, count, cycle = 0.0, 0.0, 0.0, 0, nominal * tick
+    step, keep, cycle = tick / substeps, math.exp(-tick / p[CURRENT_TAU]), nominal * tick
+    demand, motor, mean, count = 0.0, 0.0, 0.0, 0
     for k in range(len(reference)):
         told = read(p, law, e, s[0], alien, odd)
         old[k % 4] = told
         out[3, k] = mean
-        mean = 0.0
-        at = max(k - dead, 0)
-        push = 0.0
+        mean, push = 0.0, 0.0
+        at = max(k - dead - (1 if kind != HOST_PID and c[CUBIC] > 0.0 else 0), 0)
         if kind == HOST_PID:
             demand = host(c, mem, reference[at], old[at % 4], cycle, limit)
         elif c[ACCEL_FEED] != 0.0 and at >= 2:

@@ -404,6 +404,20 @@ class SimDrive:
             if self._memory is not None:
                 _keep(self._memory, self._stored)
             self._note("stored", stored=self._stored)
+        self._verify_stored()
+
+    def _verify_stored(self) -> None:
+        """What a driver in front of it does: reads again what the memory holds. Raises DriveError."""
+        now = self._parameters.snapshot()
+        lost = [name for name, value in self._stored.items() if now[name] != value]
+        if lost:
+            told = ", ".join(
+                f"{name} is {self._stored[name]:.9g} instead of {now[name]:.9g}" for name in lost[:3]
+            )
+            raise DriveError(
+                f"the simulated drive has confirmed storing, but {told} in its memory: it does not keep what is "
+                "stored. Nothing is kept; have the drive's memory checked"
+            )
 
     def _recall(self) -> None:
         """Takes the stored parameters from the memory file, if there is one."""

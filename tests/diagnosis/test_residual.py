@@ -7,8 +7,9 @@ import pytest
 
 from autotune.estimation.controller import find_controller
 from autotune.estimation.data import TRAINING, prepare
+from autotune.estimation.disturbance_estimate import estimate_disturbance
 from autotune.estimation.policy import POLICY
-from autotune.estimation.problem import estimate_noise, start_study
+from autotune.estimation.problem import start_study
 from autotune.estimation.residual import residual
 from autotune.models.drive_model import base_model
 from tests.support.axes import plain_axis
@@ -31,7 +32,7 @@ def test_the_true_model_leaves_nothing_repeatable(short) -> None:
     study = start_study(data, find_controller(data))
     packed = _truth()
     raw = residual(data, packed, study.moved)
-    study = replace(study, noise=estimate_noise(study, packed, raw))
+    study = replace(study, disturbance=estimate_disturbance(study, packed))
     correction = study.correction(packed, 4)
     corrected, error = study.repeatable(raw - correction.bias, correction, TRAINING)
     uncorrected, _ = study.repeatable(raw, study.correction(packed, 4), TRAINING)
@@ -44,8 +45,8 @@ def test_the_noise_of_the_plant_is_found(short) -> None:
     """5 mN m were simulated; a fifth is what a minute of data can tell."""
     data = prepare([short])
     study = start_study(data, find_controller(data))
-    raw = residual(data, _truth(), study.moved)
-    assert estimate_noise(study, _truth(), raw) == pytest.approx(5e-3, rel=0.2)
+    found = estimate_disturbance(study, _truth())
+    assert found.process == pytest.approx(5e-3, rel=0.2)
 
 
 def test_the_controller_is_taken_from_the_metadata_or_identified(short) -> None:

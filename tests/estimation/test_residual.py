@@ -5,6 +5,7 @@ import pytest
 
 from autotune.estimation.controller import controller_of
 from autotune.estimation.data import prepare
+from autotune.estimation.disturbance import STILL
 from autotune.estimation.pieces import Bands, cut
 from autotune.estimation.residual import (
     Motion,
@@ -75,7 +76,7 @@ def test_a_stretch_that_begins_in_motion_is_simulated_from_there() -> None:
     errors = []
     for first in range(700, 4800, 170):
         data = prepare([whole.rows(slice(first, first + 1000))])
-        run = run_twin(data, model, controller_of(whole), 0.0, np.random.default_rng(0))
+        run = run_twin(data, model, controller_of(whole), STILL, np.random.default_rng(0))
         assert run.stable
         errors.append(float(np.sqrt(np.mean((run.position - data.measured)[:50] ** 2))))
     assert np.mean(errors) < 2e-3

@@ -281,7 +281,8 @@ def test_memory_that_fails(drive: SimDrive) -> None:
     drive.inject("clear")
     drive.inject("nvm")
     drive.write_parameters({"controller.kp": 20.0})
-    drive.store()
+    with pytest.raises(DriveError, match=r"confirmed storing, but controller\.kp is 60 instead of 20"):
+        drive.store()
     drive.power_cycle()
     assert drive.read_parameters()["controller.kp"] == 60.0
 

@@ -12,7 +12,9 @@ import pytest
 from autotune.control.gains.loop import Gains, Notch
 from autotune.core.axis import Axis, read_axis
 from autotune.core.errors import ConfigurationError, DriveError
+from autotune.core.loop import LocalLoop
 from autotune.core.paths import config_directory
+from autotune.tuning.backup import backup_ids, load_backup
 from autotune.tuning.commit import commit
 from autotune.tuning.gains_apply import GainsRequest, apply_gains, written_as
 from autotune.tuning.journal import Journal, unfinished
@@ -20,6 +22,8 @@ from autotune.tuning.links import open_link
 from autotune.tuning.progress import Silent
 from autotune.tuning.recovery import recover
 from autotune.tuning.rollback import roll_back
+from tests.drivers.moteus_rig import moteus_axis, moteus_opener
+from tests.drivers.simulator import simulator
 from tests.tuning import cut_rig
 from tests.tuning.test_commit import CuttingLoop, Dead, MemoryDrive
 
@@ -139,6 +143,29 @@ class GainsRig(cut_rig.Rig):
         return {
             n: float(entries[0x2000, k].decode(values[0x2000, k])) for k, n in enumerate(cut_rig.BLOCK, 1)
         }
+
+
+def test_committed_and_rolled_back_on_a_moteus_line(tmp_path: Path) -> None:
+    """Whole, over its serial line, and stored: a power loss leaves what was stored."""
+    memory = ("--link", "moteus", "--node", "1", "--state", str(tmp_path / "memory"))
+    axis, runs = moteus_axis(), tmp_path / "runs"
+    with simulator(tmp_path, *memory) as process:
+        before = moteus_opener(tmp_path)()
+        held = before.read_parameters(sorted(NEW))
+        loop = LocalLoop(before)
+        assert commit(loop, NEW, begin(runs / "one"), runs, NOW, lambda: True)
+        assert not commit(loop, OLD, begin(runs / "two"), runs, NOW, lambda: False)
+        mark = process.mark
+        process.order("power-loss")
+        process.wait_for("boot-up", mark)
+        assert loop.read_parameters(sorted(NEW)) == pytest.approx(NEW, rel=1e-3)
+        first = backup_ids(runs, "axis")[0]
+        assert load_backup(runs, "axis", first).parameters.items() >= held.items()
+        loop.write_parameters(held)
+        loop.store()
+        assert loop.read_parameters(sorted(NEW)) == pytest.approx(held, rel=1e-3)
+        loop.close()
+    assert axis.profile.startswith("autotune-sim-moteus")
 
 
 @pytest.mark.parametrize("seed", range(2))

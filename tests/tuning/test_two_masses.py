@@ -7,7 +7,9 @@ from types import MappingProxyType
 import pytest
 
 from autotune.identify.estimate import Estimate, Quantity
-from autotune.tuning.two_masses import refuse_two_masses
+from autotune.models.drive_model import DriveModel, base_model
+from autotune.models.table import EFFECTS
+from autotune.tuning.two_masses import refuse_resonance, refuse_two_masses
 from autotune.tuning.unfit_axes import NotTunable
 
 
@@ -39,3 +41,34 @@ def test_what_is_one_mass_or_explained_is_not(
     whole: Estimate, small: Estimate | None, named: tuple[str, ...]
 ) -> None:
     refuse_two_masses(whole, small, named, 60.0)
+
+
+BASE = {
+    "inertia": 7e-4,
+    "viscous": 4e-3,
+    "coulomb": 0.33,
+    "stiffness": 100.0,
+    "micro_damping": 0.1,
+    "offset": 0.0,
+}
+KP = 60.0
+
+
+def soft(compliance: float) -> DriveModel:
+    """A load of two fifths behind a spring."""
+    spring = {"compliance": compliance, "load_inertia": 0.4, "load_friction": 0.4, "damping": 0.05}
+    return base_model(BASE).with_effect(EFFECTS["elastic_transmission"].make(spring))
+
+
+def test_a_named_transmission_that_resonates_about_the_bandwidth_is_refused_with_both_frequencies() -> None:
+    """1/(0.24·60·compliance) is the square of resonance over bandwidth: 1.2 times here."""
+    with pytest.raises(NotTunable, match="at 56 Hz, about the position loop's bandwidth of 47 Hz"):
+        refuse_resonance(soft(1.0 / (0.24 * KP * 1.2**2)), KP)
+
+
+def test_a_stiffer_one_or_none_or_a_loop_that_nobody_knows_is_not() -> None:
+    refuse_resonance(soft(0.02), KP)
+    refuse_resonance(soft(0.0), KP)
+    refuse_resonance(soft(0.1), None)
+    refuse_resonance(base_model(BASE), KP)
+    refuse_resonance(None, KP)

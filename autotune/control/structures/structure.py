@@ -19,6 +19,7 @@ from autotune.models import layout
 from autotune.models.drive_model import DriveModel
 from autotune.models.layout import POSITION
 from autotune.models.plant import substeps_for
+from autotune.models.stribeck import STRIBECK
 from autotune.models.total_friction import total_friction
 
 LARGER = 10.0 / 3.0

@@ -46,11 +46,12 @@ class RepeatedProgramme(Evidence):
         return float(seconds.mean()) > study.policy.apart_z * error
 
     def structure_left(self, study: Study, level: Level) -> bool:
-        """Repeatable, beyond doubt, and not next to nothing beside the noise."""
+        """Repeatable, beyond doubt, and not next to nothing beside the noise, nor the bias that no twin takes out."""
         variance, error = study.repeatable(level.fitted.error, level.correction, TRAINING)
         noise = study.noise_variance(level.fitted.error, TRAINING)
         policy = study.policy
-        beyond = variance > policy.structure_errors * error and variance > policy.structure_part * noise
+        part = policy.structure_part if study.twin else policy.structure_part_without_twin
+        beyond = variance > policy.structure_errors * error and variance > part * noise
         return math.isfinite(variance) and beyond
 
     def confirms(self, study: Study, effects: Sequence[str], carried: Sequence[HoldoutResult]) -> bool:

@@ -18,6 +18,7 @@ from autotune_drivers.moteus.parameters import MoteusParameters
 from autotune_drivers.moteus.profile import MoteusProfile
 
 _OURS = ("controller.", "feedforward.")
+_DIGITS, _DECIMALS = 1e-5, 1e-6  # relative and absolute, of a number that a console prints
 
 
 class MoteusSettings:
@@ -228,11 +229,11 @@ def put_right(console: Console, keeper: Keeper) -> tuple[str, ...]:
 
 
 def _alike(one: str, other: str) -> bool:
-    """The same text, or the same number in single precision."""
+    """The same text, or the same number: a console prints six digits, or six decimals, of what it was told."""
     try:
         return (
             one == other
-            or math.isclose(float(one), float(other), rel_tol=1e-6)
+            or math.isclose(float(one), float(other), rel_tol=_DIGITS, abs_tol=_DECIMALS)
             or one.lower() == other.lower()
         )
     except ValueError:

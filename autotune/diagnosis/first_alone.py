@@ -1,0 +1,113 @@
+"""Confirmed is what the first recording names by itself, and what lowers the error of the others with only the base
+refitted there.
+
+Fitted together, two recordings bend one base until neither is right, and rivals are compared under that distortion:
+where other joints moved in one of them, or another load was on the axis, names came out that neither of them bears.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from autotune.core.errors import AutotuneError
+from autotune.diagnosis.baseline import begin
+from autotune.diagnosis.candidates import Progress
+from autotune.diagnosis.search import search
+from autotune.estimation.bandwidth import prepared_for
+from autotune.estimation.bias_corrected_fit import Level
+from autotune.estimation.data import TRAINING
+from autotune.estimation.policy import Policy
+from autotune.estimation.problem import Study, refit
+from autotune.estimation.residual import smoothed
+from autotune.models.drive_model import DriveModel, Packed
+from autotune.models.effect import Kind
+from autotune.models.layout import flag
+from autotune.models.table import EFFECTS
+from autotune.recordings.recording import Recording
+
+ITERATIONS = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """Why what was found is not confirmed, in words."""
+
+    why: str
+
+
+def doubt_of(
+    recordings: Sequence[Recording],
+    model: DriveModel,
+    effects: Sequence[str],
+    progress: Progress,
+    policy: Policy,
+    candidates: tuple[Kind, ...],
+) -> Doubt | None:
+    """What speaks against calling effects confirmed that all recordings together have named; None if nothing does."""
+    if len(recordings) < 2:
+        return None
+    try:
+        progress("what the first recording names by itself")
+        study, root, nominal, _ = begin(prepared_for(recordings[:1], policy), model, progress, policy=policy)
+        study = replace(study, candidates=candidates)
+        found = search(study, root, nominal, progress)
+        names = () if found.chosen is None else found.chosen.level.effects
+        missing = [name for name in effects if name not in names]
+        if missing or found.chosen is None:
+            return Doubt(f"the first recording by itself does not show {_listed(missing or effects)}")
+        share = unexplained(found.study, found.chosen.level)
+        if share > policy.most_unexplained:
+            return Doubt(_unexplained("the first recording", share))
+        for number, recording in enumerate(recordings[1:], 2):
+            why = _elsewhere(recording, number, model, found.chosen.level, progress, policy)
+            if why is not None:
+                return Doubt(why)
+    except AutotuneError as reason:
+        return Doubt(f"a recording tells too little by itself ({reason})")
+    return None
+
+
+def unexplained(study: Study, level: Level) -> float:
+    """Share of the torque's variance that a model leaves on the rows that count."""
+    rows = study.training > 0
+    torque = smoothed(study.data, study.data.torque)[rows]
+    return float(np.var(level.fitted.error[rows])) / max(float(np.var(torque)), 1e-300)
+
+
+def _elsewhere(
+    recording: Recording, number: int, model: DriveModel, level: Level, progress: Progress, policy: Policy
+) -> str | None:
+    """What another recording says against the effects of `level`, with only the base refitted to it."""
+    study, root, _, _ = begin(prepared_for([recording], policy), model, progress, policy=policy)
+    before = study.mean_square(root.fitted.error, TRAINING)
+    packed = with_effects(root.fitted.packed, level.fitted.packed, level.effects)
+    correction = study.correction(packed)
+    if not correction.stable:
+        return f"with these effects recording {number} cannot be simulated"
+    fitted = refit(study, packed, list(root.free), correction, ITERATIONS)
+    after = study.mean_square(fitted.error, TRAINING)
+    if after >= (1.0 - policy.least_gain) * before:
+        return f"recording {number}, with only the base refitted, errs no less with them than without"
+    share = unexplained(study, replace(root, fitted=fitted))
+    return _unexplained(f"recording {number}", share) if share > policy.most_unexplained else None
+
+
+def with_effects(base: Packed, other: Packed, effects: Sequence[str]) -> Packed:
+    """A model with the effects of another one, unchanged."""
+    p, on = base.p.copy(), base.on.copy()
+    for name in effects:
+        for parameter in EFFECTS[name].parameters:
+            p[parameter.slot] = other.p[parameter.slot]
+        on[flag(name)] = True
+    return Packed(p, on)
+
+
+def _unexplained(which: str, share: float) -> str:
+    return f"{which} keeps {100 * share:.0f} % of the torque's variance unexplained"
+
+
+def _listed(effects: Sequence[str]) -> str:
+    return " and ".join(effect.replace("_", " ") for effect in effects)

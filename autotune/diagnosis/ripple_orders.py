@@ -1,0 +1,217 @@
+"""Orders of torque ripple, whole or not: found at the resolution of the travel, and made whole where they may be.
+
+A wave of N periods a revolution is told from another over a travel of T revolutions where they differ by about
+1/T. Orders are looked for at a third of that; the best is refined, taken out, and the rest looked at again. Gears,
+balls of a screw, belts and bearings have no whole numbers; a motor's poles have.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from autotune.core.arrays import Floats, Integers
+from autotune.estimation.bias_corrected_fit import Level, fit_inside_twin
+from autotune.estimation.least_squares import covariance
+from autotune.estimation.problem import Study
+from autotune.models.drive_model import Packed
+from autotune.models.torque_ripple import TORQUE_RIPPLE
+
+LEAST_LINE_GAIN = 0.008
+MOST_LINES = 7
+LINE_CONTRAST = 6.0
+"""Times what its neighbours explain beside it: so much, and more than the chance of all orders that are tried."""
+CHANCE = 0.01
+SPACING = 0.35
+"""Of what the travel can tell apart: distance of the orders that are tried."""
+SAME = 0.7
+"""Of what the travel can tell apart: a line so near to one in the model is that one."""
+MOST_ORDERS = 3000
+MOST_VALUES = 8e6
+"""Of all columns that are kept at a time."""
+PIECE = 128
+REFINED, STEPS = 9, 3
+WITHIN = 2.0
+"""Standard errors, rows counted as correlated, and a share of the resolution: a whole number so near is meant."""
+LEAST_DOUBT = 0.01
+
+
+class Searched(Protocol):
+    """What orders are looked for in: the rows, and the residual without what the fitted parameters explain."""
+
+    @property
+    def rows(self) -> Integers: ...
+    @property
+    def basis(self) -> Floats: ...
+    @property
+    def error(self) -> Floats: ...
+
+
+def find_orders(study: Study, thin: Searched, angle: float, present: list[float], most: int) -> list[float]:
+    """Orders that stand out of the residual, strongest first; `angle`: radians per motion unit and cycle.
+
+    A line must stand out of what its neighbours explain beside it: over a short travel a strong line leaks into
+    them, and what they seem to explain without it is its own.
+    """
+    orders = candidate_orders(study, angle)
+    if len(orders) == 0:
+        return []
+    tells = 2.0 * math.pi / (study.scales.travel * angle)
+    every = max(1, math.ceil(2.0 * len(orders) * len(thin.rows) / MOST_VALUES))
+    rows, basis, error = thin.rows[::every], thin.basis[::every], thin.error[::every]
+    basis = np.linalg.qr(basis)[0]
+    error = error - basis @ (basis.T @ error)
+    waves = _Waves(study, angle, rows)
+    table = waves.table(orders)
+    far = np.ones(len(orders), dtype=np.bool_)
+    for other in present:
+        far &= np.abs(orders - other) > SAME * tells
+    contrast = max(LINE_CONTRAST, float(chi2.ppf(1.0 - CHANCE / len(orders), 2) / chi2.median(2)))
+    found: list[float] = []
+    left, beside_found = error, basis
+    gains = np.where(far, _gains(table, basis, error), 0.0)
+    while len(found) < min(most, MOST_LINES) and np.max(gains) >= LEAST_LINE_GAIN:
+        order = waves.refined(float(orders[int(np.argmax(gains))]), SPACING * tells, beside_found, left)
+        trial, beside_found, rest = waves.together([*found, order], SPACING * tells, basis, error)
+        strength = 1.0 - float(rest @ rest) / max(float(left @ left), 1e-300)
+        left, order = rest, trial[-1]
+        beside = np.where(far, _gains(table, beside_found, left), 0.0)
+        near = (orders > 0.6 * order - 1.0) & (orders < 1.7 * order + 1.0)
+        if strength < contrast * (1.0 - strength) * float(np.median(beside[near])):
+            break
+        found = trial
+        far &= np.abs(orders - order) > SAME * tells
+        gains = np.where(far, beside, 0.0)
+    return found
+
+
+def candidate_orders(study: Study, angle: float) -> Floats:
+    """Orders that the travel can tell apart and the sampling can show; one period a turn is an imbalance."""
+    travel = study.scales.travel * angle / (2 * math.pi)
+    speed = np.abs(study.data.velocity[study.data.grid])
+    slow = float(np.percentile(speed, 25)) * angle / (2 * math.pi)
+    most = 400.0 if angle == 1.0 else 2000.0 / max(travel, 1e-9)
+    highest = min(most, 0.8 * _cutoff(study) / max(slow, 1e-9))
+    lowest = 1.5 / max(travel, 1e-9)
+    if angle == 1.0:
+        lowest = max(lowest, 1.5)
+        highest = max(highest, lowest + 1.0)
+    step = SPACING / max(travel, 1e-12)
+    highest = min(max(highest, 2.0 * lowest if angle != 1.0 else highest), lowest + MOST_ORDERS * step)
+    found = np.arange(lowest, highest, step)
+    if angle != 1.0:
+        return np.asarray(found)
+    whole = np.arange(math.ceil(lowest), min(most, 0.8 * _cutoff(study) / max(slow, 1e-9)) + 1.0)
+    return np.unique(np.concatenate([found, whole]))
+
+
+def _cutoff(study: Study) -> float:
+    return 0.9 / (study.data.period * max(len(study.data.taps) // 2, 1))
+
+
+class _Waves:
+    """Sines and cosines over the rows, faded out where the low-pass removes them."""
+
+    def __init__(self, study: Study, angle: float, rows: Integers) -> None:
+        at = study.data.grid[rows]
+        self._phase = angle * study.data.position[at]
+        self._rate = np.abs(study.data.velocity[at]) * angle / (2 * math.pi) / _cutoff(study)
+
+    def table(self, orders: Floats) -> NDArray[np.float32]:
+        """Columns of shape (rows, 2·orders): sine and cosine by turns."""
+        result = np.empty((len(self._phase), 2 * len(orders)), dtype=np.float32)
+        for start in range(0, len(orders), PIECE):
+            part = orders[start : start + PIECE]
+            phase = np.outer(self._phase, part)
+            fade = np.exp(-(np.outer(self._rate, part) ** 4))
+            result[:, 2 * start : 2 * (start + len(part)) : 2] = np.sin(phase) * fade
+            result[:, 2 * start + 1 : 2 * (start + len(part)) : 2] = np.cos(phase) * fade
+        return result
+
+    def refined(self, order: float, step: float, basis: Floats, error: Floats) -> float:
+        """The order around that explains most."""
+        for reach in (step, step / 4.0):
+            trials = order + reach * np.linspace(-1.0, 1.0, REFINED)
+            gains = _gains(self.table(trials), basis, error)
+            order = float(trials[int(np.argmax(gains))])
+        return order
+
+    def together(
+        self, orders: list[float], step: float, basis: Floats, error: Floats
+    ) -> tuple[list[float], Floats, Floats]:
+        """All orders at their best beside each other (Gauss–Newton), the basis with them, and what they leave."""
+        found = np.array(orders)
+        for _ in range(STEPS):
+            columns = self._beside(self.table(found), basis)
+            sizes = np.linalg.lstsq(columns, error, rcond=None)[0]
+            slopes = self._beside(self._slopes(found, sizes), basis)
+            both = np.hstack([columns, slopes])
+            change = np.linalg.lstsq(both, error - columns @ sizes, rcond=1e-9)[0][len(sizes) :]
+            found = found + np.clip(change, -step, step)
+        extra = np.linalg.qr(self._beside(self.table(found), basis))[0]
+        return found.tolist(), np.hstack([basis, extra]), np.asarray(error - extra @ (extra.T @ error))
+
+    def _slopes(self, orders: Floats, sizes: Floats) -> Floats:
+        """What waves of these sizes change by with their orders, shape (rows, orders)."""
+        phase = np.outer(self._phase, orders)
+        fade = np.exp(-(np.outer(self._rate, orders) ** 4))
+        turned = sizes[::2] * np.cos(phase) - sizes[1::2] * np.sin(phase)
+        return np.asarray(self._phase[:, None] * turned * fade)
+
+    @staticmethod
+    def _beside(columns: NDArray[np.floating], basis: Floats) -> Floats:
+        return np.asarray(columns - basis @ (basis.T @ columns), dtype=np.float64)
+
+
+def _gains(table: NDArray[np.float32], basis: Floats, error: Floats) -> Floats:
+    """Share of the error that each pair of columns explains beside the basis, shape (pairs,)."""
+    inside = basis.T.astype(table.dtype) @ table
+    along = (error.astype(table.dtype) @ table).astype(np.float64)
+    sine, cosine = table[:, ::2], table[:, 1::2]
+    first = np.einsum("ij,ij->j", sine, sine, dtype=np.float64) - np.sum(inside[:, ::2] ** 2, axis=0)
+    second = np.einsum("ij,ij->j", cosine, cosine, dtype=np.float64) - np.sum(inside[:, 1::2] ** 2, axis=0)
+    mixed = np.einsum("ij,ij->j", sine, cosine, dtype=np.float64) - np.sum(
+        inside[:, ::2] * inside[:, 1::2], axis=0
+    )
+    one, other = along[::2], along[1::2]
+    size = first + second
+    determinant = first * second - mixed**2
+    told = (size > 1e-3 * len(error)) & (determinant > 1e-6 * size**2)
+    explained = (second * one**2 - 2.0 * mixed * one * other + first * other**2) / np.where(
+        told, determinant, 1.0
+    )
+    return np.where(told, np.maximum(explained, 0.0), 0.0) / max(float(error @ error), 1e-300)
+
+
+def with_whole_orders(study: Study, level: Level) -> Level:
+    """The model with each order a whole number where its interval contains one, fitted again."""
+    packed = level.fitted.packed
+    if packed.p[TORQUE_RIPPLE.slot("order_1")] <= 0.0:
+        return level
+    places = {one.slot: i for i, one in enumerate(level.free)}
+    spread = np.sqrt(np.maximum(np.diag(covariance(level.fitted, study.training)), 0.0))
+    p, whole = packed.p.copy(), set()
+    for number in TORQUE_RIPPLE.terms_in_use(packed.p):
+        slot = TORQUE_RIPPLE.slot(f"order_{number}")
+        if slot not in places:
+            continue
+        nearest = float(round(p[slot]))
+        if nearest >= 1.0 and abs(p[slot] - nearest) <= WITHIN * float(spread[places[slot]]) + LEAST_DOUBT:
+            p[slot] = nearest
+            whole.add(slot)
+    if not whole:
+        return level
+    free = [one for one in level.free if one.slot not in whole]
+    settled = fit_inside_twin(study, Packed(p, packed.on), free, 2, level.effects)
+    if settled is None or settled.fitted.cost > MUCH_WORSE * level.fitted.cost:
+        return level
+    return replace(settled, converged=level.converged)
+
+
+MUCH_WORSE = 1.02
+"""Times the cost: a whole number that leaves more was not meant."""

@@ -1,0 +1,258 @@
+"""The disturbance of an axis, estimated from what the repeats of an experiment do not share.
+
+The torque residual with the torque that the controller must have asked for, instead of the recorded one, holds
+what acted on the axis and what the position sensor added: −d + J·n¨. The difference of the two torques is the
+noise of the torque sensor. Spectra of the differences between repeats are matched by a white part, one
+autoregression and position noise (non-negative least squares over bands for each of several time constants).
+Quantiser and friction add to the differences; how much, a twin that is shaken with the estimate tells, and the
+match is made again. Chunks at speed decide: where the axis hardly moves the quantiser makes its motion chaotic.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize, signal
+
+from autotune.core.arrays import Floats
+from autotune.estimation.controller import asked
+from autotune.estimation.data import TRAINING, Prepared
+from autotune.estimation.disturbance import STILL, Disturbance, coloured_power
+from autotune.estimation.problem import SEED, Study
+from autotune.estimation.residual import raw_residual, run_twin, simulated_motion
+from autotune.models import layout
+from autotune.models.drive_model import Packed
+
+CHUNK_SECONDS = 0.4
+LEAST_CHUNKS = 6
+FASTER = 0.7
+"""Of the chunks, those that are never as slow as the others: they decide."""
+LOUD = 4.0
+"""Times the median power: such chunks are events, not the usual noise."""
+BANDS = 8
+HIGHEST = 0.9
+"""Of the cut-off of the motion."""
+LOWEST_ALONE = 0.3
+"""Of the cut-off: below it a single recording's residual is the model's error."""
+CORRELATIONS = (1.0, 1.5, 2.0, 3.0, 4.5, 6.5, 10.0, 14.0, 20.0, 30.0, 50.0, 100.0, 200.0)
+"""Samples of a millisecond, or of the recording where these are longer: time constants that are tried."""
+ROUNDS = 3
+INDEPENDENT = 0.2
+"""Independent values to a chunk and frequency: chunks overlap, windows taper, a median is less sharp than a mean, and
+the twin is as rough as the measurement."""
+SYSTEMATIC = 0.07
+"""Relative error of a band's power that no averaging removes: what the twin is not."""
+WORTH_A_PART = 5.0
+"""Fall of the misfit, in variances of a band, that another parameter must bring."""
+WITHOUT = ([0], [0, 1])
+WITH_MEMORY = ([2], [1, 2], [0, 2], [0, 1, 2])
+"""Parts that are tried together: white, position, and coloured."""
+STANDS_OUT = 8.0
+"""Times its neighbourhood: a line."""
+UNEVEN = 2.5
+"""Mean over median power of chunks, over what it is in the twin: no steady noise."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Chunks:
+    """Where spectra are taken: first samples of pairs of chunks, shape (k, 2); the same twice without repeats."""
+
+    starts: NDArray[np.int64]
+    length: int
+    paired: bool
+
+    def of(self, values: Floats) -> Floats:
+        """Detrended values, or the differences of repeats with the variance of one, shape (k, length)."""
+        inside = self.starts[:, :, None] + np.arange(self.length)
+        table = values[inside]
+        part = (table[:, 0] - table[:, 1]) / math.sqrt(2.0) if self.paired else table[:, 0]
+        return np.asarray(signal.detrend(part, axis=1))
+
+    def power(self, values: Floats) -> Floats:
+        """Periodograms, white noise of variance σ² having σ² everywhere; shape (k, frequencies)."""
+        window = np.hanning(self.length + 2)[1:-1]
+        spectrum = np.fft.rfft(self.of(values) * window, axis=1)
+        return np.asarray(np.abs(spectrum) ** 2 / float(window @ window))
+
+
+def estimate_disturbance(study: Study, packed: Packed) -> Disturbance:
+    """What shakes the axis beside its command; nothing without a controller, whose twin nobody shakes."""
+    if study.controller is None:
+        return STILL
+    chunks = _chunks(study)
+    if chunks is None:
+        return STILL
+    data = study.data
+    heard = np.asarray(data.torque - asked(data, study.controller))
+    sensor = float(np.sqrt(np.median(np.var(chunks.of(heard), axis=1))))
+    raw = raw_residual(data, packed, study.moved)
+    raw[1:] -= 0.5 * (heard[1:] + heard[:-1])
+    matcher = _matcher(study, packed, chunks)
+    measured = chunks.power(raw)
+    found, simulated, own = STILL, measured, []
+    for number in range(ROUNDS):
+        again = _shaken(study, packed, found, chunks, number)
+        if again is None:
+            break
+        simulated = again[0]
+        own.append(matcher.bands(again[1]) - matcher.of_position(found))
+        found = matcher.matched(matcher.bands(measured), np.mean(own, axis=0), len(chunks.starts))
+    return replace(
+        found,
+        sensor=sensor,
+        uneven=_unevenness(measured, simulated),
+        lines=_lines(matcher.hertz, measured, simulated) if chunks.paired else (),
+    )
+
+
+def _shaken(
+    study: Study, packed: Packed, found: Disturbance, chunks: _Chunks, number: int
+) -> tuple[Floats, Floats] | None:
+    """Spectra of the twin's chunks, and what quantiser and friction have in them; None where it is unstable."""
+    if study.controller is None:
+        return None
+    run = run_twin(study.data, packed, study.controller, found, np.random.default_rng([SEED, number]))
+    if not run.stable:
+        return None
+    raw = raw_residual(study.data, packed, simulated_motion(study.data, run))
+    own = raw.copy()
+    own[1:] += 0.5 * (run.disturbance[1:] + run.disturbance[:-1])
+    return chunks.power(raw), chunks.power(own)
+
+
+def _chunks(study: Study) -> _Chunks | None:
+    """Chunks of the faster half of the training data, of pairs of repeats where there are any."""
+    data = study.data
+    length = max(32, round(CHUNK_SECONDS / data.period))
+    step = max(1, int(np.median(np.diff(data.grid[: max(50, len(data.grid) // 10)]))))
+    starts: list[tuple[int, int]] = []
+    slowest: list[float] = []
+    for block in data.blocks:
+        if block.role != TRAINING or (data.repeated and block.repeats < 2):
+            continue
+        table = data.grid[block.rows].reshape(block.repeats, block.count)
+        speed = np.abs(data.velocity[table[0]])
+        for i in range(0, block.count, max(1, length // step // 2)):
+            last = i + (length - 1) // step
+            if last >= block.count or table[0, last] - table[0, i] > length:
+                continue
+            for one, other in (
+                zip(table[:-1, i], table[1:, i], strict=True) if data.repeated else [(table[0, i],) * 2]
+            ):
+                starts.append((int(one), int(other)))
+                slowest.append(float(speed[i : last + 1].min()))
+    inside = [k for k, pair in enumerate(starts) if max(pair) + length <= len(data.time)]
+    if len(inside) < LEAST_CHUNKS:
+        return None
+    order = sorted(inside, key=lambda k: -slowest[k])[: max(LEAST_CHUNKS, round(FASTER * len(inside)))]
+    return _Chunks(np.array([starts[k] for k in order]), length, data.repeated)
+
+
+@dataclass(frozen=True, slots=True)
+class _Matcher:
+    """Bands of frequencies, and what each part of a disturbance puts into them."""
+
+    hertz: Floats
+    edges: Floats
+    period: float
+    seen: Floats
+    moved: Floats
+
+    def bands(self, power: Floats) -> Floats:
+        """Median over the frequencies of each band of the mean over the usual chunks."""
+        mean = _usual(power).mean(axis=0)
+        return self._by_band(mean)
+
+    def _by_band(self, spectrum: Floats) -> Floats:
+        parts = zip(self.edges[:-1], self.edges[1:], strict=True)
+        return np.array([np.median(spectrum[(self.hertz >= a) & (self.hertz < b)]) for a, b in parts])
+
+    def _columns(self, correlation: float) -> Floats:
+        coloured = self.seen * coloured_power(self.hertz, correlation, self.period)
+        return np.column_stack([self._by_band(c) for c in (self.seen, self.moved, coloured)])
+
+    def of_position(self, found: Disturbance) -> Floats:
+        """Power of the position noise by band."""
+        return np.asarray(found.position**2 * self._by_band(self.moved))
+
+    def _averaged(self, chunks: int) -> Floats:
+        """How many independent values a band's power is the mean of, in the measurement and in the twin."""
+        parts = zip(self.edges[:-1], self.edges[1:], strict=True)
+        return np.array(
+            [INDEPENDENT * chunks * np.sum((self.hertz >= a) & (self.hertz < b)) for a, b in parts]
+        )
+
+    def matched(self, measured: Floats, own: Floats, chunks: int) -> Disturbance:
+        """The disturbance that adds to what quantiser and friction have in each band what was measured there.
+
+        Of models with one part or more the plainest that comes near the best.
+        """
+        error = np.sqrt(1.0 / self._averaged(chunks) + SYSTEMATIC**2)
+        weight = 1.0 / (error * np.maximum(measured, own))
+        memories = [samples * max(self.period, 1e-3) for samples in CORRELATIONS]
+        best, lowest = STILL, math.inf
+        for memory in (0.0, *memories):
+            columns = self._columns(memory)
+            for parts in WITH_MEMORY if memory > 0.0 else WITHOUT:
+                table = columns[:, parts] * weight[:, None]
+                size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+                powers, misfit = optimize.nnls(table / size, (measured - own) * weight)
+                cost = misfit**2 + WORTH_A_PART * (len(parts) + (memory > 0.0))
+                if cost < lowest:
+                    levels = np.zeros(3)
+                    levels[list(parts)] = np.sqrt(powers / size)
+                    white, position, coloured = levels.tolist()
+                    best, lowest = Disturbance(white, coloured, memory, position), cost
+        return best
+
+
+def _matcher(study: Study, packed: Packed, chunks: _Chunks) -> _Matcher:
+    data = study.data
+    hertz = np.asarray(np.fft.rfftfreq(chunks.length, data.period), dtype=np.float64)
+    top = min(HIGHEST * data.motion_cutoff, 0.42 / data.period)
+    low = 1.6 * hertz[1] if chunks.paired else max(LOWEST_ALONE * _cutoff(data), 1.6 * hertz[1])
+    low = min(low, 0.3 * top)
+    count = int(min(BANDS, max(2, np.sum((hertz >= low) & (hertz < top)) // 3)))
+    edges = np.geomspace(low, top, count + 1)
+    wide = [edges[0]]
+    for edge in edges[1:]:
+        if np.sum((hertz >= wide[-1]) & (hertz < edge)) >= 2:
+            wide.append(edge)
+    angle = 2.0 * np.pi * hertz * data.period
+    passed = 1.0 / (1.0 + (hertz / data.motion_cutoff) ** 8)
+    felt = float(packed.p[layout.INERTIA]) * (2.0 - 2.0 * np.cos(angle)) / data.period**2 * passed
+    return _Matcher(hertz, np.array(wide), data.period, np.cos(0.5 * angle) ** 2, felt**2)
+
+
+def _cutoff(data: Prepared) -> float:
+    return 0.9 / (data.period * max(len(data.taps) // 2, 1))
+
+
+def _usual(power: Floats) -> Floats:
+    """Chunks without the loud ones."""
+    total = power[:, 1:].sum(axis=1)
+    return np.asarray(power[total <= LOUD * np.median(total)])
+
+
+def _unevenness(measured: Floats, simulated: Floats) -> float:
+    """How much more the power of chunks differs than in the twin; 1 where that is chance."""
+    ratios = []
+    for power in (measured, simulated):
+        total = power[:, 1:].sum(axis=1)
+        ratios.append(float(np.mean(total) / max(float(np.median(total)), 1e-300)))
+    uneven = ratios[0] / ratios[1]
+    return uneven if uneven > UNEVEN else 1.0
+
+
+def _lines(hertz: Floats, measured: Floats, simulated: Floats) -> tuple[float, ...]:
+    """Frequencies at which the measured spectrum stands out of its neighbourhood and of the twin's."""
+    ratio = measured.mean(axis=0) / np.maximum(simulated.mean(axis=0), 1e-300)
+    around = signal.medfilt(ratio, 2 * (len(ratio) // 16) + 5)
+    high = ratio > STANDS_OUT * around
+    found = [
+        i for i in np.flatnonzero(high[1:-1]) + 1 if ratio[i] >= ratio[i - 1] and ratio[i] >= ratio[i + 1]
+    ]
+    return tuple(float(hertz[i]) for i in found)

@@ -1,0 +1,59 @@
+"""What speaks against calling an effect confirmed."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from autotune.diagnosis import first_alone
+from autotune.diagnosis.first_alone import doubt_of, with_effects
+from autotune.estimation.policy import POLICY
+from autotune.models.drive_model import base_model
+from autotune.models.layout import INERTIA, flag
+from autotune.models.table import EFFECTS
+from tests.support.axes import NOMINAL
+
+CANDIDATES = tuple(EFFECTS.values())
+
+
+def test_one_recording_has_nothing_to_be_held_against(short, nominal) -> None:
+    assert doubt_of([short], nominal, ["spring"], print, POLICY, CANDIDATES) is None
+
+
+def test_effects_are_carried_and_the_base_is_not() -> None:
+    spring = EFFECTS["spring"]
+    model = base_model(NOMINAL | {"inertia": 2e-3}).with_effect(spring.make({"stiffness": 0.004})).pack()
+    carried = with_effects(base_model(NOMINAL).pack(), model, ["spring"])
+    assert carried.p[spring.slot("stiffness")] == 0.004
+    assert carried.on[flag("spring")]
+    assert carried.p[INERTIA] == pytest.approx(NOMINAL["inertia"])
+
+
+def _alone(monkeypatch, effects: tuple[str, ...], share: float) -> None:
+    """The first recording by itself names these, and leaves this share of the torque."""
+    level = SimpleNamespace(effects=effects, fitted=SimpleNamespace(error=np.ones(3)))
+    chosen = SimpleNamespace(level=level) if effects else None
+    found = SimpleNamespace(chosen=chosen, study=None)
+    monkeypatch.setattr(first_alone, "prepared_for", lambda *_: None)
+    monkeypatch.setattr(first_alone, "begin", lambda *_, **__: (None, None, None, ()))
+    monkeypatch.setattr(first_alone, "replace", lambda study, **_: study)
+    monkeypatch.setattr(first_alone, "search", lambda *_: found)
+    monkeypatch.setattr(first_alone, "unexplained", lambda *_: share)
+    monkeypatch.setattr(first_alone, "_elsewhere", lambda *_: None)
+
+
+@pytest.mark.parametrize(
+    ("effects", "share", "why"),
+    [
+        (("spring",), 0.1, None),
+        (("stribeck",), 0.1, "does not show spring"),
+        ((), 0.1, "does not show spring"),
+        (("spring",), 0.4, "keeps 40 %"),
+    ],
+)
+def test_confirmed_is_what_the_first_recording_names_by_itself(monkeypatch, effects, share, why) -> None:
+    _alone(monkeypatch, effects, share)
+    doubt = doubt_of([None, None], None, ["spring"], print, POLICY, CANDIDATES)
+    assert (doubt is None) == (why is None)
+    if why is not None:
+        assert why in doubt.why

@@ -1,0 +1,81 @@
+"""A disturbance with its colour: drawn as stated, found again beside the noise of the torque sensor."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from autotune.estimation.controller import find_controller
+from autotune.estimation.data import Prepared, filtered_motion, prepare
+from autotune.estimation.disturbance import STILL, Disturbance, memory_of
+from autotune.estimation.disturbance_estimate import estimate_disturbance
+from autotune.estimation.problem import start_study
+from autotune.estimation.residual import run_twin
+from autotune.models.drive_model import Packed, base_model
+from autotune.recordings.recording import Recording
+from tests.support.axes import NOMINAL, plain_axis
+from tests.support.diagnosis_programme import play, programme
+
+SENSOR = 3e-3  # N m
+LEVEL = 2e-3  # N m
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    return play(plain_axis(3), 3, programme(("scans", "points", "sine")))
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.8, 0.95])
+def test_what_is_drawn_has_its_level_and_its_memory(memory: float) -> None:
+    """A tenth: the standard error of the level of 100 000 samples with a memory of 20 is 2 %."""
+    correlation = -1e-3 / np.log(memory) if memory else 0.0
+    values = Disturbance(coloured=LEVEL, correlation=correlation).drawn(
+        np.random.default_rng(1), 100_000, 1e-3
+    )
+    assert np.std(values) == pytest.approx(LEVEL, rel=0.1)
+    assert np.corrcoef(values[1:], values[:-1])[0, 1] == pytest.approx(memory, abs=0.02)
+    assert memory_of(correlation, 1e-3) == pytest.approx(memory)
+
+
+def _shaken(recording: Recording, packed: Packed, memory: float) -> Prepared:
+    """The reference played by the twin, shaken with a noise made here, its torque read by a noisy sensor."""
+    data = prepare([recording])
+    random = np.random.default_rng(7)
+    n = len(data.time)
+    noise = LEVEL * np.sqrt(1 - memory**2) * lfilter([1.0], [1.0, -memory], random.normal(0, 1, n))
+
+    class Given(Disturbance):
+        def drawn(self, random, size, period):
+            return noise
+
+    run = run_twin(data, packed, find_controller(data), Given(white=LEVEL), random)
+    torque = run.torque + random.normal(0, SENSOR, n)
+    moved = filtered_motion(run.position, data.stretches, data.period, data.motion_cutoff)
+    return replace(
+        data, measured=run.position, torque=torque, recorded_torque=torque,
+        position=moved[0], velocity=moved[1], acceleration=moved[2],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.5, 0.8, 0.95])
+def test_process_and_sensor_noise_are_told_apart(recording: Recording, memory: float) -> None:
+    """2 mN m of process noise beside 3 of the sensor; a fifth is what half a minute's bands tell."""
+    packed = base_model(NOMINAL).pack()
+    data = _shaken(recording, packed, memory)
+    found = estimate_disturbance(start_study(data, find_controller(data)), packed)
+    assert found.sensor == pytest.approx(SENSOR, rel=0.1)
+    correlation = -data.period / np.log(memory) if memory else 0.0
+    true = Disturbance(coloured=LEVEL, correlation=correlation).level_at(30.0, data.period)
+    assert found.level_at(30.0, data.period) == pytest.approx(true, rel=0.2)
+    if (
+        memory >= 0.8
+    ):  # with less all bands that the motion shows are flat, and the level beyond them is a guess
+        assert found.process == pytest.approx(LEVEL, rel=0.25)
+        assert found.coloured > found.white
+        assert memory_of(found.correlation, data.period) == pytest.approx(memory, abs=0.1)
+
+
+def test_without_a_controller_nothing_is_shaken(recording: Recording) -> None:
+    study = start_study(prepare([recording]), None)
+    assert estimate_disturbance(study, base_model(NOMINAL).pack()) == STILL
