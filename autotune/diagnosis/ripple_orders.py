@@ -145,14 +145,14 @@ class _Waves:
         self, orders: list[float], step: float, basis: Floats, error: Floats
     ) -> tuple[list[float], Floats, Floats]:
         """All orders at their best beside each other (Gauss–Newton), the basis with them, and what they leave."""
-        found = np.array(orders)
+        found: Floats = np.array(orders, dtype=np.float64)
         for _ in range(STEPS):
             columns = self._beside(self.table(found), basis)
             sizes = np.linalg.lstsq(columns, error, rcond=None)[0]
             slopes = self._beside(self._slopes(found, sizes), basis)
             both = np.hstack([columns, slopes])
             change = np.linalg.lstsq(both, error - columns @ sizes, rcond=1e-9)[0][len(sizes) :]
-            found = found + np.clip(change, -step, step)
+            found = np.asarray(found + np.clip(change, -step, step), dtype=np.float64)
         extra = np.linalg.qr(self._beside(self.table(found), basis))[0]
         return found.tolist(), np.hstack([basis, extra]), np.asarray(error - extra @ (extra.T @ error))
 

@@ -36,8 +36,8 @@ from autotune.models.transmission import has_load
 
 MOST_EFFECTS, MOST_FITS = 3, 4
 """Effects that are added, and candidates fitted inside the twin for each of them."""
-WORTH_A_FIT, WORTH_A_FIT_BESIDE, CLOSE_RIVAL = 0.35, 0.6, 0.75
-"""Of the best candidate's gain: what is fitted, beside another effect, and beside one that can be named already."""
+WORTH_A_FIT_BESIDE, CLOSE_RIVAL = 0.6, 0.75
+"""Of the best candidate's gain: what is fitted beside another effect, and beside one that can be named already."""
 PLAINLY_NEEDED = 20.0
 """Times what is negligible: so much needs no fit without the effect to be seen."""
 RIVAL_COST = 1.5
@@ -122,7 +122,7 @@ class _Search:
         fits: list[FittedCandidate] = []
         for item in passing[:MOST_FITS]:
             done = any(r.named for r in fits)
-            worth = WORTH_A_FIT_BESIDE if level.effects else WORTH_A_FIT
+            worth = WORTH_A_FIT_BESIDE if level.effects else self.study.policy.worth_refit
             least = CLOSE_RIVAL if done else worth
             if item.gain < least * passing[0].gain:
                 break

@@ -52,17 +52,17 @@ class Policy:
     least_z_single: float = _threshold(
         2.5, "standard errors", "the least z without repeats", "study of measured data, beside surrogates"
     )
-    least_z_by_phase: float = _threshold(
-        2.0,
-        "standard errors",
-        "the same where ranges of phase are held out",
-        "reasoned: ranges of phase differ more from one another than stretches of time",
-    )
     surrogates_beaten: float = _threshold(
         0.9,
         "1",
         "of residuals with random phases, that a candidate must gain more than",
         "study of measured data: without it 18 of 60 residuals with random phases passed",
+    )
+    worth_refit: float = _threshold(
+        0.35,
+        "1",
+        "of the best candidate's gain: less is not worth a fit inside the twin",
+        "bench.thresholds: at 1.4 thermal drift beside a spring is not found",
     )
     clear_fall: float = _threshold(
         0.2,
@@ -198,7 +198,10 @@ class Policy:
         "study of measured data: in one file three effects tie within 0.02",
     )
     apart_z: float = _threshold(
-        2.0, "standard errors", "by which the better of two models must err less", "one chance in forty"
+        2.0,
+        "standard errors",
+        "by which the better of two models must err less, or a candidate over ranges of phase",
+        "one chance in forty",
     )
     structure_errors: float = _threshold(
         1.5,

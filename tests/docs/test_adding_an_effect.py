@@ -21,7 +21,7 @@ PLACES = {
     "EFFECT_NAMES": "autotune/models/layout.py",
     "EFFECTS": "sim/autotune_sim/effects.py",
     "VALUES": "tests/models/test_effects.py",
-    "MEDIUM": "bench/diagnosis.py",
+    "MEDIUM": "tests/support/axes.py",
 }
 NUMBERS = {
     "inertia": 6.7e-4, "viscous": 4e-3, "coulomb": 0.33, "stiffness": 60.0, "micro_damping": 0.1, "offset": 0.05,

@@ -69,7 +69,7 @@ class SingleRecording(Evidence):
         self, study: Study, ranked: Sequence[ScreenedCandidate], least: float
     ) -> list[ScreenedCandidate]:
         policy = study.policy
-        least_z = policy.least_z_by_phase if study.data.periodic else policy.least_z_single
+        least_z = policy.apart_z if study.data.periodic else policy.least_z_single
         likely = [item for item in ranked if item.gain >= least and item.z >= least_z]
         return [item for item in likely if visible(study, item)][:MOST_LIKELY]
 
