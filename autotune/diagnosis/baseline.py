@@ -8,7 +8,7 @@ import numpy as np
 
 from autotune.core.errors import NotEnoughExcitation
 from autotune.diagnosis.candidates import Progress, no_progress
-from autotune.diagnosis.evidence.kinds import evidence_of
+from autotune.diagnosis.evidence import evidence_of
 from autotune.estimation.alignment import without_twin
 from autotune.estimation.bias_corrected_fit import Level, fit_inside_twin
 from autotune.estimation.contact_start import as_rough, fitted_contact

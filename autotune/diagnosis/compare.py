@@ -25,8 +25,7 @@ from autotune.estimation.data import TEST, TRAINING, VETO, Prepared
 from autotune.estimation.disturbance import STILL
 from autotune.estimation.free_parameters import free_of_model
 from autotune.estimation.least_squares import fit
-from autotune.estimation.model_error import ModelError, model_error
-from autotune.estimation.noise_floor import NoiseFloor, noise_floor
+from autotune.estimation.model_error import ModelError, NoiseFloor, model_error, noise_floor
 from autotune.estimation.problem import Study, base_free
 from autotune.estimation.residual import residual, run_twin
 from autotune.models import layout

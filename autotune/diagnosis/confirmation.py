@@ -16,8 +16,8 @@ import numpy as np
 
 from autotune.core.arrays import Flags
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, no_progress
+from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
-from autotune.diagnosis.evidence.kinds import evidence_of
 from autotune.diagnosis.evidence.single import carried_error, chunks_of
 from autotune.diagnosis.evidence.visibility import visible
 from autotune.diagnosis.refits import inside_twin, without_effect

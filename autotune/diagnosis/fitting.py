@@ -17,7 +17,7 @@ from autotune.core.errors import NotEnoughExcitation
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.candidates import Progress, no_progress
 from autotune.diagnosis.compare import EACH_IN_TURN, check_same_axis, floor_of_unseen, roles_unseen
-from autotune.diagnosis.evidence.kinds import evidence_of
+from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.refits import inside_twin, without_insignificant_terms
 from autotune.diagnosis.resolved_memory import resolved
 from autotune.diagnosis.ripple_orders import with_whole_orders

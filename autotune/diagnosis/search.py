@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from autotune.diagnosis.candidates import FittedCandidate, Progress, ScreenedCandidate, error_left
+from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence
-from autotune.diagnosis.evidence.kinds import evidence_of
 from autotune.diagnosis.refits import (
     REFINED,
     best_refined,

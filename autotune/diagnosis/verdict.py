@@ -19,8 +19,8 @@ from autotune.diagnosis.candidates import (
 )
 from autotune.diagnosis.compare import check_same_axis
 from autotune.diagnosis.confirmation import confirm, in_words
+from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
-from autotune.diagnosis.evidence.kinds import evidence_of
 from autotune.diagnosis.evidence.time_driven import TimeLine, time_driven_line
 from autotune.diagnosis.first_alone import doubt_of
 from autotune.diagnosis.search import Found, search

@@ -18,8 +18,8 @@ from autotune.estimation.alignment import aligned, needed, upsampled
 from autotune.estimation.controller import find_controller
 from autotune.estimation.coordinates import travel_since_reversal
 from autotune.estimation.data import CUTOFF, Block, Prepared, prepare
+from autotune.estimation.parts import fitted_part
 from autotune.estimation.policy import POLICY, Policy
-from autotune.estimation.programme import fitted_part
 from autotune.estimation.speed_points import as_steady_recordings, speed_points
 from autotune.recordings.checks import check_recording, guide_of, torque_of
 from autotune.recordings.recording import Recording

@@ -3,10 +3,16 @@
 What comes after the last fitted row (veto and test) need not be computed during a fit. Sensitivities are the
 same in every repeat of an experiment, as long as nothing but the motion decides them: they are taken on the
 first round and copied.
+
+Of the standard programme a diagnosis is not fitted on everything.
+Presliding stays out: it is measured in torque mode, where no twin of the closed loop can be made. The strokes of the
+steady state are single experiments here, as they differ in speed; taken for repeats of one another they made every
+difference between speeds look like noise. Recordings of anything else are fitted as they are.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +21,7 @@ from autotune.core.arrays import Flags, Floats
 from autotune.estimation.data import TRAINING, Block, Prepared, Stretch
 from autotune.models import layout
 from autotune.models.table import EFFECTS
+from autotune.recordings.recording import Recording, Segment
 
 SAME_PLACE = 0.01
 """Of the travel: repeats that are further apart are not the same motion."""
@@ -64,3 +71,54 @@ def _alike(data: Prepared) -> list[Block]:
             if float(np.max(np.abs(table[1:] - table[0]))) <= apart:
                 found.append(block)
     return found
+
+
+_LEFT_OUT = "presliding"
+_STROKES = "steady_state"
+_REPEATED = "dahl"
+_BETWEEN = "conditioning"
+REPEATS = 2
+"""Of Dahl's curve: more say nothing more."""
+
+
+def fitted_part(recording: Recording) -> Recording:
+    """The position-controlled experiments; each stroke of the steady state by a name of its own.
+
+    Every second speed and two repeats of Dahl's curve say as much as all of them, in half the time.
+    """
+    segments = recording.segments()
+    out = [i for i, segment in enumerate(segments) if _in_torque_mode(recording, segment)]
+    keep = np.ones(len(recording), dtype=np.bool_)
+    if out:  # with the relaxing before and the way back after it, which are partly in torque mode
+        for segment in segments[max(out[0] - 1, 0) : out[-1] + 2]:
+            keep[segment.rows] = False
+    for i in _spare(recording, segments):
+        keep[segments[i].rows] = False
+        if i > 0 and segments[i - 1].experiment == _BETWEEN:
+            keep[segments[i - 1].rows] = False
+    kept = recording.rows(keep)
+    names = kept.experiment.astype(f"<U{max(kept.experiment.dtype.itemsize // 4, len(_STROKES) + 5)}")
+    for segment in kept.segments():
+        if segment.experiment == _STROKES:
+            names[segment.rows] = f"{_STROKES}/{segment.repeat}"
+    return Recording(kept.metadata, kept.floats, names, kept.repeat, kept.missed)
+
+
+def _in_torque_mode(recording: Recording, segment: Segment) -> bool:
+    """Whether a segment is presliding that no position controller took part in."""
+    if segment.experiment != _LEFT_OUT or "reference" not in recording:
+        return segment.experiment == _LEFT_OUT
+    return bool(np.all(recording["reference"][segment.rows] == recording["position"][segment.rows]))
+
+
+def _spare(recording: Recording, segments: Sequence[Segment]) -> list[int]:
+    """Segments that are not needed: pairs of strokes (there and back) at every second speed, spare repeats."""
+    strokes = [i for i, segment in enumerate(segments) if segment.experiment == _STROKES]
+    ordered = sorted(strokes, key=lambda i: -_speed(recording, segments[i]))
+    spare = [i for place, i in enumerate(ordered) if place // 2 % 2 == 1]
+    return spare + [i for i, s in enumerate(segments) if s.experiment == _REPEATED and s.repeat >= REPEATS]
+
+
+def _speed(recording: Recording, segment: Segment) -> float:
+    position = recording["position"][segment.rows]
+    return abs(float(position[-1] - position[0])) / len(position)

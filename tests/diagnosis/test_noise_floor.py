@@ -13,7 +13,7 @@ from autotune.diagnosis.refits import without_insignificant_terms
 from autotune.estimation.bias_corrected_fit import Level
 from autotune.estimation.data import TRAINING, Block
 from autotune.estimation.least_squares import Fitted, Free, covariance
-from autotune.estimation.noise_floor import noise_floor
+from autotune.estimation.model_error import noise_floor
 from autotune.estimation.problem import start_study
 from autotune.models.drive_model import HistoryEntry, Packed, staircase
 from autotune.models.table import EFFECTS

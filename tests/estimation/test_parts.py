@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from autotune.estimation.programme import fitted_part
+from autotune.estimation.parts import fitted_part
 from autotune.recordings.recording import Metadata, Recording
 
 
