@@ -148,7 +148,7 @@ class _Waves:
         found = np.array(orders)
         for _ in range(STEPS):
             columns = self._beside(self.table(found), basis)
-            sizes = np.linalg.lstsq(columns, error, rcond=None)[0]
+            sizes = np.asarray(np.linalg.lstsq(columns, error, rcond=None)[0], dtype=np.float64)
             slopes = self._beside(self._slopes(found, sizes), basis)
             both = np.hstack([columns, slopes])
             change = np.linalg.lstsq(both, error - columns @ sizes, rcond=1e-9)[0][len(sizes) :]
@@ -210,7 +210,7 @@ def with_whole_orders(study: Study, level: Level) -> Level:
     settled = fit_inside_twin(study, Packed(p, packed.on), free, 2, level.effects)
     if settled is None or settled.fitted.cost > MUCH_WORSE * level.fitted.cost:
         return level
-    return replace(settled, settled=level.settled)
+    return replace(settled, converged=level.converged)
 
 
 MUCH_WORSE = 1.02
