@@ -29,6 +29,8 @@ from autotune.models.table import EFFECTS
 from autotune.recordings.recording import Recording
 
 ITERATIONS = 10
+MOST_UNEXPLAINED = 0.25
+"""Of a recording's torque variance: where more is left, it confirms nothing (an arm's joints, others moving)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +61,7 @@ def doubt_of(
         if missing or found.chosen is None:
             return Doubt(f"the first recording by itself does not show {_listed(missing or effects)}")
         share = unexplained(found.study, found.chosen.level)
-        if share > policy.most_unexplained:
+        if share > MOST_UNEXPLAINED:
             return Doubt(_unexplained("the first recording", share))
         for number, recording in enumerate(recordings[1:], 2):
             why = _elsewhere(recording, number, model, found.chosen.level, progress, policy)
@@ -92,7 +94,7 @@ def _elsewhere(
     if after >= (1.0 - policy.least_gain) * before:
         return f"recording {number}, with only the base refitted, errs no less with them than without"
     share = unexplained(study, replace(root, fitted=fitted))
-    return _unexplained(f"recording {number}", share) if share > policy.most_unexplained else None
+    return _unexplained(f"recording {number}", share) if share > MOST_UNEXPLAINED else None
 
 
 def with_effects(base: Packed, other: Packed, effects: Sequence[str]) -> Packed:

@@ -82,6 +82,8 @@ def find_orders(study: Study, thin: Searched, angle: float, present: list[float]
         left, order = rest, trial[-1]
         beside = np.where(far, _gains(table, beside_found, left), 0.0)
         near = (orders > 0.6 * order - 1.0) & (orders < 1.7 * order + 1.0)
+        if order <= 0.0 or not near.any():
+            break
         if strength < contrast * (1.0 - strength) * float(np.median(beside[near])):
             break
         found = trial
@@ -148,7 +150,7 @@ class _Waves:
         found: Floats = np.array(orders, dtype=np.float64)
         for _ in range(STEPS):
             columns = self._beside(self.table(found), basis)
-            sizes = np.linalg.lstsq(columns, error, rcond=None)[0]
+            sizes = np.asarray(np.linalg.lstsq(columns, error, rcond=None)[0], dtype=np.float64)
             slopes = self._beside(self._slopes(found, sizes), basis)
             both = np.hstack([columns, slopes])
             change = np.linalg.lstsq(both, error - columns @ sizes, rcond=1e-9)[0][len(sizes) :]

@@ -48,6 +48,10 @@ from autotune.recordings.recording import Recording
 
 NAMED, NONE, UNKNOWN, AMBIGUOUS = "named", "none", "unknown", "ambiguous"
 CONFIRMED, SUSPECTED = "confirmed", "suspected"
+OUTDONE = 1.5
+"""Times the gain of what is named: what a candidate that could not pass may gain at most beside it."""
+LAW_DIFFERS, LAW_LEAD = 0.7, 0.6
+"""Share explained from which one effect is named though its law differs, and what another may gain of its gain."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,7 +178,7 @@ class Facts:
         own = max(own, self.chosen.gain)
         others = [item for item in self.first if item.effect not in self.chosen.level.effects]
         best = max(others, key=lambda item: item.gain, default=None)
-        return best.effect if best is not None and best.gain > self.study.policy.outdone * own else ""
+        return best.effect if best is not None and best.gain > OUTDONE * own else ""
 
     @property
     def law_differs(self) -> bool:
@@ -186,8 +190,8 @@ class Facts:
             return False
         others = [item.gain for item in self.first if item.effect != chosen.effect]
         own = next((item.gain for item in self.first if item.effect == chosen.effect), chosen.gain)
-        alone = max(others, default=0.0) <= policy.law_lead * max(own, chosen.gain)
-        return chosen.share >= policy.law_differs and alone
+        alone = max(others, default=0.0) <= LAW_LEAD * max(own, chosen.gain)
+        return chosen.share >= LAW_DIFFERS and alone
 
     @property
     def structure_left(self) -> bool:

@@ -210,12 +210,6 @@ class Policy:
         "bench.diagnosis: 0 names, 2 unknown where nothing was planted in 372 runs",
     )
     structure_part: float = _threshold(0.15, "1", "of the noise: the least such rest", "the same runs")
-    structure_part_without_twin: float = _threshold(
-        1.0,
-        "of the noise's variance",
-        "the same where no twin takes the bias of the measurement chain out",
-        "on axes where nothing is missing that bias comes to a third of the noise",
-    )
     line_part: float = _threshold(
         0.05,
         "1",
@@ -379,32 +373,6 @@ class Policy:
         "1",
         "of the torque's rms: an answer to position comes to so much",
         "reasoned: a spring that the axis has carries a part of the torque only",
-    )
-
-    # What speaks against a name
-    most_unexplained: float = _threshold(
-        0.25,
-        "1",
-        "of a recording's torque variance: where more is left, no effect is confirmed by it",
-        "on an arm's joints, with others moving, wrong effects were confirmed beside half of the torque",
-    )
-    outdone: float = _threshold(
-        1.5,
-        "times the gain of what is named",
-        "what a candidate that is not named may gain at most beside it",
-        "gravity that could not pass gained twice what a spring and an eccentricity did that passed",
-    )
-    law_differs: float = _threshold(
-        0.7,
-        "1",
-        "share explained, on training and veto, from which a single effect is named though its law differs",
-        "right effects of another law explain 0.7 to 0.9, wrong ones at most 0.5",
-    )
-    law_lead: float = _threshold(
-        0.6,
-        "times the gain of what is named",
-        "what another candidate may gain at most beside an effect whose law differs",
-        "rivals of a right effect of another law gain half of it at most",
     )
 
 

@@ -20,6 +20,8 @@ NOTHING = {
     "chosen": None,
     "carried": (),
     "structure_left": False,
+    "outdone": "",
+    "law_differs": False,
 }
 FOUND = {"chosen": object(), "accepted": True}
 
@@ -36,6 +38,8 @@ def _row(**facts: object) -> tuple[str, str]:
         (FOUND, "named"),
         (FOUND | {"rivals": ("spring",)}, "ambiguous"),
         (FOUND | {"structured": True}, "unknown"),
+        (FOUND | {"outdone": "gravity_imbalance"}, "unknown"),
+        ({"chosen": object(), "law_differs": True}, "named"),
         (FOUND | {"drowned": True, "rivals": ("spring",)}, "unknown"),
         ({"chosen": object()}, "unknown"),
         ({"chosen": object(), "rivals": ("spring",)}, "unknown"),
@@ -55,6 +59,8 @@ def test_every_row_can_be_reached_and_has_a_name_of_its_own() -> None:
         _row(**FOUND, rivals=("spring",)),
         _row(**FOUND, structured=True),
         _row(**FOUND, drowned=True),
+        _row(**FOUND, outdone="gravity_imbalance"),
+        _row(chosen=object(), law_differs=True),
         _row(chosen=object()),
         _row(carried=("refuted",)),
         _row(structure_left=True),

@@ -14,6 +14,9 @@ from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.policy import Policy
 from autotune.estimation.problem import CHUNK, Study
 
+STRUCTURE_WITHOUT_TWIN = 1.0
+"""Of the noise: the least rest where no twin takes out the bias of the measurement chain, a third of the noise."""
+
 
 class RepeatedProgramme(Evidence):
     """A candidate must explain nearly all that can be explained, on a veto trajectory too."""
@@ -50,7 +53,7 @@ class RepeatedProgramme(Evidence):
         variance, error = study.repeatable(level.fitted.error, level.correction, TRAINING)
         noise = study.noise_variance(level.fitted.error, TRAINING)
         policy = study.policy
-        part = policy.structure_part if study.twin else policy.structure_part_without_twin
+        part = policy.structure_part if study.twin else STRUCTURE_WITHOUT_TWIN
         beyond = variance > policy.structure_errors * error and variance > part * noise
         return math.isfinite(variance) and beyond
 
