@@ -15,7 +15,9 @@ from autotune.diagnosis.verdict import CASES
 NOTHING = {
     "drowned": False,
     "structured": False,
+    "outdone": "",
     "accepted": False,
+    "law_differs": False,
     "rivals": (),
     "chosen": None,
     "carried": (),
