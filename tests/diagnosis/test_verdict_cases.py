@@ -22,8 +22,6 @@ NOTHING = {
     "chosen": None,
     "carried": (),
     "structure_left": False,
-    "outdone": "",
-    "law_differs": False,
 }
 FOUND = {"chosen": object(), "accepted": True}
 
