@@ -82,7 +82,7 @@ def find_orders(study: Study, thin: Searched, angle: float, present: list[float]
         left, order = rest, trial[-1]
         beside = np.where(far, _gains(table, beside_found, left), 0.0)
         near = (orders > 0.6 * order - 1.0) & (orders < 1.7 * order + 1.0)
-        if order <= 0.0 or not near.any():
+        if order < orders[0] or not near.any():  # a wave that slides below is the imbalance's
             break
         if strength < contrast * (1.0 - strength) * float(np.median(beside[near])):
             break

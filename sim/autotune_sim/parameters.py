@@ -141,5 +141,6 @@ def _ranges(preset: Preset) -> dict[str, Range]:
 
 
 def _about(entry: Range, factory: float) -> Range:
-    """The table's range with a factory value; wider where that is in another world, as gains of a linear axis are."""
-    return Range(factory, entry.low, max(entry.high, 10.0 * factory), entry.unit)
+    """The table's range with a factory value; wider where that is beyond it, as gains of a linear axis are."""
+    high = entry.high if factory <= entry.high else 10.0 * factory
+    return Range(factory, entry.low, high, entry.unit)

@@ -108,7 +108,7 @@ def test_a_hidden_effect_is_found_added_and_saved(keyboard: bool, hidden: Path, 
 def test_nothing_serious_for_who_sees_or_moves_badly(
     size: tuple[int, int], dark: bool, hidden: Path, tmp_path: Path
 ) -> None:
-    from axe_core_python.sync_selenium import Axe
+    from axe_core_python.selenium import Axe
 
     with workbench(hidden) as address, browser(tmp_path, width=size[0], height=size[1], dark=dark) as driver:
         driver.get(address)
