@@ -51,7 +51,11 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--truth", metavar="FILE", help="what is true on the axis is logged there")
     parser.add_argument("--state", metavar="FILE", help="non-volatile memory (default: none is kept)")
     parser.add_argument(
-        "--also", action="append", default=[], metavar="PORT", help="a further slcan adapter on the bus; repeatable"
+        "--also",
+        action="append",
+        default=[],
+        metavar="PORT",
+        help="a further slcan adapter on the bus; repeatable",
     )
     parser.add_argument(
         "--commands", action="store_true", help="reads faults from standard input, ends with it"

@@ -104,10 +104,7 @@ def open_drive(
     own = HOST_NODES[number == HOST_NODES[0]]
     wire = Wire(link, own, profile.guard.produce)
     node, sdo = Node(wire, number), Sdo(wire, number)
-    identity = _identify(node, sdo)
-    _compare(identity, profile, number)
-    _must_be_as_expected(node, sdo, profile)
-    _must_count_alike(node, sdo, axis, profile)
+    identity = _expected(node, sdo, axis, profile)
     _must_be_free(node, sdo)
     keeper = Keeper.of(keep, identity) if keep is not None else None
     left = put_right(node, sdo, keeper, _recorder_off(sdo, profile)) if keeper is not None else ()
@@ -145,7 +142,44 @@ def _prepare(
     return drive
 
 
+@dataclass(frozen=True, slots=True)
+class Known:
+    """What a drive says of itself, without anything being written."""
+
+    identity: Mapping[str, int | str]
+    units: Units
+    lock_step: bool
+
+
+def known(node: Node, sdo: Sdo, axis: Axis, profile: Profile) -> Known:
+    """Asks a drive that may be in motion under another master; nothing is written.
+
+    Raises:
+        LinkError: nobody answers, or the wrong drive. ConfigurationError: it counts otherwise than the axis file.
+    """
+    identity = _expected(node, sdo, axis, profile)
+    return Known(identity, _units(node, sdo, axis, profile), _lock_step(profile, sdo))
+
+
+def cycle_of(sdo: Sdo) -> float | None:
+    """Interpolation period [s] (60C2h); None where the drive has none."""
+    try:
+        value, exponent = (int(sdo.read(ref)) for ref in _PERIOD)
+    except TransferAborted:
+        return None
+    return float(value * 10.0**exponent)
+
+
 # Who is there
+
+
+def _expected(node: Node, sdo: Sdo, axis: Axis, profile: Profile) -> dict[str, int | str]:
+    """Identity of the drive, if it is one of the profile, set up as that and the axis file assume."""
+    identity = _identify(node, sdo)
+    _compare(identity, profile, node.number)
+    _must_be_as_expected(node, sdo, profile)
+    _must_count_alike(node, sdo, axis, profile)
+    return identity
 
 
 def _identify(node: Node, sdo: Sdo) -> dict[str, int | str]:
