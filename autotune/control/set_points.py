@@ -1,9 +1,9 @@
 """Set points of a foreign master: are they plausible, and what motion do they ask for.
 
-A sidecar hears positions only, in whole counts, once a cycle T. Velocity and acceleration at the newest of them
+A sidecar hears positions only, in whole counts q, once a cycle T. Velocity and acceleration at the newest of them
 are those of the parabola that fits the last `POINTS` best (least squares; an endpoint filter of Savitzky and
-Golay, Anal. Chem. 36 (1964) 1627): no delay for a parabola, and of the quantisation q/√12 about 0.03/T² is left
-in the acceleration.
+Golay, Anal. Chem. 36 (1964) 1627): no delay for a parabola, and of the quantisation 0.0133 q/(√12 T²) is left in
+the acceleration. Fewer points leave more of it, more smear the ends of an acceleration (jerk).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 
 from autotune.core.axis import Limits
 
-POINTS = 15
+POINTS = 21
 _COUNTS = 3.0  # that three rounded positions can be off together
 _MARGIN = 1.1  # of speed and acceleration: a master may plan right at the limit
 WINDOW = 50  # SYNCs over which set points are counted

@@ -18,6 +18,7 @@ STEP = 0.025
 """Of the torque limit, in one frame."""
 FADE_IN, FADE_OUT = 0.5, 0.1  # s
 _SAMPLES = 400  # in motion, before a model is judged
+_TURNS = 2
 _EACH_WAY = 100  # of them in either direction
 SCALE = (0.75, 1.3)  # torque measured by torque of the model
 UNEXPLAINED = 0.25  # of the spread of the torque
@@ -68,6 +69,8 @@ class TorqueOffset:
 class ModelCheck:
     """Whether a model fits the axis: torque measured on the first moves by torque of the model, no offset yet.
 
+    What the contact remembers from before is not known; samples count once the axis has turned round twice.
+
     Attributes:
         done: there is enough to judge.
     """
@@ -77,11 +80,17 @@ class ModelCheck:
         self._slow = slow
         self._rows: list[tuple[float, float]] = []
         self._ways = [0, 0]
+        self._turns = 0
+        self._forward: bool | None = None
         self.done = False
 
     def see(self, velocity: float, model: float, measured: float) -> None:
         """Takes a cycle: velocity of the reference, torques [N m]."""
         if abs(velocity) < self._slow or self.done:
+            return
+        before, self._forward = self._forward, velocity > 0.0
+        self._turns += before is not None and before is not self._forward
+        if self._turns < _TURNS:
             return
         self._ways[velocity > 0.0] += 1
         self._rows.append((model, measured))

@@ -36,7 +36,8 @@ class Master:
         self.rest = b""
         self.frames: list[tuple[int, bytes]] = []
         self.accompanied = False
-        self.target = 0
+        self.pace = 0.0
+        self.due = 0.0
 
     def send(self, cob_id: int, data: bytes = b"") -> None:
         os.write(self.descriptor, b"t%03X%d%s\r" % (cob_id, len(data), data.hex().upper().encode()))
@@ -93,7 +94,11 @@ class Master:
         """One cycle: demand and position [rad], offset of the host that acts [N m], status word."""
         self.frames.clear()
         self.send(0x200 + NODE, struct.pack("<Hi", control, target))
-        self.accompanied = self.take(SIDECAR, WITH if self.accompanied else WITHOUT) is not None
+        if self.pace:
+            self.due = max(self.due + self.pace, time.monotonic() - self.pace)
+            self.take(-1, self.due - time.monotonic())
+        else:
+            self.accompanied = self.take(SIDECAR, WITH if self.accompanied else WITHOUT) is not None
         self.send(0x080)
         places, offsets, status = (self.take(base + NODE, 10.0) for base in (0x180, 0x280, 0x380))
         assert places is not None, "the drive is silent"
@@ -122,7 +127,10 @@ def main() -> None:
     parser.add_argument("out")
     parser.add_argument("--seconds", type=float, default=5.0, help="of the axis, once the sidecar is there")
     parser.add_argument("--go", default="", help="moves once this file is there, still until then")
-    parser.add_argument("--leap", type=float, default=math.inf, help="set point leaps 0.05 rad at this time")
+    parser.add_argument("--until", default="", help="moves on until this file is there")
+    parser.add_argument(
+        "--pace", type=float, default=0.0, help="s between two SYNCs; 0: as the sidecar answers"
+    )
     options = parser.parse_args()
     master = Master(options.port)
     master.configure()
@@ -132,15 +140,17 @@ def main() -> None:
     while options.go and not Path(options.go).exists():
         master.cycle(0x0F, where)
     rows = []
-    for k in range(round(options.seconds / CYCLE)):
+    k = 0
+    master.pace = options.pace
+    while k < options.seconds / CYCLE or (options.until and not Path(options.until).exists()):
         t = k * CYCLE
-        leap = 0.05 if t >= options.leap else 0.0
         swell = min(t, 1.0) ** 2
-        target = where + round(COUNTS * (swell * 0.2 * math.sin(2.0 * math.pi * t) + leap))
+        target = where + round(COUNTS * swell * 0.2 * math.sin(2.0 * math.pi * t))
         demand, position, offset, status = master.cycle(0x0F, target)
         rows.append((demand, position, offset, status, time.monotonic(), master.accompanied))
+        k += 1
         if k % 100 == 0:
-            sys.stdout.write(f"at {t:.1f} offset {offset:.4f}\n")
+            sys.stdout.write(f"at {k} offset {offset:.4f}\n")
             sys.stdout.flush()
     names = ("demand", "position", "offset", "status", "wall", "accompanied")
     np.savez(options.out, **dict(zip(names, np.array(rows).T, strict=True)))
