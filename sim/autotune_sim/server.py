@@ -259,6 +259,15 @@ def _axis(axis: Preset, unfit: str, counts: int | None) -> tuple[Preset, tuple[t
         raise ConfigurationError(f"unfit axis {unfit!r}: size {size!r} must be a number") from None
 
 
+def _check_link(node_id: int, link: str, also: Sequence[str | Path]) -> None:
+    if not 1 <= node_id <= 127:
+        raise ConfigurationError(f"node id is {node_id}; allowed is 1 to 127")
+    if link not in LINKS:
+        raise ConfigurationError(f"link is {link!r}; known are {' and '.join(LINKS)}")
+    if also and link != "canopen":
+        raise ConfigurationError("a further adapter joins a CANopen bus only; leave --also out, or --link")
+
+
 def serve(
     preset: str,
     port_path: str | Path,
@@ -297,12 +306,7 @@ def serve(
     Raises:
         ConfigurationError: an unknown preset, effect or fault, a node id out of range, or no port.
     """
-    if not 1 <= node_id <= 127:
-        raise ConfigurationError(f"node id is {node_id}; allowed is 1 to 127")
-    if link not in LINKS:
-        raise ConfigurationError(f"link is {link!r}; known are {' and '.join(LINKS)}")
-    if also and link != "canopen":
-        raise ConfigurationError("a further adapter joins a CANopen bus only; leave --also out, or --link")
+    _check_link(node_id, link, also)
     orders = [parse_order(text) for text in faults]
     axis, lasting = _axis(find_preset(preset, seed=seed, effects=effects), unfit, counts)
     orders += [Order(name, value, "motion", at) for name, value, at in lasting]

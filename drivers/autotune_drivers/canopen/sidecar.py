@@ -15,9 +15,10 @@ from autotune.core.errors import ConfigurationError, StateError
 from autotune_drivers.canopen.cia402 import State, state_of
 from autotune_drivers.canopen.frames import FrameLink, drain
 from autotune_drivers.canopen.heard import Place, free, places, settings
+from autotune_drivers.canopen.known import Known, cycle_of, known
 from autotune_drivers.canopen.node import Node
 from autotune_drivers.canopen.objects import ObjectRef
-from autotune_drivers.canopen.opening import HOST_NODES, Known, cycle_of, known
+from autotune_drivers.canopen.opening import HOST_NODES
 from autotune_drivers.canopen.parameters import DriveParameters
 from autotune_drivers.canopen.pdo import RPDO, TPDO, PdoSetting, identifier, layout
 from autotune_drivers.canopen.sdo import Sdo
@@ -204,7 +205,7 @@ class Sidecar:
             self._link.close()
 
     def _let_drop(self) -> None:
-        """Waits until the drive has dropped the offset, and writes 0 to what is left: a mapping that goes drops nothing."""
+        """Waits until the drive has dropped the offset; what is left becomes 0: a mapping that goes drops nothing."""
         heard = [cob_id for cob_id, _ in drain(self._link, self.gone_within)]
         end = time.monotonic() + _LOCK_STEP_DROP
         while self.lock_step and time.monotonic() < end:
