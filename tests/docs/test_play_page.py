@@ -34,7 +34,7 @@ def test_the_page_is_a_screen_and_its_numbers_are_the_programs() -> None:
     assert guard is not None
     assert f"ramp = {guard.ramp:g}" in PAGE
     for said in (
-        f"time-out is {TIME_OUT * 1e3:g} ms", f"{STEP:.1%} of `limits.torque`", f"within {FADE_IN:g} s",
+        f"time-out is {TIME_OUT * 1e3:g} ms", f"{1e2 * STEP:g} % of `limits.torque`", f"within {FADE_IN:g} s",
         f"fades out ({FADE_OUT:g} s)", f"{SCALE[0]:g} to {SCALE[1]:g}",
     ):  # fmt: skip
         assert said in PAGE
