@@ -127,6 +127,23 @@ def test_a_drive_drops_the_offset_of_a_dead_sidecar_and_the_next_one_puts_back(
     assert bus.bench.word == 0x27  # the master's axis was left alone
 
 
+def test_a_sidecar_that_comes_at_once_waits_until_the_offset_of_the_dead_one_is_gone(
+    bus: Bus, tmp_path: Path
+) -> None:
+    dead = opened(bus, tmp_path)
+    dead.prepare()
+    for _ in range(200):
+        dead.send(0.4)
+        dead.listen(0.01)
+    sidecar = opened(bus, tmp_path)
+    assert "put back" in " ".join(sidecar.left)
+    assert bus.bench.get(0x60B2) == 0
+    bus.receive(0.01)
+    assert bus.bench.device.firmware.host_offset == 0.0
+    sidecar.prepare()
+    assert sidecar.close(dropped=True) == []
+
+
 def test_settings_go_only_after_the_drive_has_dropped_what_stands(bus: Bus) -> None:
     sidecar = opened(bus)
     sidecar.prepare()
@@ -150,7 +167,11 @@ def refused(bus: Bus, error: type[Exception], match: str, profile: Profile = PRO
     writes: list[object] = []
     bus.bench.device.on_write = writes.append
     with pytest.raises(error, match=match):
-        opened(bus, profile=profile).prepare()
+        sidecar = opened(bus, profile=profile)
+        try:
+            sidecar.prepare()
+        finally:
+            assert sidecar.close(dropped=True) == []
     assert not writes
 
 

@@ -85,11 +85,18 @@ class Sidecar:
         self._known: Known = known(node, self._sdo, axis, profile)
         self.identity, self.lock_step = self._known.identity, self._known.lock_step
         keeper = Keeper.of(keep, self.identity) if keep is not None else None
-        self.left = put_right(node, self._sdo, keeper, commands=False) if keeper is not None else ()
-        self._session = Session(self._sdo, None, keeper)
         self.gone_within = TIME_OUT + self._guard.ramp
+        self.left = self._put_right(node, keeper) if keeper is not None else ()
+        self._session = Session(self._sdo, None, keeper)
+        self._prepared = False
         self._offset = profile.commands.torque_feedforward
         self._scale()
+
+    def _put_right(self, node: Node, keeper: Keeper) -> tuple[str, ...]:
+        """What a session before has left is put back, once the drive has had the time to drop its offset."""
+        if keeper.path.exists():
+            self._let_drop()
+        return put_right(node, self._sdo, keeper, commands=False)
 
     def _scale(self) -> None:
         units, profile = self._known.units, self._profile
@@ -127,6 +134,7 @@ class Sidecar:
         signals = self._profile.signals
         mapped = PdoSetting(RPDO, index, self._own, _SYNCHRONOUS, (self._offset.ref.mapping(),))
         report = (signals.status.ref.mapping(), signals.torque.ref.mapping())
+        self._prepared = True
         self._session.write(self._timer(index), round(TIME_OUT * 1e3))
         self._session.map(PdoSetting(TPDO, other, self._told, _SYNCHRONOUS, report))
         self._session.map(mapped)
@@ -200,20 +208,22 @@ class Sidecar:
         try:
             if not dropped:
                 self._let_drop()
+            if self._prepared and self._sdo.read(
+                self._offset.ref
+            ):  # a mapping that goes would leave it for ever
+                self._sdo.write(self._offset.ref, 0)
             return self._session.restore()
         finally:
             self._link.close()
 
     def _let_drop(self) -> None:
-        """Waits until the drive has dropped the offset; what is left becomes 0: a mapping that goes drops nothing."""
+        """Waits until the drive has dropped an offset whose sender is silent."""
         heard = [cob_id for cob_id, _ in drain(self._link, self.gone_within)]
         end = time.monotonic() + _LOCK_STEP_DROP
         while self.lock_step and time.monotonic() < end:
             if heard.count(SYNC) * self._axis.cycle >= self.gone_within:
                 break
             heard += [cob_id for cob_id, _ in self._link.receive(_LISTEN)]
-        if self._sdo.read(self._offset.ref):
-            self._sdo.write(self._offset.ref, 0)
 
 
 def open_sidecar(link: FrameLink, number: int, axis: Axis, profile: Profile, keep: Path | None) -> Sidecar:
