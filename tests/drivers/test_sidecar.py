@@ -167,12 +167,16 @@ def refused(bus: Bus, error: type[Exception], match: str, profile: Profile = PRO
     writes: list[object] = []
     bus.bench.device.on_write = writes.append
     with pytest.raises(error, match=match):
-        sidecar = opened(bus, profile=profile)
-        try:
-            sidecar.prepare()
-        finally:
-            assert sidecar.close(dropped=True) == []
+        prepared_and_closed(bus, profile)
     assert not writes
+
+
+def prepared_and_closed(bus: Bus, profile: Profile) -> None:
+    sidecar = opened(bus, profile=profile)
+    try:
+        sidecar.prepare()
+    finally:
+        assert sidecar.close(dropped=True) == []
 
 
 def test_another_producer_refuses(bus: Bus) -> None:
