@@ -19,6 +19,7 @@ STEP = 0.025
 FADE_IN, FADE_OUT = 0.5, 0.1  # s
 _SAMPLES = 400  # in motion, before a model is judged
 _TURNS = 2
+_AVERAGED = 20  # samples in a row
 _EACH_WAY = 100  # of them in either direction
 SCALE = (0.75, 1.3)  # torque measured by torque of the model
 UNEXPLAINED = 0.25  # of the spread of the torque
@@ -69,7 +70,8 @@ class TorqueOffset:
 class ModelCheck:
     """Whether a model fits the axis: torque measured on the first moves by torque of the model, no offset yet.
 
-    What the contact remembers from before is not known; samples count once the axis has turned round twice.
+    What the contact remembers from before is not known; samples count once the axis has turned round twice. Means
+    of `_AVERAGED` samples are compared: a drive that differentiates counts twice has noise as large as friction.
 
     Attributes:
         done: there is enough to judge.
@@ -98,7 +100,8 @@ class ModelCheck:
 
     def doubt(self) -> str:
         """Why the model does not fit, in words; empty where it does."""
-        model, measured = np.array(self._rows).T
+        whole = len(self._rows) // _AVERAGED * _AVERAGED
+        model, measured = np.array(self._rows[:whole]).reshape(-1, _AVERAGED, 2).mean(axis=1).T
         scale, unexplained = _agreement(model, measured)
         if SCALE[0] <= scale <= SCALE[1] and unexplained <= UNEXPLAINED:
             return ""
