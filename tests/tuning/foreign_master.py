@@ -140,7 +140,7 @@ def main() -> None:
     while options.go and not Path(options.go).exists():
         master.cycle(0x0F, where)
     rows = []
-    k = 0
+    k = missed = 0
     master.pace = options.pace
     while k < options.seconds / CYCLE or (options.until and not Path(options.until).exists()):
         t = k * CYCLE
@@ -149,8 +149,9 @@ def main() -> None:
         demand, position, offset, status = master.cycle(0x0F, target)
         rows.append((demand, position, offset, status, time.monotonic(), master.accompanied))
         k += 1
+        missed += not master.accompanied
         if k % 100 == 0:
-            sys.stdout.write(f"at {k} offset {offset:.4f}\n")
+            sys.stdout.write(f"at {k} offset {offset:.4f} missed {missed}\n")
             sys.stdout.flush()
     names = ("demand", "position", "offset", "status", "wall", "accompanied")
     np.savez(options.out, **dict(zip(names, np.array(rows).T, strict=True)))

@@ -95,6 +95,12 @@ class Rig:
         told = re.findall(r"at (\d+) ", self.master.text)
         return int(told[-1]) if told else 0
 
+    @property
+    def missed(self) -> int:
+        """Cycles of the master in motion without a sidecar's frame."""
+        told = re.findall(r"missed (\d+)", self.master.text)
+        return int(told[-1]) if told else 0
+
     def pass_cycles(self, count: int) -> None:
         """Waits while the master plays so many."""
         end, until = time.monotonic() + WITHIN, self.cycles + count
