@@ -31,6 +31,7 @@ COMMANDS = {
     "sim": "Simulate the axis's drive in a process of its own, until Ctrl-C.",
     "rollback": "Restore the drive's parameters from a backup, and store them.",
     "record": "Play a programme on the axis and write the recording.",
+    "play": "Play the proved feedforward as torque offset beside the machine's own master, until stopped.",
     "serve": "Look after axes: a gentle check every day, a re-tune when one has drifted, an HTTP API.",
     "gains": "Judge today's gains by the last model, and propose better ones; nothing moves without --apply.",
     "catalogue": "Compare control structures on the twin of the axis; nothing moves.",

@@ -49,10 +49,16 @@ class Left:
 
 
 def put_right(
-    node: Node, sdo: Sdo, keeper: Keeper, quieten: Callable[[], None] = lambda: None
+    node: Node,
+    sdo: Sdo,
+    keeper: Keeper,
+    quieten: Callable[[], None] = lambda: None,
+    *,
+    commands: bool = True,
 ) -> tuple[str, ...]:
     """What an earlier session has left in this drive is put back, read back, and said.
 
+    `commands`: the node's state is ours to change; it is not where another master moves the axis.
     `quieten` is called before anything is put back: an armed recorder refuses that its settings are changed.
 
     Raises:
@@ -70,13 +76,15 @@ def put_right(
     if mine.objects:
         with suppress(TransferAborted):  # then what is refused is told
             quieten()
-    troubles = session.restore(lambda: node.command(PRE_OPERATIONAL)) or _not_as_before(sdo, mine)
+    calm = (lambda: node.command(PRE_OPERATIONAL)) if commands else (lambda: None)
+    troubles = session.restore(calm) or _not_as_before(sdo, mine)
     if troubles:
         raise LinkError(
             f"an earlier session has ended without putting back what it changed in node {node.number}, and this one "
             f"could not either: {'; '.join(troubles)}. Nothing else was done. Switch the drive off and on; start again"
         )
-    node.command(left.nmt if left.nmt in (OPERATIONAL, STOPPED) else PRE_OPERATIONAL)
+    if commands:
+        node.command(left.nmt if left.nmt in (OPERATIONAL, STOPPED) else PRE_OPERATIONAL)
     keeper.clear()
     return (*_told(node, mine, foreign), *keeper.others())
 

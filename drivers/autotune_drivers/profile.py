@@ -214,6 +214,21 @@ class Guard(Strict):
         return self
 
 
+def _timer(value: Any) -> Any:
+    return value if value == "event-timer" else _object(value)
+
+
+class OffsetGuard(Strict):
+    """How the drive drops a torque offset whose sender has gone silent, which `autotune play` needs.
+
+    `timer`: the event timer of the receive PDO (1400h:05 and the like, ms), or an object of the drive's own in ms.
+    `ramp`: seconds that it then takes until nothing of the offset is left.
+    """
+
+    timer: Annotated[Literal["event-timer"] | ObjectRef, BeforeValidator(_timer)]
+    ramp: Annotated[float, Field(ge=0, le=1)]
+
+
 class Store(Strict):
     """Object 1010h: written with "save", ready after at most `seconds`.
 
@@ -293,6 +308,7 @@ class Profile(Strict):
     clock: Clock | None = None
     cycle: Cycle = Cycle()
     guard: Guard = Guard()
+    offset_guard: OffsetGuard | None = None
     store: Store | None = None
     ripple: HarmonicsBlock | None = None
     transition_seconds: Annotated[float, Field(gt=0, le=30)] = 3.0

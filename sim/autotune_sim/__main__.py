@@ -51,6 +51,13 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--truth", metavar="FILE", help="what is true on the axis is logged there")
     parser.add_argument("--state", metavar="FILE", help="non-volatile memory (default: none is kept)")
     parser.add_argument(
+        "--also",
+        action="append",
+        default=[],
+        metavar="PORT",
+        help="a further slcan adapter on the bus; repeatable",
+    )
+    parser.add_argument(
         "--commands", action="store_true", help="reads faults from standard input, ends with it"
     )
     return parser
@@ -72,6 +79,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             real_time=options.real_time,
             faults=options.fault,
             state_file=options.state,
+            also=options.also,
             commands=options.commands,
             truth=options.truth,
             unfit=options.unfit,

@@ -21,6 +21,7 @@ from autotune_sim.firmware import Firmware
 from autotune_sim.memory import Memory
 from autotune_sim.node import Node
 from autotune_sim.object_dictionary import Entry, Value, read_eds
+from autotune_sim.offset_guard import OffsetGuard
 from autotune_sim.recorder import Recorder
 from autotune_sim.servo import Servo
 from autotune_sim.state_machine import State
@@ -85,6 +86,7 @@ class Device:
         self._boot_at: float | None = 0.0
         self.node = Node(self.objects, self._send, self, log, self._refuse)
         self.firmware = Firmware(self.objects, servo, self.node.emergency, log)
+        self.firmware.offset_guard = OffsetGuard(self.objects, self.node.receive_pdos, servo.period)
         self._settings = Settings(self.objects, self.firmware)
         self._friction_block = FrictionBlock(self.objects, self.firmware)
         self._ripple_block = RippleBlock(

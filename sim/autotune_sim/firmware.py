@@ -11,6 +11,7 @@ from collections.abc import Callable
 from autotune_sim.aborts import Abort, AbortCode
 from autotune_sim.emergency import Emergency, ErrorCode
 from autotune_sim.object_dictionary import Entry, ObjectDictionary, Value
+from autotune_sim.offset_guard import OffsetGuard
 from autotune_sim.ramp import Ramp
 from autotune_sim.servo import Servo, ServoMode, ServoState
 from autotune_sim.state_machine import FAULTY, POWERED, TRANSITIONS, State, Word, command, fault_reset
@@ -32,6 +33,7 @@ class Firmware:
         sample: what the servo loop saw last.
         supervision: what is watched.
         cycles: servo periods played; enabled_time: those with operation enabled [s].
+        offset_guard: drops an offset whose sender is silent.
         host_offset: torque offset from the host in the last period [N m].
         stop_fault: code of a fault in the middle of the next controlled stop (0: none);
             foreign_target: position that another master commands [rad]; false_word: a status word that is told
@@ -50,6 +52,7 @@ class Firmware:
         self.stop_fault = 0
         self.foreign_target: float | None = None
         self.false_word: int | None = None
+        self.offset_guard: OffsetGuard | None = None
         self._objects = objects
         self._emergency = emergency
         self._log = log
@@ -94,6 +97,8 @@ class Firmware:
         self.servo.power(False)
         self.sample: ServoState = self.servo.idle()
         self._ramp = None
+        if self.offset_guard is not None:
+            self.offset_guard.reset()
         self.error_code = 0
         self.limited = self._fresh = False
         self.supervision.reset()
@@ -339,6 +344,8 @@ class Firmware:
 
     def _move(self) -> ServoState:
         offset = int(self._torque_offset.value) * 1e-6 * int(self._rated.value)
+        if self.offset_guard is not None:
+            offset *= self.offset_guard.cycle()
         offset += int(self._fine_offset.value) * 1e-6
         self.host_offset = offset
         self.enabled_time += self.servo.period

@@ -86,7 +86,7 @@ class Node:
         self._sdo = SdoServer(objects, lambda data: send(0x580 + self.node_id, data), refuse)
         self._heartbeat = HeartbeatProducer(objects)
         self._consumer = HeartbeatConsumer(objects, self._rewire)
-        self._receive_pdos = [ReceivePdo(objects, number, self._rewire) for number in range(NUMBER)]
+        self.receive_pdos = [ReceivePdo(objects, number, self._rewire) for number in range(NUMBER)]
         self._transmit_pdos = [TransmitPdo(objects, number, self._rewire) for number in range(NUMBER)]
         self._bind()
         self._forget()
@@ -114,7 +114,7 @@ class Node:
             Abort: the dictionary holds a mapping that cannot be.
         """
         self._sdo.reset()
-        for pdo in (*self._receive_pdos, *self._transmit_pdos):
+        for pdo in (*self.receive_pdos, *self._transmit_pdos):
             pdo.refresh()
         self._consumer.reset()
         self._heartbeat.due = None
@@ -144,7 +144,7 @@ class Node:
     def _rewire(self) -> None:
         """Who handles which COB-ID, after a parameter has changed."""
         handlers: dict[int, Callable[[bytes, float], None]] = {0: self._command}
-        for number, pdo in enumerate(self._receive_pdos):
+        for number, pdo in enumerate(self.receive_pdos):
             if pdo.valid:
                 handlers[pdo.cob_id] = self._pdo_handler(number, pdo)
         for node in self._consumer.nodes:
@@ -189,7 +189,7 @@ class Node:
             self._application.begin_cycle(now)
             self._application.end_cycle()
             return
-        for received in self._receive_pdos:
+        for received in self.receive_pdos:
             received.synchronise()
         self._application.begin_cycle(now)
         for sent in self._synchronous:

@@ -102,12 +102,13 @@ class Pdo:
 
 
 class ReceivePdo(Pdo):
-    """Process data from the master; synchronous ones take effect with the next SYNC."""
+    """Process data to the drive; synchronous ones take effect with the next SYNC. `received` counts them."""
 
     _ACCESS = ("rw", "wo")
 
     def __init__(self, objects: ObjectDictionary, number: int, changed: Callable[[], None]) -> None:
         self._waiting: bytes | None = None
+        self.received = 0
         super().__init__(objects, 0x1400 + number, 0x1600 + number, changed)
 
     def refresh(self) -> None:
@@ -118,6 +119,7 @@ class ReceivePdo(Pdo):
         """Takes a frame; False where it is too short for the mapping."""
         if len(data) < self.packer.size:
             return False
+        self.received += 1
         if self.transmission > 240:
             self._apply(data)
         else:

@@ -43,6 +43,8 @@ class Server:
 
     Args:
         link: what the drive speaks: `canopen` behind an slcan adapter, or `moteus` on its own serial line.
+        also: where further slcan adapters on the same bus are put, for other nodes: what one of them sends, the
+            drive and all others hear.
         commands: file descriptor that fault orders are read from, one a line; at its end the server
             stops. None for none.
 
@@ -61,6 +63,7 @@ class Server:
         state_file: Path | None = None,
         bitrate: int = BITRATE,
         link: str = "canopen",
+        also: Sequence[Path] = (),
         commands: int | None = None,
         log: Log = lambda _: None,
         ready: Ready = lambda _: None,
@@ -76,10 +79,11 @@ class Server:
             else SlcanAdapter(self._deliver, self._clock, bitrate)
         )
         self._adapter.flush = self._port.discard
+        self._others = [self._joined(path, bitrate) for path in also]
         eds = config_directory() / "eds" / EDS
         memory = Memory(state_file, self._log, servo.preset.name)
         self.device = (MoteusDevice if moteus else Device)(
-            servo, eds, node_id, self._adapter.transmit, memory, self._log, real_time=real_time
+            servo, eds, node_id, self._broadcast, memory, self._log, real_time=real_time
         )
         self._orders = list(faults)
         self._faults = Faults(self.device, self, self._clock, self._log)
@@ -87,6 +91,13 @@ class Server:
         self._typed = b""
         self._stopping = False
         self._wake_read, self._wake_write = os.pipe()
+
+    def _joined(self, path: Path, bitrate: int) -> tuple[PtyPort, SlcanAdapter]:
+        """A further adapter on the bus."""
+        port = PtyPort(path)
+        adapter = SlcanAdapter(lambda cob_id, data: self._hear(adapter, cob_id, data), self._clock, bitrate)
+        adapter.flush = port.discard
+        return port, adapter
 
     def stop(self) -> None:
         """Ends `run`; from any thread or signal handler."""
@@ -116,6 +127,8 @@ class Server:
         """
         try:
             self.plug()
+            for port, _ in self._others:
+                port.plug()
             self.device.poll(self._clock())  # powers up first: a fault put in before would be forgotten
             self._ready(self._port.path)
             self.device.note_objects("open")
@@ -127,6 +140,8 @@ class Server:
             self.device.firmware.disable("end of the simulation")
             self.device.note_objects("closed")
             self.unplug()
+            for port, _ in self._others:
+                port.unplug()
             os.close(self._wake_read)
             os.close(self._wake_write)
 
@@ -152,10 +167,17 @@ class Server:
             readers.append(self._port.fileno())
             if self._adapter.output:
                 writers.append(self._port.fileno())
+        for port, adapter in self._others:
+            readers.append(port.fileno())
+            writers += [port.fileno()] if adapter.output else []
         ready, _, _ = select.select(readers, writers, [], timeout)
         if self._port.plugged and self._port.fileno() in ready:
             self._adapter.feed(self._port.read())
             self._flush()
+        for port, adapter in self._others:
+            if port.fileno() in ready:
+                adapter.feed(port.read())
+                self._flush()
         if self._commands is not None and self._commands in ready:
             self._obey()
 
@@ -171,9 +193,27 @@ class Server:
     def _flush(self) -> None:
         if self._adapter.output and self._port.plugged:
             self._port.write(self._adapter.output)
+        for port, adapter in self._others:
+            if adapter.output:
+                port.write(adapter.output)
 
     def _deliver(self, cob_id: int, data: bytes) -> None:
+        for _, adapter in self._others:
+            adapter.transmit(cob_id, data)
         self.device.receive(cob_id, data, self._clock())
+
+    def _hear(self, sender: SlcanAdapter, cob_id: int, data: bytes) -> None:
+        """A frame from a further adapter."""
+        for adapter in (self._adapter, *(other for _, other in self._others)):
+            if adapter is not sender and isinstance(adapter, SlcanAdapter):
+                adapter.transmit(cob_id, data)
+        self.device.receive(cob_id, data, self._clock())
+
+    def _broadcast(self, cob_id: int, data: bytes) -> None:
+        """A frame from the drive."""
+        self._adapter.transmit(cob_id, data)
+        for _, adapter in self._others:
+            adapter.transmit(cob_id, data)
 
     def _obey(self) -> None:
         data = os.read(self._commands or 0, 4096)
@@ -219,6 +259,15 @@ def _axis(axis: Preset, unfit: str, counts: int | None) -> tuple[Preset, tuple[t
         raise ConfigurationError(f"unfit axis {unfit!r}: size {size!r} must be a number") from None
 
 
+def _check_link(node_id: int, link: str, also: Sequence[str | Path]) -> None:
+    if not 1 <= node_id <= 127:
+        raise ConfigurationError(f"node id is {node_id}; allowed is 1 to 127")
+    if link not in LINKS:
+        raise ConfigurationError(f"link is {link!r}; known are {' and '.join(LINKS)}")
+    if also and link != "canopen":
+        raise ConfigurationError("a further adapter joins a CANopen bus only; leave --also out, or --link")
+
+
 def serve(
     preset: str,
     port_path: str | Path,
@@ -230,6 +279,7 @@ def serve(
     real_time: bool = False,
     faults: Sequence[str] = (),
     state_file: str | Path | None = None,
+    also: Sequence[str | Path] = (),
     commands: bool = False,
     truth: str | Path | None = None,
     unfit: str = "",
@@ -245,6 +295,7 @@ def serve(
         link: `canopen` or `moteus`.
         faults: orders as `autotune_sim.faults` describes them.
         state_file: the drive's non-volatile memory; without it, stored values live as long as the process.
+        also: where further slcan adapters on the same bus are put (CANopen only).
         commands: reads further orders from standard input, one a line, and ends when it closes.
         truth: file that what is true on the axis is logged in (`truth`).
         unfit: `NAME[=SIZE]`, makes the axis one that must not be tuned (`unfit`).
@@ -255,10 +306,7 @@ def serve(
     Raises:
         ConfigurationError: an unknown preset, effect or fault, a node id out of range, or no port.
     """
-    if not 1 <= node_id <= 127:
-        raise ConfigurationError(f"node id is {node_id}; allowed is 1 to 127")
-    if link not in LINKS:
-        raise ConfigurationError(f"link is {link!r}; known are {' and '.join(LINKS)}")
+    _check_link(node_id, link, also)
     orders = [parse_order(text) for text in faults]
     axis, lasting = _axis(find_preset(preset, seed=seed, effects=effects), unfit, counts)
     orders += [Order(name, value, "motion", at) for name, value, at in lasting]
@@ -274,6 +322,7 @@ def serve(
         real_time=real_time,
         faults=orders,
         state_file=Path(state_file) if state_file is not None else None,
+        also=[Path(path) for path in also],
         commands=sys.stdin.fileno() if commands else None,
         log=log,
         ready=ready,

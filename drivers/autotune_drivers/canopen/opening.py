@@ -44,7 +44,7 @@ _FIRST_WORDS = 3
 _LISTEN = 0.15
 _COUNTS_AGREE = 1e-6
 _FREE_WITHIN = 2.0
-_PERIOD = (
+PERIOD = (
     ObjectRef(0x60C2, 1, "u8", "interpolation time"),
     ObjectRef(0x60C2, 2, "i8", "interpolation time exponent"),
 )
@@ -104,10 +104,7 @@ def open_drive(
     own = HOST_NODES[number == HOST_NODES[0]]
     wire = Wire(link, own, profile.guard.produce)
     node, sdo = Node(wire, number), Sdo(wire, number)
-    identity = _identify(node, sdo)
-    _compare(identity, profile, number)
-    _must_be_as_expected(node, sdo, profile)
-    _must_count_alike(node, sdo, axis, profile)
+    identity = expected(node, sdo, axis, profile)
     _must_be_free(node, sdo)
     keeper = Keeper.of(keep, identity) if keep is not None else None
     left = put_right(node, sdo, keeper, _recorder_off(sdo, profile)) if keeper is not None else ()
@@ -133,19 +130,28 @@ def _prepare(
     node: Node, sdo: Sdo, session: Session, axis: Axis, profile: Profile, identity: Mapping[str, int | str]
 ) -> CanopenDrive:
     nmt_before = session.nmt = _monitor(node, session, profile.guard.monitor)
-    units = _units(node, sdo, axis, profile)
+    units = units_of(node, sdo, axis, profile)
     settings = [*_period(sdo, axis.cycle), *_settings(axis, profile, units)]
     for setting in settings:
         session.write_if_there(*setting)
     settings.append((MONITORED, round(profile.guard.monitor * 1e3)))
     node.count_syncs(_sync_overflow(sdo))
-    lock_step = _lock_step(profile, sdo)
+    lock_step = lock_step_of(profile, sdo)
     drive = CanopenDrive(node, sdo, session, profile, axis, units, identity, lock_step, nmt_before, settings)
     drive.note()
     return drive
 
 
 # Who is there
+
+
+def expected(node: Node, sdo: Sdo, axis: Axis, profile: Profile) -> dict[str, int | str]:
+    """Identity of the drive, if it is one of the profile, set up as that and the axis file assume."""
+    identity = _identify(node, sdo)
+    _compare(identity, profile, node.number)
+    _must_be_as_expected(node, sdo, profile)
+    _must_count_alike(node, sdo, axis, profile)
+    return identity
 
 
 def _identify(node: Node, sdo: Sdo) -> dict[str, int | str]:
@@ -327,7 +333,7 @@ def _ratio(sdo: Sdo, index: int) -> float | None:
     return first / second if first and second else None
 
 
-def _units(node: Node, sdo: Sdo, axis: Axis, profile: Profile) -> Units:
+def units_of(node: Node, sdo: Sdo, axis: Axis, profile: Profile) -> Units:
     """Rated torque and torque constant as the drive has them."""
     constant = math.nan
     if profile.torque.constant is not None:
@@ -362,7 +368,7 @@ def _monitor(node: Node, session: Session, period: float) -> str:
 
 
 def _period(sdo: Sdo, period: float) -> list[tuple[ObjectRef, Raw]]:
-    value, exponent = _PERIOD
+    value, exponent = PERIOD
     try:
         present = int(sdo.read(exponent))
     except TransferAborted:
@@ -392,7 +398,7 @@ def _sync_overflow(sdo: Sdo) -> int:
     return overflow if 2 <= overflow <= 240 else 0
 
 
-def _lock_step(profile: Profile, sdo: Sdo) -> bool:
+def lock_step_of(profile: Profile, sdo: Sdo) -> bool:
     """True where the drive says that its time advances with SYNC."""
     clock = profile.clock
     return clock is not None and bool(int(sdo.read(clock.at)) & clock.lock_step_mask)

@@ -1,0 +1,219 @@
+"""A sidecar and a simulated drive in one process; the master is this test."""
+
+from __future__ import annotations
+
+import struct
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from autotune.core.errors import ConfigurationError, StateError
+from autotune_drivers.canopen.frames import Frame
+from autotune_drivers.canopen.sidecar import Foreign, Sidecar, Synchronised, Target, Told, open_sidecar
+from autotune_drivers.profile import Profile, read_profile
+from tests.drivers.simulator import axis_of
+from tests.node.support import NODE, Bench
+
+PROFILE = read_profile("autotune-sim")
+AXIS = axis_of()
+COUNT = AXIS.position_resolution
+SET_POINTS, OWN = 0x200 + NODE, 0x500 + NODE
+
+
+class Bus:
+    """The sidecar's adapter: a bench's bus, on which a master may be alive."""
+
+    name, hint = "bench", ""
+
+    def __init__(self) -> None:
+        self.bench = Bench()
+        self.bench.now = time.monotonic()
+        self.bench.wait(0.01)
+        self.alive = True
+        self.also: list[Frame] = []
+        self.sent: list[Frame] = []
+        self.target = 0
+        self.start()
+
+    def start(self) -> None:
+        """The master: mapped, operational, axis enabled."""
+        self.bench.map(0x1400, SET_POINTS, [0x60400010, 0x607A0020])
+        self.bench.put(0x6060, 0, 8)
+        self.bench.put(0x60C2, 1, 1)
+        self.bench.nmt(1)
+        for word in (0, 6, 7, 15):
+            self.master(word)
+        self.bench.frames.clear()
+
+    def master(self, word: int = 15) -> None:
+        data = struct.pack("<Hi", word, self.target)
+        self.bench.frames.append((SET_POINTS, data))
+        self.bench.send(SET_POINTS, data)
+        self.bench.frames.append((0x080, b""))
+        self.bench.send(0x080)
+
+    def send(self, *frames: Frame) -> None:
+        for cob_id, data in frames:
+            self.sent.append((cob_id, data))
+            self.bench.send(cob_id, data)
+
+    def receive(self, timeout: float) -> list[Frame]:
+        self.bench.now += 1e-3
+        self.bench.device.poll(self.bench.now)
+        if self.alive:
+            self.master()
+        frames = [*self.also, *self.bench.frames]
+        self.bench.frames.clear()
+        if not frames:
+            time.sleep(min(timeout, 0.01))
+        return frames
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.fixture
+def bus() -> Bus:
+    return Bus()
+
+
+def opened(bus: Bus, keep: Path | None = None, profile: Profile = PROFILE) -> Sidecar:
+    return open_sidecar(bus, NODE, AXIS, profile, keep)
+
+
+def test_it_hears_master_and_drive_and_its_offset_acts(bus: Bus, tmp_path: Path) -> None:
+    sidecar = opened(bus, tmp_path)
+    sidecar.prepare()
+    assert list(tmp_path.glob("*.json"))  # what will be changed is on disk
+    bus.target = 3
+    events = [event for _ in range(3) for event in sidecar.listen(0.01)]
+    kinds = {type(event) for event in events}
+    assert kinds == {Target, Synchronised, Told}
+    assert Target(3 * COUNT) in events
+    told = [event for event in events if isinstance(event, Told)]
+    assert told[-1].following
+    sidecar.send(0.1)
+    sidecar.listen(0.01)
+    assert bus.bench.device.firmware.host_offset == pytest.approx(0.1, abs=5e-4)  # one per mille of 0.5 N m
+    sidecar.send(0.0)
+    sidecar.listen(0.01)
+    assert sidecar.close(dropped=True) == []
+    assert bus.bench.get(0x1403, 1) == 0x80000505
+    assert bus.bench.get(0x1403, 5) == 0
+    assert not list(tmp_path.glob("*.json"))
+    assert all(cob_id in (0x600 + NODE, OWN) for cob_id, _ in bus.sent)  # neither NMT nor SYNC nor set points
+
+
+def test_a_drive_drops_the_offset_of_a_dead_sidecar_and_the_next_one_puts_back(
+    bus: Bus, tmp_path: Path
+) -> None:
+    dead = opened(bus, tmp_path)
+    dead.prepare()
+    offsets = []
+    for _ in range(200):
+        dead.send(0.4)
+        dead.listen(0.01)
+    for _ in range(round(dead.gone_within / AXIS.cycle) + 2):
+        bus.receive(0.01)
+        offsets.append(bus.bench.device.firmware.host_offset)
+    assert offsets[10] == pytest.approx(0.4, abs=5e-4)
+    assert offsets[-1] == 0.0
+    assert max(a - b for a, b in pairwise(offsets)) < 0.05 * AXIS.limits.torque
+    sidecar = opened(bus, tmp_path)
+    assert "put back" in " ".join(sidecar.left)
+    assert bus.bench.get(0x1403, 1) == 0x80000505
+    assert bus.bench.word == 0x27  # the master's axis was left alone
+
+
+def test_a_sidecar_that_comes_at_once_waits_until_the_offset_of_the_dead_one_is_gone(
+    bus: Bus, tmp_path: Path
+) -> None:
+    dead = opened(bus, tmp_path)
+    dead.prepare()
+    for _ in range(200):
+        dead.send(0.4)
+        dead.listen(0.01)
+    sidecar = opened(bus, tmp_path)
+    assert "put back" in " ".join(sidecar.left)
+    assert bus.bench.get(0x60B2) == 0
+    bus.receive(0.01)
+    assert bus.bench.device.firmware.host_offset == 0.0
+    sidecar.prepare()
+    assert sidecar.close(dropped=True) == []
+
+
+def test_settings_go_only_after_the_drive_has_dropped_what_stands(bus: Bus) -> None:
+    sidecar = opened(bus)
+    sidecar.prepare()
+    for _ in range(200):
+        sidecar.send(0.4)
+        sidecar.listen(0.01)
+    assert sidecar.close(dropped=False) == []
+    assert bus.bench.get(0x60B2) == 0
+    bus.receive(0.01)
+    assert bus.bench.device.firmware.host_offset == 0.0
+
+
+def test_another_producer_is_heard(bus: Bus) -> None:
+    sidecar = opened(bus)
+    sidecar.prepare()
+    bus.also = [(OWN, b"\0\0")]
+    assert Foreign(OWN) in sidecar.listen(0.01)
+
+
+def refused(bus: Bus, error: type[Exception], match: str, profile: Profile = PROFILE) -> None:
+    writes: list[object] = []
+    bus.bench.device.on_write = writes.append
+    with pytest.raises(error, match=match):
+        prepared_and_closed(bus, profile)
+    assert not writes
+
+
+def prepared_and_closed(bus: Bus, profile: Profile) -> None:
+    sidecar = opened(bus, profile=profile)
+    try:
+        sidecar.prepare()
+    finally:
+        assert sidecar.close(dropped=True) == []
+
+
+def test_another_producer_refuses(bus: Bus) -> None:
+    bus.also = [(OWN, b"\0\0")]
+    refused(bus, StateError, "somebody sends 505h")
+
+
+def test_no_master_refuses(bus: Bus) -> None:
+    bus.alive = False
+    refused(bus, StateError, "no SYNC was heard")
+
+
+def test_a_master_that_has_not_mapped_set_points_refuses(bus: Bus) -> None:
+    bus.bench.put(0x1400, 1, 0x80000205)
+    refused(bus, StateError, "mapped to 0 PDOs")
+
+
+def test_a_master_with_an_offset_of_its_own_refuses(bus: Bus) -> None:
+    bus.bench.map(0x1401, 0x305, [0x60B20010])
+    refused(bus, StateError, "sends torque_feedforward|sends object")
+
+
+def test_an_offset_that_stands_refuses(bus: Bus) -> None:
+    bus.bench.put(0x60B2, 0, 5)
+    refused(bus, StateError, "is 5, not 0")
+
+
+def test_no_free_pdo_refuses(bus: Bus) -> None:
+    for number in (1, 2, 3):
+        bus.bench.map(0x1400 + number, 0x205 + 0x100 * number, [0x60FF0020])
+    refused(bus, StateError, "all 4 receive PDOs")
+
+
+def test_a_profile_without_a_time_out_refuses(bus: Bus) -> None:
+    refused(bus, ConfigurationError, "names no time-out", PROFILE.model_copy(update={"offset_guard": None}))
+
+
+def test_another_cycle_than_the_axis_refuses(bus: Bus) -> None:
+    bus.bench.device.objects[0x60C2, 1].value = 2
+    refused(bus, ConfigurationError, "60C2h")

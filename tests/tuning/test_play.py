@@ -1,0 +1,186 @@
+"""The player beside a master: what it waits for, what it plays, and what makes it leave; no wire, no clock."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from autotune.control.torque_offset import Phase
+from autotune.core.drive import Sample
+from autotune.core.errors import ConfigurationError, IdentityMismatch
+from autotune.tuning.play import SILENCE, Laws, Player
+from autotune.tuning.play_model import host_model, must_be_tuned_drive
+from autotune_drivers.canopen.sidecar import Event, Foreign, Synchronised, Target, Told
+from tests.drivers.simulator import axis_of
+from tests.tuning.play_rig import axis_file
+
+AXIS = axis_of()
+PERIOD = AXIS.cycle
+
+
+class Coulomb:
+    """A law of 0.3 N m with the sign of the velocity."""
+
+    settled = False
+
+    def prepare(self) -> None:
+        pass
+
+    def step(self, reference: float, velocity: float, acceleration: float, previous: Sample | None) -> float:
+        return 0.3 * math.tanh(50.0 * velocity)
+
+
+class World:
+    """A bus with one master and a drive whose friction is `friction` times that of the model."""
+
+    def __init__(self, *, lock_step: bool = False, friction: float = 1.0) -> None:
+        self.lock_step = lock_step
+        self.friction = friction
+        self.now = 0.0
+        self.spacing = PERIOD
+        self.sent: list[float] = []
+        self.cycles = 0
+        self.leap = 0.0
+        self.masters = 1
+        self.following = True
+        self.silent = False
+        self.extra: list[Event] = []
+        laws = Laws(Coulomb(), None, 6.7e-4)
+        self.player = Player(self, AXIS, laws, lambda: self.now)
+
+    def listen(self, timeout: float) -> list[Event]:
+        if self.silent:
+            self.now += timeout
+            return []
+        self.now += self.spacing
+        self.cycles += 1
+        phase = 2.0 * math.pi * self.cycles * PERIOD
+        targets: list[Event] = [Target(0.2 * math.sin(phase) + self.leap)] * self.masters
+        torque = self.friction * 0.3 * math.tanh(50.0 * 0.4 * math.pi * math.cos(phase))
+        return [*targets, Synchronised(self.now), Told(self.following, torque), *self.extra]
+
+    def send(self, torque: float) -> None:
+        self.sent.append(torque)
+
+    def run(self, cycles: int) -> Player:
+        for _ in range(cycles):
+            if self.player.ended:
+                break
+            self.player.turn()
+        return self.player
+
+
+def test_nothing_is_sent_before_the_model_fits_and_then_all_of_it() -> None:
+    world = World()
+    world.run(500)
+    assert world.sent == []
+    player = world.run(2000)
+    assert player.offset.phase is Phase.PLAYING
+    assert max(world.sent) == pytest.approx(0.3, rel=1e-3)
+    assert max(abs(b - a) for a, b in pairwise(world.sent)) < 0.05 * AXIS.limits.torque
+
+
+def test_asked_to_stop_it_fades_out_and_ends_with_a_zero() -> None:
+    world = World()
+    world.run(2000)
+    world.player.leave()
+    world.run(500)
+    assert world.player.ended
+    assert world.player.dropped
+    assert world.player.reason == ""
+    assert world.sent[-1] == 0.0
+
+
+def leap(world: World) -> None:
+    world.leap = 0.1
+
+
+def second_master(world: World) -> None:
+    world.masters = 2
+
+
+def no_set_points(world: World) -> None:
+    world.masters = 0
+
+
+def disabled(world: World) -> None:
+    world.following = False
+
+
+def other_producer(world: World) -> None:
+    world.extra = [Foreign(0x505)]
+
+
+@pytest.mark.parametrize(
+    ("trouble", "word"),
+    [
+        (leap, "jump"),
+        (second_master, "two masters"),
+        (no_set_points, "fell silent"),
+        (disabled, "follows no set points"),
+        (other_producer, "505h"),
+    ],
+)
+def test_a_doubt_fades_out(trouble: Callable[[World], None], word: str) -> None:
+    world = World()
+    world.run(2000)
+    assert world.player.offset.phase is Phase.PLAYING
+    before = len(world.sent)
+    trouble(world)
+    player = world.run(1000)
+    assert player.ended
+    assert word in player.reason
+    played = world.sent[before - 1 :]
+    assert played[-1] == 0.0
+    assert max(abs(b - a) for a, b in pairwise(played)) <= 0.026 * AXIS.limits.torque
+
+
+def test_silence_ends_it_and_the_drive_is_left_to_drop_the_offset() -> None:
+    world = World()
+    world.run(2100)
+    world.silent = True
+    player = world.run(round(SILENCE / 0.05) + 5)
+    assert player.ended
+    assert not player.dropped
+    assert "no SYNC" in player.reason
+
+
+@pytest.mark.parametrize("friction", [0.5, 1.6])
+def test_a_model_that_does_not_fit_is_never_played(friction: float) -> None:
+    world = World(friction=friction)
+    player = world.run(2000)
+    assert "does not fit" in player.reason
+    assert world.sent == []
+
+
+def test_another_period_than_the_models_is_never_played() -> None:
+    world = World()
+    world.spacing = 2.0 * PERIOD
+    player = world.run(2000)
+    assert "SYNC comes every 2.000 ms" in player.reason
+    assert world.sent == []
+
+
+def test_the_newest_run_with_a_model_for_the_host_is_played(tmp_path: Path) -> None:
+    axis_file(tmp_path)
+    tuned = host_model(tmp_path / "runs", AXIS)
+    assert tuned.model.axis == AXIS.name
+    must_be_tuned_drive(tuned, {"vendor": 2147460865, "product": 1026, "serial": 1000})
+    with pytest.raises(IdentityMismatch, match="serial is 7"):
+        must_be_tuned_drive(tuned, {"vendor": 2147460865, "product": 1026, "serial": 7})
+
+
+def test_a_model_of_the_axis_as_it_was_before_is_refused(tmp_path: Path) -> None:
+    axis_file(tmp_path)
+    turned = AXIS.model_copy(update={"mechanics": AXIS.mechanics.model_copy(update={"direction": -1})})
+    with pytest.raises(ConfigurationError, match="fingerprint"):
+        host_model(tmp_path / "runs", turned)
+
+
+def test_an_axis_without_such_a_run_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match=r"feedforward\.toml"):
+        host_model(tmp_path, AXIS)
