@@ -174,6 +174,7 @@ def test_sampling_too_slow_for_the_torque_is_said() -> None:
     assert set(found.effects) <= {"direction_asymmetry"}
 
 
+@pytest.mark.long
 def test_two_files_that_do_not_tell_rivals_apart_confirm_neither() -> None:
     """Within a fifth of a turn a spring and an imbalance are the same, in both files."""
     files = []

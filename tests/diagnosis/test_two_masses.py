@@ -54,6 +54,7 @@ def test_a_spring_is_not_named_a_gap_beside_another_effect(recorded) -> None:
     assert (found.verdict, set(found.effects)) == ("named", set(planted))
 
 
+@pytest.mark.long
 def test_a_gap_of_next_to_nothing_is_a_spring(recorded) -> None:
     """The gap's fit met the truth, with a contact as soft as the spring; the spring's own had stopped beside it."""
     found = diagnose([recorded(44_709, **{EFFECT: 0.5 * MEDIUM[EFFECT]})], base_model(NOMINAL))

@@ -28,6 +28,7 @@ def test_a_spring_is_named_and_confirmed(recorded, nominal) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_an_effect_that_took_a_wrong_shape_alone_is_begun_anew(recorded, nominal) -> None:
     """While the Stribeck effect was missing, a wave over the travel stood for the tight spot."""
     found = diagnose([recorded(37_024, stribeck=0.04, position_dependent_friction=0.15)], nominal)

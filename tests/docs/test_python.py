@@ -48,7 +48,12 @@ def test_every_topic_is_shown_in_a_few_lines() -> None:
 @pytest.mark.parametrize(
     ("title", "code"),
     [
-        pytest.param(title, code, id=f"{title}-{number}", marks=[pytest.mark.slow] * (title == "Tune"))
+        pytest.param(
+            title,
+            code,
+            id=f"{title}-{number}",
+            marks=[pytest.mark.slow, pytest.mark.long] * (title == "Tune"),
+        )
         for number, (title, code) in enumerate(_snippets())
     ],
 )

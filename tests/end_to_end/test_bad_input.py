@@ -48,10 +48,10 @@ def test_a_wrong_port_is_said_with_what_to_check(bench: Bench) -> None:
     ("fault", "reached", "message"),
     [
         ("silent", False, "node 5"),
-        ("other-identity", False, "(?i)vendor|identity"),
+        pytest.param("other-identity", False, "(?i)vendor|identity", marks=pytest.mark.long),
         ("drive-fault", True, "2310|over-?current"),
-        ("enable-missing", True, "(?i)enable"),
-        ("brake-missing", True, "(?i)brake"),
+        pytest.param("enable-missing", True, "(?i)enable", marks=pytest.mark.long),
+        pytest.param("brake-missing", True, "(?i)brake", marks=pytest.mark.long),
     ],
 )
 def test_a_drive_that_cannot_work_is_said_before_anything_moves(
@@ -97,7 +97,7 @@ def test_limits_too_small_for_an_experiment_say_which_and_what_is_needed(
 @pytest.mark.parametrize(
     ("fault", "codes"),
     [
-        ("blocked@12", (4, 5)),
+        pytest.param("blocked@12", (4, 5), marks=pytest.mark.long),
         ("drive-fault@12", (5,)),
         pytest.param("emcy@12", (5,), marks=pytest.mark.long),
         pytest.param("hot@12", (4, 5), marks=pytest.mark.long),
@@ -133,7 +133,11 @@ def test_a_node_lost_in_the_middle_stops_by_itself_and_the_next_run_puts_it_righ
 
 @pytest.mark.usefixtures("hangup_is_heard")
 @pytest.mark.parametrize(
-    "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long), signal.SIGHUP]
+    "number",
+    [
+        signal.SIGINT,
+        *(pytest.param(number, marks=pytest.mark.long) for number in (signal.SIGTERM, signal.SIGHUP)),
+    ],
 )
 def test_an_interrupted_run_ends_at_rest_and_restores_what_it_changed(bench: Bench, number: int) -> None:
     bench.start()

@@ -13,9 +13,8 @@ AXES = Path(__file__).parents[2] / "config" / "axes"
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", ["two-carriages", pytest.param("counterbalanced-column", marks=pytest.mark.long)]
-)
+@pytest.mark.parametrize("name", ["two-carriages", "counterbalanced-column"])
+@pytest.mark.long
 def test_a_composed_machine_is_tuned_and_kept(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -61,6 +61,7 @@ def run(runs: Path, held: Sequence[str], improvement: float) -> tuple[SimDrive, 
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_kinetic_drive_gets_what_it_can_hold_and_the_loss_is_as_predicted(tmp_path: Path) -> None:
     drive, said = run(tmp_path, KINETIC, 0.02)
     assert said["outcome"] == Outcome.KEPT.value

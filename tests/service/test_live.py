@@ -107,6 +107,7 @@ def test_the_command_line_lets_the_service_do_it_and_says_so(live: Live) -> None
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_kill_9_in_the_middle_of_a_job_loses_nothing_and_does_nothing_twice(live: Live) -> None:
     live.start()
     job = live.submit("check")
@@ -156,6 +157,7 @@ class Listener:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_reloading_drops_no_job_and_a_dead_drive_is_told_and_delays_nobody(live: Live) -> None:
     (live.folder / "dead.toml").write_text(
         EXAMPLE.read_text()
