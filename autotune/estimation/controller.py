@@ -4,6 +4,10 @@ u = kp·e + kd·d + ki·Σe·h + f·Δr/h + c with d ← d + α·((b·Δr − Δ
 the rest, so that least squares in a search over α finds them (Ljung, System Identification, 2nd ed., ch. 7).
 b ≠ 1 is a drive with cascaded loops, f a velocity feedforward that the recording does not hold by itself. The
 integral is known but for a constant between two clamps of the torque: every such run has one of its own.
+
+Where that explains too little, reference and position may come late by whole samples (a host with dead time; a
+drive that interpolates its set points and is at r[k−1] when row k is written), and the reference may act by itself:
+g·r + a·r̈, where a cascade integrates the error of the velocity with a feedforward, and accelerates by the reference.
 """
 
 from __future__ import annotations
@@ -27,6 +31,10 @@ NAME_GAINS = (
 SHORTEST_RUN = 50  # samples between two clamps
 SHORTEST_STRETCH = 100  # samples
 MOST_ROWS = 40_000
+ROUGH_ROWS = 8_000
+"""Of a first look over delays."""
+MOST_LATE = 3
+"""Samples of dead time; a drive that interpolates is one sample later with its reference."""
 EXACT = 1e-6
 """Share of the demand left that rounding explains: nothing is left for another law then."""
 SAME = 1e-9
@@ -42,6 +50,8 @@ class PositionController:
         kp, kd, ki, derivative_filter: as in `recording.Controller`.
         reference_rate: b, the part of the reference's rate in the derivative.
         velocity_feedforward: f, on the rate of the reference [N m s/rad].
+        position_feedforward, acceleration_feedforward: g and a, on the reference and on its second difference.
+        reference_delay, position_delay: samples by which the law sees either late.
         constant: torque that is always added where there is no integral to hold it [N m].
         explained: share of the variance of the torque demand, R²; nan where it could not be checked.
         source: `metadata` (the file's, verified), `identified`, `trusted` (the file's, which these data
@@ -55,6 +65,10 @@ class PositionController:
     derivative_filter: float = 1.0
     reference_rate: float = 1.0
     velocity_feedforward: float = 0.0
+    position_feedforward: float = 0.0
+    acceleration_feedforward: float = 0.0
+    reference_delay: int = 0
+    position_delay: int = 0
     constant: float = 0.0
     explained: float = 0.0
     source: str = "none"
@@ -68,7 +82,16 @@ class PositionController:
     @property
     def gains(self) -> Floats:
         """As the compiled twin takes them."""
-        return np.array([self.kp, self.kd, self.ki, self.derivative_filter, self.reference_rate])
+        return np.array(
+            [
+                self.kp,
+                self.kd,
+                self.ki,
+                self.derivative_filter,
+                self.reference_rate,
+                float(self.position_delay),
+            ]
+        )
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -76,9 +99,11 @@ class PositionController:
         return (self.why,) if self.usable and self.why else ()
 
     def feedforward(self, reference: Floats, before: float, period: float) -> Floats:
-        """What the reference alone causes [N m], shape (n,); `before`: the reference a sample earlier."""
+        """What the reference alone causes [N m], shape (n,), as the law sees it; `before`: a sample earlier."""
         rate = np.diff(reference, prepend=before) / period
-        return np.asarray(self.velocity_feedforward * rate + self.constant)
+        change = np.diff(rate, prepend=rate[:1]) / period
+        moved = self.velocity_feedforward * rate + self.acceleration_feedforward * change
+        return np.asarray(moved + self.position_feedforward * reference + self.constant)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +125,7 @@ class LoopSamples:
     stretches: tuple[slice, ...]
     known: Controller | None
     policy: Policy = POLICY
+    most_rows: int = MOST_ROWS
 
 
 def is_closed(recording: Recording) -> bool:
@@ -136,9 +162,14 @@ def asked(data: Prepared, controller: PositionController) -> Floats:
     """
     stretches = tuple(stretch.rows for stretch in data.stretches)
     held = clamped(data.torque, data.metadata.torque_limit)
-    samples = LoopSamples(data.period, data.reference, data.measured, data.torque, held, stretches, None)
+    samples = _late(
+        LoopSamples(data.period, data.reference, data.measured, data.torque, held, stretches, None),
+        controller.reference_delay,
+        controller.position_delay,
+    )
     kd, filtered = controller.kd, controller.derivative_filter
     law = [controller.kp, kd, controller.ki, kd * controller.reference_rate, controller.velocity_feedforward]
+    law += [controller.position_feedforward, controller.acceleration_feedforward]
     demand = _terms(samples, filtered) @ np.array(law) + controller.constant + data.feedforward
     limit = data.metadata.torque_limit or np.inf
     return np.asarray(np.where(held, np.clip(data.torque, -limit, limit), demand))
@@ -201,11 +232,18 @@ def identified(samples: LoopSamples) -> PositionController:
         and not _plainly_better(samples, found, named)
     ):
         return named
-    if not (found.explained > samples.policy.controller_explains and found.kp > 0.0):
+    if not _usable(samples, found):
+        late = _searched_late(samples)
+        found = late if _usable(samples, late) else found
+    if not _usable(samples, found):
         return replace(
             found, source="none", why=_unexplained(found.explained, samples.policy.controller_explains)
         )
     return found if named is None else replace(found, why=_replaced(named.explained, found.explained))
+
+
+def _usable(samples: LoopSamples, found: PositionController) -> bool:
+    return found.explained > samples.policy.controller_explains and found.kp > 0.0
 
 
 def _plainly_better(samples: LoopSamples, one: PositionController, other: PositionController) -> bool:
@@ -247,7 +285,7 @@ def _checked(samples: LoopSamples, known: Controller) -> PositionController:
     """The file's controller with the share of the demand that it explains."""
     rows, run = _regular(samples, known.derivative_filter)
     terms = _terms(samples, known.derivative_filter)[rows]
-    law = np.array([known.kp, known.kd, known.ki, known.kd, 0.0])
+    law = np.array([known.kp, known.kd, known.ki, known.kd, 0.0, 0.0, 0.0])
     rest = samples.demand[rows] - terms @ law
     return PositionController(
         known.kp,
@@ -273,6 +311,83 @@ def _searched(samples: LoopSamples, cascaded: bool) -> PositionController:
     smoothing = minimize_scalar(unexplained, bounds=bounds, method="bounded", options={"xatol": 1e-4}).x
     found, at_one = (_regressed(samples, float(value), cascaded) for value in (smoothing, 1.0))
     return at_one if 1.0 - at_one.explained <= 1.0001 * (1.0 - found.explained) else found
+
+
+def _searched_late(samples: LoopSamples) -> PositionController:
+    """The best of the laws whose reference and position come late; first roughly, over delays and filters."""
+    coarse = replace(samples, stretches=samples.stretches, most_rows=ROUGH_ROWS)
+    trials = [
+        (_regressed_late(_late(coarse, r, y), smoothing), r, y)
+        for r in range(MOST_LATE + 2)
+        for y in range(min(r, MOST_LATE) + 1)
+        for smoothing in (0.1, 0.3, 0.7, 1.0)
+    ]
+    _, r, y = max(trials, key=lambda trial: trial[0].explained)
+    late = _late(samples, r, y)
+
+    def unexplained(smoothing: float) -> float:
+        return 1.0 - _regressed_late(late, float(smoothing)).explained
+
+    costs = [unexplained(value) for value in _FILTERS]
+    best = int(np.argmin(costs))
+    bounds = _FILTERS[max(best - 1, 0)], _FILTERS[min(best + 1, len(_FILTERS) - 1)]
+    smoothing = minimize_scalar(unexplained, bounds=bounds, method="bounded", options={"xatol": 1e-4}).x
+    found = _regressed_late(late, float(smoothing))
+    return replace(found, reference_delay=r, position_delay=y)
+
+
+def _late(samples: LoopSamples, reference_delay: int, position_delay: int) -> LoopSamples:
+    """The same with reference and position as a law sees them that is late by whole samples."""
+    reference, position = samples.reference.copy(), samples.position.copy()
+    for late, values, source in (
+        (reference_delay, reference, samples.reference),
+        (position_delay, position, samples.position),
+    ):
+        for rows in samples.stretches if late else ():
+            values[rows] = delayed(source[rows], late, float(source[rows.start]))
+    return replace(samples, reference=reference, position=position)
+
+
+def delayed(values: Floats, late: int, before: float) -> Floats:
+    """Values `late` samples ago, shape (n,); `before` where that is before the first."""
+    if late == 0:
+        return values
+    shown: Floats = np.concatenate([np.full(min(late, len(values)), before), values[:-late]])
+    return shown
+
+
+def _regressed_late(samples: LoopSamples, smoothing: float) -> PositionController:
+    """Gains of the law with all terms of the reference, by least squares."""
+    rows, run = _regular(samples, smoothing)
+    every = slice(None, None, max(1, int(rows.sum()) // samples.most_rows))
+    chosen = np.flatnonzero(rows)[every]
+    table, demand = _terms(samples, smoothing)[chosen], samples.demand[chosen]
+    centred = _centred(np.column_stack([table, demand]), run[every])
+    size = np.maximum(np.linalg.norm(centred[:, :-1], axis=0), 1e-300)
+    solution = np.linalg.lstsq(centred[:, :-1] / size, centred[:, -1], rcond=1e-10)[0] / size
+    kp, kd, ki, wanted, velocity, place, acceleration = (float(value) for value in solution)
+    held = abs(ki) >= 1e-9 * abs(kp) and ki > 0.0
+    return PositionController(
+        kp,
+        kd,
+        max(ki, 0.0),
+        smoothing,
+        reference_rate=wanted / kd if kd != 0.0 else 0.0,
+        velocity_feedforward=velocity,
+        position_feedforward=place,
+        acceleration_feedforward=acceleration,
+        constant=0.0 if held else float(np.mean(demand - table @ solution)),
+        explained=_share(centred[:, -1] - centred[:, :-1] @ solution, demand),
+        source="identified",
+        why=_how_late(samples.period),
+    )
+
+
+def _how_late(period: float) -> str:
+    return (
+        "The controller was identified with its reference or position late by whole samples, as a host with dead time "
+        f"or a drive that interpolates its set points has it ({1e3 * period:.3g} ms a sample)."
+    )
 
 
 def _regressed(samples: LoopSamples, smoothing: float, cascaded: bool) -> PositionController:
@@ -309,10 +424,10 @@ def _share(rest: Floats, demand: Floats) -> float:
 
 
 def _terms(samples: LoopSamples, smoothing: float) -> Floats:
-    """Regressors, shape (n, 5): e, filtered rate of −y, held sum of e, filtered rate of r, rate of r."""
+    """Regressors, shape (n, 7): e, filtered rate of −y, held sum of e, filtered rate of r, rate of r, r, r̈."""
     h = samples.period
     error = samples.reference - samples.position
-    terms = np.zeros((len(error), 5))
+    terms = np.zeros((len(error), 7))
     terms[:, 0] = error
     coefficients = [smoothing], [1.0, smoothing - 1.0]
     for rows in samples.stretches:
@@ -322,6 +437,8 @@ def _terms(samples: LoopSamples, smoothing: float) -> Floats:
         terms[rows, 2] = np.cumsum(error[rows] * ~samples.clamped[rows]) * h
         terms[rows, 3] = signal.lfilter(*coefficients, wanted)
         terms[rows, 4] = wanted
+        terms[rows, 5] = samples.reference[rows]
+        terms[rows, 6] = np.diff(wanted, prepend=wanted[:1]) / h
     return terms
 
 

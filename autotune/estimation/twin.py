@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from autotune.core.arrays import Flags, Floats
-from autotune.estimation.controller import PositionController
+from autotune.estimation.controller import PositionController, delayed
 from autotune.models import layout
 from autotune.models.compiled import compiled
 from autotune.models.contact import additive, friction_limit, viscous_coefficient
@@ -124,9 +124,10 @@ def simulate_stretch(
     n = len(recorded.measured)
     position, torque = np.zeros(n), np.zeros(n)
     feedforward = recorded.feedforward * recorded.closed
+    reference = delayed(recorded.reference, controller.reference_delay, recorded.last_reference)
     if recorded.closed:
         feedforward = feedforward + controller.feedforward(
-            recorded.reference, recorded.last_reference, recorded.period
+            reference, recorded.last_reference, recorded.period
         )
     done = simulate(
         packed.p,
@@ -136,7 +137,7 @@ def simulate_stretch(
         np.array([recorded.period, limit, resolution, *_memory(recorded, controller, float(feedforward[0]))]),
         recorded.closed,
         substeps_for(packed.p, recorded.period, packed.on),
-        recorded.reference if recorded.closed else recorded.torque,
+        reference if recorded.closed else recorded.torque,
         feedforward,
         disturbance,
         position_noise,
@@ -172,9 +173,11 @@ def _memory(
     """Sum, filtered derivative, reference and position before the first row."""
     if not recorded.closed:
         return 0.0, 0.0, recorded.last_reference, recorded.last_position
-    error = recorded.reference[0] - recorded.measured[0]
-    change = controller.reference_rate * (recorded.reference[0] - recorded.last_reference)
-    change = (change - recorded.measured[0] + recorded.last_position) / recorded.period
+    reference = recorded.last_reference if controller.reference_delay else recorded.reference[0]
+    measured = recorded.last_position if controller.position_delay else recorded.measured[0]
+    error = reference - measured
+    change = controller.reference_rate * (reference - recorded.last_reference)
+    change = (change - measured + recorded.last_position) / recorded.period
     rate = recorded.rate + controller.derivative_filter * (change - recorded.rate)
     total = 0.0
     if controller.ki > 0:

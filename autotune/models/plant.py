@@ -125,7 +125,8 @@ def simulate(
     """The twin: plant, quantiser and controller, sample by sample.
 
     Args:
-        gains: kp, kd, ki, derivative filter, and optionally the part of the reference's rate in the derivative.
+        gains: kp, kd, ki, derivative filter, and optionally the part of the reference's rate in the derivative,
+            and how many samples late the controller sees the position (at most 3).
         loop: sample period [s], torque limit [N m], position resolution (0: none), then the controller's
             state to start from, and in place the one it ends with: sum Σe·h, filtered derivative,
             reference and position of the sample before.
@@ -141,15 +142,21 @@ def simulate(
     total, rate, last_reference, last_position = loop[3], loop[4], loop[5], loop[6]
     kp, kd, ki, smoothing = gains[0], gains[1], gains[2], gains[3]
     weight = gains[4] if len(gains) > 4 else 1.0
+    late = int(gains[5]) if len(gains) > 5 else 0
+    one, two, three = last_position, last_position, last_position  # positions of the samples before
     for k in range(len(command)):
         measured = state[POSITION] + position_noise[k]
         if on[IS_ECCENTRIC]:
             measured += reading_error(p, state[POSITION])
         if resolution > 0.0:
             measured = math.floor(measured / resolution + 0.5) * resolution
+        seen = measured
+        if late > 0:
+            seen = one if late == 1 else two if late == 2 else three
+            three, two, one = two, one, measured
         if closed:
-            error = command[k] - measured
-            change = (weight * (command[k] - last_reference) - measured + last_position) / period
+            error = command[k] - seen
+            change = (weight * (command[k] - last_reference) - seen + last_position) / period
             rate += smoothing * (change - rate)
             demand = kp * error + kd * rate + ki * (total + error * period) + feedforward[k]
             if abs(demand) <= limit:
@@ -157,7 +164,7 @@ def simulate(
             last_reference = command[k]
         else:
             demand = command[k]
-        last_position = measured
+        last_position = seen
         demand = min(max(demand, -limit), limit)
         position[k] = measured
         torque[k] = demand

@@ -4,8 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import signal
 
-from autotune.estimation.controller import PositionController, controller_of, find_controller
+from autotune.estimation.controller import (
+    LoopSamples,
+    PositionController,
+    controller_of,
+    delayed,
+    find_controller,
+    identified,
+)
 from autotune.estimation.data import prepare
 from autotune.estimation.policy import POLICY
 from autotune.recordings.recording import Controller, Recording
@@ -105,3 +113,33 @@ def test_torque_mode_has_no_controller() -> None:
     recording = recorded(TRUE, OF_TRUE)
     columns = dict(recording.floats) | {"reference": recording["position"]}
     assert not both(Recording.from_columns(columns, recording.metadata, "motion")).usable
+
+
+@pytest.mark.parametrize(("reference_delay", "position_delay"), [(2, 2), (1, 0), (3, 1)])
+def test_a_law_that_sees_its_inputs_late_is_found_with_its_delays(
+    reference_delay: int, position_delay: int
+) -> None:
+    """A host with dead time; a drive that interpolates its set points, with feedforward of speed and acceleration."""
+    h, n = 1e-3, 12_000
+    rng = np.random.default_rng(4)
+    time = np.arange(n) * h
+    reference = 0.3 * np.sin(2 * np.pi * 0.7 * time) + 0.02 * np.sin(2 * np.pi * 6.0 * time)
+    reference += 0.05 * signal.sawtooth(2 * np.pi * 3.1 * time, 0.5)  # corners tell how late the reference is
+    noise = np.convolve(rng.normal(0.0, 5e-4, n + 4), np.hanning(7)[1:-1] / 3.0, mode="valid")
+    position = np.round((reference - 0.002 * np.gradient(reference, h) + noise) / 1e-5) * 1e-5
+    true = PositionController(
+        kp=40.0, kd=0.2, ki=900.0, derivative_filter=0.4, reference_rate=0.9, velocity_feedforward=0.01,
+        acceleration_feedforward=6e-4, reference_delay=reference_delay, position_delay=position_delay,
+    )  # fmt: skip
+    r = delayed(reference, reference_delay, float(reference[0]))
+    y = delayed(position, position_delay, float(position[0]))
+    change = (0.9 * np.diff(r, prepend=r[0]) - np.diff(y, prepend=y[0])) / h
+    rate = signal.lfilter([0.4], [1.0, -0.6], change)
+    demand = 40.0 * (r - y) + 0.2 * rate + 900.0 * np.cumsum(r - y) * h + true.feedforward(r, float(r[0]), h)
+    samples = LoopSamples(h, reference, position, demand, np.zeros(n, dtype=np.bool_), (slice(0, n),), None)
+    found = identified(samples)
+    assert found.source == "identified"
+    assert (found.reference_delay, found.position_delay) == (reference_delay, position_delay)
+    assert found.explained > 0.99999
+    assert (found.kp, found.kd, found.ki) == pytest.approx((40.0, 0.2, 900.0), rel=0.02)
+    assert "late by whole samples" in found.why
