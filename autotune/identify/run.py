@@ -30,6 +30,8 @@ from autotune.recordings.recording import Metadata, Recording
 Result = TypeVar("Result")
 FARTHEST = 1.0
 """Largest relative change of a parameter by the joint refinement that is believed."""
+KNOWN, FAR_OFF = 0.05, 0.3
+"""Relative error of an inertia that is known, and how far from it a refinement is in another minimum."""
 UNKNOWN_LAG = 0.1
 """Of a sample: current loops of 1 kHz and more behind a cycle of 1 ms."""
 EXPERIMENTS = ("steady_state", "presliding", "dahl", "high_speed")
@@ -133,9 +135,12 @@ def _refined(recording: Recording, combined: Estimate, steady: SteadyState | Non
     lines = steady.ripple if steady is not None else ()
     model = with_ripple(model_of(combined, recording), lines)
     try:
-        joint = refine_recording(model, recording).estimate
+        refined = refine_recording(model, recording)
     except NotEnoughExcitation as error:
         return replace(combined, notes=(*combined.notes, f"no joint refinement: {error}"))
+    joint = refined.estimate
+    if not refined.refined.converged and (why := _astray(joint, combined)):
+        return replace(combined, notes=(*combined.notes, why))
     kept = dict(combined.parameters)
     for name, quantity in joint.parameters.items():
         if name in kept and quantity.identified and _near(quantity.value, kept[name].value):
@@ -166,6 +171,19 @@ def with_unknown_lag(joint: Estimate, lag: Quantity | None, recording: Recording
     )
     parameters = MappingProxyType({**joint.parameters, "micro_damping": wide})
     return replace(joint, parameters=parameters, notes=(*joint.notes, note))
+
+
+def _astray(joint: Estimate, combined: Estimate) -> str:
+    """Why a refinement that has not converged is left out: its inertia is not the one that acceleration shows."""
+    if "inertia" not in joint or "inertia" not in combined:
+        return ""
+    found, alone = joint["inertia"].value, combined["inertia"]
+    if alone.standard_error > KNOWN * alone.value or abs(found - alone.value) <= FAR_OFF * alone.value:
+        return ""
+    return (
+        f"the refinement of all experiments together did not converge, at an inertia of {found:.3g} where "
+        f"acceleration alone shows {alone.value:.3g}: it was left out, and what each experiment says by itself is taken"
+    )
 
 
 def _near(value: float, start: float) -> bool:

@@ -135,7 +135,8 @@ def _diagnose(request: Request, session: Session, course: Course) -> bool:
     course.findings.model = told.model
     course.notes += told.notes
     kp = session.controller.kp if session.controller is not None else None
-    refuse_two_masses(found.joint, found.estimates.get("presliding"), told.effects, kp)
+    alone = found.estimates
+    refuse_two_masses(found.joint, alone.get("high_speed"), alone.get("presliding"), told.effects, kp)
     refuse_resonance(told.model, kp)
     if note := hunting_note(session, told.model or found.model):
         course.notes.append(note)

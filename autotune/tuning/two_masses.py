@@ -30,12 +30,14 @@ NAMED = frozenset(kind.name for kind in (ELASTIC_TRANSMISSION, BACKLASH, TORQUE_
 
 
 def refuse_two_masses(
-    joint: Estimate, small: Estimate | None, named: Collection[str], kp: float | None
+    joint: Estimate, fast: Estimate | None, small: Estimate | None, named: Collection[str], kp: float | None
 ) -> None:
     """Looks at the inertias that were identified.
 
     Args:
-        joint: from the motion as a whole; small: from presliding, None where it was not played.
+        joint: from the motion as a whole; fast: from acceleration alone, where it says the same: a fit of everything
+            can end in a false minimum, two fits do not end in the same one.
+        small: from presliding, None where it was not played.
         named: effects that the diagnosis has put into the model.
         kp: of the position loop, N m/rad or N/m, for its bandwidth; None if unknown.
 
@@ -48,6 +50,8 @@ def refuse_two_masses(
         return
     whole, motor = joint["inertia"], small["inertia"]
     if not _less(whole, motor):
+        return
+    if fast is not None and fast.valid and "inertia" in fast and not _less(fast["inertia"], motor):
         return
     where = f" (about {math.sqrt(kp / motor.value) / (2.0 * math.pi):.0f} Hz)" if kp else ""
     raise NotTunable(
