@@ -62,6 +62,7 @@ def test_a_gap_of_next_to_nothing_is_a_spring(recorded) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_contact_without_a_gap_are_not_named_backlash(recorded) -> None:
     """Where the library has no spring, the contact of a gap can be one; but there is no gap then."""
     others = [kind for name, kind in EFFECTS.items() if name != EFFECT]

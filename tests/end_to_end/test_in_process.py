@@ -51,6 +51,7 @@ def test_what_other_axes_lack_is_named_and_their_error_falls_to_the_floor(bench:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_an_axis_that_is_plain_lugre_gets_no_name_and_no_other_feedforward(bench: Bench) -> None:
     bench.change(
         'link = "canopen+slcan:edm-vertical.tty?bitrate=1000000&node=5"', 'link = "sim://lugre?seed=1"'

@@ -135,6 +135,7 @@ def test_a_mistyped_axis_file_is_named_with_the_nearest_right_key(
         pytest.param("hot@12", "(?i)temperature", marks=pytest.mark.long),
     ],
 )
+@pytest.mark.long
 def test_a_failure_in_the_middle_ends_at_rest_with_everything_kept(
     bench: Bench, fault: str, message: str
 ) -> None:

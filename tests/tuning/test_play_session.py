@@ -17,6 +17,7 @@ SLACK = 3  # cycles between the sidecar's last frame and the first that the driv
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_foreign_master_gains_and_a_killed_sidecar_leaves_nothing(tmp_path: Path) -> None:
     with rig(tmp_path) as running:
         sidecar = running.start()
