@@ -107,6 +107,17 @@ def advance(p: Floats, on: Flags, state: Floats, torque: float, duration: float,
 
 
 @compiled
+def _measured(p: Floats, on: Flags, position: float, noise: float, resolution: float) -> float:
+    """What the encoder tells of a position, with its error once a turn and in whole counts."""
+    measured = position + noise
+    if on[IS_ECCENTRIC]:
+        measured += reading_error(p, position)
+    if resolution > 0.0:
+        measured = math.floor(measured / resolution + 0.5) * resolution
+    return float(measured)
+
+
+@compiled
 def simulate(
     p: Floats,
     on: Flags,
@@ -145,15 +156,9 @@ def simulate(
     late = int(gains[5]) if len(gains) > 5 else 0
     one, two, three = last_position, last_position, last_position  # positions of the samples before
     for k in range(len(command)):
-        measured = state[POSITION] + position_noise[k]
-        if on[IS_ECCENTRIC]:
-            measured += reading_error(p, state[POSITION])
-        if resolution > 0.0:
-            measured = math.floor(measured / resolution + 0.5) * resolution
-        seen = measured
-        if late > 0:
-            seen = one if late == 1 else two if late == 2 else three
-            three, two, one = two, one, measured
+        measured = _measured(p, on, state[POSITION], position_noise[k], resolution)
+        seen = measured if late == 0 else one if late == 1 else two if late == 2 else three
+        three, two, one = two, one, measured
         if closed:
             error = command[k] - seen
             change = (weight * (command[k] - last_reference) - seen + last_position) / period
