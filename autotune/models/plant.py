@@ -136,7 +136,7 @@ def simulate(
     """The twin: plant, quantiser and controller, sample by sample.
 
     Args:
-        gains: kp, kd, ki, derivative filter, and optionally the part of the reference's rate in the derivative,
+        gains: kp, kd, ki, derivative filter, and optionally both the part of the reference's rate in the derivative,
             and how many samples late the controller sees the position (at most 3).
         loop: sample period [s], torque limit [N m], position resolution (0: none), then the controller's
             state to start from, and in place the one it ends with: sum Σe·h, filtered derivative,
@@ -152,8 +152,7 @@ def simulate(
     period, limit, resolution = loop[0], loop[1], loop[2]
     total, rate, last_reference, last_position = loop[3], loop[4], loop[5], loop[6]
     kp, kd, ki, smoothing = gains[0], gains[1], gains[2], gains[3]
-    weight = gains[4] if len(gains) > 4 else 1.0
-    late = int(gains[5]) if len(gains) > 5 else 0
+    weight, late = (gains[4], int(gains[5])) if len(gains) > 5 else (1.0, 0)
     one, two, three = last_position, last_position, last_position  # positions of the samples before
     for k in range(len(command)):
         measured = _measured(p, on, state[POSITION], position_noise[k], resolution)
