@@ -69,27 +69,28 @@ def fit(session: Session, recording: Recording) -> Identification:
 
 
 def start_of(found: Identification) -> Start:
-    """The identified values as feedforward parameters; σ1 is that of the stiffness that is started from.
+    """The identified values as feedforward parameters; σ1 is what the softest known contact has, in proportion.
 
     Raises:
         NotEnoughExcitation: a value that the feedforward needs is missing or impossible.
     """
     joint = found.joint
-    stiffness, bounds = starting_stiffness(
-        *(_stiffness(found.estimates.get(name)) for name in ("presliding", "dahl"))
-    )
+    known = [_stiffness(found.estimates.get(name)) for name in ("presliding", "dahl")]
+    stiffness, bounds = starting_stiffness(*known)
     coulomb = joint.value("coulomb")
     # without a Stribeck velocity a level at rest of its own says nothing
     break_away = joint.value("break_away", coulomb) if "stribeck_velocity" in joint else coulomb
-    # Dahl's curve is softer than the contact at rest; its relative damping, σ1/(2·√(σ0·J)), is that of the contact
-    softer = math.sqrt(stiffness / joint.value("stiffness", stiffness))
+    # Dahl's curve is softer than the contact at rest; its relative damping, σ1/(2·√(σ0·J)), is that of the contact.
+    # The laws keep σ1/σ0 on their way down to about there, so that the ratio has to be right where they end
+    softest = min(value for value in known if value > 0.0)
+    damping = math.sqrt(softest / joint.value("stiffness", softest)) * stiffness / softest
     try:
         parameters = LugreParameters(
             inertia=joint.value("inertia"),
             viscous=joint.value("viscous", 0.0),
             coulomb=coulomb,
             stiffness=stiffness,
-            micro_damping=joint.value("micro_damping", 0.0) * softer,
+            micro_damping=joint.value("micro_damping", 0.0) * damping,
             offset=joint.value("offset", 0.0),
             break_away=break_away,
             stribeck_velocity=joint.value("stribeck_velocity", 1.0),
