@@ -126,7 +126,7 @@ def send_stage(stream: rr.RecordingStream, entity: str, time_ns: int, name: str)
 
 def send_lane(stream: rr.RecordingStream, entity: str, names: Sequence[str]) -> None:
     """A colour for each name that the lane may show, static."""
-    colours = [rgba(LANES[index % len(LANES)]) for index in range(len(names))]
+    colours = np.array([rgba(LANES[index % len(LANES)]) for index in range(len(names))], dtype=np.uint32)
     stream.log(
         entity, rr.StateConfiguration(values=list(names), labels=list(names), colors=colours), static=True
     )
