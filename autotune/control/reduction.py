@@ -22,6 +22,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from scipy import optimize
@@ -30,6 +31,7 @@ from autotune.control.closed_loop import steady_error
 from autotune.control.feedforward import FeedforwardLaw, LugreParameters, advance
 from autotune.control.refinement import PeriodAverage, periodic_feedforward
 from autotune.core.arrays import Floats
+from autotune.core.documents import numbers_of
 from autotune.core.drive import Sample
 from autotune.core.errors import ConfigurationError
 from autotune.recordings.recording import Controller
@@ -37,6 +39,7 @@ from autotune.recordings.recording import Controller
 LUGRE = frozenset({"inertia", "viscous", "coulomb", "break_away", "stiffness", "micro_damping", "offset"})
 KINETIC = ("inertia", "viscous", "coulomb", "offset")
 RISING = "friction_that_rises_from_rest"
+MEASURES = ("full_peak", "full_rms", "predicted_peak", "predicted_rms", "residual_rms")
 SEARCH_POINTS = 13
 SMALL = 0.02  # part of the feedforward's rms below which nothing has to be played for it
 
@@ -67,6 +70,28 @@ class Reduction:
     def predicted_loss(self) -> float:
         """Of the peak error [motion unit]."""
         return self.predicted_peak - self.full_peak
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain data, by the names of the attributes."""
+        return {name: _plain(getattr(self, name)) for name in self.__dataclass_fields__}
+
+    @staticmethod
+    def from_json(content: Mapping[str, Any]) -> Reduction:
+        """Back from `as_json`.
+
+        Raises:
+            KeyError, TypeError, ValueError: something is missing, or no finite number.
+        """
+        numbers = numbers_of({name: content[name] for name in MEASURES})
+        values = MappingProxyType(numbers_of(content["values"]))
+        host, lost = (tuple(str(part) for part in content[name]) for name in ("host", "lost"))
+        return Reduction(values, host, **numbers, lost=lost)
+
+
+def _plain(value: Mapping[str, float] | tuple[str, ...] | float) -> dict[str, float] | list[str] | float:
+    if isinstance(value, Mapping):
+        return dict(value)
+    return list(value) if isinstance(value, tuple) else value
 
 
 def rises(full: LugreParameters) -> bool:

@@ -48,12 +48,30 @@ NEEDS = {
 class Planned:
     """Parameters that go into the drive, decided in an earlier stage or run; `host`: it plays the rest.
 
-    `alignment`: what moves the zero of the ripple among them, as it was when that was found.
+    `alignment`: what moves the zero of the ripple among them, as it was when that was found. `reduction`: what the
+    drive cannot hold of what was proved, and what that is predicted to cost; None where it holds all.
     """
 
     values: dict[str, float]
     host: bool = False
     alignment: dict[str, float] = field(default_factory=dict)
+    reduction: Reduction | None = None
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain data."""
+        reduction = self.reduction.as_json() if self.reduction is not None else None
+        return {"values": self.values, "host": self.host, "alignment": self.alignment, "reduction": reduction}
+
+    @staticmethod
+    def from_json(content: Mapping[str, Any]) -> Planned:
+        """Back from `as_json`, value by value. Raises KeyError, TypeError or ValueError."""
+        values, reduction = numbers_of(content["values"]), content.get("reduction")
+        return Planned(
+            values,
+            content.get("host", False) is True,
+            numbers_of(content.get("alignment", {})),
+            Reduction.from_json(reduction) if reduction is not None else None,
+        )
 
 
 @dataclass(frozen=True)
@@ -156,7 +174,7 @@ def save_findings(session: Session, findings: Findings, whole: Sequence[str]) ->
     if findings.adapted is not None:
         content["adapted"] = _adapted(findings.adapted)
     if findings.planned is not None:
-        content["planned"] = asdict(findings.planned)
+        content["planned"] = findings.planned.as_json()
     if findings.yardstick is not None:
         content["proof"] = findings.yardstick.as_json()
     content["diagnosed"] = findings.model is not None
@@ -236,10 +254,7 @@ def _taken_up(content: dict[str, Any], stage: str) -> Findings:
     if stage == "commit" and "proof" in content:
         findings.yardstick = Yardstick.from_json(content["proof"])
     if stage == "commit" and "planned" in content:
-        planned = content["planned"]
-        values = numbers_of(planned["values"])
-        zero = numbers_of(planned.get("alignment", {}))
-        findings.planned = Planned(values, planned.get("host", False) is True, zero)
+        findings.planned = Planned.from_json(content["planned"])
     return findings
 
 

@@ -71,7 +71,7 @@ def commit_stage(session: Session, course: Course, approve: Callable[[str], bool
         findings.reduction = None
     findings.held_before = {name: changed.get(name, held[name]) for name in plan.values if name in held}
     zero = dict(plan.ripple.settings) if plan.ripple is not None else {}
-    findings.planned = Planned(dict(plan.values), plan.host is not None, zero)
+    findings.planned = Planned(dict(plan.values), plan.host is not None, zero, plan.reduction)
     if not approve(_question(plan, session)):
         save_findings(session, findings, course.whole)
         course.verdict = "Proved, but not written: it was not approved."

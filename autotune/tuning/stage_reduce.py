@@ -107,7 +107,8 @@ def _plan_friction(
         planned = findings.planned.values
         values = {name: value for name, value in planned.items() if name in held}
         part = {name.removeprefix(PREFIX): value for name, value in values.items() if name != ENABLED}
-        return Plan(values, None, Remainder(law, part, session.axis.cycle) if findings.planned.host else None)
+        host = Remainder(law, part, session.axis.cycle) if findings.planned.host else None
+        return Plan(values, findings.planned.reduction, host)
     full = findings.need_proposed()
     names = {name.removeprefix(PREFIX) for name in held}
     if not reduces(names):
