@@ -19,7 +19,8 @@ from random import Random
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "sim"), str(ROOT / "drivers")]
 
-from tests.tuning.ripple_cut_rig import RIGS, draw, factory, length, play  # noqa: E402
+from tests.tuning.cut_rig import Case  # noqa: E402
+from tests.tuning.ripple_cut_rig import RIGS, factory, length, play  # noqa: E402
 from tests.tuning.ripple_rig import judged, model_of, planted  # noqa: E402
 
 ORDERS = (6.0, 12.0, 24.0, 36.0, 72.0, 144.0)
@@ -63,7 +64,7 @@ def _cuts(kind: str, cuts: int, seed: int) -> int:
     with tempfile.TemporaryDirectory() as folder:
         whole = length(kind, stored, Path(folder) / "whole")
         for number in range(cuts):
-            case = draw(random, whole)
+            case = Case.draw(random, whole)
             ending = play(kind, case, stored, Path(folder) / str(number))
             counted[case.kind] += 1
             counted["mixed until the next start"] += ending.mixed

@@ -8,7 +8,7 @@ not in it. Signals are written `6064:00 i32 count`: object, type, unit.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -86,6 +86,15 @@ class Signal:
     def named(self, name: str) -> Signal:
         """The same, with the name that errors give it."""
         return replace(self, ref=replace(self.ref, name=name))
+
+
+def all_known(names: Iterable[str], known: Collection[str], what: str) -> None:
+    """Raises ValueError for a name that is not known, with the nearest that is."""
+    for name in names:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, 1)
+            hint = f"did you mean {near[0]!r}" if near else f"known are {', '.join(known)}"
+            raise ValueError(f"unknown {what} {name!r}; {hint}?")
 
 
 def _signal(value: Any) -> Any:
@@ -271,11 +280,7 @@ class Recorder(Strict):
             raise ValueError(
                 f"recorder.columns has {len(self.columns)} signals for {len(self.channels)} channels"
             )
-        for name in self.columns:
-            if name not in RECORDED:
-                near = difflib.get_close_matches(name, RECORDED, 1)
-                hint = f"did you mean {near[0]!r}" if near else f"known are {', '.join(RECORDED)}"
-                raise ValueError(f"unknown recorder column {name!r}; {hint}?")
+        all_known(self.columns, RECORDED, "recorder column")
         for text in self.setup:
             ObjectRef.parse(text)
         return self
@@ -316,11 +321,7 @@ class Profile(Strict):
 
     @model_validator(mode="after")
     def _known(self) -> Profile:
-        for name in self.parameters:
-            if name not in PARAMETERS:
-                near = difflib.get_close_matches(name, PARAMETERS, 1)
-                hint = f"did you mean {near[0]!r}" if near else f"known are {', '.join(PARAMETERS)}"
-                raise ValueError(f"unknown parameter {name!r}; {hint}?")
+        all_known(self.parameters, PARAMETERS, "parameter")
         for text in (*self.session, *self.expects):
             ObjectRef.parse(text)
         for text in self.faults:

@@ -24,6 +24,37 @@ def fault_in(disable: Callable[[], None]) -> DriveFault | None:
     return None
 
 
+def close_down(
+    disable: Callable[[], None],
+    restore: Callable[[], list[str]],
+    hang_up: Callable[[], None],
+    is_lost: Callable[[], bool],
+    who: str,
+) -> None:
+    """The end of a session: power off, everything put back, the link closed whatever happens.
+
+    Args:
+        restore: puts back what the session has changed; what it could not, in words.
+        is_lost: whether the link was lost before, so that nobody needs to be told once more.
+        who: for errors, such as "node 5".
+
+    Raises:
+        LinkError: it was not left as it was found. DriveFault: it reported a fault while power was taken off.
+    """
+    fault: DriveFault | None = None
+    try:
+        fault = fault_in(disable)
+        troubles = restore()
+    except LinkError as error:
+        troubles = [str(error)]
+    finally:
+        hang_up()
+    if troubles and not is_lost():
+        raise LinkError(f"{who} was not left as it was found: {'; '.join(troubles)}")
+    if fault is not None:
+        raise fault
+
+
 def unconfirmed(error: LinkError) -> LinkError:
     """The error for a drive that went silent while power was taken off: nobody knows that the axis rests."""
     return LinkError(

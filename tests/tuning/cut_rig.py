@@ -16,6 +16,7 @@ from datetime import datetime
 from pathlib import Path
 from random import Random
 from types import SimpleNamespace
+from typing import Any, Protocol
 from unittest.mock import patch
 
 import numpy as np
@@ -55,6 +56,17 @@ NEW = dict(zip(BLOCK, (1.0, 3.0e-4, 0.001, 0.2, 0.25, 0.5, 32.0, 0.03125, 0.0156
 
 class Dead(BaseException):
     """The host dies here: nothing of it runs any more."""
+
+
+class Cuttable(Protocol):
+    """What both rigs know: bytes (or frames) so far, and the device behind the wire."""
+
+    bytes: int
+    device: Any
+
+    def plug(self) -> None: ...
+
+    def rest(self, seconds: float) -> None: ...
 
 
 class Rig:
@@ -236,12 +248,11 @@ def attempt(rig: Rig, runs: Path, name: str, proves: bool = True) -> bool:
             loop.close()
 
 
-def next_start(rig: Rig, runs: Path, name: str) -> list[str]:
-    """A later run: what it found and put right, in words."""
+def next_start(rig: Cuttable, runs: Path, name: str, loop: LocalLoop) -> list[str]:
+    """A later run on an opened session: what it found and put right, in words."""
     directory = runs / name
     directory.mkdir(parents=True)
     own = Journal.begin(directory, "axis", "f00", NOW)
-    loop = opened(rig, runs)
     rig.bytes = 0
     try:
         done = recover(loop, runs, own)
@@ -282,13 +293,13 @@ def play(case: Case, stored: Mapping[tuple[int, int], bytes], runs: Path) -> End
         kept = _cut(rig, case, runs)
         changed = rig.session() != before
         mixed = parameters(rig.volatile()) not in (_as_held(OLD), _as_held(NEW))
-        _afterwards(rig, case)
+        afterwards(rig, case)
         if case.second_cut != NEVER:
             rig.cut, rig.kind = case.second_cut, "host"
             with suppress(Dead, AutotuneError):
-                next_start(rig, runs, "20261120-050000-axis")
-            _afterwards(rig, case)
-        next_start(rig, runs, "20261120-060000-axis")
+                next_start(rig, runs, "20261120-050000-axis", opened(rig, runs))
+            afterwards(rig, case)
+        next_start(rig, runs, "20261120-060000-axis", opened(rig, runs))
     wrong = _judge(rig, runs, kept) or _session_judged(before, rig.session())
     return Ending(wrong, kept, mixed, changed)
 
@@ -311,7 +322,8 @@ def _armed(rig: Rig, case: Case, runs: Path) -> bool:
     return commit(loop, parameters(NEW), journal, runs, NOW, lambda: True)
 
 
-def _afterwards(rig: Rig, case: Case) -> None:
+def afterwards(rig: Cuttable, case: Case) -> None:
+    """The cable is whole again; the drive may have been switched off and on meanwhile."""
     rig.plug()
     rig.rest(1.0)
     if case.power_cycle:

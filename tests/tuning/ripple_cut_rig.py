@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from random import Random
 from types import SimpleNamespace
 from typing import Any, cast
 from unittest.mock import patch
@@ -26,7 +25,6 @@ from autotune.core.paths import config_directory
 from autotune.core.ripple_parameters import GAIN, is_ripple
 from autotune.tuning.commit import commit, feedforward_parameters
 from autotune.tuning.journal import Journal
-from autotune.tuning.recovery import recover
 from autotune.tuning.session import Session
 from autotune.tuning.stage_ripple import _written
 from autotune_drivers.canopen.opening import open_drive
@@ -43,7 +41,7 @@ from autotune_sim.presets import Preset, preset
 from autotune_sim.servo import Servo
 from tests.drivers.moteus_rig import moteus_axis
 from tests.drivers.simulator import axis_of
-from tests.tuning.cut_rig import KINDS, NEVER, NODE, NOW, Case, Dead, Rig, virtual_time
+from tests.tuning.cut_rig import NEVER, NODE, NOW, Case, Dead, Rig, afterwards, next_start, virtual_time
 
 Stored = dict[tuple[int, int], bytes]
 ON_THE_WIRE = 2e-4  # s that a frame and its answer take
@@ -242,22 +240,6 @@ def commits(rig: AnyRig, runs: Path, name: str) -> bool:
             loop.close()
 
 
-def next_start(rig: AnyRig, runs: Path, name: str) -> list[str]:
-    """A later run: what it found and put right, in words."""
-    directory = runs / name
-    directory.mkdir(parents=True)
-    own = Journal.begin(directory, "axis", "f00", NOW)
-    loop = rig.open(runs / "sessions")
-    rig.bytes = 0
-    try:
-        done = recover(loop, runs, own)
-        own.note(outcome="not_applied")
-        return done
-    finally:
-        with suppress(AutotuneError):
-            loop.close()
-
-
 def length(kind: str, stored: Stored, runs: Path) -> int:
     """Bytes or frames of the whole."""
     rig = RIGS[kind](stored)
@@ -276,11 +258,6 @@ class Ending:
     mixed: bool
 
 
-def draw(random: Random, whole: int) -> Case:
-    second = random.randrange(whole) if random.random() < 0.3 else NEVER
-    return Case(random.randrange(whole), random.choice(KINDS), random.random() < 0.5, second)
-
-
 def play(kind: str, case: Case, stored: Stored, runs: Path) -> Ending:
     """Plays one case to its end."""
     rig = RIGS[kind](stored)
@@ -291,13 +268,13 @@ def play(kind: str, case: Case, stored: Stored, runs: Path) -> Ending:
         rig.cut, rig.kind = NEVER, case.kind
         kept = _cut(rig, case, runs)
         mixed = _ripple_of(rig) not in (_ripple_of_set(kind, stored), _ripple_of_set(kind, stored, new=True))
-        _afterwards(rig, case)
+        afterwards(rig, case)
         if case.second_cut != NEVER:
             rig.cut, rig.kind = case.second_cut, "host"
             with suppress(Dead, AutotuneError):
-                next_start(rig, runs, "20261120-050000-axis")
-            _afterwards(rig, case)
-        next_start(rig, runs, "20261120-060000-axis")
+                next_start(rig, runs, "20261120-050000-axis", rig.open(runs / "sessions"))
+            afterwards(rig, case)
+        next_start(rig, runs, "20261120-060000-axis", rig.open(runs / "sessions"))
         wrong = _differs("volatile", held(rig, runs), new if kept else old)
         rig.device.power_loss()
         rig.rest(1.0)
@@ -323,15 +300,6 @@ def _cut(rig: AnyRig, case: Case, runs: Path) -> bool:
         return commits(rig, runs, "20261120-040000-axis")
     except (Dead, AutotuneError):
         return Journal.load(runs / "20261120-040000-axis").state.phase.value == "kept"
-
-
-def _afterwards(rig: AnyRig, case: Case) -> None:
-    rig.plug()
-    rig.rest(1.0)
-    if case.power_cycle:
-        rig.device.power_loss()
-        rig.rest(1.0)
-    rig.plug()
 
 
 def _ripple_of(rig: AnyRig) -> bytes:

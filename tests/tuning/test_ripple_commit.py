@@ -17,7 +17,7 @@ from autotune.tuning.commit import commit, feedforward_parameters, must_be_align
 from autotune.tuning.journal import Journal
 from autotune_sim.presets import preset
 from tests.tuning.cut_rig import NEVER, NOW, Case
-from tests.tuning.ripple_cut_rig import RIGS, HarmonicsRig, TableRig, draw, factory, length, play, wanted
+from tests.tuning.ripple_cut_rig import RIGS, HarmonicsRig, TableRig, factory, length, play, wanted
 from tests.tuning.ripple_rig import judged, model_of, planted
 
 CUTS = {"harmonics": 5, "table": 3}
@@ -31,7 +31,7 @@ def test_a_commit_cut_anywhere_is_put_right_by_the_next_start(kind: str, tmp_pat
     whole = length(kind, stored, tmp_path / "whole")
     random = Random(7)
     for number in range(CUTS[kind]):
-        case = draw(random, whole)
+        case = Case.draw(random, whole)
         assert play(kind, case, stored, tmp_path / str(number)).wrong == "", case
 
 

@@ -40,7 +40,7 @@ from autotune_drivers.canopen.read_back import ReadBack
 from autotune_drivers.canopen.sdo import Sdo
 from autotune_drivers.canopen.session import Backup, Session
 from autotune_drivers.profile import Profile, Signal, Store
-from autotune_drivers.stopping import fault_in, off_after, unconfirmed
+from autotune_drivers.stopping import close_down, off_after, unconfirmed
 from autotune_drivers.units import Units
 
 MODE_WANTED = ObjectRef(0x6060, 0, "i8", "mode of operation")
@@ -485,19 +485,8 @@ class CanopenDrive:
         if self._closed:
             return
         self._closed = True
-        fault: DriveFault | None = None
-        troubles: list[str] = []
-        try:
-            fault = fault_in(self.disable)
-            troubles = self._restore()
-        except LinkError as error:
-            troubles = [str(error)]
-        finally:
-            self._node.wire.link.close()
-        if troubles and not self._lost:
-            raise LinkError(f"node {self._node.number} was not left as it was found: " + "; ".join(troubles))
-        if fault is not None:
-            raise fault
+        hang_up, who = self._node.wire.link.close, f"node {self._node.number}"
+        close_down(self.disable, self._restore, hang_up, lambda: self._lost, who)
 
     def _restore(self) -> list[str]:
         if self._lost and not self._answers():

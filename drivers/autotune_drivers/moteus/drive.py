@@ -21,14 +21,14 @@ from types import MappingProxyType
 
 from autotune.core.axis import Axis
 from autotune.core.drive import Command, Mode, Sample, Standing
-from autotune.core.errors import DriveError, DriveFault, LinkError, StateError
+from autotune.core.errors import DriveError, LinkError, StateError
 from autotune_drivers.moteus.exchange import MoteusExchange, State, Target
 from autotune_drivers.moteus.faults import LIMITED
 from autotune_drivers.moteus.faults import Mode as Told
 from autotune_drivers.moteus.multiplex import MODE, Form
 from autotune_drivers.moteus.power import MoteusPower
 from autotune_drivers.moteus.settings import MoteusSettings
-from autotune_drivers.stopping import fault_in, off_after, unconfirmed
+from autotune_drivers.stopping import close_down, off_after, unconfirmed
 
 TURN = 2.0 * math.pi
 _AGREES = 1e-5
@@ -246,20 +246,10 @@ class MoteusDrive:
         if self._closed:
             return
         self._closed = True
-        fault: DriveFault | None = None
-        troubles: list[str] = []
-        try:
-            fault = fault_in(self.disable)
-            troubles = self._restore()
-        except LinkError as error:
-            troubles = [str(error)]
-        finally:
-            self._settings.node.port.close()
-        if troubles and not self._lost:
-            number = self._settings.node.number
-            raise LinkError(f"controller {number} was not left as it was found: " + "; ".join(troubles))
-        if fault is not None:
-            raise fault
+        node = self._settings.node
+        close_down(
+            self.disable, self._restore, node.port.close, lambda: self._lost, f"controller {node.number}"
+        )
 
     def _restore(self) -> list[str]:
         try:

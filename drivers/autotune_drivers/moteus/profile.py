@@ -7,7 +7,6 @@ keeps less than single precision.
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -18,7 +17,7 @@ from pydantic import Field, model_validator
 
 from autotune.core.configuration import Strict, read_toml, validate
 from autotune.core.errors import ConfigurationError
-from autotune_drivers.profile import PARAMETERS, profile_path
+from autotune_drivers.profile import PARAMETERS, all_known, profile_path
 from autotune_drivers.tables import StepTable
 
 _TURN = 2.0 * math.pi
@@ -48,10 +47,7 @@ class MoteusParameter(Strict):
 
     @model_validator(mode="after")
     def _known_unit(self) -> MoteusParameter:
-        if self.unit not in UNITS:
-            near = difflib.get_close_matches(self.unit, UNITS, 1)
-            hint = f"did you mean {near[0]!r}" if near else f"known are {', '.join(UNITS)}"
-            raise ValueError(f"unknown unit {self.unit!r}; {hint}?")
+        all_known((self.unit,), UNITS, "unit")
         return self
 
 
@@ -109,11 +105,7 @@ class MoteusProfile(Strict):
 
     @model_validator(mode="after")
     def _known(self) -> MoteusProfile:
-        for name in self.parameters:
-            if name not in PARAMETERS:
-                near = difflib.get_close_matches(name, PARAMETERS, 1)
-                hint = f"did you mean {near[0]!r}" if near else f"known are {', '.join(PARAMETERS)}"
-                raise ValueError(f"unknown parameter {name!r}; {hint}?")
+        all_known(self.parameters, PARAMETERS, "parameter")
         for text in self.faults:
             int(text)
         return self
