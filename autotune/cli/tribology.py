@@ -45,8 +45,8 @@ def tribology(
 
 
 def _beside(model_file: Path, surface: Path) -> Judged:
-    from autotune.diagnosis.resolved_memory import stiffness_at_rest
     from autotune.models.model_file import read_model
+    from autotune.models.total_friction import stiffness_at_rest
     from autotune.tribology.configuration import read_contact
     from autotune.tribology.expectation import expected, judged
 

@@ -21,7 +21,7 @@ from autotune.estimation.data import VETO
 from autotune.estimation.least_squares import Free
 from autotune.estimation.problem import Study
 from autotune.models import layout
-from autotune.models.drive_model import DriveModel, Packed
+from autotune.models.drive_model import Packed
 from autotune.models.reversal_memory import ELEMENTS, REVERSAL_MEMORY
 
 EFFECT = REVERSAL_MEMORY.name
@@ -90,17 +90,6 @@ def _settled(study: Study, packed: Packed, free: list[Free], effects: tuple[str,
         if not gained:
             break
     return level
-
-
-def stiffness_at_rest(model: DriveModel) -> float:
-    """Of the bristle and all elements together [N m/rad or N/m]: what a small displacement feels."""
-    values = model.parameters
-    total = values["stiffness"].value
-    for i in range(1, ELEMENTS + 1):
-        displacement = values.get(f"{EFFECT}.displacement_{i}")
-        if displacement is not None and displacement.value > 0.0:
-            total += values[f"{EFFECT}.torque_{i}"].value / displacement.value
-    return float(total)
 
 
 def _slot(part: str, number: int) -> int:

@@ -54,6 +54,12 @@ def stiffness_of_elements(model: DriveModel) -> float:
     return sum(torque / travel for torque, travel in pairs)
 
 
+def stiffness_at_rest(model: DriveModel) -> float:
+    """Of a bristle that carries friction and all elements together [N m/rad or N/m]: what a small move feels."""
+    bristle = model["stiffness"] if model["coulomb"] > 0.0 else 0.0
+    return float(bristle + stiffness_of_elements(model))
+
+
 def total_in_words(model: DriveModel) -> str:
     """The total with its share in the elements, a clause; empty where `coulomb` is the total."""
     if _MEMORY not in model:

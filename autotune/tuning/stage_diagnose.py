@@ -18,7 +18,6 @@ from autotune.control.model_feedforward import left_out
 from autotune.core.errors import AutotuneError, ConfigurationError
 from autotune.diagnosis.compare import compare
 from autotune.diagnosis.found_model import FoundModel, found_model
-from autotune.diagnosis.resolved_memory import stiffness_at_rest
 from autotune.diagnosis.verdict import diagnose
 from autotune.experiments.diagnosis import confirmation
 from autotune.experiments.experiment import Experiment
@@ -26,6 +25,7 @@ from autotune.experiments.runner import Programme
 from autotune.models.drive_model import DriveModel
 from autotune.models.model_file import write_model
 from autotune.models.reversal_memory import REVERSAL_MEMORY
+from autotune.models.total_friction import stiffness_at_rest
 from autotune.recordings.files import read_recording
 from autotune.recordings.recording import Recording
 from autotune.tuning.session import Session

@@ -10,7 +10,7 @@ import pytest
 from scipy.signal import cont2discrete
 
 from autotune.control.gains.loop import Gains, LoopTiming, Notch, cascade, cascade_of, cascaded_from
-from autotune.control.gains.regimes import LinearAxis, characteristic_space, linear_axis, stiffness_at_rest
+from autotune.control.gains.regimes import LinearAxis, characteristic_space, linear_axis
 from autotune.control.gains.sampled import (
     axis_response,
     closed_loop_radius,
@@ -23,6 +23,7 @@ from autotune.control.gains.sampled import (
 from autotune.control.gains.twin import follow
 from autotune.core.errors import ConfigurationError
 from autotune.models.table import EFFECTS
+from autotune.models.total_friction import stiffness_at_rest
 from tests.control.gains_axis import TIMING, lugre, vertical
 
 H = TIMING.period

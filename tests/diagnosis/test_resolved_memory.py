@@ -11,7 +11,7 @@ from autotune.core.axis import read_axis
 from autotune.core.loop import LocalLoop
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.fitting import updated_model
-from autotune.diagnosis.resolved_memory import resolved, stiffness_at_rest
+from autotune.diagnosis.resolved_memory import resolved
 from autotune.estimation.bandwidth import prepared_for
 from autotune.experiments.diagnosis import confirmation
 from autotune.experiments.path import Motion
@@ -20,6 +20,7 @@ from autotune.experiments.record import Recorder, metadata_for, play
 from autotune.experiments.runner import Programme
 from autotune.models.drive_model import DriveModel, base_model
 from autotune.models.table import EFFECTS
+from autotune.models.total_friction import stiffness_at_rest
 from autotune.recordings.recording import Controller, Recording
 from autotune_sim.inprocess import SimDrive
 from autotune_sim.presets import preset

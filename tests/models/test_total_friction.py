@@ -12,7 +12,7 @@ from autotune.models.drive_model import DriveModel, base_model
 from autotune.models.effect import Value
 from autotune.models.model_file import model_text, read_model, write_model
 from autotune.models.table import EFFECTS
-from autotune.models.total_friction import total_friction, total_in_words
+from autotune.models.total_friction import stiffness_at_rest, total_friction, total_in_words
 
 BASE = {"inertia": 6.66e-4, "viscous": 0.0, "coulomb": 0.0093, "stiffness": 50.0, "micro_damping": 0.05,
         "offset": 0.048}  # fmt: skip
@@ -50,3 +50,9 @@ def test_the_model_file_says_it_beside_coulomb_and_reads_back(tmp_path: Path) ->
     write_model(moved(), path)
     assert "total friction 0.3293 ± 0.011 N m, 97 % of it in the elements" in path.read_text("utf-8")
     assert read_model(path).parameters == moved().parameters
+
+
+def test_a_bristle_without_friction_adds_no_stiffness_at_rest() -> None:
+    model = base_model({**BASE, "coulomb": 0.3})
+    assert stiffness_at_rest(model) == BASE["stiffness"]
+    assert stiffness_at_rest(base_model({**BASE, "coulomb": 0.0})) == 0.0

@@ -21,7 +21,7 @@ from autotune.models.drive_model import DriveModel
 from autotune.models.elastic_transmission import ELASTIC_TRANSMISSION
 from autotune.models.spring import SPRING
 from autotune.models.torque_lag import TORQUE_LAG
-from autotune.models.total_friction import stiffness_of_elements, total_friction
+from autotune.models.total_friction import stiffness_at_rest, total_friction
 
 Regime = Literal["sticking", "sliding"]
 REGIMES: tuple[Regime, ...] = ("sticking", "sliding")
@@ -125,12 +125,6 @@ def linear_axis(model: DriveModel, regime: Regime) -> LinearAxis:
         model[kind.surface("load_friction")],
         lag,
     )
-
-
-def stiffness_at_rest(model: DriveModel) -> float:
-    """σ0 of bristle and memory elements together [N m/rad]."""
-    bristle = model["stiffness"] if model["coulomb"] > 0.0 else 0.0
-    return bristle + stiffness_of_elements(model)
 
 
 def characteristic_space(model: DriveModel) -> float:

@@ -13,12 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from autotune.control.gains.loop import Gains
-from autotune.control.gains.regimes import stiffness_at_rest
 from autotune.core.arrays import Floats
 from autotune.models.drive_model import DriveModel
 from autotune.models.lugre import falling_level
 from autotune.models.stribeck import EXPONENT, STRIBECK
-from autotune.models.total_friction import total_friction
+from autotune.models.total_friction import stiffness_at_rest, total_friction
 
 SPEEDS = 60
 

@@ -10,7 +10,6 @@ import numpy as np
 from autotune.control.adaptation import AdaptationGains, Bounds
 from autotune.control.feedforward import LugreParameters
 from autotune.control.gains.loop import Gains, LoopTiming
-from autotune.control.gains.regimes import stiffness_at_rest
 from autotune.control.gains.twin import Motion
 from autotune.control.model_feedforward import torque_along
 from autotune.control.structures import laws
@@ -20,7 +19,7 @@ from autotune.models.drive_model import DriveModel
 from autotune.models.layout import POSITION
 from autotune.models.plant import substeps_for
 from autotune.models.stribeck import STRIBECK
-from autotune.models.total_friction import total_friction
+from autotune.models.total_friction import stiffness_at_rest, total_friction
 
 LARGER = 10.0 / 3.0
 """Gains of the loop with an observed velocity over those of PID, as in Table 6.3."""
