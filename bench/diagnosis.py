@@ -87,27 +87,27 @@ def judge(
 
 def _against(result: Diagnosis, truth: DriveModel) -> float:
     """Error on the test trajectory over that of the true model."""
-    study = result.study
-    if study is None:
+    problem = result.problem
+    if problem is None:
         return math.nan
     packed = truth.pack()
-    right = residual(study.data, packed, study.moved) - study.correction(packed).bias
-    return result.error_test / math.sqrt(study.mean_square(right, TEST))
+    right = residual(problem.data, packed, problem.moved) - problem.correction(packed).bias
+    return result.error_test / math.sqrt(problem.mean_square(right, TEST))
 
 
 def _coefficients(result: Diagnosis, truth: DriveModel, planted: tuple[str, ...]) -> tuple[float, ...]:
-    if result.level is None:
+    if result.model_fit is None:
         return ()
-    found = model_from(base_model(NOMINAL), result.level.fitted.packed, result.level.free)
+    found = model_from(base_model(NOMINAL), result.model_fit.fitted.packed, result.model_fit.free)
     return tuple(coefficient_error(found, truth, effect) for effect in planted)
 
 
 def _ratio(result: Diagnosis) -> float:
-    study, root = result.study, result.root
-    if study is None or root is None:
+    problem, root = result.problem, result.root
+    if problem is None or root is None:
         return math.nan
-    variance, _ = study.repeatable(root.fitted.error, root.correction, TRAINING)
-    noise = study.noise_variance(root.fitted.error, TRAINING)
+    variance, _ = problem.repeatable(root.fitted.error, root.correction, TRAINING)
+    noise = problem.noise_variance(root.fitted.error, TRAINING)
     return math.copysign(math.sqrt(abs(variance) / noise), variance)
 
 

@@ -43,7 +43,7 @@ from tests.support.diagnosis_programme import play, programme
 FACTORS = (0.7, 1.4)
 REMEMBERED: tuple[tuple[Any, str], ...] = (
     (controller, "_searched"),
-    (problem.Study, "correction"),
+    (problem.Problem, "correction"),
     (problem, "fit"),
     (screening, "fit"),
     (screening, "held_out"),

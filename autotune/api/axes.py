@@ -22,7 +22,7 @@ from autotune.tuning import run
 from autotune.tuning.links import open_link
 from autotune.tuning.motion_plan import planned_run
 from autotune.tuning.outcome import RunResult
-from autotune.tuning.preparation import Hold
+from autotune.tuning.preparation import SessionRequest
 from autotune.tuning.recording_run import record_programme
 
 Say: TypeAlias = Callable[[str], None]
@@ -56,8 +56,8 @@ def simulate(
     axis = _simulated(what)
     with TemporaryDirectory() as folder:
         runs = Path(folder)
-        hold = Hold(axis, lambda: open_link(axis, runs, runs), runs, Told(quiet), datetime.now)
-        return record_programme(hold, programme, runs / "simulated.parquet")
+        request = SessionRequest(axis, lambda: open_link(axis, runs, runs), runs, Told(quiet), datetime.now)
+        return record_programme(request, programme, runs / "simulated.parquet")
 
 
 def tune(

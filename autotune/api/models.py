@@ -82,7 +82,7 @@ def compare(recordings: Recordings, model: Model) -> Comparison:
     known = _model(model)
     with _one_thread():
         found = compare_model(_read(recordings), known)
-    data = found.study.data
+    data = found.problem.data
     order = np.argsort(data.grid, kind="stable")
     return Comparison(
         known.torque_symbol, found.error_rms, found.relative_error, found.noise_floor_rms,

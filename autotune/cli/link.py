@@ -23,15 +23,15 @@ def link(
     from autotune.tuning.link_check import check_link, remarks_of
     from autotune.tuning.link_words import lines
     from autotune.tuning.links import open_link
-    from autotune.tuning.preparation import Hold
+    from autotune.tuning.preparation import SessionRequest
     from autotune.view.console import Stage
 
     axis = read_axis(axis_file)
     directory = axis_file.resolve().parent
     load, remarks = remarks_of(axis, directory)
     with holding(axis, axis_file, "link"), reporting(stages=[Stage("link", 8.0)]) as console:
-        hold = Hold(axis, lambda: open_link(axis, directory, runs), runs, console, datetime.now)
-        report = check_link(hold, load, remarks)
+        request = SessionRequest(axis, lambda: open_link(axis, directory, runs), runs, console, datetime.now)
+        report = check_link(request, load, remarks)
     if as_json:
         answer_json(report.as_json())
         return

@@ -33,7 +33,7 @@ def record(
     """Play a programme on the axis and write the recording."""
     from autotune.tuning.links import open_link
     from autotune.tuning.motion_plan import planned_programme
-    from autotune.tuning.preparation import Hold
+    from autotune.tuning.preparation import SessionRequest
     from autotune.tuning.recording_run import record_programme
 
     if out.suffix not in ENDINGS or not out.resolve().parent.is_dir():
@@ -42,7 +42,7 @@ def record(
     confirmation(axis, yes, planned_programme(axis, programme), "record")
     with holding(axis, axis_file, "record"), reporting(stages=[Stage("record", 60.0)]) as console:
         recording = record_programme(
-            Hold(
+            SessionRequest(
                 axis, lambda: open_link(axis, axis_file.resolve().parent, runs), runs, console, datetime.now
             ),
             programme,

@@ -10,7 +10,7 @@ from autotune.core.errors import NotEnoughExcitation
 from autotune.diagnosis.candidates import Progress, no_progress
 from autotune.diagnosis.evidence import evidence_of
 from autotune.estimation.alignment import without_twin
-from autotune.estimation.bias_corrected_fit import Level, fit_inside_twin
+from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import as_rough, fitted_contact
 from autotune.estimation.controller import find_controller
 from autotune.estimation.controller_torque import loop_note, refuse_answers
@@ -20,11 +20,11 @@ from autotune.estimation.free_parameters import free_of_model
 from autotune.estimation.least_squares import Free
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import (
-    Study,
+    Problem,
     base_free,
     by_steadiness,
+    new_problem,
     refit,
-    start_study,
     with_expected_noise,
 )
 from autotune.estimation.residual import smoothed
@@ -37,7 +37,7 @@ def begin(
     progress: Progress = no_progress,
     simulations: int = 2,
     policy: Policy = POLICY,
-) -> tuple[Study, Level, Packed, tuple[str, ...]]:
+) -> tuple[Problem, ModelFit, Packed, tuple[str, ...]]:
     """Controller, noise and the fit of the model as it is.
 
     Raises:
@@ -50,73 +50,80 @@ def begin(
     if not found.usable:
         data, said = without_twin(data)
         notes = (f"No twin: {found.why}. Confidence is lower.", *said, *loop_note(data, policy))
-    study = start_study(data, found, policy)
+    problem = new_problem(data, found, policy)
     progress("fit of the model as it is")
-    free = [*base_free(packed, study.scales, data.metadata.motion_unit), *free_of_model(model, study.scales)]
-    level = _first_level(replace(study, simulations=simulations), packed, free)
-    if level is None and study.twin:
+    free = [
+        *base_free(packed, problem.scales, data.metadata.motion_unit),
+        *free_of_model(model, problem.scales),
+    ]
+    model_fit = _first_fit(replace(problem, simulations=simulations), packed, free)
+    if model_fit is None and problem.twin:
         data, said = without_twin(data)
         notes = ("No twin: a simulation of the model with this controller is unstable or rings.", *said)
-        study = start_study(data, None, policy)
-        level = _first_level(study, packed, free)
-    if level is None:
+        problem = new_problem(data, None, policy)
+        model_fit = _first_fit(problem, packed, free)
+    if model_fit is None:
         raise NotEnoughExcitation(
             "the model does not fit these recordings at all; check that model and recordings are of the "
             "same axis, or fit a new model: autotune model fit"
         )
-    study, settled = _aligned(*level)
-    _refuse_misfit(study, settled)
-    dropped = 1.0 - float(np.mean(study.weight > 0))
+    problem, settled = _aligned(*model_fit)
+    _refuse_misfit(problem, settled)
+    dropped = 1.0 - float(np.mean(problem.weight > 0))
     if dropped > 0.0:
         notes = (*notes, f"{100 * dropped:.1f} % of the rows were left out: starts, stops or disturbances.")
-    return study, settled, packed, (*notes, *evidence_of(study.data).limits(study))
+    return problem, settled, packed, (*notes, *evidence_of(problem.data).limits(problem))
 
 
-def _first_level(study: Study, packed: Packed, free: list[Free]) -> tuple[Study, Level] | None:
-    start = study.correction(packed, 1)
+def _first_fit(problem: Problem, packed: Packed, free: list[Free]) -> tuple[Problem, ModelFit] | None:
+    start = problem.correction(packed, 1)
     if not start.stable:
         start = replace(start, stable=True)
-    fitted = refit(study, packed, free, start, 8)
+    fitted = refit(problem, packed, free, start, 8)
     if not np.isfinite(fitted.cost):
         return None
-    evidence = evidence_of(study.data)
-    weight = evidence.weights(study, fitted.error)
+    evidence = evidence_of(problem.data)
+    weight = evidence.weights(problem, fitted.error)
     if weight is not None:
-        study = replace(study, weight=weight)
-        fitted = refit(study, fitted.packed, free, start, 4)
-        fitted, free = fitted_contact(study, fitted, start, free)
+        problem = replace(problem, weight=weight)
+        fitted = refit(problem, fitted.packed, free, start, 4)
+        fitted, free = fitted_contact(problem, fitted, start, free)
     plain = fitted.cost
     for _ in range(2):
-        study = replace(study, disturbance=estimate_disturbance(study, fitted.packed))
-        study = as_rough(study, fitted.packed)
-        correction = study.correction(fitted.packed, 1)
+        problem = replace(problem, disturbance=estimate_disturbance(problem, fitted.packed))
+        problem = as_rough(problem, fitted.packed)
+        correction = problem.correction(fitted.packed, 1)
         if not correction.stable:
             return None
-        fitted = refit(study, fitted.packed, free, correction, 4)
-    study = with_expected_noise(by_steadiness(study, fitted.error), fitted.packed)
-    level = fit_inside_twin(study, fitted.packed, free, 2)
-    if study.two_masses(packed):  # with a held bias these fits walk off: the model may be nearer
-        as_given = fit_inside_twin(study, packed, free, 2)
-        if level is None or (as_given is not None and as_given.fitted.cost < level.fitted.cost):
-            level = as_given
-    if level is not None and not evidence.repeats and level.fitted.cost > study.policy.twin_worse * plain:
+        fitted = refit(problem, fitted.packed, free, correction, 4)
+    problem = with_expected_noise(by_steadiness(problem, fitted.error), fitted.packed)
+    model_fit = fit_inside_twin(problem, fitted.packed, free, 2)
+    if problem.two_masses(packed):  # with a held bias these fits walk off: the model may be nearer
+        as_given = fit_inside_twin(problem, packed, free, 2)
+        if model_fit is None or (as_given is not None and as_given.fitted.cost < model_fit.fitted.cost):
+            model_fit = as_given
+    if (
+        model_fit is not None
+        and not evidence.repeats
+        and model_fit.fitted.cost > problem.policy.twin_worse * plain
+    ):
         return None
-    return None if level is None else (study, level)
+    return None if model_fit is None else (problem, model_fit)
 
 
-def _aligned(study: Study, level: Level) -> tuple[Study, Level]:
+def _aligned(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit]:
     """Torque and motion of a single recording aligned to this model, and the model fitted again."""
-    again = evidence_of(study.data).aligned(study, level)
-    if again is study:
-        return study, level
-    return again, fit_inside_twin(again, level.fitted.packed, list(level.free), 2) or level
+    again = evidence_of(problem.data).aligned(problem, model_fit)
+    if again is problem:
+        return problem, model_fit
+    return again, fit_inside_twin(again, model_fit.fitted.packed, list(model_fit.free), 2) or model_fit
 
 
-def _refuse_misfit(study: Study, level: Level) -> None:
-    rows = study.training > 0
-    torque = smoothed(study.data, study.data.torque)[rows]
-    share = float(np.var(level.fitted.error[rows])) / max(float(np.var(torque)), 1e-300)
-    if share > study.policy.misfit:
+def _refuse_misfit(problem: Problem, model_fit: ModelFit) -> None:
+    rows = problem.training > 0
+    torque = smoothed(problem.data, problem.data.torque)[rows]
+    share = float(np.var(model_fit.fitted.error[rows])) / max(float(np.var(torque)), 1e-300)
+    if share > problem.policy.misfit:
         raise NotEnoughExcitation(
             f"the model explains only {100 * max(1 - share, 0.0):.0f} % of the torque even after refitting; is the "
             "sign or the unit of the torque wrong, or the model of another axis? Fit a new model with "

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from autotune.estimation.bias_corrected_fit import Level
+from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.cross_validation import Explained
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.least_squares import Fitted
-from autotune.estimation.problem import Study
+from autotune.estimation.problem import Problem
 from autotune.models.drive_model import Packed
 
 Progress = Callable[[str], None]
@@ -47,7 +47,7 @@ class FittedCandidate:
     """
 
     effect: str
-    level: Level
+    model_fit: ModelFit
     gain: float
     training: Explained
     veto: Explained | None
@@ -59,8 +59,8 @@ class FittedCandidate:
         return min(self.training.share, self.veto.share if self.veto else 1.0)
 
 
-def error_left(study: Study, level: Level) -> float:
+def error_left(problem: Problem, model_fit: ModelFit) -> float:
     """Error on training and veto together, each by its own share of the rows [(N m)²]."""
-    error = level.fitted.error
-    total = study.mean_square(error, TRAINING)
-    return total + (study.mean_square(error, VETO) if study.has(VETO) else 0.0)
+    error = model_fit.fitted.error
+    total = problem.mean_square(error, TRAINING)
+    return total + (problem.mean_square(error, VETO) if problem.has(VETO) else 0.0)

@@ -26,7 +26,7 @@ from autotune.estimation.disturbance import STILL
 from autotune.estimation.free_parameters import free_of_model
 from autotune.estimation.least_squares import fit
 from autotune.estimation.model_error import ModelError, NoiseFloor, model_error, noise_floor
-from autotune.estimation.problem import Study, base_free
+from autotune.estimation.problem import Problem, base_free
 from autotune.estimation.residual import residual, run_twin
 from autotune.models import layout
 from autotune.models.drive_model import DriveModel, Packed
@@ -75,7 +75,7 @@ class Compared:
     where: Mapping[str, float]
     twin: bool
     position_rms: float
-    study: Study
+    problem: Problem
     error: Floats
     rows: Flags
     notes: tuple[str, ...] = ()
@@ -120,14 +120,14 @@ def compare(recordings: Sequence[Recording], model: DriveModel) -> Compared:
     """
     check_same_axis(model, recordings)
     left = model_error(prepared_for(recordings), model)
-    return _measures(left, model, _position_error(left.study, model))
+    return _measures(left, model, _position_error(left.problem, model))
 
 
 def _measures(left: ModelError, model: DriveModel, position: float) -> Compared:
-    study, error, rows = left.study, left.error, left.rows
-    data = study.data
+    problem, error, rows = left.problem, left.error, left.rows
+    data = problem.data
     square = left.error_rms**2
-    noise = noise_floor(study, error, rows)
+    noise = noise_floor(problem, error, rows)
     floor = noise.rms**2 if noise is not None else 0.0
     explainable = max(float(np.var(left.torque)) - floor, 1e-300)
     return Compared(
@@ -139,20 +139,20 @@ def _measures(left: ModelError, model: DriveModel, position: float) -> Compared:
         worst_places(data, error, rows),
         regimes(data, model, error, rows),
         variance_shares(data, error, rows),
-        study.twin,
+        problem.twin,
         position,
-        study,
+        problem,
         error,
         rows,
         left.notes,
     )
 
 
-def _position_error(study: Study, model: DriveModel) -> float:
-    if study.controller is None:
+def _position_error(problem: Problem, model: DriveModel) -> float:
+    if problem.controller is None:
         return math.nan
-    run = run_twin(study.data, model.pack(), study.controller, STILL, np.random.default_rng(0))
-    return float(np.sqrt(np.mean((run.position - study.data.measured) ** 2))) if run.stable else math.nan
+    run = run_twin(problem.data, model.pack(), problem.controller, STILL, np.random.default_rng(0))
+    return float(np.sqrt(np.mean((run.position - problem.data.measured) ** 2))) if run.stable else math.nan
 
 
 def worst_places(data: Prepared, error: Floats, rows: Flags) -> tuple[Worst, ...]:
@@ -196,34 +196,34 @@ def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2))) if len(values) else math.nan
 
 
-def roles_unseen(study: Study) -> list[str]:
+def roles_unseen(problem: Problem) -> list[str]:
     """Which of the roles that are never fitted the recordings have."""
-    return [role for role in (VETO, TEST) if study.has(role)]
+    return [role for role in (VETO, TEST) if problem.has(role)]
 
 
-def floor_of_unseen(study: Study, error: Floats) -> NoiseFloor | None:
+def floor_of_unseen(problem: Problem, error: Floats) -> NoiseFloor | None:
     """The floor on the repeated rows that were not fitted, else on those that were."""
-    counted = study.weight > 0
-    unseen = noise_floor(study, error, counted & study.data.role(VETO, TEST))
-    return unseen or noise_floor(study, error, counted & study.data.role(TRAINING))
+    counted = problem.weight > 0
+    unseen = noise_floor(problem, error, counted & problem.data.role(VETO, TEST))
+    return unseen or noise_floor(problem, error, counted & problem.data.role(TRAINING))
 
 
 def unseen_error(result: Compared, model: DriveModel) -> UnseenError:
     """What `compare` found, on the data that the model's fit has not seen."""
-    study, error = result.study, result.error
-    floor = floor_of_unseen(study, error)
-    if roles := roles_unseen(study):
-        rows = result.rows & study.data.role(*roles)
+    problem, error = result.problem, result.error
+    floor = floor_of_unseen(problem, error)
+    if roles := roles_unseen(problem):
+        rows = result.rows & problem.data.role(*roles)
         return UnseenError(math.sqrt(float(np.mean(error[rows] ** 2))), floor, " and ".join(roles))
-    total = held_out(study, error, _sensitivities(study, model, error)).total
-    return UnseenError(math.sqrt(total / max(float(study.training.sum()), 1.0)), floor, EACH_IN_TURN)
+    total = held_out(problem, error, _sensitivities(problem, model, error)).total
+    return UnseenError(math.sqrt(total / max(float(problem.training.sum()), 1.0)), floor, EACH_IN_TURN)
 
 
-def _sensitivities(study: Study, model: DriveModel, error: Floats) -> Floats:
+def _sensitivities(problem: Problem, model: DriveModel, error: Floats) -> Floats:
     """Columns of the residual's change with the model's parameters, shape (m, parameters)."""
     packed = model.pack()
     inside = Packed(packed.p.copy(), packed.on)
-    free = [*base_free(inside, study.scales, model.motion_unit), *free_of_model(model, study.scales)]
+    free = [*base_free(inside, problem.scales, model.motion_unit), *free_of_model(model, problem.scales)]
     free = [replace(one, lower=min(one.lower, packed.p[one.slot])) for one in free]
-    bias = residual(study.data, packed, study.moved) - error
-    return fit(study.data, study.moved, packed, free, bias, study.training, iterations=0).jacobian
+    bias = residual(problem.data, packed, problem.moved) - error
+    return fit(problem.data, problem.moved, packed, free, bias, problem.training, iterations=0).jacobian

@@ -23,10 +23,10 @@ from autotune.diagnosis.evidence.visibility import visible
 from autotune.diagnosis.refits import inside_twin, without_effect
 from autotune.diagnosis.screening import rank
 from autotune.diagnosis.search import Found
-from autotune.estimation.bias_corrected_fit import Level
+from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.cross_validation import Unseen, gain_and_z
 from autotune.estimation.policy import Policy
-from autotune.estimation.problem import Study
+from autotune.estimation.problem import Problem
 from autotune.models.drive_model import Packed
 
 MOST_RIVALS = 3
@@ -35,54 +35,54 @@ MOST_RIVALS = 3
 
 def confirm(found: Found, nominal: Packed) -> tuple[FittedCandidate | None, list[HoldoutResult]]:
     """What was found, without the effects that another trajectory refutes, and what it said of each of them."""
-    chosen, study, root = found.chosen, found.study, found.root
-    evidence = evidence_of(study.data)
-    folds = evidence.other_trajectories(study)
+    chosen, problem, root = found.chosen, found.problem, found.root
+    evidence = evidence_of(problem.data)
+    folds = evidence.other_trajectories(problem)
     if chosen is None or not folds:
         return chosen, []
-    carried = hold_out(study, root, chosen, folds)
-    left = without_refuted(study, root, chosen, carried)
+    carried = hold_out(problem, root, chosen, folds)
+    left = without_refuted(problem, root, chosen, carried)
     if left is None:
         return None, carried
     return left, [
-        compare_alternatives(study, evidence, root, left, item, found.first, nominal, folds)
-        if item.lowers and item.effect in left.level.effects
+        compare_alternatives(problem, evidence, root, left, item, found.first, nominal, folds)
+        if item.lowers and item.effect in left.model_fit.effects
         else item
         for item in carried
     ]
 
 
 def hold_out(
-    study: Study, root: Level, chosen: FittedCandidate, folds: Sequence[Flags]
+    problem: Problem, root: ModelFit, chosen: FittedCandidate, folds: Sequence[Flags]
 ) -> list[HoldoutResult]:
     """For every effect found: what it does to the error on trajectories that were not fitted."""
     found = []
-    for effect in chosen.level.effects:
-        less = _level_without(study, root, chosen.level, effect)
-        result = None if less is None else _carried(study, folds, less, chosen.level, effect)
+    for effect in chosen.model_fit.effects:
+        less = _fit_without(problem, root, chosen.model_fit, effect)
+        result = None if less is None else _carried(problem, folds, less, chosen.model_fit, effect)
         if result is not None:
             found.append(result)
     return found
 
 
 def without_refuted(
-    study: Study, root: Level, chosen: FittedCandidate, carried: Sequence[HoldoutResult]
+    problem: Problem, root: ModelFit, chosen: FittedCandidate, carried: Sequence[HoldoutResult]
 ) -> FittedCandidate | None:
     """The model without the effects that another trajectory refutes; None where no effect is left."""
     for item in carried:
         if not item.refuted:
             continue
-        if len(chosen.level.effects) < 2:
+        if len(chosen.model_fit.effects) < 2:
             return None
-        less = without_effect(study, root, chosen.level, item.effect)
+        less = without_effect(problem, root, chosen.model_fit, item.effect)
         chosen = less if less is not None else chosen
     return chosen
 
 
 def compare_alternatives(
-    study: Study,
+    problem: Problem,
     evidence: Evidence,
-    root: Level,
+    root: ModelFit,
     chosen: FittedCandidate,
     item: HoldoutResult,
     first: Sequence[ScreenedCandidate],
@@ -93,17 +93,19 @@ def compare_alternatives(
 
     `first` are the candidates as they were ranked before anything was found.
     """
-    less = _level_without(study, root, chosen.level, item.effect)
+    less = _fit_without(problem, root, chosen.model_fit, item.effect)
     if less is None:
         return item
-    ranked = rank(study, evidence, less, nominal, no_progress) if less.effects else first
+    ranked = rank(problem, evidence, less, nominal, no_progress) if less.effects else first
     own = next((one.gain for one in ranked if one.effect == item.effect), item.gain)
-    near = [one for one in ranked if _rival(study, one, item.effect, own)]
-    error = _pieces(study, chosen.level, folds)
+    near = [one for one in ranked if _rival(problem, one, item.effect, own)]
+    error = _pieces(problem, chosen.model_fit, folds)
     rivals = []
     for one in near[:MOST_RIVALS]:
-        fitted = inside_twin(study, root, less, one)
-        if fitted is not None and not _clearly_less(study.policy, error, _pieces(study, fitted.level, folds)):
+        fitted = inside_twin(problem, root, less, one)
+        if fitted is not None and not _clearly_less(
+            problem.policy, error, _pieces(problem, fitted.model_fit, folds)
+        ):
             rivals.append(one.effect)
     return replace(item, rivals=tuple(rivals))
 
@@ -126,24 +128,24 @@ def _listed(effects: Sequence[str]) -> str:
     return " or ".join(effect.replace("_", " ") for effect in effects)
 
 
-def _level_without(study: Study, root: Level, level: Level, effect: str) -> Level | None:
+def _fit_without(problem: Problem, root: ModelFit, model_fit: ModelFit, effect: str) -> ModelFit | None:
     """The model fitted without one of its effects."""
-    if len(level.effects) < 2:
+    if len(model_fit.effects) < 2:
         return root
-    without = without_effect(study, root, level, effect)
-    return None if without is None else without.level
+    without = without_effect(problem, root, model_fit, effect)
+    return None if without is None else without.model_fit
 
 
 def _carried(
-    study: Study, folds: Sequence[Flags], less: Level, more: Level, effect: str
+    problem: Problem, folds: Sequence[Flags], less: ModelFit, more: ModelFit, effect: str
 ) -> HoldoutResult | None:
     """None where both models are so far off on the other trajectories that nothing can be compared."""
     before: list[float] = []
     after: list[float] = []
     for held in folds:
-        plain, with_effect = carried_error(study, less, held), carried_error(study, more, held)
+        plain, with_effect = carried_error(problem, less, held), carried_error(problem, more, held)
         size = min(float(np.mean(error[held] ** 2)) for error in (plain, with_effect))
-        if not size < study.policy.lost * max(less.fitted.cost, 1e-300):
+        if not size < problem.policy.lost * max(less.fitted.cost, 1e-300):
             continue
         before += chunks_of(plain[held])
         after += chunks_of(with_effect[held])
@@ -152,18 +154,20 @@ def _carried(
     gain, z = gain_and_z(Unseen(np.array(before)), Unseen(np.array(after)))
     if not math.isfinite(gain):
         return None
-    policy = study.policy
+    policy = problem.policy
     lowers = gain >= policy.confirming_gain or (gain >= policy.least_gain and z >= policy.apart_z)
     return HoldoutResult(effect, gain, z, lowers)
 
 
-def _rival(study: Study, one: ScreenedCandidate, effect: str, gain: float) -> bool:
-    return one.effect != effect and one.gain >= study.policy.rival_gain * gain and visible(study, one)
+def _rival(problem: Problem, one: ScreenedCandidate, effect: str, gain: float) -> bool:
+    return one.effect != effect and one.gain >= problem.policy.rival_gain * gain and visible(problem, one)
 
 
-def _pieces(study: Study, level: Level, folds: Sequence[Flags]) -> Unseen:
+def _pieces(problem: Problem, model_fit: ModelFit, folds: Sequence[Flags]) -> Unseen:
     """Squared error on every trajectory, of the model fitted to the others."""
-    return Unseen(np.array([p for held in folds for p in chunks_of(carried_error(study, level, held)[held])]))
+    return Unseen(
+        np.array([p for held in folds for p in chunks_of(carried_error(problem, model_fit, held)[held])])
+    )
 
 
 def _clearly_less(policy: Policy, own: Unseen, rival: Unseen) -> bool:

@@ -17,10 +17,10 @@ from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.candidates import Progress
 from autotune.diagnosis.search import search
 from autotune.estimation.bandwidth import prepared_for
-from autotune.estimation.bias_corrected_fit import Level
+from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.data import TRAINING
 from autotune.estimation.policy import Policy
-from autotune.estimation.problem import Study, refit
+from autotune.estimation.problem import Problem, refit
 from autotune.estimation.residual import smoothed
 from autotune.models.drive_model import DriveModel, Packed
 from autotune.models.effect import Kind
@@ -53,18 +53,20 @@ def doubt_of(
         return None
     try:
         progress("what the first recording names by itself")
-        study, root, nominal, _ = begin(prepared_for(recordings[:1], policy), model, progress, policy=policy)
-        study = replace(study, candidates=candidates)
-        found = search(study, root, nominal, progress)
-        names = () if found.chosen is None else found.chosen.level.effects
+        problem, root, nominal, _ = begin(
+            prepared_for(recordings[:1], policy), model, progress, policy=policy
+        )
+        problem = replace(problem, candidates=candidates)
+        found = search(problem, root, nominal, progress)
+        names = () if found.chosen is None else found.chosen.model_fit.effects
         missing = [name for name in effects if name not in names]
         if missing or found.chosen is None:
             return Doubt(f"the first recording by itself does not show {_listed(missing or effects)}")
-        share = unexplained(found.study, found.chosen.level)
+        share = unexplained(found.problem, found.chosen.model_fit)
         if share > MOST_UNEXPLAINED:
             return Doubt(_unexplained("the first recording", share))
         for number, recording in enumerate(recordings[1:], 2):
-            why = _elsewhere(recording, number, model, found.chosen.level, progress, policy)
+            why = _elsewhere(recording, number, model, found.chosen.model_fit, progress, policy)
             if why is not None:
                 return Doubt(why)
     except AutotuneError as reason:
@@ -72,28 +74,33 @@ def doubt_of(
     return None
 
 
-def unexplained(study: Study, level: Level) -> float:
+def unexplained(problem: Problem, model_fit: ModelFit) -> float:
     """Share of the torque's variance that a model leaves on the rows that count."""
-    rows = study.training > 0
-    torque = smoothed(study.data, study.data.torque)[rows]
-    return float(np.var(level.fitted.error[rows])) / max(float(np.var(torque)), 1e-300)
+    rows = problem.training > 0
+    torque = smoothed(problem.data, problem.data.torque)[rows]
+    return float(np.var(model_fit.fitted.error[rows])) / max(float(np.var(torque)), 1e-300)
 
 
 def _elsewhere(
-    recording: Recording, number: int, model: DriveModel, level: Level, progress: Progress, policy: Policy
+    recording: Recording,
+    number: int,
+    model: DriveModel,
+    model_fit: ModelFit,
+    progress: Progress,
+    policy: Policy,
 ) -> str | None:
-    """What another recording says against the effects of `level`, with only the base refitted to it."""
-    study, root, _, _ = begin(prepared_for([recording], policy), model, progress, policy=policy)
-    before = study.mean_square(root.fitted.error, TRAINING)
-    packed = with_effects(root.fitted.packed, level.fitted.packed, level.effects)
-    correction = study.correction(packed)
+    """What another recording says against the effects of `model_fit`, with only the base refitted to it."""
+    problem, root, _, _ = begin(prepared_for([recording], policy), model, progress, policy=policy)
+    before = problem.mean_square(root.fitted.error, TRAINING)
+    packed = with_effects(root.fitted.packed, model_fit.fitted.packed, model_fit.effects)
+    correction = problem.correction(packed)
     if not correction.stable:
         return f"with these effects recording {number} cannot be simulated"
-    fitted = refit(study, packed, list(root.free), correction, ITERATIONS)
-    after = study.mean_square(fitted.error, TRAINING)
+    fitted = refit(problem, packed, list(root.free), correction, ITERATIONS)
+    after = problem.mean_square(fitted.error, TRAINING)
     if after >= (1.0 - policy.least_gain) * before:
         return f"recording {number}, with only the base refitted, errs no less with them than without"
-    share = unexplained(study, replace(root, fitted=fitted))
+    share = unexplained(problem, replace(root, fitted=fitted))
     return _unexplained(f"recording {number}", share) if share > MOST_UNEXPLAINED else None
 
 

@@ -23,12 +23,12 @@ from autotune.diagnosis.resolved_memory import resolved
 from autotune.diagnosis.ripple_orders import with_whole_orders
 from autotune.diagnosis.screening import screen
 from autotune.estimation.bandwidth import prepared_for, prepared_to_fit
-from autotune.estimation.bias_corrected_fit import Level, fit_inside_twin
+from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.data import Prepared, prepare
 from autotune.estimation.free_parameters import model_from
 from autotune.estimation.least_squares import Fitted, standard_errors
 from autotune.estimation.policy import POLICY, Policy
-from autotune.estimation.problem import Study, start_study
+from autotune.estimation.problem import Problem, new_problem
 from autotune.estimation.residual import residual, smoothed
 from autotune.models.drive_model import DriveModel, HistoryEntry, Packed, base_model
 from autotune.models.table import effect_kind
@@ -67,13 +67,13 @@ def fit_model(
         # constant speeds tell nothing about inertia and presliding; the noise on them a little
         rough = starting_model(prepare(recordings), policy)
         start = start.with_values({name: rough[name] for name in ("inertia", "stiffness", "micro_damping")})
-    study, level, nominal, notes = begin(data, start, progress, policy=policy)
+    problem, model_fit, nominal, notes = begin(data, start, progress, policy=policy)
     for effect in effects:
         progress(f"refit with {effect}")
-        study, _, level = grown(study, level, nominal, effect, start)
-    errors = standard_errors(level.fitted, study.training)
-    model = model_from(start, level.fitted.packed, level.fitted.free, errors)
-    relative = relative_error(study, level)
+        problem, _, model_fit = grown(problem, model_fit, nominal, effect, start)
+    errors = standard_errors(model_fit.fitted, problem.training)
+    model = model_from(start, model_fit.fitted.packed, model_fit.fitted.free, errors)
+    relative = relative_error(problem, model_fit)
     reason = _reason(model, policy)
     if not reason and relative > POOR:
         notes = (
@@ -83,7 +83,7 @@ def fit_model(
         )
     if data.steady:
         notes = (*notes, "Only the curve over constant speeds was fitted; inertia and stiffness are rough.")
-    if study.scales.one_way:
+    if problem.scales.one_way:
         notes = (
             *notes,
             "The axis moved one way only: offset and Coulomb friction are one number; it is "
@@ -92,11 +92,11 @@ def fit_model(
     return FittedModel(model, not reason, reason, relative, notes)
 
 
-def relative_error(study: Study, level: Level) -> float:
+def relative_error(problem: Problem, model_fit: ModelFit) -> float:
     """Norm of the residual over norm of the torque, on what was fitted."""
-    rows = study.training > 0
-    torque = smoothed(study.data, study.data.torque)[rows]
-    return float(np.linalg.norm(level.fitted.error[rows]) / max(float(np.linalg.norm(torque)), 1e-300))
+    rows = problem.training > 0
+    torque = smoothed(problem.data, problem.data.torque)[rows]
+    return float(np.linalg.norm(model_fit.fitted.error[rows]) / max(float(np.linalg.norm(torque)), 1e-300))
 
 
 def starting_model(data: Prepared, policy: Policy = POLICY) -> DriveModel:
@@ -105,8 +105,8 @@ def starting_model(data: Prepared, policy: Policy = POLICY) -> DriveModel:
     Raises:
         NotEnoughExcitation: inertia or friction cannot be told from the motion.
     """
-    study = start_study(data, None)
-    values = _least_squares(data, study.scales.one_way, policy)
+    problem = new_problem(data, None)
+    values = _least_squares(data, problem.scales.one_way, policy)
     travel = float(np.ptp(data.position[data.grid]))
     best = (math.inf, values)
     for reach in REACHES[:1] if data.steady else REACHES:
@@ -114,7 +114,7 @@ def starting_model(data: Prepared, policy: Policy = POLICY) -> DriveModel:
         damping = 0.3 * math.sqrt(stiffness * values["inertia"])
         trial = {**values, "stiffness": stiffness, "micro_damping": damping}
         packed = base_model(trial, motion_unit=data.metadata.motion_unit).pack()
-        cost = float(np.mean(residual(data, packed, study.moved)[study.training > 0] ** 2))
+        cost = float(np.mean(residual(data, packed, problem.moved)[problem.training > 0] ** 2))
         best = min(best, (cost, trial), key=lambda item: item[0])
     meta = data.metadata
     return base_model(best[1], None, meta.motion_unit, meta.axis, meta.fingerprint, meta.torque_unit)
@@ -204,71 +204,76 @@ def add_effect(
     """
     effect_kind(effect)
     check_same_axis(model, recordings)
-    study, root, nominal, notes = begin(prepared_to_fit(recordings, policy), model, progress, policy=policy)
+    problem, root, nominal, notes = begin(prepared_to_fit(recordings, policy), model, progress, policy=policy)
     progress(f"refit with {effect}")
-    study, root, level = grown(study, root, nominal, effect, model)
-    level = resolved(study, level) or level
-    before, after, floor, unseen = held_out_errors(study, root, level)
-    improved = updated_model(model, study, level.fitted)
+    problem, root, model_fit = grown(problem, root, nominal, effect, model)
+    model_fit = resolved(problem, model_fit) or model_fit
+    before, after, floor, unseen = held_out_errors(problem, root, model_fit)
+    improved = updated_model(model, problem, model_fit.fitted)
     known_floor = floor if math.isfinite(floor) else None
     entry = HistoryEntry(when, f"+ {effect}", source, before, after, known_floor, unseen)
     return Added(improved.with_history(entry), before, after, floor, unseen, notes)
 
 
 def grown(
-    study: Study, root: Level, nominal: Packed, effect: str, model: DriveModel
-) -> tuple[Study, Level, Level]:
-    """The model without and with an effect, and the study, whose columns may have been aligned anew.
+    problem: Problem, root: ModelFit, nominal: Packed, effect: str, model: DriveModel
+) -> tuple[Problem, ModelFit, ModelFit]:
+    """The model without and with an effect, and the problem, whose columns may have been aligned anew.
 
     Raises:
         NotEnoughExcitation: the data do not allow it, or the twin becomes unstable.
     """
-    level = _with_effect(study, root, nominal, effect, model)
+    model_fit = _with_effect(problem, root, nominal, effect, model)
     for _ in range(4):
-        again = evidence_of(study.data).aligned(study, level)
-        if again is study:
+        again = evidence_of(problem.data).aligned(problem, model_fit)
+        if again is problem:
             break
-        study = again
-        root = fit_inside_twin(study, root.fitted.packed, list(root.free), 2) or root
-        level = fit_inside_twin(study, level.fitted.packed, list(level.free), 3, level.effects) or level
-    return study, root, with_whole_orders(study, without_insignificant_terms(study, level))
+        problem = again
+        root = fit_inside_twin(problem, root.fitted.packed, list(root.free), 2) or root
+        model_fit = (
+            fit_inside_twin(problem, model_fit.fitted.packed, list(model_fit.free), 3, model_fit.effects)
+            or model_fit
+        )
+    return problem, root, with_whole_orders(problem, without_insignificant_terms(problem, model_fit))
 
 
-def _with_effect(study: Study, root: Level, nominal: Packed, effect: str, model: DriveModel) -> Level:
+def _with_effect(
+    problem: Problem, root: ModelFit, nominal: Packed, effect: str, model: DriveModel
+) -> ModelFit:
     """The model with the effect, at its best.
 
     Raises:
         NotEnoughExcitation: the data do not allow it, or the twin becomes unstable.
     """
-    screened = screen(study, evidence_of(study.data), root, nominal, effect)
+    screened = screen(problem, evidence_of(problem.data), root, nominal, effect)
     if screened is None:
         raise NotEnoughExcitation(
             f"these recordings cannot say anything about {effect}: {_why_not(effect, model)}. "
             f"It would look like this: {effect_kind(effect).looks_like}"
         )
-    refitted = inside_twin(study, root, root, screened)
+    refitted = inside_twin(problem, root, root, screened)
     if refitted is None:
         raise NotEnoughExcitation(
             f"with {effect} the simulated axis becomes unstable on these recordings; record the programme "
             "'diagnosis' once more, or add another effect first"
         )
-    return refitted.level
+    return refitted.model_fit
 
 
-def updated_model(model: DriveModel, study: Study, fitted: Fitted) -> DriveModel:
+def updated_model(model: DriveModel, problem: Problem, fitted: Fitted) -> DriveModel:
     """The model with fitted values, effects and standard errors."""
-    return model_from(model, fitted.packed, fitted.free, standard_errors(fitted, study.training))
+    return model_from(model, fitted.packed, fitted.free, standard_errors(fitted, problem.training))
 
 
-def held_out_errors(study: Study, before: Level, after: Level) -> tuple[float, float, float, str]:
+def held_out_errors(problem: Problem, before: ModelFit, after: ModelFit) -> tuple[float, float, float, str]:
     """Rms before and after, noise floor, and on which data: veto and test, else held-out experiments."""
-    floor = floor_of_unseen(study, after.fitted.error)
+    floor = floor_of_unseen(problem, after.fitted.error)
     noise = floor.rms if floor is not None else math.nan
-    if roles := roles_unseen(study):
-        rows = study.data.role(*roles)
+    if roles := roles_unseen(problem):
+        rows = problem.data.role(*roles)
         errors = [float(np.sqrt(np.mean(x.fitted.error[rows] ** 2))) for x in (before, after)]
         return errors[0], errors[1], noise, " and ".join(roles)
-    count = max(float(study.training.sum()), 1.0)
+    count = max(float(problem.training.sum()), 1.0)
     errors = [math.sqrt(x.unseen.total / count) for x in (before, after)]
     return errors[0], errors[1], noise, EACH_IN_TURN
 

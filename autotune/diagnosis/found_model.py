@@ -13,8 +13,8 @@ from autotune.diagnosis.fitting import held_out_errors, updated_model
 from autotune.diagnosis.refits import without_effect
 from autotune.diagnosis.resolved_memory import resolved
 from autotune.diagnosis.verdict import Diagnosis
-from autotune.estimation.bias_corrected_fit import Level
-from autotune.estimation.problem import Study
+from autotune.estimation.bias_corrected_fit import ModelFit
+from autotune.estimation.problem import Problem
 from autotune.models.drive_model import DriveModel, HistoryEntry
 from autotune.models.reversal_memory import REVERSAL_MEMORY
 
@@ -42,38 +42,38 @@ def found_model(diagnosis: Diagnosis, model: DriveModel, when: str, source: str)
         model: as it was given to the diagnosis.
         when, source: for the model's history: the time, and what the data were.
     """
-    study, root, level = diagnosis.study, diagnosis.root, diagnosis.level
-    if diagnosis.verdict != "named" or study is None or root is None or level is None:
+    problem, root, model_fit = diagnosis.problem, diagnosis.root, diagnosis.model_fit
+    if diagnosis.verdict != "named" or problem is None or root is None or model_fit is None:
         return None
-    fine = resolved(study, level)
-    final = fine or level
-    steps = _steps(study, root, level, diagnosis.effects)
+    fine = resolved(problem, model_fit)
+    final = fine or model_fit
+    steps = _steps(problem, root, model_fit, diagnosis.effects)
     if fine is not None:
-        steps.append((f"{REVERSAL_MEMORY.name} resolved", level, fine))
-    before, after, floor, unseen = held_out_errors(study, root, final)
-    richer = updated_model(model, study, final.fitted)
+        steps.append((f"{REVERSAL_MEMORY.name} resolved", model_fit, fine))
+    before, after, floor, unseen = held_out_errors(problem, root, final)
+    richer = updated_model(model, problem, final.fitted)
     for action, lower, upper in steps:
-        richer = richer.with_history(_entry(study, lower, upper, (when, action, source)))
+        richer = richer.with_history(_entry(problem, lower, upper, (when, action, source)))
     return FoundModel(richer, before, after, floor if math.isfinite(floor) else None, unseen)
 
 
-def _entry(study: Study, before: Level, after: Level, step: tuple[str, str, str]) -> HistoryEntry:
+def _entry(problem: Problem, before: ModelFit, after: ModelFit, step: tuple[str, str, str]) -> HistoryEntry:
     """A step of the history; `step`: when, what, from which data."""
-    error_before, error_after, noise, unseen = held_out_errors(study, before, after)
+    error_before, error_after, noise, unseen = held_out_errors(problem, before, after)
     return HistoryEntry(*step, error_before, error_after, noise if math.isfinite(noise) else None, unseen)
 
 
 def _steps(
-    study: Study, root: Level, level: Level, effects: tuple[str, ...]
-) -> list[tuple[str, Level, Level]]:
+    problem: Problem, root: ModelFit, model_fit: ModelFit, effects: tuple[str, ...]
+) -> list[tuple[str, ModelFit, ModelFit]]:
     """One step down for each effect, strongest first; all in one where a step between is not stable."""
-    levels = [level]
+    model_fits = [model_fit]
     for effect in reversed(effects[1:]):
-        less = without_effect(study, root, levels[0], effect)
+        less = without_effect(problem, root, model_fits[0], effect)
         if less is None:
-            return [("+ " + ", ".join(effects), root, level)]
-        levels.insert(0, less.level)
-    every = [root, *levels]
+            return [("+ " + ", ".join(effects), root, model_fit)]
+        model_fits.insert(0, less.model_fit)
+    every = [root, *model_fits]
     return [
         (f"+ {effect}", lower, upper)
         for effect, (lower, upper) in zip(effects, itertools.pairwise(every), strict=True)

@@ -20,12 +20,12 @@ from scipy.stats import chi2
 from autotune.core.arrays import Floats
 from autotune.diagnosis.candidates import FittedCandidate, Progress, ScreenedCandidate
 from autotune.diagnosis.ripple_orders import candidate_orders
-from autotune.estimation.bias_corrected_fit import Level, fit_from_starts, fit_inside_twin
+from autotune.estimation.bias_corrected_fit import ModelFit, fit_from_starts, fit_inside_twin
 from autotune.estimation.cross_validation import explained, gain_and_z
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.disturbance_estimate import estimate_disturbance
 from autotune.estimation.least_squares import Free, covariance
-from autotune.estimation.problem import Study, with_expected_noise
+from autotune.estimation.problem import Problem, with_expected_noise
 from autotune.models.drive_model import Packed
 from autotune.models.effect import Kind, Terms
 from autotune.models.layout import flag
@@ -43,9 +43,9 @@ NOISE_CHANGED = 0.25
 
 
 def inside_twin(
-    study: Study,
-    root: Level,
-    level: Level,
+    problem: Problem,
+    root: ModelFit,
+    model_fit: ModelFit,
     candidate: ScreenedCandidate,
     target: float = math.inf,
     best_start: bool = False,
@@ -55,139 +55,153 @@ def inside_twin(
     `target`: see `fit_inside_twin`. Two masses begin at the first start that is better than without the candidate,
     or at the `best_start` of all. None where the twin is unstable.
     """
-    effects = tuple(dict.fromkeys([*level.effects, candidate.effect]))
+    effects = tuple(dict.fromkeys([*model_fit.effects, candidate.effect]))
     fitted = candidate.fitted
-    if study.two_masses(fitted.packed):
+    if problem.two_masses(fitted.packed):
         starts = [fitted.packed, *candidate.others]
-        enough = 0.0 if best_start else level.fitted.cost
-        settled = fit_from_starts(study, starts, enough, fitted.free, effects, target)
+        enough = 0.0 if best_start else model_fit.fitted.cost
+        settled = fit_from_starts(problem, starts, enough, fitted.free, effects, target)
     else:
-        settled = fit_inside_twin(study, fitted.packed, fitted.free, 2, effects, fitted)
+        settled = fit_inside_twin(problem, fitted.packed, fitted.free, 2, effects, fitted)
     if settled is None:
         return None
-    return judged(study, root, settled, candidate.effect, level)
+    return judged(problem, root, settled, candidate.effect, model_fit)
 
 
 def judged(
-    study: Study, root: Level, settled: Level, effect: str, level: Level | None = None
+    problem: Problem, root: ModelFit, settled: ModelFit, effect: str, model_fit: ModelFit | None = None
 ) -> FittedCandidate:
-    """What a settled model explains; the gain counts from `level`, or from the root."""
-    before = level or root
-    if has_load(settled.fitted.packed.on) and study.has_veto:
-        gain = gain_on_veto(study, before, settled)
+    """What a settled model explains; the gain counts from `model_fit`, or from the root."""
+    before = model_fit or root
+    if has_load(settled.fitted.packed.on) and problem.has_veto:
+        gain = gain_on_veto(problem, before, settled)
     else:
         gain = gain_and_z(before.unseen, settled.unseen)[0]
     parts = [
-        explained(study, root.fitted, settled.fitted, settled.correction, role) for role in (TRAINING, VETO)
+        explained(problem, root.fitted, settled.fitted, settled.correction, role) for role in (TRAINING, VETO)
     ]
-    veto = parts[1] if study.has(VETO) else None
+    veto = parts[1] if problem.has(VETO) else None
     found = FittedCandidate(effect, settled, gain, parts[0], veto, named=False)
-    return replace(found, named=found.share >= _enough(study, found))
+    return replace(found, named=found.share >= _enough(problem, found))
 
 
-def _enough(study: Study, found: FittedCandidate) -> float:
+def _enough(problem: Problem, found: FittedCandidate) -> float:
     """Share for a name: more where something that repeats is left beyond doubt, unless the law is approximate."""
     certain = found.training.certain or (found.veto is not None and found.veto.certain)
-    approximate = any(EFFECTS[name].approximate for name in found.level.effects)
-    return study.policy.named_with_rest if certain and not approximate else study.policy.named
+    approximate = any(EFFECTS[name].approximate for name in found.model_fit.effects)
+    return problem.policy.named_with_rest if certain and not approximate else problem.policy.named
 
 
-def gain_on_veto(study: Study, before: Level, after: Level) -> float:
+def gain_on_veto(problem: Problem, before: ModelFit, after: ModelFit) -> float:
     """Fall of the squared error on the veto trajectory, relative: contact between two masses is not linear."""
-    errors = [study.mean_square(level.fitted.error, VETO) for level in (before, after)]
+    errors = [problem.mean_square(model_fit.fitted.error, VETO) for model_fit in (before, after)]
     return 1.0 - errors[1] / max(errors[0], 1e-300)
 
 
-def without_effect(study: Study, root: Level, level: Level, effect: str) -> FittedCandidate | None:
+def without_effect(
+    problem: Problem, root: ModelFit, model_fit: ModelFit, effect: str
+) -> FittedCandidate | None:
     """The model fitted without one of the effects that were found; None where the twin is unstable."""
     kind = EFFECTS[effect]
     slots = {parameter.slot for parameter in kind.parameters}
-    p, on = level.fitted.packed.p.copy(), level.fitted.packed.on.copy()
+    p, on = model_fit.fitted.packed.p.copy(), model_fit.fitted.packed.on.copy()
     for parameter in kind.parameters:
         p[parameter.slot] = root.fitted.packed.p[parameter.slot]
     on[flag(effect)] = root.fitted.packed.on[flag(effect)]
     kept = {f.name for f in root.free}
-    free = [f for f in level.free if f.slot not in slots or f.name in kept]
-    effects = tuple(name for name in level.effects if name != effect)
-    settled = fit_inside_twin(study, Packed(p, on), free, 2, effects)
+    free = [f for f in model_fit.free if f.slot not in slots or f.name in kept]
+    effects = tuple(name for name in model_fit.effects if name != effect)
+    settled = fit_inside_twin(problem, Packed(p, on), free, 2, effects)
     if settled is None:
         return None
-    return judged(study, root, settled, effects[-1])
+    return judged(problem, root, settled, effects[-1])
 
 
 def best_refined(
-    study: Study, root: Level, fits: Sequence[FittedCandidate], best: FittedCandidate, progress: Progress
+    problem: Problem,
+    root: ModelFit,
+    fits: Sequence[FittedCandidate],
+    best: FittedCandidate,
+    progress: Progress,
 ) -> list[FittedCandidate]:
     """The fits with the best of them refined: beside another effect it has not settled after two rounds."""
     if not NEARLY < best.share < REFINED:
         return list(fits)
-    done = refined(study, root, best, progress)
+    done = refined(problem, root, best, progress)
     return [replace(done, effect=best.effect, gain=max(best.gain, done.gain))]
 
 
-def refined(study: Study, root: Level, chosen: FittedCandidate, progress: Progress) -> FittedCandidate:
+def refined(problem: Problem, root: ModelFit, chosen: FittedCandidate, progress: Progress) -> FittedCandidate:
     """More rounds of the same fit, as long as they help: two masses need them, and what they leave misleads."""
     for _ in range(MOST_ROUNDS):
-        level = chosen.level
-        if level.converged:
+        model_fit = chosen.model_fit
+        if model_fit.converged:
             break
-        progress(f"refinement with {' and '.join(level.effects)}")
-        better = fit_inside_twin(study, level.fitted.packed, list(level.free), 4, level.effects, level.fitted)
-        if better is None or better.fitted.cost >= level.fitted.cost:
-            return replace(chosen, level=replace(level, converged=True))
-        gained = 1.0 - better.fitted.cost / level.fitted.cost
+        progress(f"refinement with {' and '.join(model_fit.effects)}")
+        better = fit_inside_twin(
+            problem, model_fit.fitted.packed, list(model_fit.free), 4, model_fit.effects, model_fit.fitted
+        )
+        if better is None or better.fitted.cost >= model_fit.fitted.cost:
+            return replace(chosen, model_fit=replace(model_fit, converged=True))
+        gained = 1.0 - better.fitted.cost / model_fit.fitted.cost
         converged = better.converged or gained < WORTH_ANOTHER_ROUND
-        chosen = judged(study, root, replace(better, converged=converged), chosen.effect)
+        chosen = judged(problem, root, replace(better, converged=converged), chosen.effect)
         if chosen.share >= REFINED:
             break
     return chosen
 
 
-def with_own_noise(study: Study, root: Level, chosen: FittedCandidate) -> tuple[Study, FittedCandidate]:
+def with_own_noise(
+    problem: Problem, root: ModelFit, chosen: FittedCandidate
+) -> tuple[Problem, FittedCandidate]:
     """The twin disturbed as much as the axis is by this model, and the model settled in it.
 
     Near the limit of stability, as with a strong lag, a model that lacks the effect needs twice the noise.
     """
-    level = chosen.level
-    if not study.twin:
-        return study, chosen
-    disturbance = estimate_disturbance(study, level.fitted.packed)
-    before = study.disturbance.process
+    model_fit = chosen.model_fit
+    if not problem.twin:
+        return problem, chosen
+    disturbance = estimate_disturbance(problem, model_fit.fitted.packed)
+    before = problem.disturbance.process
     if abs(disturbance.process - before) <= NOISE_CHANGED * before:
-        return study, chosen
-    quieter = with_expected_noise(replace(study, disturbance=disturbance), level.fitted.packed)
-    settled = fit_inside_twin(quieter, level.fitted.packed, list(level.free), 2, level.effects, level.fitted)
-    if settled is None or settled.fitted.cost > level.fitted.cost:
-        return study, chosen
+        return problem, chosen
+    quieter = with_expected_noise(replace(problem, disturbance=disturbance), model_fit.fitted.packed)
+    settled = fit_inside_twin(
+        quieter, model_fit.fitted.packed, list(model_fit.free), 2, model_fit.effects, model_fit.fitted
+    )
+    if settled is None or settled.fitted.cost > model_fit.fitted.cost:
+        return problem, chosen
     return quieter, judged(quieter, root, settled, chosen.effect)
 
 
-def fitted_again(study: Study, root: Level, chosen: FittedCandidate) -> tuple[Level, FittedCandidate]:
+def fitted_again(
+    problem: Problem, root: ModelFit, chosen: FittedCandidate
+) -> tuple[ModelFit, FittedCandidate]:
     """Both models fitted again after torque and motion were aligned anew."""
-    before = fit_inside_twin(study, root.fitted.packed, list(root.free), 2) or root
+    before = fit_inside_twin(problem, root.fitted.packed, list(root.free), 2) or root
     after = fit_inside_twin(
-        study, chosen.level.fitted.packed, list(chosen.level.free), 2, chosen.level.effects
+        problem, chosen.model_fit.fitted.packed, list(chosen.model_fit.free), 2, chosen.model_fit.effects
     )
-    return before, chosen if after is None else judged(study, before, after, chosen.effect)
+    return before, chosen if after is None else judged(problem, before, after, chosen.effect)
 
 
-def without_insignificant_terms(study: Study, level: Level) -> Level:
+def without_insignificant_terms(problem: Problem, model_fit: ModelFit) -> ModelFit:
     """The model without the terms that it does not need, fitted again; the same where all are needed.
 
     One term of each effect stays: whether the effect itself is there is for others to judge.
     """
-    spread = covariance(level.fitted, study.training)
-    packed, free = level.fitted.packed, level.free
+    spread = covariance(model_fit.fitted, problem.training)
+    packed, free = model_fit.fitted.packed, model_fit.free
     for kind in EFFECTS.values():
         if kind.terms is not None and packed.on[flag(kind.name)]:
-            chance = study.policy.term_chance
+            chance = problem.policy.term_chance
             if kind is TORQUE_RIPPLE:  # the best of all orders that were looked at
-                chance /= max(len(candidate_orders(study, float(packed.p[scale_slot()]))), 1)
-            keep = _significant(kind, kind.terms, packed, level.free, spread, chance)
+                chance /= max(len(candidate_orders(problem, float(packed.p[scale_slot()]))), 1)
+            keep = _significant(kind, kind.terms, packed, model_fit.free, spread, chance)
             packed, free = _kept(kind, packed, free, keep)
-    if len(free) == len(level.free):
-        return level
-    return fit_inside_twin(study, packed, free, 2, level.effects) or level
+    if len(free) == len(model_fit.free):
+        return model_fit
+    return fit_inside_twin(problem, packed, free, 2, model_fit.effects) or model_fit
 
 
 def _significant(

@@ -16,10 +16,10 @@ import numpy as np
 from scipy.optimize import nnls
 
 from autotune.core.arrays import Floats
-from autotune.estimation.bias_corrected_fit import Level, fit_inside_twin
+from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.data import VETO
 from autotune.estimation.least_squares import Free
-from autotune.estimation.problem import Study
+from autotune.estimation.problem import Problem
 from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.reversal_memory import ELEMENTS, REVERSAL_MEMORY
@@ -44,52 +44,54 @@ class _Element:
     torque: float
 
 
-def resolved(study: Study, level: Level) -> Level | None:
+def resolved(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
     """The model with its bristle taken apart; None where that explains unseen data no better.
 
     Args:
-        study: of the diagnosis that named the effect.
-        level: the model with it.
+        problem: of the diagnosis that named the effect.
+        model_fit: the model with it.
     """
-    best: Level | None = None
+    best: ModelFit | None = None
     for _ in range(ROUNDS):
-        more = _taken_apart(study, best or level)
+        more = _taken_apart(problem, best or model_fit)
         if more is None:
             break
         best = more
     return best
 
 
-def _taken_apart(study: Study, level: Level) -> Level | None:
+def _taken_apart(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
     """One step of it; None where there is nothing left of the bristle, or no gain."""
-    packed = level.fitted.packed
-    elements = _elements(study, packed) if packed.on[layout.flag(EFFECT)] else []
+    packed = model_fit.fitted.packed
+    elements = _elements(problem, packed) if packed.on[layout.flag(EFFECT)] else []
     if not elements:
         return None
-    more = _settled(study, _started(packed, elements), _free(study, level, elements), level.effects)
-    if more is None or more.unseen.total > (1.0 - study.policy.least_gain) * level.unseen.total:
+    more = _settled(
+        problem, _started(packed, elements), _free(problem, model_fit, elements), model_fit.effects
+    )
+    if more is None or more.unseen.total > (1.0 - problem.policy.least_gain) * model_fit.unseen.total:
         return None
-    if study.has(VETO):
-        before, after = (study.mean_square(one.fitted.error, VETO) for one in (level, more))
+    if problem.has(VETO):
+        before, after = (problem.mean_square(one.fitted.error, VETO) for one in (model_fit, more))
         if after >= before:
             return None
     return more
 
 
-def _settled(study: Study, packed: Packed, free: list[Free], effects: tuple[str, ...]) -> Level | None:
+def _settled(problem: Problem, packed: Packed, free: list[Free], effects: tuple[str, ...]) -> ModelFit | None:
     """Fits inside the twin until no more is gained: two elements that should be one find it slowly."""
-    level = fit_inside_twin(study, packed, free, 2, effects)
+    model_fit = fit_inside_twin(problem, packed, free, 2, effects)
     for _ in range(MORE_FITS):
-        if level is None:
+        if model_fit is None:
             break
-        again = fit_inside_twin(study, level.fitted.packed, free, 2, effects, level.fitted)
-        if again is None or again.fitted.cost >= level.fitted.cost:
+        again = fit_inside_twin(problem, model_fit.fitted.packed, free, 2, effects, model_fit.fitted)
+        if again is None or again.fitted.cost >= model_fit.fitted.cost:
             break
-        gained = level.fitted.cost - again.fitted.cost > study.policy.least_gain * level.fitted.cost
-        level = again
+        gained = model_fit.fitted.cost - again.fitted.cost > problem.policy.least_gain * model_fit.fitted.cost
+        model_fit = again
         if not gained:
             break
-    return level
+    return model_fit
 
 
 def _slot(part: str, number: int) -> int:
@@ -101,7 +103,7 @@ def _present(p: Floats) -> list[_Element]:
     return [_Element(float(d), float(w)) for d, w in pairs if d > 0.0]
 
 
-def _elements(study: Study, packed: Packed) -> list[_Element]:
+def _elements(problem: Problem, packed: Packed) -> list[_Element]:
     """Those that the bristle is taken apart into, then those that carry something already."""
     p = packed.p
     coulomb, reach = float(p[layout.COULOMB]), float(p[layout.COULOMB] / p[layout.STIFFNESS])
@@ -109,11 +111,11 @@ def _elements(study: Study, packed: Packed) -> list[_Element]:
     friction = coulomb + sum(one.torque for one in present)
     if coulomb < SPENT * friction:
         return []
-    longest = LONGEST * study.scales.travel
+    longest = LONGEST * problem.scales.travel
     used = [one for one in present if one.torque > IDLE * friction and one.displacement < longest]
     places = np.geomspace(
-        max(NEAREST * reach, LEAST_COUNTS * study.data.resolution),
-        max(FARTHEST * reach, 2.0 * LEAST_COUNTS * study.data.resolution),
+        max(NEAREST * reach, LEAST_COUNTS * problem.data.resolution),
+        max(FARTHEST * reach, 2.0 * LEAST_COUNTS * problem.data.resolution),
         max(min(NEW_ELEMENTS, ELEMENTS - len(used)), 1),
     )
     if len(used) >= ELEMENTS:
@@ -144,15 +146,15 @@ def _started(packed: Packed, elements: list[_Element]) -> Packed:
     return Packed(p, packed.on)
 
 
-def _free(study: Study, level: Level, elements: list[_Element]) -> list[Free]:
-    coulomb = float(level.fitted.packed.p[layout.COULOMB])
+def _free(problem: Problem, model_fit: ModelFit, elements: list[_Element]) -> list[Free]:
+    coulomb = float(model_fit.fitted.packed.p[layout.COULOMB])
     friction = coulomb + sum(one.torque for one in elements)
-    free = [f for f in level.free if not f.name.startswith(f"{EFFECT}.")]
+    free = [f for f in model_fit.free if not f.name.startswith(f"{EFFECT}.")]
     free = [replace(f, lower=min(f.lower, 1e-3 * friction)) if f.name == "coulomb" else f for f in free]
     for i, one in enumerate(elements, 1):
         torque, place = (REVERSAL_MEMORY.parameter(f"{part}_{i}") for part in ("torque", "displacement"))
         d = one.displacement
-        least = max(0.3 * d, study.data.resolution)
+        least = max(0.3 * d, problem.data.resolution)
         free.append(
             Free(REVERSAL_MEMORY.surface(torque.name), torque.slot, 0.0, torque.upper, 0.1 * friction,
                  0.5 * friction)

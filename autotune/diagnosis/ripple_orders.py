@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from autotune.core.arrays import Floats, Integers
-from autotune.estimation.bias_corrected_fit import Level, fit_inside_twin
+from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.least_squares import covariance
-from autotune.estimation.problem import Study
+from autotune.estimation.problem import Problem
 from autotune.models.drive_model import Packed
 from autotune.models.torque_ripple import TORQUE_RIPPLE
 
@@ -52,21 +52,23 @@ class Searched(Protocol):
     def error(self) -> Floats: ...
 
 
-def find_orders(study: Study, thin: Searched, angle: float, present: list[float], most: int) -> list[float]:
+def find_orders(
+    problem: Problem, thin: Searched, angle: float, present: list[float], most: int
+) -> list[float]:
     """Orders that stand out of the residual, strongest first; `angle`: radians per motion unit and cycle.
 
     A line must stand out of what its neighbours explain beside it: over a short travel a strong line leaks into
     them, and what they seem to explain without it is its own.
     """
-    orders = candidate_orders(study, angle)
+    orders = candidate_orders(problem, angle)
     if len(orders) == 0:
         return []
-    tells = 2.0 * math.pi / (study.scales.travel * angle)
+    tells = 2.0 * math.pi / (problem.scales.travel * angle)
     every = max(1, math.ceil(2.0 * len(orders) * len(thin.rows) / MOST_VALUES))
     rows, basis, error = thin.rows[::every], thin.basis[::every], thin.error[::every]
     basis = np.linalg.qr(basis)[0]
     error = error - basis @ (basis.T @ error)
-    waves = _Waves(study, angle, rows)
+    waves = _Waves(problem, angle, rows)
     table = waves.table(orders)
     far = np.ones(len(orders), dtype=np.bool_)
     for other in present:
@@ -92,13 +94,13 @@ def find_orders(study: Study, thin: Searched, angle: float, present: list[float]
     return found
 
 
-def candidate_orders(study: Study, angle: float) -> Floats:
+def candidate_orders(problem: Problem, angle: float) -> Floats:
     """Orders that the travel can tell apart and the sampling can show; one period a turn is an imbalance."""
-    travel = study.scales.travel * angle / (2 * math.pi)
-    speed = np.abs(study.data.velocity[study.data.grid])
+    travel = problem.scales.travel * angle / (2 * math.pi)
+    speed = np.abs(problem.data.velocity[problem.data.grid])
     slow = float(np.percentile(speed, 25)) * angle / (2 * math.pi)
     most = 400.0 if angle == 1.0 else 2000.0 / max(travel, 1e-9)
-    highest = min(most, 0.8 * _cutoff(study) / max(slow, 1e-9))
+    highest = min(most, 0.8 * _cutoff(problem) / max(slow, 1e-9))
     lowest = 1.5 / max(travel, 1e-9)
     if angle == 1.0:
         lowest = max(lowest, 1.5)
@@ -108,21 +110,21 @@ def candidate_orders(study: Study, angle: float) -> Floats:
     found = np.arange(lowest, highest, step)
     if angle != 1.0:
         return np.asarray(found)
-    whole = np.arange(math.ceil(lowest), min(most, 0.8 * _cutoff(study) / max(slow, 1e-9)) + 1.0)
+    whole = np.arange(math.ceil(lowest), min(most, 0.8 * _cutoff(problem) / max(slow, 1e-9)) + 1.0)
     return np.unique(np.concatenate([found, whole]))
 
 
-def _cutoff(study: Study) -> float:
-    return 0.9 / (study.data.period * max(len(study.data.taps) // 2, 1))
+def _cutoff(problem: Problem) -> float:
+    return 0.9 / (problem.data.period * max(len(problem.data.taps) // 2, 1))
 
 
 class _Waves:
     """Sines and cosines over the rows, faded out where the low-pass removes them."""
 
-    def __init__(self, study: Study, angle: float, rows: Integers) -> None:
-        at = study.data.grid[rows]
-        self._phase = angle * study.data.position[at]
-        self._rate = np.abs(study.data.velocity[at]) * angle / (2 * math.pi) / _cutoff(study)
+    def __init__(self, problem: Problem, angle: float, rows: Integers) -> None:
+        at = problem.data.grid[rows]
+        self._phase = angle * problem.data.position[at]
+        self._rate = np.abs(problem.data.velocity[at]) * angle / (2 * math.pi) / _cutoff(problem)
 
     def table(self, orders: Floats) -> NDArray[np.float32]:
         """Columns of shape (rows, 2·orders): sine and cosine by turns."""
@@ -190,13 +192,13 @@ def _gains(table: NDArray[np.float32], basis: Floats, error: Floats) -> Floats:
     return np.where(told, np.maximum(explained, 0.0), 0.0) / max(float(error @ error), 1e-300)
 
 
-def with_whole_orders(study: Study, level: Level) -> Level:
+def with_whole_orders(problem: Problem, model_fit: ModelFit) -> ModelFit:
     """The model with each order a whole number where its interval contains one, fitted again."""
-    packed = level.fitted.packed
+    packed = model_fit.fitted.packed
     if packed.p[TORQUE_RIPPLE.slot("order_1")] <= 0.0:
-        return level
-    places = {one.slot: i for i, one in enumerate(level.free)}
-    spread = np.sqrt(np.maximum(np.diag(covariance(level.fitted, study.training)), 0.0))
+        return model_fit
+    places = {one.slot: i for i, one in enumerate(model_fit.free)}
+    spread = np.sqrt(np.maximum(np.diag(covariance(model_fit.fitted, problem.training)), 0.0))
     p, whole = packed.p.copy(), set()
     for number in TORQUE_RIPPLE.terms_in_use(packed.p):
         slot = TORQUE_RIPPLE.slot(f"order_{number}")
@@ -207,12 +209,12 @@ def with_whole_orders(study: Study, level: Level) -> Level:
             p[slot] = nearest
             whole.add(slot)
     if not whole:
-        return level
-    free = [one for one in level.free if one.slot not in whole]
-    settled = fit_inside_twin(study, Packed(p, packed.on), free, 2, level.effects)
-    if settled is None or settled.fitted.cost > MUCH_WORSE * level.fitted.cost:
-        return level
-    return replace(settled, converged=level.converged)
+        return model_fit
+    free = [one for one in model_fit.free if one.slot not in whole]
+    settled = fit_inside_twin(problem, Packed(p, packed.on), free, 2, model_fit.effects)
+    if settled is None or settled.fitted.cost > MUCH_WORSE * model_fit.fitted.cost:
+        return model_fit
+    return replace(settled, converged=model_fit.converged)
 
 
 MUCH_WORSE = 1.02

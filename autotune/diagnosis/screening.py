@@ -10,12 +10,12 @@ import numpy as np
 
 from autotune.diagnosis.candidates import Progress, ScreenedCandidate
 from autotune.diagnosis.evidence.evidence import Evidence
-from autotune.diagnosis.starts import Context, Start, shapes, starts_of
-from autotune.estimation.bias_corrected_fit import Level
+from autotune.diagnosis.starts import Context, FitStart, shapes, starts_of
+from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.coordinates import generic_columns
 from autotune.estimation.cross_validation import gain_and_z, held_out
 from autotune.estimation.least_squares import Fitted, fit
-from autotune.estimation.problem import Study, refit
+from autotune.estimation.problem import Problem, refit
 from autotune.models.drive_model import Packed
 from autotune.models.effect import Kind
 from autotune.models.layout import flag
@@ -38,37 +38,42 @@ class _ShortFit:
 
 
 def screen(
-    study: Study, evidence: Evidence, level: Level, nominal: Packed, effect: str
+    problem: Problem, evidence: Evidence, model_fit: ModelFit, nominal: Packed, effect: str
 ) -> ScreenedCandidate | None:
     """The best fit of one effect on the measured motion; None where it has no start here."""
     kind = EFFECTS[effect]
-    tried = _short_fits(study, level, nominal, kind)
-    return _followed(study, evidence, level, kind, tried, PROMISING) if tried else None
+    tried = _short_fits(problem, model_fit, nominal, kind)
+    return _followed(problem, evidence, model_fit, kind, tried, PROMISING) if tried else None
 
 
 def rank(
-    study: Study, evidence: Evidence, level: Level, nominal: Packed, progress: Progress, worth: float = 0.0
+    problem: Problem,
+    evidence: Evidence,
+    model_fit: ModelFit,
+    nominal: Packed,
+    progress: Progress,
+    worth: float = 0.0,
 ) -> list[ScreenedCandidate]:
     """All candidates that are not in the model, by their gain on unseen experiments.
 
     Beside an effect that is there already only those are followed to the end whose short fits come near the
     best one, and near the fall of the mean square that a further effect is `worth` having for [(N m)²].
     """
-    base = _walked_on(study, level)
+    base = _walked_on(problem, model_fit)
     tried: list[tuple[Kind, list[_ShortFit]]] = []
-    for kind in evidence.candidates(study):
-        if level.fitted.packed.on[flag(kind.name)] and not kind.may_grow:
+    for kind in evidence.candidates(problem):
+        if model_fit.fitted.packed.on[flag(kind.name)] and not kind.may_grow:
             continue
         progress(f"candidate {kind.name}")
-        if fits := _short_fits(study, base, nominal, kind):
+        if fits := _short_fits(problem, base, nominal, kind):
             tried.append((kind, fits))
-    least = _least_fall(study, base, [fits[0] for _, fits in tried], worth)
-    found = [_followed(study, evidence, base, kind, fits, least) for kind, fits in tried]
-    found = evidence.borne_out(level, [item for item in found if np.isfinite(item.gain)])
+    least = _least_fall(problem, base, [fits[0] for _, fits in tried], worth)
+    found = [_followed(problem, evidence, base, kind, fits, least) for kind, fits in tried]
+    found = evidence.borne_out(model_fit, [item for item in found if np.isfinite(item.gain)])
     return sorted(found, key=lambda item: -item.gain)
 
 
-def _least_fall(study: Study, base: Level, best: Sequence[_ShortFit], worth: float) -> float:
+def _least_fall(problem: Problem, base: ModelFit, best: Sequence[_ShortFit], worth: float) -> float:
     """Relative fall of the cost from which a short fit is followed to its end."""
     cost = base.fitted.cost
     if not base.effects:
@@ -78,78 +83,84 @@ def _least_fall(study: Study, base: Level, best: Sequence[_ShortFit], worth: flo
     return max(PROMISING, near)
 
 
-def _short_fits(study: Study, level: Level, nominal: Packed, kind: Kind) -> list[_ShortFit]:
+def _short_fits(problem: Problem, model_fit: ModelFit, nominal: Packed, kind: Kind) -> list[_ShortFit]:
     """Short fits from all starts of an effect, the best first."""
-    context = Context(study, level.fitted, nominal)
+    context = Context(problem, model_fit.fitted, nominal)
     tried: list[_ShortFit] = []
     for start in starts_of(kind, context):
-        fitted = _short_fit(study, level, start)
+        fitted = _short_fit(problem, model_fit, start)
         if fitted is not None:
             tried.append(_ShortFit(start.packed, fitted))
     return sorted(tried, key=lambda item: item.fitted.cost)
 
 
-def _short_fit(study: Study, level: Level, start: Start) -> Fitted | None:
+def _short_fit(problem: Problem, model_fit: ModelFit, start: FitStart) -> Fitted | None:
     """Two steps from a start, with the sensitivities of what is already in the model taken from there."""
     fitted = fit(
-        study.data, study.moved, start.packed, [*level.free, *start.free], level.correction.bias, study.training, 2,
-        known=(level.fitted.jacobian, level.fitted.scales), hopeful=(1.0 - HOPEFUL) * level.fitted.cost, whole=False,
+        problem.data, problem.moved, start.packed, [*model_fit.free, *start.free], model_fit.correction.bias,
+        problem.training, 2, known=(model_fit.fitted.jacobian, model_fit.fitted.scales),
+        hopeful=(1.0 - HOPEFUL) * model_fit.fitted.cost, whole=False,
     )  # fmt: skip
     return fitted if math.isfinite(fitted.cost) else None
 
 
 def _followed(
-    study: Study, evidence: Evidence, level: Level, kind: Kind, tried: list[_ShortFit], least: float
+    problem: Problem,
+    evidence: Evidence,
+    model_fit: ModelFit,
+    kind: Kind,
+    tried: list[_ShortFit],
+    least: float,
 ) -> ScreenedCandidate:
     """Promising starts followed to their end; `least` is the relative fall of the cost that promises."""
     found = [item.fitted for item in tried]
-    best, cost = found[0], level.fitted.cost
+    best, cost = found[0], model_fit.fitted.cost
     fall = cost - best.cost
     # two masses are followed inside the twin only: with a held bias a longer fit leads them away
-    inside_only = study.twin and kind.in_transmission
-    if not inside_only and (fall > least * cost or _promises(study, evidence, level, best)):
-        effort = evidence.effort(study)
+    inside_only = problem.twin and kind.in_transmission
+    if not inside_only and (fall > least * cost or _promises(problem, evidence, model_fit, best)):
+        effort = evidence.effort(problem)
         enough = effort.close * fall if fall > 0.0 else -math.inf
         for start in [f for f in found if cost - f.cost > enough][: effort.starts]:
-            near = start if level.effects else None
+            near = start if model_fit.effects else None
             free = [*start.free, *shapes(kind.name, start.packed)]
-            finished = refit(study, start.packed, free, level.correction, effort.rounds, near)
+            finished = refit(problem, start.packed, free, model_fit.correction, effort.rounds, near)
             best = finished if finished.cost <= best.cost else best
-    gain, z = gain_and_z(level.unseen, held_out(study, best.error, best.jacobian))
+    gain, z = gain_and_z(model_fit.unseen, held_out(problem, best.error, best.jacobian))
     before = [item.packed for item in found] + [item.start for item in tried]
     others = tuple(packed for packed in before if packed is not best.packed)
     return ScreenedCandidate(kind.name, best, cost - best.cost, gain, z, others)
 
 
-def _promises(study: Study, evidence: Evidence, level: Level, short: Fitted) -> bool:
+def _promises(problem: Problem, evidence: Evidence, model_fit: ModelFit, short: Fitted) -> bool:
     """Whether a short fit that has not got below the model without the effect would, by its linear model.
 
     Some base parameter then has further to go than two steps.
     """
-    if short.cost <= level.fitted.cost or not evidence.effort(study).follows_promises:
+    if short.cost <= model_fit.fitted.cost or not evidence.effort(problem).follows_promises:
         return False
-    gain, _ = gain_and_z(level.unseen, held_out(study, short.error, short.jacobian))
-    return gain > study.policy.clear_gain
+    gain, _ = gain_and_z(model_fit.unseen, held_out(problem, short.error, short.jacobian))
+    return gain > problem.policy.clear_gain
 
 
-def _walked_on(study: Study, level: Level) -> Level:
+def _walked_on(problem: Problem, model_fit: ModelFit) -> ModelFit:
     """What candidates are compared with: the model itself, fitted as they are.
 
     Between two masses a bias that is held lets every fit walk on a little, with or without a candidate.
     """
-    if not study.two_masses(level.fitted.packed):
-        return level
+    if not problem.two_masses(model_fit.fitted.packed):
+        return model_fit
     fitted = fit(
-        study.data, study.moved, level.fitted.packed, level.free, level.correction.bias, study.training, 2,
-        known=(level.fitted.jacobian, level.fitted.scales),
+        problem.data, problem.moved, model_fit.fitted.packed, model_fit.free, model_fit.correction.bias,
+        problem.training, 2, known=(model_fit.fitted.jacobian, model_fit.fitted.scales),
     )  # fmt: skip
-    return replace(level, fitted=fitted, unseen=held_out(study, fitted.error, fitted.jacobian))
+    return replace(model_fit, fitted=fitted, unseen=held_out(problem, fitted.error, fitted.jacobian))
 
 
-def generic_gains(study: Study, level: Level) -> dict[str, float]:
+def generic_gains(problem: Problem, model_fit: ModelFit) -> dict[str, float]:
     """Gain on unseen experiments of free functions of a coordinate."""
     gains: dict[str, float] = {}
-    for name, columns in generic_columns(study.data, study.training > 0).items():
-        table = np.hstack([level.fitted.jacobian, columns * float(np.std(level.fitted.error))])
-        gains[name] = gain_and_z(level.unseen, held_out(study, level.fitted.error, table))[0]
+    for name, columns in generic_columns(problem.data, problem.training > 0).items():
+        table = np.hstack([model_fit.fitted.jacobian, columns * float(np.std(model_fit.fitted.error))])
+        gains[name] = gain_and_z(model_fit.unseen, held_out(problem, model_fit.fitted.error, table))[0]
     return gains

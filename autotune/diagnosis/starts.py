@@ -14,7 +14,7 @@ import numpy as np
 from autotune.core.arrays import Floats, Integers
 from autotune.diagnosis.ripple_orders import find_orders
 from autotune.estimation.least_squares import Fitted, Free
-from autotune.estimation.problem import Study
+from autotune.estimation.problem import Problem
 from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.effect import Kind
@@ -24,7 +24,7 @@ from autotune.models.torque_ripple import TORQUE_RIPPLE, scale_slot
 
 
 @dataclass(frozen=True, slots=True)
-class Start:
+class FitStart:
     """Where a refit begins: parameters and flags, and what is free beside the base."""
 
     packed: Packed
@@ -33,9 +33,9 @@ class Start:
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """What a start may look at: the study, the fit without the effect, and the values before it."""
+    """What a start may look at: the problem, the fit without the effect, and the values before it."""
 
-    study: Study
+    problem: Problem
     fitted: Fitted
     nominal: Packed
 
@@ -45,7 +45,7 @@ class Context:
 
     @property
     def coulomb(self) -> float:
-        return max(float(self.p[layout.COULOMB]), 0.02 * self.study.scales.torque)
+        return max(float(self.p[layout.COULOMB]), 0.02 * self.problem.scales.torque)
 
     @property
     def reach(self) -> float:
@@ -64,43 +64,43 @@ class Context:
 
     @property
     def torque(self) -> float:
-        return self.study.scales.torque
+        return self.problem.scales.torque
 
     @property
     def speed(self) -> float:
-        return self.study.scales.velocity
+        return self.problem.scales.velocity
 
     @property
     def travel(self) -> float:
-        return self.study.scales.travel
+        return self.problem.scales.travel
 
     @property
     def mean_speed(self) -> float:
-        return float(np.mean(np.abs(self.study.data.velocity)))
+        return float(np.mean(np.abs(self.problem.data.velocity)))
 
     @property
     def largest_torque(self) -> float:
         """The largest recorded, or the drive's limit where that is lower."""
-        largest = float(np.max(np.abs(self.study.data.torque)))
-        return min(self.study.data.metadata.torque_limit or largest, largest)
+        largest = float(np.max(np.abs(self.problem.data.torque)))
+        return min(self.problem.data.metadata.torque_limit or largest, largest)
 
     @property
     def resolution(self) -> float:
-        return self.study.data.resolution
+        return self.problem.data.resolution
 
     @property
     def period(self) -> float:
-        return self.study.data.period
+        return self.problem.data.period
 
     @property
     def constant_speeds(self) -> bool:
-        return self.study.data.steady
+        return self.problem.data.steady
 
     def position(self) -> Floats:
-        return self.study.data.position[self.study.data.grid]
+        return self.problem.data.position[self.problem.data.grid]
 
     def velocity(self) -> Floats:
-        return self.study.data.velocity[self.study.data.grid]
+        return self.problem.data.velocity[self.problem.data.grid]
 
     def thinned(self) -> Thin:
         return thinned(self)
@@ -109,7 +109,7 @@ class Context:
         present = [
             float(self.p[TORQUE_RIPPLE.slot(f"order_{i}")]) for i in TORQUE_RIPPLE.terms_in_use(self.p)
         ]
-        return find_orders(self.study, thinned(self), self.angle, present, most)
+        return find_orders(self.problem, thinned(self), self.angle, present, most)
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,14 +142,14 @@ class Thin:
 
 def thinned(context: Context, most: int = 5000) -> Thin:
     """At most so many training rows, evenly spread."""
-    rows = np.flatnonzero(context.study.training > 0)
+    rows = np.flatnonzero(context.problem.training > 0)
     rows = rows[:: max(1, math.ceil(len(rows) / most))]
     basis = np.linalg.qr(context.fitted.jacobian[rows])[0]
     error = context.fitted.error[rows]
     return Thin(rows, basis, error - basis @ (basis.T @ error))
 
 
-def begun(context: Context, kind: Kind, start: StartValues) -> Start:
+def begun(context: Context, kind: Kind, start: StartValues) -> FitStart:
     """A start of an effect beside what is in the model already."""
     p, on = context.p.copy(), context.fitted.packed.on.copy()
     for parameter in kind.parameters:
@@ -159,7 +159,7 @@ def begun(context: Context, kind: Kind, start: StartValues) -> Start:
     for slot, value in start.base.items():
         p[slot] = value
     on[layout.flag(kind.name)] = True
-    return Start(Packed(p, on), tuple(varying(kind, name, vary) for name, vary in start.free.items()))
+    return FitStart(Packed(p, on), tuple(varying(kind, name, vary) for name, vary in start.free.items()))
 
 
 def varying(kind: Kind, name: str, vary: Vary) -> Free:
@@ -170,7 +170,7 @@ def varying(kind: Kind, name: str, vary: Vary) -> Free:
     return Free(surface, parameter.slot, lower, upper, vary.scale, vary.step, above=above)
 
 
-def starts_of(kind: Kind, context: Context) -> Iterator[Start]:
+def starts_of(kind: Kind, context: Context) -> Iterator[FitStart]:
     """Where fits of an effect begin in these data."""
     for start in kind.starts(context):
         yield begun(context, kind, start)

@@ -12,10 +12,10 @@ from dataclasses import replace
 
 from autotune.diagnosis.candidates import FittedCandidate, Progress, error_left
 from autotune.diagnosis.refits import NEARLY, judged
-from autotune.diagnosis.starts import Context, Start, starts_of
-from autotune.estimation.bias_corrected_fit import Level, fit_from_starts
+from autotune.diagnosis.starts import Context, FitStart, starts_of
+from autotune.estimation.bias_corrected_fit import ModelFit, fit_from_starts
 from autotune.estimation.policy import Policy
-from autotune.estimation.problem import Study
+from autotune.estimation.problem import Problem
 from autotune.models import layout
 from autotune.models.backlash import BACKLASH
 from autotune.models.drive_model import Packed
@@ -29,23 +29,25 @@ OF_THE_GAP = {"compliance": "contact_compliance"} | {
 """Parameters of a spring that begin at those of a gap."""
 
 
-def without_needless_gap(study: Study, fits: Sequence[FittedCandidate]) -> list[FittedCandidate]:
+def without_needless_gap(problem: Problem, fits: Sequence[FittedCandidate]) -> list[FittedCandidate]:
     """The fits without backlash where an elastic transmission without a gap explains about as much."""
     found = {item.effect: item for item in fits}
     spring, gap = found.get(SPRING.name), found.get(GAP.name)
     if spring is None or gap is None or spring.share < NEARLY:
         return list(fits)
-    if error_left(study, spring.level) > study.policy.spring_instead * error_left(study, gap.level):
+    if error_left(problem, spring.model_fit) > problem.policy.spring_instead * error_left(
+        problem, gap.model_fit
+    ):
         return list(fits)
     return [item for item in fits if item is not gap]
 
 
 def other_transmission_tried(
-    study: Study,
-    root: Level,
+    problem: Problem,
+    root: ModelFit,
     nominal: Packed,
     chosen: FittedCandidate,
-    seen: Sequence[Level],
+    seen: Sequence[ModelFit],
     progress: Progress,
 ) -> FittedCandidate:
     """The chosen model with the other transmission, where that does better.
@@ -53,25 +55,27 @@ def other_transmission_tried(
     A spring is tried for every gap; a gap for a spring where that alone does not explain enough, and the gap was not
     `seen` by itself.
     """
-    effects, policy = chosen.level.effects, study.policy
+    effects, policy = chosen.model_fit.effects, problem.policy
     if GAP.name in effects:
-        least = policy.spring_instead if hardly_a_gap(policy, chosen.level) else policy.spring_instead_beside
+        least = (
+            policy.spring_instead if hardly_a_gap(policy, chosen.model_fit) else policy.spring_instead_beside
+        )
         exchange = _Exchange(GAP, SPRING, least)
     elif effects == (SPRING.name,) and not chosen.named and all(one.effects != (GAP.name,) for one in seen):
         exchange = _Exchange(SPRING, GAP, policy.clearly_less)
     else:
         return chosen
-    if exchange.new not in study.candidates:
+    if exchange.new not in problem.candidates:
         return chosen
     progress(f"{exchange.new.name} in place of {exchange.old.name}")
-    return exchange.tried(study, root, nominal, chosen)
+    return exchange.tried(problem, root, nominal, chosen)
 
 
-def hardly_a_gap(policy: Policy, level: Level) -> bool:
+def hardly_a_gap(policy: Policy, model_fit: ModelFit) -> bool:
     """Whether there is backlash that gives way in its contact by far more than its gap already at Coulomb friction."""
-    if GAP.name not in level.effects:
+    if GAP.name not in model_fit.effects:
         return False
-    p = level.fitted.packed.p
+    p = model_fit.fitted.packed.p
     twist = p[GAP.slot("contact_compliance")] * p[layout.COULOMB]
     return bool(p[GAP.slot("gap")] < policy.hardly_a_gap * twist)
 
@@ -82,22 +86,24 @@ class _Exchange:
     def __init__(self, old: Kind, new: Kind, least: float) -> None:
         self.old, self.new, self.least = old, new, least
 
-    def tried(self, study: Study, root: Level, nominal: Packed, chosen: FittedCandidate) -> FittedCandidate:
+    def tried(
+        self, problem: Problem, root: ModelFit, nominal: Packed, chosen: FittedCandidate
+    ) -> FittedCandidate:
         """The model with the new one where that is better, else the chosen one."""
-        level = chosen.level
-        begun = list(starts_of(self.new, Context(study, level.fitted, nominal)))
+        model_fit = chosen.model_fit
+        begun = list(starts_of(self.new, Context(problem, model_fit.fitted, nominal)))
         starts = [self._start(start, root) for start in (begun[:1] if self.new is SPRING else begun)]
         slots = {parameter.slot for parameter in self.old.parameters}
-        free = [*(f for f in level.free if f.slot not in slots), *begun[-1].free]
-        effects = tuple(self.new.name if name == self.old.name else name for name in level.effects)
-        target = max(self.least, 1.0) * level.fitted.cost
-        settled = fit_from_starts(study, starts, 0.0, free, effects, target)
-        if settled is None or error_left(study, settled) > self.least * error_left(study, level):
+        free = [*(f for f in model_fit.free if f.slot not in slots), *begun[-1].free]
+        effects = tuple(self.new.name if name == self.old.name else name for name in model_fit.effects)
+        target = max(self.least, 1.0) * model_fit.fitted.cost
+        settled = fit_from_starts(problem, starts, 0.0, free, effects, target)
+        if settled is None or error_left(problem, settled) > self.least * error_left(problem, model_fit):
             return chosen
         effect = self.new.name if chosen.effect == self.old.name else chosen.effect
-        return replace(judged(study, root, settled, effect), gain=chosen.gain)
+        return replace(judged(problem, root, settled, effect), gain=chosen.gain)
 
-    def _start(self, start: Start, root: Level) -> Packed:
+    def _start(self, start: FitStart, root: ModelFit) -> Packed:
         """A start of the new one without the old one; a spring begins where the gap's contact is."""
         p, on = start.packed.p.copy(), start.packed.on.copy()
         for name, source in OF_THE_GAP.items() if self.new is SPRING else ():

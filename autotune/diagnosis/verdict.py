@@ -35,13 +35,13 @@ from autotune.diagnosis.wording import (
     unknown_note,
 )
 from autotune.estimation.bandwidth import prepared_for, prepared_to_fit
-from autotune.estimation.bias_corrected_fit import Level
+from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.coordinates import variance_shares
 from autotune.estimation.cross_validation import gain_and_z
 from autotune.estimation.data import TEST, TRAINING
 from autotune.estimation.model_error import model_error
 from autotune.estimation.policy import POLICY, Policy
-from autotune.estimation.problem import Study
+from autotune.estimation.problem import Problem
 from autotune.models.drive_model import DriveModel
 from autotune.models.effect import Kind
 from autotune.recordings.recording import Recording
@@ -81,9 +81,9 @@ class Diagnosis:
     error_rms: float = math.nan
     relative_error: float = math.nan
     notes: tuple[str, ...] = ()
-    study: Study | None = field(default=None, repr=False)
-    level: Level | None = field(default=None, repr=False)
-    root: Level | None = field(default=None, repr=False)
+    problem: Problem | None = field(default=None, repr=False)
+    model_fit: ModelFit | None = field(default=None, repr=False)
+    root: ModelFit | None = field(default=None, repr=False)
 
 
 def diagnose(
@@ -104,16 +104,16 @@ def diagnose(
     """
     check_same_axis(model, recordings)
     data = prepared_to_fit(recordings, policy)
-    study, root, nominal, notes = begin(data, model, progress, policy=policy)
+    problem, root, nominal, notes = begin(data, model, progress, policy=policy)
     if candidates is not None:
-        study = replace(study, candidates=tuple(candidates))
+        problem = replace(problem, candidates=tuple(candidates))
     given = model_error(prepared_for(recordings, policy), model, policy)
-    found = search(study, root, nominal, progress)
+    found = search(problem, root, nominal, progress)
     progress("does another trajectory confirm it")
     chosen, carried = confirm(found, nominal)
     verdict = judge(replace(found, chosen=chosen), (*notes, *in_words(carried)), carried)
     if verdict.confidence == CONFIRMED and not data.repeated:
-        doubt = doubt_of(recordings, model, verdict.effects, progress, policy, study.candidates)
+        doubt = doubt_of(recordings, model, verdict.effects, progress, policy, problem.candidates)
         if doubt is not None:
             said = f"Suspected only: {doubt.why}."
             verdict = replace(verdict, confidence=SUSPECTED, notes=(said, *verdict.notes))
@@ -130,8 +130,8 @@ class Facts:
         rivals: effects that explain as much as the chosen one.
     """
 
-    study: Study
-    root: Level
+    problem: Problem
+    root: ModelFit
     chosen: FittedCandidate | None
     evidence: Evidence
     carried: Sequence[HoldoutResult]
@@ -149,24 +149,24 @@ class Facts:
             return False
         if self.chosen is None:
             return True
-        left = self.study.mean_square(self.chosen.level.fitted.error, TRAINING)
+        left = self.problem.mean_square(self.chosen.model_fit.fitted.error, TRAINING)
         return self.chosen.training.fall < self.line.share * left
 
     @property
     def structured(self) -> bool:
         """A free function of one coordinate explains plainly more than any physics."""
-        policy = self.study.policy
+        policy = self.problem.policy
         return self.generic > policy.generic_gain and self.generic > policy.generic_lead * max(self.lead, 0.0)
 
     @property
     def accepted(self) -> bool:
         """Enough is explained for a name, and a gap is no name for chance."""
-        policy = self.study.policy
+        policy = self.problem.policy
         chosen = self.chosen
         return (
             chosen is not None
             and self.evidence.accepts(policy, chosen)
-            and not hardly_a_gap(policy, chosen.level)
+            and not hardly_a_gap(policy, chosen.model_fit)
         )
 
     @property
@@ -174,19 +174,19 @@ class Facts:
         """A candidate that is not named although it gains far more than all that is; empty where there is none."""
         if self.chosen is None or self.evidence.repeats:
             return ""
-        own = gain_and_z(self.root.unseen, self.chosen.level.unseen)[0]
+        own = gain_and_z(self.root.unseen, self.chosen.model_fit.unseen)[0]
         own = max(own, self.chosen.gain)
-        others = [item for item in self.first if item.effect not in self.chosen.level.effects]
+        others = [item for item in self.first if item.effect not in self.chosen.model_fit.effects]
         best = max(others, key=lambda item: item.gain, default=None)
         return best.effect if best is not None and best.gain > OUTDONE * own else ""
 
     @property
     def law_differs(self) -> bool:
         """One effect explains most of the error, far ahead of any other, but not all that its place holds."""
-        policy, chosen = self.study.policy, self.chosen
-        if chosen is None or not self.evidence.repeats or len(chosen.level.effects) > 1:
+        policy, chosen = self.problem.policy, self.chosen
+        if chosen is None or not self.evidence.repeats or len(chosen.model_fit.effects) > 1:
             return False
-        if hardly_a_gap(policy, chosen.level) or not self.study.has_veto:
+        if hardly_a_gap(policy, chosen.model_fit) or not self.problem.has_veto:
             return False
         others = [item.gain for item in self.first if item.effect != chosen.effect]
         own = next((item.gain for item in self.first if item.effect == chosen.effect), chosen.gain)
@@ -195,7 +195,7 @@ class Facts:
 
     @property
     def structure_left(self) -> bool:
-        return self.evidence.structure_left(self.study, self.root)
+        return self.evidence.structure_left(self.problem, self.root)
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,11 +209,11 @@ class Case:
 
 
 def _unknown(facts: Facts) -> str:
-    return unknown_note(facts.study, facts.evidence, facts.coordinate, facts.generic, facts.chosen)
+    return unknown_note(facts.problem, facts.evidence, facts.coordinate, facts.generic, facts.chosen)
 
 
 def _unknown_without_name(facts: Facts) -> str:
-    return unknown_note(facts.study, facts.evidence, facts.coordinate, facts.generic, None)
+    return unknown_note(facts.problem, facts.evidence, facts.coordinate, facts.generic, None)
 
 
 def _nothing_to_say(facts: Facts) -> str:
@@ -222,7 +222,7 @@ def _nothing_to_say(facts: Facts) -> str:
 
 def _outdone(facts: Facts) -> str:
     chosen = facts.chosen
-    names = " and ".join(chosen.level.effects).replace("_", " ") if chosen is not None else ""
+    names = " and ".join(chosen.model_fit.effects).replace("_", " ") if chosen is not None else ""
     return (
         f"{facts.outdone.replace('_', ' ').capitalize()} explains far more of these data than {names}, "
         "but not beyond doubt; so nothing is named."
@@ -261,54 +261,60 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
     effects: tuple[str, ...] = ()
     confidence = None
     if facts.chosen is not None and case.verdict in (NAMED, AMBIGUOUS):
-        effects = facts.chosen.level.effects
-        sure = case.verdict == NAMED and facts.evidence.confirms(facts.study, effects, carried)
+        effects = facts.chosen.model_fit.effects
+        sure = case.verdict == NAMED and facts.evidence.confirms(facts.problem, effects, carried)
         confidence = CONFIRMED if sure else SUSPECTED
     confusable = _confusable(facts, case.verdict, effects, confidence, found)
     said = [line_note(facts.line) if facts.line is not None else "", case.sentence(facts)]
     chosen = None if facts.drowned else facts.chosen
-    final = chosen.level if chosen is not None and effects else facts.root
-    study, root = facts.study, facts.root
-    own_axis = bool(study.data.metadata.fingerprint)
+    final = chosen.model_fit if chosen is not None and effects else facts.root
+    problem, root = facts.problem, facts.root
+    own_axis = bool(problem.data.metadata.fingerprint)
     return Diagnosis(
         case.verdict,
         effects,
         confidence,
-        candidate_rows(study, facts.evidence, root, found.first, found.tried, effects),
+        candidate_rows(problem, facts.evidence, root, found.first, found.tried, effects),
         confusable,
-        variance_shares(study.data, root.fitted.error, study.training > 0),
-        facts.evidence.noise_rms(study, final),
+        variance_shares(problem.data, root.fitted.error, problem.training > 0),
+        facts.evidence.noise_rms(problem, final),
         next_experiment(case.verdict, effects, confusable, confidence, chosen, own_axis),
-        study.twin,
-        math.sqrt(study.mean_square(final.fitted.error, TEST)) if study.has(TEST) else math.nan,
+        problem.twin,
+        math.sqrt(problem.mean_square(final.fitted.error, TEST)) if problem.has(TEST) else math.nan,
         notes=(*notes, *filter(None, said), TORQUE_CONSTANT),
-        study=study,
-        level=final,
+        problem=problem,
+        model_fit=final,
         root=root,
     )
 
 
 def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     """The facts of a search and of other trajectories."""
-    study, root, chosen = found.study, found.root, found.chosen
-    evidence = evidence_of(study.data)
+    problem, root, chosen = found.problem, found.root, found.chosen
+    evidence = evidence_of(problem.data)
     lead = max((item.gain for item in found.first), default=0.0)
     if chosen is not None:
-        lead = max(lead, gain_and_z(root.unseen, chosen.level.unseen)[0])
+        lead = max(lead, gain_and_z(root.unseen, chosen.model_fit.unseen)[0])
     coordinate, generic = max(found.generic.items(), key=lambda item: item[1], default=("", 0.0))
-    line = time_driven_line(study, (chosen.level if chosen else root).fitted.error)
-    rivals = tuple(_rivals(study, evidence, root, chosen, found.tried)) if chosen is not None else ()
-    return Facts(study, root, chosen, evidence, carried, line, coordinate, generic, lead, rivals, found.first)
+    line = time_driven_line(problem, (chosen.model_fit if chosen else root).fitted.error)
+    rivals = tuple(_rivals(problem, evidence, root, chosen, found.tried)) if chosen is not None else ()
+    return Facts(
+        problem, root, chosen, evidence, carried, line, coordinate, generic, lead, rivals, found.first
+    )
 
 
 def _rivals(
-    study: Study, evidence: Evidence, root: Level, chosen: FittedCandidate, tried: Sequence[FittedCandidate]
+    problem: Problem,
+    evidence: Evidence,
+    root: ModelFit,
+    chosen: FittedCandidate,
+    tried: Sequence[FittedCandidate],
 ) -> list[str]:
     """Single effects that explain as much as the chosen single one; hardly a gap is no rival of a spring."""
-    if len(chosen.level.effects) != 1:
+    if len(chosen.model_fit.effects) != 1:
         return []
-    best = error_left(study, chosen.level)
-    near = evidence.alike(study) * (error_left(study, root) - best)
+    best = error_left(problem, chosen.model_fit)
+    near = evidence.alike(problem) * (error_left(problem, root) - best)
     return [
         item.effect
         for item in tried
@@ -317,10 +323,11 @@ def _rivals(
         and not (
             chosen.effect == SPRING.name
             and item.effect == GAP.name
-            and hardly_a_gap(study.policy, item.level)
+            and hardly_a_gap(problem.policy, item.model_fit)
         )
         and (
-            error_left(study, item.level) - best < near or not evidence.apart(study, chosen.level, item.level)
+            error_left(problem, item.model_fit) - best < near
+            or not evidence.apart(problem, chosen.model_fit, item.model_fit)
         )
     ]
 
@@ -334,5 +341,5 @@ def _confusable(
     if confidence != SUSPECTED:
         return ()
     near = [rival for item in facts.carried for rival in item.rivals]
-    near += likely_rivals(facts.study.policy, effects, found.first)
+    near += likely_rivals(facts.problem.policy, effects, found.first)
     return (tuple(dict.fromkeys([*effects, *near])),) if near else ()

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate
 from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.evidence.time_driven import TimeLine
-from autotune.estimation.bias_corrected_fit import Level
+from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.policy import Policy
-from autotune.estimation.problem import Study
+from autotune.estimation.problem import Problem
 from autotune.models.table import looking_alike
 
 WORST_GAIN = -1.0
@@ -47,15 +47,15 @@ class Candidate:
 
 
 def candidate_rows(
-    study: Study,
+    problem: Problem,
     evidence: Evidence,
-    root: Level,
+    root: ModelFit,
     first: Sequence[ScreenedCandidate],
     tried: Sequence[FittedCandidate],
     effects: Sequence[str],
 ) -> tuple[Candidate, ...]:
     """One row for every candidate."""
-    count = max(float(study.training.sum()), 1.0)
+    count = max(float(problem.training.sum()), 1.0)
     before = math.sqrt(root.unseen.total / count)
     fits = {item.effect: item for item in tried}
     table = []
@@ -63,7 +63,7 @@ def candidate_rows(
         accepted = item.effect in effects
         gain = max(fits[item.effect].gain if item.effect in fits else item.gain, WORST_GAIN)
         after = before * math.sqrt(max(1.0 - gain, 0.0))
-        text = why(study.policy, evidence, item, fits, accepted)
+        text = why(problem.policy, evidence, item, fits, accepted)
         table.append(Candidate(item.effect, gain, before, after, accepted, text))
     return tuple(table)
 
@@ -88,14 +88,14 @@ def why(
 
 
 def unknown_note(
-    study: Study, evidence: Evidence, coordinate: str, gain: float, chosen: FittedCandidate | None
+    problem: Problem, evidence: Evidence, coordinate: str, gain: float, chosen: FittedCandidate | None
 ) -> str:
     """What is known about what is unknown: where it sits, and what explains a part."""
     text = "Something repeatable is missing that none of the known effects explains"
-    if gain > study.policy.generic_gain:
+    if gain > problem.policy.generic_gain:
         text += f"; it is structured in {coordinate.replace('_', ' ')}"
-    if chosen is not None and chosen.share >= study.policy.partly:
-        names = ", ".join(chosen.level.effects).replace("_", " ")
+    if chosen is not None and chosen.share >= problem.policy.partly:
+        names = ", ".join(chosen.model_fit.effects).replace("_", " ")
         text += f"; {names} {evidence.explains_part(chosen)} and may be part of the truth"
     return text + "."
 
@@ -141,7 +141,7 @@ def next_experiment(
         near = confusable[0] if confusable else effects
         return separating_experiment(near, own_axis) + ". A second trajectory confirms or refutes the name."
     if verdict == "unknown":
-        return separating_experiment(chosen.level.effects if chosen else (), own_axis)
+        return separating_experiment(chosen.model_fit.effects if chosen else (), own_axis)
     return None
 
 

@@ -16,7 +16,7 @@ from autotune.estimation.cross_validation import Unseen, held_out
 from autotune.estimation.data import TRAINING
 from autotune.estimation.least_squares import Fitted, Free, fit
 from autotune.estimation.parts import until_last
-from autotune.estimation.problem import Correction, Study, refit
+from autotune.estimation.problem import Correction, Problem, refit
 from autotune.estimation.residual import residual
 from autotune.models.drive_model import Packed
 
@@ -40,7 +40,7 @@ ENOUGH = 0.01
 
 
 @dataclass(frozen=True, slots=True)
-class Level:
+class ModelFit:
     """A model at its best: fit, the bias that belongs to it, and its error on unseen experiments.
 
     `converged`: more rounds would not make it better.
@@ -58,30 +58,30 @@ class Level:
 
 
 def fit_inside_twin(
-    study: Study,
+    problem: Problem,
     start: Packed | Twinned,
     free: Sequence[Free],
     rounds: int,
     effects: tuple[str, ...] = (),
     near: Fitted | None = None,
     target: float = math.inf,
-) -> Level | None:
+) -> ModelFit | None:
     """Fits inside the twin. None where the twin is unstable.
 
     `start` is a model, or a place whose bias is known. `near` is a fit of the same parameters nearby, whose
     sensitivities serve the first step. Between two masses a fit that cannot be expected to reach the cost `target`
     is given up.
     """
-    here = start if isinstance(start, Twinned) else twinned(study, start)
+    here = start if isinstance(start, Twinned) else twinned(problem, start)
     if here is None:
         return None
     best = here
-    if study.two_masses(here.packed):
-        return _step_by_step(study, here, free, STEPS_A_ROUND * rounds, effects, target)
+    if problem.two_masses(here.packed):
+        return _step_by_step(problem, here, free, STEPS_A_ROUND * rounds, effects, target)
     last: Fitted | None = None
     for _ in range(rounds):
-        last = refit(study, here.packed, list(free), here.correction, 4 if study.twin else 12, near)
-        found = _downhill(study, last, here)
+        last = refit(problem, here.packed, list(free), here.correction, 4 if problem.twin else 12, near)
+        found = _downhill(problem, last, here)
         if found is None:
             break
         here, near = found, last
@@ -89,80 +89,84 @@ def fit_inside_twin(
     if last is None:
         return None
     fitted = replace(last, packed=best.packed, error=best.error, cost=best.cost)
-    return _level(study, fitted, best.correction, effects)
+    return _model_fit(problem, fitted, best.correction, effects)
 
 
 def fit_from_starts(
-    study: Study,
+    problem: Problem,
     starts: Sequence[Packed],
     enough: float,
     free: Sequence[Free],
     effects: tuple[str, ...],
     target: float = math.inf,
-) -> Level | None:
+) -> ModelFit | None:
     """Fits from the first of several places that costs at most `enough`, and from the next where one is stuck.
 
     Where none costs so little, from the best of them. For two masses, whose way downhill chance may bar. None where
     the twin is unstable everywhere.
     """
-    best: Level | None = None
+    best: ModelFit | None = None
     dear: list[Twinned] = []
     tried = 0
     for packed in starts:
-        here = twinned(study, packed)
+        here = twinned(problem, packed)
         if here is None:
             continue
         if here.cost > enough:
             dear.append(here)
             continue
         least = target if best is None else min(target, best.fitted.cost)
-        level = fit_inside_twin(study, here, free, 2, effects, target=least)
+        model_fit = fit_inside_twin(problem, here, free, 2, effects, target=least)
         tried += 1
-        if level is not None and (best is None or level.fitted.cost < best.fitted.cost):
-            best = level
-        if tried >= MOST_PLACES or (level is not None and _arrived(study, level, here.cost, enough)):
+        if model_fit is not None and (best is None or model_fit.fitted.cost < best.fitted.cost):
+            best = model_fit
+        if tried >= MOST_PLACES or (
+            model_fit is not None and _arrived(problem, model_fit, here.cost, enough)
+        ):
             break
     if best is not None or not dear:
         return best
     here = min(dear, key=lambda place: place.cost)
-    return fit_inside_twin(study, here, free, 2, effects, target=target)
+    return fit_inside_twin(problem, here, free, 2, effects, target=target)
 
 
-def _arrived(study: Study, level: Level, before: float, enough: float) -> bool:
+def _arrived(problem: Problem, model_fit: ModelFit, before: float, enough: float) -> bool:
     """Whether a fit has found its way: to the noise where that is known, else far enough down."""
-    floor = study.noise_variance(level.fitted.error, TRAINING)
-    cost = level.fitted.cost
+    floor = problem.noise_variance(model_fit.fitted.error, TRAINING)
+    cost = model_fit.fitted.cost
     if math.isfinite(floor):
         return cost < NEAR_NOISE * floor
     return cost < STUCK * before or before < NEAR * enough
 
 
 def _step_by_step(
-    study: Study,
+    problem: Problem,
     here: Twinned,
     free: Sequence[Free],
     steps: int,
     effects: tuple[str, ...],
     target: float,
-) -> Level | None:
+) -> ModelFit | None:
     """A fit whose every step is judged by its own bias."""
 
-    fitted_part = replace(study, data=until_last(study.data, study.training > 0))
+    fitted_part = replace(problem, data=until_last(problem.data, problem.training > 0))
 
     def bias_at(packed: Packed) -> Floats | None:
-        correction = fitted_part.correction(packed, study.simulations + 1)
+        correction = fitted_part.correction(packed, problem.simulations + 1)
         return correction.bias if correction.stable else None
 
     fitted = fit(
-        study.data, study.moved, here.packed, free, here.correction.bias, study.training, steps,
+        problem.data, problem.moved, here.packed, free, here.correction.bias, problem.training, steps,
         ENOUGH, bias_at=bias_at, difference=COARSE, whole=False,
         target=target,
     )  # fmt: skip
-    sharp = twinned(study, fitted.packed, SHARP if fitted.cost < target else None)
+    sharp = twinned(problem, fitted.packed, SHARP if fitted.cost < target else None)
     if sharp is None:
         return None
-    level = _level(study, replace(fitted, error=sharp.error, cost=sharp.cost), sharp.correction, effects)
-    return replace(level, converged=fitted.converged)
+    model_fit = _model_fit(
+        problem, replace(fitted, error=sharp.error, cost=sharp.cost), sharp.correction, effects
+    )
+    return replace(model_fit, converged=fitted.converged)
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,36 +180,38 @@ class Twinned:
 
 
 def twinned(
-    study: Study, packed: Packed, simulations: int | None = None, raw: Floats | None = None
+    problem: Problem, packed: Packed, simulations: int | None = None, raw: Floats | None = None
 ) -> Twinned | None:
     """The residual at `packed`, `raw` where it is known already. None where the twin is unstable."""
-    correction = study.correction(packed, simulations or study.simulations + 1)
+    correction = problem.correction(packed, simulations or problem.simulations + 1)
     if not correction.stable:
         return None
     if raw is None:
-        raw = residual(study.data, packed, study.moved)
+        raw = residual(problem.data, packed, problem.moved)
     error = raw - correction.bias
-    return Twinned(packed, error, correction, study.mean_square(error, TRAINING))
+    return Twinned(packed, error, correction, problem.mean_square(error, TRAINING))
 
 
-def _downhill(study: Study, fitted: Fitted, best: Twinned) -> Twinned | None:
+def _downhill(problem: Problem, fitted: Fitted, best: Twinned) -> Twinned | None:
     """The fit with its own bias where that is better than before, else a point on the way there.
 
     A fit holds the bias; near the limit of stability it changes so fast with the parameters that a whole step
     leads uphill. Where no part of the step is better the whole of it may still lead across a ridge; None where it
     is far worse.
     """
-    whole = twinned(study, fitted.packed, raw=fitted.error + best.correction.bias)
+    whole = twinned(problem, fitted.packed, raw=fitted.error + best.correction.bias)
     found, packed = whole, fitted.packed
     for _ in range(MOST_HALVINGS):
         if found is not None and found.cost <= LEVEL_GROUND * best.cost:
             return found
         packed = Packed(0.5 * (packed.p + best.packed.p), packed.on)
-        found = twinned(study, packed)
+        found = twinned(problem, packed)
     if found is not None and found.cost <= LEVEL_GROUND * best.cost:
         return found
     return whole if whole is not None and whole.cost <= ACROSS_A_RIDGE * best.cost else None
 
 
-def _level(study: Study, fitted: Fitted, correction: Correction, effects: tuple[str, ...]) -> Level:
-    return Level(fitted, correction, held_out(study, fitted.error, fitted.jacobian), effects)
+def _model_fit(
+    problem: Problem, fitted: Fitted, correction: Correction, effects: tuple[str, ...]
+) -> ModelFit:
+    return ModelFit(fitted, correction, held_out(problem, fitted.error, fitted.jacobian), effects)

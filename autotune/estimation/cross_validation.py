@@ -10,7 +10,7 @@ import numpy as np
 from autotune.core.arrays import Flags, Floats
 from autotune.estimation.data import TRAINING
 from autotune.estimation.least_squares import DIFFERENCE, Fitted
-from autotune.estimation.problem import CHUNK, Correction, Study
+from autotune.estimation.problem import CHUNK, Correction, Problem
 from autotune.estimation.residual import residual
 from autotune.models.drive_model import Packed
 
@@ -26,14 +26,14 @@ class Unseen:
         return float(self.chunks.sum())
 
 
-def held_out(study: Study, error: Floats, columns: Floats) -> Unseen:
+def held_out(problem: Problem, error: Floats, columns: Floats) -> Unseen:
     """Leave one experiment (or range of phases) out: the rest refits the columns, linearised, and predicts it."""
-    weight = study.training
+    weight = problem.training
     inner = columns.T @ (columns * weight[:, None])
     ridge = 1e-7 * np.trace(inner) / max(len(inner), 1) * np.eye(len(inner))
     slope = columns.T @ (error * weight)
     chunks: list[float] = []
-    fold, fitted = study.data.folds, study.data.role(TRAINING)
+    fold, fitted = problem.data.folds, problem.data.role(TRAINING)
     for number in np.unique(fold[fitted]):
         rows = np.flatnonzero(fitted & (fold == number))
         part = columns[rows]
@@ -70,20 +70,20 @@ class Explained:
         return self.fall / (self.fall + self.left) if self.fall > 0 else 0.0
 
 
-def still_explainable(study: Study, fitted: Fitted, correction: Correction, role: str) -> float:
+def still_explainable(problem: Problem, fitted: Fitted, correction: Correction, role: str) -> float:
     """Repeatable variance, certain to one standard error, and drifting friction level [(N m)²]."""
-    variance, error = study.repeatable(fitted.error, correction, role)
+    variance, error = problem.repeatable(fitted.error, correction, role)
     repeatable = max(variance - error, 0.0) if math.isfinite(variance) else 0.0
-    return repeatable + drift(study, fitted, correction, role)[0]
+    return repeatable + drift(problem, fitted, correction, role)[0]
 
 
-def drift(study: Study, fitted: Fitted, correction: Correction, role: str) -> tuple[float, float]:
+def drift(problem: Problem, fitted: Fitted, correction: Correction, role: str) -> tuple[float, float]:
     """Variance that a friction level differing between repeats explains [(N m)²], and its z."""
-    column = _of_friction(study, fitted, correction, role)
+    column = _of_friction(problem, fitted, correction, role)
     if column is None:
         return 0.0, 0.0
     differences, levels = [], []
-    for block in study.data.blocks:
+    for block in problem.data.blocks:
         if block.role != role or block.repeats < 2:
             continue
         error = fitted.error[block.rows].reshape(block.repeats, block.count)
@@ -100,12 +100,12 @@ def drift(study: Study, fitted: Fitted, correction: Correction, role: str) -> tu
     rest = d - slope * x
     z = slope / max(math.sqrt(float(rest @ rest) / len(d) * 4.0 / power), 1e-300)
     share = 1.0 - float(rest @ rest) / max(float(d @ d), 1e-300)
-    if abs(z) < study.policy.drift_z or share < study.policy.drift_part:
+    if abs(z) < problem.policy.drift_z or share < problem.policy.drift_part:
         return 0.0, z
     return 0.25 * slope**2 * power / len(d), z
 
 
-def _of_friction(study: Study, fitted: Fitted, correction: Correction, role: str) -> Floats | None:
+def _of_friction(problem: Problem, fitted: Fitted, correction: Correction, role: str) -> Floats | None:
     """Sensitivity to Coulomb friction on the rows of a role, shape (m,); None where it was not fitted."""
     names = [f.name for f in fitted.free]
     if "coulomb" not in names:
@@ -116,28 +116,30 @@ def _of_friction(study: Study, fitted: Fitted, correction: Correction, role: str
     p = fitted.packed.p.copy()
     change = DIFFERENCE * fitted.scales[index]
     p[fitted.free[index].slot] += change
-    moved = residual(study.data, Packed(p, fitted.packed.on), study.moved)
+    moved = residual(problem.data, Packed(p, fitted.packed.on), problem.moved)
     return np.asarray((moved - fitted.error - correction.bias) / DIFFERENCE)
 
 
-def explained(study: Study, before: Fitted, after: Fitted, correction: Correction, role: str) -> Explained:
+def explained(
+    problem: Problem, before: Fitted, after: Fitted, correction: Correction, role: str
+) -> Explained:
     """What `after` explains beyond `before` of a role's residual.
 
     Of what repeats do not share only what the disturbance does not make can be explained: a lag that smooths the
     noise of the torque explains nothing.
     """
-    fall = study.mean_square(before.error, role) - study.mean_square(after.error, role)
-    variance, error = study.repeatable(after.error, correction, role)
-    noise = study.noise_variance(after.error, role)
+    fall = problem.mean_square(before.error, role) - problem.mean_square(after.error, role)
+    variance, error = problem.repeatable(after.error, correction, role)
+    noise = problem.noise_variance(after.error, role)
     if math.isfinite(noise):
-        quieter = study.noise_variance(before.error, role) - noise
-        fall -= max(quieter - study.noise_explainable(before.error, role), 0.0)
+        quieter = problem.noise_variance(before.error, role) - noise
+        fall -= max(quieter - problem.noise_explainable(before.error, role), 0.0)
     certain = (
         math.isfinite(variance)
-        and variance > study.policy.rest_errors * error
-        and variance > study.policy.rest_part * noise
+        and variance > problem.policy.rest_errors * error
+        and variance > problem.policy.rest_part * noise
     )
-    return Explained(fall, still_explainable(study, after, correction, role), certain)
+    return Explained(fall, still_explainable(problem, after, correction, role), certain)
 
 
 def bins(values: Floats, count: int, chosen: Flags) -> Floats:

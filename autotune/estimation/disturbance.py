@@ -1,4 +1,4 @@
-"""What shakes an axis beside its command, as the twin is shaken: process noise with its colour, sensor noise apart.
+"""What shakes an axis beside its command, as the twin is disturbed: process noise with its colour, sensor noise apart.
 
 A process disturbance is a torque on the axis: white, and a part with a memory (a first-order autoregression).
 It passes through the loop into position and torque. Noise of the position sensor passes through the

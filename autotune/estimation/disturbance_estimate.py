@@ -4,7 +4,7 @@ The torque residual with the torque that the controller must have asked for, ins
 what acted on the axis and what the position sensor added: −d + J·n¨. The difference of the two torques is the
 noise of the torque sensor. Spectra of the differences between repeats are matched by a white part, one
 autoregression and position noise (non-negative least squares over bands for each of several time constants).
-Quantiser and friction add to the differences; how much, a twin that is shaken with the estimate tells, and the
+Quantiser and friction add to the differences; how much, a twin that is disturbed by the estimate tells, and the
 match is made again. Chunks at speed decide: where the axis hardly moves the quantiser makes its motion chaotic.
 """
 
@@ -21,7 +21,7 @@ from autotune.core.arrays import Floats
 from autotune.estimation.controller import asked
 from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.disturbance import STILL, Disturbance, coloured_power
-from autotune.estimation.problem import SEED, Study
+from autotune.estimation.problem import SEED, Problem
 from autotune.estimation.residual import raw_residual, run_twin, simulated_motion
 from autotune.models import layout
 from autotune.models.drive_model import Packed
@@ -78,23 +78,23 @@ class _Chunks:
         return np.asarray(np.abs(spectrum) ** 2 / float(window @ window))
 
 
-def estimate_disturbance(study: Study, packed: Packed) -> Disturbance:
+def estimate_disturbance(problem: Problem, packed: Packed) -> Disturbance:
     """What shakes the axis beside its command; nothing without a controller, whose twin nobody shakes."""
-    if study.controller is None:
+    if problem.controller is None:
         return STILL
-    chunks = _chunks(study)
+    chunks = _chunks(problem)
     if chunks is None:
         return STILL
-    data = study.data
-    heard = np.asarray(data.torque - asked(data, study.controller))
+    data = problem.data
+    heard = np.asarray(data.torque - asked(data, problem.controller))
     sensor = float(np.sqrt(np.median(np.var(chunks.of(heard), axis=1))))
-    raw = raw_residual(data, packed, study.moved)
+    raw = raw_residual(data, packed, problem.moved)
     raw[1:] -= 0.5 * (heard[1:] + heard[:-1])
-    matcher = _matcher(study, packed, chunks)
+    matcher = _matcher(problem, packed, chunks)
     measured = chunks.power(raw)
     found, simulated, own = STILL, measured, []
     for number in range(ROUNDS):
-        again = _shaken(study, packed, found, chunks, number)
+        again = _shaken(problem, packed, found, chunks, number)
         if again is None:
             break
         simulated = again[0]
@@ -109,23 +109,23 @@ def estimate_disturbance(study: Study, packed: Packed) -> Disturbance:
 
 
 def _shaken(
-    study: Study, packed: Packed, found: Disturbance, chunks: _Chunks, number: int
+    problem: Problem, packed: Packed, found: Disturbance, chunks: _Chunks, number: int
 ) -> tuple[Floats, Floats] | None:
     """Spectra of the twin's chunks, and what quantiser and friction have in them; None where it is unstable."""
-    if study.controller is None:
+    if problem.controller is None:
         return None
-    run = run_twin(study.data, packed, study.controller, found, np.random.default_rng([SEED, number]))
+    run = run_twin(problem.data, packed, problem.controller, found, np.random.default_rng([SEED, number]))
     if not run.stable:
         return None
-    raw = raw_residual(study.data, packed, simulated_motion(study.data, run))
+    raw = raw_residual(problem.data, packed, simulated_motion(problem.data, run))
     own = raw.copy()
     own[1:] += 0.5 * (run.disturbance[1:] + run.disturbance[:-1])
     return chunks.power(raw), chunks.power(own)
 
 
-def _chunks(study: Study) -> _Chunks | None:
+def _chunks(problem: Problem) -> _Chunks | None:
     """Chunks of the faster half of the training data, of pairs of repeats where there are any."""
-    data = study.data
+    data = problem.data
     length = max(32, round(CHUNK_SECONDS / data.period))
     step = max(1, int(np.median(np.diff(data.grid[: max(50, len(data.grid) // 10)]))))
     starts: list[tuple[int, int]] = []
@@ -209,8 +209,8 @@ class _Matcher:
         return best
 
 
-def _matcher(study: Study, packed: Packed, chunks: _Chunks) -> _Matcher:
-    data = study.data
+def _matcher(problem: Problem, packed: Packed, chunks: _Chunks) -> _Matcher:
+    data = problem.data
     hertz = np.asarray(np.fft.rfftfreq(chunks.length, data.period), dtype=np.float64)
     top = min(HIGHEST * data.motion_cutoff, 0.42 / data.period)
     low = 1.6 * hertz[1] if chunks.paired else max(LOWEST_ALONE * _cutoff(data), 1.6 * hertz[1])

@@ -24,7 +24,7 @@ from autotune.estimation.controller import find_controller
 from autotune.estimation.data import Prepared
 from autotune.estimation.disturbance_estimate import estimate_disturbance
 from autotune.estimation.policy import POLICY, Policy
-from autotune.estimation.problem import CHUNK, Study, start_study, without_outlying
+from autotune.estimation.problem import CHUNK, Problem, new_problem, without_outlying
 from autotune.estimation.residual import measured_motion, residual, smoothed
 from autotune.models.drive_model import DriveModel, Packed
 
@@ -34,14 +34,14 @@ SIMULATIONS = 3
 
 @dataclass(frozen=True, slots=True)
 class ModelError:
-    """What a model leaves of the torque; arrays of shape (m,), on the grid of `study.data`.
+    """What a model leaves of the torque; arrays of shape (m,), on the grid of `problem.data`.
 
     Attributes:
         rows: that count.
         notes: in words, why there is no twin.
     """
 
-    study: Study
+    problem: Problem
     error: Floats
     rows: Flags
     notes: tuple[str, ...]
@@ -49,7 +49,7 @@ class ModelError:
     @property
     def torque(self) -> Floats:
         """The demand in the same bands, rows that count only [N m or N]."""
-        return smoothed(self.study.data, self.study.data.torque)[self.rows]
+        return smoothed(self.problem.data, self.problem.data.torque)[self.rows]
 
     @property
     def error_rms(self) -> float:
@@ -64,27 +64,27 @@ class ModelError:
 def model_error(data: Prepared, model: DriveModel, policy: Policy = POLICY) -> ModelError:
     """The error of a model on prepared data."""
     found = find_controller(data, policy)
-    study = start_study(data, found, policy)
+    problem = new_problem(data, found, policy)
     packed = model.pack()
     notes = found.notes if found.usable else (f"No twin: {found.why}.",)
-    if study.twin and not study.correction(packed, 1).stable:
-        study = replace(study, controller=None)
+    if problem.twin and not problem.correction(packed, 1).stable:
+        problem = replace(problem, controller=None)
         notes = ("No twin: a simulation of the model with this controller is unstable.",)
-    if not study.twin:
+    if not problem.twin:
         data, said = without_twin(data)
         data = data if data.repeated or data.steady else best_aligned(data, packed)
-        study, notes = start_study(data, None, policy), (*notes, *said)
-    raw = residual(data, packed, study.moved)
-    if study.twin:
-        study = replace(study, disturbance=estimate_disturbance(study, packed))
-    correction = study.correction(packed, SIMULATIONS)
+        problem, notes = new_problem(data, None, policy), (*notes, *said)
+    raw = residual(data, packed, problem.moved)
+    if problem.twin:
+        problem = replace(problem, disturbance=estimate_disturbance(problem, packed))
+    correction = problem.correction(packed, SIMULATIONS)
     if not correction.stable:
-        study, correction = replace(study, controller=None), replace(correction, stable=True)
+        problem, correction = replace(problem, controller=None), replace(correction, stable=True)
     error = raw - correction.bias
     if not data.repeated and not data.steady:
-        study = replace(study, weight=without_outlying(study, error))
-    rows = np.asarray(study.weight > 0)
-    return ModelError(study, error, rows, notes)
+        problem = replace(problem, weight=without_outlying(problem, error))
+    rows = np.asarray(problem.weight > 0)
+    return ModelError(problem, error, rows, notes)
 
 
 def best_aligned(data: Prepared, packed: Packed) -> Prepared:
@@ -116,7 +116,7 @@ class NoiseFloor:
         return self.low, self.high
 
 
-def noise_floor(study: Study, error: Floats, rows: Flags) -> NoiseFloor | None:
+def noise_floor(problem: Problem, error: Floats, rows: Flags) -> NoiseFloor | None:
     """The floor under the error of repeated experiments, every row alike; None where nothing was repeated.
 
     Args:
@@ -124,7 +124,7 @@ def noise_floor(study: Study, error: Floats, rows: Flags) -> NoiseFloor | None:
     """
     chunks = [
         chunk
-        for block in study.data.blocks
+        for block in problem.data.blocks
         if block.repeats > 1
         for chunk in _chunks(
             error[block.rows].reshape(block.repeats, -1), rows[block.rows].reshape(block.repeats, -1)

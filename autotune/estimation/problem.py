@@ -37,7 +37,7 @@ NOISE_CHUNK = 60
 SEED = 20_240
 OUTLYING, OUTLYING_SECONDS = 12.0, 0.25
 """Times the median power: a piece of so many seconds with more is left out."""
-LONELY, FEW = 6.0, 0.02
+OUTLYING_SIZE, FEW = 6.0, 0.02
 """Standard deviations beyond which samples are left out, where they are so few of the rows."""
 LEAST_WEIGHT = 0.1
 """Of the steadiest experiment: an unsteady one is never left out."""
@@ -71,7 +71,7 @@ class Scales:
 
 
 @dataclass(frozen=True, slots=True)
-class Study:
+class Problem:
     """Everything a candidate is judged by.
 
     Attributes:
@@ -179,8 +179,8 @@ class Study:
         return any(block.role == VETO and block.repeats > 1 for block in self.data.blocks)
 
 
-def start_study(data: Prepared, controller: PositionController | None, policy: Policy = POLICY) -> Study:
-    """A study before anything is known about noise."""
+def new_problem(data: Prepared, controller: PositionController | None, policy: Policy = POLICY) -> Problem:
+    """A problem before anything is known about noise."""
     moved = measured_motion(data)
     rows = data.grid
     scales = Scales(
@@ -193,7 +193,7 @@ def start_study(data: Prepared, controller: PositionController | None, policy: P
         data.steady,
     )
     usable = controller if controller is not None and controller.usable else None
-    return Study(data, moved, usable, STILL, scales, np.ones(len(rows)), policy=policy)
+    return Problem(data, moved, usable, STILL, scales, np.ones(len(rows)), policy=policy)
 
 
 def _can_tell(name: str, scales: Scales) -> bool:
@@ -244,47 +244,47 @@ def base_free(packed: Packed, scales: Scales, motion_unit: str) -> list[Free]:
     return free
 
 
-def with_expected_noise(study: Study, packed: Packed) -> Study:
-    """The study, knowing by how much repeats would differ if nothing but the disturbance did it."""
-    data, shaken = study.data, study.disturbance
-    if study.controller is None or not data.repeated or not math.isfinite(shaken.sensor):
-        return replace(study, expected=None)
-    run = run_twin(data, packed, study.controller, shaken, np.random.default_rng([SEED, 1]))
+def with_expected_noise(problem: Problem, packed: Packed) -> Problem:
+    """The problem, knowing by how much repeats would differ if nothing but the disturbance did it."""
+    data, disturbance = problem.data, problem.disturbance
+    if problem.controller is None or not data.repeated or not math.isfinite(disturbance.sensor):
+        return replace(problem, expected=None)
+    run = run_twin(data, packed, problem.controller, disturbance, np.random.default_rng([SEED, 1]))
     if not run.stable:
-        return replace(study, expected=None)
+        return replace(problem, expected=None)
     error = smoothed(data, raw_residual(data, packed, simulated_motion(data, run)))
-    heard = shaken.sensor**2 * float(np.sum(np.convolve(data.taps, [0.5, 0.5]) ** 2))
+    heard = disturbance.sensor**2 * float(np.sum(np.convolve(data.taps, [0.5, 0.5]) ** 2))
     expected = np.full(len(data.blocks), heard)
     for i, block in enumerate(data.blocks):
         if block.repeats > 1:
             expected[i] += float(_table(error, block).var(axis=0, ddof=1).mean())
-    return replace(study, expected=expected)
+    return replace(problem, expected=expected)
 
 
-def by_steadiness(study: Study, error: Floats) -> Study:
-    """The study with every experiment weighted by how well its repeats agree.
+def by_steadiness(problem: Problem, error: Floats) -> Problem:
+    """The problem with every experiment weighted by how well its repeats agree.
 
     Where the quantiser makes slow motion chaotic, repeats differ far more than elsewhere; such an experiment
     would drown what the others tell.
     """
-    noise = {i: float(v.mean()) for i, v in _noise_by_block(study, error)}
+    noise = {i: float(v.mean()) for i, v in _noise_by_block(problem, error)}
     if not noise:
-        return study
+        return problem
     quietest = min(noise.values())
-    weight = study.weight.copy()
+    weight = problem.weight.copy()
     for i, level in noise.items():
-        weight[study.data.blocks[i].rows] *= max(quietest / max(level, 1e-300), LEAST_WEIGHT)
-    return replace(study, weight=weight)
+        weight[problem.data.blocks[i].rows] *= max(quietest / max(level, 1e-300), LEAST_WEIGHT)
+    return replace(problem, weight=weight)
 
 
-def _noise_by_block(study: Study, error: Floats) -> Iterator[tuple[int, Floats]]:
+def _noise_by_block(problem: Problem, error: Floats) -> Iterator[tuple[int, Floats]]:
     """Numbers of repeated training blocks, and the variance between repeats of their chunks [(N m)²].
 
     A friction level that differs between repeats (warming, memory) is no noise: offset and friction of
     each chunk are taken out first.
     """
-    direction = np.sign(study.data.velocity[study.data.grid])
-    for i, block in enumerate(study.data.blocks):
+    direction = np.sign(problem.data.velocity[problem.data.grid])
+    for i, block in enumerate(problem.data.blocks):
         if block.role != TRAINING or block.repeats < 2:
             continue
         values: list[float] = []
@@ -300,7 +300,7 @@ def _noise_by_block(study: Study, error: Floats) -> Iterator[tuple[int, Floats]]
 
 
 def refit(
-    study: Study,
+    problem: Problem,
     packed: Packed,
     free: list[Free],
     correction: Correction,
@@ -310,15 +310,15 @@ def refit(
     """A fit on the training rows; `near` lends its sensitivities to the first step."""
     known = None if near is None else (near.jacobian, near.scales)
     return fit(
-        study.data, study.moved, packed, free, correction.bias, study.training, iterations, known=known
+        problem.data, problem.moved, packed, free, correction.bias, problem.training, iterations, known=known
     )
 
 
-def without_outlying(study: Study, error: Floats) -> Floats:
+def without_outlying(problem: Problem, error: Floats) -> Floats:
     """Weights that leave out stretches with far more error than the usual one: starts, stops, impacts."""
-    weight = np.ones_like(study.weight)
+    weight = np.ones_like(problem.weight)
     step = max(
-        1, round(OUTLYING_SECONDS / (study.data.period * float(np.median(np.diff(study.data.grid[:50])))))
+        1, round(OUTLYING_SECONDS / (problem.data.period * float(np.median(np.diff(problem.data.grid[:50])))))
     )
     pieces = np.array_split(np.arange(len(error)), max(1, len(error) // step))
     power = np.array([float(np.mean(error[piece] ** 2)) for piece in pieces])
@@ -327,12 +327,12 @@ def without_outlying(study: Study, error: Floats) -> Floats:
             weight[piece] = 0.0
     if np.mean(weight > 0) <= 0.5:
         weight = np.ones_like(weight)
-    if study.twin:
+    if problem.twin:
         return weight
     size = np.abs(error)
-    lonely = size > LONELY * float(np.median(size[weight > 0])) / 0.6745
-    if np.mean(lonely) < FEW:  # more of them are structure
-        weight[lonely] = 0.0
+    outlying = size > OUTLYING_SIZE * float(np.median(size[weight > 0])) / 0.6745
+    if np.mean(outlying) < FEW:  # more of them are structure
+        weight[outlying] = 0.0
     return weight
 
 

@@ -117,15 +117,15 @@ def run_twin(
     data: Prepared,
     packed: Packed,
     controller: PositionController,
-    shaken: Disturbance,
+    noise: Disturbance,
     random: np.random.Generator,
     quantised: bool = True,
 ) -> Simulated:
     """Simulates all stretches from their references, each from where it was measured to start."""
     n = len(data.reference)
     position, torque = np.zeros(n), np.zeros(n)
-    disturbance = shaken.drawn(random, n, data.period) if shaken.process > 0.0 else np.zeros(n)
-    unsure = random.normal(0.0, shaken.position, n) if shaken.position > 0.0 else np.zeros(n)
+    disturbance = noise.drawn(random, n, data.period) if noise.process > 0.0 else np.zeros(n)
+    unsure = random.normal(0.0, noise.position, n) if noise.position > 0.0 else np.zeros(n)
     limit = data.metadata.torque_limit or np.inf
     resolution = data.resolution if quantised else 0.0
     stable = True

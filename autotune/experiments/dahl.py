@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from autotune.experiments.experiment import Planned
+from autotune.experiments.experiment import PlannedExperiment
 from autotune.experiments.path import CONDITIONING, Motion, Path
 
 LABEL, NESTED = "dahl", "dahl_nested"
@@ -19,7 +19,7 @@ TURNING = 0.2  # part of the usual acceleration: sharp turns, as seen in positio
 
 
 @dataclass(frozen=True)
-class Dahl(Planned):
+class Dahl(PlannedExperiment):
     """Loops at constant speed: the large one three times, the nested set twice.
 
     Attributes:

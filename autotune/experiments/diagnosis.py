@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from autotune.core.arrays import Floats
-from autotune.experiments.experiment import Experiment, Planned
+from autotune.experiments.experiment import Experiment, PlannedExperiment
 from autotune.experiments.path import Motion, Path, times
 from autotune.signals.excitation import multisine, smooth_step
 
@@ -30,7 +30,7 @@ PAUSE = 0.15  # s between trajectories
 
 
 @dataclass(frozen=True)
-class Trajectory(Planned):
+class Trajectory(PlannedExperiment):
     """One trajectory from rest at `centre` to rest there.
 
     Attributes:

@@ -114,7 +114,7 @@ class Experiment(ABC):
 
 
 @dataclass(frozen=True)
-class Planned(Experiment):
+class PlannedExperiment(Experiment):
     """An experiment whose reference is known beforehand.
 
     The way from where the axis stands to `centre` is added in front of it.

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from autotune.core.errors import ConfigurationError
-from autotune.experiments.experiment import Planned
+from autotune.experiments.experiment import PlannedExperiment
 from autotune.experiments.path import CONDITIONING, Motion, Path, times
 from autotune.signals.excitation import prbs
 
@@ -25,7 +25,7 @@ LEAST_SPEED = 0.5  # of the user's peak speed
 
 
 @dataclass(frozen=True)
-class HighSpeed(Planned):
+class HighSpeed(PlannedExperiment):
     """Passes at constant speed, up and down in turn; repeat k of label `high_speed` is pass k.
 
     Attributes:

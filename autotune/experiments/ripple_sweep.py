@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from autotune.experiments.experiment import Planned
+from autotune.experiments.experiment import PlannedExperiment
 from autotune.experiments.path import CONDITIONING, Motion, Path
 
 FORWARD, BACKWARD = "ripple_forward", "ripple_backward"
@@ -17,7 +17,7 @@ SETTLE = 0.15  # s at constant speed before a turn counts
 
 
 @dataclass(frozen=True)
-class RippleSweep(Planned):
+class RippleSweep(PlannedExperiment):
     """`speed` [rad/s]; `suffix` tells sweeps of one programme apart."""
 
     speed: float = 1.0

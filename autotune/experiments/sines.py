@@ -19,7 +19,7 @@ from autotune.control.feedforward import FeedforwardLaw
 from autotune.core.arrays import Floats
 from autotune.core.axis import Limits
 from autotune.core.drive import Command, Sample
-from autotune.experiments.experiment import Experiment, Needs, Planned, approach
+from autotune.experiments.experiment import Experiment, Needs, PlannedExperiment, approach
 from autotune.experiments.path import CONDITIONING, Item, Mark, Motion, Path, Steps
 from autotune.signals.excitation import smooth_step
 
@@ -49,7 +49,7 @@ def _phase(motion: Motion, periods: int) -> Floats:
 
 
 @dataclass(frozen=True)
-class BenchmarkSine(Planned):
+class BenchmarkSine(PlannedExperiment):
     """Windows of whole periods under the label `benchmark`, one repeat a window.
 
     Attributes:

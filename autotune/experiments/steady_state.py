@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from autotune.core.errors import ConfigurationError
-from autotune.experiments.experiment import Planned
+from autotune.experiments.experiment import PlannedExperiment
 from autotune.experiments.path import CONDITIONING, Motion, Path
 
 LABEL = "steady_state"
@@ -30,7 +30,7 @@ PARTS = (1, 2, 3, 4, 6, 8, 12, 18, 24, 36, 48, 72, 144, 288, 720)
 
 
 @dataclass(frozen=True)
-class SteadyState(Planned):
+class SteadyState(PlannedExperiment):
     """Triangles with rounded corners; repeats 2k and 2k + 1 of label `steady_state` are speed k up and down.
 
     Attributes:

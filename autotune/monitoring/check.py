@@ -22,7 +22,7 @@ from autotune.recordings.recording import Recording
 from autotune.tuning.committed import Committed, InForce, in_force
 from autotune.tuning.files import finite, write_json
 from autotune.tuning.journal import Journal
-from autotune.tuning.preparation import Hold, connected, prepared
+from autotune.tuning.preparation import SessionRequest, connected, prepared
 from autotune.tuning.recovery import recover
 from autotune.tuning.run_directory import Opening, axis_lock, discard_unused, make_run_directory
 from autotune.tuning.session import Session
@@ -32,7 +32,7 @@ SCHEMA_VERSION = 1
 
 
 @dataclass(frozen=True)
-class CheckRequest(Hold):
+class CheckRequest(SessionRequest):
     """What is asked of a check; `history`: earlier checks as their JSON objects, None: those in `runs`."""
 
     settings: DriftSettings = field(default_factory=DriftSettings)
@@ -191,7 +191,7 @@ def _result(
     )
     verdict = judge(evidence, request.settings)
     warmer = measured.temperature - reference
-    told = scale_in_words(measured.scale, warmer) if measured.scale else ""
+    sentence = scale_in_words(measured.scale, warmer) if measured.scale else ""
     return CheckResult(
         axis.name,
         axis.fingerprint,
@@ -202,7 +202,7 @@ def _result(
         measured,
         verdict,
         present.committed,
-        (*notes, *verdict.notes, *([told[0].upper() + told[1:]] if told else [])),
+        (*notes, *verdict.notes, *([sentence[0].upper() + sentence[1:]] if sentence else [])),
     )
 
 

@@ -103,12 +103,12 @@ def scale_in_words(scale: FrictionScale, warmer: float) -> str:
     if abs(change) < max(CHANGED, 2.0 * scale.standard_error / scale.theta**2):
         return ""
     direction = "higher" if change > 0 else "lower"
-    told = f"all friction is {100 * abs(change):.0f} % {direction} than the model's (θ = {scale.theta:.3f})"
+    sentence = (
+        f"all friction is {100 * abs(change):.0f} % {direction} than the model's (θ = {scale.theta:.3f})"
+    )
     if not scale.enough:
-        return f"{told}, and its shape has changed too: that is wear or another lubricant, not preload alone."
+        return f"{sentence}, and its shape has changed too: that is wear or another lubricant, not preload alone."
     if math.isfinite(warmer) and abs(warmer) >= WARMER and (warmer < 0) == (change > 0):
         colder = "less" if warmer < 0 else "more"
-        return f"{told}, with its shape kept, at {abs(warmer):.0f} K {colder}: the temperature."
-    return (
-        f"{told}, with its shape kept and no such change of temperature: the preload. One scale corrects it."
-    )
+        return f"{sentence}, with its shape kept, at {abs(warmer):.0f} K {colder}: the temperature."
+    return f"{sentence}, with its shape kept and no such change of temperature: the preload. One scale corrects it."

@@ -56,7 +56,7 @@ class Rules:
     most_upload: int = 0
 
 
-class Guard:
+class AccessGuard:
     """ASGI application round another one."""
 
     def __init__(self, app: App, rules: Rules) -> None:

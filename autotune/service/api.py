@@ -72,7 +72,7 @@ _CONFLICT: dict[int | str, dict[str, Any]] = {
 
 
 def make_api(manager: Manager) -> FastAPI:
-    """The application; `guard.Guard` goes round it."""
+    """The application; `access.AccessGuard` goes round it."""
     app = FastAPI(
         title="autotune", version=__version__, docs_url=None, redoc_url=None, openapi_url="/openapi.json"
     )

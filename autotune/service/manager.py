@@ -27,7 +27,7 @@ from autotune.service.feed import Feed
 from autotune.service.follow_up import FollowUp, Notify, new_id
 from autotune.service.launcher import Handle, Launcher
 from autotune.service.orders import Done, Order, read_done, salvage
-from autotune.service.schedule import Planned, Schedule
+from autotune.service.schedule import DailyCheck, Schedule
 from autotune.service.settings import Configuration, WatchedAxis
 from autotune.service.store import Row, Store, moment, text
 from autotune.service.taking_up import absorb_check, absorb_run
@@ -442,6 +442,6 @@ def _overdue(running: Running) -> Done:
     )  # fmt: skip
 
 
-def plans_of(configuration: Configuration) -> list[Planned]:
+def plans_of(configuration: Configuration) -> list[DailyCheck]:
     """When each axis is to be looked at."""
-    return [Planned(one.name, one.settings.check, one.zone) for one in configuration.axes]
+    return [DailyCheck(one.name, one.settings.check, one.zone) for one in configuration.axes]

@@ -16,7 +16,7 @@ from autotune.service.views import FileView, by_id, recordings, reports
 from autotune.view.web_files import REPORT_HEADERS
 from autotune.workbench.engine import Engine
 from autotune.workbench.files import Files
-from autotune.workbench.routes import Id, page_of, page_routes, told, workbench_routes
+from autotune.workbench.routes import Id, answer_error, page_of, page_routes, workbench_routes
 
 MOST_REPORTS = 200
 
@@ -29,7 +29,7 @@ def add_pages(app: FastAPI, manager: Manager) -> None:
     app.include_router(workbench_routes(files, engine))
     app.include_router(_reports(manager, files))
     app.include_router(_entrance())
-    app.add_exception_handler(AutotuneError, told)
+    app.add_exception_handler(AutotuneError, answer_error)
 
     def ended() -> None:
         engine.close()

@@ -23,7 +23,7 @@ CATCH_UP = 10_000
 
 
 @dataclass(frozen=True, slots=True)
-class Planned:
+class DailyCheck:
     """One axis's daily look: cron expression in a time zone."""
 
     axis: str
@@ -47,16 +47,16 @@ class Due:
 class Schedule:
     """Times of all axes. What is stored of one is its axis, cron expression, time zone and next time, as text."""
 
-    def __init__(self, engine: Engine, plans: Sequence[Planned], now: datetime) -> None:
+    def __init__(self, engine: Engine, plans: Sequence[DailyCheck], now: datetime) -> None:
         self._engine = engine
-        self._plans: dict[str, Planned] = {}
+        self._plans: dict[str, DailyCheck] = {}
         self._next: dict[str, datetime | None] = {}
         self.replace(plans, now)
 
     def close(self) -> None:
         """Nothing is open; the database keeps the times."""
 
-    def replace(self, plans: Iterable[Planned], now: datetime) -> None:
+    def replace(self, plans: Iterable[DailyCheck], now: datetime) -> None:
         """Takes over a new configuration; unchanged plans keep their next time, missed ones stay due."""
         self._plans = {plan.axis: plan for plan in plans}
         present = self._stored()

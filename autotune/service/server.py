@@ -11,7 +11,7 @@ import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from autotune.core.errors import ConfigurationError
-from autotune.service.access import Guard, Rules
+from autotune.service.access import AccessGuard, Rules
 from autotune.service.api import make_api
 from autotune.service.manager import Manager
 from autotune.service.service_file import url_of
@@ -63,7 +63,7 @@ class HttpServer:
         )
         self._api = make_api(manager)
         config = uvicorn.Config(
-            Guard(self._api, rules),
+            AccessGuard(self._api, rules),
             http=_Protocol,
             lifespan="off",
             log_config=None,

@@ -12,7 +12,7 @@ from pathlib import Path
 import uvicorn
 
 from autotune.core.errors import ConfigurationError
-from autotune.service.access import Guard, Rules
+from autotune.service.access import AccessGuard, Rules
 from autotune.workbench.engine import Engine
 from autotune.workbench.files import Files
 from autotune.workbench.routes import make_app
@@ -42,7 +42,7 @@ def serve(paths: Sequence[Path], port: int, ready: Callable[[str], None]) -> Non
             token, True, frozenset({HOST, "localhost"}), MOST_BYTES, 60.0, port=bound, open_pages=True
         )
         config = uvicorn.Config(
-            Guard(make_app(files, engine), rules), lifespan="off", log_config=None, access_log=False,
+            AccessGuard(make_app(files, engine), rules), lifespan="off", log_config=None, access_log=False,
             server_header=False, timeout_graceful_shutdown=1, ws="none",
         )  # fmt: skip
         ready(f"http://{HOST}:{bound}/#token={token}")

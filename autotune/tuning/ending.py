@@ -19,14 +19,14 @@ class KeptBut(AutotuneError):
 def ending(error: BaseException, kept: bool) -> tuple[Outcome, str]:
     """Outcome and verdict of a run that `error` has ended; `kept`: after the drive had kept the parameters."""
     notes = "; ".join(getattr(error, "__notes__", []))
-    told = _in_words(error) + (f" ({notes})" if notes else "")
+    message = _in_words(error) + (f" ({notes})" if notes else "")
     if kept:
-        return Outcome.KEPT, f"{KEPT}: {told}"
+        return Outcome.KEPT, f"{KEPT}: {message}"
     if isinstance(error, NotEnoughExcitation):
-        return Outcome.NOT_APPLIED, f"Nothing was applied: {told}"
+        return Outcome.NOT_APPLIED, f"Nothing was applied: {message}"
     if isinstance(error, (Interrupted, KeyboardInterrupt)):
-        return Outcome.ABORTED, f"Stopped: {told}"
-    return Outcome.ABORTED, f"The run was stopped: {told}"
+        return Outcome.ABORTED, f"Stopped: {message}"
+    return Outcome.ABORTED, f"The run was stopped: {message}"
 
 
 def is_beside(error: BaseException, kept: bool) -> bool:

@@ -25,7 +25,7 @@ from autotune.tuning.same_drive import SAME_DRIVE
 from autotune.tuning.session import Session
 from autotune.tuning.stage_adapt import Adapted
 from autotune.tuning.stage_diagnose import Diagnosed
-from autotune.tuning.stage_identify import Start
+from autotune.tuning.stage_identify import AdaptationStart
 from autotune.tuning.stage_model import ModelAdapted
 from autotune.tuning.stage_prove import Proved
 from autotune.tuning.stage_ripple import RipplePlan
@@ -45,7 +45,7 @@ NEEDS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Planned:
+class PlannedValues:
     """Parameters that go into the drive, decided in an earlier stage or run; `host`: it plays the rest.
 
     `alignment`: what moves the zero of the ripple among them, as it was when that was found. `reduction`: what the
@@ -63,10 +63,10 @@ class Planned:
         return {"values": self.values, "host": self.host, "alignment": self.alignment, "reduction": reduction}
 
     @staticmethod
-    def from_json(content: Mapping[str, Any]) -> Planned:
+    def from_json(content: Mapping[str, Any]) -> PlannedValues:
         """Back from `as_json`, value by value. Raises KeyError, TypeError or ValueError."""
         values, reduction = numbers_of(content["values"]), content.get("reduction")
-        return Planned(
+        return PlannedValues(
             values,
             content.get("host", False) is True,
             numbers_of(content.get("alignment", {})),
@@ -109,7 +109,7 @@ class Findings:
     the drive takes of it, `ripple_removed` the share that was gone when it was measured after writing.
     """
 
-    start: Start | None = None
+    start: AdaptationStart | None = None
     diagnosed: Diagnosed | None = None
     model: DriveModel | None = None
     proposed: LugreParameters | None = None
@@ -124,13 +124,13 @@ class Findings:
     with_host: TrackingError | None = None
     held_out: HeldOutError | None = None
     reduction: Reduction | None = None
-    planned: Planned | None = None
+    planned: PlannedValues | None = None
     ripple: RipplePlan | None = None
     ripple_removed: float | None = None
     held: dict[str, float] = field(default_factory=dict)
     held_before: dict[str, float] = field(default_factory=dict)
 
-    def need_start(self) -> Start:
+    def need_start(self) -> AdaptationStart:
         """Raises ConfigurationError where the stage `fit` has not been done."""
         if self.start is None:
             raise ConfigurationError(
@@ -248,13 +248,13 @@ def _taken_up(content: dict[str, Any], stage: str) -> Findings:
         numbers_of({"stiffness_range from": low, "stiffness_range to": high})
         if not 0.0 < low <= high:
             raise ValueError(f"stiffness_range is {low:g} to {high:g}; both must be above 0, in this order")
-        findings.start = Start(LugreParameters(**numbers_of(content["start"])), (low, high))
+        findings.start = AdaptationStart(LugreParameters(**numbers_of(content["start"])), (low, high))
     if "proposed" in content:
         findings.proposed = LugreParameters(**numbers_of(content["proposed"]))
     if stage == "commit" and "proof" in content:
         findings.yardstick = Yardstick.from_json(content["proof"])
     if stage == "commit" and "planned" in content:
-        findings.planned = Planned.from_json(content["planned"])
+        findings.planned = PlannedValues.from_json(content["planned"])
     return findings
 
 

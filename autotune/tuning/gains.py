@@ -122,8 +122,8 @@ def seen_in_words(directory: Path, axis: Axis) -> str:
         return f"Whether the axis hunted in the last run is not seen: {error}."
     if seen.cycle is None:
         return f"In the last run's recording the axis held its set points ({seen.seconds:.1f} s of them)."
-    told = cycle_in_words(seen.cycle, axis.motion_unit)
-    return f"In the last run's recording the axis hunted at its set points, {told}."
+    sentence = cycle_in_words(seen.cycle, axis.motion_unit)
+    return f"In the last run's recording the axis hunted at its set points, {sentence}."
 
 
 def timing_of(axis: Axis, held: Mapping[str, float] | None, dead_time: float = 0.0) -> LoopTiming:

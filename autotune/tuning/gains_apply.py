@@ -17,7 +17,7 @@ from autotune.experiments.standstill import standing
 from autotune.recordings.recording import Recording, concatenate
 from autotune.tuning.commit import commit, verify
 from autotune.tuning.journal import CommitPhase, Journal
-from autotune.tuning.preparation import Hold, connected, prepared
+from autotune.tuning.preparation import SessionRequest, connected, prepared
 from autotune.tuning.proof import HeldOutError, Proof, prove
 from autotune.tuning.recovery import recover
 from autotune.tuning.run_directory import Opening, axis_lock, discard_unused, make_run_directory
@@ -41,7 +41,7 @@ STAGE = "gains"
 
 
 @dataclass(frozen=True)
-class GainsRequest(Hold):
+class GainsRequest(SessionRequest):
     """What is asked: the gains to write; `approve` is asked before anything is written for good."""
 
     gains: Gains = field(default_factory=lambda: Gains(0.0, 0.0))
@@ -119,14 +119,14 @@ def _proved_and_kept(request: GainsRequest, session: Session) -> Applied:
     standing(loop, session.limits)
     proof, held_out, doubt = _prove(session, old, wanted)
     before, after = proof.before.peak_error, proof.after.peak_error
-    told = (
+    figures = (
         f"peak error on the benchmark {session.milli(before)} with today's gains, {session.milli(after)} with the "
         "proposed ones"
     )
     if doubt:
         return Applied(False, f"Nothing was written: {doubt}.", proof)
-    if not request.approve(f"Proved: {told}. Write the gains to the drive for good?"):
-        return Applied(False, f"Nothing was written, it was not approved; proved: {told}.", proof)
+    if not request.approve(f"Proved: {figures}. Write the gains to the drive for good?"):
+        return Applied(False, f"Nothing was written, it was not approved; proved: {figures}.", proof)
     session.begin("commit", committed_seconds(session.motion, session.axis.benchmark))
 
     def proves() -> bool:
@@ -142,7 +142,7 @@ def _proved_and_kept(request: GainsRequest, session: Session) -> Applied:
     kept = commit(loop, wanted, session.journal, session.runs, session.clock(), proves)
     if not kept:
         return Applied(False, f"Everything was put back: {doubt}.", proof)
-    return Applied(True, f"Kept: {told}; 'autotune rollback' puts the old gains back.", proof)
+    return Applied(True, f"Kept: {figures}; 'autotune rollback' puts the old gains back.", proof)
 
 
 def _prove(

@@ -18,7 +18,7 @@ from autotune.core.loop import Loop
 from autotune.experiments.torque_semantics import Meaning, TorqueSemantics
 from autotune.tuning.journal import Journal
 from autotune.tuning.link_probe import LinkProbe, Timing
-from autotune.tuning.preparation import Hold, connected, prepared
+from autotune.tuning.preparation import SessionRequest, connected, prepared
 from autotune.tuning.recovery import recover
 from autotune.tuning.run_directory import Opening, axis_lock, discard_unused, make_run_directory
 from autotune.tuning.session import Session
@@ -98,27 +98,27 @@ class LinkReport:
         return content
 
 
-def check_link(hold: Hold, load: float | None, remarks: Sequence[str] = ()) -> LinkReport:
+def check_link(request: SessionRequest, load: float | None, remarks: Sequence[str] = ()) -> LinkReport:
     """Measures the link of an axis, which holds still under power meanwhile.
 
     Args:
-        hold: of the axis.
+        request: of the axis.
         load: share of the bus that its cycles take, or None.
         remarks: what the profile says to the person who commissions the axis.
 
     Raises:
         AutotuneError: nobody there, or the drive cannot be powered; everything is put back.
     """
-    axis = hold.axis
-    with axis_lock(hold.runs, axis.name):
-        directory = make_run_directory(hold.runs, axis.name, hold.clock())
-        journal = Journal.begin(directory, axis.name, axis.fingerprint, hold.clock())
-        opening = Opening(hold.open_loop)
+    axis = request.axis
+    with axis_lock(request.runs, axis.name):
+        directory = make_run_directory(request.runs, axis.name, request.clock())
+        journal = Journal.begin(directory, axis.name, axis.fingerprint, request.clock())
+        opening = Opening(request.open_loop)
         try:
-            with connected(opening, journal, hold.reporter) as loop:
-                for sentence in recover(loop, hold.runs, journal):
-                    hold.reporter.say(sentence)
-                with prepared(hold, loop, journal) as session:
+            with connected(opening, journal, request.reporter) as loop:
+                for sentence in recover(loop, request.runs, journal):
+                    request.reporter.say(sentence)
+                with prepared(request, loop, journal) as session:
                     return _measured(session, loop, load, remarks)
         finally:
             if opening.failed(journal):

@@ -24,7 +24,7 @@ GAINS = frozenset(f"feedforward.{name}" for name in ("inertia", "viscous", "coul
 
 
 @dataclass(frozen=True)
-class Hold:
+class SessionRequest:
     """What is needed to take hold of an axis.
 
     Attributes:
@@ -74,35 +74,38 @@ def _closing(loop: Loop, journal: Journal, reporter: Reporter) -> Iterator[None]
 
 
 @contextmanager
-def prepared(hold: Hold, loop: Loop, journal: Journal) -> Iterator[Session]:
+def prepared(request: SessionRequest, loop: Loop, journal: Journal) -> Iterator[Session]:
     """Limits in the drive, its own feedforward off; both as before when the block ends."""
     faults = loop.faults()
     if faults:
         raise DriveFault(
-            f"the drive of axis {hold.axis.name} reports {'; '.join(faults)}; clear the cause and reset the "
+            f"the drive of axis {request.axis.name} reports {'; '.join(faults)}; clear the cause and reset the "
             "drive, then run again"
         )
     parameters = loop.read_parameters()
-    narrowed = tighter(hold.axis.limits, {n: v for n, v in parameters.items() if n.startswith(PREFIX)})
+    narrowed = tighter(request.axis.limits, {n: v for n, v in parameters.items() if n.startswith(PREFIX)})
 
     def note(before: Mapping[str, float]) -> None:
         during = {name: float(getattr(narrowed, name.removeprefix(PREFIX), 0.0)) for name in before}
         journal.note(changed={**journal.state.changed, **before}, during={**journal.state.during, **during})
 
-    with limits_guarded(loop, hold.axis, note) as held, _own_feedforward_off(loop, parameters, note, journal):
+    with (
+        limits_guarded(loop, request.axis, note) as held,
+        _own_feedforward_off(loop, parameters, note, journal),
+    ):
         yield Session(
-            axis=hold.axis,
+            axis=request.axis,
             loop=loop,
             limits=held.limits,
             controller=controller_of(parameters),
             identity=dict(loop.identity),
-            runs=hold.runs,
+            runs=request.runs,
             directory=journal.directory,
             journal=journal,
-            reporter=hold.reporter,
-            clock=hold.clock,
+            reporter=request.reporter,
+            clock=request.clock,
             budget=Budget(held.limits.machine_seconds),
-            viewers=hold.viewers,
+            viewers=request.viewers,
         )
 
 

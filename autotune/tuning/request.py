@@ -6,13 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from autotune.core.errors import ConfigurationError
-from autotune.tuning.preparation import Hold
+from autotune.tuning.preparation import SessionRequest
 
 STAGES = ("check", "experiment", "fit", "diagnose", "adapt", "prove", "commit")
 
 
 @dataclass(frozen=True)
-class Request(Hold):
+class Request(SessionRequest):
     """What is asked of a run.
 
     Attributes:

@@ -26,7 +26,7 @@ from autotune.tuning.outcome import Outcome
 from autotune.tuning.proof import TrackingError
 from autotune.tuning.request import STAGES
 from autotune.tuning.results import run_folders
-from autotune.tuning.run_state import Course
+from autotune.tuning.run_state import RunState
 from autotune.tuning.session import Session
 from autotune.tuning.stage_adapt import Adapted, RefinementStep, period_average
 
@@ -53,8 +53,8 @@ def last_whole(directory: Path) -> str:
     return next((stage for stage in reversed(TAKEN_UP) if stage in whole), "")
 
 
-def take_up(session: Session, course: Course, name: str) -> str:
-    """Copies what an earlier run has measured, and fills the course with what it found.
+def take_up(session: Session, state: RunState, name: str) -> str:
+    """Copies what an earlier run has measured, and fills the state with what it found.
 
     Args:
         name: of the run's folder, or "newest".
@@ -69,16 +69,16 @@ def take_up(session: Session, course: Course, name: str) -> str:
     last = last_whole(directory)
     content = read_json(directory / FILE_NAME, "findings file")
     try:
-        course.notes.append(_comparable(session, directory, content.get("made_with") or {}))
+        state.notes.append(_comparable(session, directory, content.get("made_with") or {}))
         _copy(session, directory)
-        _fill(session, course, content, last)
+        _fill(session, state, content, last)
     except (KeyError, TypeError, ValueError, OSError) as error:
         if isinstance(error, AutotuneError):
             raise
         raise ConfigurationError(
             f"run {directory.name} cannot be taken up: {FILE_NAME} is damaged ({error}); run all stages again"
         ) from error
-    course.whole = [stage for stage in STAGES if STAGES.index(stage) <= STAGES.index(last)]
+    state.whole = [stage for stage in STAGES if STAGES.index(stage) <= STAGES.index(last)]
     return last
 
 
@@ -151,8 +151,8 @@ def _copy(session: Session, directory: Path) -> None:
         shutil.copy2(directory / HOST_FILE, session.directory / HOST_FILE)
 
 
-def _fill(session: Session, course: Course, content: Mapping[str, Any], last: str) -> None:
-    findings = course.findings
+def _fill(session: Session, state: RunState, content: Mapping[str, Any], last: str) -> None:
+    findings = state.findings
     if "baseline" in content:
         findings.baseline = TrackingError(**content["baseline"])
     if last != "adapt":
@@ -164,7 +164,7 @@ def _fill(session: Session, course: Course, content: Mapping[str, Any], last: st
 
 
 def _adapted(session: Session, content: Mapping[str, Any]) -> Adapted:
-    """Refinement from its recordings; of the laws the course of the parameters is not kept."""
+    """Refinement from its recordings; of the laws the state of the parameters is not kept."""
     laws = dict(content["laws"])
     parameters = LugreParameters(**laws.pop("parameters"))
     empty = np.zeros(0)

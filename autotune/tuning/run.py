@@ -24,7 +24,7 @@ from autotune.tuning.request import STAGES as STAGES
 from autotune.tuning.request import Request as Request
 from autotune.tuning.resume import last_whole
 from autotune.tuning.run_directory import Opening, axis_lock, discard_unused, make_run_directory
-from autotune.tuning.run_state import Course
+from autotune.tuning.run_state import RunState
 from autotune.tuning.session import Session
 from autotune.tuning.stage_prove import ENABLED
 from autotune.tuning.stage_reduce import comparison
@@ -44,38 +44,38 @@ def tune(request: Request) -> RunResult:
         started = request.clock()
         directory = make_run_directory(request.runs, axis.name, started)
         journal = Journal.begin(directory, axis.name, axis.fingerprint, started)
-        course, opening = Course(), Opening(request.open_loop)
+        state, opening = RunState(), Opening(request.open_loop)
         session: Session | None = None
         try:
             request.reporter.stage("connect", 3.0)
             with connected(opening, journal, request.reporter) as loop:
-                course.notes += recover(loop, request.runs, journal)
+                state.notes += recover(loop, request.runs, journal)
                 present = in_force(request.runs, axis, loop.read_parameters())
                 with prepared(request, loop, journal) as session:
-                    perform(request, session, course)
-            _accept(request, directory, present, course)
+                    perform(request, session, state)
+            _accept(request, directory, present, state)
         except NotEnoughExcitation as error:
-            course.outcome, course.verdict = ending(error, kept=False)
-            course.refused, course.guard = True, getattr(error, "stop", "")
+            state.outcome, state.verdict = ending(error, kept=False)
+            state.refused, state.guard = True, getattr(error, "stop", "")
         except BaseException as error:
             if opening.failed(journal):
                 discard_unused(directory)
                 raise
             kept = journal.state.phase is CommitPhase.KEPT
-            course.outcome, course.verdict = ending(error, kept)
+            state.outcome, state.verdict = ending(error, kept)
             if not kept and (resumable := _resumable(request, directory, error)):
-                course.verdict += f" {resumable}"
+                state.verdict += f" {resumable}"
                 request.reporter.say(resumable)
-            result = _result(request, directory, started, course, session)
-            result = _finish(request, journal, result, course, session)
+            result = _result(request, directory, started, state, session)
+            result = _finish(request, journal, result, state, session)
             if is_beside(error, kept):
                 return result
             if kept:
                 request.reporter.say(result.verdict)
                 raise to_raise(error, result.verdict) from error
             raise
-        result = _result(request, directory, started, course, session)
-        return _finish(request, journal, result, course, session)
+        result = _result(request, directory, started, state, session)
+        return _finish(request, journal, result, state, session)
 
 
 def _resumable(request: Request, directory: Path, error: BaseException) -> str:
@@ -93,31 +93,31 @@ def _resumable(request: Request, directory: Path, error: BaseException) -> str:
     )
 
 
-def _accept(request: Request, directory: Path, present: InForce, course: Course) -> None:
+def _accept(request: Request, directory: Path, present: InForce, state: RunState) -> None:
     """Where nothing can be gained, what was found becomes what checks compare with."""
-    committed, proved = present.committed, course.findings.proved
-    if request.only is not None or not course.nothing_to_gain or proved is None:
+    committed, proved = present.committed, state.findings.proved
+    if request.only is not None or not state.nothing_to_gain or proved is None:
         return
     if committed is None or not present.held or not (directory / "model.toml").is_file():
         return
     accept(directory, request.axis, committed.run, proved.proof.before.peak_error)
-    course.verdict += " What is committed stays; checks compare with what this run has found."
+    state.verdict += " What is committed stays; checks compare with what this run has found."
 
 
 def _result(
-    request: Request, directory: Path, started: datetime, course: Course, session: Session | None
+    request: Request, directory: Path, started: datetime, state: RunState, session: Session | None
 ) -> RunResult:
-    findings, found = course.findings, course.identification
+    findings, found = state.findings, state.identification
     proof = findings.proved.proof if findings.proved else None
     return RunResult(
-        outcome=course.outcome,
-        verdict=course.verdict,
+        outcome=state.outcome,
+        verdict=state.verdict,
         axis=request.axis.name,
         fingerprint=request.axis.fingerprint,
         started=started.isoformat(timespec="seconds"),
         machine_seconds=round(session.budget.used, 3) if session else 0.0,
         run_directory=directory,
-        in_drive=summary.in_drive(findings, course.outcome is Outcome.KEPT),
+        in_drive=summary.in_drive(findings, state.outcome is Outcome.KEPT),
         host_adds=summary.host_adds(findings),
         before=proof.before if proof else findings.baseline,
         after=proof.after if proof else None,
@@ -131,9 +131,9 @@ def _result(
         with_host=findings.with_host,
         held_out=summary.held_out(findings.proved, findings.held_out),
         only=request.only,
-        refused=course.refused,
-        guard=course.guard,
-        notes=tuple(course.notes),
+        refused=state.refused,
+        guard=state.guard,
+        notes=tuple(state.notes),
         stages=session.seconds if session else {},
         motion_unit=request.axis.motion_unit,
     )
@@ -151,7 +151,7 @@ def _feedforward(findings: Findings) -> dict[str, float]:
 
 
 def _finish(
-    request: Request, journal: Journal, result: RunResult, course: Course, session: Session | None
+    request: Request, journal: Journal, result: RunResult, state: RunState, session: Session | None
 ) -> RunResult:
     """run.json, a closed journal where nothing is left to be put right, then what is there to look at.
 
@@ -168,8 +168,8 @@ def _finish(
     material = Material(
         request.axis,
         result,
-        course.findings,
-        course.identification,
+        state.findings,
+        state.identification,
         session.limits if session else None,
         session.identity if session else {},
         tuple(session.written.values()) if session else (),

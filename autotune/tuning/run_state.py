@@ -10,7 +10,7 @@ from autotune.tuning.outcome import Outcome
 
 
 @dataclass
-class Course:
+class RunState:
     """Filled stage by stage.
 
     `nothing_to_gain`: everything was done, and what the drive holds now is as good. `whole`: stages done to their end.

@@ -10,11 +10,11 @@ from autotune.core.errors import ConfigurationError
 from autotune.core.ripple_parameters import is_ripple
 from autotune.models.model_file import write_model
 from autotune.tuning.commit import commit, feedforward_parameters
-from autotune.tuning.findings import HOST_FILE, Planned, Yardstick, save_findings
+from autotune.tuning.findings import HOST_FILE, PlannedValues, Yardstick, save_findings
 from autotune.tuning.holdings import export_step
 from autotune.tuning.outcome import Outcome
 from autotune.tuning.proof import TrackingError, no_worse
-from autotune.tuning.run_state import Course
+from autotune.tuning.run_state import RunState
 from autotune.tuning.session import Session
 from autotune.tuning.stage_prove import (
     ENABLED,
@@ -39,13 +39,13 @@ from autotune.tuning.stage_reduce import (
 from autotune.tuning.stage_ripple import RipplePlan, enough, plan_ripple, removed
 
 
-def commit_stage(session: Session, course: Course, approve: Callable[[str], bool]) -> bool:
-    """Writes what was proved, if it is worth it and approved; the outcome and its words are in the course.
+def commit_stage(session: Session, state: RunState, approve: Callable[[str], bool]) -> bool:
+    """Writes what was proved, if it is worth it and approved; the outcome and its words are in `state`.
 
     Raises:
         ConfigurationError: nothing was proved.
     """
-    findings = course.findings
+    findings = state.findings
     findings.need_proposed()
     if not findings.better or findings.yardstick is None:
         raise ConfigurationError(
@@ -54,34 +54,34 @@ def commit_stage(session: Session, course: Course, approve: Callable[[str], bool
     same_commutation(session, findings.planned)
     held = feedforward_parameters(session.loop)
     changed = session.journal.state.changed
-    plan = with_own_ripple(plan_commit(session, findings, held, _ripple(session, course, held)), changed)
+    plan = with_own_ripple(plan_commit(session, findings, held, _ripple(session, state, held)), changed)
     findings.reduction, findings.ripple = plan.reduction, plan.ripple
     if not plan.values:
-        return _host_only(session, course, "this drive cannot hold a feedforward")
-    for told in _announced(session, plan):
-        course.notes.append(told)
-        session.reporter.say(told)
+        return _host_only(session, state, "this drive cannot hold a feedforward")
+    for sentence in _announced(session, plan):
+        state.notes.append(sentence)
+        session.reporter.say(sentence)
     if plan.reduction is not None and not _worth_it(session, plan.reduction, findings.yardstick):
         predicted = announcement(plan.reduction, session.axis.motion_unit)
         why = f"{predicted}, which is not worth writing (acceptance.improvement)"
         if plan.ripple is None:
-            return _host_only(session, course, why)
-        course.notes.append(f"of friction nothing is written: {why}")
+            return _host_only(session, state, why)
+        state.notes.append(f"of friction nothing is written: {why}")
         plan = replace(plan, values=dict(plan.ripple.values), reduction=None, host=None)
         findings.reduction = None
     findings.held_before = {name: changed.get(name, held[name]) for name in plan.values if name in held}
     zero = dict(plan.ripple.settings) if plan.ripple is not None else {}
-    findings.planned = Planned(dict(plan.values), plan.host is not None, zero, plan.reduction)
+    findings.planned = PlannedValues(dict(plan.values), plan.host is not None, zero, plan.reduction)
     if not approve(_question(plan, session)):
-        save_findings(session, findings, course.whole)
-        course.verdict = "Proved, but not written: it was not approved."
+        save_findings(session, findings, state.whole)
+        state.verdict = "Proved, but not written: it was not approved."
         return False
-    return _written(session, course, plan, findings.yardstick)
+    return _written(session, state, plan, findings.yardstick)
 
 
-def _ripple(session: Session, course: Course, held: Mapping[str, float]) -> RipplePlan | None:
+def _ripple(session: Session, state: RunState, held: Mapping[str, float]) -> RipplePlan | None:
     """What the drive takes of the model's ripple; not in a plan of an earlier stage that has none."""
-    findings = course.findings
+    findings = state.findings
     if findings.planned is not None and not any(map(is_ripple, findings.planned.values)):
         return None
     session.begin("commit", committed_seconds(session.motion, session.axis.benchmark))
@@ -89,21 +89,21 @@ def _ripple(session: Session, course: Course, held: Mapping[str, float]) -> Ripp
     if isinstance(found, RipplePlan):
         return found
     if found:
-        course.notes.append(found)
+        state.notes.append(found)
         session.reporter.say(found)
     return None
 
 
 def _announced(session: Session, plan: Plan) -> list[str]:
     """What goes into the drive, in words."""
-    told = [announcement(plan.reduction, session.axis.motion_unit)] if plan.reduction is not None else []
-    return [*told, plan.ripple.in_words()] if plan.ripple is not None else told
+    sentences = [announcement(plan.reduction, session.axis.motion_unit)] if plan.reduction is not None else []
+    return [*sentences, plan.ripple.in_words()] if plan.ripple is not None else sentences
 
 
-def _host_only(session: Session, course: Course, why: str) -> bool:
+def _host_only(session: Session, state: RunState, why: str) -> bool:
     """Proved, and nothing of it is in the drive: said first, with what the drive does by itself."""
-    course.outcome, course.nothing_to_gain = Outcome.HOST_ONLY, True
-    yardstick, milli = course.findings.yardstick, session.milli
+    state.outcome, state.nothing_to_gain = Outcome.HOST_ONLY, True
+    yardstick, milli = state.findings.yardstick, session.milli
     gain = ""
     if yardstick is not None:
         before, after = yardstick.before.peak_error, yardstick.after.peak_error
@@ -111,15 +111,15 @@ def _host_only(session: Session, course: Course, why: str) -> bool:
             f" The drive by itself still has {milli(before)} on the benchmark; {milli(after)} was proved with the "
             "feedforward played by the host."
         )
-    course.verdict = (
+    state.verdict = (
         f"Nothing is in the drive: {why}.{gain} The host has to play the feedforward as torque offset, "
         f"all the time, or it is lost. {export_step(session.directory)}"
     )
     return False
 
 
-def _written(session: Session, course: Course, plan: Plan, yardstick: Yardstick) -> bool:
-    findings = course.findings
+def _written(session: Session, state: RunState, plan: Plan, yardstick: Yardstick) -> bool:
+    findings = state.findings
     session.begin("commit", committed_seconds(session.motion, session.axis.benchmark))
     findings.committed = findings.with_host = None
     doubt = ""
@@ -138,15 +138,15 @@ def _written(session: Session, course: Course, plan: Plan, yardstick: Yardstick)
         return not doubt
 
     kept = commit(session.loop, plan.values, session.journal, session.runs, session.clock(), proves)
-    course.outcome = Outcome.KEPT if kept else Outcome.ROLLED_BACK
-    course.nothing_to_gain = not kept and plan.reduction is not None
+    state.outcome = Outcome.KEPT if kept else Outcome.ROLLED_BACK
+    state.nothing_to_gain = not kept and plan.reduction is not None
     if kept:
         findings.held = session.loop.read_parameters([name for name in plan.values if name != ENABLED])
         if plan.ripple is not None and findings.proposed_model is not None:
             write_model(findings.proposed_model.without_effect(RIPPLE), session.directory / HOST_FILE)
-        course.verdict = _kept(session, course, yardstick)
+        state.verdict = _kept(session, state, yardstick)
     else:
-        course.verdict = f"Everything was put back: {doubt}."
+        state.verdict = f"Everything was put back: {doubt}."
     return kept
 
 
@@ -203,51 +203,51 @@ def _worth_it(session: Session, reduction: Reduction, yardstick: Yardstick) -> b
 
 
 def _question(plan: Plan, session: Session) -> str:
-    told = "; ".join(_announced(session, plan))
-    if not told:
+    sentence = "; ".join(_announced(session, plan))
+    if not sentence:
         return "Write the proved parameters to the drive for good?"
-    return f"{told[0].upper()}{told[1:]}. Write it to the drive for good?"
+    return f"{sentence[0].upper()}{sentence[1:]}. Write it to the drive for good?"
 
 
-def _kept(session: Session, course: Course, yardstick: Yardstick) -> str:
+def _kept(session: Session, state: RunState, yardstick: Yardstick) -> str:
     """What the drive does by itself comes first; what needs a host after it, and as such."""
-    findings, milli = course.findings, session.milli
+    findings, milli = state.findings, session.milli
     reduction, alone = findings.reduction, findings.committed
     before, after = yardstick.before.peak_error, yardstick.after.peak_error
     if alone is None:
         return "Kept: the drive runs with the committed parameters."
-    told = (
+    sentence = (
         f"Kept: with its own feedforward the drive's peak error on the benchmark is {milli(alone.peak_error)}; before "
         f"it was {milli(before)}, {times_less(before, alone.peak_error)}, as measured after writing."
     )
     if findings.ripple is not None and findings.ripple_removed is not None:
-        told += (
+        sentence += (
             f" The drive takes {100 * findings.ripple_removed:.0f} % of the torque ripple away, as measured on one "
             "turn forward and backward."
         )
         if all(map(is_ripple, findings.held)):
             return (
-                f"{told} It holds nothing else of the feedforward: friction and inertia ({milli(after)} on the "
+                f"{sentence} It holds nothing else of the feedforward: friction and inertia ({milli(after)} on the "
                 f"benchmark) have to come from a host, which plays {HOST_FILE}. {export_step(session.directory)}"
             )
     if reduction is None:
-        return f"{told} Proved beyond doubt was {milli(after)}, with the same feedforward played by the host."
+        return f"{sentence} Proved beyond doubt was {milli(after)}, with the same feedforward played by the host."
     if findings.with_host is not None:
         return (
-            f"{told} With {', '.join(reduction.host)} from the host, which has to play it all the time, "
+            f"{sentence} With {', '.join(reduction.host)} from the host, which has to play it all the time, "
             f"{milli(findings.with_host.peak_error)} was measured, {times_less(before, findings.with_host.peak_error)}."
         )
     predicted = f"Predicted was {milli(reduction.predicted_peak)}"
     if not reduces(reduction.values) and not reduction.lost:
-        return (
-            f"{told} Proved beyond doubt was {milli(after)}, with the whole feedforward played by the host."
-        )
+        return f"{sentence} Proved beyond doubt was {milli(after)}, with the whole feedforward played by the host."
     if not reduces(reduction.values):
         return (
-            f"{told} {predicted}. The feedforward of the diagnosed model ({', '.join(reduction.lost)}) gives "
+            f"{sentence} {predicted}. The feedforward of the diagnosed model ({', '.join(reduction.lost)}) gives "
             f"{milli(after)}, {times_less(before, after)}, only while a host plays {HOST_FILE}."
         )
-    return f"{told} {predicted}: this drive holds part of the feedforward; all of it gives {milli(after)}."
+    return (
+        f"{sentence} {predicted}: this drive holds part of the feedforward; all of it gives {milli(after)}."
+    )
 
 
 def times_less(before: float, after: float) -> str:

@@ -138,7 +138,7 @@ def found_in(recordings: Sequence[Recording], model: DriveModel, when: str, sour
         for c in diagnosis.candidates
     )
     floor = diagnosis.noise_floor_rms
-    told = Diagnosed(
+    diagnosed = Diagnosed(
         diagnosis.verdict,
         diagnosis.effects,
         diagnosis.confidence,
@@ -149,18 +149,18 @@ def found_in(recordings: Sequence[Recording], model: DriveModel, when: str, sour
         notes=diagnosis.notes,
     )
     found = found_model(diagnosis, model, when, source)
-    return told if found is None else _with_model(told, found, model)
+    return diagnosed if found is None else _with_model(diagnosed, found, model)
 
 
-def _with_model(told: Diagnosed, found: FoundModel, model: DriveModel) -> Diagnosed:
+def _with_model(diagnosed: Diagnosed, found: FoundModel, model: DriveModel) -> Diagnosed:
     stiffness = stiffness_at_rest(found.model)
-    sentence = _told(told, found.error_before, found.error_after, stiffness, model.motion_unit)
+    sentence = _told(diagnosed, found.error_before, found.error_after, stiffness, model.motion_unit)
     return replace(
-        told,
-        notes=(sentence, *told.notes),
+        diagnosed,
+        notes=(sentence, *diagnosed.notes),
         error_before=found.error_before,
         error_after=found.error_after,
-        noise_floor_rms=told.noise_floor_rms if found.noise_floor_rms is None else found.noise_floor_rms,
+        noise_floor_rms=diagnosed.noise_floor_rms if found.noise_floor_rms is None else found.noise_floor_rms,
         unseen=found.unseen,
         stiffness=stiffness,
         model=found.model,

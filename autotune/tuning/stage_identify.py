@@ -22,7 +22,7 @@ BASELINE_PERIODS = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Start:
+class AdaptationStart:
     """Where adaptation begins: identified values, and bounds of the stiffness."""
 
     parameters: LugreParameters
@@ -68,7 +68,7 @@ def fit(session: Session, recording: Recording) -> Identification:
     return found
 
 
-def start_of(found: Identification) -> Start:
+def start_of(found: Identification) -> AdaptationStart:
     """The identified values as feedforward parameters; σ1 is what the softest known contact has, in proportion.
 
     Raises:
@@ -97,7 +97,7 @@ def start_of(found: Identification) -> Start:
         )
     except ConfigurationError as error:
         raise NotEnoughExcitation(f"the identified values cannot be used: {error}") from error
-    return Start(parameters, bounds)
+    return AdaptationStart(parameters, bounds)
 
 
 def _stiffness(estimate: Estimate | None) -> float:

@@ -88,7 +88,7 @@ def adapt_model(
 def plausible(model: DriveModel, rival: RefinementStep, limit: float) -> bool:
     """Whether the model's torque is near enough to what was played already to be tried on the axis.
 
-    A diagnosis that went wrong must not be found out by a blow: the difference may be half of the torque
+    A diagnosis that went wrong must not be found out by an impact: the difference may be half of the torque
     that is known to be right, and the whole must leave the controller a tenth of the limit.
     """
     reference, period = rival.measured.reference, rival.measured.period

@@ -28,7 +28,7 @@ from autotune.core.errors import ConfigurationError
 from autotune.core.ripple_parameters import GAIN, is_ripple, moved
 from autotune.models.torque_ripple import TORQUE_RIPPLE
 from autotune.recordings.recording import Controller
-from autotune.tuning.findings import Findings, Planned
+from autotune.tuning.findings import Findings, PlannedValues
 from autotune.tuning.proof import TrackingError
 from autotune.tuning.session import Session
 from autotune.tuning.stage_adapt import period_average
@@ -80,7 +80,7 @@ def plan_commit(
     return replace(plan, values={**plan.values, **ripple.values}, reduction=reduction, ripple=ripple)
 
 
-def same_commutation(session: Session, planned: Planned | None) -> None:
+def same_commutation(session: Session, planned: PlannedValues | None) -> None:
     """Raises ConfigurationError: ripple that was planned would act at the wrong places."""
     if planned is None or not planned.alignment or not planned.values.get(GAIN):
         return
@@ -145,7 +145,7 @@ def plan_retune(session: Session, findings: Findings, held: Mapping[str, float])
     names = {name.removeprefix(PREFIX) for name in held if not is_ripple(name)}
     if not reduces(names):
         block = with_one_level(full) if rises(full) else full
-        findings.planned = Planned({PREFIX + n: v for n, v in _named(block).items()} | {ENABLED: 1.0})
+        findings.planned = PlannedValues({PREFIX + n: v for n, v in _named(block).items()} | {ENABLED: 1.0})
         return FixedFeedforward(block, period)
     if findings.adapted is None or not names - {"enabled", "reference_filter"}:
         return None
@@ -154,7 +154,7 @@ def plan_retune(session: Session, findings: Findings, held: Mapping[str, float])
     if reduction.host:
         return None
     enabled = {ENABLED: 1.0} if ENABLED in held else {}
-    findings.planned = Planned({PREFIX + n: v for n, v in reduction.values.items()} | enabled)
+    findings.planned = PlannedValues({PREFIX + n: v for n, v in reduction.values.items()} | enabled)
     return DrivePart(reduction.values, period)
 
 

@@ -76,8 +76,8 @@ def plan_ripple(session: Session, model: DriveModel | None, held: Mapping[str, f
     Raises:
         AutotuneError: the axis had to be stopped, or the drive could not be written; it is as it was then.
     """
-    told = session.loop.read_parameters()
-    block = RippleBlock.of(told)
+    values = session.loop.read_parameters()
+    block = RippleBlock.of(values)
     waves = list(ripple_waves(model)) if model is not None else []
     if block is None or not waves:
         return ""
@@ -88,7 +88,7 @@ def plan_ripple(session: Session, model: DriveModel | None, held: Mapping[str, f
         return f"torque ripple stays with the host: this drive, with {block.in_words}, would take {kept.in_words()}"
     try:
         return _aligned(
-            session, kept, block, alignment_of(told), {n: v for n, v in held.items() if is_ripple(n)}
+            session, kept, block, alignment_of(values), {n: v for n, v in held.items() if is_ripple(n)}
         )
     except (NotEnoughExcitation, ConfigurationError) as error:
         return f"torque ripple stays with the host: {error}"

@@ -21,7 +21,7 @@ from autotune.tuning.hunting_note import hunting_note
 from autotune.tuning.preparation import own_feedforward
 from autotune.tuning.request import STAGES, Request
 from autotune.tuning.resume import stages_left, take_up
-from autotune.tuning.run_state import Course
+from autotune.tuning.run_state import RunState
 from autotune.tuning.session import Session
 from autotune.tuning.stage_adapt import LEAST_SECONDS, adapt, window_seconds
 from autotune.tuning.stage_commit import commit_stage, times_less
@@ -39,28 +39,28 @@ SPARE_SECONDS = 6.0  # of machine time, for ways between windows
 MOVING = ("experiment", "diagnose", "adapt", "prove", "commit")
 
 
-def perform(request: Request, session: Session, course: Course) -> None:
-    """All that is asked for, in order; results are in the course."""
+def perform(request: Request, session: Session, state: RunState) -> None:
+    """All that is asked for, in order; results are in the state."""
     wanted: tuple[str, ...] = STAGES if request.only is None else (request.only,)
     if request.only is not None:
-        course.findings = load_findings(request.runs, session.axis, request.only)
+        state.findings = load_findings(request.runs, session.axis, request.only)
     elif request.resume is not None:
-        wanted = stages_left(take_up(session, course, request.resume))
+        wanted = stages_left(take_up(session, state, request.resume))
     if request.only in MOVING:
         standing(session.loop, session.limits)
-        _torque_semantics(session, course)
+        _torque_semantics(session, state)
     for stage in wanted:
         session.journal.note(stage=stage)
-        if not _watched(_STAGES[stage], request, session, course):
+        if not _watched(_STAGES[stage], request, session, state):
             break
-        course.whole.append(stage)
-        save_findings(session, course.findings, course.whole)
-    if request.only is not None and not course.verdict:
-        course.verdict = f"Stage '{request.only}' is done; nothing was applied."
+        state.whole.append(stage)
+        save_findings(session, state.findings, state.whole)
+    if request.only is not None and not state.verdict:
+        state.verdict = f"Stage '{request.only}' is done; nothing was applied."
 
 
 def _watched(
-    stage: Callable[[Request, Session, Course], bool], request: Request, session: Session, course: Course
+    stage: Callable[[Request, Session, RunState], bool], request: Request, session: Session, state: RunState
 ) -> bool:
     """One stage; where the guard had to stop an axis that must not be tuned, that is what is said.
 
@@ -69,7 +69,7 @@ def _watched(
     """
     before = set(session.written)
     try:
-        return stage(request, session, course)
+        return stage(request, session, state)
     except GuardStop as stop:
         played = [path for name, path in session.written.items() if name not in before]
         if stage is _commit or not played:
@@ -81,65 +81,65 @@ def _watched(
         raise NotTunable(words, str(stop)) from stop
 
 
-def _check(request: Request, session: Session, course: Course) -> bool:
+def _check(request: Request, session: Session, state: RunState) -> bool:
     """Before anything moves: the axis stands inside its travel; all experiments fit into limits and machine time."""
     session.begin("check", 1.0)
     sine = BenchmarkSine(session.motion, 1, session.axis.benchmark.periods)
     programme = Programme((sine, *build("identification", session.axis)), session.limits, session.budget.left)
     programme.check(session.loop.period)
     if not feedforward_parameters(session.loop):
-        course.notes.append(nothing_kept(session.axis.profile))
-        session.reporter.say(course.notes[-1])
+        state.notes.append(nothing_kept(session.axis.profile))
+        session.reporter.say(state.notes[-1])
     place = standing(session.loop, session.limits)
     if request.only == "check":
         unit = session.axis.motion_unit
-        course.verdict = (
+        state.verdict = (
             f"Checked, without moving: the axis stands at {place.position:.4g} {unit}, inside its travel of "
             f"{session.limits.position_min:g} to {session.limits.position_max:g} {unit}, and all experiments fit into "
             f"the limits and into {session.limits.machine_seconds:.0f} s of machine time."
         )
         return True
-    _torque_semantics(session, course)
+    _torque_semantics(session, state)
     return True
 
 
-def _torque_semantics(session: Session, course: Course) -> None:
+def _torque_semantics(session: Session, state: RunState) -> None:
     """Where the profile leaves open what the torque demand means, it is found before anything rests on it."""
     if must_be_found(session):
-        course.notes.append(find_torque_semantics(session))
+        state.notes.append(find_torque_semantics(session))
 
 
-def _experiment(request: Request, session: Session, course: Course) -> bool:
-    course.findings.baseline = baseline(session)
+def _experiment(request: Request, session: Session, state: RunState) -> bool:
+    state.findings.baseline = baseline(session)
     if words := loose(experiment(session), session.axis):
         raise NotTunable(words)
     return True
 
 
-def _fit(request: Request, session: Session, course: Course) -> bool:
+def _fit(request: Request, session: Session, state: RunState) -> bool:
     path = session.written.get("experiment") or _earlier(request, "recordings/experiment.parquet")
-    course.identification = fit(session, read_recording(path))
-    course.findings.start = start_of(course.identification)
-    course.notes += course.identification.notes
+    state.identification = fit(session, read_recording(path))
+    state.findings.start = start_of(state.identification)
+    state.notes += state.identification.notes
     return True
 
 
-def _diagnose(request: Request, session: Session, course: Course) -> bool:
+def _diagnose(request: Request, session: Session, state: RunState) -> bool:
     path = session.written.get("experiment") or _earlier(request, "recordings/experiment.parquet")
     recording = read_recording(path)
-    found = course.identification or fit(session, recording)
+    found = state.identification or fit(session, recording)
     if found.model is None:  # `fit` refuses that
         return True
     reserve = _later_seconds(session) + LEAST_SECONDS + 2.0 * window_seconds(session.axis.benchmark.frequency)
-    course.findings.diagnosed = told = diagnose_stage(session, recording, found.model, reserve)
-    course.findings.model = told.model
-    course.notes += told.notes
+    state.findings.diagnosed = diagnosed = diagnose_stage(session, recording, found.model, reserve)
+    state.findings.model = diagnosed.model
+    state.notes += diagnosed.notes
     kp = session.controller.kp if session.controller is not None else None
     alone = found.estimates
-    refuse_two_masses(found.joint, alone.get("high_speed"), alone.get("presliding"), told.effects, kp)
-    refuse_resonance(told.model, kp)
-    if note := hunting_note(session, told.model or found.model):
-        course.notes.append(note)
+    refuse_two_masses(found.joint, alone.get("high_speed"), alone.get("presliding"), diagnosed.effects, kp)
+    refuse_resonance(diagnosed.model, kp)
+    if note := hunting_note(session, diagnosed.model or found.model):
+        state.notes.append(note)
     return True
 
 
@@ -149,8 +149,8 @@ def _later_seconds(session: Session) -> float:
     return proof_seconds(motion, benchmark) + committed_seconds(motion, benchmark) + SPARE_SECONDS
 
 
-def _adapt(request: Request, session: Session, course: Course) -> bool:
-    findings, later = course.findings, _later_seconds(session)
+def _adapt(request: Request, session: Session, state: RunState) -> bool:
+    findings, later = state.findings, _later_seconds(session)
     start = findings.need_start()
     more = window_seconds(session.axis.benchmark.frequency) if findings.model is not None else 0.0
     findings.adapted = adapt(session, start.parameters, start.stiffness_range, later + more)
@@ -164,8 +164,8 @@ def _adapt(request: Request, session: Session, course: Course) -> bool:
     return True
 
 
-def _prove(request: Request, session: Session, course: Course) -> bool:
-    findings = course.findings
+def _prove(request: Request, session: Session, state: RunState) -> bool:
+    findings = state.findings
     own = own_feedforward(session.journal.state.changed)
     law, least = findings.law(session.axis.cycle), session.axis.acceptance.improvement
     if request.gain is not None:
@@ -176,10 +176,10 @@ def _prove(request: Request, session: Session, course: Course) -> bool:
     findings.yardstick = Yardstick(proved.proof.before, proved.proof.after, proved.held_out_before)
     findings.better = proved.better
     if not proved.better:
-        course.nothing_to_gain, course.refused = not proved.harmful, True
-        course.verdict = f"Nothing was applied: {_not_better(session, proved)}."
+        state.nothing_to_gain, state.refused = not proved.harmful, True
+        state.verdict = f"Nothing was applied: {_not_better(session, proved)}."
     elif request.only is not None:
-        course.verdict = _proved(session, proved)
+        state.verdict = _proved(session, proved)
     return proved.better
 
 
@@ -218,11 +218,11 @@ def _proved(session: Session, proved: Proved) -> str:
     )
 
 
-def _commit(request: Request, session: Session, course: Course) -> bool:
-    return commit_stage(session, course, request.approve)
+def _commit(request: Request, session: Session, state: RunState) -> bool:
+    return commit_stage(session, state, request.approve)
 
 
-_STAGES: dict[str, Callable[[Request, Session, Course], bool]] = {
+_STAGES: dict[str, Callable[[Request, Session, RunState], bool]] = {
     "check": _check,
     "experiment": _experiment,
     "fit": _fit,

@@ -2,7 +2,7 @@
 
 Only what cannot be anything else is taken for the axis's own doing: a loop that swings ever wider by itself, a gap
 that closed several times at the same distance after a reversal, an axis that has not even begun to move.
-Everything else, a blow at one place above all, stays a stop by the guard.
+Everything else, an impact at one place above all, stays a stop by the guard.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ LEAST_SWINGS = (
 UNMOVED = (
     0.25  # of the benchmark's amplitude: an axis that gave way by less, against all its torque, has not moved
 )
-BLOW = 20.0  # times the usual error: what a gap makes when it closes; sound axes stay below 11
-RISE = 5.0  # times the error where the look begins: a blow comes out of nothing, friction at a reversal dies away
-SAME_PLACE, LEAST_BLOWS = 0.1, 3
-BESIDE_BLOWS = 0.6  # share of all blows that must be at that distance
+IMPACT = 20.0  # times the usual error: what a gap makes when it closes; sound axes stay below 11
+RISE = 5.0  # times the error where the look begins: an impact comes out of nothing, friction at a reversal dies away
+SAME_PLACE, LEAST_IMPACTS = 0.1, 3
+BESIDE_IMPACTS = 0.6  # share of all impacts that must be at that distance
 LOAD_SECONDS = 3.0  # of a window that motion in both directions tells the load of
 LEAST_MOVING = 0.05  # s in each direction of it
 LOAD_CHANGE = 0.5  # of friction: gravity that turns with the axis makes less than a quarter
@@ -67,7 +67,7 @@ def pushed(recording: Recording) -> str:
         if min(len(up), len(down)) * recording.period >= LEAST_MOVING:
             loads.append(0.5 * float(np.median(up) + np.median(down)))
             levels.append(0.5 * float(np.median(up) - np.median(down)))
-    if len(loads) < LEAST_BLOWS or np.ptp(loads) <= LOAD_CHANGE * np.median(levels):
+    if len(loads) < LEAST_IMPACTS or np.ptp(loads) <= LOAD_CHANGE * np.median(levels):
         return ""
     return (
         f"the load changes in time: the mean of the torques that move the axis up and down went from {min(loads):.3g} "
@@ -113,21 +113,21 @@ def gap_of(recording: Recording, beyond: float) -> float | None:
     usual = float(np.median(error[moving]))
     turned = direction[moving][1:] != direction[moving][:-1]
     turns = [int(moving[0]), *(int(k) for k in moving[1:][turned]), len(reference)]
-    blows = []
+    impacts = []
     for begin, end in itertools.pairwise(turns):
         way = np.abs(reference[begin:end] - reference[begin])
         far = np.flatnonzero(way > beyond)
         hit = int(far[np.argmax(error[begin:end][far])]) if len(far) else 0
-        if len(far) and error[begin + hit] > max(BLOW * usual, RISE * error[begin + far[0]]):
-            blows.append((float(way[hit]), float(direction[begin])))
-    return _same_place(blows)
+        if len(far) and error[begin + hit] > max(IMPACT * usual, RISE * error[begin + far[0]]):
+            impacts.append((float(way[hit]), float(direction[begin])))
+    return _same_place(impacts)
 
 
-def _same_place(blows: list[tuple[float, float]]) -> float | None:
-    """The distance at which most blows are, in both directions."""
-    if len(blows) < LEAST_BLOWS:
+def _same_place(impacts: list[tuple[float, float]]) -> float | None:
+    """The distance at which most impacts are, in both directions."""
+    if len(impacts) < LEAST_IMPACTS:
         return None
-    middle = float(np.median([distance for distance, _ in blows]))
-    same = [blow for blow in blows if abs(blow[0] - middle) <= SAME_PLACE * middle]
-    enough = len(same) >= max(LEAST_BLOWS, BESIDE_BLOWS * len(blows))
+    middle = float(np.median([distance for distance, _ in impacts]))
+    same = [impact for impact in impacts if abs(impact[0] - middle) <= SAME_PLACE * middle]
+    enough = len(same) >= max(LEAST_IMPACTS, BESIDE_IMPACTS * len(impacts))
     return middle if enough and len({direction for _, direction in same}) == 2 else None

@@ -67,8 +67,8 @@ def comparison_pictures(result: Compared, model: DriveModel) -> list[Picture]:
     """Measured and model over time, and the residual over what it follows most."""
     floor = result.noise_floor_rms if math.isfinite(result.noise_floor_rms) else None
     return [
-        _over_time(result.study.data, result.error, result.study.weight, model.torque_symbol, floor),
-        *_over_coordinates(result.study.data, result.error, result.where, model, floor),
+        _over_time(result.problem.data, result.error, result.problem.weight, model.torque_symbol, floor),
+        *_over_coordinates(result.problem.data, result.error, result.where, model, floor),
     ]
 
 
@@ -79,11 +79,11 @@ def write_diagnosis(path: Path, result: Diagnosis, model: DriveModel) -> None:
     pictures = [
         Picture("Candidates", "How far each effect lowers the squared error on unseen data.", ranking(ranks))
     ]
-    if result.study is not None and result.root is not None:
+    if result.problem is not None and result.root is not None:
         floor = result.noise_floor_rms if math.isfinite(result.noise_floor_rms) else None
-        error, data = result.root.fitted.error, result.study.data
+        error, data = result.root.fitted.error, result.problem.data
         pictures += [
-            _over_time(data, error, result.study.weight, unit, floor),
+            _over_time(data, error, result.problem.weight, unit, floor),
             *_over_coordinates(data, error, result.where, model, floor),
         ]
     steps = [effect_kind(effect).remedy for effect in result.effects]

@@ -122,14 +122,14 @@ class Engine:
             job.ended = time.monotonic()
 
     def _do(self, job: Job) -> None:
-        given, told = self._pipes()
+        given, answers = self._pipes()
         given.write(json.dumps(job.wish) + "\n")
         given.flush()
         limit = threading.Timer(LONGEST, self._kill)
         limit.daemon = True
         limit.start()
         try:
-            for line in told:
+            for line in answers:
                 message = json.loads(line)
                 if "progress" in message:
                     job.progress.append(message["progress"])

@@ -171,7 +171,7 @@ def make_app(files: Files, engine: Engine) -> FastAPI:
     )
     app.include_router(page_routes())
     app.include_router(workbench_routes(files, engine))
-    app.add_exception_handler(AutotuneError, told)
+    app.add_exception_handler(AutotuneError, answer_error)
 
     @app.get("/", include_in_schema=False)
     def first() -> Response:
@@ -180,6 +180,6 @@ def make_app(files: Files, engine: Engine) -> FastAPI:
     return app
 
 
-async def told(request: Request, error: Exception) -> Response:
+async def answer_error(request: Request, error: Exception) -> Response:
     """What is wrong with a file or a wish, as a sentence."""
     return JSONResponse({"detail": str(error)}, 422)

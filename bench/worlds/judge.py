@@ -137,7 +137,7 @@ def _found(found: Any, fitted: Any) -> Line:
 def _against_truth(made: Ready, found: Any) -> Line:
     """Error on the unseen test over what the true model would leave: what two plays of it do not share."""
     try:
-        taps = np.asarray(found._diagnosis.study.data.taps)
+        taps = np.asarray(found._diagnosis.problem.data.taps)
     except AttributeError:
         return {"over_truth": None}
     floor = _floor(made.world, taps / taps.sum())

@@ -204,7 +204,7 @@ class Cycle(Strict):
     slow_cycles: Annotated[int, Field(ge=1, le=240)] = 200
 
 
-class Guard(Strict):
+class Heartbeats(Strict):
     """Heartbeats [s]: ours, after which silence the drive stops, and the drive's.
 
     `watchdog` is for drives without a heartbeat consumer (1016h): the time after which they stop by
@@ -217,7 +217,7 @@ class Guard(Strict):
     monitor: Annotated[float, Field(gt=0, le=5)] = 0.1
 
     @model_validator(mode="after")
-    def _ordered(self) -> Guard:
+    def _ordered(self) -> Heartbeats:
         if self.consume < 2 * self.produce:
             raise ValueError(f"consume {self.consume} must be at least twice produce {self.produce}")
         return self
@@ -312,7 +312,7 @@ class Profile(Strict):
     encoder: Literal["608F", "none"] = "608F"
     clock: Clock | None = None
     cycle: Cycle = Cycle()
-    guard: Guard = Guard()
+    guard: Heartbeats = Heartbeats()
     offset_guard: OffsetGuard | None = None
     store: Store | None = None
     ripple: HarmonicsBlock | None = None

@@ -33,10 +33,10 @@ def _alone(monkeypatch, effects: tuple[str, ...], share: float) -> None:
     """The first recording by itself names these, and leaves this share of the torque."""
     level = SimpleNamespace(effects=effects, fitted=SimpleNamespace(error=np.ones(3)))
     chosen = SimpleNamespace(level=level) if effects else None
-    found = SimpleNamespace(chosen=chosen, study=None)
+    found = SimpleNamespace(chosen=chosen, problem=None)
     monkeypatch.setattr(first_alone, "prepared_for", lambda *_: None)
     monkeypatch.setattr(first_alone, "begin", lambda *_, **__: (None, None, None, ()))
-    monkeypatch.setattr(first_alone, "replace", lambda study, **_: study)
+    monkeypatch.setattr(first_alone, "replace", lambda problem, **_: problem)
     monkeypatch.setattr(first_alone, "search", lambda *_: found)
     monkeypatch.setattr(first_alone, "unexplained", lambda *_: share)
     monkeypatch.setattr(first_alone, "_elsewhere", lambda *_: None)

@@ -73,10 +73,10 @@ def test_a_reference_that_is_followed_causes_the_motion() -> None:
 
 
 def test_what_looks_like_the_loop_is_not_confirmed_without_a_twin() -> None:
-    from autotune.estimation.problem import start_study
+    from autotune.estimation.problem import new_problem
 
     recording = played(plain_axis(20_028), DRESSES[1], "periodic", 20_028, 8.0)
-    study = start_study(prepare([recording]), None)
+    problem = new_problem(prepare([recording]), None)
     carried = [HoldoutResult(name, 0.9, 9.0, lowers=True) for name in ("spring", "torque_ripple")]
-    assert not SingleRecording().confirms(study, ["spring"], carried)
-    assert SingleRecording().confirms(study, ["torque_ripple"], carried)
+    assert not SingleRecording().confirms(problem, ["spring"], carried)
+    assert SingleRecording().confirms(problem, ["torque_ripple"], carried)

@@ -10,11 +10,11 @@ from scipy.signal import lfilter
 
 from autotune.diagnosis.compare import EACH_IN_TURN, compare, unseen_error
 from autotune.diagnosis.refits import without_insignificant_terms
-from autotune.estimation.bias_corrected_fit import Level
+from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.data import TRAINING, Block
 from autotune.estimation.least_squares import Fitted, Free, covariance
 from autotune.estimation.model_error import noise_floor
-from autotune.estimation.problem import start_study
+from autotune.estimation.problem import new_problem
 from autotune.models.drive_model import HistoryEntry, Packed, staircase
 from autotune.models.table import EFFECTS
 from autotune.models.waves import ripple_waves
@@ -23,12 +23,12 @@ TRUE = 0.003
 RIPPLE = EFFECTS["torque_ripple"]
 
 
-def _study(short, rows: int, repeats: int):
-    """A study of one experiment, `repeats` times `rows` long, whose only content is what a test puts there."""
-    study = start_study(compare([short], _plain()).study.data, None)
+def _problem(short, rows: int, repeats: int):
+    """A problem of one experiment, `repeats` times `rows` long, whose only content is what a test puts there."""
+    problem = new_problem(compare([short], _plain()).problem.data, None)
     block = Block("one", TRAINING, 0, repeats, rows)
     grid = np.arange(rows * repeats)
-    return replace(study, data=replace(study.data, grid=grid, blocks=(block,)), weight=np.ones(len(grid)))
+    return replace(problem, data=replace(problem.data, grid=grid, blocks=(block,)), weight=np.ones(len(grid)))
 
 
 def _plain():
@@ -41,26 +41,26 @@ def _plain():
 @pytest.mark.parametrize("colour", [0.0, 0.8, 0.95])
 def test_the_interval_of_the_floor_contains_the_noise(short, colour: float) -> None:
     """Of 200 draws 95 % ± 5 % (three binomial standard deviations): with coloured noise too."""
-    study = _study(short, 2000, 2)
+    problem = _problem(short, 2000, 2)
     random = np.random.default_rng(7)
     inside = 0
     for _ in range(200):
         white = random.normal(0.0, TRUE * np.sqrt(1.0 - colour**2), (2, 2400))
         noise = lfilter([1.0], [1.0, -colour], white, axis=1)[:, 400:]
         missing = 0.02 * np.sin(np.arange(2000) / 50.0)  # what a model lacks is in all repeats alike
-        found = noise_floor(study, (noise + missing).ravel(), np.ones(4000, dtype=bool))
+        found = noise_floor(problem, (noise + missing).ravel(), np.ones(4000, dtype=bool))
         inside += found.low <= TRUE <= found.high
     assert 0.90 * 200 <= inside <= 0.99 * 200
 
 
 def test_without_repeats_the_floor_is_unknown(short) -> None:
-    assert noise_floor(_study(short, 2000, 1), np.ones(2000), np.ones(2000, dtype=bool)) is None
+    assert noise_floor(_problem(short, 2000, 1), np.ones(2000), np.ones(2000, dtype=bool)) is None
 
 
 def test_the_error_on_unseen_data_is_not_the_fits_own(recorded, nominal) -> None:
     result = compare([recorded(41, spring=0.004)], nominal)
     unseen = unseen_error(result, nominal)
-    rows = result.rows & result.study.data.role("veto", "test")
+    rows = result.rows & result.problem.data.role("veto", "test")
     assert unseen.data == "veto and test"
     assert unseen.rms == pytest.approx(float(np.sqrt(np.mean(result.error[rows] ** 2))))
     assert unseen.rms != pytest.approx(result.error_rms, rel=0.01)
@@ -90,28 +90,28 @@ def test_waves_that_chance_made_are_pruned_and_the_real_one_kept(recorded, nomin
     from autotune.estimation.bandwidth import prepared_for
 
     recording = recorded(45, torque_ripple=0.01)
-    study, root, start, _ = begin(prepared_for([recording]), nominal)
-    _, _, level = grown(study, root, start, "torque_ripple", nominal)
-    kept = RIPPLE.terms_in_use(level.fitted.packed.p)
-    crowded = _with_chance_waves(study, level, len(kept))
-    pruned = without_insignificant_terms(study, crowded)
+    problem, root, start, _ = begin(prepared_for([recording]), nominal)
+    _, _, model_fit = grown(problem, root, start, "torque_ripple", nominal)
+    kept = RIPPLE.terms_in_use(model_fit.fitted.packed.p)
+    crowded = _with_chance_waves(problem, model_fit, len(kept))
+    pruned = without_insignificant_terms(problem, crowded)
     assert RIPPLE.terms_in_use(pruned.fitted.packed.p) == kept
-    orders = [level.fitted.packed.p[RIPPLE.parameter(f"order_{i}").slot] for i in kept]
+    orders = [model_fit.fitted.packed.p[RIPPLE.parameter(f"order_{i}").slot] for i in kept]
     assert [pruned.fitted.packed.p[RIPPLE.parameter(f"order_{i}").slot] for i in kept] == orders
 
 
-def _with_chance_waves(study, level: Level, present: int) -> Level:
+def _with_chance_waves(problem, model_fit: ModelFit, present: int) -> ModelFit:
     from autotune.estimation.problem import refit
 
-    p, free = level.fitted.packed.p.copy(), list(level.free)
+    p, free = model_fit.fitted.packed.p.copy(), list(model_fit.free)
     for number, order in enumerate((31.0, 53.0, 87.0), present + 1):
         p[RIPPLE.parameter(f"order_{number}").slot] = order
         for part in ("sin", "cos"):
             parameter = RIPPLE.parameter(f"{part}_{number}")
             surface = RIPPLE.surface(parameter.name)
             free.append(Free(surface, parameter.slot, parameter.lower, parameter.upper, 0.01))
-    fitted = refit(study, Packed(p, level.fitted.packed.on), free, level.correction, 3)
-    return Level(fitted, level.correction, level.unseen, level.effects)
+    fitted = refit(problem, Packed(p, model_fit.fitted.packed.on), free, model_fit.correction, 3)
+    return ModelFit(fitted, model_fit.correction, model_fit.unseen, model_fit.effects)
 
 
 def test_covariance_of_a_straight_line() -> None:

@@ -10,7 +10,7 @@ import pytest
 from autotune.estimation.data import TRAINING, VETO, Prepared, prepare
 from autotune.estimation.least_squares import jacobian
 from autotune.estimation.parts import first_round, until_last
-from autotune.estimation.problem import base_free, start_study
+from autotune.estimation.problem import base_free, new_problem
 from autotune.estimation.residual import measured_motion, residual
 from autotune.models import layout
 from autotune.models.drive_model import base_model
@@ -26,10 +26,10 @@ def data(recorded) -> Prepared:
 
 
 def sensitivities(data: Prepared, on: np.ndarray) -> np.ndarray:
-    study = start_study(data, None)
+    problem = new_problem(data, None)
     packed = replace(PACKED, on=on)
-    free = base_free(packed, study.scales, "rad")
-    return jacobian(data, study.moved, packed, free, residual(data, packed, study.moved))[0]
+    free = base_free(packed, problem.scales, "rad")
+    return jacobian(data, problem.moved, packed, free, residual(data, packed, problem.moved))[0]
 
 
 def test_residuals_before_the_end_are_those_of_the_whole(data: Prepared) -> None:

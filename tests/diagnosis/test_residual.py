@@ -9,7 +9,7 @@ from autotune.estimation.controller import find_controller
 from autotune.estimation.data import TRAINING, prepare
 from autotune.estimation.disturbance_estimate import estimate_disturbance
 from autotune.estimation.policy import POLICY
-from autotune.estimation.problem import start_study
+from autotune.estimation.problem import new_problem
 from autotune.estimation.residual import residual
 from autotune.models.drive_model import base_model
 from tests.support.axes import plain_axis
@@ -29,14 +29,14 @@ def _truth():
 def test_the_true_model_leaves_nothing_repeatable(short) -> None:
     """What repeats in the residual of the true parameters is within the noise; raw it is not."""
     data = prepare([short])
-    study = start_study(data, find_controller(data))
+    problem = new_problem(data, find_controller(data))
     packed = _truth()
-    raw = residual(data, packed, study.moved)
-    study = replace(study, disturbance=estimate_disturbance(study, packed))
-    correction = study.correction(packed, 4)
-    corrected, error = study.repeatable(raw - correction.bias, correction, TRAINING)
-    uncorrected, _ = study.repeatable(raw, study.correction(packed, 4), TRAINING)
-    noise = study.noise_variance(raw, TRAINING)
+    raw = residual(data, packed, problem.moved)
+    problem = replace(problem, disturbance=estimate_disturbance(problem, packed))
+    correction = problem.correction(packed, 4)
+    corrected, error = problem.repeatable(raw - correction.bias, correction, TRAINING)
+    uncorrected, _ = problem.repeatable(raw, problem.correction(packed, 4), TRAINING)
+    noise = problem.noise_variance(raw, TRAINING)
     assert abs(corrected) < max(3.0 * error, 0.15 * noise)
     assert uncorrected > 3.0 * abs(corrected)
 
@@ -44,8 +44,8 @@ def test_the_true_model_leaves_nothing_repeatable(short) -> None:
 def test_the_noise_of_the_plant_is_found(short) -> None:
     """5 mN m were simulated; a fifth is what a minute of data can tell."""
     data = prepare([short])
-    study = start_study(data, find_controller(data))
-    found = estimate_disturbance(study, _truth())
+    problem = new_problem(data, find_controller(data))
+    found = estimate_disturbance(problem, _truth())
     assert found.process == pytest.approx(5e-3, rel=0.2)
 
 

@@ -59,11 +59,11 @@ def coarse_model() -> DriveModel:
 
 def test_the_short_elements_come_out_of_the_bristle() -> None:
     plant, model = preset("edm-vertical").plant, coarse_model()
-    study, root, _, _ = begin(prepared_for([recording("edm-vertical")]), model)
-    fine = resolved(study, root)
+    problem, root, _, _ = begin(prepared_for([recording("edm-vertical")]), model)
+    fine = resolved(problem, root)
     assert fine is not None
     assert fine.unseen.total < 0.6 * root.unseen.total
-    found = updated_model(model.without_effect("reversal_memory"), study, fine.fitted)
+    found = updated_model(model.without_effect("reversal_memory"), problem, fine.fitted)
     assert stiffness_at_rest(found) == pytest.approx(plant.stiffness, rel=0.15)
     assert found["coulomb"] < 0.2 * model["coulomb"]
     carried = sum(v.value for k, v in found.parameters.items() if ".torque_" in k)
@@ -77,6 +77,6 @@ def test_the_short_elements_come_out_of_the_bristle() -> None:
 
 def test_a_model_without_the_effect_is_left_as_it_is() -> None:
     model = coarse_model().without_effect("reversal_memory")
-    study, root, _, _ = begin(prepared_for([recording("edm-vertical")]), model)
-    assert resolved(study, root) is None
+    problem, root, _, _ = begin(prepared_for([recording("edm-vertical")]), model)
+    assert resolved(problem, root) is None
     assert stiffness_at_rest(model) == model["stiffness"]

@@ -8,7 +8,7 @@ import pytest
 from autotune.core.arrays import Floats, Integers
 from autotune.diagnosis.ripple_orders import candidate_orders, find_orders
 from autotune.estimation.data import prepare
-from autotune.estimation.problem import Study, start_study
+from autotune.estimation.problem import Problem, new_problem
 from tests.support.axes import plain_axis
 from tests.support.diagnosis_programme import play, programme
 
@@ -23,15 +23,15 @@ class _Rest:
 
 
 @pytest.fixture(scope="module")
-def study() -> Study:
+def problem() -> Problem:
     """Scans over one and a half turns."""
-    return start_study(prepare([play(plain_axis(3), 3, programme(("scans",)))]), None)
+    return new_problem(prepare([play(plain_axis(3), 3, programme(("scans",)))]), None)
 
 
-def _rest(study: Study, waves: tuple[tuple[float, float], ...], noise: float = 1e-3) -> _Rest:
-    slow = np.abs(study.data.velocity[study.data.grid]) < 3.0  # nothing that the low-pass would take
-    rows = np.flatnonzero((study.training > 0) & slow)
-    place = study.data.position[study.data.grid[rows]]
+def _rest(problem: Problem, waves: tuple[tuple[float, float], ...], noise: float = 1e-3) -> _Rest:
+    slow = np.abs(problem.data.velocity[problem.data.grid]) < 3.0  # nothing that the low-pass would take
+    rows = np.flatnonzero((problem.training > 0) & slow)
+    place = problem.data.position[problem.data.grid[rows]]
     error = np.random.default_rng(2).normal(0.0, noise, len(rows))
     for order, size in waves:
         error += size * np.sin(order * place + order)
@@ -40,18 +40,18 @@ def _rest(study: Study, waves: tuple[tuple[float, float], ...], noise: float = 1
 
 
 @pytest.mark.parametrize("waves", [((20.64, 10e-3), (22.72, 5e-3)), ((17.01, 30e-3), (35.64, 15e-3))])
-def test_orders_that_are_no_whole_numbers_are_found(study, waves) -> None:
+def test_orders_that_are_no_whole_numbers_are_found(problem, waves) -> None:
     """Over 1.5 turns: a twentieth of an order is a fifteenth of what such a travel tells apart."""
-    found = find_orders(study, _rest(study, waves), 1.0, [], 7)
+    found = find_orders(problem, _rest(problem, waves), 1.0, [], 7)
     assert found[:2] == pytest.approx([order for order, _ in waves], abs=0.05)
     assert len(found) == 2
 
 
-def test_noise_holds_no_orders(study) -> None:
-    assert find_orders(study, _rest(study, ()), 1.0, [], 7) == []
+def test_noise_holds_no_orders(problem) -> None:
+    assert find_orders(problem, _rest(problem, ()), 1.0, [], 7) == []
 
 
-def test_a_turn_without_a_period_and_a_half_holds_none(study) -> None:
-    assert candidate_orders(study, 1.0).min() >= 1.5
-    little = replace(study, scales=replace(study.scales, travel=0.2))
+def test_a_turn_without_a_period_and_a_half_holds_none(problem) -> None:
+    assert candidate_orders(problem, 1.0).min() >= 1.5
+    little = replace(problem, scales=replace(problem.scales, travel=0.2))
     assert candidate_orders(little, 1.0).min() >= 1.5 * 2 * np.pi / 0.2 - 1e-9

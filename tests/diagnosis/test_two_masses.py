@@ -11,10 +11,10 @@ from autotune.diagnosis.refits import inside_twin
 from autotune.diagnosis.screening import screen
 from autotune.diagnosis.verdict import diagnose
 from autotune.estimation.bandwidth import prepared_for
-from autotune.estimation.bias_corrected_fit import SHARP, Level
+from autotune.estimation.bias_corrected_fit import SHARP, ModelFit
 from autotune.estimation.data import TRAINING, prepare
 from autotune.estimation.least_squares import fit
-from autotune.estimation.problem import LEAST_WEIGHT, Study, by_steadiness, start_study
+from autotune.estimation.problem import LEAST_WEIGHT, Problem, by_steadiness, new_problem
 from autotune.estimation.residual import residual
 from autotune.models.drive_model import Packed, base_model
 from autotune.models.table import EFFECTS
@@ -24,23 +24,23 @@ from tests.support.truth import true_model
 EFFECT = "elastic_transmission"
 SEED = 44
 
-Begun = tuple[Study, Level, Packed]
+Begun = tuple[Problem, ModelFit, Packed]
 
 
 @pytest.fixture(scope="module")
 def begun(recorded) -> Begun:
-    """Study, first level and nominal model of an axis with an elastic transmission."""
+    """Problem, first fit and nominal model of an axis with an elastic transmission."""
     data = prepared_for([recorded(SEED, **{EFFECT: MEDIUM[EFFECT]})])
     return begin(data, base_model(NOMINAL))[:3]
 
 
 def test_the_fit_comes_as_low_as_the_truth(begun: Begun) -> None:
     """With the bias held during a fit it could end at twice the true model's error, and backlash looked better."""
-    study, root, nominal = begun
-    found = inside_twin(study, root, root, screen(study, RepeatedProgramme(), root, nominal, EFFECT))
+    problem, root, nominal = begun
+    found = inside_twin(problem, root, root, screen(problem, RepeatedProgramme(), root, nominal, EFFECT))
     packed = true_model(plain_axis(SEED, {EFFECT: MEDIUM[EFFECT]}).plant, (EFFECT,)).pack()
-    true = residual(study.data, packed, study.moved) - study.correction(packed, SHARP).bias
-    own, least = (study.mean_square(error, TRAINING) for error in (found.level.fitted.error, true))
+    true = residual(problem.data, packed, problem.moved) - problem.correction(packed, SHARP).bias
+    own, least = (problem.mean_square(error, TRAINING) for error in (found.model_fit.fitted.error, true))
     assert found.named
     assert 0.7 < own / least < 1.15  # the noise of both biases is below a tenth
 
@@ -78,21 +78,23 @@ def test_a_small_gap_is_found_behind_a_spring_that_does_not_explain_enough(recor
 
 
 def test_a_step_into_an_unstable_twin_is_not_taken(begun: Begun) -> None:
-    study, root, nominal = begun
+    problem, root, nominal = begun
     held = root.correction.bias
     free = root.free
-    done = fit(study.data, study.moved, nominal, free, held, study.training, bias_at=lambda packed: None)
+    done = fit(
+        problem.data, problem.moved, nominal, free, held, problem.training, bias_at=lambda packed: None
+    )
     np.testing.assert_array_equal(done.packed.p, nominal.p)
 
 
 def test_unsteady_experiments_count_less_but_count(begun: Begun) -> None:
-    study, _, _ = begun
-    weights = [study.weight[block.rows].max() for block in study.data.blocks if block.role == TRAINING]
+    problem, _, _ = begun
+    weights = [problem.weight[block.rows].max() for block in problem.data.blocks if block.role == TRAINING]
     assert max(weights) == 1.0
     assert LEAST_WEIGHT <= min(weights) < 0.5  # slow motion over the quantiser is chaotic
 
 
 def test_without_repeats_all_experiments_count_alike(short) -> None:
     once = short.rows(short.repeat == 0)
-    study = start_study(prepare([once]), None)
-    assert by_steadiness(study, np.ones(len(study.data.grid))) is study
+    problem = new_problem(prepare([once]), None)
+    assert by_steadiness(problem, np.ones(len(problem.data.grid))) is problem

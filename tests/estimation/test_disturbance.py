@@ -10,7 +10,7 @@ from autotune.estimation.controller import find_controller
 from autotune.estimation.data import Prepared, filtered_motion, prepare
 from autotune.estimation.disturbance import STILL, Disturbance, memory_of
 from autotune.estimation.disturbance_estimate import estimate_disturbance
-from autotune.estimation.problem import start_study
+from autotune.estimation.problem import new_problem
 from autotune.estimation.residual import run_twin
 from autotune.models.drive_model import Packed, base_model
 from autotune.recordings.recording import Recording
@@ -63,7 +63,7 @@ def test_process_and_sensor_noise_are_told_apart(recording: Recording, memory: f
     """2 mN m of process noise beside 3 of the sensor; a fifth is what half a minute's bands tell."""
     packed = base_model(NOMINAL).pack()
     data = _shaken(recording, packed, memory)
-    found = estimate_disturbance(start_study(data, find_controller(data)), packed)
+    found = estimate_disturbance(new_problem(data, find_controller(data)), packed)
     assert found.sensor == pytest.approx(SENSOR, rel=0.1)
     correlation = -data.period / np.log(memory) if memory else 0.0
     true = Disturbance(coloured=LEVEL, correlation=correlation).level_at(30.0, data.period)
@@ -77,5 +77,5 @@ def test_process_and_sensor_noise_are_told_apart(recording: Recording, memory: f
 
 
 def test_without_a_controller_nothing_is_shaken(recording: Recording) -> None:
-    study = start_study(prepare([recording]), None)
-    assert estimate_disturbance(study, base_model(NOMINAL).pack()) == STILL
+    problem = new_problem(prepare([recording]), None)
+    assert estimate_disturbance(problem, base_model(NOMINAL).pack()) == STILL

@@ -17,7 +17,7 @@ from autotune.core.axis import Axis
 from autotune.core.drive import Command, Sample
 from autotune.core.errors import ConfigurationError
 from autotune.experiments.dahl import dahl
-from autotune.experiments.experiment import Experiment, Planned
+from autotune.experiments.experiment import Experiment, PlannedExperiment
 from autotune.experiments.guard import Guard
 from autotune.experiments.high_speed import HighSpeed, high_speed
 from autotune.experiments.path import Mark, Motion
@@ -53,8 +53,8 @@ def rehearse(experiment: Experiment, start: float = 0.0) -> tuple[list[Command],
             return commands, labels
 
 
-def planned(name: str, where: Axis) -> list[Planned]:
-    return [one for one in build(name, where, Choices(seed=3)) if isinstance(one, Planned)]
+def planned(name: str, where: Axis) -> list[PlannedExperiment]:
+    return [one for one in build(name, where, Choices(seed=3)) if isinstance(one, PlannedExperiment)]
 
 
 @pytest.mark.parametrize("name", sorted(PROGRAMMES))
@@ -370,7 +370,8 @@ def test_diagnosis_plays_everything_twice_from_seeded_draws() -> None:
     ]  # fmt: skip
     assert names[15:] == ["veto", "veto", "test"]
     plans = [
-        [x.plan.reference for x in programme if isinstance(x, Planned)] for programme in (one, same, other)
+        [x.plan.reference for x in programme if isinstance(x, PlannedExperiment)]
+        for programme in (one, same, other)
     ]
     assert all(np.array_equal(a, b) for a, b in zip(plans[0], plans[1], strict=True))
     assert not all(np.array_equal(a, b) for a, b in zip(plans[0], plans[2], strict=True))

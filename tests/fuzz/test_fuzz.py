@@ -16,7 +16,7 @@ import pytest
 
 from autotune.core.errors import RecordingError
 from autotune.recordings.importing.cleaning import without_missing
-from autotune.recordings.importing.clock import Stretch, resampled
+from autotune.recordings.importing.clock import RegularPiece, resampled
 from bench import fuzz
 from bench.fuzz_judging import Found, Kind, require
 from bench.fuzz_kinds import KINDS
@@ -69,7 +69,7 @@ def test_columns_of_unequal_length_are_damage(tmp_path: Path) -> None:
 
 def test_stamps_closer_than_numbers_resolve_are_refused() -> None:
     time = np.array([0.0, 1e-320, *np.linspace(0.002, 0.02, 10) ** 1.1])
-    piece = Stretch({"time": time, "position": np.arange(12.0), "torque": np.arange(12.0)})
+    piece = RegularPiece({"time": time, "position": np.arange(12.0), "torque": np.arange(12.0)})
     with pytest.raises(RecordingError, match="two time stamps are"):
         resampled(piece, 1e-3)
 

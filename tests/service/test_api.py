@@ -17,7 +17,7 @@ from starlette.testclient import TestClient
 from autotune.service import access as guard
 from autotune.service import background as behind
 from autotune.service import studies
-from autotune.service.access import Guard, Rules
+from autotune.service.access import AccessGuard, Rules
 from autotune.service.api import make_api
 from autotune.service.feed import MOST_WAITING, Feed
 
@@ -37,7 +37,7 @@ def rules(**changes: Any) -> Rules:
 @pytest.fixture
 def served(world: Callable[..., World]) -> Iterator[tuple[World, TestClient]]:
     here = world(["one", "two"])
-    with TestClient(Guard(make_api(here.manager), rules()), base_url="http://127.0.0.1") as client:
+    with TestClient(AccessGuard(make_api(here.manager), rules()), base_url="http://127.0.0.1") as client:
         yield here, client
 
 
@@ -91,7 +91,7 @@ def test_bodies_made_to_break_a_parser_are_refused_in_words(
     world: Callable[..., World], method: str, path: str, body: str
 ) -> None:
     here = world(["one"])
-    app = Guard(make_api(here.manager), rules(most_bytes=262144))
+    app = AccessGuard(make_api(here.manager), rules(most_bytes=262144))
     with TestClient(app, base_url="http://127.0.0.1") as client:
         answer = client.request(
             method, path, content=body, headers=AUTH | {"Content-Type": "application/json"}
@@ -238,7 +238,7 @@ def test_another_host_name_is_refused_so_that_no_web_page_gets_through(
 def test_reading_needs_the_token_where_others_can_reach_the_service(world: Callable[..., World]) -> None:
     here = world()
     here.manager.tick()
-    app = Guard(make_api(here.manager), rules(reading_needs_token=True))
+    app = AccessGuard(make_api(here.manager), rules(reading_needs_token=True))
     with TestClient(app, base_url="http://127.0.0.1") as client:
         assert client.get("/api/axes").status_code == 401
         assert client.get("/healthz").status_code == 200
@@ -304,7 +304,7 @@ def test_a_connection_that_takes_nothing_is_cut(monkeypatch: pytest.MonkeyPatch)
 
     cycle = Cycle()
     scope = {"type": "http", "method": "GET", "path": "/api/events", "headers": [(b"host", b"127.0.0.1")]}
-    asyncio.run(Guard(endless, rules())(scope, nothing, cycle.send))
+    asyncio.run(AccessGuard(endless, rules())(scope, nothing, cycle.send))
     assert cycle.transport.aborted
 
 
@@ -312,7 +312,7 @@ def test_an_answer_that_does_not_come_is_504() -> None:
     async def never(scope: Any, receive: Any, send: Any) -> None:
         await asyncio.Event().wait()
 
-    client = TestClient(Guard(never, rules(seconds=0.01)), base_url="http://127.0.0.1")
+    client = TestClient(AccessGuard(never, rules(seconds=0.01)), base_url="http://127.0.0.1")
     assert client.get("/api/axes").status_code == 504
 
 

@@ -22,7 +22,7 @@ from autotune.core.paths import config_directory
 from autotune.service import daemon, database
 from autotune.service.daemon import Upkeep
 from autotune.service.database import REVISIONS, back_up, damage, migrate, open_database, revision_of
-from autotune.service.schedule import Due, Planned, Schedule
+from autotune.service.schedule import DailyCheck, Due, Schedule
 from autotune.service.settings import read_service
 from autotune.service.store import Store
 from autotune.service.tables import metadata, schedule
@@ -199,7 +199,7 @@ def test_what_is_written_into_the_history_never_runs(history_url: str, tmp_path:
             with opened.engine.begin() as connection:
                 values = {"axis": "one", "expression": "__import__('os')", "zone": "UTC", "next": state.hex()}
                 connection.execute(insert(schedule).values(**{**values, "next": values["next"][:32]}))
-        plan = Planned("one", "30 3 * * *", ZoneInfo("UTC"))
+        plan = DailyCheck("one", "30 3 * * *", ZoneInfo("UTC"))
         found = Schedule(opened.engine, [plan], NOW)
         assert found.process(NOW + timedelta(days=2)) == [
             Due("one", NOW.replace(hour=3, minute=30) + timedelta(days=2))

@@ -12,7 +12,7 @@ from starlette.testclient import TestClient
 
 from autotune.core.axis import read_axis
 from autotune.core.loop import LocalLoop
-from autotune.service.access import Guard, Rules
+from autotune.service.access import AccessGuard, Rules
 from autotune.service.api import make_api
 from autotune.service.inline import Ended, do_at_once
 from autotune.service.orders import Order
@@ -81,7 +81,7 @@ def real(world: Callable[..., World], tmp_path: Path) -> Iterator[Callable[[str]
         launcher = RealLauncher(tmp_path / "memory.json", lambda: here.now)
         here = world(["one"], extra=extra, launcher=launcher)
         rules = Rules("a-token-that-is-long-enough", False, frozenset({"127.0.0.1"}), 4096, 300.0)
-        client = TestClient(Guard(make_api(here.manager), rules), base_url="http://127.0.0.1")
+        client = TestClient(AccessGuard(make_api(here.manager), rules), base_url="http://127.0.0.1")
         clients.append(client)
         return Real(here, launcher, client)
 

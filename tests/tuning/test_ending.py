@@ -69,11 +69,11 @@ def request(
     """A run whose only stage commits `NEW` and then comes to an end of its own."""
     drive = MemoryDrive()
 
-    def stages(asked: Request, session: Session, course: Any) -> None:
+    def stages(asked: Request, session: Session, state: Any) -> None:
         if kept:
             assert commit(session.loop, NEW, session.journal, runs, NOW, lambda: True)
-            course.outcome = Outcome.KEPT
-            course.verdict = "Kept: the drive runs with the committed parameters."
+            state.outcome = Outcome.KEPT
+            state.verdict = "Kept: the drive runs with the committed parameters."
         after()
 
     monkeypatch.setattr(tuning, "perform", stages)
@@ -128,7 +128,7 @@ def test_a_fault_while_the_commit_is_proved_puts_everything_back(
     """The last power-off belongs to the proof: a drive that reports a fault there has proved nothing."""
     asked, drive = request(monkeypatch, tmp_path, nothing, kept=False)
 
-    def stages(asked: Request, session: Session, course: Any) -> None:
+    def stages(asked: Request, session: Session, state: Any) -> None:
         def proves() -> bool:
             fault()
             return True

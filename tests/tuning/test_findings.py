@@ -11,7 +11,7 @@ import pytest
 
 from autotune.control.reduction import Reduction
 from autotune.core.errors import ConfigurationError
-from autotune.tuning.findings import FILE_NAME, Planned, load_findings
+from autotune.tuning.findings import FILE_NAME, PlannedValues, load_findings
 from autotune.tuning.journal import Journal
 from autotune.tuning.run_directory import make_run_directory
 from tests.drivers.simulator import axis_of
@@ -45,7 +45,7 @@ def test_a_sound_file_is_read(tmp_path: Path) -> None:
 def test_a_plan_keeps_what_the_drive_cannot_hold_and_what_that_is_predicted_to_cost(tmp_path: Path) -> None:
     """Without it a commit by itself would measure the drive's part against the proof of the whole, and take it back."""
     reduction = Reduction({"coulomb": 0.1}, (), 0.1e-3, 0.05e-3, 1.5e-3, 0.4e-3, 0.17, ("reversal_memory",))
-    planned = Planned({"feedforward.coulomb": 0.1}, reduction=reduction)
+    planned = PlannedValues({"feedforward.coulomb": 0.1}, reduction=reduction)
     written(tmp_path, json.dumps(SOUND | {"planned": planned.as_json()}))
     assert load_findings(tmp_path, axis_of(), "commit").planned == planned
 

@@ -9,7 +9,7 @@ import pytest
 
 from autotune.core.errors import ConfigurationError
 from autotune.core.ripple_parameters import GAIN, alignment_of, moved, without_table
-from autotune.tuning.findings import Planned
+from autotune.tuning.findings import PlannedValues
 from autotune.tuning.preparation import own_feedforward
 from autotune.tuning.session import Session
 from autotune.tuning.stage_reduce import Plan, same_commutation, with_own_ripple
@@ -23,14 +23,14 @@ def session(now: dict[str, float]) -> Session:
 
 
 def test_a_plan_of_an_earlier_run_is_refused_where_the_commutation_moved() -> None:
-    planned = Planned({GAIN: 1e-4, "feedforward.coulomb": 0.2}, alignment=ZERO)
+    planned = PlannedValues({GAIN: 1e-4, "feedforward.coulomb": 0.2}, alignment=ZERO)
     same_commutation(session(ZERO), planned)
     shifted = {**ZERO, "alignment.motor_position.sources.0.offset": 13.0}
     with pytest.raises(ConfigurationError, match=r"sources\.0\.offset was 12 and is 13.*nothing was written"):
         same_commutation(session(shifted), planned)
     with pytest.raises(ConfigurationError, match="not there any more"):
         same_commutation(session({"alignment.motor.Kv": 82.7}), planned)
-    same_commutation(session(shifted), Planned({"feedforward.coulomb": 0.2}))
+    same_commutation(session(shifted), PlannedValues({"feedforward.coulomb": 0.2}))
     same_commutation(session(shifted), None)
 
 

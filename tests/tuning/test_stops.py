@@ -1,4 +1,4 @@
-"""What a guard's stop says about the axis; a blow at one place is nothing but a blow."""
+"""What a guard's stop says about the axis; an impact at one place is nothing but an impact."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def strokes(reach: float) -> Floats:
     return reach * (np.abs((TIME % 2.0) - 1.0) - 0.5) * 2.0
 
 
-def blows(reference: Floats, distance: float, seed: int = 1) -> Floats:
-    """An error with a blow at a distance after each reversal."""
+def impacts(reference: Floats, distance: float, seed: int = 1) -> Floats:
+    """An error with an impact at a distance after each reversal."""
     error = 1e-4 * np.random.default_rng(seed).standard_normal(len(reference))
     for second in range(6):
         begin = 1000 * second
@@ -61,14 +61,14 @@ def test_an_axis_that_never_broke_away() -> None:
 @pytest.mark.parametrize("gap", [0.25, 0.5])
 def test_a_gap_is_struck_at_the_same_distance_after_each_reversal(gap: float) -> None:
     reference = strokes(0.4)
-    struck = recording(reference, blows(reference, gap))
+    struck = recording(reference, impacts(reference, gap))
     assert gap_of(struck, 0.2) == pytest.approx(gap, rel=0.05)
     assert "backlash" in explained(struck, AXIS, baseline=False)
 
 
 def test_a_gap_inside_the_benchmark_is_no_reason_to_refuse() -> None:
     reference = strokes(0.4)
-    assert explained(recording(reference, blows(reference, 0.1)), AXIS, baseline=False) == ""
+    assert explained(recording(reference, impacts(reference, 0.1)), AXIS, baseline=False) == ""
 
 
 def test_a_blow_at_one_place_is_something_in_the_way() -> None:
@@ -80,14 +80,14 @@ def test_a_blow_at_one_place_is_something_in_the_way() -> None:
 
 def test_blows_in_one_direction_only_are_no_gap() -> None:
     reference = strokes(0.4)
-    error = blows(reference, 0.25)
+    error = impacts(reference, 0.25)
     upwards = np.diff(reference, append=reference[-1]) > 0
     error[upwards] = 1e-4
     assert gap_of(recording(reference, error), 0.2) is None
 
 
 def test_friction_that_turns_round_slowly_is_no_gap() -> None:
-    """Presliding may reach far beyond a small benchmark: a long tail of the reversal's error, no blow."""
+    """Presliding may reach far beyond a small benchmark: a long tail of the reversal's error, no impact."""
     reference = strokes(0.4)
     way = np.abs(reference - np.repeat(reference[::1000], 1000))
     error = 5e-3 * np.exp(-way / 0.02) + 1e-5 * np.random.default_rng(4).standard_normal(len(TIME))

@@ -13,7 +13,7 @@ from starlette.testclient import TestClient
 
 from autotune.recordings.files import write_recording
 from autotune.recordings.recording import Recording
-from autotune.service.access import Guard, Rules
+from autotune.service.access import AccessGuard, Rules
 from autotune.workbench.engine import Engine
 from autotune.workbench.files import Files
 from autotune.workbench.routes import make_app
@@ -27,7 +27,7 @@ HEADERS = {"Authorization": f"Bearer {TOKEN}"}
 def client(tmp_path: Path) -> Iterator[TestClient]:
     engine = Engine()
     rules = Rules(TOKEN, True, frozenset({"127.0.0.1"}), 10_000_000, 60.0, open_pages=True)
-    app = Guard(make_app(Files(tmp_path / "held"), engine), rules)
+    app = AccessGuard(make_app(Files(tmp_path / "held"), engine), rules)
     with TestClient(app, base_url="http://127.0.0.1", headers=HEADERS) as client:
         yield client
     engine.close()

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 from autotune.core.arrays import Flags, Floats
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate
-from autotune.estimation.bias_corrected_fit import Level
+from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.policy import Policy
-from autotune.estimation.problem import Study
+from autotune.estimation.problem import Problem
 from autotune.models.effect import Kind
 
 CLOSE_START = 0.4
@@ -59,69 +59,69 @@ class Effort:
 
 
 class Evidence(ABC):
-    """A kind of recordings. Every method takes the study as it is at that moment."""
+    """A kind of recordings. Every method takes the problem as it is at that moment."""
 
     repeats: bool = False
     """Whether repeats tell noise from what could be explained: only then a fit knows how far it could get."""
 
-    def candidates(self, study: Study) -> list[Kind]:
+    def candidates(self, problem: Problem) -> list[Kind]:
         """Effects that such recordings can show at all."""
-        return list(study.candidates)
+        return list(problem.candidates)
 
-    def effort(self, study: Study) -> Effort:
+    def effort(self, problem: Problem) -> Effort:
         return Effort(CLOSE_START, 2, 4)
 
-    def borne_out(self, level: Level, found: Sequence[ScreenedCandidate]) -> list[ScreenedCandidate]:
+    def borne_out(self, model_fit: ModelFit, found: Sequence[ScreenedCandidate]) -> list[ScreenedCandidate]:
         """Candidates with the gains that their fits bear out."""
         return list(found)
 
     @abstractmethod
     def worth_fitting(
-        self, study: Study, level: Level, ranked: Sequence[ScreenedCandidate]
+        self, problem: Problem, model_fit: ModelFit, ranked: Sequence[ScreenedCandidate]
     ) -> list[ScreenedCandidate]:
         """Candidates worth a fit inside the twin, the best first."""
 
     @abstractmethod
-    def best(self, study: Study, fitted: Sequence[FittedCandidate]) -> FittedCandidate:
+    def best(self, problem: Problem, fitted: Sequence[FittedCandidate]) -> FittedCandidate:
         """The candidate that explains the recordings best."""
 
     @abstractmethod
     def accepts(self, policy: Policy, chosen: FittedCandidate) -> bool:
         """Whether enough is explained for a name."""
 
-    def alike(self, study: Study) -> float:
+    def alike(self, problem: Problem) -> float:
         """Of the fall: rivals that come so near cannot be told apart."""
-        return study.policy.alike
+        return problem.policy.alike
 
-    def apart(self, study: Study, better: Level, worse: Level) -> bool:
+    def apart(self, problem: Problem, better: ModelFit, worse: ModelFit) -> bool:
         """Whether one model errs less than another beyond chance."""
         return True
 
     @abstractmethod
-    def structure_left(self, study: Study, level: Level) -> bool:
+    def structure_left(self, problem: Problem, model_fit: ModelFit) -> bool:
         """Whether what the model leaves is large and not noise."""
 
     @abstractmethod
-    def confirms(self, study: Study, effects: Sequence[str], carried: Sequence[HoldoutResult]) -> bool:
+    def confirms(self, problem: Problem, effects: Sequence[str], carried: Sequence[HoldoutResult]) -> bool:
         """Whether data that were not fitted confirm every effect."""
 
-    def other_trajectories(self, study: Study) -> list[Flags]:
+    def other_trajectories(self, problem: Problem) -> list[Flags]:
         """Grid rows of trajectories that a model fitted without them is carried to; empty where there are none."""
         return []
 
-    def aligned(self, study: Study, level: Level) -> Study:
-        """The study with torque and motion aligned as a model suggests; the same where nothing changes."""
-        return study
+    def aligned(self, problem: Problem, model_fit: ModelFit) -> Problem:
+        """The problem with torque and motion aligned as a model suggests; the same where nothing changes."""
+        return problem
 
-    def weights(self, study: Study, error: Floats) -> Floats | None:
+    def weights(self, problem: Problem, error: Floats) -> Floats | None:
         """Weights of the rows without single events; None where none are left out."""
         return None
 
-    def noise_rms(self, study: Study, level: Level) -> float:
+    def noise_rms(self, problem: Problem, model_fit: ModelFit) -> float:
         """Of what differs from repeat to repeat [N m or N]; nan where unknown."""
         return float("nan")
 
-    def limits(self, study: Study) -> tuple[str, ...]:
+    def limits(self, problem: Problem) -> tuple[str, ...]:
         """What these recordings do not allow to be told, in words."""
         return ()
 

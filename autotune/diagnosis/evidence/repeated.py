@@ -9,10 +9,10 @@ import numpy as np
 
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, error_left
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
-from autotune.estimation.bias_corrected_fit import Level
+from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.policy import Policy
-from autotune.estimation.problem import CHUNK, Study
+from autotune.estimation.problem import CHUNK, Problem
 
 STRUCTURE_WITHOUT_TWIN = 1.0
 """Of the noise: the least rest where no twin takes out the bias of the measurement chain, a third of the noise."""
@@ -24,45 +24,45 @@ class RepeatedProgramme(Evidence):
     repeats = True
 
     def worth_fitting(
-        self, study: Study, level: Level, ranked: Sequence[ScreenedCandidate]
+        self, problem: Problem, model_fit: ModelFit, ranked: Sequence[ScreenedCandidate]
     ) -> list[ScreenedCandidate]:
-        policy = study.policy
-        least = policy.least_gain if study.twin else policy.least_gain_without_twin
+        policy = problem.policy
+        least = policy.least_gain if problem.twin else policy.least_gain_without_twin
         return [
             item
             for item in ranked
             if item.gain >= least and (item.z >= policy.least_z or item.gain >= policy.clear_gain)
         ]
 
-    def best(self, study: Study, fitted: Sequence[FittedCandidate]) -> FittedCandidate:
-        return min(fitted, key=lambda item: error_left(study, item.level))
+    def best(self, problem: Problem, fitted: Sequence[FittedCandidate]) -> FittedCandidate:
+        return min(fitted, key=lambda item: error_left(problem, item.model_fit))
 
     def accepts(self, policy: Policy, chosen: FittedCandidate) -> bool:
         return chosen.named
 
-    def apart(self, study: Study, better: Level, worse: Level) -> bool:
+    def apart(self, problem: Problem, better: ModelFit, worse: ModelFit) -> bool:
         """Second by second of training and veto."""
-        weight = study.weight * study.data.role(TRAINING, VETO)
+        weight = problem.weight * problem.data.role(TRAINING, VETO)
         surplus = weight * (worse.fitted.error**2 - better.fitted.error**2)
         seconds = np.array([part.sum() for part in np.array_split(surplus, max(3, len(surplus) // CHUNK))])
         error = float(seconds.std(ddof=1)) / math.sqrt(len(seconds))
-        return float(seconds.mean()) > study.policy.apart_z * error
+        return float(seconds.mean()) > problem.policy.apart_z * error
 
-    def structure_left(self, study: Study, level: Level) -> bool:
+    def structure_left(self, problem: Problem, model_fit: ModelFit) -> bool:
         """Repeatable, beyond doubt, and not next to nothing beside the noise, nor the bias that no twin takes out."""
-        variance, error = study.repeatable(level.fitted.error, level.correction, TRAINING)
-        noise = study.noise_variance(level.fitted.error, TRAINING)
-        policy = study.policy
-        part = policy.structure_part if study.twin else STRUCTURE_WITHOUT_TWIN
+        variance, error = problem.repeatable(model_fit.fitted.error, model_fit.correction, TRAINING)
+        noise = problem.noise_variance(model_fit.fitted.error, TRAINING)
+        policy = problem.policy
+        part = policy.structure_part if problem.twin else STRUCTURE_WITHOUT_TWIN
         beyond = variance > policy.structure_errors * error and variance > part * noise
         return math.isfinite(variance) and beyond
 
-    def confirms(self, study: Study, effects: Sequence[str], carried: Sequence[HoldoutResult]) -> bool:
+    def confirms(self, problem: Problem, effects: Sequence[str], carried: Sequence[HoldoutResult]) -> bool:
         """By the veto trajectory, which was never fitted; without a twin not at all."""
-        return study.twin and study.has_veto
+        return problem.twin and problem.has_veto
 
-    def noise_rms(self, study: Study, level: Level) -> float:
-        return math.sqrt(max(study.noise_variance(level.fitted.error, TRAINING, plain=True), 0.0))
+    def noise_rms(self, problem: Problem, model_fit: ModelFit) -> float:
+        return math.sqrt(max(problem.noise_variance(model_fit.fitted.error, TRAINING, plain=True), 0.0))
 
     def explains(self, candidate: FittedCandidate) -> str:
         veto = f", {100 * candidate.veto.share:.0f} % on the veto trajectory" if candidate.veto else ""

@@ -23,14 +23,14 @@ from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
 from autotune.diagnosis.evidence.visibility import highest_frequency, resolved_frequency, visible
 from autotune.estimation.alignment import best_shift, shifted
-from autotune.estimation.bias_corrected_fit import Level
+from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.controller_torque import loop_like
 from autotune.estimation.coordinates import coordinates
 from autotune.estimation.cross_validation import gain_and_z, held_out
 from autotune.estimation.data import VETO
 from autotune.estimation.least_squares import Fitted
 from autotune.estimation.policy import Policy
-from autotune.estimation.problem import CHUNK, SEED, Study, refit, without_outlying
+from autotune.estimation.problem import CHUNK, SEED, Problem, refit, without_outlying
 from autotune.estimation.residual import measured_motion
 from autotune.models.effect import Kind
 
@@ -48,87 +48,89 @@ APART = 0.5  # s, between rows that are compared
 class SingleRecording(Evidence):
     """An effect found on one trajectory is suspected; another trajectory confirms or refutes it."""
 
-    def candidates(self, study: Study) -> list[Kind]:
+    def candidates(self, problem: Problem) -> list[Kind]:
         """Not what aligning torque with motion hides, where no controller tells how they belong together."""
-        kinds = super().candidates(study)
-        return kinds if study.twin else [kind for kind in kinds if not kind.lost_in_alignment]
+        kinds = super().candidates(problem)
+        return kinds if problem.twin else [kind for kind in kinds if not kind.lost_in_alignment]
 
-    def borne_out(self, level: Level, found: Sequence[ScreenedCandidate]) -> list[ScreenedCandidate]:
+    def borne_out(self, model_fit: ModelFit, found: Sequence[ScreenedCandidate]) -> list[ScreenedCandidate]:
         """With gains that their own fits bear out."""
-        cost = max(level.fitted.cost, 1e-300)
+        cost = max(model_fit.fitted.cost, 1e-300)
         return [replace(item, gain=min(item.gain, 1.0 - item.fitted.cost / cost)) for item in found]
 
     def worth_fitting(
-        self, study: Study, level: Level, ranked: Sequence[ScreenedCandidate]
+        self, problem: Problem, model_fit: ModelFit, ranked: Sequence[ScreenedCandidate]
     ) -> list[ScreenedCandidate]:
-        likely = self._likely(study, ranked, study.policy.least_gain_single)
-        likely = [item for item in likely if matters(study, level, item)]
-        return [item for item in likely if beats_chance(study, level.fitted, item.fitted)]
+        likely = self._likely(problem, ranked, problem.policy.least_gain_single)
+        likely = [item for item in likely if matters(problem, model_fit, item)]
+        return [item for item in likely if beats_chance(problem, model_fit.fitted, item.fitted)]
 
     def _likely(
-        self, study: Study, ranked: Sequence[ScreenedCandidate], least: float
+        self, problem: Problem, ranked: Sequence[ScreenedCandidate], least: float
     ) -> list[ScreenedCandidate]:
-        policy = study.policy
-        least_z = policy.apart_z if study.data.periodic else policy.least_z_single
+        policy = problem.policy
+        least_z = policy.apart_z if problem.data.periodic else policy.least_z_single
         likely = [item for item in ranked if item.gain >= least and item.z >= least_z]
-        return [item for item in likely if visible(study, item)][:MOST_LIKELY]
+        return [item for item in likely if visible(problem, item)][:MOST_LIKELY]
 
-    def best(self, study: Study, fitted: Sequence[FittedCandidate]) -> FittedCandidate:
+    def best(self, problem: Problem, fitted: Sequence[FittedCandidate]) -> FittedCandidate:
         """Of candidates that explain nearly alike the one that errs least on other trajectories."""
         best = max(fitted, key=lambda item: item.gain)
-        near = [item for item in fitted if item.gain >= study.policy.rival_gain * best.gain]
-        folds = self.other_trajectories(study) if len(near) > 1 else []
+        near = [item for item in fitted if item.gain >= problem.policy.rival_gain * best.gain]
+        folds = self.other_trajectories(problem) if len(near) > 1 else []
         if not folds:
             return best
-        return min(near, key=lambda item: _error_elsewhere(study, folds, item.level))
+        return min(near, key=lambda item: _error_elsewhere(problem, folds, item.model_fit))
 
     def accepts(self, policy: Policy, chosen: FittedCandidate) -> bool:
         return chosen.share >= policy.partly
 
-    def alike(self, study: Study) -> float:
-        return study.policy.alike if len(study.data.starts) > 1 else study.policy.alike_single
+    def alike(self, problem: Problem) -> float:
+        return problem.policy.alike if len(problem.data.starts) > 1 else problem.policy.alike_single
 
-    def structure_left(self, study: Study, level: Level) -> bool:
-        return alike_where_motion_is(study, level.fitted.error)
+    def structure_left(self, problem: Problem, model_fit: ModelFit) -> bool:
+        return alike_where_motion_is(problem, model_fit.fitted.error)
 
-    def confirms(self, study: Study, effects: Sequence[str], carried: Sequence[HoldoutResult]) -> bool:
+    def confirms(self, problem: Problem, effects: Sequence[str], carried: Sequence[HoldoutResult]) -> bool:
         """By another trajectory each; not what could be the controller, where that is not known."""
         sure = {item.effect for item in carried if item.confirmed}
-        return set(effects) <= (sure if study.twin else sure - loop_like(study.data, study.policy))
+        return set(effects) <= (sure if problem.twin else sure - loop_like(problem.data, problem.policy))
 
-    def other_trajectories(self, study: Study) -> list[Flags]:
-        return list(folds_of(study))
+    def other_trajectories(self, problem: Problem) -> list[Flags]:
+        return list(folds_of(problem))
 
-    def aligned(self, study: Study, level: Level) -> Study:
+    def aligned(self, problem: Problem, model_fit: ModelFit) -> Problem:
         """Also with other rows left out. Only where no controller says how the columns belong together."""
-        if study.twin:
-            return study
-        weight = without_outlying(study, level.fitted.error)
-        if np.mean(weight != study.weight) > 1e-3:
-            study = replace(study, weight=weight)
+        if problem.twin:
+            return problem
+        weight = without_outlying(problem, model_fit.fitted.error)
+        if np.mean(weight != problem.weight) > 1e-3:
+            problem = replace(problem, weight=weight)
 
-        def moved_by(shift: float) -> Study:
-            data = shifted(study.data, shift)
-            return replace(study, data=data, moved=measured_motion(data))
+        def moved_by(shift: float) -> Problem:
+            data = shifted(problem.data, shift)
+            return replace(problem, data=data, moved=measured_motion(data))
 
         def cost(shift: float) -> float:
-            return refit(moved_by(shift), level.fitted.packed, list(level.free), level.correction, 6).cost
+            return refit(
+                moved_by(shift), model_fit.fitted.packed, list(model_fit.free), model_fit.correction, 6
+            ).cost
 
-        here = study.data.shift
-        best, lowest = best_shift(cost, here, study.data.upsampling)
+        here = problem.data.shift
+        best, lowest = best_shift(cost, here, problem.data.upsampling)
         worth = best != here and lowest <= WORTH_ALIGNING * cost(here)
-        return moved_by(best) if worth else study
+        return moved_by(best) if worth else problem
 
-    def weights(self, study: Study, error: Floats) -> Floats | None:
-        return without_outlying(study, error)
+    def weights(self, problem: Problem, error: Floats) -> Floats | None:
+        return without_outlying(problem, error)
 
-    def limits(self, study: Study) -> tuple[str, ...]:
-        if highest_frequency(study) <= study.policy.beyond * resolved_frequency(study):
+    def limits(self, problem: Problem) -> tuple[str, ...]:
+        if highest_frequency(problem) <= problem.policy.beyond * resolved_frequency(problem):
             return ()
-        period = 1e3 * study.data.upsampling * study.data.period
+        period = 1e3 * problem.data.upsampling * problem.data.period
         return (
-            f"The torque holds frequencies up to {highest_frequency(study):.3g} Hz, samples of {period:.3g} ms "
-            f"allow {resolved_frequency(study):.2g} Hz: only effects of place and direction can be told. Record "
+            f"The torque holds frequencies up to {highest_frequency(problem):.3g} Hz, samples of {period:.3g} ms "
+            f"allow {resolved_frequency(problem):.2g} Hz: only effects of place and direction can be told. Record "
             "faster, or move more gently.",
         )
 
@@ -139,34 +141,34 @@ class SingleRecording(Evidence):
         return "fits some of it"
 
 
-def matters(study: Study, level: Level, item: ScreenedCandidate) -> bool:
+def matters(problem: Problem, model_fit: ModelFit, item: ScreenedCandidate) -> bool:
     """Whether the effect is large enough: less is as often the measurement chain as the axis."""
-    policy = study.policy
-    part = math.sqrt(max(item.gain * level.fitted.cost, 0.0)) / study.scales.torque
+    policy = problem.policy
+    part = math.sqrt(max(item.gain * model_fit.fitted.cost, 0.0)) / problem.scales.torque
     clear = item.gain >= policy.clear_single_gain and item.z >= policy.least_z
     return part >= (policy.clear_single_part if clear else policy.least_part)
 
 
-def beats_chance(study: Study, base: Fitted, candidate: Fitted) -> bool:
+def beats_chance(problem: Problem, base: Fitted, candidate: Fitted) -> bool:
     """Whether the candidate's columns explain more of the residual than of randomised ones."""
     count = base.jacobian.shape[1]
     columns = np.hstack([base.jacobian, candidate.jacobian[:, count:]])
-    real = _gain(study, base.error, base.jacobian, columns)
+    real = _gain(problem, base.error, base.jacobian, columns)
     random = np.random.default_rng(SEED)
     chance = [
-        _gain(study, _randomised(study, base.error, random), base.jacobian, columns)
+        _gain(problem, _randomised(problem, base.error, random), base.jacobian, columns)
         for _ in range(SURROGATES)
     ]
-    return real > float(np.percentile(chance, 100.0 * study.policy.surrogates_beaten))
+    return real > float(np.percentile(chance, 100.0 * problem.policy.surrogates_beaten))
 
 
-def _gain(study: Study, error: Floats, base: Floats, columns: Floats) -> float:
-    return gain_and_z(held_out(study, error, base), held_out(study, error, columns))[0]
+def _gain(problem: Problem, error: Floats, base: Floats, columns: Floats) -> float:
+    return gain_and_z(held_out(problem, error, base), held_out(problem, error, columns))[0]
 
 
-def _randomised(study: Study, error: Floats, random: np.random.Generator) -> Floats:
+def _randomised(problem: Problem, error: Floats, random: np.random.Generator) -> Floats:
     """An error of the same spectrum with random phases."""
-    order = np.argsort(study.data.grid, kind="stable")
+    order = np.argsort(problem.data.grid, kind="stable")
     spectrum = np.fft.rfft(error[order])
     spectrum[1:] *= np.exp(2j * np.pi * random.uniform(size=len(spectrum) - 1))
     result = np.empty_like(error)
@@ -174,52 +176,52 @@ def _randomised(study: Study, error: Floats, random: np.random.Generator) -> Flo
     return result
 
 
-def _error_elsewhere(study: Study, folds: Sequence[Flags], level: Level) -> float:
-    return sum(float(np.sum(carried_error(study, level, held)[held] ** 2)) for held in folds)
+def _error_elsewhere(problem: Problem, folds: Sequence[Flags], model_fit: ModelFit) -> float:
+    return sum(float(np.sum(carried_error(problem, model_fit, held)[held] ** 2)) for held in folds)
 
 
-def alike_where_motion_is(study: Study, error: Floats) -> bool:
+def alike_where_motion_is(problem: Problem, error: Floats) -> bool:
     """Whether what is left is large and alike where the motion is alike, so that a model could explain more.
 
     Rows are compared with their nearest neighbours in position, velocity, acceleration and travel since the
     reversal, at another time; half their mean squared difference is what no function of these explains.
     """
-    rows = np.flatnonzero(study.training > 0)
+    rows = np.flatnonzero(problem.training > 0)
     rows = rows[:: max(1, len(rows) // MOST_NEIGHBOURS)]
     rest = error[rows]
-    torque = study.data.torque[study.data.grid[rows]]
-    least = study.policy.large_rest**2 * np.mean(torque**2)
+    torque = problem.data.torque[problem.data.grid[rows]]
+    least = problem.policy.large_rest**2 * np.mean(torque**2)
     if len(rows) < LEAST_NEIGHBOURS or np.var(rest) < least:
         return False
-    time = study.data.grid[rows] * study.data.period
-    near = np.asarray(cKDTree(_places(study, rows)).query(_places(study, rows), k=NEIGHBOURS)[1])
+    time = problem.data.grid[rows] * problem.data.period
+    near = np.asarray(cKDTree(_places(problem, rows)).query(_places(problem, rows), k=NEIGHBOURS)[1])
     apart = np.abs(time[near] - time[:, None]) > APART
     found = apart.any(axis=1)
     if found.mean() < 0.5:
         return False
     other = near[np.arange(len(rows)), np.argmax(apart, axis=1)]
     noise = 0.5 * float(np.mean((rest[found] - rest[other[found]]) ** 2))
-    return noise < study.policy.most_noise * float(np.var(rest[found]))
+    return noise < problem.policy.most_noise * float(np.var(rest[found]))
 
 
-def _places(study: Study, rows: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Floats:
+def _places(problem: Problem, rows: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Floats:
     """Where rows are in the space of motion, each coordinate by its spread; shape (rows, 4)."""
-    table = coordinates(study.data)
+    table = coordinates(problem.data)
     names = ("position", "velocity", "acceleration", "travel_since_reversal")
     place = np.column_stack([table[name][rows] for name in names])
     return np.asarray((place - place.mean(axis=0)) / np.maximum(place.std(axis=0), 1e-300))
 
 
-def folds_of(study: Study) -> Iterator[Flags]:
+def folds_of(problem: Problem) -> Iterator[Flags]:
     """Grid rows to be held out: the veto trajectory, else each recording in turn."""
-    data = study.data
-    if study.has(VETO):
-        yield data.role(VETO) & (study.weight > 0)
+    data = problem.data
+    if problem.has(VETO):
+        yield data.role(VETO) & (problem.weight > 0)
         return
     if len(data.starts) < 2:
         return
     number = np.searchsorted(np.array(data.starts), data.grid, side="right")
-    fitted = study.training > 0
+    fitted = problem.training > 0
     for one in np.unique(number):
         held = fitted & (number == one)
         left = fitted & (number != one)
@@ -227,10 +229,12 @@ def folds_of(study: Study) -> Iterator[Flags]:
             yield held
 
 
-def carried_error(study: Study, level: Level, held: Flags) -> Floats:
+def carried_error(problem: Problem, model_fit: ModelFit, held: Flags) -> Floats:
     """Error of the model fitted without the rows held out, shape (m,)."""
-    others = replace(study, weight=study.weight * ~held)
-    return refit(others, level.fitted.packed, list(level.free), level.correction, ITERATIONS).error
+    others = replace(problem, weight=problem.weight * ~held)
+    return refit(
+        others, model_fit.fitted.packed, list(model_fit.free), model_fit.correction, ITERATIONS
+    ).error
 
 
 def chunks_of(error: Floats) -> list[float]:

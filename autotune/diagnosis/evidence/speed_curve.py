@@ -8,36 +8,36 @@ from autotune.core.arrays import Flags, Floats
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate
 from autotune.diagnosis.evidence.evidence import Effort, Evidence
 from autotune.diagnosis.evidence.single import SingleRecording
-from autotune.estimation.bias_corrected_fit import Level
-from autotune.estimation.problem import Study
+from autotune.estimation.bias_corrected_fit import ModelFit
+from autotune.estimation.problem import Problem
 from autotune.models.effect import Kind
 
 
 class SpeedCurve(SingleRecording):
     """Few points without noise: every start is followed, chance and size are not asked."""
 
-    def candidates(self, study: Study) -> list[Kind]:
-        return [kind for kind in Evidence.candidates(self, study) if kind.at_constant_speed]
+    def candidates(self, problem: Problem) -> list[Kind]:
+        return [kind for kind in Evidence.candidates(self, problem) if kind.at_constant_speed]
 
-    def effort(self, study: Study) -> Effort:
+    def effort(self, problem: Problem) -> Effort:
         return Effort(0.0, 9, 15, follows_promises=False)
 
     def worth_fitting(
-        self, study: Study, level: Level, ranked: Sequence[ScreenedCandidate]
+        self, problem: Problem, model_fit: ModelFit, ranked: Sequence[ScreenedCandidate]
     ) -> list[ScreenedCandidate]:
-        return self._likely(study, ranked, study.policy.least_gain)
+        return self._likely(problem, ranked, problem.policy.least_gain)
 
-    def best(self, study: Study, fitted: Sequence[FittedCandidate]) -> FittedCandidate:
+    def best(self, problem: Problem, fitted: Sequence[FittedCandidate]) -> FittedCandidate:
         return max(fitted, key=lambda item: item.gain)
 
-    def alike(self, study: Study) -> float:
-        return study.policy.alike
+    def alike(self, problem: Problem) -> float:
+        return problem.policy.alike
 
-    def other_trajectories(self, study: Study) -> list[Flags]:
+    def other_trajectories(self, problem: Problem) -> list[Flags]:
         return []
 
-    def aligned(self, study: Study, level: Level) -> Study:
-        return study
+    def aligned(self, problem: Problem, model_fit: ModelFit) -> Problem:
+        return problem
 
-    def weights(self, study: Study, error: Floats) -> Floats | None:
+    def weights(self, problem: Problem, error: Floats) -> Floats | None:
         return None

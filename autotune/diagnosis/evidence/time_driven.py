@@ -13,7 +13,7 @@ import numpy as np
 
 from autotune.core.arrays import Floats
 from autotune.estimation.data import TRAINING
-from autotune.estimation.problem import Study
+from autotune.estimation.problem import Problem
 
 LEAST_HERTZ = 0.7
 
@@ -26,13 +26,13 @@ class TimeLine:
     share: float
 
 
-def time_driven_line(study: Study, error: Floats) -> TimeLine | None:
+def time_driven_line(problem: Problem, error: Floats) -> TimeLine | None:
     """The strongest line whose phase runs on through all experiments; None where there is none."""
-    data = study.data
+    data = problem.data
     if len(data.stretches) != 1 or len({b.name for b in data.blocks if b.role == TRAINING}) < 3:
         return None
-    rows = study.training > 0
-    clock = _clock(study)
+    rows = problem.training > 0
+    clock = _clock(problem)
     time, values = clock[rows], error[rows] - error[rows].mean()
     step = float(np.median(np.diff(np.sort(time))))
     series = np.zeros(math.ceil(time.max() / step) + 2)
@@ -41,7 +41,7 @@ def time_driven_line(study: Study, error: Floats) -> TimeLine | None:
     hertz = np.fft.rfftfreq(len(series), step)
     band = (hertz > LEAST_HERTZ) & (hertz < 0.8 * hertz[-1])
     best = int(np.argmax(np.where(band, power, 0.0)))
-    if power[best] < study.policy.line_contrast * np.median(power[band]):
+    if power[best] < problem.policy.line_contrast * np.median(power[band]):
         return None
     finest = min(
         hertz[best] + np.linspace(-1.0, 1.0, 41) / time.max(), key=lambda f: -_share(time, values, float(f))
@@ -49,8 +49,8 @@ def time_driven_line(study: Study, error: Floats) -> TimeLine | None:
     if any(_of_the_motion(float(finest), part.samples * data.period, time.max()) for part in data.periodic):
         return None
     share = _share(time, values, float(finest))
-    everywhere = _everywhere(study, error, float(finest))
-    return TimeLine(float(finest), share) if share > study.policy.line_part and everywhere else None
+    everywhere = _everywhere(problem, error, float(finest))
+    return TimeLine(float(finest), share) if share > problem.policy.line_part and everywhere else None
 
 
 def _of_the_motion(hertz: float, period: float, seconds: float) -> bool:
@@ -58,9 +58,9 @@ def _of_the_motion(hertz: float, period: float, seconds: float) -> bool:
     return abs(hertz - round(hertz * period) / period) < 2.0 / seconds
 
 
-def _clock(study: Study) -> Floats:
+def _clock(problem: Problem) -> Floats:
     """Time of each grid row [s], shape (m,)."""
-    return np.asarray(study.data.grid * study.data.period, dtype=np.float64)
+    return np.asarray(problem.data.grid * problem.data.period, dtype=np.float64)
 
 
 def _terms(time: Floats, hertz: float) -> Floats:
@@ -74,10 +74,10 @@ def _share(time: Floats, values: Floats, hertz: float) -> float:
     return float(1.0 - np.sum((values - terms @ slope) ** 2) / max(float(np.sum(values**2)), 1e-300))
 
 
-def _everywhere(study: Study, error: Floats, hertz: float) -> bool:
+def _everywhere(problem: Problem, error: Floats, hertz: float) -> bool:
     """Whether amplitude and phase are about the same in nearly every experiment."""
-    data = study.data
-    rows, clock = study.training > 0, _clock(study)
+    data = problem.data
+    rows, clock = problem.training > 0, _clock(problem)
     whole = np.linalg.lstsq(_terms(clock[rows], hertz), error[rows], rcond=None)[0]
     alike = []
     for block in data.blocks:
@@ -85,4 +85,4 @@ def _everywhere(study: Study, error: Floats, hertz: float) -> bool:
             own = np.arange(block.rows.start, block.rows.stop)
             found = np.linalg.lstsq(_terms(clock[own], hertz), error[own], rcond=None)[0]
             alike.append(float(np.linalg.norm(found - whole)) < 0.5 * float(np.linalg.norm(whole)))
-    return float(np.mean(alike)) >= study.policy.line_everywhere
+    return float(np.mean(alike)) >= problem.policy.line_everywhere

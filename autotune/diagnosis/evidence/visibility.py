@@ -15,7 +15,7 @@ from scipy import ndimage
 from autotune.core.arrays import Floats
 from autotune.diagnosis.candidates import ScreenedCandidate
 from autotune.estimation.bandwidth import FASTEST, loud_below
-from autotune.estimation.problem import Study
+from autotune.estimation.problem import Problem
 from autotune.models.effect import Kind
 from autotune.models.table import EFFECTS
 
@@ -25,33 +25,33 @@ TIME_CONSTANTS = 2.0
 """Of a warming: a recording that holds fewer shows a slope."""
 
 
-def visible(study: Study, item: ScreenedCandidate) -> bool:
+def visible(problem: Problem, item: ScreenedCandidate) -> bool:
     """Whether this recording could show the effect with the parameters that were fitted."""
     kind = EFFECTS[item.effect]
-    if kind.quick and study.data.filtered:
+    if kind.quick and problem.data.filtered:
         return False
-    too_slow = highest_frequency(study) > study.policy.beyond * resolved_frequency(study)
+    too_slow = highest_frequency(problem) > problem.policy.beyond * resolved_frequency(problem)
     if too_slow and not kind.of_place:
         return False
-    return _parameters_in_sight(study, kind, item.fitted.packed.p)
+    return _parameters_in_sight(problem, kind, item.fitted.packed.p)
 
 
-def _parameters_in_sight(study: Study, kind: Kind, p: Floats) -> bool:
-    policy = study.policy
-    if kind.extent is not None and not kind.extent(p) > policy.least_counts * study.data.resolution:
+def _parameters_in_sight(problem: Problem, kind: Kind, p: Floats) -> bool:
+    policy = problem.policy
+    if kind.extent is not None and not kind.extent(p) > policy.least_counts * problem.data.resolution:
         return False
-    if kind.resonance is not None and not kind.resonance(p) < policy.beyond * _cutoff(study):
+    if kind.resonance is not None and not kind.resonance(p) < policy.beyond * _cutoff(problem):
         return False
     if kind.slow_change is not None:
-        long = study.scales.seconds > TIME_CONSTANTS * policy.least_warming
+        long = problem.scales.seconds > TIME_CONSTANTS * policy.least_warming
         if not (long and kind.slow_change(p) >= policy.least_warming):
             return False
-    return not kind.needs_rests or _rests_differ(study)
+    return not kind.needs_rests or _rests_differ(problem)
 
 
-def _rests_differ(study: Study) -> bool:
+def _rests_differ(problem: Problem) -> bool:
     """Whether the axis rested often, and for times that differ: else it is friction at every start."""
-    data, policy = study.data, study.policy
+    data, policy = problem.data, problem.policy
     still = np.abs(data.velocity) < STILL * float(np.percentile(np.abs(data.velocity), 99.5))
     label, count = ndimage.label(still)
     rests = np.bincount(label)[1:] * data.period if count else np.zeros(0)
@@ -59,20 +59,20 @@ def _rests_differ(study: Study) -> bool:
     return len(rests) >= policy.least_rests and float(np.ptp(np.log(rests))) > math.log(policy.rest_ratio)
 
 
-def highest_frequency(study: Study) -> float:
+def highest_frequency(problem: Problem) -> float:
     """Frequency below which nearly all of the torque's power lies [Hz]; 0 where a twin accounts for it."""
-    if study.twin or study.data.steady:
+    if problem.twin or problem.data.steady:
         return 0.0
-    longest = max(study.data.stretches, key=lambda stretch: stretch.stop - stretch.start)
-    every = study.data.upsampling
-    torque = study.data.recorded_torque[longest.rows][::every]
-    return loud_below(torque, every * study.data.period) if len(torque) > 64 else 0.0
+    longest = max(problem.data.stretches, key=lambda stretch: stretch.stop - stretch.start)
+    every = problem.data.upsampling
+    torque = problem.data.recorded_torque[longest.rows][::every]
+    return loud_below(torque, every * problem.data.period) if len(torque) > 64 else 0.0
 
 
-def resolved_frequency(study: Study) -> float:
+def resolved_frequency(problem: Problem) -> float:
     """Highest frequency that the samples of the file allow [Hz]."""
-    return FASTEST / (study.data.upsampling * study.data.period)
+    return FASTEST / (problem.data.upsampling * problem.data.period)
 
 
-def _cutoff(study: Study) -> float:
-    return 0.9 / (study.data.period * max(len(study.data.taps) // 2, 1))
+def _cutoff(problem: Problem) -> float:
+    return 0.9 / (problem.data.period * max(len(problem.data.taps) // 2, 1))

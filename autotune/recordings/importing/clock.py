@@ -34,7 +34,7 @@ _SMOOTH = ("position", "reference", "velocity", "temperature")
 
 
 @dataclass(frozen=True, slots=True)
-class Stretch:
+class RegularPiece:
     """A contiguous, regular piece: columns of shape (n,), `time` among them.
 
     Attributes:
@@ -51,7 +51,7 @@ class Stretch:
     def __len__(self) -> int:
         return len(self.columns["time"])
 
-    def with_columns(self, **columns: Floats) -> Stretch:
+    def with_columns(self, **columns: Floats) -> RegularPiece:
         return replace(self, columns={**self.columns, **columns})
 
 
@@ -62,7 +62,7 @@ def median_period(time: Floats) -> float:
     return float(np.median(forward)) if len(forward) else 0.0
 
 
-def split_runs(columns: Mapping[str, Floats], path: Path, notes: list[str]) -> list[Stretch]:
+def split_runs(columns: Mapping[str, Floats], path: Path, notes: list[str]) -> list[RegularPiece]:
     """Stretches between restarts of the clock, and where `repeat` changes.
 
     Raises:
@@ -89,12 +89,12 @@ def split_runs(columns: Mapping[str, Floats], path: Path, notes: list[str]) -> l
         changes = np.flatnonzero(np.diff(columns["repeat"]) != 0) + 1
         starts = sorted({*starts, *changes.tolist()})
     return [
-        Stretch({name: values[a:b] for name, values in columns.items()}, row=a, run=number)
+        RegularPiece({name: values[a:b] for name, values in columns.items()}, row=a, run=number)
         for number, (a, b) in enumerate(itertools.pairwise(starts))
     ]
 
 
-def split_gaps(run: Stretch, period: float) -> list[Stretch]:
+def split_gaps(run: RegularPiece, period: float) -> list[RegularPiece]:
     """Pieces of one run between gaps of more than `GAP_SAMPLES` missing samples."""
     time = run.columns["time"]
     step = np.diff(time)
@@ -104,11 +104,11 @@ def split_gaps(run: Stretch, period: float) -> list[Stretch]:
     for a, b in itertools.pairwise(edges):
         missed = round(step[a - 1] / period) - 1 if a else run.missed
         cut = {name: values[a:b] for name, values in run.columns.items()}
-        pieces.append(Stretch(cut, missed, run.row + a, run.run))
+        pieces.append(RegularPiece(cut, missed, run.row + a, run.run))
     return pieces
 
 
-def fitted_period(pieces: list[Stretch], median: float) -> float:
+def fitted_period(pieces: list[RegularPiece], median: float) -> float:
     """Mean step of the longest piece where that is regular, else its median over windows of samples.
 
     A piece that will be resampled gets a period of as few digits as possible within 1e-3; its grid
@@ -124,7 +124,7 @@ def fitted_period(pieces: list[Stretch], median: float) -> float:
     return next((value for value in short if abs(value / usual - 1.0) < 1e-3), _round(usual, 6))
 
 
-def regular(piece: Stretch, period: float) -> tuple[Stretch, str]:
+def regular(piece: RegularPiece, period: float) -> tuple[RegularPiece, str]:
     """The piece on a regular grid, and what was done: nothing, `straightened` or `resampled`."""
     time = piece.columns["time"]
     line = time[0] + period * np.arange(len(time))
@@ -138,7 +138,7 @@ def regular(piece: Stretch, period: float) -> tuple[Stretch, str]:
     return resampled(piece, period), "resampled"
 
 
-def resampled(piece: Stretch, period: float) -> Stretch:
+def resampled(piece: RegularPiece, period: float) -> RegularPiece:
     """All columns interpolated onto the grid that starts at the piece's first stamp."""
     time = piece.columns["time"]
     closest = float(np.min(np.diff(time), initial=period))

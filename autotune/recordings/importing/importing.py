@@ -27,7 +27,7 @@ from autotune.recordings.importing.cleaning import (
 )
 from autotune.recordings.importing.clock import (
     LEAST_ROWS,
-    Stretch,
+    RegularPiece,
     fitted_period,
     median_period,
     regular,
@@ -68,7 +68,7 @@ class _File:
     """One file, cut into regular stretches with one period."""
 
     path: Path
-    stretches: list[Stretch]
+    stretches: list[RegularPiece]
     period: float
     unit: str
     facts: Mapping[str, str]
@@ -192,7 +192,7 @@ def _completed(columns: dict[str, Floats], lines: list[str], facts: dict[str, st
 
 def _pieces(
     columns: dict[str, Floats], path: Path, source: Source, options: Options, lines: list[str]
-) -> tuple[list[Stretch], float]:
+) -> tuple[list[RegularPiece], float]:
     """Pieces without a gap in time, and their period."""
     if options.wishes.period is not None:
         runs = _runs_by_period(columns, path, options.wishes.period, lines)
@@ -209,18 +209,22 @@ def _pieces(
     return pieces, fitted_period(pieces, median)
 
 
-def _regular(pieces: list[Stretch], period: float, lines: list[str], facts: dict[str, str]) -> list[Stretch]:
+def _regular(
+    pieces: list[RegularPiece], period: float, lines: list[str], facts: dict[str, str]
+) -> list[RegularPiece]:
     """The pieces on regular grids of one period."""
     done = [regular(piece, period) for piece in pieces]
     _tell(pieces, done, period, lines, facts)
     return [piece for piece, _ in done]
 
 
-def _runs_by_period(columns: dict[str, Floats], path: Path, period: float, lines: list[str]) -> list[Stretch]:
+def _runs_by_period(
+    columns: dict[str, Floats], path: Path, period: float, lines: list[str]
+) -> list[RegularPiece]:
     """With `--period` the rows are regular and stamps only jitter; they must agree on the whole."""
     time = columns["time"]
     if not np.any(np.diff(time) < 0):
-        runs = [Stretch(columns)]
+        runs = [RegularPiece(columns)]
     else:
         runs = split_runs(columns, path, lines)
     regular_runs = []
@@ -237,7 +241,7 @@ def _runs_by_period(columns: dict[str, Floats], path: Path, period: float, lines
     return regular_runs
 
 
-def _long_enough(pieces: list[Stretch], path: Path, lines: list[str]) -> list[Stretch]:
+def _long_enough(pieces: list[RegularPiece], path: Path, lines: list[str]) -> list[RegularPiece]:
     kept = [piece for piece in pieces if len(piece) >= LEAST_ROWS]
     if not kept:
         raise RecordingError(
@@ -251,8 +255,8 @@ def _long_enough(pieces: list[Stretch], path: Path, lines: list[str]) -> list[St
 
 
 def _tell(
-    pieces: list[Stretch],
-    done: list[tuple[Stretch, str]],
+    pieces: list[RegularPiece],
+    done: list[tuple[RegularPiece, str]],
     period: float,
     lines: list[str],
     facts: dict[str, str],
@@ -276,7 +280,7 @@ def _tell(
         facts["resampled"] = f"irregular stamps to {period:g} s, {text}"
 
 
-def _positioned(piece: Stretch, lines: list[str], facts: dict[str, str]) -> Stretch:
+def _positioned(piece: RegularPiece, lines: list[str], facts: dict[str, str]) -> RegularPiece:
     """With a position, integrated from velocity where the file has none."""
     if "position" in piece.columns:
         return piece
@@ -288,7 +292,9 @@ def _positioned(piece: Stretch, lines: list[str], facts: dict[str, str]) -> Stre
     return piece.with_columns(position=np.concatenate([[0.0], np.cumsum(steps)]))
 
 
-def _continuous(piece: Stretch, unit: str, factor: float, lines: list[str], facts: dict[str, str]) -> Stretch:
+def _continuous(
+    piece: RegularPiece, unit: str, factor: float, lines: list[str], facts: dict[str, str]
+) -> RegularPiece:
     """The piece with its position unwrapped, before anything is interpolated across a turn's end."""
     if "position" not in piece.columns:
         return piece
@@ -301,7 +307,7 @@ def _continuous(piece: Stretch, unit: str, factor: float, lines: list[str], fact
     return _unwrapped(piece, length)
 
 
-def _unwrapped(piece: Stretch, length: float) -> Stretch:
+def _unwrapped(piece: RegularPiece, length: float) -> RegularPiece:
     position = unwrapped(piece.columns["position"], length)
     if "reference" not in piece.columns:
         return piece.with_columns(position=position)
@@ -333,7 +339,9 @@ def _segments(file: _File, number: int, period: float, options: Options) -> list
     return parts
 
 
-def _label(name: str, number: int, index: int, stretches: list[Stretch], options: Options) -> tuple[str, int]:
+def _label(
+    name: str, number: int, index: int, stretches: list[RegularPiece], options: Options
+) -> tuple[str, int]:
     """Experiment and repeat: runs with the same reference are repetitions, other pieces are not."""
     stretch = stretches[index]
     if "repeat" in stretch.columns:
@@ -345,7 +353,7 @@ def _label(name: str, number: int, index: int, stretches: list[Stretch], options
     return (name if index == 0 else f"{name}-{index + 1}"), repeat
 
 
-def _same_reference(one: Stretch, other: Stretch) -> bool:
+def _same_reference(one: RegularPiece, other: RegularPiece) -> bool:
     if "reference" not in one.columns or abs(len(one) - len(other)) > 2:
         return False
     rows = min(len(one), len(other))

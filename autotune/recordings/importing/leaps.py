@@ -16,7 +16,7 @@ import numpy as np
 
 from autotune.core.arrays import Floats
 from autotune.core.errors import RecordingError
-from autotune.recordings.importing.clock import Stretch
+from autotune.recordings.importing.clock import RegularPiece
 
 TIMES = 10.0
 """Over the fastest motion seen: between two rows that three lost samples part, an axis goes four times as far."""
@@ -60,7 +60,7 @@ class Steps:
     alone: tuple[Leap, ...]
 
 
-def steps_of(pieces: Sequence[Stretch], path: Path, period: float) -> Steps | None:
+def steps_of(pieces: Sequence[RegularPiece], path: Path, period: float) -> Steps | None:
     """The steps of a file's continuous pieces; None without position or where there are too few.
 
     The position is as it was sampled: interpolation would spread a leap over two rows.
@@ -95,7 +95,7 @@ def _along(step: Floats) -> Floats:
     return np.asarray(np.maximum(np.max(beside * direction, axis=0), 0.0))
 
 
-def _alone(piece: Stretch, step: Floats, along: Floats) -> list[Leap]:
+def _alone(piece: RegularPiece, step: Floats, along: Floats) -> list[Leap]:
     """The longest steps of one piece that stand alone."""
     sizes = np.where(along < ALONE * np.abs(step), np.abs(step), 0.0)
     longest = np.argsort(sizes)[::-1][:_HABIT]
