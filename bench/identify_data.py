@@ -22,13 +22,23 @@ from autotune_sim.presets import Preset, preset
 AXIS = Path(__file__).resolve().parents[1] / "config" / "axes" / "edm-vertical.toml"
 
 
-def play(axis: Preset, seed: int = 0, programmes: tuple[str, ...] = ("identification",)) -> Recording:
-    """What `autotune record` would have recorded on the axis; `seed` is of noise and random orders."""
+def play(
+    axis: Preset,
+    seed: int = 0,
+    programmes: tuple[str, ...] = ("identification",),
+    rivals: tuple[str, ...] | None = None,
+) -> Recording:
+    """What `autotune record` would have recorded on the axis.
+
+    `seed` is of noise and random orders, `rivals` are what programme `decide` is to tell apart.
+    """
     described = read_axis(AXIS)
     gains = axis.gains
     drive = SimDrive(axis, seed)
     experiments = [
-        one for name in programmes for one in build(name, described, Choices(seed=seed, centre=0.0))
+        one
+        for name in programmes
+        for one in build(name, described, Choices(seed=seed, centre=0.0, rivals=rivals))
     ]
     programme = Programme(tuple(experiments), described.limits, seconds=1000.0)
     controller = Controller(gains.kp, gains.kd, gains.ki, gains.derivative_filter)

@@ -23,10 +23,14 @@ def record(
     programme: Annotated[
         str,
         typer.Argument(
-            help="identification, steady-state, presliding, dahl, high-speed, benchmark or diagnosis."
+            help="identification, steady-state, presliding, dahl, high-speed, benchmark, diagnosis or decide."
         ),
     ],
     out: Annotated[Path, typer.Option(help="Where to write: .parquet or .csv.")],
+    asked: Annotated[
+        Path | None,
+        typer.Option("--from", metavar="DIAGNOSIS.json", help="For decide: the diagnosis that is in doubt."),
+    ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Move the axis unasked.")] = False,
     runs: Annotated[Path, typer.Option(help="Folder for what runs leave.")] = Path("runs"),
 ) -> None:
@@ -34,12 +38,16 @@ def record(
     from autotune.tuning.links import open_link
     from autotune.tuning.motion_plan import planned_programme
     from autotune.tuning.preparation import SessionRequest
+    from autotune.tuning.question import question_in
     from autotune.tuning.recording_run import record_programme
 
     if out.suffix not in ENDINGS or not out.resolve().parent.is_dir():
         raise ConfigurationError(f"--out {out}: it must end in .parquet or .csv, in a folder that is there")
+    if asked is not None and programme != "decide":
+        raise ConfigurationError(f"--from belongs to programme 'decide', not to {programme!r}")
+    rivals = question_in(asked) if asked is not None else None
     axis = read_axis(axis_file)
-    confirmation(axis, yes, planned_programme(axis, programme), "record")
+    confirmation(axis, yes, planned_programme(axis, programme, rivals), "record")
     with holding(axis, axis_file, "record"), reporting(stages=[Stage("record", 60.0)]) as console:
         recording = record_programme(
             SessionRequest(
@@ -47,5 +55,8 @@ def record(
             ),
             programme,
             out,
+            rivals,
         )
     answer(f"{out}: {len(recording)} samples, {len(recording) * recording.period:.1f} s")
+    if rivals is not None:
+        answer("Decide with both: autotune model diagnose FIRST " + str(out) + " --model MODEL.toml")

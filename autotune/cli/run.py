@@ -56,6 +56,10 @@ def run(
             help="Take up an interrupted run (the newest, or the one named) from its last whole stage.",
         ),
     ] = None,
+    decide: Annotated[
+        bool,
+        typer.Option("--decide", help="A diagnosis in doubt may move the axis a minute more, to decide it."),
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON object.")] = False,
     view: Annotated[bool, typer.Option("--view", help="Show the traces in the Rerun viewer.")] = False,
     runs: Annotated[Path, typer.Option(help="Folder for what runs leave.")] = Path("runs"),
@@ -68,9 +72,9 @@ def run(
     axis = read_axis(axis_file)
     service = service_of(axis, axis_file)
     if service is not None:
-        _check_whole(service, only, view)
+        _check_whole(service, only is not None or view or decide)
     moved = service.axis if service else axis
-    confirm = confirmation(moved, yes, planned_run(moved, only))
+    confirm = confirmation(moved, yes, planned_run(moved, only, decide))
     if service is not None:
         _let_service_run(service, confirm, _asks_nobody(service.axis, yes), as_json)
         return
@@ -83,6 +87,7 @@ def run(
             clock=datetime.now,
             only=only,
             resume=resume,
+            decide=decide,
             viewers=viewers,
             approve=confirm,
         )
@@ -91,11 +96,11 @@ def run(
     raise typer.Exit(result.exit_code)
 
 
-def _check_whole(service: Service, only: str | None, view: bool) -> None:
-    if only is not None or view:
+def _check_whole(service: Service, more: bool) -> None:
+    if more:
         raise ConfigurationError(
             f"axis {service.axis.name} is owned by the service at {service.address}, which does whole runs without a "
-            "view; leave --only and --view out, or stop the service"
+            "view; leave --only, --view and --decide out, or stop the service"
         )
 
 

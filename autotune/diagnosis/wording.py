@@ -20,7 +20,8 @@ TORQUE_CONSTANT = (
     "A wrong torque constant cannot be seen in these data: all torques scale with it. An independent "
     "inertia or a known added mass would show it."
 )
-PROGRAMME = "autotune record AXIS.toml diagnosis --out FILE"
+PROGRAMME = "autotune record AXIS.toml decide --from DIAGNOSIS.json --out FILE"
+"""DIAGNOSIS.json is what `diagnose --json` printed; diagnosed are then both recordings."""
 OWN_RECORDER = (
     "record it with your own controller or scope, at least twice, and import both: autotune data import FILE"
 )

@@ -12,6 +12,7 @@ import numpy as np
 from autotune.core.axis import Axis
 from autotune.core.errors import ConfigurationError
 from autotune.experiments.dahl import dahl
+from autotune.experiments.deciding import deciding
 from autotune.experiments.diagnosis import diagnosis
 from autotune.experiments.experiment import Experiment
 from autotune.experiments.high_speed import high_speed
@@ -30,12 +31,14 @@ class Choices:
         centre: position round which the axis moves; None is the middle of its travel.
         friction: level for presliding [N m or N]; None lets it measure it in a slow move.
         torque_mode: the drive can be commanded in torque.
+        rivals: effects that programme `decide` is to tell apart, the likeliest first; None where nothing is asked.
     """
 
     seed: int = 0
     centre: float | None = None
     friction: float | None = None
     torque_mode: bool = True
+    rivals: tuple[str, ...] | None = None
 
 
 Builder = Callable[[Axis, Choices], tuple[Experiment, ...]]
@@ -65,6 +68,15 @@ def _diagnosis(axis: Axis, choices: Choices) -> tuple[Experiment, ...]:
     return diagnosis(_motion(axis, choices), np.random.default_rng(choices.seed))
 
 
+def _decide(axis: Axis, choices: Choices) -> tuple[Experiment, ...]:
+    if choices.rivals is None:
+        raise ConfigurationError(
+            "programme 'decide' needs a diagnosis whose verdict is in doubt: --from diagnosis.json, as written by "
+            "'autotune model diagnose … --json > diagnosis.json'"
+        )
+    return deciding(_motion(axis, choices), choices.rivals, np.random.default_rng(choices.seed))
+
+
 def _identification(axis: Axis, choices: Choices) -> tuple[Experiment, ...]:
     """The four experiments of section 3.4; presliding measures its own friction where none is known."""
     parts = (_steady_state, _dahl, _presliding, _high_speed)
@@ -84,6 +96,7 @@ PROGRAMMES: Mapping[str, Builder] = MappingProxyType(
         "high-speed": _high_speed,
         "benchmark": _benchmark,
         "diagnosis": _diagnosis,
+        "decide": _decide,
     }
 )
 

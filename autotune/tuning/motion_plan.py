@@ -9,13 +9,16 @@ import numpy as np
 
 from autotune.core.axis import Axis
 from autotune.core.errors import ConfigurationError
+from autotune.experiments.deciding import LONGEST as DECIDING_SECONDS
+from autotune.experiments.deciding import deciding
 from autotune.experiments.diagnosis import confirmation
 from autotune.experiments.experiment import Experiment
 from autotune.experiments.held_out import HeldOut
 from autotune.experiments.path import Motion
-from autotune.experiments.programmes import build
+from autotune.experiments.programmes import Choices, build
 from autotune.experiments.ripple_sweep import RippleSweep, sweep_of
 from autotune.experiments.sines import BenchmarkSine
+from autotune.models.table import looking_alike
 from autotune.tuning.holdings import holding_of
 from autotune.tuning.request import STAGES
 from autotune.tuning.stage_adapt import LONGEST_SECONDS, REFINEMENT_STEPS, window_seconds
@@ -43,14 +46,16 @@ class MotionPlan:
         )
 
 
-def planned_run(axis: Axis, only: str | None = None) -> MotionPlan | None:
-    """Of a run, or of a stage alone; None where nothing moves.
+def planned_run(axis: Axis, only: str | None = None, decide: bool = False) -> MotionPlan | None:
+    """Of a run, or of a stage alone; None where nothing moves. `decide`: a diagnosis in doubt may be decided.
 
     Raises:
         ConfigurationError: the limits leave no room for an experiment.
     """
     stages = STAGES if only is None else (only,)
     parts = [part for stage in stages if (part := _stage(axis, stage)) is not None]
+    if decide and "diagnose" in stages:
+        parts.append((_deciding(axis), DECIDING_SECONDS))
     if not parts:
         return None
     whole = planned([experiment for experiments, _ in parts for experiment in experiments], axis)
@@ -58,9 +63,9 @@ def planned_run(axis: Axis, only: str | None = None) -> MotionPlan | None:
     return MotionPlan(whole.low, whole.high, whole.speed, seconds)
 
 
-def planned_programme(axis: Axis, programme: str) -> MotionPlan:
-    """Of a programme that is played for its recording."""
-    return planned(build(programme, axis), axis)
+def planned_programme(axis: Axis, programme: str, rivals: tuple[str, ...] | None = None) -> MotionPlan:
+    """Of a programme that is played for its recording; `rivals`: what `decide` is to tell apart."""
+    return planned(build(programme, axis, Choices(rivals=rivals)), axis)
 
 
 def _stage(axis: Axis, stage: str) -> tuple[Sequence[Experiment], float] | None:
@@ -82,6 +87,20 @@ def _stage(axis: Axis, stage: str) -> tuple[Sequence[Experiment], float] | None:
         seconds = committed_seconds(motion, benchmark) + sum(sweep.duration for sweep in sweeps)
         return (sine, held_out, *sweeps), seconds
     return None
+
+
+def _deciding(axis: Axis) -> list[Experiment]:
+    """Whatever a diagnosis may ask for; without those that the limits leave no room for, which are not played."""
+    found: list[Experiment] = []
+    for rivals in ((), *map(sorted, looking_alike().values())):
+        try:
+            played = deciding(Motion.of(axis), tuple(rivals), np.random.default_rng(SEED))
+            for experiment in played:
+                experiment.requirements(axis.limits)
+        except ConfigurationError:
+            continue
+        found += played
+    return found
 
 
 def _sweeps(axis: Axis, motion: Motion) -> list[RippleSweep]:

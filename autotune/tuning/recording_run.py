@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from autotune.experiments.programmes import build
+from autotune.experiments.programmes import Choices, build
 from autotune.recordings.files import write_recording
 from autotune.recordings.recording import Recording
 from autotune.tuning.drive_recorder import record_by_drive, recorder_fits
@@ -14,17 +14,19 @@ from autotune.tuning.recovery import recover
 from autotune.tuning.run_directory import Opening, axis_lock, discard_unused, make_run_directory
 
 
-def record_programme(request: SessionRequest, programme: str, out: Path) -> Recording:
+def record_programme(
+    request: SessionRequest, programme: str, out: Path, rivals: tuple[str, ...] | None = None
+) -> Recording:
     """Plays `programme` and writes the recording to `out`, sampled by the drive where it has a recorder.
 
-    What was measured is kept in the run's folder too.
+    What was measured is kept in the run's folder too. `rivals`: what programme `decide` is to tell apart.
 
     Raises:
         ConfigurationError: no such programme, or the limits are too small for it.
         AutotuneError: whatever ended it; the axis is at rest and everything is put back.
     """
     axis = request.axis
-    experiments = build(programme, axis)
+    experiments = build(programme, axis, Choices(rivals=rivals))
     with axis_lock(request.runs, axis.name):
         started = request.clock()
         directory = make_run_directory(request.runs, axis.name, started)

@@ -20,12 +20,14 @@ class Request(SessionRequest):
         gain: None for a tuning. For a re-tune after drift: what the drive will hold by itself is proved against
             what it holds now, and this share of the peak error must be gained; 0: whatever is better beyond doubt.
         resume: None for a new run; else the name of the run to take up from its last whole stage, "newest" for that.
+        decide: whether a diagnosis in doubt may move the axis for a minute more, to decide it.
         approve: asked before anything is written to the drive for good.
     """
 
     only: str | None = None
     gain: float | None = None
     resume: str | None = None
+    decide: bool = False
     approve: Callable[[str], bool] = field(default=lambda sentence: True)
 
     def refuse_nonsense(self) -> None:

@@ -143,7 +143,9 @@ def _comparable(session: Session, directory: Path, made: Mapping[str, Any]) -> s
 def _copy(session: Session, directory: Path) -> None:
     """The new run's folder says everything by itself."""
     for path in sorted((directory / "recordings").glob("*.parquet")):
-        if path.stem in ("baseline", "experiment", "confirmation") or path.stem.startswith("refinement-"):
+        if path.stem in ("baseline", "experiment", "confirmation", "decision") or path.stem.startswith(
+            "refinement-"
+        ):
             session.written[path.stem] = Path(
                 shutil.copy2(path, session.directory / "recordings" / path.name)
             )

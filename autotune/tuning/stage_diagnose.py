@@ -8,8 +8,8 @@ that a name can be confirmed. Diagnosis and richer model are those that `autotun
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from autotune.core.errors import AutotuneError, ConfigurationError
 from autotune.diagnosis.compare import compare
 from autotune.diagnosis.found_model import FoundModel, found_model
 from autotune.diagnosis.verdict import diagnose
+from autotune.experiments.deciding import deciding
 from autotune.experiments.diagnosis import confirmation
 from autotune.experiments.experiment import Experiment
 from autotune.experiments.runner import Programme
@@ -28,11 +29,12 @@ from autotune.models.reversal_memory import REVERSAL_MEMORY
 from autotune.models.total_friction import stiffness_at_rest
 from autotune.recordings.files import read_recording
 from autotune.recordings.recording import Recording
+from autotune.tuning.question import rivals_of
 from autotune.tuning.session import Session
 
 SECONDS = 8.0  # of the confirming trajectory, at most
 SEED = 7
-RECORDING = "confirmation"
+RECORDING, DECISION = "confirmation", "decision"
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +48,7 @@ class Diagnosed:
         error_before, error_after, noise_floor_rms: torque, on data not used for the fit [N m or N].
         unseen: in words, which data those are.
         candidates: list of {effect, gain, accepted, why}.
+        confusable: sets of effects that these data cannot tell apart.
         stiffness: at rest, of the model with its effects; None without a richer model.
         model: with the named effects, fitted together; None where nothing is named.
         not_fed_forward: effects of the model that a feedforward does not play, and why.
@@ -61,6 +64,7 @@ class Diagnosed:
     noise_floor_rms: float | None = None
     unseen: str = ""
     candidates: tuple[Mapping[str, Any], ...] = ()
+    confusable: tuple[tuple[str, ...], ...] = ()
     next_experiment: str | None = None
     twin: bool = False
     stiffness: float | None = None
@@ -69,13 +73,16 @@ class Diagnosed:
     notes: tuple[str, ...] = ()
 
 
-def diagnose_stage(session: Session, recording: Recording, model: DriveModel, reserve: float) -> Diagnosed:
+def diagnose_stage(
+    session: Session, recording: Recording, model: DriveModel, reserve: float, *, decide: bool = False
+) -> Diagnosed:
     """Confirms, diagnoses, and adds what is named to `model.toml`.
 
     Args:
         recording: of the experiments.
         model: as identified.
         reserve: machine time that the later stages need [s].
+        decide: where the verdict leaves something open, the experiment that decides is played, and diagnosed anew.
 
     A model without a diagnosis is as good as before: what fails here is told, and the run goes on.
     """
@@ -90,17 +97,46 @@ def diagnose_stage(session: Session, recording: Recording, model: DriveModel, re
     else:
         note = "No second trajectory was played (limits or machine time): what is named is only suspected."
     error_rms, relative_error = error_as_given(recording, model)
-    when = session.clock().isoformat(timespec="seconds")
-    try:
-        found = found_in(recordings, model, when, session.directory.name)
-    except (AutotuneError, np.linalg.LinAlgError) as error:
-        found = Diagnosed("failed", notes=(f"No diagnosis: {error}",))
+    found = _found(session, recordings, model)
+    if decide:
+        found = _decided(session, recordings, model, found, reserve)
     found = replace(found, error_rms=error_rms, relative_error=relative_error)
     if found.verdict == "failed":
         return found
     if found.model is not None:
         write_model(found.model, session.directory / "model.toml")
     return found if not note else _noted(found, note)
+
+
+def _found(session: Session, recordings: Sequence[Recording], model: DriveModel) -> Diagnosed:
+    when = session.clock().isoformat(timespec="seconds")
+    try:
+        return found_in(recordings, model, when, session.directory.name)
+    except (AutotuneError, np.linalg.LinAlgError) as error:
+        return Diagnosed("failed", notes=(f"No diagnosis: {error}",))
+
+
+def _decided(
+    session: Session, recordings: Sequence[Recording], model: DriveModel, found: Diagnosed, reserve: float
+) -> Diagnosed:
+    """The diagnosis with the experiment that `found` asks for, where it asks and there is time and room for it."""
+    rivals = rivals_of(asdict(found)) if found.verdict != "failed" else None
+    if rivals is None:
+        return found
+    if DECISION in session.written:  # of the run that is taken up
+        decision = read_recording(session.written[DECISION])
+    else:
+        programme = _fitting(session, lambda: deciding(session.motion, rivals, _random()), reserve)
+        if not programme:
+            return _noted(
+                found, "The verdict is in doubt; limits or machine time leave no room to decide it."
+            )
+        session.reporter.say(
+            f"In doubt: {', '.join(rivals) or 'what is missing'}; the deciding experiment is played."
+        )
+        decision = session.play(DECISION, programme)[0]
+    decided = _found(session, [*recordings, decision], model)
+    return found if decided.verdict == "failed" else decided
 
 
 def error_as_given(recording: Recording, model: DriveModel) -> tuple[float | None, float | None]:
@@ -114,13 +150,23 @@ def error_as_given(recording: Recording, model: DriveModel) -> tuple[float | Non
 
 def confirming(session: Session, reserve: float) -> tuple[Experiment, ...]:
     """The trajectory that confirms; empty where limits or machine time do not allow it."""
-    experiments = confirmation(session.motion, SECONDS, np.random.default_rng(SEED))
-    programme = Programme(experiments, session.limits, session.budget.left - reserve)
+    return _fitting(session, lambda: confirmation(session.motion, SECONDS, _random()), reserve)
+
+
+def _fitting(
+    session: Session, build: Callable[[], tuple[Experiment, ...]], reserve: float
+) -> tuple[Experiment, ...]:
+    """The experiments, or none where limits or machine time do not allow them."""
     try:
-        programme.check(session.loop.period)
+        experiments = build()
+        Programme(experiments, session.limits, session.budget.left - reserve).check(session.loop.period)
     except ConfigurationError:
         return ()
     return experiments
+
+
+def _random() -> np.random.Generator:
+    return np.random.default_rng(SEED)
 
 
 def found_in(recordings: Sequence[Recording], model: DriveModel, when: str, source: str) -> Diagnosed:
@@ -144,6 +190,7 @@ def found_in(recordings: Sequence[Recording], model: DriveModel, when: str, sour
         diagnosis.confidence,
         noise_floor_rms=floor if math.isfinite(floor) else None,
         candidates=candidates,
+        confusable=tuple(tuple(rivals) for rivals in diagnosis.confusable),
         next_experiment=diagnosis.next_experiment,
         twin=diagnosis.twin,
         notes=diagnosis.notes,

@@ -131,7 +131,9 @@ def _diagnose(request: Request, session: Session, state: RunState) -> bool:
     if found.model is None:  # `fit` refuses that
         return True
     reserve = _later_seconds(session) + LEAST_SECONDS + 2.0 * window_seconds(session.axis.benchmark.frequency)
-    state.findings.diagnosed = diagnosed = diagnose_stage(session, recording, found.model, reserve)
+    state.findings.diagnosed = diagnosed = diagnose_stage(
+        session, recording, found.model, reserve, decide=request.decide
+    )
     state.findings.model = diagnosed.model
     state.notes += diagnosed.notes
     kp = session.controller.kp if session.controller is not None else None

@@ -31,8 +31,8 @@ def test_effects_are_carried_and_the_base_is_not() -> None:
 
 def _alone(monkeypatch, effects: tuple[str, ...], share: float) -> None:
     """The first recording by itself names these, and leaves this share of the torque."""
-    level = SimpleNamespace(effects=effects, fitted=SimpleNamespace(error=np.ones(3)))
-    chosen = SimpleNamespace(level=level) if effects else None
+    model_fit = SimpleNamespace(effects=effects, fitted=SimpleNamespace(error=np.ones(3)))
+    chosen = SimpleNamespace(model_fit=model_fit) if effects else None
     found = SimpleNamespace(chosen=chosen, problem=None)
     monkeypatch.setattr(first_alone, "prepared_for", lambda *_: None)
     monkeypatch.setattr(first_alone, "begin", lambda *_, **__: (None, None, None, ()))

@@ -26,6 +26,7 @@ from autotune.experiments.sines import AdaptiveSine, BenchmarkSine, period_sampl
 from autotune.experiments.steady_state import SteadyState, steady_state
 from tests.experiments.support import axis, sample
 
+RIVALS = ("torque_ripple", "spring")
 LAW = FixedFeedforward(LugreParameters(6.66e-4, 4.13e-3, 0.33, 40.0, 0.1, 0.05, 0.33), 1e-3)
 
 
@@ -54,7 +55,11 @@ def rehearse(experiment: Experiment, start: float = 0.0) -> tuple[list[Command],
 
 
 def planned(name: str, where: Axis) -> list[PlannedExperiment]:
-    return [one for one in build(name, where, Choices(seed=3)) if isinstance(one, PlannedExperiment)]
+    return [
+        one
+        for one in build(name, where, Choices(seed=3, rivals=RIVALS))
+        if isinstance(one, PlannedExperiment)
+    ]
 
 
 @pytest.mark.parametrize("name", sorted(PROGRAMMES))

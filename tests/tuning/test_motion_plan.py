@@ -51,3 +51,13 @@ def test_without_a_terminal_only_what_moves_is_refused(monkeypatch: pytest.Monke
     monkeypatch.setattr("sys.stdin.isatty", lambda: False, raising=False)
     with pytest.raises(ConfigurationError, match="--yes"):
         confirmation(axis(), False, planned_run(axis(), "prove"))
+
+
+def test_a_run_that_may_decide_a_diagnosis_says_what_that_adds() -> None:
+    without, may = planned_run(axis(), "diagnose"), planned_run(axis(), "diagnose", decide=True)
+    assert without is not None
+    assert may is not None
+    assert may.seconds == pytest.approx(without.seconds + 60.0)
+    assert (may.low, may.high, may.speed) != (without.low, without.high, without.speed)
+    assert may.low <= without.low < without.high <= may.high
+    assert planned_run(axis(), "check", decide=True) is None

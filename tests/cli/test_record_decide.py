@@ -1,0 +1,66 @@
+"""`autotune record AXIS decide`: what is asked of the command line before anything moves, and the whole way once."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from autotune.cli.main import main
+from autotune.recordings.files import read_recording
+from tests.end_to_end.support import EXAMPLE
+
+DOUBT = {"verdict": "ambiguous", "effects": ["spring"], "confusable": [["spring", "torque_ripple"]]}
+
+
+def axis_in(folder: Path) -> Path:
+    lines = EXAMPLE.read_text().splitlines()
+    path = folder / "axis.toml"
+    path.write_text(
+        "\n".join('link = "sim://edm-vertical"' if one.startswith("link") else one for one in lines)
+    )
+    return path
+
+
+def exit_code(*words: str) -> int:
+    with pytest.raises(SystemExit) as ending:
+        main(list(words))
+    return int(ending.value.code or 0)
+
+
+@pytest.mark.parametrize(
+    ("programme", "doubt", "told"),
+    [
+        ("decide", None, "--from diagnosis.json"),
+        ("dahl", DOUBT, "--from belongs to programme 'decide'"),
+        ("decide", {"verdict": "none"}, "nothing is in doubt"),
+        ("decide", {"outcome": "kept"}, "is no diagnosis"),
+    ],
+)
+def test_a_question_that_is_none_is_refused_before_anything_moves(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], programme: str, doubt: object, told: str
+) -> None:
+    words = ["record", str(axis_in(tmp_path)), programme, "--out", str(tmp_path / "out.parquet"), "--yes"]
+    if doubt is not None:
+        (tmp_path / "d.json").write_text(json.dumps(doubt))
+        words += ["--from", str(tmp_path / "d.json")]
+    assert exit_code(*words, "--runs", str(tmp_path / "runs")) == 2
+    assert told in " ".join(capsys.readouterr().err.split())
+    assert not (tmp_path / "out.parquet").exists()
+
+
+def test_what_is_in_doubt_is_played_and_kept(tmp_path: Path) -> None:
+    (tmp_path / "d.json").write_text(json.dumps(DOUBT))
+    out = tmp_path / "decision.parquet"
+    axis = str(axis_in(tmp_path))
+    runs = ("--runs", str(tmp_path / "runs"))
+    assert (
+        exit_code(
+            "record", axis, "decide", "--from", str(tmp_path / "d.json"), "--out", str(out), "--yes", *runs
+        )
+        == 0
+    )
+    found = read_recording(out)
+    assert {"slow_scan", "scan", "veto"} <= set(found.experiment)
+    assert len(found) * found.period < 65.0
