@@ -238,4 +238,5 @@ def prepared_for(recordings: Sequence[Recording], policy: Policy = POLICY) -> Pr
         return without_rest(prepare(recordings, cutoff, 2.5 * cutoff, pace=pace))
     factor = needed(cutoff, recordings[0].period)
     fine = [upsampled(recording, factor) for recording in recordings]
-    return aligned(replace(without_rest(prepare(fine, cutoff, 2.5 * cutoff, pace=pace)), upsampling=factor))
+    data = replace(without_rest(prepare(fine, cutoff, 2.5 * cutoff, pace=pace)), upsampling=factor)
+    return aligned(data) if pace == 1.0 else data

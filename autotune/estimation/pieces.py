@@ -274,23 +274,27 @@ def run_twin(
     """Simulates one piece; without `noise` it is free of noise.
 
     A piece in closed loop without a usable controller does not follow. One that slides in torque mode, where every
-    error would add up, is led along the measured motion (`led`), without noise.
+    error would add up, is led along the measured motion (`led`), without noise; what leads it sees no counts.
     """
     controller = around.controller
     if piece.closed and not controller.usable:
         return Simulated(piece.measured, piece.torque, False)
-    if slides_freely(piece):
+    free = slides_freely(piece)
+    if free:
         piece, controller, noise = led(piece), leading(packed, piece.pace), None
     n = len(piece)
     zero = np.zeros(n)
     disturbed = zero if noise is None else noise.normal(0.0, 1.0, n) * around.process_noise
     position_noise = zero if noise is None else noise.normal(0.0, 1.0, n) * around.position_noise
     resolution = around.resolution if quantised else 0.0
+    seen = 0.0 if free else resolution
     position, torque, inside = simulate_stretch(
-        piece, packed, controller, around.limit, resolution, disturbed, position_noise
+        piece, packed, controller, around.limit, seen, disturbed, position_noise
     )
     if not inside:
         return Simulated(piece.measured, piece.torque, False)
+    if free and resolution > 0.0:
+        position = resolution * np.round(position / resolution)
     return Simulated(position, torque, _follows(piece, position, around.resolution))
 
 
@@ -304,10 +308,10 @@ def led(piece: Piece) -> Piece:
     return replace(
         piece,
         closed=True,
-        reference=piece.position,
+        reference=piece.measured,
         feedforward=piece.torque,
         rate=0.0,
-        last_reference=float(piece.position[0]),
+        last_reference=float(piece.measured[0]),
         last_position=float(piece.measured[0]),
     )
 

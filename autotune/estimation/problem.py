@@ -185,7 +185,7 @@ class Problem:
 def led(data: Prepared) -> Prepared:
     """A recording in torque mode as if a controller had added to its torque what keeps it on its way."""
     stretches = tuple(replace(stretch, closed=True) for stretch in data.stretches)
-    return replace(data, reference=data.position, feedforward=data.torque, stretches=stretches)
+    return replace(data, reference=data.measured, feedforward=data.torque, stretches=stretches)
 
 
 def new_problem(data: Prepared, controller: PositionController | None, policy: Policy = POLICY) -> Problem:
