@@ -151,7 +151,7 @@ class InertialDrive:
         slip = grain * np.round((slip + random.normal(0.0, 0.5 * grain, slip.size)) / grain)
         mean = force.reshape(-1, PARTS).mean(axis=1) + random.normal(0.0, noise, slip.size)
         # a row's force is the one that acts from its position to the next
-        return ContactRecord(ROW * np.arange(slip.size - 1), slip[:-1], mean[1:])
+        return ContactRecord(ROW * np.arange(slip.size - 1, dtype=np.float64), slip[:-1], mean[1:])
 
 
 def step_voltage(amplitude: float, rate: float, steps: int, waveform: Waveform = "sawtooth") -> Floats:
