@@ -161,8 +161,11 @@ LARGE = 0.1
 
 
 def without_twin(data: Prepared) -> tuple[Prepared, tuple[str, ...]]:
-    """A single recording's columns brought together where no controller tells how they belong together."""
-    if data.repeated or data.steady:
+    """A single recording's columns brought together where no controller tells how they belong together.
+
+    Not those of a fast axis, where friction that reverses would be taken for a delay: its model aligns them.
+    """
+    if data.repeated or data.steady or data.pace < 1.0:
         return data, ()
     data, said = compensated(aligned(data))
     return data, () if said is None else (said,)

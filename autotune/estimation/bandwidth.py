@@ -1,14 +1,18 @@
-"""Which frequencies and which rows a recording without repeats can be compared at.
+"""Which frequencies and which rows a recording can be compared at.
 
-Torque and acceleration must be coherent: the cut-off is the highest frequency where their coherence is
-above 0.7; beyond the usual one only where much of the torque is there. Rests, and reversals that the
+Usual is what suits a servo axis at 1 kHz. A recording that is sampled more slowly has less; one that is sampled
+faster, and whose torque moves the axis far beyond the usual cut-off, as a piezo's, is compared up to there, and all
+lengths of time go with the cut-off.
+
+Without repeats, torque and acceleration must be coherent: the cut-off is the highest frequency where their
+coherence is above 0.7; beyond the usual one only where much of the torque is there. Rests, and reversals that the
 encoder does not resolve, are left out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage, signal
@@ -17,7 +21,7 @@ from autotune.core.arrays import Floats, Integers
 from autotune.estimation.alignment import aligned, needed, upsampled
 from autotune.estimation.controller import find_controller
 from autotune.estimation.coordinates import travel_since_reversal
-from autotune.estimation.data import CUTOFF, Block, Prepared, prepare
+from autotune.estimation.data import CUTOFF, MOTION_CUTOFF, Block, Prepared, prepare
 from autotune.estimation.parts import fitted_part
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.speed_points import as_steady_recordings, speed_points
@@ -55,6 +59,74 @@ GRAIN = 5.0
 """Counts after a reversal."""
 LEAST_MOVING = 0.4
 LEAST_ROWS = 8
+USUAL_PERIOD = 1e-3
+"""s; the usual cut-offs are made for it."""
+MOST = 0.9
+"""Of the torque's power: where less lies below the usual cut-off, the usual cut-off is not for this axis."""
+HARMONICS = 2.5
+"""The cut-off over the frequency below which nearly all of such a torque lies: friction that reverses has more."""
+SPECTRUM_ROWS = 4096
+HEARD = 0.3
+"""Coherence above which torque moves the axis: by chance one frequency of seventy has it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bands:
+    """How signals are filtered before they are compared.
+
+    Attributes:
+        motion: cut-off of position, velocity and acceleration [Hz].
+        error: cut-off of the torque residual [Hz].
+        decimation: of the residual; half the rate left is just above `error`.
+    """
+
+    motion: float = MOTION_CUTOFF
+    error: float = CUTOFF
+    decimation: int = 8
+
+    @classmethod
+    def of(cls, recording: Recording) -> Bands:
+        """The usual ones at 1 kHz, lower in proportion at slower sampling, higher where a fast recording needs it."""
+        period = recording.period
+        most = CUTOFF * USUAL_PERIOD / period
+        error = min(CUTOFF, most)
+        if most > CUTOFF:
+            error = max(CUTOFF, min(most, HARMONICS * busy_below(recording)))
+        if error == CUTOFF:
+            return cls(decimation=max(1, int(1.0 / (period * 2.0 * CUTOFF))))
+        return cls(MOTION_CUTOFF / CUTOFF * error, error, max(1, int(1.0 / (period * 2.0 * error))))
+
+    @property
+    def pace(self) -> float:
+        """What lengths of time that suit the usual cut-off are multiplied by."""
+        return CUTOFF / self.error
+
+
+def busy_below(recording: Recording) -> float:
+    """Frequency [Hz] below which nearly all of the torque lies that moves the axis; 0 where the usual cut-off does.
+
+    Only torque that is coherent with the acceleration counts: neither ripple of a current nor noise.
+    """
+    period, torque, position = recording.period, torque_of(recording), recording["position"]
+    segments = [s for s in recording.segments() if s.experiment != "conditioning"]
+    window = min(SPECTRUM_ROWS, max((s.stop - s.start for s in segments), default=0) // 8)
+    if window < 64:
+        return 0.0
+    own, other, both = (np.zeros(window // 2 + 1, dtype=np.complex128) for _ in range(3))
+    for segment in segments:
+        rows = segment.stop - segment.start
+        if rows >= 2 * window:
+            pair = torque[segment.rows][1:-1], np.diff(position[segment.rows], 2)
+            own += rows * signal.csd(pair[0], pair[0], 1.0 / period, nperseg=window)[1]
+            other += rows * signal.csd(pair[1], pair[1], 1.0 / period, nperseg=window)[1]
+            both += rows * signal.csd(pair[0], pair[1], 1.0 / period, nperseg=window)[1]
+    power = np.abs(both) ** 2 / np.maximum(other.real, 1e-300)
+    power[power < HEARD * own.real] = 0.0
+    total = np.cumsum(np.maximum(power - 2.0 * float(np.median(power[3 * len(power) // 4 :])), 0.0))
+    frequency = np.fft.rfftfreq(window, period)
+    if total[-1] <= 0.0 or frequency[np.searchsorted(total, MOST * total[-1])] <= CUTOFF:
+        return 0.0
+    return float(frequency[np.searchsorted(total, MOST_POWER * total[-1])])
 
 
 def coherent_cutoff(recording: Recording, twin: bool = False) -> float:
@@ -62,27 +134,31 @@ def coherent_cutoff(recording: Recording, twin: bool = False) -> float:
 
     `twin`: a controller is known, so that noise that runs round the loop is accounted for.
     """
-    period = recording.period
+    period, pace = recording.period, min(1.0, Bands.of(recording).pace)
     longest = max(recording.segments(), key=lambda s: s.stop - s.start)
     position, torque = recording["position"][longest.rows], torque_of(recording)[longest.rows]
     window = min(1024, len(position) // 6)
     if window < 64:
-        return min(CUTOFF, FASTEST / period)
+        return min(CUTOFF / pace, FASTEST / period)
     wanted = guide_of(recording)[longest.rows]
     wanted = wanted if np.ptp(wanted) > 0.0 else position
     # where a controller follows a reference, noise runs round the loop and is coherent with itself
     acceleration = np.diff(wanted, 2) / period**2
     frequency, coherence = signal.coherence(torque[1:-1], acceleration, 1.0 / period, nperseg=window)
-    best = min(CANDIDATES[0], FASTEST / period)
-    for candidate in CANDIDATES:
+    candidates = [candidate / pace for candidate in CANDIDATES]
+    best = min(candidates[0], FASTEST / period)
+    for candidate in candidates:
         if candidate > FASTEST / period:
             break
         inside = (frequency > 0.85 * candidate) & (frequency <= candidate)
         if inside.sum() >= 2 and np.median(coherence[inside]) > COHERENT:
             best = candidate
     if not twin:
-        return min(best, max(LEAST, ABOVE * loud_below(torque, period)), FASTEST / period)
-    return best if best <= CUTOFF or _power_beyond(torque, period) > LOUD else min(CUTOFF, FASTEST / period)
+        return min(best, max(LEAST / pace, ABOVE * loud_below(torque, period)), FASTEST / period)
+    usual = CUTOFF / pace
+    return (
+        best if best <= usual or _power_beyond(torque, period, usual) > LOUD else min(usual, FASTEST / period)
+    )
 
 
 def loud_below(torque: Floats, period: float) -> float:
@@ -94,9 +170,9 @@ def loud_below(torque: Floats, period: float) -> float:
     return float(frequency[np.searchsorted(total, MOST_POWER * total[-1])])
 
 
-def _power_beyond(torque: Floats, period: float) -> float:
-    """Share of the torque's alternating power above the usual cut-off."""
-    slow = low_pass(torque - torque.mean(), CUTOFF, period)
+def _power_beyond(torque: Floats, period: float, cutoff: float) -> float:
+    """Share of the torque's alternating power above a cut-off."""
+    slow = low_pass(torque - torque.mean(), cutoff, period)
     return float(np.var(torque - torque.mean() - slow) / max(float(np.var(torque)), 1e-300))
 
 
@@ -106,10 +182,11 @@ def without_rest(data: Prepared) -> Prepared:
 
     The data as they are where that would leave less than half of them.
     """
-    shortest = max(3, round(REST_SECONDS / data.period))
+    seconds = REST_SECONDS * data.pace
+    shortest = max(3, round(seconds / data.period))
     reach = len(data.taps) // 2 + round(1.0 / (data.motion_cutoff * data.period)) + shortest
     speed = np.abs(data.velocity)
-    least = max(REST * float(np.percentile(speed, 99.5)), 0.25 * data.resolution / REST_SECONDS)
+    least = max(REST * float(np.percentile(speed, 99.5)), 0.25 * data.resolution / seconds)
     still = ndimage.uniform_filter1d((speed < least).astype(np.float64), shortest) > 0.999
     unseen = travel_since_reversal(data) < GRAIN * data.resolution
     near = ndimage.maximum_filter1d(still, 2 * reach + 1)
@@ -149,13 +226,17 @@ def prepared_for(recordings: Sequence[Recording], policy: Policy = POLICY) -> Pr
         for recording in recordings:
             check_recording(recording)
         return prepare(as_steady_recordings(recordings, points), 1e6, 1e6, steady=True)
-    data = prepare(recordings)
+    longest = max(recordings, key=len)
+    bands = Bands.of(longest)
+    pace = min(1.0, bands.pace)
+    data = prepare(recordings, max(CUTOFF, bands.error), max(MOTION_CUTOFF, bands.motion), pace=pace)
     if data.repeated:
         return data
     known = data.recorded_reference and find_controller(data, policy).usable
-    cutoff = coherent_cutoff(max(recordings, key=len), known)
+    cutoff = coherent_cutoff(longest, known)
     if known:
-        return without_rest(prepare(recordings, cutoff, 2.5 * cutoff))
+        return without_rest(prepare(recordings, cutoff, 2.5 * cutoff, pace=pace))
     factor = needed(cutoff, recordings[0].period)
     fine = [upsampled(recording, factor) for recording in recordings]
-    return aligned(replace(without_rest(prepare(fine, cutoff, 2.5 * cutoff)), upsampling=factor))
+    data = replace(without_rest(prepare(fine, cutoff, 2.5 * cutoff, pace=pace)), upsampling=factor)
+    return aligned(data) if pace == 1.0 else data

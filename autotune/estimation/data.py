@@ -79,6 +79,7 @@ class Prepared:
         steady: only the curve of torque over constant speeds is compared (see `speed_curve`).
         upsampling: rows for each one of the file.
         periodic: stretches whose motion repeats itself: they are held out by phase.
+        pace: what lengths of time are multiplied by (`bandwidth.Bands.pace`).
     """
 
     metadata: Metadata
@@ -106,6 +107,7 @@ class Prepared:
     steady: bool = False
     upsampling: int = 1
     periodic: tuple[Periodic, ...] = ()
+    pace: float = 1.0
 
     def role(self, *roles: str) -> Flags:
         """Grid rows of blocks with one of these roles, shape (m,)."""
@@ -142,8 +144,9 @@ def prepare(
     cutoff: float = CUTOFF,
     motion_cutoff: float = MOTION_CUTOFF,
     steady: bool = False,
+    pace: float = 1.0,
 ) -> Prepared:
-    """Makes recordings of one axis ready.
+    """Makes recordings of one axis ready; `pace` as in `Prepared`.
 
     Raises:
         RecordingError: a column is missing, or axes are mixed.
@@ -156,13 +159,14 @@ def prepare(
     period = recordings[0].period
     columns = [_columns(recording) for recording in recordings]
     arrays = {name: np.concatenate([column[name] for column in columns]) for name in columns[0]}
-    parts = _gathered(recordings, steady)
+    parts = _gathered(recordings, steady, pace)
     position, velocity, acceleration = filtered_motion(
         arrays["position"], parts.stretches, period, motion_cutoff
     )
     resolution = known_resolution(recordings[0].metadata, arrays["position"])
     taps = low_pass_taps(cutoff, period)
-    allowed = _usable(arrays["position"], parts.stretches, resolution, period, len(taps) // 2)
+    reach = max(1, round(STANDSTILL_SECONDS * pace / period))
+    allowed = _usable(arrays["position"], parts.stretches, resolution, reach, len(taps) // 2)
     step = max(1, round(1.0 / (GRID / CUTOFF * cutoff * period)))
     grid, blocks = _grid(parts.segments, allowed, step, period)
     if not any(block.role == TRAINING for block in blocks):
@@ -193,6 +197,7 @@ def prepare(
         starts=tuple(parts.starts),
         temperature=_temperature(recordings),
         periodic=tuple(parts.alike),
+        pace=pace,
     )
 
 
@@ -206,16 +211,16 @@ class _Parts:
     starts: list[int]
 
 
-def _gathered(recordings: Sequence[Recording], steady: bool) -> _Parts:
+def _gathered(recordings: Sequence[Recording], steady: bool, pace: float) -> _Parts:
     parts = _Parts([], [], [], [])
     offset = 0
     for number, recording in enumerate(recordings):
         whole = [Stretch(offset, offset + len(recording), False)]
         parts.stretches.extend(whole if steady else stretches_of(recording, offset))
         parts.starts.append(offset)
-        parts.segments.extend(_segments(recording, offset, number if len(recordings) > 1 else 0))
+        parts.segments.extend(_segments(recording, offset, number if len(recordings) > 1 else 0, pace))
         if not steady:
-            parts.alike.extend(_periodic(recording, offset))
+            parts.alike.extend(_periodic(recording, offset, pace))
         offset += len(recording)
     return parts
 
@@ -290,12 +295,12 @@ def _controlled(recording: Recording) -> NDArray[np.int8]:
     return closed
 
 
-def _segments(recording: Recording, offset: int, number: int) -> list[Segment]:
+def _segments(recording: Recording, offset: int, number: int, pace: float) -> list[Segment]:
     """Segments in absolute rows; a long one without repeats is cut into chunks to hold out."""
     found: list[Segment] = []
     segments = recording.segments()
     cut = _cut(segments)
-    chunk = max(_least_chunk(recording), 10)
+    chunk = max(_least_chunk(recording, pace), 10)
     for segment in segments:
         role = segment.experiment
         if role == "conditioning":
@@ -317,20 +322,20 @@ def _cut(segments: Sequence[Segment]) -> bool:
     return len(set(names)) == len(names) < 4
 
 
-def _periodic(recording: Recording, offset: int) -> list[Periodic]:
+def _periodic(recording: Recording, offset: int, pace: float) -> list[Periodic]:
     """Segments without repeats whose motion repeats itself, in absolute rows."""
     segments = recording.segments()
     if not _cut(segments):
         return []
     guide = recording["reference" if "reference" in recording else "position"]
     fitted = [s for s in segments if s.experiment not in ("conditioning", *_ROLES)]
-    found = [periodic(guide[s.rows], offset + s.start, recording.period) for s in fitted]
+    found = [periodic(guide[s.rows], offset + s.start, recording.period / pace) for s in fitted]
     return [part for part in found if part is not None]
 
 
-def _least_chunk(recording: Recording) -> int:
+def _least_chunk(recording: Recording, pace: float) -> int:
     seconds = len(recording) * recording.period
-    return round(max(CHUNK_SECONDS, seconds / 24.0) / recording.period)
+    return round(max(CHUNK_SECONDS * pace, seconds / 24.0) / recording.period)
 
 
 def known_resolution(metadata: Metadata, position: Floats) -> float:
@@ -348,10 +353,9 @@ def known_resolution(metadata: Metadata, position: Floats) -> float:
 
 
 def _usable(
-    position: Floats, stretches: Sequence[Stretch], resolution: float, period: float, margin: int
+    position: Floats, stretches: Sequence[Stretch], resolution: float, reach: int, margin: int
 ) -> Flags:
     """Samples that are neither at the edge of a stretch nor at rest, shape (n,)."""
-    reach = max(1, round(STANDSTILL_SECONDS / period))
     usable = np.zeros(len(position), dtype=np.bool_)
     for stretch in stretches:
         usable[stretch.start + margin + 3 : max(stretch.stop - margin - 3, stretch.start)] = True

@@ -126,7 +126,7 @@ def _shaken(
 def _chunks(problem: Problem) -> _Chunks | None:
     """Chunks of the faster half of the training data, of pairs of repeats where there are any."""
     data = problem.data
-    length = max(32, round(CHUNK_SECONDS / data.period))
+    length = max(32, round(CHUNK_SECONDS * data.pace / data.period))
     step = max(1, int(np.median(np.diff(data.grid[: max(50, len(data.grid) // 10)]))))
     starts: list[tuple[int, int]] = []
     slowest: list[float] = []

@@ -15,13 +15,14 @@ import numpy as np
 from scipy.signal import lfilter
 
 from autotune.core.arrays import Floats
+from autotune.estimation.bandwidth import Bands
 from autotune.estimation.normal_equations import BLOCK_SECONDS, Normal, Part, assemble, whitener
 from autotune.estimation.pieces import (
-    Bands,
     Piece,
     Surroundings,
     balanced,
     run_twin,
+    slides_freely,
     torque_error,
     with_motion,
 )
@@ -208,7 +209,7 @@ class _Sweep:
             other = self._columns(twins[0], packed, names, scale, first)
             error = here - np.mean(rest, axis=0)
             white = whitener((first - np.mean(rest, axis=0))[piece.use])
-        rows = max(8, round(BLOCK_SECONDS / (piece.period * self.bands.decimation)))
+        rows = max(8, round(BLOCK_SECONDS * min(1.0, piece.pace) / (piece.period * self.bands.decimation)))
         all_three = np.column_stack([error, columns, other])
         all_three = np.asarray(lfilter(white, [1.0], all_three, axis=0))[piece.use]
         count = len(names)
@@ -217,8 +218,11 @@ class _Sweep:
 
     def _twins(self, number: int, piece: Piece, packed: Packed, runs: int) -> list[Piece]:
         """Simulated pieces; the first is for instruments only. Empty where the twin does not follow."""
-        twins = []
+        twins: list[Piece] = []
         for run in range(runs + 1):
+            if run and slides_freely(piece):
+                twins.append(twins[0])
+                break
             noise = np.random.default_rng([self.seed, number, run])
             result = run_twin(piece, packed, self.around, noise)
             if not result.follows:

@@ -18,38 +18,20 @@ from scipy.signal import lfilter
 
 from autotune.core.arrays import Flags, Floats
 from autotune.core.errors import NotEnoughExcitation
+from autotune.estimation.bandwidth import Bands
 from autotune.estimation.controller import PositionController, is_closed
 from autotune.estimation.residual import Motion, stretch_residual
-from autotune.estimation.twin import simulate_stretch, start_state
+from autotune.estimation.twin import leading, simulate_stretch, start_state
 from autotune.models.drive_model import Packed
 from autotune.recordings.checks import clipped, guide_of, torque_of
 from autotune.recordings.recording import Recording
 from autotune.signals.filters import low_pass, motion
 
-LEAST_ROWS = 150
+LEAST_SECONDS = 0.15
 UNFITTED = ("conditioning", "veto", "test")
 _EDGE_SECONDS = 0.03
-
-
-@dataclass(frozen=True, slots=True)
-class Bands:
-    """How signals are filtered before they are compared.
-
-    Attributes:
-        motion: cut-off of position, velocity and acceleration [Hz].
-        error: cut-off of the torque residual [Hz].
-        decimation: of the residual; half the rate left is just above `error`.
-    """
-
-    motion: float = 150.0
-    error: float = 60.0
-    decimation: int = 8
-
-    @classmethod
-    def for_period(cls, period: float) -> Bands:
-        """The study's bands at 1 kHz, scaled with the sampling rate where that is lower."""
-        rate = min(1.0, 1e-3 / period)
-        return cls(150.0 * rate, 60.0 * rate, max(1, int(1.0 / (period * 120.0 * rate))))
+_NEAR_SECONDS = 0.01
+"""All at the usual cut-off; times its pace (`Bands.pace`) at others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +46,7 @@ class Piece:
         use: which decimated rows of the residual are compared, shape (m,).
         sticks: the axis hardly left where it stood, so that the start of its bristle is unknown.
         rate, last_reference, last_position: the controller's memory before the first row.
+        pace: what lengths of time are multiplied by (`Bands.pace`).
     """
 
     experiment: str
@@ -83,6 +66,7 @@ class Piece:
     rate: float = 0.0
     last_reference: float = 0.0
     last_position: float = 0.0
+    pace: float = 1.0
 
     def __len__(self) -> int:
         return len(self.measured)
@@ -97,16 +81,17 @@ def cut(
         NotEnoughExcitation: none is left.
     """
     pieces = []
+    least = round(LEAST_SECONDS * bands.pace / recording.period)
     rates = _rates(recording, controller)
     for segment in recording.segments():
         if segment.experiment in unfitted:
             continue
         for start, stop in _without_gaps(recording, segment.start, segment.stop):
-            if stop - start >= LEAST_ROWS:
+            if stop - start >= least:
                 pieces.append(_piece(recording, start, stop, bands, rates))
     if not pieces:
         raise NotEnoughExcitation(
-            f"no stretch of the recording is longer than {LEAST_ROWS} rows without a gap and meant for fitting "
+            f"no stretch of the recording is longer than {least} rows without a gap and meant for fitting "
             f"({', '.join(unfitted)} are not); record longer"
         )
     return pieces
@@ -202,6 +187,7 @@ def _piece(recording: Recording, start: int, stop: int, bands: Bands, rates: Flo
         if "reference" in recording
         else 0.0,
         last_position=float(recording["position"][before]),
+        pace=bands.pace,
     )
 
 
@@ -214,9 +200,9 @@ def _compared(measured: Floats, at_limit: Flags, resolution: float, period: floa
     """Decimated rows away from the edges and from clipping, where the axis moves by more than two counts."""
     n = len(measured)
     use = np.ones(n, dtype=np.bool_)
-    edge = round(_EDGE_SECONDS / period)
-    use[:edge] = use[n - edge :] = False
-    reach = max(1, round(0.01 / period))
+    edge = round(_EDGE_SECONDS * bands.pace / period)
+    use[:edge] = use[max(n - edge, 0) :] = False
+    reach = max(1, round(_NEAR_SECONDS * bands.pace / period))
     if np.any(at_limit):
         use &= np.convolve(at_limit, np.ones(2 * reach + 1), "same") < 0.5
     if resolution > 0.0:
@@ -241,7 +227,7 @@ def marked_sticking(pieces: list[Piece], displacement: float) -> list[Piece]:
         use = piece.use
         if sticks and np.ptp(piece.torque) > 0:
             use = np.ones_like(use)
-            edge = math.ceil(len(use) * _EDGE_SECONDS / (piece.period * len(piece)))
+            edge = math.ceil(len(use) * _EDGE_SECONDS * piece.pace / (piece.period * len(piece)))
             use[:edge] = use[len(use) - edge :] = False
         marked.append(replace(piece, sticks=sticks, use=use))
     return marked
@@ -287,23 +273,47 @@ def run_twin(
 ) -> Simulated:
     """Simulates one piece; without `noise` it is free of noise.
 
-    A piece in closed loop without a usable controller does not follow, nor one that slides in torque
-    mode, where every error adds up.
+    A piece in closed loop without a usable controller does not follow. One that slides in torque mode, where every
+    error would add up, is led along the measured motion (`led`), without noise; what leads it sees no counts.
     """
     controller = around.controller
-    if (piece.closed and not controller.usable) or not (piece.closed or piece.sticks):
+    if piece.closed and not controller.usable:
         return Simulated(piece.measured, piece.torque, False)
+    free = slides_freely(piece)
+    if free:
+        piece, controller, noise = led(piece), leading(packed, piece.pace), None
     n = len(piece)
     zero = np.zeros(n)
     disturbed = zero if noise is None else noise.normal(0.0, 1.0, n) * around.process_noise
     position_noise = zero if noise is None else noise.normal(0.0, 1.0, n) * around.position_noise
     resolution = around.resolution if quantised else 0.0
+    seen = 0.0 if free else resolution
     position, torque, inside = simulate_stretch(
-        piece, packed, controller, around.limit, resolution, disturbed, position_noise
+        piece, packed, controller, around.limit, seen, disturbed, position_noise
     )
     if not inside:
         return Simulated(piece.measured, piece.torque, False)
+    if free and resolution > 0.0:
+        position = resolution * np.round(position / resolution)
     return Simulated(position, torque, _follows(piece, position, around.resolution))
+
+
+def slides_freely(piece: Piece) -> bool:
+    """Whether a piece slides without a controller that is known to have led it: in torque mode."""
+    return not (piece.closed or piece.sticks)
+
+
+def led(piece: Piece) -> Piece:
+    """A piece in torque mode as if a controller had added to its torque what keeps it on its way."""
+    return replace(
+        piece,
+        closed=True,
+        reference=piece.measured,
+        feedforward=piece.torque,
+        rate=0.0,
+        last_reference=float(piece.measured[0]),
+        last_position=float(piece.measured[0]),
+    )
 
 
 def _follows(piece: Piece, position: Floats, resolution: float) -> bool:

@@ -26,6 +26,7 @@ from autotune.estimation.residual import (
     simulated_motion,
     smoothed,
 )
+from autotune.estimation.twin import leading
 from autotune.models import layout
 from autotune.models.drive_model import BASE, Packed
 from autotune.models.effect import Kind
@@ -100,14 +101,16 @@ class Problem:
 
     def correction(self, packed: Packed, simulations: int | None = None) -> Correction:
         """Bias of the measurement chain for this model; nothing to correct without a controller."""
-        data = self.data
+        data, controller = self.data, self.controller
         empty = Correction(np.zeros(len(data.grid)), np.zeros(len(data.blocks)))
-        if self.controller is None:
+        if controller is None and data.pace < 1.0 and not self.scales.steady:
+            data, controller = led(data), leading(packed, data.pace)
+        if controller is None:
             return empty
         random = np.random.default_rng(SEED)
         runs = []
         for _ in range(simulations or self.simulations):
-            run = run_twin(data, packed, self.controller, self.disturbance, random)
+            run = run_twin(data, packed, controller, self.disturbance, random)
             if not run.stable:
                 return Correction(empty.bias, empty.variance, stable=False)
             raw = raw_residual(data, packed, simulated_motion(data, run))
@@ -177,6 +180,12 @@ class Problem:
     @property
     def has_veto(self) -> bool:
         return any(block.role == VETO and block.repeats > 1 for block in self.data.blocks)
+
+
+def led(data: Prepared) -> Prepared:
+    """A recording in torque mode as if a controller had added to its torque what keeps it on its way."""
+    stretches = tuple(replace(stretch, closed=True) for stretch in data.stretches)
+    return replace(data, reference=data.measured, feedforward=data.torque, stretches=stretches)
 
 
 def new_problem(data: Prepared, controller: PositionController | None, policy: Policy = POLICY) -> Problem:
@@ -318,7 +327,12 @@ def without_outlying(problem: Problem, error: Floats) -> Floats:
     """Weights that leave out stretches with far more error than the usual one: starts, stops, impacts."""
     weight = np.ones_like(problem.weight)
     step = max(
-        1, round(OUTLYING_SECONDS / (problem.data.period * float(np.median(np.diff(problem.data.grid[:50])))))
+        1,
+        round(
+            OUTLYING_SECONDS
+            * problem.data.pace
+            / (problem.data.period * float(np.median(np.diff(problem.data.grid[:50]))))
+        ),
     )
     pieces = np.array_split(np.arange(len(error)), max(1, len(error) // step))
     power = np.array([float(np.mean(error[piece] ** 2)) for piece in pieces])

@@ -179,6 +179,7 @@ class _Recorded:
     rate: float
     last_reference: float
     last_position: float
+    pace: float
 
 
 def _recorded(data: Prepared, controller: PositionController, stretch: Stretch) -> _Recorded:
@@ -199,4 +200,5 @@ def _recorded(data: Prepared, controller: PositionController, stretch: Stretch) 
         controller.reference_rate * wanted - float(velocity[0]),
         float(reference[0]) - wanted * data.period,
         float(data.measured[stretch.start]) - float(velocity[0]) * data.period,
+        data.pace,
     )

@@ -23,6 +23,8 @@ from autotune.models.torque_lag import MOTOR_TORQUE
 from autotune.models.torque_saturation import saturated
 
 START_SECONDS = 0.02
+LEADING = 6.0
+"""Hz, over the pace: bandwidth of what leads a twin in torque mode, a tenth of the usual cut-off."""
 LEAST_SHARE = 0.05
 """Of the stiffness: below, the start is forgotten so soon that its torque says nothing about it."""
 
@@ -49,15 +51,21 @@ def first_friction(
 
 
 def starting_state(
-    packed: Packed, torque: Floats, position: Floats, velocity: Floats, acceleration: Floats, period: float
+    packed: Packed,
+    torque: Floats,
+    position: Floats,
+    velocity: Floats,
+    acceleration: Floats,
+    period: float,
+    pace: float = 1.0,
 ) -> Floats:
     """State at the first row: the bristle carries what balances the first torques, at most friction.
 
-    Arrays of shape (n,), of the whole piece or of its beginning.
+    Arrays of shape (n,), of the whole piece or of its beginning; `pace` as in `Recorded`.
     """
     p, on = packed.p, packed.on
     state = np.zeros(layout.STATES)
-    first = slice(0, max(2, round(START_SECONDS / period)))
+    first = slice(0, max(2, round(START_SECONDS * pace / period)))
     outside = additive(p, on, float(np.mean(position[first])))
     spare = float(np.mean(torque[first])) - p[layout.INERTIA] * float(np.mean(acceleration[first])) - outside
     level, slope = first_friction(p, on, state, position[first], velocity[first], period)
@@ -77,10 +85,13 @@ class Recorded(Protocol):
         measured: position as recorded; `position`, `velocity`, `acceleration`: filtered motion.
         feedforward: part of the torque that was recorded as not the controller's.
         rate, last_reference, last_position: the controller's memory before the first row.
+        pace: what lengths of time are multiplied by where the axis is much faster or slower than usual.
     """
 
     @property
     def period(self) -> float: ...
+    @property
+    def pace(self) -> float: ...
     @property
     def closed(self) -> bool: ...
     @property
@@ -103,6 +114,16 @@ class Recorded(Protocol):
     def last_reference(self) -> float: ...
     @property
     def last_position(self) -> float: ...
+
+
+def leading(packed: Packed, pace: float) -> PositionController:
+    """A controller, slow against what is compared, under which a twin in torque mode moves much as the axis did.
+
+    What is subtracted is the twin's own torque residual, so that the torque that it adds does no harm.
+    """
+    speed = 2.0 * math.pi * LEADING / pace
+    inertia = float(packed.p[layout.INERTIA])
+    return PositionController(kp=inertia * speed**2, kd=1.4 * inertia * speed, source="identified")
 
 
 def simulate_stretch(
@@ -156,6 +177,7 @@ def start_state(recorded: Recorded, packed: Packed) -> Floats:
         recorded.velocity,
         recorded.acceleration,
         recorded.period,
+        recorded.pace,
     )
     return started_torque(packed, state, float(recorded.torque[0]))
 

@@ -16,7 +16,8 @@ import numpy as np
 
 from autotune.core.arrays import Floats
 from autotune.core.errors import NotEnoughExcitation, RecordingError
-from autotune.estimation.pieces import Bands, Piece
+from autotune.estimation.bandwidth import Bands
+from autotune.estimation.pieces import Piece
 from autotune.models.compiled import compiled
 from autotune.models.lugre import bristle_rate, bristle_step
 from autotune.signals.filters import low_pass

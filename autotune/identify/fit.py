@@ -14,8 +14,9 @@ import numpy as np
 
 from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError
+from autotune.estimation.bandwidth import Bands
 from autotune.estimation.controller import PositionController, controller_of
-from autotune.estimation.pieces import UNFITTED, Bands, Piece, cut, torque_error
+from autotune.estimation.pieces import UNFITTED, Piece, cut, torque_error
 from autotune.identify.estimate import Estimate
 from autotune.identify.first_guess import guess
 from autotune.identify.refinement import Joint, free_parameters, refine_recording
@@ -77,7 +78,7 @@ def fit(recordings: Sequence[Recording] | Recording, effects: Sequence[str] = ()
     kinds = [_startable(name) for name in effects]
     recording = joined(recordings)
     controller = controller_of(recording)
-    bands = Bands.for_period(recording.period)
+    bands = Bands.of(recording)
     pieces = cut(recording, bands, controller, UNFITTED)
     if holds_constant_speeds_only(recording):
         speeds = fit_speed_curve(recording, effects)

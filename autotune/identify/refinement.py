@@ -10,9 +10,10 @@ from types import MappingProxyType
 import numpy as np
 from scipy.stats import t as student
 
+from autotune.estimation.bandwidth import Bands
 from autotune.estimation.controller import PositionController, controller_of
 from autotune.estimation.joint_fit import Refined, refine
-from autotune.estimation.pieces import UNFITTED, Bands, Surroundings, cut, marked_sticking
+from autotune.estimation.pieces import UNFITTED, Surroundings, cut, marked_sticking
 from autotune.identify.estimate import Estimate, Quantity
 from autotune.models.drive_model import DriveModel, surface_parameter
 from autotune.recordings.recording import Recording
@@ -71,7 +72,7 @@ def refine_recording(
     """
     names = free if free is not None else free_parameters(model)
     controller = controller_of(recording)
-    bands = Bands.for_period(recording.period)
+    bands = Bands.of(recording)
     pieces = cut(recording, bands, controller, unfitted)
     displacement = max(model["coulomb"], 1e-12) / model["stiffness"]
     refined = refine(

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autotune.core.arrays import Floats
+from autotune.estimation.bandwidth import Bands
 from autotune.estimation.controller import PositionController, controller_of
-from autotune.estimation.pieces import Bands, Piece, cut, run_twin, torque_error
+from autotune.estimation.pieces import Piece, cut, run_twin, torque_error
 from autotune.identify.refinement import surroundings
 from autotune.models.drive_model import DriveModel
 from autotune.recordings.recording import Recording
@@ -65,7 +66,7 @@ class ClosedLoop:
 def torque_residual(recording: Recording, model: DriveModel) -> Residual:
     """Torque residual of a model on a recording, through filters that are the same for everybody."""
     controller = controller_of(recording)
-    bands = Bands.for_period(recording.period)
+    bands = Bands.of(recording)
     packed = model.pack()
     pieces = cut(recording, bands, controller, ())
     parts = []
@@ -107,7 +108,7 @@ def simulate_closed_loop(recording: Recording, model: DriveModel, seed: int | No
     Without `seed` the twin is free of noise and of the quantiser.
     """
     controller = controller_of(recording)
-    bands = Bands.for_period(recording.period)
+    bands = Bands.of(recording)
     around = surroundings(recording, controller)
     position = np.full(len(recording), math.nan)
     torque = np.full(len(recording), math.nan)

@@ -32,9 +32,10 @@ def recorded(
     seconds: float = 6.0,
     seed: int = 4,
     noise: float = 2e-3,
+    period: float = PERIOD,
 ) -> Recording:
     """A multisine on an axis under this controller, with a torque that changes every sample as noise."""
-    time = np.arange(round(seconds / PERIOD)) * PERIOD
+    time = np.arange(round(seconds / period)) * period
     random = np.random.default_rng(seed)
     phases = random.uniform(0.0, 2.0 * np.pi, 5)
     tones = [
@@ -43,7 +44,7 @@ def recorded(
     reference = 2.0 * np.sum(tones, axis=0) * np.minimum(time / 0.5, 1.0) ** 2
     packed = (model or base_model(AXIS)).pack()
     position, torque = np.empty_like(time), np.empty_like(time)
-    loop = np.array([PERIOD, limit or np.inf, RESOLUTION, 0.0, 0.0, reference[0], 0.0])
+    loop = np.array([period, limit or np.inf, RESOLUTION, 0.0, 0.0, reference[0], 0.0])
     simulate(
         packed.p,
         packed.on,
@@ -51,16 +52,16 @@ def recorded(
         law.gains,
         loop,
         True,
-        substeps_for(packed.p, PERIOD, packed.on),
+        substeps_for(packed.p, period, packed.on),
         reference,
-        law.feedforward(reference, reference[0], PERIOD),
-        random.normal(0.0, noise, len(time)),
+        law.feedforward(reference, reference[0], period),
+        random.normal(0.0, noise * np.sqrt(PERIOD / period), len(time)),
         np.zeros_like(time),
         position,
         torque,
     )
     metadata = Metadata(
-        sample_period=PERIOD, position_resolution=RESOLUTION, torque_limit=limit, controller=known
+        sample_period=period, position_resolution=RESOLUTION, torque_limit=limit, controller=known
     )
     columns = {"time": time, "reference": reference, "position": position, "torque": torque}
     return Recording.from_columns(columns, metadata, "motion")

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+from autotune.estimation.bandwidth import Bands
 from autotune.estimation.controller import controller_of
 from autotune.estimation.data import prepare
 from autotune.estimation.disturbance import STILL
-from autotune.estimation.pieces import Bands, cut
+from autotune.estimation.pieces import cut
 from autotune.estimation.residual import (
     Motion,
     measured_motion,

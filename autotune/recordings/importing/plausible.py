@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import signal
 
 from autotune.core.arrays import Floats
 from autotune.core.errors import RecordingError
@@ -20,6 +21,8 @@ from autotune.recordings.recording import Recording
 from autotune.signals.filters import low_pass
 
 _MOST_ROWS = 400_000
+_USUAL_HALF, _MOST_USUAL = 10.0, 50.0
+"""Hz, below which half of a servo axis's work is done, and at most."""
 _LEAST_FOLLOWED = 0.1
 _SURE = 0.5
 """Of what is left without a term, the share it must explain before its coefficient is compared with decades."""
@@ -89,13 +92,25 @@ def energy_balance(parts: list[Recording]) -> Energy | None:
 
 def _work_and_terms(part: Recording) -> tuple[Floats, Floats]:
     """Work done since the segment's start, shape (n,), and its terms, shape (n, 5)."""
-    smooth = low_pass(part["position"], min(50.0, 0.1 / part.period), part.period)
+    smooth = low_pass(part["position"], min(50.0 * _times_as_fast(part), 0.1 / part.period), part.period)
     step = np.diff(smooth)
     velocity = step / part.period
     work = np.cumsum(0.5 * (part["torque"][1:] + part["torque"][:-1]) * step)
     place = 0.5 * (smooth[1:] + smooth[:-1]) - smooth[0]
     kinetic = 0.5 * (velocity**2 - velocity[0] ** 2)
     return work, np.column_stack([kinetic, np.cumsum(np.abs(step)), place, place**2, np.ones(len(place))])
+
+
+def _times_as_fast(part: Recording) -> float:
+    """How many times as fast as a servo axis: 1 where half of the work is done below 50 Hz, more for a piezo's axis."""
+    window = min(4096, len(part) // 4)
+    speed = np.diff(part["position"])
+    if window < 16 or not np.any(speed):
+        return 1.0
+    frequency, work = signal.csd(part["torque"][1:], speed, 1.0 / part.period, nperseg=window, detrend=False)
+    done = np.abs(np.cumsum(work.real))
+    half = float(frequency[int(np.argmax(done >= 0.5 * done[-1]))])
+    return half / _USUAL_HALF if half > _MOST_USUAL else 1.0
 
 
 def _regress(work: Floats, terms: Floats) -> Energy | None:
@@ -136,7 +151,7 @@ def _follows(parts: list[Recording]) -> bool:
     """Whether the torque follows the motion at all: of a torque of something else no sign can be wrong."""
     terms, torques = [], []
     for part in parts:
-        cutoff = min(20.0, 0.05 / part.period)
+        cutoff = min(20.0 * _times_as_fast(part), 0.05 / part.period)
         place = low_pass(part["position"], cutoff, part.period) - part["position"][0]
         velocity = np.gradient(place, part.period)
         acceleration = np.gradient(velocity, part.period)
