@@ -20,6 +20,8 @@ could have become too fast, or could stop only outside the travel, while the enc
 the axis is stopped: it may be running. This bound is kept whatever the encoder does; an axis that truly
 sticks under so much torque for so long cannot be told from one that runs, and is stopped too.
 
+A loop that swings is told by `swing_watch`.
+
 `must` and `may` come from the axis's own inverse (`inverse_estimate`), see `_levels`; before that is
 known, from the limits: J = torque/deceleration, no friction, and a motion that was asked for.
 """
@@ -32,8 +34,10 @@ from dataclasses import dataclass
 
 from autotune.core.axis import Limits
 from autotune.core.drive import Mode
+from autotune.experiments.fine_inertia import FineInertia
 from autotune.experiments.inverse_estimate import InverseEstimate
 from autotune.experiments.momentum_watch import EXCESS_SECONDS, ExcessWatch, MomentumWatch
+from autotune.experiments.swing_watch import SwingWatch
 
 LAZY_COUNTS = 3.0  # of progress that an encoder at work must show
 ALIVE_COUNTS = 1.5  # a flicker of one count is no sign of life
@@ -53,6 +57,7 @@ LATER_LIGHT = 0.4  # the same after STROKES, where its inertia is still not know
 LIGHT_PART = 0.5  # of the inertia found
 HEAVY = 2.0  # times torque/deceleration: the heaviest axis that can brake as its file says
 HEAVY_PART = 3.0  # times the inertia found
+HEAVY_SWING = 4.0  # times the inertia from small motion: beyond, a swing tells of something else
 OVERSTATED = 1.2  # by which limits.deceleration may exceed what torque and friction can do
 STICKS_SECONDS = 0.005  # without a count: the axis sticks
 FORGET = 0.995  # of the largest sticking torque, each time it breaks loose
@@ -108,11 +113,13 @@ class Learnt:
     Attributes:
         scales: limits, cycle and resolution that it was learnt with; with others it means nothing.
         estimate: of the inverse; sticks: torque beyond what slides it that was seen to hold it.
+        fine: inertia from small motion.
     """
 
     scales: tuple[Limits, float, float]
     estimate: InverseEstimate
     sticks: float
+    fine: FineInertia
 
 
 class MotionWatch:
@@ -131,6 +138,7 @@ class MotionWatch:
         "_down",
         "_estimate",
         "_excess",
+        "_fine",
         "_first",
         "_held",
         "_last",
@@ -144,6 +152,7 @@ class MotionWatch:
         "_reference",
         "_silence",
         "_sticks",
+        "_swing",
         "_torque",
         "_up",
     )
@@ -157,11 +166,14 @@ class MotionWatch:
         self._count = resolution
         self._estimate = InverseEstimate(limits, period, resolution)
         self._held = 0.0
+        self._fine = FineInertia(limits.torque, period, resolution)
         if learnt is not None and learnt.scales == (limits, period, resolution):
             self._estimate, self._held = deepcopy(learnt.estimate), learnt.sticks
+            self._fine = deepcopy(learnt.fine)
         self._momentum = MomentumWatch(limits, period, resolution)
         self._order = limits.torque / limits.deceleration
         self._excess = ExcessWatch(self._order)
+        self._swing = SwingWatch(limits.torque, self._order, resolution)
         self._sticks = STICKS_SECONDS
         self._up, self._down = _Way(), _Way()
         self._mode = Mode.POSITION
@@ -171,7 +183,7 @@ class MotionWatch:
     @property
     def learnt(self) -> Learnt:
         """What is known of the axis now."""
-        return Learnt((self._limits, self._period, self._count), self._estimate, self._held)
+        return Learnt((self._limits, self._period, self._count), self._estimate, self._held, self._fine)
 
     @property
     def doubtful(self) -> bool:
@@ -198,8 +210,10 @@ class MotionWatch:
         self._up.still()
         self._down.still()
         self._estimate.restart(position)
+        self._fine.restart()
         self._momentum.begin(position)
         self._excess.begin(reference)
+        self._swing.begin(position, reference, torque)
         self._levels()
 
     def check(self, position: float, reference: float, torque: float, cycle: float) -> str:
@@ -214,8 +228,14 @@ class MotionWatch:
                 return why
         if missing := self._momentum.check(position, acting, cycle, cycle > 1.5 * self._period):
             return self._short(missing, acting)
-        if self._mode is Mode.POSITION and self._excess.check(reference, acting, cycle):
-            return self._unasked(acting)
+        if self._mode is Mode.POSITION:
+            if self._excess.check(reference, acting, cycle):
+                return self._unasked(acting)
+            fine = self._fine
+            if fine.add(position, acting, cycle) and (fine.inertia or fine.quiet):
+                self._swing.weigh(HEAVY_SWING * fine.inertia or math.inf, not fine.inertia)
+            if heavy := self._swing.check(position, reference, acting, cycle):
+                return self._swings(heavy)
         moved, count = position - self._position, self._count
         if moved > ALIVE_COUNTS * count or moved < -ALIVE_COUNTS * count:
             self._alive(position, reference, acting, cycle)
@@ -276,6 +296,7 @@ class MotionWatch:
             lightest = LIGHT_PART * inverse.inertia
             heaviest = min(heaviest, HEAVY_PART * inverse.heaviest)
             self._momentum.know(inverse, max(STICKS_BEYOND * self._held, SEEN_BEYOND * friction))
+        self._swing.know(friction)
         for way, sign, level in ((self._up, 1.0, inverse.up), (self._down, -1.0, inverse.down)):
             way.lightest, way.heaviest = lightest, heaviest
             first = sign * self._first
@@ -327,6 +348,15 @@ class MotionWatch:
             f"the controller has demanded {torque:.4g} for {EXCESS_SECONDS * 1e3:.0f} ms, more than this axis has ever "
             "needed and its reference asks for: its loop swings, something pushes or holds it, or the encoder tells "
             "only a part of the motion; check gains, encoder and coupling, and make sure that the axis moves freely"
+        )
+
+    def _swings(self, inertia: float) -> str:
+        self._blind = True
+        return (
+            f"the loop swings, and by torque and motion the axis has an inertia of {inertia:.4g} in it, far more than "
+            "before, or it has begun to swing all at once: the encoder tells only a part of the motion (lost pulses, a "
+            "coupling that slips), or something has been put on the axis; check encoder, coupling and cable, and make "
+            "sure that the axis moves freely"
         )
 
     def _unseen(self, way: _Way, torque: float) -> str:
