@@ -123,8 +123,9 @@ def small_motion(
     parts = []
     for rows in np.array_split(np.arange(len(piece)), sets):
         where = slice(int(rows[0]), int(rows[-1]) + 1)
-        measured = fit_set(piece, where, system, predictor)
-        simulated = [fit_set(twin, where, system, predictor) for twin in twins]
+        unknown = left_by_start(len(rows), predictor)
+        measured = fit_set(piece, where, system, predictor, unknown)
+        simulated = [fit_set(twin, where, system, predictor, unknown) for twin in twins]
         found = [one[0] for one in simulated if one is not None]
         if measured is None or not found:
             continue
@@ -161,21 +162,32 @@ def noise_polynomial(system: SpringMass, piece: Piece, around: Surroundings) -> 
     return np.asarray(np.poly(scaled @ (np.eye(2) - np.outer(gain, [1.0, 0.0]))).real)
 
 
-def fit_set(piece: Piece, where: slice, start: SpringMass, predictor: Floats) -> tuple[Floats, Floats] | None:
+def left_by_start(count: int, predictor: Floats) -> Floats:
+    """Offset, drift and what the start leaves behind in prediction errors: an orthonormal basis, shape (count, 4)."""
+    pulse = np.zeros(count)
+    pulse[0] = 1.0
+    start = np.asarray(lfilter([1.0], predictor, pulse))
+    late = np.concatenate([[0.0], start[:-1]])
+    return np.linalg.qr(np.column_stack([np.ones(count), np.linspace(-1.0, 1.0, count), start, late]))[0]
+
+
+def fit_set(
+    piece: Piece, where: slice, start: SpringMass, predictor: Floats, unknown: Floats
+) -> tuple[Floats, Floats] | None:
     """Logarithms of inertia, damping and stiffness, shape (3,), and the root of their information.
 
-    None where the fit runs away.
+    None where the fit runs away. `unknown` is what `left_by_start` gives for so many rows.
     """
     torque, position = piece.torque[where], piece.measured[where]
     torque, position = torque - torque.mean(), position - position.mean()
     begin = np.log([start.inertia, start.damping, start.stiffness])
     x, columns, error = begin.copy(), np.empty((len(torque), 3)), np.empty(0)
     for _ in range(_ITERATIONS):
-        error = _prediction_error(x, torque, position, piece.period, predictor)
+        error = _prediction_error(x, torque, position, piece.period, predictor, unknown)
         for index in range(3):
             moved = x.copy()
             moved[index] += _DIFFERENCE
-            other = _prediction_error(moved, torque, position, piece.period, predictor)
+            other = _prediction_error(moved, torque, position, piece.period, predictor, unknown)
             columns[:, index] = (other - error) / _DIFFERENCE
         step = -np.linalg.lstsq(columns, error, rcond=None)[0]
         x = x + np.clip(step, -_LARGEST, _LARGEST)
@@ -188,20 +200,13 @@ def fit_set(piece: Piece, where: slice, start: SpringMass, predictor: Floats) ->
 
 
 def _prediction_error(
-    x: Floats, torque: Floats, position: Floats, period: float, predictor: Floats
+    x: Floats, torque: Floats, position: Floats, period: float, predictor: Floats, unknown: Floats
 ) -> Floats:
-    """A/C·y − B/C·u, less offset, drift and what the start leaves behind."""
+    """A/C·y − B/C·u, less what is unknown of the set: offset, drift and what the start leaves behind."""
     system = SpringMass(*(float(value) for value in np.exp(x)))
     denominator, numerator = system.coefficients(period)
     error = lfilter(denominator, predictor, position) - lfilter(numerator, predictor, torque)
-    count = len(error)
-    pulse = np.zeros(count)
-    pulse[0] = 1.0
-    start = np.asarray(lfilter([1.0], predictor, pulse))
-    loose = np.column_stack(
-        [np.ones(count), np.linspace(-1.0, 1.0, count), start, np.concatenate([[0.0], start[:-1]])]
-    )
-    return np.asarray(error - loose @ np.linalg.lstsq(loose, error, rcond=None)[0])
+    return np.asarray(error - unknown @ (error @ unknown))
 
 
 def _binding(system: SpringMass, names: Sequence[str], scale: Floats) -> Floats:
