@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy import ndimage, signal
+import scipy
 
 from autotune.core.arrays import Floats, Integers
 from autotune.estimation.alignment import aligned, needed, upsampled
@@ -72,7 +72,7 @@ def coherent_cutoff(recording: Recording, twin: bool = False) -> float:
     wanted = wanted if np.ptp(wanted) > 0.0 else position
     # where a controller follows a reference, noise runs round the loop and is coherent with itself
     acceleration = np.diff(wanted, 2) / period**2
-    frequency, coherence = signal.coherence(torque[1:-1], acceleration, 1.0 / period, nperseg=window)
+    frequency, coherence = scipy.signal.coherence(torque[1:-1], acceleration, 1.0 / period, nperseg=window)
     best = min(CANDIDATES[0], FASTEST / period)
     for candidate in CANDIDATES:
         if candidate > FASTEST / period:
@@ -88,7 +88,7 @@ def coherent_cutoff(recording: Recording, twin: bool = False) -> float:
 def loud_below(torque: Floats, period: float) -> float:
     """Frequency [Hz] below which nearly all of the torque's power above its noise lies."""
     window = min(2048, len(torque) // 4)
-    frequency, power = signal.welch(torque, 1.0 / period, nperseg=window)
+    frequency, power = scipy.signal.welch(torque, 1.0 / period, nperseg=window)
     floor = float(np.median(power[3 * len(power) // 4 :]))
     total = np.cumsum(np.maximum(power - 2.0 * floor, 0.0))
     return float(frequency[np.searchsorted(total, MOST_POWER * total[-1])])
@@ -110,10 +110,10 @@ def without_rest(data: Prepared) -> Prepared:
     reach = len(data.taps) // 2 + round(1.0 / (data.motion_cutoff * data.period)) + shortest
     speed = np.abs(data.velocity)
     least = max(REST * float(np.percentile(speed, 99.5)), 0.25 * data.resolution / REST_SECONDS)
-    still = ndimage.uniform_filter1d((speed < least).astype(np.float64), shortest) > 0.999
+    still = scipy.ndimage.uniform_filter1d((speed < least).astype(np.float64), shortest) > 0.999
     unseen = travel_since_reversal(data) < GRAIN * data.resolution
-    near = ndimage.maximum_filter1d(still, 2 * reach + 1)
-    near |= ndimage.maximum_filter1d(unseen, 2 * (reach - shortest) + 1)
+    near = scipy.ndimage.maximum_filter1d(still, 2 * reach + 1)
+    near |= scipy.ndimage.maximum_filter1d(unseen, 2 * (reach - shortest) + 1)
     moving = ~near[data.grid]
     rows: list[Integers] = []
     blocks: list[Block] = []

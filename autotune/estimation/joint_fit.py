@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import lfilter
+import scipy
 
 from autotune.core.arrays import Floats
 from autotune.estimation.normal_equations import BLOCK_SECONDS, Normal, Part, assemble, whitener
@@ -217,7 +217,7 @@ class _Sweep:
             white = whitener((first - bias)[piece.use])
         rows = max(8, round(BLOCK_SECONDS / (piece.period * self.bands.decimation)))
         all_three = np.column_stack([here - bias, columns, other])
-        all_three = np.asarray(lfilter(white, [1.0], all_three, axis=0))[piece.use]
+        all_three = np.asarray(scipy.signal.lfilter(white, [1.0], all_three, axis=0))[piece.use]
         count = len(names)
         return Part(all_three[:, 0], all_three[:, 1 : 1 + count], all_three[:, 1 + count :], rows)
 

@@ -18,8 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import LinAlgError, expm, solve_discrete_are
-from scipy.signal import lfilter
+import scipy
 
 from autotune.core.arrays import Floats
 from autotune.estimation.normal_equations import Part
@@ -58,20 +57,20 @@ class SpringMass:
         whole = np.zeros((3, 3))
         whole[0, 1] = 1.0
         whole[1] = np.array([-self.stiffness, -self.damping, 1.0]) / self.inertia
-        result = expm(whole * period)
+        result = scipy.linalg.expm(whole * period)
         return np.asarray(result[:2, :2]), np.asarray(result[:2, 2])
 
     def respond(self, torque: Floats, period: float) -> Floats:
         """Displacement of an axis at rest before the first sample, shape (n,)."""
         denominator, numerator = self.coefficients(period)
-        return np.asarray(lfilter(numerator, denominator, torque))
+        return np.asarray(scipy.signal.lfilter(numerator, denominator, torque))
 
     def free(self, count: int, period: float) -> Floats:
         """Two decaying motions without input, shape (2, count): from displacement 1, and from a push."""
         denominator, _ = self.coefficients(period)
         push = np.zeros(count)
         push[0] = 1.0
-        swing = np.asarray(lfilter([1.0], denominator, push))
+        swing = np.asarray(scipy.signal.lfilter([1.0], denominator, push))
         return np.stack([swing, np.concatenate([[0.0], swing[:-1]])])
 
     def _poles(self) -> tuple[complex, complex]:
@@ -155,8 +154,8 @@ def noise_polynomial(system: SpringMass, piece: Piece, around: Surroundings) -> 
     scaled = transition * scale / scale[:, None]
     noise = np.outer(entry / scale, entry / scale) * around.process_noise**2
     try:
-        covariance = solve_discrete_are(scaled.T, np.array([[1.0], [0.0]]), noise, np.eye(1))
-    except LinAlgError:
+        covariance = scipy.linalg.solve_discrete_are(scaled.T, np.array([[1.0], [0.0]]), noise, np.eye(1))
+    except np.linalg.LinAlgError:
         return np.array([1.0, 0.0, 0.0])
     gain = covariance[:, 0] / (covariance[0, 0] + 1.0)
     return np.asarray(np.poly(scaled @ (np.eye(2) - np.outer(gain, [1.0, 0.0]))).real)
@@ -166,7 +165,7 @@ def left_by_start(count: int, predictor: Floats) -> Floats:
     """Offset, drift and what the start leaves behind in prediction errors: an orthonormal basis, shape (count, 4)."""
     pulse = np.zeros(count)
     pulse[0] = 1.0
-    start = np.asarray(lfilter([1.0], predictor, pulse))
+    start = np.asarray(scipy.signal.lfilter([1.0], predictor, pulse))
     late = np.concatenate([[0.0], start[:-1]])
     return np.linalg.qr(np.column_stack([np.ones(count), np.linspace(-1.0, 1.0, count), start, late]))[0]
 
@@ -205,7 +204,9 @@ def _prediction_error(
     """A/C·y − B/C·u, less what is unknown of the set: offset, drift and what the start leaves behind."""
     system = SpringMass(*(float(value) for value in np.exp(x)))
     denominator, numerator = system.coefficients(period)
-    error = lfilter(denominator, predictor, position) - lfilter(numerator, predictor, torque)
+    error = scipy.signal.lfilter(denominator, predictor, position) - scipy.signal.lfilter(
+        numerator, predictor, torque
+    )
     return np.asarray(error - unknown @ (error @ unknown))
 
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
+import scipy
 from numba import njit
-from scipy import signal
 
 from autotune.core.arrays import Floats
 
@@ -53,8 +53,8 @@ def block_mean(values: Floats, factor: int) -> Floats:
 @lru_cache(maxsize=32)
 def _sections(order: int, relative: float) -> tuple[Floats, Floats]:
     """Second-order sections, and their state at rest at a constant input of 1, shape (sections, 2)."""
-    sections = np.ascontiguousarray(signal.butter(order, relative, output="sos"))
-    return sections, np.ascontiguousarray(signal.sosfilt_zi(sections))
+    sections = np.ascontiguousarray(scipy.signal.butter(order, relative, output="sos"))
+    return sections, np.ascontiguousarray(scipy.signal.sosfilt_zi(sections))
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
