@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
+import scipy
 
 from autotune.control.gains.loop import Gains, LoopTiming
 from autotune.control.gains.twin import follow
@@ -73,7 +73,7 @@ def learn(
             f"a motion of {len(reference) * timing.period:.3g} s is too short to learn on; "
             f"{10.0 / CUT_OFF:.2g} s are needed"
         )
-    filters = butter(2, min(CUT_OFF, 0.4 / timing.period), fs=1.0 / timing.period, output="sos")
+    filters = scipy.signal.butter(2, min(CUT_OFF, 0.4 / timing.period), fs=1.0 / timing.period, output="sos")
     torque = np.zeros(len(reference)) if start is None else start.copy()
     best, peaks, since = torque, [], 0
     for _ in range(TRIALS):
@@ -89,5 +89,5 @@ def learn(
             break
         feedback = motion.torque - torque
         ahead = np.concatenate([feedback[AHEAD:], np.full(AHEAD, feedback[-1])])
-        torque = sosfiltfilt(filters, torque + GAIN * ahead)
+        torque = scipy.signal.sosfiltfilt(filters, torque + GAIN * ahead)
     return Learnt(best, np.array(peaks), len(peaks))

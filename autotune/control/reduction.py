@@ -25,7 +25,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from scipy import optimize
+import scipy
 
 from autotune.control.closed_loop import steady_error
 from autotune.control.feedforward import FeedforwardLaw, LugreParameters, advance
@@ -110,7 +110,7 @@ def level_for_block(
         return predict.error(torque)
 
     low, high = sorted((full.break_away, full.coulomb))
-    found = optimize.minimize_scalar(
+    found = scipy.optimize.minimize_scalar(
         lambda level: _rms(error(float(level))),
         bounds=(low, high),
         method="bounded",
@@ -218,7 +218,7 @@ def _least_error(values: Mapping[str, float], full: LugreParameters, predict: _P
     grid = np.linspace(0.0, full.coulomb, SEARCH_POINTS)
     best = int(np.argmin([squares(float(value)) for value in grid]))
     low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
-    found = optimize.minimize_scalar(
+    found = scipy.optimize.minimize_scalar(
         squares, bounds=(low, high), method="bounded", options={"xatol": 1e-3 * full.coulomb}
     )
     return float(found.x) if found.fun < squares(float(grid[best])) else float(grid[best])

@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import optimize
 
 from autotune.control.feedforward import LugreParameters, feedforward_along
 from autotune.core.arrays import Floats
@@ -149,7 +149,7 @@ def refine(
 
     simplex = np.vstack([np.zeros(len(MOVED)), 0.15 * np.eye(len(MOVED))])
     options: Any = {"maxfev": 1200, "xatol": 1e-4, "fatol": 1e-6, "initial_simplex": simplex}
-    found = optimize.minimize(cost, np.zeros(len(MOVED)), method="Nelder-Mead", options=options)
+    found = scipy.optimize.minimize(cost, np.zeros(len(MOVED)), method="Nelder-Mead", options=options)
     parameters, error, _ = predicted(np.clip(start + found.x * scale, lower, upper))
     return Refinement(parameters, float(np.max(np.abs(error))), smooth_peak(error))
 

@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2
+import scipy
 
 from autotune.core.arrays import Floats
 from autotune.diagnosis.candidates import FittedCandidate, Progress, ScreenedCandidate
@@ -217,7 +217,7 @@ def _significant(
     slots = {n: [kind.slot(f"{part}_{n}") for part in terms.amplitudes] for n in kept}
     fitted = [n for n in kept if all(slot in places for slot in slots[n])]
     value = packed.p[[one.slot for one in free]]
-    least = float(chi2.ppf(1.0 - chance, len(terms.amplitudes)))
+    least = float(scipy.stats.chi2.ppf(1.0 - chance, len(terms.amplitudes)))
     while len(fitted) > (len(fitted) == len(kept)):
         worth = {n: _wald(value, spread, [places[slot] for slot in slots[n]]) for n in fitted}
         weakest = min(fitted, key=lambda n: worth[n])

@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import nnls
+import scipy
 
 from autotune.core.arrays import Floats
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
@@ -128,7 +128,7 @@ def _on_the_curve(coulomb: float, reach: float, places: Floats) -> list[_Element
     way = np.geomspace(0.05 * places[0], 4.0 * reach + places[-1], 200)
     columns = np.minimum(way[:, None] / places[None, :], 1.0)
     curve = coulomb * (1.0 - np.exp(-way / reach)) - KEPT * coulomb * (1.0 - np.exp(-way / places[0]))
-    torques, _ = nnls(columns, curve)
+    torques, _ = scipy.optimize.nnls(columns, curve)
     least = 1e-3 * coulomb
     return [_Element(float(d), max(float(w), least)) for d, w in zip(places, torques, strict=True)]
 

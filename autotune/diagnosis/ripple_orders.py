@@ -12,8 +12,8 @@ from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from autotune.core.arrays import Floats, Integers
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
@@ -73,7 +73,8 @@ def find_orders(
     far = np.ones(len(orders), dtype=np.bool_)
     for other in present:
         far &= np.abs(orders - other) > SAME * tells
-    contrast = max(LINE_CONTRAST, float(chi2.ppf(1.0 - CHANCE / len(orders), 2) / chi2.median(2)))
+    surprising = scipy.stats.chi2.ppf(1.0 - CHANCE / len(orders), 2) / scipy.stats.chi2.median(2)
+    contrast = max(LINE_CONTRAST, float(surprising))
     found: list[float] = []
     left, beside_found = error, basis
     gains = np.where(far, _gains(table, basis, error), 0.0)

@@ -21,8 +21,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy import ndimage, signal
-from scipy.interpolate import make_interp_spline
+import scipy
 
 from autotune.core.arrays import Flags, Floats
 from autotune.estimation.data import Prepared, known_resolution, stretches_of
@@ -66,7 +65,7 @@ def _splined(values: Floats, stretches: Sequence[slice], factor: int, old: Float
     result = np.asarray(np.interp(new, old, values), dtype=np.float64)
     for rows in stretches:
         inside = slice(rows.start * factor, (rows.stop - 1) * factor + 1)
-        spline = make_interp_spline(old[rows], values[rows], DEGREE)
+        spline = scipy.interpolate.make_interp_spline(old[rows], values[rows], DEGREE)
         result[inside] = spline(new[inside])
     return result
 
@@ -129,7 +128,7 @@ def away_from_reversals(data: Prepared) -> Flags:
     """Grid rows whose low-pass sees one direction only, shape (m,); all where those are too few."""
     speed = np.abs(data.velocity)
     slow = speed < 0.1 * float(np.percentile(speed, 99.5))
-    near = ndimage.maximum_filter1d(slow, 2 * (len(data.taps) // 2) + 1)
+    near = scipy.ndimage.maximum_filter1d(slow, 2 * (len(data.taps) // 2) + 1)
     rows = np.asarray(~near[data.grid])
     return rows if rows.mean() > LEAST_FAST else np.ones(len(rows), dtype=np.bool_)
 
@@ -226,7 +225,7 @@ def _through(data: Prepared, samples: float) -> Callable[[Floats], Floats]:
         for stretch in data.stretches:
             part = values[stretch.rows]
             state = [(1.0 - share) * part[0]]
-            result[stretch.rows] = signal.lfilter([share], [1.0, share - 1.0], part, zi=state)[0]
+            result[stretch.rows] = scipy.signal.lfilter([share], [1.0, share - 1.0], part, zi=state)[0]
         return result
 
     return run

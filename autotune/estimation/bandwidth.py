@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage, signal
+import scipy
 
 from autotune.core.arrays import Floats, Integers
 from autotune.estimation.alignment import aligned, needed, upsampled
@@ -117,9 +117,9 @@ def busy_below(recording: Recording) -> float:
         rows = segment.stop - segment.start
         if rows >= 2 * window:
             pair = torque[segment.rows][1:-1], np.diff(position[segment.rows], 2)
-            own += rows * signal.csd(pair[0], pair[0], 1.0 / period, nperseg=window)[1]
-            other += rows * signal.csd(pair[1], pair[1], 1.0 / period, nperseg=window)[1]
-            both += rows * signal.csd(pair[0], pair[1], 1.0 / period, nperseg=window)[1]
+            own += rows * scipy.signal.csd(pair[0], pair[0], 1.0 / period, nperseg=window)[1]
+            other += rows * scipy.signal.csd(pair[1], pair[1], 1.0 / period, nperseg=window)[1]
+            both += rows * scipy.signal.csd(pair[0], pair[1], 1.0 / period, nperseg=window)[1]
     power = np.abs(both) ** 2 / np.maximum(other.real, 1e-300)
     power[power < HEARD * own.real] = 0.0
     total = np.cumsum(np.maximum(power - 2.0 * float(np.median(power[3 * len(power) // 4 :])), 0.0))
@@ -144,7 +144,7 @@ def coherent_cutoff(recording: Recording, twin: bool = False) -> float:
     wanted = wanted if np.ptp(wanted) > 0.0 else position
     # where a controller follows a reference, noise runs round the loop and is coherent with itself
     acceleration = np.diff(wanted, 2) / period**2
-    frequency, coherence = signal.coherence(torque[1:-1], acceleration, 1.0 / period, nperseg=window)
+    frequency, coherence = scipy.signal.coherence(torque[1:-1], acceleration, 1.0 / period, nperseg=window)
     candidates = [candidate / pace for candidate in CANDIDATES]
     best = min(candidates[0], FASTEST / period)
     for candidate in candidates:
@@ -164,7 +164,7 @@ def coherent_cutoff(recording: Recording, twin: bool = False) -> float:
 def loud_below(torque: Floats, period: float) -> float:
     """Frequency [Hz] below which nearly all of the torque's power above its noise lies."""
     window = min(2048, len(torque) // 4)
-    frequency, power = signal.welch(torque, 1.0 / period, nperseg=window)
+    frequency, power = scipy.signal.welch(torque, 1.0 / period, nperseg=window)
     floor = float(np.median(power[3 * len(power) // 4 :]))
     total = np.cumsum(np.maximum(power - 2.0 * floor, 0.0))
     return float(frequency[np.searchsorted(total, MOST_POWER * total[-1])])
@@ -187,10 +187,10 @@ def without_rest(data: Prepared) -> Prepared:
     reach = len(data.taps) // 2 + round(1.0 / (data.motion_cutoff * data.period)) + shortest
     speed = np.abs(data.velocity)
     least = max(REST * float(np.percentile(speed, 99.5)), 0.25 * data.resolution / seconds)
-    still = ndimage.uniform_filter1d((speed < least).astype(np.float64), shortest) > 0.999
+    still = scipy.ndimage.uniform_filter1d((speed < least).astype(np.float64), shortest) > 0.999
     unseen = travel_since_reversal(data) < GRAIN * data.resolution
-    near = ndimage.maximum_filter1d(still, 2 * reach + 1)
-    near |= ndimage.maximum_filter1d(unseen, 2 * (reach - shortest) + 1)
+    near = scipy.ndimage.maximum_filter1d(still, 2 * reach + 1)
+    near |= scipy.ndimage.maximum_filter1d(unseen, 2 * (reach - shortest) + 1)
     moving = ~near[data.grid]
     rows: list[Integers] = []
     blocks: list[Block] = []

@@ -15,8 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import signal
-from scipy.optimize import minimize_scalar
+import scipy
 
 from autotune.core.arrays import Flags, Floats, Integers
 from autotune.estimation.data import Prepared, stretches_of
@@ -308,7 +307,9 @@ def _searched(samples: LoopSamples, cascaded: bool) -> PositionController:
     costs = [unexplained(value) for value in _FILTERS]
     best = int(np.argmin(costs))
     bounds = _FILTERS[max(best - 1, 0)], _FILTERS[min(best + 1, len(_FILTERS) - 1)]
-    smoothing = minimize_scalar(unexplained, bounds=bounds, method="bounded", options={"xatol": 1e-4}).x
+    smoothing = scipy.optimize.minimize_scalar(
+        unexplained, bounds=bounds, method="bounded", options={"xatol": 1e-4}
+    ).x
     found, at_one = (_regressed(samples, float(value), cascaded) for value in (smoothing, 1.0))
     return at_one if 1.0 - at_one.explained <= 1.0001 * (1.0 - found.explained) else found
 
@@ -331,7 +332,9 @@ def _searched_late(samples: LoopSamples) -> PositionController:
     costs = [unexplained(value) for value in _FILTERS]
     best = int(np.argmin(costs))
     bounds = _FILTERS[max(best - 1, 0)], _FILTERS[min(best + 1, len(_FILTERS) - 1)]
-    smoothing = minimize_scalar(unexplained, bounds=bounds, method="bounded", options={"xatol": 1e-4}).x
+    smoothing = scipy.optimize.minimize_scalar(
+        unexplained, bounds=bounds, method="bounded", options={"xatol": 1e-4}
+    ).x
     found = _regressed_late(late, float(smoothing))
     return replace(found, reference_delay=r, position_delay=y)
 
@@ -433,9 +436,9 @@ def _terms(samples: LoopSamples, smoothing: float) -> Floats:
     for rows in samples.stretches:
         moved = np.diff(samples.position[rows], prepend=samples.position[rows.start]) / h
         wanted = np.diff(samples.reference[rows], prepend=samples.reference[rows.start]) / h
-        terms[rows, 1] = -signal.lfilter(*coefficients, moved)
+        terms[rows, 1] = -scipy.signal.lfilter(*coefficients, moved)
         terms[rows, 2] = np.cumsum(error[rows] * ~samples.clamped[rows]) * h
-        terms[rows, 3] = signal.lfilter(*coefficients, wanted)
+        terms[rows, 3] = scipy.signal.lfilter(*coefficients, wanted)
         terms[rows, 4] = wanted
         terms[rows, 5] = samples.reference[rows]
         terms[rows, 6] = np.diff(wanted, prepend=wanted[:1]) / h

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import signal
 
 from autotune.core.arrays import Flags, Floats, Integers
 from autotune.core.errors import NotEnoughExcitation
@@ -240,7 +240,7 @@ def low_pass_taps(cutoff: float, period: float) -> Floats:
     if cutoff * period >= 0.45:
         return np.ones(1)
     half = max(1, round(0.9 / (cutoff * period)))
-    return np.asarray(signal.firwin(2 * half + 1, cutoff, fs=1.0 / period), dtype=np.float64)
+    return np.asarray(scipy.signal.firwin(2 * half + 1, cutoff, fs=1.0 / period), dtype=np.float64)
 
 
 def _columns(recording: Recording) -> dict[str, Floats]:

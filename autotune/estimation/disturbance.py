@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import signal
+import scipy
 
 from autotune.core.arrays import Floats
 
@@ -59,7 +59,7 @@ class Disturbance:
         memory = memory_of(self.correlation, period)
         gain = math.sqrt(1.0 - memory**2)
         fresh[1, :1] /= gain  # so that it begins with its usual variance
-        coloured = signal.lfilter([gain], [1.0, -memory], fresh[1])
+        coloured = scipy.signal.lfilter([gain], [1.0, -memory], fresh[1])
         return np.asarray(self.white * fresh[0] + self.coloured * coloured)
 
 

@@ -14,8 +14,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import optimize, signal
 
 from autotune.core.arrays import Floats
 from autotune.estimation.controller import asked
@@ -69,7 +69,7 @@ class _Chunks:
         inside = self.starts[:, :, None] + np.arange(self.length)
         table = values[inside]
         part = (table[:, 0] - table[:, 1]) / math.sqrt(2.0) if self.paired else table[:, 0]
-        return np.asarray(signal.detrend(part, axis=1))
+        return np.asarray(scipy.signal.detrend(part, axis=1))
 
     def power(self, values: Floats) -> Floats:
         """Periodograms, white noise of variance σ² having σ² everywhere; shape (k, frequencies)."""
@@ -199,7 +199,7 @@ class _Matcher:
             for parts in WITH_MEMORY if memory > 0.0 else WITHOUT:
                 table = columns[:, parts] * weight[:, None]
                 size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
-                powers, misfit = optimize.nnls(table / size, (measured - own) * weight)
+                powers, misfit = scipy.optimize.nnls(table / size, (measured - own) * weight)
                 cost = misfit**2 + WORTH_A_PART * (len(parts) + (memory > 0.0))
                 if cost < lowest:
                     levels = np.zeros(3)
@@ -250,7 +250,7 @@ def _unevenness(measured: Floats, simulated: Floats) -> float:
 def _lines(hertz: Floats, measured: Floats, simulated: Floats) -> tuple[float, ...]:
     """Frequencies at which the measured spectrum stands out of its neighbourhood and of the twin's."""
     ratio = measured.mean(axis=0) / np.maximum(simulated.mean(axis=0), 1e-300)
-    around = signal.medfilt(ratio, 2 * (len(ratio) // 16) + 5)
+    around = scipy.signal.medfilt(ratio, 2 * (len(ratio) // 16) + 5)
     high = ratio > STANDS_OUT * around
     found = [
         i for i in np.flatnonzero(high[1:-1]) + 1 if ratio[i] >= ratio[i - 1] and ratio[i] >= ratio[i + 1]

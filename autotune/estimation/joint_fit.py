@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import lfilter
+import scipy
 
 from autotune.core.arrays import Floats
 from autotune.estimation.bandwidth import Bands
@@ -185,36 +185,42 @@ class _Sweep:
             piece = balanced(recorded, packed, self.bands)
             twins = self._twins(number, piece, packed, runs)
             followed += bool(twins)
-            part, error = self._torque_part(piece, packed, names, scale, twins)
-            errors.append(error)
+            here = torque_error(piece, packed, self.bands)
+            rest = [torque_error(twin, packed, self.bands) for twin in twins[1:]]
+            bias = np.mean(rest, axis=0) if twins else np.zeros(len(here))
+            errors.append((here - bias)[piece.use])
             if twins and suits(piece, self.around):
                 parts += small_motion(piece, twins[1:], packed, self.around, names, scale)
             else:
-                parts.append(part)
+                parts.append(self._torque_part(piece, packed, names, scale, twins, here, bias))
         return _Linear(assemble(parts), errors, followed / len(self.pieces))
 
     def _torque_part(
-        self, piece: Piece, packed: Packed, names: Sequence[str], scale: Floats, twins: list[Piece]
-    ) -> tuple[Part, Floats]:
-        """The twin-corrected torque residual of a piece; the first twin gives the instruments.
+        self,
+        piece: Piece,
+        packed: Packed,
+        names: Sequence[str],
+        scale: Floats,
+        twins: list[Piece],
+        here: Floats,
+        bias: Floats,
+    ) -> Part:
+        """The torque residual `here` of a piece less the `bias` of its twins; the first twin gives the instruments.
 
         It is whitened by the colour that noise has in the twin, not by its own: what the model lacks is
         no noise, and must keep its weight.
         """
-        here = torque_error(piece, packed, self.bands)
         columns = self._columns(piece, packed, names, scale, here)
-        other, error, white = columns, here, np.ones(1)
+        other, white = columns, np.ones(1)
         if twins:
-            first, *rest = [torque_error(twin, packed, self.bands) for twin in twins]
+            first = torque_error(twins[0], packed, self.bands)
             other = self._columns(twins[0], packed, names, scale, first)
-            error = here - np.mean(rest, axis=0)
-            white = whitener((first - np.mean(rest, axis=0))[piece.use])
+            white = whitener((first - bias)[piece.use])
         rows = max(8, round(BLOCK_SECONDS * min(1.0, piece.pace) / (piece.period * self.bands.decimation)))
-        all_three = np.column_stack([error, columns, other])
-        all_three = np.asarray(lfilter(white, [1.0], all_three, axis=0))[piece.use]
+        all_three = np.column_stack([here - bias, columns, other])
+        all_three = np.asarray(scipy.signal.lfilter(white, [1.0], all_three, axis=0))[piece.use]
         count = len(names)
-        part = Part(all_three[:, 0], all_three[:, 1 : 1 + count], all_three[:, 1 + count :], rows)
-        return part, error[piece.use]
+        return Part(all_three[:, 0], all_three[:, 1 : 1 + count], all_three[:, 1 + count :], rows)
 
     def _twins(self, number: int, piece: Piece, packed: Packed, runs: int) -> list[Piece]:
         """Simulated pieces; the first is for instruments only. Empty where the twin does not follow."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_toeplitz
+import scipy
 
 from autotune.core.arrays import Floats
 
@@ -89,7 +89,7 @@ def whitener(error: Floats, order: int = WHITENING_ORDER) -> Floats:
     lags = [float(np.dot(centred[: count - lag], centred[lag:])) / count for lag in range(order + 1)]
     correlation = np.array(lags)
     correlation[0] *= 1.0 + 1e-6
-    solution = solve_toeplitz(correlation[:-1], correlation[1:])
+    solution = scipy.linalg.solve_toeplitz(correlation[:-1], correlation[1:])
     return np.concatenate([[1.0], -np.asarray(solution)])
 
 

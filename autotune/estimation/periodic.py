@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import signal
 
 from autotune.core.arrays import Floats
 
@@ -77,7 +77,7 @@ def _difference(values: Floats) -> Floats:
     n = len(values)
     centred = values - values.mean()
     lags = np.arange(int(n / LEAST_PERIODS) + 1)
-    product = signal.correlate(centred, centred, method="fft")[n - 1 :][: len(lags)]
+    product = scipy.signal.correlate(centred, centred, method="fft")[n - 1 :][: len(lags)]
     energy = np.concatenate([[0.0], np.cumsum(centred**2)])
     ends = energy[n - lags] + energy[n] - energy[lags]
     variance = max(float(np.var(values)), 1e-300)

@@ -13,8 +13,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
-from scipy.signal import lfilter
+import scipy
 
 from autotune.core.arrays import Flags, Floats
 from autotune.core.errors import NotEnoughExcitation
@@ -158,7 +157,7 @@ def _rates(recording: Recording, controller: PositionController) -> Floats:
     mixed = controller.reference_rate * recording["reference"] - recording["position"]
     change = np.diff(mixed, prepend=mixed[:1]) / recording.period
     a = controller.derivative_filter
-    return np.asarray(lfilter([a], [1.0, a - 1.0], change))
+    return np.asarray(scipy.signal.lfilter([a], [1.0, a - 1.0], change))
 
 
 def _piece(recording: Recording, start: int, stop: int, bands: Bands, rates: Floats) -> Piece:
@@ -213,7 +212,9 @@ def _compared(measured: Floats, at_limit: Flags, resolution: float, period: floa
 def _travel(measured: Floats, reach: int) -> Floats:
     """Range of the position within ± `reach` samples."""
     size = 2 * reach + 1
-    return np.asarray(maximum_filter1d(measured, size) - minimum_filter1d(measured, size))
+    return np.asarray(
+        scipy.ndimage.maximum_filter1d(measured, size) - scipy.ndimage.minimum_filter1d(measured, size)
+    )
 
 
 def marked_sticking(pieces: list[Piece], displacement: float) -> list[Piece]:

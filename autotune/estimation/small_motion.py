@@ -18,8 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import LinAlgError, expm, solve_discrete_are
-from scipy.signal import lfilter
+import scipy
 
 from autotune.core.arrays import Floats
 from autotune.estimation.normal_equations import Part
@@ -58,20 +57,20 @@ class SpringMass:
         whole = np.zeros((3, 3))
         whole[0, 1] = 1.0
         whole[1] = np.array([-self.stiffness, -self.damping, 1.0]) / self.inertia
-        result = expm(whole * period)
+        result = scipy.linalg.expm(whole * period)
         return np.asarray(result[:2, :2]), np.asarray(result[:2, 2])
 
     def respond(self, torque: Floats, period: float) -> Floats:
         """Displacement of an axis at rest before the first sample, shape (n,)."""
         denominator, numerator = self.coefficients(period)
-        return np.asarray(lfilter(numerator, denominator, torque))
+        return np.asarray(scipy.signal.lfilter(numerator, denominator, torque))
 
     def free(self, count: int, period: float) -> Floats:
         """Two decaying motions without input, shape (2, count): from displacement 1, and from a push."""
         denominator, _ = self.coefficients(period)
         push = np.zeros(count)
         push[0] = 1.0
-        swing = np.asarray(lfilter([1.0], denominator, push))
+        swing = np.asarray(scipy.signal.lfilter([1.0], denominator, push))
         return np.stack([swing, np.concatenate([[0.0], swing[:-1]])])
 
     def _poles(self) -> tuple[complex, complex]:
@@ -123,8 +122,9 @@ def small_motion(
     parts = []
     for rows in np.array_split(np.arange(len(piece)), sets):
         where = slice(int(rows[0]), int(rows[-1]) + 1)
-        measured = fit_set(piece, where, system, predictor)
-        simulated = [fit_set(twin, where, system, predictor) for twin in twins]
+        unknown = left_by_start(len(rows), predictor)
+        measured = fit_set(piece, where, system, predictor, unknown)
+        simulated = [fit_set(twin, where, system, predictor, unknown) for twin in twins]
         found = [one[0] for one in simulated if one is not None]
         if measured is None or not found:
             continue
@@ -154,28 +154,39 @@ def noise_polynomial(system: SpringMass, piece: Piece, around: Surroundings) -> 
     scaled = transition * scale / scale[:, None]
     noise = np.outer(entry / scale, entry / scale) * around.process_noise**2
     try:
-        covariance = solve_discrete_are(scaled.T, np.array([[1.0], [0.0]]), noise, np.eye(1))
-    except LinAlgError:
+        covariance = scipy.linalg.solve_discrete_are(scaled.T, np.array([[1.0], [0.0]]), noise, np.eye(1))
+    except np.linalg.LinAlgError:
         return np.array([1.0, 0.0, 0.0])
     gain = covariance[:, 0] / (covariance[0, 0] + 1.0)
     return np.asarray(np.poly(scaled @ (np.eye(2) - np.outer(gain, [1.0, 0.0]))).real)
 
 
-def fit_set(piece: Piece, where: slice, start: SpringMass, predictor: Floats) -> tuple[Floats, Floats] | None:
+def left_by_start(count: int, predictor: Floats) -> Floats:
+    """Offset, drift and what the start leaves behind in prediction errors: an orthonormal basis, shape (count, 4)."""
+    pulse = np.zeros(count)
+    pulse[0] = 1.0
+    start = np.asarray(scipy.signal.lfilter([1.0], predictor, pulse))
+    late = np.concatenate([[0.0], start[:-1]])
+    return np.linalg.qr(np.column_stack([np.ones(count), np.linspace(-1.0, 1.0, count), start, late]))[0]
+
+
+def fit_set(
+    piece: Piece, where: slice, start: SpringMass, predictor: Floats, unknown: Floats
+) -> tuple[Floats, Floats] | None:
     """Logarithms of inertia, damping and stiffness, shape (3,), and the root of their information.
 
-    None where the fit runs away.
+    None where the fit runs away. `unknown` is what `left_by_start` gives for so many rows.
     """
     torque, position = piece.torque[where], piece.measured[where]
     torque, position = torque - torque.mean(), position - position.mean()
     begin = np.log([start.inertia, start.damping, start.stiffness])
     x, columns, error = begin.copy(), np.empty((len(torque), 3)), np.empty(0)
     for _ in range(_ITERATIONS):
-        error = _prediction_error(x, torque, position, piece.period, predictor)
+        error = _prediction_error(x, torque, position, piece.period, predictor, unknown)
         for index in range(3):
             moved = x.copy()
             moved[index] += _DIFFERENCE
-            other = _prediction_error(moved, torque, position, piece.period, predictor)
+            other = _prediction_error(moved, torque, position, piece.period, predictor, unknown)
             columns[:, index] = (other - error) / _DIFFERENCE
         step = -np.linalg.lstsq(columns, error, rcond=None)[0]
         x = x + np.clip(step, -_LARGEST, _LARGEST)
@@ -188,20 +199,15 @@ def fit_set(piece: Piece, where: slice, start: SpringMass, predictor: Floats) ->
 
 
 def _prediction_error(
-    x: Floats, torque: Floats, position: Floats, period: float, predictor: Floats
+    x: Floats, torque: Floats, position: Floats, period: float, predictor: Floats, unknown: Floats
 ) -> Floats:
-    """A/C·y − B/C·u, less offset, drift and what the start leaves behind."""
+    """A/C·y − B/C·u, less what is unknown of the set: offset, drift and what the start leaves behind."""
     system = SpringMass(*(float(value) for value in np.exp(x)))
     denominator, numerator = system.coefficients(period)
-    error = lfilter(denominator, predictor, position) - lfilter(numerator, predictor, torque)
-    count = len(error)
-    pulse = np.zeros(count)
-    pulse[0] = 1.0
-    start = np.asarray(lfilter([1.0], predictor, pulse))
-    loose = np.column_stack(
-        [np.ones(count), np.linspace(-1.0, 1.0, count), start, np.concatenate([[0.0], start[:-1]])]
+    error = scipy.signal.lfilter(denominator, predictor, position) - scipy.signal.lfilter(
+        numerator, predictor, torque
     )
-    return np.asarray(error - loose @ np.linalg.lstsq(loose, error, rcond=None)[0])
+    return np.asarray(error - unknown @ (error @ unknown))
 
 
 def _binding(system: SpringMass, names: Sequence[str], scale: Floats) -> Floats:

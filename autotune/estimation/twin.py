@@ -30,13 +30,13 @@ LEAST_SHARE = 0.05
 
 
 @compiled
-def first_friction(
-    p: Floats, on: Flags, state: Floats, position: Floats, velocity: Floats, period: float
+def _first_friction(
+    p: Floats, on: Flags, state: Floats, position: Floats, velocity: Floats, period: float, rows: int
 ) -> tuple[float, float]:
-    """Mean friction over the rows given as A + B·z0; arrays of shape (n,), steps as in `required`."""
+    """Mean friction over the first rows given as A + B·z0; arrays of shape (n,), steps as in `required`."""
     a, b, level, slope = 0.0, 1.0, 0.0, 0.0
     before = velocity[0]
-    for k in range(len(velocity)):
+    for k in range(rows):
         q, v = position[k], velocity[k]
         mean = 0.5 * (before + v)
         before = v
@@ -47,7 +47,38 @@ def first_friction(
         drag = p[MICRO_DAMPING] * abs(v) / friction_limit(p, on, state, q, v)
         level += (p[STIFFNESS] - drag) * a + (p[MICRO_DAMPING] + viscous_coefficient(p, on, state, v)) * v
         slope += (p[STIFFNESS] - drag) * b
-    return level / len(velocity), slope / len(velocity)
+    return level / rows, slope / rows
+
+
+@compiled
+def _mean(values: Floats, rows: int) -> float:
+    total = 0.0
+    for k in range(rows):
+        total += values[k]
+    return total / rows
+
+
+@compiled
+def _start(
+    p: Floats,
+    on: Flags,
+    state: Floats,
+    torque: Floats,
+    position: Floats,
+    velocity: Floats,
+    acceleration: Floats,
+    period: float,
+    rows: int,
+) -> None:
+    """Motion and bristle at the first row, from the first `rows`, written to `state`."""
+    outside = additive(p, on, _mean(position, rows))
+    spare = _mean(torque, rows) - p[layout.INERTIA] * _mean(acceleration, rows) - outside
+    level, slope = _first_friction(p, on, state, position, velocity, period, rows)
+    limit = friction_limit(p, on, state, position[0], _mean(velocity, rows))
+    known = slope > LEAST_SHARE * p[STIFFNESS]
+    bristle = (spare - level) / slope if known else math.copysign(limit, velocity[0])
+    state[layout.POSITION], state[layout.VELOCITY] = position[0], velocity[0]
+    state[layout.BRISTLE] = min(max(bristle, -limit), limit)
 
 
 def starting_state(
@@ -63,17 +94,9 @@ def starting_state(
 
     Arrays of shape (n,), of the whole piece or of its beginning; `pace` as in `Recorded`.
     """
-    p, on = packed.p, packed.on
     state = np.zeros(layout.STATES)
-    first = slice(0, max(2, round(START_SECONDS * pace / period)))
-    outside = additive(p, on, float(np.mean(position[first])))
-    spare = float(np.mean(torque[first])) - p[layout.INERTIA] * float(np.mean(acceleration[first])) - outside
-    level, slope = first_friction(p, on, state, position[first], velocity[first], period)
-    limit = friction_limit(p, on, state, float(position[0]), float(np.mean(velocity[first])))
-    known = slope > LEAST_SHARE * p[STIFFNESS]
-    bristle = (spare - level) / slope if known else math.copysign(limit, float(velocity[0]))
-    state[layout.POSITION], state[layout.VELOCITY] = position[0], velocity[0]
-    state[layout.BRISTLE] = min(max(bristle, -limit), limit)
+    rows = min(max(2, round(START_SECONDS * pace / period)), len(torque))
+    _start(packed.p, packed.on, state, torque, position, velocity, acceleration, period, rows)
     return state
 
 

@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import lfilter
 
 from autotune.core.arrays import Floats
 from autotune.core.axis import Axis
@@ -228,7 +228,8 @@ class Path:
         tail = math.ceil(math.log(SETTLED) / math.log(alpha)) if alpha > 0.0 else 1
         self.mark(CONDITIONING).dwell(tail * self.motion.period)
         raw = self.positions()
-        smooth, _ = lfilter([1.0 - alpha], [1.0, -alpha], raw - self._start, zi=[0.0])
+        steps = ((1.0 - alpha) * (raw - self._start)).tolist()
+        smooth = np.array(list(accumulate(steps, lambda before, step: alpha * before + step)))
         return Plan(
             np.asarray(self._start + smooth),
             np.concatenate(self._torques),

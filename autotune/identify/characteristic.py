@@ -12,9 +12,8 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import OptimizeResult, least_squares
-from scipy.stats import t as student
 
 from autotune.core.arrays import Floats
 from autotune.identify.estimate import Quantity
@@ -164,7 +163,7 @@ def _bounds(names: list[str], points: Points) -> tuple[Floats, Floats]:
     )
 
 
-def _solve(points: Points, shape: Shape, asymmetric: bool) -> tuple[list[str], OptimizeResult]:
+def _solve(points: Points, shape: Shape, asymmetric: bool) -> tuple[list[str], scipy.optimize.OptimizeResult]:
     """Several starts in v_s, since the cost has side minima there; the rest is nearly linear."""
     names = parameter_names(shape, asymmetric)
     lower, upper = _bounds(names, points)
@@ -174,11 +173,13 @@ def _solve(points: Points, shape: Shape, asymmetric: bool) -> tuple[list[str], O
         values = dict(zip(names, x.tolist(), strict=True))
         return (predict(shape, values, points.velocity) - points.torque) / points.standard_error
 
-    best: OptimizeResult | None = None
+    best: scipy.optimize.OptimizeResult | None = None
     for stribeck in _stribeck_starts(points) if shape != "linear" else [1.0]:
         begin = np.array([stribeck if name == "stribeck_velocity" else start[name] for name in names])
         begin = np.clip(begin, lower + 1e-9 * (upper - lower), upper - 1e-9 * (upper - lower))
-        result = least_squares(error, begin, bounds=(lower, upper), x_scale=np.maximum(abs(begin), 1e-6))
+        result = scipy.optimize.least_squares(
+            error, begin, bounds=(lower, upper), x_scale=np.maximum(abs(begin), 1e-6)
+        )
         if best is None or result.cost < best.cost:
             best = result
     if best is None:
@@ -205,10 +206,10 @@ def _start(points: Points, names: list[str]) -> dict[str, float]:
 
 
 def _quantities(
-    names: list[str], solution: OptimizeResult, points: Points, chi_square: float, freedom: int
+    names: list[str], solution: scipy.optimize.OptimizeResult, points: Points, chi_square: float, freedom: int
 ) -> dict[str, Quantity]:
     covariance = np.linalg.pinv(solution.jac.T @ solution.jac) * max(chi_square, 1.0)
-    reach = float(student.ppf(0.975, freedom))
+    reach = float(scipy.stats.t.ppf(0.975, freedom))
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     result = {}
     for name, value, error, bound in zip(names, solution.x, errors, solution.active_mask, strict=True):

@@ -17,8 +17,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-from scipy.optimize import least_squares
-from scipy.stats import t as student
+import scipy
 
 from autotune.core.arrays import Floats
 from autotune.core.errors import NotEnoughExcitation
@@ -230,7 +229,7 @@ def _free(paths: list[_Path], start: Floats) -> Floats:
     begin = np.array([math.log(start[0]), math.log(start[1]), start[2], 1.3])
     lower = np.array([begin[0] - 3.0, begin[1] - 1.0, -np.inf, 0.3])
     upper = np.array([begin[0] + 4.0, begin[1] + 1.0, np.inf, 6.0])
-    x = least_squares(error, begin, bounds=(lower, upper), diff_step=np.full(4, 1e-4)).x
+    x = scipy.optimize.least_squares(error, begin, bounds=(lower, upper), diff_step=np.full(4, 1e-4)).x
     return np.array([math.exp(x[0]), math.exp(x[1]), x[2], x[3]])
 
 
@@ -258,7 +257,7 @@ def _halves(path: _Path) -> list[_Path]:
 
 def _judged(best: Floats, scatter: Floats, error: float, paths: list[_Path], free_exponent: bool) -> Estimate:
     parts = len(paths) if len(paths) >= 3 else 2 * len(paths)
-    reach = float(student.ppf(0.975, max(parts - 1, 1)))
+    reach = float(scipy.stats.t.ppf(0.975, max(parts - 1, 1)))
     names = (*_NAMES, "exponent") if free_exponent else _NAMES
     quantities = {
         name: Quantity(float(value), float(one), reach)

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import detrend, find_peaks
 
 from autotune.core.arrays import Floats
 from autotune.core.errors import NotEnoughExcitation
@@ -95,9 +95,11 @@ def _pass(segment: Recording) -> Spectra | None:
     excitation = _excitation(segment)
     if excitation is None:
         return None
-    torque = np.asarray(detrend(torque_of(segment)))
+    torque = np.asarray(scipy.signal.detrend(torque_of(segment)))
     speed = np.diff(segment["position"]) / segment.period
-    return cross_spectra(excitation[:-1], torque[:-1], np.asarray(detrend(speed)), segment.period, window)
+    return cross_spectra(
+        excitation[:-1], torque[:-1], np.asarray(scipy.signal.detrend(speed)), segment.period, window
+    )
 
 
 def _excitation(segment: Recording) -> Floats | None:
@@ -106,7 +108,7 @@ def _excitation(segment: Recording) -> Floats | None:
             continue
         if name == "reference" and not is_closed(segment):
             continue
-        signal = np.asarray(detrend(segment[name]))
+        signal = np.asarray(scipy.signal.detrend(segment[name]))
         if name == "reference":
             signal = np.asarray(np.gradient(signal))
         if np.std(signal) > 1e-3 * max(float(np.std(torque_of(segment))), 1e-300) or name == "reference":
@@ -192,6 +194,6 @@ def _resonances(response: Response) -> list[Resonance]:
     lower = coherent & (response.frequency <= np.median(response.frequency[coherent]))
     flat = float(np.median(level[lower]))
     smooth = np.where(coherent, level / flat, 0.0)
-    peaks, _ = find_peaks(smooth, height=RESONANCE, prominence=0.5 * RESONANCE)
+    peaks, _ = scipy.signal.find_peaks(smooth, height=RESONANCE, prominence=0.5 * RESONANCE)
     found = [Resonance(float(response.frequency[i]), float(smooth[i])) for i in peaks]
     return sorted(found, key=lambda one: -one.height)

@@ -13,8 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
-from scipy.signal import lfilter
+import scipy
 
 from autotune.core.arrays import Floats
 from autotune.estimation.small_motion import SpringMass, from_difference
@@ -81,7 +80,9 @@ def box_jenkins(torque: Floats, position: Floats, period: float, start: SpringMa
         return _free_residual(_system(x), torque, position, period)
 
     bound = np.log(100.0)
-    coarse = least_squares(output_error, log_start, bounds=(log_start - bound, log_start + bound))
+    coarse = scipy.optimize.least_squares(
+        output_error, log_start, bounds=(log_start - bound, log_start + bound)
+    )
     noise = _noise_model(coarse.fun)
 
     def prediction_error(x: Floats) -> Floats:
@@ -92,7 +93,9 @@ def box_jenkins(torque: Floats, position: Floats, period: float, start: SpringMa
     limits = np.concatenate([np.full(3, bound), np.full(4, MOST_REFLECTED)])
     centre = np.concatenate([log_start, np.zeros(4)])
     begin = np.clip(begin, centre - 0.999 * limits, centre + 0.999 * limits)
-    fine = least_squares(prediction_error, begin, bounds=(centre - limits, centre + limits), max_nfev=60)
+    fine = scipy.optimize.least_squares(
+        prediction_error, begin, bounds=(centre - limits, centre + limits), max_nfev=60
+    )
     system = _system(fine.x[:3])
     freedom = max(len(torque) - len(fine.x) - 4, 1)
     jacobian = np.asarray(fine.jac)
@@ -165,8 +168,8 @@ def _free_residual(
     error = position - system.respond(torque - level, period)
     loose = np.vstack([np.ones(count), np.linspace(-1.0, 1.0, count), system.free(count, period)])
     if noise is not None:
-        error = np.asarray(lfilter(noise[0], noise[1], error))
-        loose = np.asarray(lfilter(noise[0], noise[1], loose, axis=1))
+        error = np.asarray(scipy.signal.lfilter(noise[0], noise[1], error))
+        loose = np.asarray(scipy.signal.lfilter(noise[0], noise[1], loose, axis=1))
     return np.asarray(error - loose.T @ np.linalg.lstsq(loose.T, error, rcond=None)[0])
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-from scipy.stats import t as student
+import scipy
 
 from autotune.core.arrays import Floats
 from autotune.core.errors import NotEnoughExcitation
@@ -132,7 +132,7 @@ def _quantity(values: Floats, formal: Floats) -> Quantity:
     if count < 3:
         return Quantity(float(np.mean(values)), typical, 3.2 if count == 1 else 2.8)
     scatter = float(np.std(values, ddof=1)) / math.sqrt(count)
-    return Quantity(float(np.mean(values)), max(scatter, typical), float(student.ppf(0.975, count - 1)))
+    return Quantity(float(np.mean(values)), max(scatter, typical), float(scipy.stats.t.ppf(0.975, count - 1)))
 
 
 def _complaint(

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
-from scipy.stats import t as student
+import scipy
 
 from autotune.estimation.bandwidth import Bands
 from autotune.estimation.controller import PositionController, controller_of
@@ -101,7 +101,7 @@ def surroundings(recording: Recording, controller: PositionController) -> Surrou
 
 def _estimate(refined: Refined) -> Estimate:
     blocks = len(refined.normal.blocks)
-    reach = float(student.ppf(0.975, max(blocks - len(refined.names), 2)))
+    reach = float(scipy.stats.t.ppf(0.975, max(blocks - len(refined.names), 2)))
     errors = refined.standard_errors
     quantities: dict[str, Quantity] = {}
     notes = list(_directions(refined))

@@ -15,7 +15,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import f as fisher
+import scipy
 
 from autotune.control.steady_curves import friction_at
 from autotune.core.arrays import Floats
@@ -77,7 +77,7 @@ def friction_scale(points: Points, model: DriveModel) -> FrictionScale | None:
     return FrictionScale(
         1.0 / part,
         error * math.sqrt(max(left / (len(v) - 2), 1.0)) / part**2,
-        bool(fisher.sf(ratio, 1, free) > CHANCE),
+        bool(scipy.stats.f.sf(ratio, 1, free) > CHANCE),
         float(np.sqrt(np.mean(rest**2))),
         float(np.sqrt(np.mean(points.standard_error**2))),
     )

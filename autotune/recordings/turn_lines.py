@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import median_filter
+import scipy
 
 from autotune.core.arrays import Floats
 from autotune.recordings.checks import torque_of
@@ -98,7 +98,7 @@ def _over_place(place: Floats, rest: Floats) -> Floats:
 def _lines(values: Floats) -> Sequence[float]:
     """Frequencies of the lines [periods a span], strongest first, between the bins by a parabola."""
     power = np.abs(np.fft.rfft(values * np.hanning(len(values)))) ** 2 + 1e-300
-    level = median_filter(power, _AROUND)
+    level = scipy.ndimage.median_filter(power, _AROUND)
     inner = power[1:-1]
     top = (inner > power[:-2]) & (inner > power[2:]) & (inner > STANDS_OUT * level[1:-1])
     found = [int(i) + 1 for i in np.flatnonzero(top) if i >= 2]

@@ -12,7 +12,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.signal import max_len_seq
+import scipy
 
 from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError
@@ -38,7 +38,7 @@ def prbs(bits: int, hold: int, amplitude: float, state: Sequence[int] | None = N
     """
     if bits not in PRBS_BITS or hold < 1:
         raise ConfigurationError(f"a PRBS of {bits} bits, held {hold} samples: use 3 to 16 bits, 1 or more")
-    sequence, _ = max_len_seq(bits, state=None if state is None else np.asarray(state))
+    sequence, _ = scipy.signal.max_len_seq(bits, state=None if state is None else np.asarray(state))
     return amplitude * np.repeat(2.0 * sequence - 1.0, hold)
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import signal
 
 from autotune.core.arrays import Floats
 
@@ -72,7 +72,7 @@ def cross_spectra(excitation: Floats, source: Floats, result: Floats, period: fl
     length = min(window, len(excitation))
 
     def spectrum(one: Floats, other: Floats) -> Complexes:
-        cross = signal.csd(one, other, 1.0 / period, "hann", length, length // 2)[1]
+        cross = scipy.signal.csd(one, other, 1.0 / period, "hann", length, length // 2)[1]
         return np.asarray(cross[1:-1], dtype=np.complex128)
 
     return Spectra(

@@ -24,8 +24,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.special import ndtr
+import scipy
 
 from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError
@@ -115,7 +114,9 @@ class Interface:
                 f"carry ({least:.3g} to {most:.3g} N): the bulk of the bodies would carry it, and this theory of "
                 "single asperities says nothing; check load and area"
             )
-        return float(brentq(lambda t: math.log(self.load(t) / load), LOWEST, HIGHEST, xtol=1e-10))
+        return float(
+            scipy.optimize.brentq(lambda t: math.log(self.load(t) / load), LOWEST, HIGHEST, xtol=1e-10)
+        )
 
     def _load_of_one(self, depth: Floats, radius: Floats) -> Floats:
         modulus = self.material.contact_modulus
@@ -165,5 +166,5 @@ def _mean(surface: Surface, height: float, one: PerAsperity) -> float:
     values = one(depth, radius[:, None]) * chance
     inner = 0.5 * deepest / surface.height * (values @ _DEPTH_WEIGHT)
     full = one(radius[:, None], radius[:, None])[:, 0]
-    beyond = full * ndtr((centre - height - radius / surface.height) / spread)
+    beyond = full * scipy.special.ndtr((centre - height - radius / surface.height) / spread)
     return float(weight @ (inner + beyond))

@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError
@@ -85,7 +85,7 @@ def _wave_numbers(surface: Surface) -> tuple[float, float]:
         raise ConfigurationError(
             f"surface: moments with m0 m4/m2² of {wanted:.3g} have no spectrum of the form 1/q²"
         )
-    r = float(brentq(lambda x: ratio(x) - wanted, 1.0001, 1e5))
+    r = float(scipy.optimize.brentq(lambda x: ratio(x) - wanted, 1.0001, 1e5))
     # m2/m0 = low² (r − 1)/(1 − 1/r) = low² r
     low = surface.slope / surface.height / math.sqrt(r)
     return low, low * r

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import stdtrit
+import scipy
 
 from autotune.core.arrays import Floats
 from autotune.core.errors import RecordingError
@@ -114,7 +114,7 @@ def _reach(one: Floats, other: Floats, confidence: float) -> float:
     freedom = sum(parts) ** 2 / sum(
         part**2 / (len(values) - 1) for part, values in zip(parts, (one, other), strict=True)
     )
-    return float(stdtrit(freedom, confidence)) * math.sqrt(sum(parts))
+    return float(scipy.special.stdtrit(freedom, confidence)) * math.sqrt(sum(parts))
 
 
 def fold(values: Floats, samples: int) -> Floats:
@@ -179,7 +179,7 @@ def prove(
     )
     gains = pairs[:, 0] - pairs[:, 1]
     mean, spread = float(gains.mean()), float(gains.std(ddof=1)) / math.sqrt(len(gains))
-    reach = float(stdtrit(len(gains) - 1, 0.5 + confidence / 2.0)) * spread
+    reach = float(scipy.special.stdtrit(len(gains) - 1, 0.5 + confidence / 2.0)) * spread
     total_before, total_after = tracking_error(before, frequency), tracking_error(after, frequency)
     better = (
         mean - reach > least_improvement * total_before.peak_error

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from autotune.control.model_feedforward import ModelFeedforward, fed_forward, periodic_model_feedforward
 from autotune.control.model_refinement import refine_model
@@ -106,7 +106,7 @@ def beats(one: Recording, other: Recording, session: Session) -> tuple[bool, str
     """
     frequency = session.axis.benchmark.frequency
     squares = [_mean_squares(window, frequency) for window in (one, other)]
-    doubt = float(stats.ttest_ind(squares[0], squares[1], equal_var=False, alternative="less").pvalue)
+    doubt = float(scipy.stats.ttest_ind(squares[0], squares[1], equal_var=False, alternative="less").pvalue)
     peaks = [period_average(window, frequency).peak_error for window in (one, other)]
     better = doubt < 1.0 - session.axis.acceptance.confidence and peaks[0] < peaks[1]
     unit = session.axis.motion_unit

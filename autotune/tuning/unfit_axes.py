@@ -17,8 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
-from scipy.signal import periodogram
+import scipy
 
 from autotune.core.arrays import Floats
 from autotune.core.errors import NotEnoughExcitation
@@ -80,11 +79,11 @@ def oscillation(error: Floats, period: float, frequency: float, policy: Policy =
     """
     width = min(max(round(policy.smooth / (frequency * period)), 3), max(len(error) // 2, 1))
     error = error - error.mean()
-    rapid = error - uniform_filter1d(error, width)
+    rapid = error - scipy.ndimage.uniform_filter1d(error, width)
     power, whole = float(np.mean(rapid**2)), float(np.mean(error**2))
     if not power > 0.0:
         return Oscillation(0.0, 0.0, 0.0)
-    lines, density = periodogram(rapid * np.hanning(len(rapid)), 1.0 / period)
+    lines, density = scipy.signal.periodogram(rapid * np.hanning(len(rapid)), 1.0 / period)
     top = float(lines[int(np.argmax(density))])
     inside = np.abs(lines - top) <= max(policy.band * top, 2.0 * float(lines[1]))
     part = float(density[inside].sum() / density.sum())
@@ -97,7 +96,9 @@ def unrepeatable(windows: Sequence[Recording], frequency: float, policy: Policy 
     errors = np.concatenate([fold(w["reference"] - w["position"], samples) for w in windows])
     if len(errors) < 2:
         return 0.0
-    smooth = uniform_filter1d(errors, max(round(policy.smooth * samples), 1), axis=1, mode="wrap")
+    smooth = scipy.ndimage.uniform_filter1d(
+        errors, max(round(policy.smooth * samples), 1), axis=1, mode="wrap"
+    )
     spread = float(np.sqrt(smooth.var(axis=0, ddof=1).mean()))
     size = float(np.sqrt(np.mean(errors.mean(axis=0) ** 2)))
     return spread / size if size > 0.0 else 0.0

@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import Bounds, differential_evolution
+import scipy
 
 from autotune.control.gains.hunting import after_step
 from autotune.control.gains.judge import Task, Verdict, judge
@@ -204,9 +204,9 @@ def _searched(
         bandwidth * (1.0 - ON_TARGET), bandwidth * (1.0 + ON_TARGET),
     )  # fmt: skip
     edges = np.log(np.array([(low, high), (1.05, 8.0), (1.5, 60.0)]))
-    result = differential_evolution(
+    result = scipy.optimize.differential_evolution(
         cost,
-        Bounds(edges[:, 0], edges[:, 1]),
+        scipy.optimize.Bounds(edges[:, 0], edges[:, 1]),
         popsize=POPULATION,
         maxiter=GENERATIONS,
         seed=SEED,

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
 from autotune.control.gains.loop import Gains, LoopTiming
 from autotune.control.gains.regimes import LinearAxis
@@ -79,7 +79,7 @@ def _held(a: Floats, b: Floats, duration: float) -> tuple[Floats, Floats]:
     n = len(b)
     block = np.zeros((n + 1, n + 1))
     block[:n, :n], block[:n, n] = a, b
-    exponential = expm(block * duration)
+    exponential = scipy.linalg.expm(block * duration)
     return exponential[:n, :n], exponential[:n, n]
 
 

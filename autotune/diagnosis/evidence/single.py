@@ -16,7 +16,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from autotune.core.arrays import Flags, Floats
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate
@@ -194,7 +194,9 @@ def alike_where_motion_is(problem: Problem, error: Floats) -> bool:
     if len(rows) < LEAST_NEIGHBOURS or np.var(rest) < least:
         return False
     time = problem.data.grid[rows] * problem.data.period
-    near = np.asarray(cKDTree(_places(problem, rows)).query(_places(problem, rows), k=NEIGHBOURS)[1])
+    near = np.asarray(
+        scipy.spatial.cKDTree(_places(problem, rows)).query(_places(problem, rows), k=NEIGHBOURS)[1]
+    )
     apart = np.abs(time[near] - time[:, None]) > APART
     found = apart.any(axis=1)
     if found.mean() < 0.5:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from autotune.core.arrays import Floats
 from autotune.diagnosis.candidates import ScreenedCandidate
@@ -53,7 +53,7 @@ def _rests_differ(problem: Problem) -> bool:
     """Whether the axis rested often, and for times that differ: else it is friction at every start."""
     data, policy = problem.data, problem.policy
     still = np.abs(data.velocity) < STILL * float(np.percentile(np.abs(data.velocity), 99.5))
-    label, count = ndimage.label(still)
+    label, count = scipy.ndimage.label(still)
     rests = np.bincount(label)[1:] * data.period if count else np.zeros(0)
     rests = rests[rests > SHORTEST_REST]
     return len(rests) >= policy.least_rests and float(np.ptp(np.log(rests))) > math.log(policy.rest_ratio)

@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicHermiteSpline
 
 from autotune.core.arrays import Floats
 from autotune.core.errors import RecordingError
@@ -162,7 +162,7 @@ def _interpolated(name: str, time: Floats, values: Floats, grid: Floats) -> Floa
     result = np.empty_like(grid)
     for rows, part in _chunks(time, grid):
         slope = np.gradient(values[part], time[part], edge_order=2)
-        pieces = CubicHermiteSpline(time[part], values[part], slope)
+        pieces = scipy.interpolate.CubicHermiteSpline(time[part], values[part], slope)
         result[rows] = pieces(np.minimum(grid[rows], time[-1]))
     return result
 
