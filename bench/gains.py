@@ -7,7 +7,7 @@
 
 Seeds below 1000 are for choosing thresholds; what is reported are batches drawn once (`docs/benchmarks.md`). The tool
 is given the axis's parameters with errors drawn from the standard errors that it is told (2 % inertia, 5 % friction
-and stiffness, 20 % damping, 10 % dead time); identification itself is judged by `bench.identify`.
+and stiffness, 20 % damping, 10 % dead time and disturbance); identification itself is judged by `bench.identify`.
 """
 
 from __future__ import annotations
@@ -48,7 +48,15 @@ from bench.gains_plant import PERIOD, DrawnAxis, draw, settled, stands, swinging
 
 ROOT = Path(__file__).resolve().parents[1]
 Floats = NDArray[np.float64]
-ERRORS = {"inertia": 0.02, "friction": 0.05, "stiffness": 0.05, "damping": 0.2, "dead_time": 0.1}
+ERRORS = {
+    "inertia": 0.02,
+    "friction": 0.05,
+    "stiffness": 0.05,
+    "damping": 0.2,
+    "dead_time": 0.1,
+    "ripple": 0.05,
+    "disturbance": 0.1,
+}
 SEARCHED = 40  # generations of the long search
 
 
@@ -88,14 +96,27 @@ def told(axis: DrawnAxis, random: np.random.Generator | None) -> tuple[DriveMode
         axis.dead_time * off["dead_time"],
         0.1 * axis.dead_time,
         axis.filter,
+        plant.process_noise * off["disturbance"],
     )
     return model, timing
 
 
 def _with_effects(model: DriveModel, axis: DrawnAxis, off: dict[str, float]) -> DriveModel:
     plant = axis.plant
+    held: dict[str, float]
+    if plant.ripple:
+        held = {}
+        for number, wave in enumerate(plant.ripple, 1):
+            size = wave.amplitude * off["ripple"]
+            held |= {
+                f"order_{number}": wave.order,
+                f"sin_{number}": size * math.cos(wave.phase),
+                f"cos_{number}": size * math.sin(wave.phase),
+            }
+        errors = {name: 0.05 * abs(value) for name, value in held.items() if not name.startswith("order")}
+        model = model.with_effect(EFFECTS["torque_ripple"].make(held, errors))
     if plant.elements:
-        held: dict[str, float] = {}
+        held = {}
         for number, one in enumerate(plant.elements, 1):
             held[f"displacement_{number}"] = one.displacement * off["friction"] / off["stiffness"]
             held[f"torque_{number}"] = one.torque * off["friction"] * (0.98 if number == 1 else 1.0)
