@@ -158,10 +158,10 @@ def found_in(recordings: Sequence[Recording], model: DriveModel, when: str, sour
 
 
 def _disturbance(diagnosis: Diagnosis) -> float | None:
-    study = diagnosis.study
-    if study is None or not study.twin:
+    problem = diagnosis.problem
+    if problem is None or not problem.twin:
         return None
-    return study.disturbance.level_at(SHAKEN_AT, study.data.period)
+    return problem.disturbance.level_at(SHAKEN_AT, problem.data.period)
 
 
 def _with_model(diagnosed: Diagnosed, found: FoundModel, model: DriveModel) -> Diagnosed:
