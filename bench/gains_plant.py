@@ -164,6 +164,10 @@ def settled(axis: DrawnAxis, gains: Floats, size: float, seed: int = 1, horizon:
     return float(late[-1] + 1) * PERIOD if len(late) else 0.0
 
 
+LONG = 32.0
+"""s: what is too slow for the usual time is looked at for so long."""
+
+
 @dataclass(frozen=True)
 class Swing:
     """Half of peak to peak [rad] and frequency [Hz]."""
@@ -195,7 +199,9 @@ def swinging(
         return None
     spectrum = np.abs(np.fft.rfft((last - last.mean()) * np.hanning(quarter), 8 * quarter))
     peak = int(np.argmax(spectrum))
-    if peak < 8:  # less than one whole swing: it creeps
+    if peak < 16 and seconds < LONG:  # less than two whole swings: it creeps, or swings slowly
+        return swinging(axis, gains, size, LONG, seed)
+    if peak < 16:
         return None
     return Swing(0.5 * reach, peak / (8 * quarter * PERIOD))
 

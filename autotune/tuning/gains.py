@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import pi
+from math import inf, pi
 from pathlib import Path
 from typing import Any
 
@@ -25,10 +25,11 @@ from autotune.estimation.controller import PositionController, controller_of
 from autotune.models.drive_model import DriveModel
 from autotune.models.model_file import read_model
 from autotune.recordings.files import read_recording
+from autotune.tuning.files import read_json
 from autotune.tuning.findings import latest_run
 from autotune.tuning.session import controller_of as controller_in_drive
 
-MODEL, EXPERIMENT = "model.toml", "recordings/experiment.parquet"
+MODEL, EXPERIMENT, RUN = "model.toml", "recordings/experiment.parquet", "run.json"
 NAMES = ("kp", "kd", "ki", "derivative_filter")
 CASCADED = 0.05
 """Part of the reference's rate in the derivative: with less the loops are cascaded."""
@@ -36,12 +37,16 @@ CASCADED = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """What the answer rests on: the model's file, the gains and where they were found."""
+    """What the answer rests on: the model's file, the gains and where they were found.
+
+    `disturbance` is what shakes the axis by the model's own run [N m or N]; None where that could not be told.
+    """
 
     model: DriveModel
     source: Path
     gains: Gains
     gains_from: str
+    disturbance: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,11 +88,23 @@ def known_of(axis: Axis, runs: Path, held: Mapping[str, float] | None) -> Known:
             f"the model {directory / MODEL} is of an axis with the fingerprint {model.fingerprint}, {axis.name} has "
             f"{axis.fingerprint}: name, unit, profile or mechanics were changed since. Run 'autotune run' again"
         )
-    controller = controller_in_drive(held or {})
+    controller, disturbance = controller_in_drive(held or {}), disturbance_of(directory)
     if controller is not None:
-        return Known(model, directory / MODEL, of_controller(controller), "drive")
+        return Known(model, directory / MODEL, of_controller(controller), "drive", disturbance)
     found = _recorded(directory, axis)
-    return Known(model, directory / MODEL, _gains_of(found), f"{found.source} ({directory.name})")
+    return Known(
+        model, directory / MODEL, _gains_of(found), f"{found.source} ({directory.name})", disturbance
+    )
+
+
+def disturbance_of(directory: Path) -> float | None:
+    """What shakes the axis, as the run in `directory` found it [N m or N]; None where it does not say."""
+    try:
+        found = read_json(directory / RUN, "run file").get("diagnosis") or {}
+    except ConfigurationError:
+        return None
+    level = found.get("disturbance")
+    return float(level) if isinstance(level, (int, float)) and 0.0 <= level < inf else None
 
 
 def _recorded(directory: Path, axis: Axis) -> PositionController:
@@ -114,6 +131,15 @@ def _gains_of(found: PositionController) -> Gains:
     return Gains(max(found.kp, 0.0), max(found.kd, 0.0), max(found.ki, 0.0), found.derivative_filter)
 
 
+def _unshaken(known: Known) -> tuple[str, ...]:
+    if known.disturbance is not None:
+        return ()
+    return (
+        "What shakes this axis is not known: hunting in bursts, with rests of seconds between them, may be missed. Run "
+        "'autotune run' again, whose diagnosis finds it.",
+    )
+
+
 def seen_in_words(directory: Path, axis: Axis) -> str:
     """What the run's recording shows at held set points."""
     try:
@@ -126,8 +152,10 @@ def seen_in_words(directory: Path, axis: Axis) -> str:
     return f"In the last run's recording the axis hunted at its set points, {sentence}."
 
 
-def timing_of(axis: Axis, held: Mapping[str, float] | None, dead_time: float = 0.0) -> LoopTiming:
-    """Cycle, encoder, torque limit (the lesser of drive and file) and reference filter."""
+def timing_of(
+    axis: Axis, held: Mapping[str, float] | None, dead_time: float = 0.0, disturbance: float | None = None
+) -> LoopTiming:
+    """Cycle, encoder, torque limit (the lesser of drive and file), reference filter and what shakes the axis."""
     limit = min(axis.limits.torque, (held or {}).get("limit.torque") or axis.limits.torque)
     return LoopTiming(
         axis.cycle,
@@ -136,6 +164,7 @@ def timing_of(axis: Axis, held: Mapping[str, float] | None, dead_time: float = 0
         dead_time,
         0.1 * dead_time,
         axis.reference.filter,
+        disturbance or 0.0,
     )
 
 
@@ -160,13 +189,14 @@ def judge_axis(
         ConfigurationError: as `known_of`, or a bandwidth that cannot be.
     """
     known = known_of(axis, runs, held)
-    timing = timing_of(axis, held, dead_time)
+    timing = timing_of(axis, held, dead_time, known.disturbance)
     kin, task = family(known.model, timing), task_of(axis, known.model, timing)
     proposal = propose(kin, task, known.gains, bandwidth)
     current = judge(known.gains, kin, task)
     words = (
         f"Gains from: {known.gains_from}.",
         *advice(kin, current, proposal, axis.motion_unit),
+        *_unshaken(known),
         seen_in_words(known.source.parent, axis),
     )
     return Judged(known, kin, task, current, proposal, words)

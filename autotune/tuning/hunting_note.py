@@ -18,13 +18,20 @@ from autotune.tuning.session import Session
 MORE = "'autotune gains' says more, and proposes others."
 
 
-def hunting_note(session: Session, model: DriveModel) -> str:
-    """One or two sentences; "" where the drive does not tell its gains, or nothing can be said."""
+def hunting_note(session: Session, model: DriveModel, disturbance: float = 0.0) -> str:
+    """One or two sentences; "" where the drive does not tell its gains, or nothing can be said.
+
+    `disturbance` is what shakes the axis [N m or N], 0 where it is not known.
+    """
     if session.controller is None or model.torque_unit:
         return ""
     axis, benchmark = session.axis, session.axis.benchmark
     timing = LoopTiming(
-        axis.cycle, axis.position_resolution, session.limits.torque, reference_filter=axis.reference.filter
+        axis.cycle,
+        axis.position_resolution,
+        session.limits.torque,
+        reference_filter=axis.reference.filter,
+        disturbance=disturbance,
     )
     sizes = step_sizes(model, timing, benchmark.amplitude)
     try:

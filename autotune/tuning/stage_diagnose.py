@@ -18,7 +18,7 @@ from autotune.control.model_feedforward import left_out
 from autotune.core.errors import AutotuneError, ConfigurationError
 from autotune.diagnosis.compare import compare
 from autotune.diagnosis.found_model import FoundModel, found_model
-from autotune.diagnosis.verdict import diagnose
+from autotune.diagnosis.verdict import Diagnosis, diagnose
 from autotune.experiments.deciding import deciding
 from autotune.experiments.diagnosis import confirmation
 from autotune.experiments.experiment import Experiment
@@ -35,6 +35,8 @@ from autotune.tuning.session import Session
 SECONDS = 8.0  # of the confirming trajectory, at most
 SEED = 7
 RECORDING, DECISION = "confirmation", "decision"
+SHAKEN_AT = 10.0
+"""Hz: about where axes hunt; a disturbance with a memory counts as the white one that is as dense there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +48,7 @@ class Diagnosed:
         effects: strongest first; `confidence`: `confirmed`, `suspected` or None.
         error_rms, relative_error: of the identified model on the experiments, as `model compare` finds them.
         error_before, error_after, noise_floor_rms: torque, on data not used for the fit [N m or N].
+        disturbance: what shakes the axis, as white noise from sample to sample [N m or N]; None without a twin.
         unseen: in words, which data those are.
         candidates: list of {effect, gain, accepted, why}.
         confusable: sets of effects that these data cannot tell apart.
@@ -62,6 +65,7 @@ class Diagnosed:
     error_before: float | None = None
     error_after: float | None = None
     noise_floor_rms: float | None = None
+    disturbance: float | None = None
     unseen: str = ""
     candidates: tuple[Mapping[str, Any], ...] = ()
     confusable: tuple[tuple[str, ...], ...] = ()
@@ -189,6 +193,7 @@ def found_in(recordings: Sequence[Recording], model: DriveModel, when: str, sour
         diagnosis.effects,
         diagnosis.confidence,
         noise_floor_rms=floor if math.isfinite(floor) else None,
+        disturbance=_disturbance(diagnosis),
         candidates=candidates,
         confusable=tuple(tuple(rivals) for rivals in diagnosis.confusable),
         next_experiment=diagnosis.next_experiment,
@@ -197,6 +202,13 @@ def found_in(recordings: Sequence[Recording], model: DriveModel, when: str, sour
     )
     found = found_model(diagnosis, model, when, source)
     return diagnosed if found is None else _with_model(diagnosed, found, model)
+
+
+def _disturbance(diagnosis: Diagnosis) -> float | None:
+    problem = diagnosis.problem
+    if problem is None or not problem.twin:
+        return None
+    return problem.disturbance.level_at(SHAKEN_AT, problem.data.period)
 
 
 def _with_model(diagnosed: Diagnosed, found: FoundModel, model: DriveModel) -> Diagnosed:

@@ -140,7 +140,7 @@ def _diagnose(request: Request, session: Session, state: RunState) -> bool:
     alone = found.estimates
     refuse_two_masses(found.joint, alone.get("high_speed"), alone.get("presliding"), diagnosed.effects, kp)
     refuse_resonance(diagnosed.model, kp)
-    if note := hunting_note(session, diagnosed.model or found.model):
+    if note := hunting_note(session, diagnosed.model or found.model, diagnosed.disturbance or 0.0):
         state.notes.append(note)
     return True
 

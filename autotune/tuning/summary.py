@@ -119,6 +119,7 @@ def diagnosis(found: Diagnosed, modelled: ModelAdapted | None) -> dict[str, Any]
         "error_before": found.error_before,
         "error_after": found.error_after,
         "noise_floor_rms": found.noise_floor_rms,
+        "disturbance": found.disturbance,
         "unseen": found.unseen,
         "twin": found.twin,
         "candidates": [dict(candidate) for candidate in found.candidates],

@@ -21,6 +21,7 @@ from autotune.core.axis import read_axis
 from autotune.core.paths import config_directory
 from autotune.models.model_file import write_model
 from autotune.tuning import catalogue as tuning_catalogue
+from autotune.tuning import ceiling
 from tests.control.gains_axis import lugre, vertical
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -39,6 +40,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(propose, "GENERATIONS", 2)
     monkeypatch.setattr(members, "_GROUPS", (("inertia", ("inertia",)),))
     monkeypatch.setattr(tuning_catalogue, "catalogue", once)
+    monkeypatch.setattr(ceiling, "TRIALS", 1)
+    monkeypatch.setattr(ceiling, "UNSEEN", ceiling.UNSEEN[-1:])
     text = (config_directory() / "axes" / "simulated.toml").read_text(encoding="utf-8")
     (tmp_path / "axis.toml").write_text(text, encoding="utf-8")
     axis = read_axis(tmp_path / "axis.toml")
@@ -93,6 +96,7 @@ def test_every_command_of_the_pages(folder: Path, line: str, capsys: pytest.Capt
         else:
             assert all(set(entry) >= ENTRY for entry in content["structures"])
             assert content["recommended"]
+            assert content["ceiling"]["twin"]["learnt"] <= content["ceiling"]["twin"]["fixed"]
     for name in re.findall(r"--html (\S+)", line):
         assert (folder / name).read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
 

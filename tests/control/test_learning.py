@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from autotune.control.gains.twin import follow, smoothed
-from autotune.control.learning import learn
+from autotune.control.learning import LearntFeedforward, by_phase, learn, next_torque
 from autotune.control.model_feedforward import torque_along
 from autotune.control.structures.structure import reference_rates
 from autotune.core.arrays import Floats
@@ -53,3 +53,20 @@ def test_the_model_is_near_the_ceiling_and_better_on_motions_never_seen() -> Non
 def test_a_motion_too_short_is_refused() -> None:
     with pytest.raises(ConfigurationError, match="too short to learn on"):
         learn(vertical(), THESIS, TIMING, np.zeros(50))
+
+
+def test_the_next_trial_takes_over_what_repeats_and_leaves_what_is_fast() -> None:
+    turn = 2.0 * np.pi * np.arange(1000) / 1000.0
+    slow, fast = np.sin(3.0 * turn), np.sin(300.0 * turn)
+    taken = next_torque(slow, np.zeros(1000), 1e-3)
+    assert taken == pytest.approx(slow, abs=1e-3)
+    assert next_torque(fast, np.zeros(1000), 1e-3) == pytest.approx(np.zeros(1000), abs=0.01)
+    more = next_torque(np.zeros(1000), slow, 1e-3)
+    assert more == pytest.approx(0.5 * np.roll(slow, -2), abs=1e-3)
+
+
+def test_what_was_learnt_is_played_round_and_round_and_stretched_by_its_phase() -> None:
+    torque = np.sin(2.0 * np.pi * np.arange(8) / 8.0)
+    law = LearntFeedforward(torque)
+    assert [law.step(0.0, 0.0, 0.0, None) for _ in range(16)] == pytest.approx([*torque, *torque])
+    assert by_phase(torque, 16)[::2] == pytest.approx(torque)

@@ -3,6 +3,9 @@
 It is predicted on the twin, from steps of several sizes and either direction, because a loop may hold after one
 and hunt after another; and recognised in what was measured, by the same rule: the position swings on by more than
 a few counts of its sensor, and no less in the end than before. What creeps one way without turning is no limit cycle.
+
+The twin is shaken as the axis is: an axis that sticks while its integral grows breaks away earlier, and again and
+again, where it is shaken; on a twin at rest such bursts come too late to be seen, or not at all.
 """
 
 from __future__ import annotations
@@ -14,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from autotune.control.gains.loop import Gains, LoopTiming
-from autotune.control.gains.twin import follow, step_reference
+from autotune.control.gains.twin import follow, shaken, step_reference
 from autotune.core.arrays import Floats
 from autotune.models.drive_model import DriveModel
 
@@ -28,7 +31,7 @@ LONG_SECONDS = 30.0
 reported in section 6.3.5)."""
 BEFORE = 0.6
 """s from power-on, with an empty integral, to the step."""
-PIECES = 6
+PIECES = 9
 RISE = 3.0
 """Times the swing of an earlier piece: it comes in bursts."""
 
@@ -50,7 +53,7 @@ def recognised(position: Floats, period: float, resolution: float) -> LimitCycle
     third = len(position) // 3
     if third < 20:
         return None
-    middle, last, later = position[third : 2 * third], position[-third:], position[third:]
+    middle, last, later = position[third : 2 * third], position[-third:], position[len(position) // 4 :]
     swing, before = float(np.ptp(last)), float(np.ptp(middle))
     if _in_bursts(later, resolution):
         return LimitCycle(0.5 * float(np.ptp(later)), _frequency(later, period))
@@ -89,7 +92,8 @@ def after_step(
 ) -> LimitCycle | None:
     """What is left `seconds` after a step of `size` [rad or m] on the twin."""
     reference = step_reference(size, BEFORE, seconds, timing)
-    motion = follow(model, gains, timing, reference, held_offset=False)
+    noise = shaken(timing, len(reference), int(size > 0.0))
+    motion = follow(model, gains, timing, reference, disturbance=noise, held_offset=False)
     if not motion.bounded:
         return LimitCycle(math.inf, math.nan, unbounded=True)
     after = motion.position[round(BEFORE / timing.period) :]

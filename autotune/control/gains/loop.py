@@ -176,6 +176,8 @@ class LoopTiming:
         resolution: of the position sensor [rad or m].
         torque_limit: of the drive [N m or N].
         reference_filter: α of (6.14), 0 for none.
+        disturbance: torque that shakes the axis, standard deviation of white noise from sample to sample [N m or N];
+            0 where it is not known.
     """
 
     period: float
@@ -184,3 +186,4 @@ class LoopTiming:
     dead_time: float = 0.0
     dead_time_error: float = 0.0
     reference_filter: float = 0.0
+    disturbance: float = 0.0

@@ -12,7 +12,7 @@ import numpy as np
 
 from autotune.control.gains.loop import Gains, LoopTiming
 from autotune.control.gains.regimes import characteristic_space
-from autotune.control.gains.twin import follow
+from autotune.control.gains.twin import follow, shaken
 from autotune.core.arrays import Floats
 from autotune.models.drive_model import DriveModel
 
@@ -52,7 +52,8 @@ def sticks_at(model: DriveModel, gains: Gains, timing: LoopTiming, speed: float)
     way = 40.0 * max(characteristic_space(model), 20.0 * timing.resolution)
     seconds = min(max(way / speed, 1.0), LONGEST)
     count = round(seconds / timing.period)
-    motion = follow(model, gains, timing, np.arange(count, dtype=np.float64) * (speed * timing.period))
+    reference = np.arange(count, dtype=np.float64) * (speed * timing.period)
+    motion = follow(model, gains, timing, reference, disturbance=shaken(timing, count, 2))
     return not motion.bounded or stands_often(motion.position, speed, timing)
 
 

@@ -20,6 +20,7 @@ from autotune.models.layout import POSITION, VELOCITY
 from autotune.models.plant import advance, substeps_for
 from autotune.models.torque_path import delivered
 
+SEED = 11
 RUNAWAY = 1e5
 """rad/s: no axis gets there; a loop that does is unstable in the large."""
 
@@ -173,6 +174,13 @@ def follow(
     )
     position[played:], torque[played:] = np.nan, np.nan
     return Motion(reference, position, torque, played, timing.period)
+
+
+def shaken(timing: LoopTiming, count: int, seed: int) -> Floats | None:
+    """What shakes the axis beside the drive [N m], shape (count,); None where nothing is known of it."""
+    if timing.disturbance <= 0.0:
+        return None
+    return np.random.default_rng([SEED, seed]).normal(0.0, timing.disturbance, count)
 
 
 def step_reference(size: float, before: float, after: float, timing: LoopTiming) -> Floats:
