@@ -4,12 +4,12 @@ A drive that knows no presliding holds the kinetic model, or part of it,
 
     u = J r̈ + b ṙ + F_c sign ṙ + F_g,
 
-or a table of torque over velocity (`velocity_table`), with the share of friction and the first point as what is free.
-Inertia and viscous friction are what they are: bent to imitate
-presliding on one motion they would do harm on a faster one. The Coulomb torque is free. It is chosen so
-that the squared tracking error over the user's motion is least, as predicted by the closed loop with the
-full model as its axis (`closed_loop`). The torque's own least squares, F_c nearly as it is, give a jump
-at every reversal that the axis cannot follow elastically: worse than no feedforward on stiff loops.
+or a table of torque over velocity (`velocity_table`). Inertia and viscous friction are what they are: bent to
+imitate presliding on one motion they would do harm on a faster one. The Coulomb torque is free, and of a table the
+share of friction and the first point. They are chosen so that the squared tracking error over the user's motion is
+least, as predicted by the closed loop with the full model as its axis (`closed_loop`). The torque's own least squares,
+F_c nearly as it is, give a jump at every reversal that the axis cannot follow elastically: worse than no feedforward
+on stiff loops.
 
 A drive with a LuGre block of its own holds all parameters, yet not every friction: such blocks know a level
 that falls from F_s to F_c. Friction that rises from rest (F_s < F_c, section 2.2.2 and Table 6.2) is played by
@@ -58,7 +58,7 @@ class Reduction:
         full_peak, full_rms: measured error with the full feedforward [motion unit].
         predicted_peak, predicted_rms: error with the drive's part (and the host's, where there is one).
         residual_rms: what the drive's part leaves of the full feedforward [N m].
-            lost: effects beyond what a drive's block knows: lost where the host does not play.
+        lost: effects beyond what a drive's block knows: lost where the host does not play.
         note: why a table of the drive's is not used; "" where it is, or there is none.
     """
 
@@ -91,10 +91,13 @@ class Reduction:
         numbers = numbers_of({name: content[name] for name in MEASURES})
         values = MappingProxyType(numbers_of(content["values"]))
         host, lost = (tuple(str(part) for part in content[name]) for name in ("host", "lost"))
-        return Reduction(values, host, **numbers, lost=lost)
+        note = str(content.get("note", ""))
+        return Reduction(values=values, host=host, lost=lost, note=note, **numbers)
 
 
-def _plain(value: Mapping[str, float] | tuple[str, ...] | float) -> dict[str, float] | list[str] | float:
+def _plain(
+    value: Mapping[str, float] | tuple[str, ...] | str | float,
+) -> dict[str, float] | list[str] | str | float:
     if isinstance(value, Mapping):
         return dict(value)
     return list(value) if isinstance(value, tuple) else value

@@ -9,7 +9,7 @@ import pytest
 
 from autotune.control.closed_loop import steady_error
 from autotune.control.feedforward import FixedFeedforward, LugreParameters, stribeck_level
-from autotune.control.reduction import DrivePart, Remainder, reduce
+from autotune.control.reduction import DrivePart, Reduction, Remainder, reduce
 from autotune.control.refinement import PeriodAverage, periodic_feedforward
 from autotune.control.velocity_table import Points, TableBlock, is_point
 from autotune.core.errors import ConfigurationError
@@ -116,6 +116,7 @@ def test_the_law_of_the_drives_part_plays_the_table_and_the_host_the_rest() -> N
 def test_a_table_that_cannot_hold_it_is_refused_in_words(block: TableBlock, words: str) -> None:
     found = reduce(PROVED, {"inertia", *held(block)}, as_measured(PROVED), STIFF, 1.34, block, TOP)
     assert words in found.note
+    assert Reduction.from_json(found.as_json()) == found
     assert "coulomb" in found.host
     assert set(found.values) == {"inertia"}
     with pytest.raises(ConfigurationError, match=words):
