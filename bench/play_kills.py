@@ -23,6 +23,8 @@ from tests.tuning.play_rig import Columns, largest_step, longest_hold, peak_erro
 
 LIMIT = 1.34  # N m
 PERIODS = 6
+WINDOWS = 3
+"""Of so many periods: a busy host may hold the sidecar up for longer than the master waits."""
 
 
 def kills(count: int, seed: int) -> dict[str, Any]:
@@ -34,8 +36,11 @@ def kills(count: int, seed: int) -> dict[str, Any]:
         running.go()
         sidecar.wait_for("playing")
         running.pass_cycles(1000)
-        begin = running.cycles + 100
-        running.pass_cycles(1000 * PERIODS + 200)
+        windows = []
+        for _ in range(WINDOWS):
+            begin, missed = running.cycles + 100, running.missed
+            running.pass_cycles(1000 * PERIODS + 200)
+            windows.append((begin, running.missed - missed))
         for _ in range(count):
             kind = random.choice(("watching", "fading in", "fading in", "playing", "playing"))
             if kind != "watching":
@@ -55,7 +60,10 @@ def kills(count: int, seed: int) -> dict[str, Any]:
         "cycles": len(seen["offset"]),
         "largest_step_of_limit": largest_step(seen) / LIMIT,
         "cycles_until_gone": {"ends": len(holds), "longest": max(holds)},
-        "peak_error_mrad": 1e3 * peak_error(seen, begin, PERIODS),
+        "peak_error_mrad": [
+            {"peak": 1e3 * peak_error(seen, begin, PERIODS), "cycles_without_sidecar": missed}
+            for begin, missed in windows
+        ],
         "axis_always_enabled": set(seen["status"].astype(int) & 0x6F) == {0x27},
         "last_exit_code": code,
     }

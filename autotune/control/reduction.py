@@ -4,11 +4,12 @@ A drive that knows no presliding holds the kinetic model, or part of it,
 
     u = J r̈ + b ṙ + F_c sign ṙ + F_g,
 
-or a table of torque over velocity. Inertia and viscous friction are what they are: bent to imitate
-presliding on one motion they would do harm on a faster one. The Coulomb torque is free. It is chosen so
-that the squared tracking error over the user's motion is least, as predicted by the closed loop with the
-full model as its axis (`closed_loop`). The torque's own least squares, F_c nearly as it is, give a jump
-at every reversal that the axis cannot follow elastically: worse than no feedforward on stiff loops.
+or a table of torque over velocity (`velocity_table`). Inertia and viscous friction are what they are: bent to
+imitate presliding on one motion they would do harm on a faster one. The Coulomb torque is free, and of a table the
+share of friction and the first point. They are chosen so that the squared tracking error over the user's motion is
+least, as predicted by the closed loop with the full model as its axis (`closed_loop`). The torque's own least squares,
+F_c nearly as it is, give a jump at every reversal that the axis cannot follow elastically: worse than no feedforward
+on stiff loops.
 
 A drive with a LuGre block of its own holds all parameters, yet not every friction: such blocks know a level
 that falls from F_s to F_c. Friction that rises from rest (F_s < F_c, section 2.2.2 and Table 6.2) is played by
@@ -19,7 +20,7 @@ The loss is the predicted error with the reduced feedforward less that with the 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
@@ -30,6 +31,7 @@ import scipy
 from autotune.control.closed_loop import steady_error
 from autotune.control.feedforward import FeedforwardLaw, LugreParameters, advance
 from autotune.control.refinement import PeriodAverage, periodic_feedforward
+from autotune.control.velocity_table import Points, TableBlock
 from autotune.core.arrays import Floats
 from autotune.core.documents import numbers_of
 from autotune.core.drive import Sample
@@ -41,6 +43,8 @@ KINETIC = ("inertia", "viscous", "coulomb", "offset")
 RISING = "friction_that_rises_from_rest"
 MEASURES = ("full_peak", "full_rms", "predicted_peak", "predicted_rms", "residual_rms")
 SEARCH_POINTS = 13
+KNEES = (0.005, 0.6)
+"""Of the user's top speed: where the first point of a table over velocity may be."""
 SMALL = 0.02  # part of the feedforward's rms below which nothing has to be played for it
 
 
@@ -55,6 +59,7 @@ class Reduction:
         predicted_peak, predicted_rms: error with the drive's part (and the host's, where there is one).
         residual_rms: what the drive's part leaves of the full feedforward [N m].
         lost: effects beyond what a drive's block knows: lost where the host does not play.
+        note: why a table of the drive's is not used; "" where it is, or there is none.
     """
 
     values: Mapping[str, float]
@@ -65,6 +70,7 @@ class Reduction:
     predicted_rms: float
     residual_rms: float
     lost: tuple[str, ...] = ()
+    note: str = ""
 
     @property
     def predicted_loss(self) -> float:
@@ -85,10 +91,13 @@ class Reduction:
         numbers = numbers_of({name: content[name] for name in MEASURES})
         values = MappingProxyType(numbers_of(content["values"]))
         host, lost = (tuple(str(part) for part in content[name]) for name in ("host", "lost"))
-        return Reduction(values, host, **numbers, lost=lost)
+        note = str(content.get("note", ""))
+        return Reduction(values=values, host=host, lost=lost, note=note, **numbers)
 
 
-def _plain(value: Mapping[str, float] | tuple[str, ...] | float) -> dict[str, float] | list[str] | float:
+def _plain(
+    value: Mapping[str, float] | tuple[str, ...] | str | float,
+) -> dict[str, float] | list[str] | str | float:
     if isinstance(value, Mapping):
         return dict(value)
     return list(value) if isinstance(value, tuple) else value
@@ -148,6 +157,8 @@ def reduce(
     measured: PeriodAverage,
     controller: Controller,
     limit: float = np.inf,
+    table: TableBlock | None = None,
+    top: float = np.inf,
 ) -> Reduction:
     """Reduces the proved parameters to what a drive holds.
 
@@ -157,6 +168,8 @@ def reduce(
         measured: the user's motion with the full feedforward in force.
         controller: of the drive.
         limit: of the torque [N m].
+        table: over velocity, where the drive has one; then friction goes in there.
+        top: fastest motion of the axis, to which the table reaches.
 
     Raises:
         ConfigurationError: the drive holds no part of a feedforward.
@@ -164,15 +177,22 @@ def reduce(
     names = sorted(
         (set(held) & LUGRE) - ({"break_away", "micro_damping"} if "stiffness" not in held else set())
     )
-    if not names:
-        raise ConfigurationError("the drive holds no part of a feedforward; the host has to play all of it")
+    note = table.refuses(full, top) if table is not None else ""
+    table = None if note else table
+    if not names and table is None:
+        raise ConfigurationError(
+            f"the drive holds no part of a feedforward{': ' if note else ''}{note}; the host has to play all of it"
+        )
     predict = _Prediction(full, measured, controller, limit)
     values = {name: float(getattr(full, name)) for name in names}
     lost = (RISING,) if rises(full) and "break_away" in values else ()
     if lost:
         values["break_away"] = full.coulomb
-    host = _left_to_the_host(full, names, measured, controller)
-    if "stiffness" not in names and "coulomb" in names and not host:
+    friction = ("coulomb", "viscous") if table is not None else ()
+    host = _left_to_the_host(full, {*names, *friction}, measured, controller)
+    if table is not None:
+        values |= _best_table(values, full, table, top, predict)
+    elif "stiffness" not in names and "coulomb" in names and not host:
         values["coulomb"] = _least_error(values, full, predict)
     part = drive_torque(values, measured.reference, measured.period)
     wanted = predict.applied
@@ -186,6 +206,7 @@ def reduce(
         _rms(error),
         _rms(wanted - part),
         lost,
+        note,
     )
 
 
@@ -222,6 +243,36 @@ def _least_error(values: Mapping[str, float], full: LugreParameters, predict: _P
         squares, bounds=(low, high), method="bounded", options={"xatol": 1e-3 * full.coulomb}
     )
     return float(found.x) if found.fun < squares(float(grid[best])) else float(grid[best])
+
+
+def _best_table(
+    values: Mapping[str, float], full: LugreParameters, table: TableBlock, top: float, predict: _Prediction
+) -> dict[str, float]:
+    """The points with the least squared error: knee over two decades, share of friction from 0 to 1."""
+    m = predict.measured
+    fastest = float(np.max(np.abs(motion_columns(m.reference, m.period)["viscous"])))
+    top = max(min(top, table.largest_velocity), fastest)
+
+    def points(knee: float, share: float) -> dict[str, float]:
+        return table.filled(full, fastest * knee, share, top)
+
+    def squares(knee: float, share: float) -> float:
+        torque = drive_torque({**values, **points(knee, share)}, m.reference, m.period)
+        return _rms(predict.error(torque))
+
+    grid = [(float(k), float(s)) for k in np.geomspace(*KNEES, 7) for s in np.linspace(0.25, 1.0, 4)]
+    knee, share = min(grid, key=lambda pair: squares(*pair))
+    share = _bounded(lambda s: squares(knee, s), max(share - 0.25, 0.0), min(share + 0.25, 1.0))
+    nearest = _bounded(lambda k: squares(k, share), max(knee / 2.2, KNEES[0]), min(knee * 2.2, KNEES[1]))
+    knee = min(knee, nearest, key=lambda k: squares(k, share))
+    return points(knee, share)
+
+
+def _bounded(function: Callable[[float], float], low: float, high: float) -> float:
+    found = optimize.minimize_scalar(
+        function, bounds=(low, high), method="bounded", options={"xatol": 0.02 * (high - low)}
+    )
+    return float(found.x)
 
 
 def _left_to_the_host(
@@ -271,7 +322,8 @@ def drive_torque(values: Mapping[str, float], reference: Floats, period: float) 
     if "stiffness" in values:
         return periodic_feedforward(_elastic(values), reference, period)
     columns = motion_columns(reference, period)
-    torque = np.zeros(len(reference))
+    points = Points.among(values)
+    torque = np.zeros(len(reference)) if points is None else points.at(columns["viscous"])
     for name in KINETIC:
         torque += values.get(name, 0.0) * columns[name]
     return torque
@@ -292,7 +344,8 @@ class DrivePart:
     def __init__(self, values: Mapping[str, float], period: float) -> None:
         self._period = period
         self._elastic = "stiffness" in values
-        own = dict(values) if self._elastic else {**values, "stiffness": 1.0, "coulomb": 1.0}
+        self._points = Points.among(values)
+        own = dict(values) if self._elastic else {"stiffness": 1.0, "coulomb": 1.0}
         self._own = _elastic(own).array()
         self._kinetic = tuple(values.get(name, 0.0) for name in KINETIC)
         self._state = np.zeros(2)
@@ -307,7 +360,8 @@ class DrivePart:
             return float(advance(self._own, self._state, velocity, acceleration, self._period))
         self._sign = self._sign if velocity == 0.0 else float(np.sign(velocity))
         inertia, viscous, coulomb, offset = self._kinetic
-        return inertia * acceleration + viscous * velocity + coulomb * self._sign + offset
+        table = float(self._points.at(velocity)) if self._points is not None else 0.0
+        return inertia * acceleration + viscous * velocity + coulomb * self._sign + offset + table
 
 
 class Remainder:
@@ -326,36 +380,6 @@ class Remainder:
     def step(self, reference: float, velocity: float, acceleration: float, previous: Sample | None) -> float:
         whole = self._full.step(reference, velocity, acceleration, previous)
         return whole - self._part.step(reference, velocity, acceleration, previous)
-
-
-@dataclass(frozen=True, slots=True)
-class VelocityTable:
-    """Torque over velocity, linear between the points and constant beyond; shape (k,) each."""
-
-    velocity: Floats
-    torque: Floats
-    residual_rms: float
-
-
-def reduce_to_table(full: LugreParameters, speeds: Floats, reference: Floats, period: float) -> VelocityTable:
-    """The table whose torque comes closest to the full feedforward, acceleration apart.
-
-    Args:
-        full: proved parameters.
-        speeds: increasing points of the table, shape (k,) [rad/s].
-        reference: one period of the user's motion, shape (n,) [rad].
-        period: sample period [s].
-
-    Raises:
-        ConfigurationError: fewer than two points, or not increasing.
-    """
-    if len(speeds) < 2 or not np.all(np.diff(speeds) > 0.0):
-        raise ConfigurationError(f"a velocity table needs at least two increasing points, got {speeds}")
-    columns = motion_columns(reference, period)
-    wanted = periodic_feedforward(replace(full, inertia=0.0), reference, period)
-    hats = np.array([np.interp(columns["viscous"], speeds, unit) for unit in np.eye(len(speeds))]).T
-    torque = np.linalg.lstsq(hats, wanted, rcond=None)[0]
-    return VelocityTable(speeds.copy(), np.asarray(torque), _rms(wanted - hats @ torque))
 
 
 def _rms(values: Floats) -> float:

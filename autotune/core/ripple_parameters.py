@@ -31,11 +31,6 @@ def is_ripple(name: str) -> bool:
     return name.startswith(PREFIX)
 
 
-def is_read_only(name: str) -> bool:
-    """True for what the drive tells and nobody writes."""
-    return name.startswith((ALIGNMENT, "ripple."))
-
-
 def numbered(stem: str, names: Collection[str]) -> int:
     """How many of `stem.0`, `stem.1`, … there are in a row."""
     count = 0

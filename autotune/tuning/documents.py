@@ -11,6 +11,7 @@ import numpy as np
 from autotune import __version__
 from autotune.core.arrays import Floats
 from autotune.core.axis import Axis, Limits
+from autotune.core.friction_table import in_words
 from autotune.identify.run import Identification
 from autotune.models.drive_model import surface_parameter
 from autotune.recordings.files import read_recording
@@ -19,7 +20,13 @@ from autotune.tuning.diagnosis_pages import diagnosis_pictures, diagnosis_tables
 from autotune.tuning.findings import Findings
 from autotune.tuning.objects import objects_of
 from autotune.tuning.outcome import Outcome, RunResult
-from autotune.tuning.parameter_tables import feedforward_table, held_out_table, identified_table, ripple_table
+from autotune.tuning.parameter_tables import (
+    feedforward_table,
+    friction_table,
+    held_out_table,
+    identified_table,
+    ripple_table,
+)
 from autotune.tuning.proof import fold
 from autotune.tuning.stage_prove import COMMITTED, windows_of
 from autotune.view import data
@@ -264,6 +271,8 @@ def _tables(material: Material) -> list[Table]:
         tables.append(identified_table(result))
     if result.feedforward:
         tables.append(feedforward_table(result, material.findings, objects_of(material.axis.profile)))
+    if (points := friction_table(result)) is not None:
+        tables.append(points)
     if (ripple := ripple_table(material.findings, result.outcome is Outcome.KEPT)) is not None:
         tables.append(ripple)
     if result.held_out:
@@ -295,7 +304,7 @@ def _reduction(result: RunResult) -> Table:
     host = f"The host has to play: {', '.join(found['host'])}." if found["host"] else ""
     if found["lost"]:
         host += f" Lost where the host does not play feedforward.toml: {', '.join(found['lost'])}."
-    note = f"The drive holds {', '.join(found['drive'])} only. {host}"
+    note = f"The drive holds {', '.join(in_words(found['drive']))} only. {host}"
     return Table(
         "Reduction to what the drive holds", ("", "predicted", "measured"), rows, note, frozenset({1, 2})
     )

@@ -68,11 +68,15 @@ def _holding(profile: str, content: dict[str, Any]) -> Holding:
         name.removeprefix(PREFIX) for name in content.get("parameters", {}) if str(name).startswith(PREFIX)
     }
     keeps, rest = [], []
+    table = content.get("friction_table")
+    if table:
+        keeps.append(f"friction over velocity ({table['points']}-point table)")
+        names |= {"coulomb", "viscous"}
     elastic = "LuGre friction" if names >= FRICTION else "friction with one spring rate"
     for words, there in (
         (elastic, {"coulomb", "stiffness"} <= names),
-        ("Coulomb friction", "coulomb" in names and "stiffness" not in names),
-        ("viscous friction", "viscous" in names),
+        ("Coulomb friction", not table and "coulomb" in names and "stiffness" not in names),
+        ("viscous friction", not table and "viscous" in names),
         ("inertia", "inertia" in names),
         ("gravity", "offset" in names),
     ):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from autotune.control.velocity_table import Points, is_point
 from autotune.core.ripple_parameters import is_ripple
 from autotune.models.drive_model import surface_parameter
 from autotune.tuning.findings import Findings
@@ -50,7 +51,7 @@ def feedforward_table(result: RunResult, findings: Findings, objects: Mapping[st
     rows = [
         _row(name, value, result, findings, objects)
         for name, value in result.feedforward.items()
-        if not is_ripple(name)
+        if not is_ripple(name) and not is_point(name)
     ]
     note = "Read back from the drive after writing." if kept else "Proposed; none of it is in the drive."
     now = "in the drive now" if kept else "proposed"
@@ -117,6 +118,22 @@ def ripple_table(findings: Findings, kept: bool) -> Table | None:
     return Table(
         "Torque ripple in the drive", ("order", "amplitude", ""), [*written, *out], note, frozenset({0, 1})
     )
+
+
+def friction_table(result: RunResult) -> Table | None:
+    """Torque over velocity, point by point; None where there is no table."""
+    values = {name.removeprefix(PREFIX): value for name, value in result.feedforward.items()}
+    points = Points.among(values)
+    if points is None:
+        return None
+    unit = result.motion_unit
+    rows = [
+        [quantity(float(v), f"{unit}/s"), quantity(float(t), "N m" if unit == "rad" else "N")]
+        for v, t in zip(points.velocity[1:], points.torque[1:], strict=True)
+    ]
+    kept = "In the drive now" if result.outcome is Outcome.KEPT else "Proposed; none of it is in the drive"
+    note = f"{kept}. Straight lines from the origin and between the points; the same turned round backwards."
+    return Table("Friction over velocity", ("velocity", "torque"), rows, note, frozenset({0, 1}))
 
 
 def _why(name: str, identified: float, written: float) -> str:

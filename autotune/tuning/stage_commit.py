@@ -57,7 +57,7 @@ def commit_stage(session: Session, state: RunState, approve: Callable[[str], boo
     plan = with_own_ripple(plan_commit(session, findings, held, _ripple(session, state, held)), changed)
     findings.reduction, findings.ripple = plan.reduction, plan.ripple
     if not plan.values:
-        return _host_only(session, state, "this drive cannot hold a feedforward")
+        return _host_only(session, state, plan.why)
     for sentence in _announced(session, plan):
         state.notes.append(sentence)
         session.reporter.say(sentence)

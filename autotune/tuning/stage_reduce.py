@@ -5,7 +5,7 @@ A reduction is predicted before the commit and compared with what is measured af
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,6 +14,7 @@ import numpy as np
 from autotune.control.feedforward import FeedforwardLaw, FixedFeedforward, LugreParameters
 from autotune.control.model_feedforward import ModelFeedforward, beyond_lugre, periodic_model_feedforward
 from autotune.control.reduction import (
+    LUGRE,
     DrivePart,
     Reduction,
     Remainder,
@@ -24,7 +25,9 @@ from autotune.control.reduction import (
     with_one_level,
 )
 from autotune.control.refinement import PeriodAverage, periodic_feedforward
+from autotune.control.velocity_table import TableBlock, is_point
 from autotune.core.errors import ConfigurationError
+from autotune.core.friction_table import in_words
 from autotune.core.ripple_parameters import GAIN, is_ripple, moved
 from autotune.models.torque_ripple import TORQUE_RIPPLE
 from autotune.recordings.recording import Controller
@@ -49,12 +52,14 @@ class Plan:
         reduction: None where the drive holds all.
         host: law that the host has to play beside the drive; None for none.
         ripple: what the drive takes of torque ripple, among `values`; None for nothing.
+        why: where `values` are empty, why the drive holds nothing.
     """
 
     values: Mapping[str, float]
     reduction: Reduction | None = None
     host: Remainder | None = None
     ripple: RipplePlan | None = None
+    why: str = "this drive cannot hold a feedforward"
 
     @property
     def only_ripple(self) -> bool:
@@ -118,14 +123,32 @@ def _plan_friction(
         return Plan(values, lugre_part(findings, block) or reduction)
     if not names - {"enabled", "reference_filter"}:
         return Plan({})
-    reduction = reduce(full, names, _measured(findings, session), _controller(session), session.limits.torque)
-    reduction = _of_the_whole(reduction, findings)
+    table = _table(session, names)
+    if table is not None and not names & LUGRE and (why := table.refuses(full, session.limits.speed)):
+        return Plan({}, why=why)
+    reduction = _of_the_whole(_reduced(session, full, names, _measured(findings, session), table), findings)
     values = {PREFIX + name: value for name, value in reduction.values.items()}
     if ENABLED in held:
         values[ENABLED] = 1.0
     law = host_law(findings, session.axis.cycle, ripple)
     host = Remainder(law, reduction.values, session.axis.cycle) if reduction.host else None
     return Plan(values, reduction, host)
+
+
+def _table(session: Session, names: Collection[str]) -> TableBlock | None:
+    """The drive's table over velocity."""
+    return TableBlock.of(session.loop.read_parameters()) if any(map(is_point, names)) else None
+
+
+def _reduced(
+    session: Session,
+    full: LugreParameters,
+    names: Collection[str],
+    measured: PeriodAverage,
+    table: TableBlock | None,
+) -> Reduction:
+    limits = session.limits
+    return reduce(full, names, measured, _controller(session), limits.torque, table, limits.speed)
 
 
 def host_law(findings: Findings, period: float, ripple: RipplePlan | None) -> FeedforwardLaw:
@@ -150,7 +173,7 @@ def plan_retune(session: Session, findings: Findings, held: Mapping[str, float])
     if findings.adapted is None or not names - {"enabled", "reference_filter"}:
         return None
     measured = findings.adapted.best.measured
-    reduction = reduce(full, names, measured, _controller(session), session.limits.torque)
+    reduction = _reduced(session, full, names, measured, _table(session, names))
     if reduction.host:
         return None
     enabled = {ENABLED: 1.0} if ENABLED in held else {}
@@ -252,7 +275,7 @@ def _controller(session: Session) -> Controller:
 
 def announcement(reduction: Reduction, unit: str) -> str:
     """What a person is told before the commit."""
-    parts = ", ".join(sorted(reduction.values))
+    parts = ", ".join(in_words(reduction.values)) + (f" ({reduction.note})" if reduction.note else "")
     if not reduces(reduction.values) and not reduction.lost:
         return "this drive holds the LuGre part of the feedforward"
     if not reduces(reduction.values):

@@ -6,6 +6,7 @@ from dataclasses import asdict
 from typing import Any
 
 from autotune.control.feedforward import LugreParameters
+from autotune.core.friction_table import in_words
 from autotune.core.ripple_parameters import is_ripple
 from autotune.identify.run import Identification
 from autotune.models.drive_model import DriveModel, surface_parameter
@@ -40,7 +41,7 @@ def in_drive(findings: Findings, kept: bool) -> dict[str, Any]:
         return {"keeps": [], "peak_error_before": before, "peak_error": before, "ripple_removed": None}
     alone = findings.committed.peak_error if findings.committed else None
     names = {name.removeprefix("feedforward.") for name in findings.held if not is_ripple(name)}
-    keeps = sorted(names) + ([TORQUE_RIPPLE.name] if findings.ripple is not None else [])
+    keeps = in_words(names) + ([TORQUE_RIPPLE.name] if findings.ripple is not None else [])
     return {
         "keeps": keeps,
         "peak_error_before": before,

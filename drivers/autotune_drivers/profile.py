@@ -8,8 +8,7 @@ not in it. Signals are written `6064:00 i32 count`: object, type, unit.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -19,8 +18,9 @@ from autotune.core.configuration import Strict, read_toml, validate
 from autotune.core.errors import ConfigurationError
 from autotune.core.paths import config_directory
 from autotune_drivers.canopen.objects import ObjectRef
-from autotune_drivers.tables import HarmonicsBlock
-from autotune_drivers.units import TORQUE_UNITS, UNITS, is_constant, is_current
+from autotune_drivers.signals import ObjectField, SignalField, all_known
+from autotune_drivers.tables import HarmonicsBlock, VelocityPoints
+from autotune_drivers.units import TORQUE_UNITS, is_constant, is_current
 
 PARAMETERS = (
     "limit.position_min",
@@ -59,54 +59,6 @@ RECORDED = (
 """What a drive's recorder can be asked for; `sync` and `cycle` are counters."""
 
 
-@dataclass(frozen=True, slots=True)
-class Signal:
-    """An object with its unit."""
-
-    ref: ObjectRef
-    unit: str
-
-    @classmethod
-    def parse(cls, text: str) -> Signal:
-        """Reads `6064:00 i32 count`; the unit may be left out (`SI`).
-
-        Raises:
-            ValueError: not of that form.
-        """
-        words = text.split()
-        if len(words) not in (2, 3):
-            raise ValueError(f"signal {text!r} is not understood; write '6064:00 i32 count'")
-        unit = words[2] if len(words) == 3 else "SI"
-        if unit not in UNITS:
-            near = difflib.get_close_matches(unit, UNITS, 1)
-            hint = f"did you mean {near[0]!r}" if near else f"known are {', '.join(UNITS)}"
-            raise ValueError(f"signal {text!r} has the unknown unit {unit!r}; {hint}?")
-        return cls(ObjectRef.parse(" ".join(words[:2])), unit)
-
-    def named(self, name: str) -> Signal:
-        """The same, with the name that errors give it."""
-        return replace(self, ref=replace(self.ref, name=name))
-
-
-def all_known(names: Iterable[str], known: Collection[str], what: str) -> None:
-    """Raises ValueError for a name that is not known, with the nearest that is."""
-    for name in names:
-        if name not in known:
-            near = difflib.get_close_matches(name, known, 1)
-            hint = f"did you mean {near[0]!r}" if near else f"known are {', '.join(known)}"
-            raise ValueError(f"unknown {what} {name!r}; {hint}?")
-
-
-def _signal(value: Any) -> Any:
-    return Signal.parse(value) if isinstance(value, str) else value
-
-
-def _object(value: Any) -> Any:
-    return ObjectRef.parse(value) if isinstance(value, str) else value
-
-
-SignalField = Annotated[Signal, BeforeValidator(_signal)]
-ObjectField = Annotated[ObjectRef, BeforeValidator(_object)]
 Word = Annotated[int, Field(ge=0, le=0xFFFF_FFFF)]
 
 
@@ -224,7 +176,7 @@ class Heartbeats(Strict):
 
 
 def _timer(value: Any) -> Any:
-    return value if value == "event-timer" else _object(value)
+    return ObjectRef.parse(value) if isinstance(value, str) and value != "event-timer" else value
 
 
 class OffsetGuard(Strict):
@@ -291,8 +243,8 @@ class Profile(Strict):
 
     `expects` are objects that must have a value for the profile's units to be right; they are compared
     before anything is written. `encoder`: where the drive says how many counts a turn has; `none` where its
-    positions do not follow object 608Fh. `ripple`: harmonics of torque that the drive adds. `remarks` are told to
-    the person who commissions the axis.
+    positions do not follow object 608Fh. `ripple`: harmonics of torque that the drive adds; `friction_table`: torque
+    over velocity. `remarks` are told to the person who commissions the axis.
     """
 
     schema_version: Annotated[Literal[1], Field(alias="schema")] = 1
@@ -316,12 +268,15 @@ class Profile(Strict):
     offset_guard: OffsetGuard | None = None
     store: Store | None = None
     ripple: HarmonicsBlock | None = None
+    friction_table: VelocityPoints | None = None
     transition_seconds: Annotated[float, Field(gt=0, le=30)] = 3.0
     faults: Mapping[str, str] = {}
 
     @model_validator(mode="after")
     def _known(self) -> Profile:
         all_known(self.parameters, PARAMETERS, "parameter")
+        if self.friction_table is not None:
+            self.friction_table.alone_beside(self.parameters)
         for text in (*self.session, *self.expects):
             ObjectRef.parse(text)
         for text in self.faults:

@@ -1,34 +1,35 @@
-"""Entries of profiles for tables in a drive: torque over position, which the drive adds by itself.
+"""Entries of profiles for tables in a drive: torque over position or over velocity, which the drive adds by itself.
 
-`[ripple]` in a profile says where they are, in which unit, how fine, in which order they are written, how they
-are stored, and from which page all that is. Harmonics are objects of a CANopen drive; the table is moteus's.
-Each becomes parameters by name (`autotune.core.ripple_parameters`), in the order in which they are written.
+`[ripple]` and `[friction_table]` in a profile say where they are, in which unit, how fine, in which order they are
+written, how they are stored, and from which page all that is. Harmonics and points over velocity are objects of a
+CANopen drive; the table over position is moteus's. Each becomes parameters by name (`autotune.core.ripple_parameters`,
+`autotune.core.friction_table`), in the order in which they are written.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import Field, model_validator
 
+from autotune.core import friction_table
 from autotune.core.configuration import Strict
 from autotune.core.ripple_parameters import ALIGNMENT, GAIN, ORDER, PHASE, SOURCE, TABLE, TORQUE
 from autotune_drivers.canopen.objects import ObjectRef
+from autotune_drivers.signals import ObjectField, Signal, SignalField
+from autotune_drivers.units import TORQUE_UNITS, VELOCITY_UNITS, Units
 
-Object = Annotated[
-    ObjectRef, BeforeValidator(lambda value: ObjectRef.parse(value) if isinstance(value, str) else value)
-]
 Count = Annotated[int, Field(ge=1, le=4096)]
 
 
 class SaveCommand(Strict):
     """A command object (ETG.1020): bytes written to `command`; `status` is 255 while busy, 0 or 1 when done."""
 
-    command: Object
+    command: ObjectField
     value: Annotated[int, Field(ge=0, le=0xFF)]
-    status: Object
+    status: ObjectField
     seconds: Annotated[float, Field(gt=0, le=60)] = 5.0
 
 
@@ -48,13 +49,13 @@ class HarmonicsBlock(Strict):
     count: Count
     stride: Count
     highest_order: Count
-    order: Object
-    phase: Object
-    torque: Object
-    gain: Object
-    control: Object | None = None
+    order: ObjectField
+    phase: ObjectField
+    torque: ObjectField
+    gain: ObjectField
+    control: ObjectField | None = None
     use: int = 0
-    aligned_by: tuple[Object, ...] = ()
+    aligned_by: tuple[ObjectField, ...] = ()
     save: SaveCommand | None = None
     source: str
 
@@ -106,6 +107,74 @@ class StepTable(Strict):
         """Name → the controller's name of what is only read."""
         names = (self.constant, *self.aligned_by)
         return {ALIGNMENT + name: name for name in names}
+
+
+class VelocityPoints(Strict):
+    """`points` of torque over velocity: straight lines between them and from the origin, constant beyond the last.
+
+    The negative half is the positive one turned round. Velocities are written first, then torques, each from the
+    first sub-index on, while `feedforward.enabled` (in `[parameters]`) is off; the store command is the profile's.
+
+    Attributes:
+        velocity, torque: objects of the first point, with unit; the others are `stride` sub-indices on.
+        largest_velocity, largest_torque: in raw units, where the drive takes less than its objects do.
+        source: the vendor's page.
+    """
+
+    kind: Literal["points"]
+    points: Annotated[int, Field(ge=2, le=256)]
+    stride: Count = 1
+    velocity: SignalField
+    torque: SignalField
+    largest_velocity: Annotated[float, Field(gt=0)] | None = None
+    largest_torque: Annotated[float, Field(gt=0)] | None = None
+    source: str
+
+    @model_validator(mode="after")
+    def _units(self) -> VelocityPoints:
+        for name, signal, known in (("velocity", self.velocity, VELOCITY_UNITS),
+                                    ("torque", self.torque, TORQUE_UNITS)):  # fmt: skip
+            if signal.unit not in known:
+                raise ValueError(
+                    f"friction_table.{name} has the unit {signal.unit!r}; write one of {', '.join(sorted(known))}"
+                )
+            last = signal.ref.sub + (self.points - 1) * self.stride
+            if last > 0xFF:
+                raise ValueError(f"friction_table.{name} ends at sub-index {last}; a drive has 255 at most")
+        return self
+
+    def alone_beside(self, parameters: Collection[str]) -> None:
+        """Raises ValueError: friction would be in the drive twice, or nothing switches the table."""
+        twice = sorted(
+            {f"feedforward.{n}" for n in ("viscous", "coulomb", "break_away", "stiffness")} & {*parameters}
+        )
+        if twice:
+            raise ValueError(f"a friction_table has the whole friction; leave out {', '.join(twice)}")
+        if "feedforward.enabled" not in parameters:
+            raise ValueError("a friction_table needs feedforward.enabled, which switches it off and on")
+
+    def places(self) -> dict[str, Signal]:
+        """Name → object and unit, in the order of writing."""
+        return {
+            f"{stem}.{k}": first.at(first.ref.sub + k * self.stride)
+            for stem, first in (
+                (friction_table.VELOCITY, self.velocity),
+                (friction_table.TORQUE, self.torque),
+            )
+            for k in range(self.points)
+        }
+
+    def told(self, units: Units) -> dict[str, float]:
+        """What the drive can hold, by name [SI]: the largest values, and one step of each."""
+        found = {}
+        for signal, own, largest, step in (
+            (self.velocity, self.largest_velocity, friction_table.LARGEST_VELOCITY, friction_table.VELOCITY_STEP),
+            (self.torque, self.largest_torque, friction_table.LARGEST_TORQUE, friction_table.TORQUE_STEP),
+        ):  # fmt: skip
+            factor = units.factor(signal.unit)
+            found[largest] = factor * (signal.ref.range[1] if own is None else own)
+            found[step] = 0.0 if signal.ref.is_float else factor
+        return found
 
 
 def unit_factor(unit: str) -> float:

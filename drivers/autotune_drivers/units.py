@@ -37,6 +37,8 @@ _CONSTANTS = {"Nm/A": 1.0, "mNm/A": 1e-3, "uNm/A": 1e-6}
 UNITS: tuple[str, ...] = (*_FIXED, *_COUNTS, *_TURNS, *_CURRENTS, *_CONSTANTS, "permille")
 TORQUE_UNITS = frozenset({"SI", "mNm", "uNm", "permille", "A", "mA", "uA"})
 """Units that a torque signal may have."""
+VELOCITY_UNITS = frozenset({"SI", "count/s", "rpm", "0.1mrpm", "rev/s", "mrev/s"})
+"""Units that a velocity may have."""
 
 SIGNED_PARAMETERS = frozenset({"limit.position_min", "limit.position_max", "feedforward.offset"})
 """Parameters whose sign follows the axis's direction; the others are magnitudes."""

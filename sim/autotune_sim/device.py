@@ -25,7 +25,7 @@ from autotune_sim.offset_guard import OffsetGuard
 from autotune_sim.recorder import Recorder
 from autotune_sim.servo import Servo
 from autotune_sim.state_machine import State
-from autotune_sim.vendor_blocks import FrictionBlock, RippleBlock
+from autotune_sim.vendor_blocks import FrictionBlock, RippleBlock, VelocityTable
 
 GAP = 0.02  # s without SYNC until the wall clock takes over
 PATIENCE = 0.25  # s, the same while operation is enabled
@@ -89,6 +89,7 @@ class Device:
         self.firmware.offset_guard = OffsetGuard(self.objects, self.node.receive_pdos, servo.period)
         self._settings = Settings(self.objects, self.firmware)
         self._friction_block = FrictionBlock(self.objects, self.firmware)
+        self._velocity_table = VelocityTable(self.objects, self.firmware)
         self._ripple_block = RippleBlock(
             self.objects, self.firmware, memory.read, self._write_memory, self._save_delay
         )
@@ -273,6 +274,7 @@ class Device:
         self.node.emergency.reset()
         self._settings.apply()
         self._friction_block.start()
+        self._velocity_table.start()
         self._ripple_block.start()
         self.firmware.reset()
         self.recorder.reset()

@@ -21,7 +21,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 Record = Any
 """One record of a structured array, as a kernel sees it: fields are attributes."""
 
-_SOURCES = ("friction.py", "machine.py", "own_ripple.py", "plant.py", "servo.py")
+_SOURCES = ("friction.py", "machine.py", "own_friction.py", "own_ripple.py", "plant.py", "servo.py")
 
 
 def kernel(function: Function) -> Function:

@@ -10,7 +10,8 @@ y is quantised by the encoder. The total is clamped to the torque limit, and the
 is clamped; u is applied at once and held for the sample. `offset` is the host's torque offset and the
 drive's own feedforward, which follows the LuGre model (5.2), (5.3) in the discrete form (5.8) and takes
 its velocity and acceleration from differences of the position demand, as the thesis's Appendix B does.
-With `feedforward.stiffness` 0 its friction is Coulomb and Stribeck friction of the demand's direction.
+With `feedforward.stiffness` 0 its friction is Coulomb and Stribeck friction of the demand's direction; a table over
+velocity (`own_friction.py`) is added.
 
 Velocity control is proportional and integral (4.2), with kd as the proportional and kp as the integral
 gain, so that an axis is as stiff as in position control without its integral part. Torque control
@@ -27,6 +28,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from autotune_sim.kernel import Record, kernel
+from autotune_sim.own_friction import fresh_friction, own_friction
 from autotune_sim.own_ripple import acts, fresh_ripple, own_ripple
 from autotune_sim.parameters import Parameters
 from autotune_sim.plant import (
@@ -118,6 +120,7 @@ class Servo:
         self._state = fresh_state()
         self._memory = np.zeros(1, MEMORY)
         self.ripple = fresh_ripple(preset.commutation_offset)
+        self.friction = fresh_friction()
         self._rows = NO_TRUTH
         self._truth: Truth | None = None
         self._random = np.random.default_rng([seed, preset.seed, 2])
@@ -190,6 +193,7 @@ class Servo:
                 self.parameters.record,
                 self._memory,
                 self.ripple,
+                self.friction,
                 self._switch,
                 self.brake_stuck,
                 target_position,
@@ -295,6 +299,7 @@ def _cycle(
     control: Any,
     memory: Any,
     ripple: Any,
+    friction: Any,
     mode: int,
     brake_stuck: bool,
     target_position: float,
@@ -315,7 +320,7 @@ def _cycle(
     temperature = felt_temperature(p, s, h)
     if mode == 0:
         demand = target_position
-        offset = torque_offset + _feedforward(c, m, demand, h)
+        offset = torque_offset + _feedforward(c, m, friction[0], demand, h)
         wanted, clamped = _position_loop(c, m, demand, y, offset, h)
     elif mode == 1:
         demand, offset = y, torque_offset
@@ -412,7 +417,7 @@ def _velocity_loop(
 
 
 @kernel
-def _feedforward(c: Record, m: Record, demand: float, h: float) -> float:
+def _feedforward(c: Record, m: Record, table: Record, demand: float, h: float) -> float:
     """The drive's own block (5.2): the bristle follows the demand itself, the rest its smoothed rate."""
     step = demand - m.demand
     old = m.smooth_velocity
@@ -423,6 +428,7 @@ def _feedforward(c: Record, m: Record, demand: float, h: float) -> float:
     m.bristle = bent
     if c.feedforward_enabled == 0.0:
         return 0.0
+    friction += own_friction(table, step / h)
     return float(
         c.feedforward_inertia * (v - old) / h + c.feedforward_viscous * v + friction + c.feedforward_offset
     )

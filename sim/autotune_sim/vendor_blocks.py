@@ -1,22 +1,27 @@
-"""Two blocks of the simulated CiA 402 drive with the AX8000's object numbers: friction, and torque over position.
+"""Blocks of the simulated CiA 402 drive. Two have the AX8000's object numbers: friction, and torque over position.
 
 3144h: spring rate, static and dynamic friction, of the drive's own reference; it acts where the LuGre block
 (2100h:01) is off. 32CBh: ten harmonics of torque over the commutation angle, which the drive adds itself. What
 is written to them acts at once; 32CFh:01 saves them, and at start they are loaded where 32CBh:01 says so.
 1010h keeps control and gain, not the harmonics.
+
+And a third, with numbers of this simulation: 3160h, torque over velocity (`own_friction.py`). It acts while 2100h:01
+is on, which is refused as long as its velocities do not increase; 1010h keeps it.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from itertools import pairwise
 
 from autotune_sim.aborts import Abort, AbortCode
 from autotune_sim.firmware import Firmware
 from autotune_sim.object_dictionary import Entry, ObjectDictionary, Value
+from autotune_sim.own_friction import POINTS
 from autotune_sim.own_ripple import HARMONICS
 
-FRICTION, RIPPLE, SAVE, COMMUTATION = 0x3144, 0x32CB, 0x32CF, 0x32E7
+FRICTION, VELOCITY_TABLE, RIPPLE, SAVE, COMMUTATION = 0x3144, 0x3160, 0x32CB, 0x32CF, 0x32E7
 FIRST = 7  # sub-index of the first coefficient
 _MEMORY, _WRITTEN = 2, 3
 _SAVED = 0xFD00  # where the memory keeps what 32CFh has saved
@@ -58,6 +63,39 @@ class FrictionBlock:
             for name in names:
                 self._parameters.set(name, value)
         self._parameters.set("feedforward.enabled", float(any(values)))
+
+
+class VelocityTable:
+    """3160h: :01 to :06 velocities [0.0001 rpm], :07 to :0C torques [‰ of 6076h]."""
+
+    def __init__(self, objects: ObjectDictionary, firmware: Firmware) -> None:
+        self._record = firmware.servo.friction
+        self._scales = (1e-4 * 2.0 * math.pi / 60.0, 1e-3 * firmware.rated_torque)
+        self._entries = [objects[VELOCITY_TABLE, 1 + k] for k in range(2 * POINTS)]
+        for number, entry in enumerate(self._entries):
+            entry.write = self._writer(number)
+        switch = objects[0x2100, 1]
+        self._switched, switch.write = switch.write, self._switch
+
+    def start(self) -> None:
+        """Hands over what is stored."""
+        for number, entry in enumerate(self._entries):
+            self._writer(number)(entry.value)
+
+    def _writer(self, number: int) -> Callable[[Value], None]:
+        place, point = divmod(number, POINTS)
+
+        def write(value: Value) -> None:
+            self._record[("velocity", "torque")[place]][0, point] = _number(value) * self._scales[place]
+
+        return write
+
+    def _switch(self, value: Value) -> None:
+        velocity = [_number(entry.value) for entry in self._entries[:POINTS]]
+        if value and any(velocity) and not all(a < b for a, b in pairwise([0.0, *velocity])):
+            raise Abort(AbortCode.STATE)
+        if self._switched is not None:
+            self._switched(value)
 
 
 class RippleBlock:

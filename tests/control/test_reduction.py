@@ -18,7 +18,6 @@ from autotune.control.reduction import (
     drive_torque,
     level_for_block,
     reduce,
-    reduce_to_table,
     reduces,
     rises,
     with_one_level,
@@ -217,15 +216,6 @@ def test_a_loop_that_is_not_stable_on_the_model_is_refused() -> None:
         steady_error(
             replace(PROVED, inertia=0.0), Controller(60.0, 0.1, 0.0, 1.0), REFERENCE, np.zeros(1000), 1e-3
         )
-
-
-def test_a_velocity_table_comes_closer_the_more_points_it_has() -> None:
-    tables = [reduce_to_table(PROVED, np.linspace(-1.3, 1.3, n), REFERENCE, 1e-3) for n in (2, 5, 9, 33)]
-    residuals = [table.residual_rms for table in tables]
-    assert residuals == sorted(residuals, reverse=True)
-    assert np.all(np.abs(tables[-1].torque) < 2 * PROVED.coulomb)
-    with pytest.raises(ConfigurationError, match="increasing"):
-        reduce_to_table(PROVED, np.array([1.0, 0.0]), REFERENCE, 1e-3)
 
 
 @settings(max_examples=100, deadline=None)

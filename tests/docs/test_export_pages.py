@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from autotune.export.targets import TARGETS
-from tests.export.linuxcnc_rig import MODULES, alone, needs_linuxcnc
+from tests.export.linuxcnc_rig import MODULES, alone, end_realtime, needs_linuxcnc
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = ROOT / "docs/export"
@@ -86,6 +86,8 @@ def test_fmu(folder: Path) -> None:
     assert float(gain) == 1.0
 
 
+@pytest.mark.slow
+@pytest.mark.long
 def test_linuxcnc(folder: Path) -> None:
     needs_linuxcnc()
     installed = MODULES / "autotune_ff.so"
@@ -119,8 +121,11 @@ def _in_hal(folder: Path, shown: list[str]) -> str:
                 path.chmod(0o755)
         os.chown(folder, 65534, 65534)
         command = ["setpriv", "--reuid=65534", "--regid=65534", "--clear-groups", *command]
-    done = subprocess.run(
-        command, cwd=folder, env=environment, capture_output=True, text=True, timeout=60, check=False
-    )
+    try:
+        done = subprocess.run(
+            command, cwd=folder, env=environment, capture_output=True, text=True, timeout=240, check=False
+        )
+    finally:
+        end_realtime(environment["RTAPI_FIFO_PATH"])
     assert done.returncode == 0, done.stderr
     return done.stdout

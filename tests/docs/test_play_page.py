@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import re
 import shlex
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 from autotune.control.torque_offset import FADE_IN, FADE_OUT, SCALE, STEP
@@ -49,6 +51,22 @@ def test_its_commands_answer_without_a_bus(tmp_path: Path) -> None:
     for play in plays:  # no adapter is there
         assert play.returncode == 5, play.stderr
         assert "second.tty" in play.stderr
+
+
+def test_the_bus_to_try_it_on_is_served(tmp_path: Path) -> None:
+    (line,) = re.findall(r"`python (-m autotune_sim .*?)`", PAGE)
+    ports = [tmp_path / word for word in line.split() if word.endswith(".tty")]
+    served = subprocess.Popen([sys.executable, *shlex.split(line)], cwd=tmp_path)
+    try:
+        for _ in range(600):
+            if all(port.exists() for port in ports):
+                break
+            time.sleep(0.1)
+        assert [port for port in ports if not port.exists()] == []
+        assert len(ports) == 2
+    finally:
+        served.send_signal(signal.SIGINT)
+        assert served.wait(30.0) in (0, 130)
 
 
 def test_the_unit_calls_the_command_as_it_is() -> None:

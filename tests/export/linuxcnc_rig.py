@@ -9,6 +9,7 @@ from __future__ import annotations
 import fcntl
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -54,6 +55,16 @@ def alone() -> Iterator[None]:
         if running.stdout:
             pytest.skip("a LinuxCNC runs on this host already")
         yield
+
+
+def end_realtime(fifo: str) -> None:
+    """Ends the rtapi_app that was started with this RTAPI_FIFO_PATH, should it have outlived its halrun."""
+    for folder in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            if (folder / "comm").read_text().strip() != "rtapi_app":
+                continue
+            if f"RTAPI_FIFO_PATH={fifo}".encode() in (folder / "environ").read_bytes().split(b"\0"):
+                os.kill(int(folder.name), signal.SIGTERM)
 
 
 @contextmanager

@@ -1,13 +1,14 @@
-"""Torque over position committed to both simulated drives, trials included, and cut wherever one likes; virtual time.
+"""Tables committed to simulated drives, trials of ripple included, and cut wherever one likes; virtual time.
 
-As `cut_rig`, for the AX8000-like harmonics (cut at a byte) and for moteus's table (cut at a frame). At the cut the
+As `cut_rig`, for the AX8000-like harmonics and a table over velocity (cut at a byte) and for moteus's table (cut at
+a frame). At the cut the
 host dies, the cable is pulled, or the drive loses its power; the next start has to put everything right.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +21,8 @@ import numpy as np
 from autotune.control.ripple_reduction import RippleBlock, drive_values
 from autotune.core.axis import Axis
 from autotune.core.errors import AutotuneError, ConfigurationError, LinkError
+from autotune.core.friction_table import TORQUE as VELOCITY_TORQUE
+from autotune.core.friction_table import VELOCITY
 from autotune.core.loop import LocalLoop
 from autotune.core.paths import config_directory
 from autotune.core.ripple_parameters import GAIN, is_ripple
@@ -49,6 +52,14 @@ POINTS = 48  # of the table's 1024 that are used here: the rest would only take 
 OLD_WAVES = {6: 0.004 + 0.002j, 12: -0.003j}
 NEW_WAVES = {3: 0.02 - 0.01j, 6: 0.005 + 0j, 12: 0.01j}
 TRIAL_WAVES = {3: 0.02 + 0j, 6: 0.02 + 0j, 12: 0.02 + 0j}
+
+
+def points(rpm: int, torques: Sequence[float]) -> dict[str, float]:
+    """A table over velocity that is switched on, from this many rpm, in the drive's whole steps."""
+    found = {"feedforward.enabled": 1.0, "feedforward.inertia": 3e-4 * rpm}
+    for k, torque in enumerate(torques):
+        found |= {f"{VELOCITY}.{k}": 2.0 * np.pi / 60.0 * rpm * 2**k, f"{VELOCITY_TORQUE}.{k}": torque}
+    return found
 
 
 class HarmonicsRig(Rig):
@@ -179,14 +190,29 @@ class TableRig:
             yield
 
 
+class VelocityRig(HarmonicsRig):
+    """A CiA 402 drive with friction over velocity as a table, and no ripple."""
+
+    profile = "autotune-sim-table"
+    friction: Mapping[str, Mapping[str, float]] = {
+        "old": points(1, (0.1, 0.11, 0.12, 0.125, 0.13, 0.14)),
+        "new": points(2, (0.2, 0.22, 0.24, 0.25, 0.26, 0.28)),
+    }
+
+
 AnyRig = HarmonicsRig | TableRig
-RIGS: dict[str, type[HarmonicsRig] | type[TableRig]] = {"harmonics": HarmonicsRig, "table": TableRig}
+RIGS: dict[str, type[HarmonicsRig] | type[TableRig]] = {
+    "harmonics": HarmonicsRig,
+    "table": TableRig,
+    "velocity": VelocityRig,
+}
 
 
 def wanted(rig: AnyRig, loop: LocalLoop, which: str) -> dict[str, float]:
     """A whole set of what is committed: friction and ripple."""
     block = RippleBlock.of(loop.read_parameters())
-    assert block is not None
+    if block is None:
+        return dict(rig.friction[which])
     waves = OLD_WAVES if which == "old" else NEW_WAVES
     return {**rig.friction[which], **drive_values(waves, 1, block)}
 
@@ -225,10 +251,9 @@ def commits(rig: AnyRig, runs: Path, name: str) -> bool:
         journal.note(changed=off, during=dict.fromkeys(off, 0.0))
         loop.write_parameters(dict.fromkeys(off, 0.0))
         block = RippleBlock.of(loop.read_parameters())
-        assert block is not None
         session = cast(Session, SimpleNamespace(loop=loop, journal=journal))
         ripple = {name: value for name, value in feedforward_parameters(loop).items() if is_ripple(name)}
-        for turn in (1.0, 1.0j):
+        for turn in (1.0, 1.0j) if block is not None else ():
             trial = drive_values({n: w * turn for n, w in TRIAL_WAVES.items()}, 1, block)
             with _written(session, trial, ripple):
                 pass
@@ -303,10 +328,11 @@ def _cut(rig: AnyRig, case: Case, runs: Path) -> bool:
 
 
 def _ripple_of(rig: AnyRig) -> bytes:
-    record = rig.device.firmware.servo.ripple
-    return b"".join(
-        np.ascontiguousarray(record[name]).tobytes() for name in ("table", "order", "phase", "torque")
+    servo = rig.device.firmware.servo
+    ripple = b"".join(
+        np.ascontiguousarray(servo.ripple[name]).tobytes() for name in ("table", "order", "phase", "torque")
     )
+    return ripple + servo.friction.tobytes()
 
 
 _SETS: dict[tuple[str, bool], bytes] = {}

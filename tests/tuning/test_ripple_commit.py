@@ -1,4 +1,4 @@
-"""Torque ripple in the drive: aligned, committed, cut anywhere, judged by the plant, and a commutation that moved.
+"""Tables in the drive: aligned, committed, cut anywhere, judged by the plant, and a commutation that moved.
 
 `bench/ripple_stored.py` plays many more axes and cuts than these.
 """
@@ -20,9 +20,10 @@ from tests.tuning.cut_rig import NEVER, NOW, Case
 from tests.tuning.ripple_cut_rig import RIGS, HarmonicsRig, TableRig, factory, length, play, wanted
 from tests.tuning.ripple_rig import judged, model_of, planted
 
-CUTS = {"harmonics": 5, "table": 3}
+CUTS = {"harmonics": 5, "table": 3, "velocity": 5}
 LEAST = 0.9  # of the planted ripple that has to be gone
 KINDS = pytest.mark.parametrize("kind", sorted(RIGS))
+HOLDS_RIPPLE = pytest.mark.parametrize("kind", ["harmonics", "table"])
 
 
 @KINDS
@@ -43,7 +44,7 @@ def test_what_is_committed_is_there_after_a_power_loss(kind: str, tmp_path: Path
 
 
 @pytest.mark.long
-@KINDS
+@HOLDS_RIPPLE
 def test_what_is_stored_takes_nine_tenths_of_the_planted_ripple_away(kind: str, tmp_path: Path) -> None:
     axis = planted(1)
     found = judged(kind, axis, model_of(axis), tmp_path)
@@ -66,7 +67,7 @@ def test_a_model_whose_ripple_is_not_the_axis_s_is_not_written(tmp_path: Path) -
     assert "check the drive's torque constant" in found.plan
 
 
-@KINDS
+@HOLDS_RIPPLE
 def test_a_commutation_that_moved_since_is_detected_and_refused(kind: str, tmp_path: Path) -> None:
     rig = RIGS[kind](factory(kind))
     with rig.time():

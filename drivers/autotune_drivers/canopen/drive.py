@@ -39,7 +39,8 @@ from autotune_drivers.canopen.power import ERROR_CODE, STATUS, Power
 from autotune_drivers.canopen.read_back import ReadBack
 from autotune_drivers.canopen.sdo import Sdo
 from autotune_drivers.canopen.session import Backup, Session
-from autotune_drivers.profile import Profile, Signal, Store
+from autotune_drivers.profile import Profile, Store
+from autotune_drivers.signals import Signal
 from autotune_drivers.stopping import close_down, off_after, unconfirmed
 from autotune_drivers.units import Units
 

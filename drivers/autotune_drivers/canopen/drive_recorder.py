@@ -17,7 +17,8 @@ from autotune.core.errors import ConfigurationError, LinkError
 from autotune_drivers.canopen.objects import ObjectRef
 from autotune_drivers.canopen.sdo import Sdo
 from autotune_drivers.canopen.session import Session
-from autotune_drivers.profile import Profile, Recorder, Signal
+from autotune_drivers.profile import Profile, Recorder
+from autotune_drivers.signals import Signal
 from autotune_drivers.units import Units
 
 COUNTERS = ("sync", "cycle")

@@ -7,11 +7,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from autotune.core.errors import ConfigurationError, LinkError, TransferAborted
+from autotune.core.friction_table import LARGEST_TORQUE, LARGEST_VELOCITY, VELOCITY
 from autotune.core.ripple_parameters import GAIN, HIGHEST_ORDER, ORDER, SOURCE, TORQUE, is_ripple
 from autotune_drivers.canopen.objects import ObjectRef, Raw
 from autotune_drivers.canopen.sdo import Sdo
 from autotune_drivers.profile import Parameter, Profile
-from autotune_drivers.tables import HarmonicsBlock, unit_factor
+from autotune_drivers.tables import HarmonicsBlock, VelocityPoints, unit_factor
 from autotune_drivers.units import MIRRORED, SIGNED_PARAMETERS, Units
 
 _AREAS = {1: (0x1000, 0xFFFF), 2: (0x1000, 0x1FFF), 3: (0x6000, 0x9FFF), 4: (0x2000, 0x5FFF)}
@@ -28,7 +29,7 @@ class Place:
 
 
 class DriveParameters:
-    """Reads and writes the parameters that a profile names, and the harmonics of its `[ripple]`."""
+    """Reads and writes the parameters that a profile names, and its tables (`[ripple]`, `[friction_table]`)."""
 
     def __init__(self, sdo: Sdo, profile: Profile, units: Units) -> None:
         self._sdo = sdo
@@ -37,6 +38,10 @@ class DriveParameters:
         }
         self._told: dict[str, ObjectRef] = {}
         self._ripple = profile.ripple
+        self._limits: Mapping[str, float] = {}
+        if profile.friction_table is not None:
+            self._limits = profile.friction_table.told(units)
+            self._places |= _velocity_points(profile.friction_table, units)
 
     def find_ripple(self) -> None:
         """Asks whether this drive has the harmonics of the profile; not every motor has them. Raises LinkError."""
@@ -66,10 +71,11 @@ class DriveParameters:
         return {name: _si(place, self._sdo.read(place.ref)) for name, place in places.items()} | told
 
     def _told_values(self, names: Sequence[str] | None) -> dict[str, float]:
-        """What is only read: where the turn is counted from, and the highest order."""
+        """What is only read: what tables can hold, where the turn is counted from, and the highest order."""
+        found = {name: value for name, value in self._limits.items() if names is None or name in names}
         if self.ripple is None:
-            return {}
-        found = {
+            return found
+        found |= {
             name: float(self._sdo.read(ref))
             for name, ref in self._told.items()
             if names is None or name in names
@@ -177,6 +183,20 @@ def _harmonics(block: HarmonicsBlock) -> dict[str, Place]:
             low = 0.0
         found[name] = Place(replace(ref, name=name), factor, low, high)
     return found
+
+
+def _velocity_points(table: VelocityPoints, units: Units) -> dict[str, Place]:
+    """Magnitudes: the table is the same in both directions."""
+    told = table.told(units)
+    return {
+        name: Place(
+            signal.named(name).ref,
+            units.factor(signal.unit),
+            0.0,
+            told[LARGEST_VELOCITY if name.startswith(VELOCITY) else LARGEST_TORQUE],
+        )
+        for name, signal in table.places().items()
+    }
 
 
 def _si(place: Place, raw: Raw) -> float:

@@ -66,6 +66,9 @@ def _others(profile: Profile) -> Iterator[Use]:
         yield Use("guard.watchdog", profile.guard.watchdog.ref, "rw")
     if profile.store is not None:
         yield Use("store", profile.store.at, "w")
+    if profile.friction_table is not None:
+        for name, signal in profile.friction_table.places().items():
+            yield Use(name, signal.ref, "rw")
     if profile.ripple is not None:
         for name, (ref, _) in profile.ripple.places().items():
             yield Use(name, ref, "rw")

@@ -110,6 +110,8 @@ class Sidecar:
         """Parameters of the feedforward that the drive plays by itself; None where it plays none."""
         prefix = "feedforward."
         names = [name for name in self._profile.parameters if name.startswith(prefix)]
+        if self._profile.friction_table is not None:
+            names += self._profile.friction_table.places()
         if not names:
             return None
         held = DriveParameters(self._sdo, self._profile, self._known.units).read(names)

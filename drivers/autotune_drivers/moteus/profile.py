@@ -17,7 +17,8 @@ from pydantic import Field, model_validator
 
 from autotune.core.configuration import Strict, read_toml, validate
 from autotune.core.errors import ConfigurationError
-from autotune_drivers.profile import PARAMETERS, all_known, profile_path
+from autotune_drivers.profile import PARAMETERS, profile_path
+from autotune_drivers.signals import all_known
 from autotune_drivers.tables import StepTable
 
 _TURN = 2.0 * math.pi
