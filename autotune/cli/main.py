@@ -24,6 +24,7 @@ from autotune.core.threads import one_thread
 
 NEWEST = "newest"
 COMMANDS = {
+    "init": "Find the drive, read what it says of itself, and write an axis file; nothing moves or is written to it.",
     "run": "Tune an axis: check, experiment, fit, adapt, prove, commit.",
     "check": "Look at an axis for a minute at most: friction, tracking, temperature, and whether it has drifted.",
     "history": "Show parameters over time, temperature beside friction, and events.",
