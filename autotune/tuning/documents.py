@@ -16,6 +16,7 @@ from autotune.models.drive_model import surface_parameter
 from autotune.recordings.files import read_recording
 from autotune.recordings.recording import Recording, concatenate
 from autotune.tuning.diagnosis_pages import diagnosis_pictures, diagnosis_tables
+from autotune.tuning.final_model import final_model_pictures, result_model
 from autotune.tuning.findings import Findings
 from autotune.tuning.objects import objects_of
 from autotune.tuning.outcome import Outcome, RunResult
@@ -192,6 +193,9 @@ def _pictures(material: Material) -> list[Picture]:
                 figures.before_after(tracking),
             )
         )
+    pictures += final_model_pictures(
+        material.recordings, result_model(material.result), material.axis.benchmark
+    )
     if traces := _traces(material):
         pictures.append(
             Picture(
