@@ -147,6 +147,8 @@ def _picture(number: int, picture: Picture) -> str:
         default_height=f"{int(picture.figure.layout.height or 400)}px",
         config={
             "displaylogo": False,
+            "showSendToCloud": False,  # a report stays where it is
+            "plotlyServerURL": "",
             "responsive": True,
             "displayModeBar": "hover",
             "modeBarButtonsToRemove": ["select2d", "lasso2d", "autoScale2d", "zoomIn2d", "zoomOut2d"],

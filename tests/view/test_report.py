@@ -241,3 +241,6 @@ def test_browser_draws_every_figure_without_a_network(tmp_path: Path, report: Re
     page = done.stdout.decode(errors="replace")
     assert page.count('class="plotly-graph-div js-plotly-plot"') == 5
     assert page.count("before: peak 2.0") >= 1
+    body = page.partition("<main>")[2]
+    assert "Download plot" in body  # of the bar over a figure
+    assert "Share chart" not in body

@@ -83,7 +83,7 @@ def residual_over_coordinate(data: Residual) -> go.Figure:
                 y=small(mean),
                 error_y={"array": small(1.96 * error), "width": 2, "thickness": 1.2},
                 mode="lines+markers",
-                name=f"mean {name}" + (_share(data.share) if name == sides[0][0] else ""),
+                name=f"mean {name}",
                 line={"color": colour, "width": 2},
                 marker={"size": 5},
             )
@@ -240,10 +240,6 @@ def _falls(figure: go.Figure, errors: Floats, factor: float) -> None:
 
 def _rms(values: Floats, unit: str) -> str:
     return quantity(float(np.sqrt(np.nanmean(values**2))), unit)
-
-
-def _share(share: float | None) -> str:
-    return "" if share is None else f" ({100 * share:.0f} % of the residual's variance)"
 
 
 def _spaced(name: str) -> str:
