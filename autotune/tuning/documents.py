@@ -50,6 +50,7 @@ NEXT_STEPS = {
     ),
     Outcome.ABORTED: ("Clear the cause named above, then run again.",),
 }
+RESUME = "--resume"
 STAGE_STEPS = {
     "check": ("Nothing has moved and nothing was written. 'autotune run' without --only does the rest.",),
     "prove": ("The drive is as it was. 'autotune run' with --only commit writes what was proved.",),
@@ -119,6 +120,8 @@ def _next_steps(result: RunResult) -> tuple[str, ...]:
         return STAGE_STEPS.get(
             str(result.only), ("The drive is as it was. Go on with the next stage, or run all of them.",)
         )
+    if result.outcome is Outcome.ABORTED and RESUME in result.verdict:
+        return ("Go on with --resume as said above, or run again from the beginning.",)
     steps = NEXT_STEPS[result.outcome]
     if result.outcome is not Outcome.KEPT or not result.reduction.get("lost"):
         return steps

@@ -36,9 +36,12 @@ def result_model(result: RunResult) -> DriveModel | None:
 
 
 def final_model_pictures(
-    recordings: Sequence[Path], model: DriveModel | None, benchmark: Benchmark
+    recordings: Sequence[Path], model: DriveModel | None, benchmark: Benchmark, *, diagnosed: bool = True
 ) -> list[Picture]:
-    """Model against measurement on the benchmark; empty where either is missing, or the loop cannot be simulated."""
+    """Model against measurement on the benchmark; empty where either is missing, or the loop cannot be simulated.
+
+    `diagnosed`: the run has come so far that its model is the final one.
+    """
     from autotune.view import figures
 
     path = next((path for path in recordings if path.stem == BASELINE), None)
@@ -51,12 +54,14 @@ def final_model_pictures(
     if shown is None:
         return []
     left = float(np.sqrt(np.mean((shown.error.mean(axis=0) - shown.model_error) ** 2)))
+    which = "final model" if diagnosed else "model as identified (the run did not come to its diagnosis)"
     caption = (
-        "The benchmark before anything was changed: measured (mean, with the spread of its periods) and as the final "
-        "model does it in the same loop. Below, the error round both reversals. The simulated error differs from the "
+        f"The benchmark before anything was changed: measured (mean, with the spread of its periods) and as the {which} "
+        "does it in the same loop. Below, the error round both reversals. The simulated error differs from the "
         f"measured one by {quantity(left, shown.motion_unit)} rms."
     )
-    return [Picture("Final model and measurement", caption, figures.as_simulated(shown))]
+    title = "Final model and measurement" if diagnosed else "Model as identified, and measurement"
+    return [Picture(title, caption, figures.as_simulated(shown))]
 
 
 def simulated(recording: Recording, model: DriveModel, frequency: float) -> Simulated | None:

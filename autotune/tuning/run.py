@@ -64,7 +64,7 @@ def tune(request: Request) -> RunResult:
             kept = journal.state.phase is CommitPhase.KEPT
             course.outcome, course.verdict = ending(error, kept)
             if not kept and (resumable := _resumable(request, directory, error)):
-                course.verdict += f" {resumable}"
+                course.verdict = f"{course.verdict.rstrip('.')}. {resumable}"
                 request.reporter.say(resumable)
             result = _result(request, directory, started, course, session)
             result = _finish(request, journal, result, course, session)

@@ -53,3 +53,7 @@ def test_without_model_or_benchmark_there_is_no_picture(recorded: Path, tmp_path
     assert final_model_pictures([tmp_path / "experiment.parquet"], MODEL, BENCH) == []
     (picture,) = final_model_pictures([recorded], MODEL, BENCH)
     assert "rms" in picture.caption
+    assert picture.title.startswith("Final model")
+    (picture,) = final_model_pictures([recorded], MODEL, BENCH, diagnosed=False)
+    assert "Final" not in picture.title
+    assert "did not come to its diagnosis" in picture.caption
