@@ -56,9 +56,9 @@ def final_model_pictures(
     left = float(np.sqrt(np.mean((shown.error.mean(axis=0) - shown.model_error) ** 2)))
     which = "final model" if diagnosed else "model as identified (the run did not come to its diagnosis)"
     caption = (
-        f"The benchmark before anything was changed: measured (mean, with the spread of its periods) and as the {which} "
-        "does it in the same loop. Below, the error round both reversals. The simulated error differs from the "
-        f"measured one by {quantity(left, shown.motion_unit)} rms."
+        "The benchmark before anything was changed: measured (mean, with the spread of its periods) and as the "
+        f"{which} does it in the same loop. Below, the error round both reversals. The simulated error "
+        f"differs from the measured one by {quantity(left, shown.motion_unit)} rms."
     )
     title = "Final model and measurement" if diagnosed else "Model as identified, and measurement"
     return [Picture(title, caption, figures.as_simulated(shown))]
