@@ -51,10 +51,14 @@ export function plot(box, old, { x, series, xLabel, yLabel, height = 220, legend
 
 // Rms over two coordinates; `onCell` is told which field was clicked, or chosen by arrows and Enter.
 export function heat(canvas, { values, columns, rows, labels, largest, onCell }) {
-  const pen = canvas.getContext("2d");
-  const left = 64, bottom = 40, top = labels.y ? 24 : 8, width = canvas.width - left - 10, height = canvas.height - bottom - top;
+  const pen = canvas.getContext("2d"), dots = devicePixelRatio || 1;
+  const wide = canvas.clientWidth || 480, high = rows > 2 ? Math.round(0.62 * wide) : 150;
+  Object.assign(canvas, { width: wide * dots, height: high * dots });
+  canvas.style.height = `${high}px`;
+  pen.scale(dots, dots);
+  const left = 56, bottom = 38, top = labels.y ? 24 : 8, width = wide - left - 10, height = high - bottom - top;
   pen.fillStyle = colour("paper");
-  pen.fillRect(0, 0, canvas.width, canvas.height);
+  pen.fillRect(0, 0, wide, high);
   const [cold, warm] = [channels(colour("map-cold")), channels(colour("map-warm"))];
   for (let i = 0; i < columns; i++)
     for (let j = 0; j < rows; j++) {
@@ -67,11 +71,11 @@ export function heat(canvas, { values, columns, rows, labels, largest, onCell })
   pen.strokeStyle = colour("line");
   pen.strokeRect(left, top, width, height);
   pen.fillStyle = colour("muted");
-  pen.font = "15px system-ui, sans-serif";
+  pen.font = "13px system-ui, sans-serif";
   const write = (text, align, x, y) => { pen.textAlign = align; pen.fillText(text, x, y); };
-  write(labels.left, "left", left, canvas.height - 22);
-  write(labels.right, "right", left + width, canvas.height - 22);
-  write(labels.x, "center", left + width / 2, canvas.height - 5);
+  write(labels.left, "left", left, high - 22);
+  write(labels.right, "right", left + width, high - 22);
+  write(labels.x, "center", left + width / 2, high - 5);
   write(labels.top, "right", left - 5, top + (rows > 2 ? 12 : height / 4 + 5));
   write(labels.bottom, "right", left - 5, top + (rows > 2 ? height : (3 * height) / 4 + 5));
   if (labels.y) write(labels.y, "left", left, 16);
@@ -79,9 +83,8 @@ export function heat(canvas, { values, columns, rows, labels, largest, onCell })
   if (canvas.chosen) frame(...canvas.chosen);
   const choose = (i, j, also) => { canvas.chosen = [i, j]; onCell(i, j, also); };
   canvas.onclick = (event) => {
-    const scale = canvas.width / canvas.clientWidth;
-    const i = Math.floor(((event.offsetX * scale - left) / width) * columns);
-    const j = rows - 1 - Math.floor(((event.offsetY * scale - top) / height) * rows);
+    const i = Math.floor(((event.offsetX - left) / width) * columns);
+    const j = rows - 1 - Math.floor(((event.offsetY - top) / height) * rows);
     if (i >= 0 && i < columns && j >= 0 && j < rows) choose(i, j, event.shiftKey);
   };
   canvas.onkeydown = (event) => {

@@ -134,7 +134,7 @@ function drawCoordinate(rows) {
   const name = $("coordinate").value, x = rows[name];
   const [low, high] = range(x), width = (high - low) / BINS;
   const centre = Array.from({ length: BINS }, (_, k) => low + (k + 0.5) * width);
-  const force = scaleOf(rows.error, view.torque);
+  const force = scaleOf(view.beside ? [...rows.error, ...view.beside.compared.rows.error] : rows.error, view.torque);
   const series = [];
   for (const { label, ink, mean, spread } of byDirection(rows, name, low, high, keep())) {
     const at = (sign) => mean.map((m, i) => (m === null ? null : (m + sign * spread[i]) * force.factor));
@@ -197,7 +197,7 @@ function drawPlaces(rows) {
 function drawOrders() {
   const { order, amplitude, phase } = view.compared.spectrum, position = view.compared.rows.position;
   const turn = view.motion === "rad" ? 2 * Math.PI : 1;
-  const force = scaleOf(amplitude, view.torque);
+  const force = scaleOf([...amplitude, ...(view.beside?.compared.spectrum.amplitude || [])], view.torque);
   const series = [{ label: "amplitude", values: amplitude.map((one) => one * force.factor), colour: colour("blue") }];
   const other = view.beside?.compared.spectrum;
   if (other?.order.length) {

@@ -7,6 +7,7 @@ import { drawWhere, selectAll, selectedStretches, selection, selectTime, showWhe
 
 const $ = (id) => document.getElementById(id);
 const MOST_BYTES = 1e9;
+const MOST_GAP = 0.1; // s, between compared rows: over more no line is drawn
 
 const state = {
   recordings: [], // {id, name, …, chosen, leftOut: [[first, last]], file}
@@ -117,7 +118,7 @@ function listRecordings() {
       box.type = "checkbox";
       box.checked = one.chosen;
       box.onchange = () => { one.chosen = box.checked; refreshButtons(); };
-      const controller = one.controller ? one.controller : "controller found from the data";
+      const controller = one.controller ? one.controller.replace(/\d+\.\d{5,}/g, (text) => String(Number(Number(text).toPrecision(5)))) : "controller found from the data";
       label.append(box, ` ${one.name}: ${significant(one.seconds)} s at ${significant(1 / one.period)} Hz, travel ${quantity(one.travel, one.motion_unit)}, up to ${quantity(one.largest_torque, one.torque_unit)}, ${controller}`);
       const away = document.createElement("button");
       away.type = "button";
@@ -211,9 +212,11 @@ function modelSeries(time, factor) {
   let k = 0;
   for (const t of time) {
     while (k + 1 < rows.time.length && rows.time[k + 1] <= t) k++;
-    const near = Math.abs(rows.time[k] - t) < 0.1;
-    model.push(near ? (rows.torque[k] - rows.error[k]) * factor : null);
-    error.push(near ? rows.error[k] * factor : null);
+    const n = k + 1 < rows.time.length ? k + 1 : k, gap = rows.time[n] - rows.time[k];
+    const near = gap > 0 ? gap < MOST_GAP && t >= rows.time[k] : Math.abs(rows.time[k] - t) < MOST_GAP;
+    const between = (values) => values[k] + (gap > 0 ? ((t - rows.time[k]) / gap) * (values[n] - values[k]) : 0);
+    model.push(near ? (between(rows.torque) - between(rows.error)) * factor : null);
+    error.push(near ? between(rows.error) * factor : null);
   }
   return [
     { label: "model", values: model, colour: colour("blue") },
