@@ -21,6 +21,7 @@ from autotune.core.errors import ConfigurationError, NotEnoughExcitation
 from autotune.diagnosis import fitting
 from autotune.diagnosis.candidates import no_progress
 from autotune.diagnosis.compare import compare as compare_model
+from autotune.diagnosis.compare import regime_rows
 from autotune.diagnosis.fit_recordings import fit_recordings
 from autotune.diagnosis.fit_result import FitResult
 from autotune.diagnosis.verdict import diagnose as diagnose_model
@@ -89,7 +90,8 @@ def compare(recordings: Recordings, model: Model) -> Comparison:
         found.noise_floor_interval, found.explained, found.worst, found.regimes, found.where, found.position_rms,
         found.twin, np.asarray(data.grid[order] * data.period, dtype=np.float64),
         smoothed(data, data.torque)[order], found.error[order],
-        {name: values[order] for name, values in coordinates(data).items()}, found.notes, known, found,
+        {name: values[order] for name, values in coordinates(data).items()},
+        {name: of[order] for name, of in regime_rows(data, known, found.rows).items()}, found.notes, known, found,
     )  # fmt: skip
 
 

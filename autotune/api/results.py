@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from autotune.core.arrays import Floats
+from autotune.core.arrays import Flags, Floats
 from autotune.core.documents import finite
 from autotune.core.tables import frame, html_table
 from autotune.diagnosis.compare import Compared, Worst
@@ -76,6 +76,7 @@ class Comparison(Result):
         position_error_rms: of the simulated against the measured position; nan without twin.
         time, torque, error: what was compared, in order, shape (m,); time goes on over pauses [s].
         coordinates: position, velocity and what else the error may live in, of the same rows, shape (m,) each.
+        kinds: which of the rows belong to each kind of motion, shape (m,) each.
     """
 
     torque_unit: str
@@ -93,6 +94,7 @@ class Comparison(Result):
     torque: Floats
     error: Floats
     coordinates: Mapping[str, Floats]
+    kinds: Mapping[str, Flags]
     notes: tuple[str, ...]
     _model: DriveModel = field(repr=False)
     _compared: Compared = field(repr=False)

@@ -24,6 +24,7 @@ from autotune.core.threads import one_thread
 
 NEWEST = "newest"
 COMMANDS = {
+    "init": "Find the drive, read what it says of itself, and write an axis file; nothing moves or is written to it.",
     "run": "Tune an axis: check, experiment, fit, adapt, prove, commit.",
     "check": "Look at an axis for a minute at most: friction, tracking, temperature, and whether it has drifted.",
     "history": "Show parameters over time, temperature beside friction, and events.",
@@ -39,6 +40,7 @@ COMMANDS = {
     "workbench": "Look at models and recordings in the browser: compare, diagnose, add effects, save.",
     "export": "Write a model as C, a LinuxCNC component, an FMU, structured text, or tables.",
     "model": "Drive models: fit, compare, diagnose, add effects, show.",
+    "completion": "Print what makes Tab complete commands, options, files and effects: for bash, zsh or fish.",
     "tribology": "Tell what a contact of this surface, material and load should show: stiffness at rest, break-away.",
 }
 """Each is the object of that name in the module of that name here, loaded when it is called; the line is its help's."""

@@ -337,13 +337,16 @@ def _write_figures(
 ) -> None:
     """The page and the Rerun recording of a fit."""
     from autotune.diagnosis.fit_recordings import compared_or_none
-    from autotune.diagnosis.fit_result import summary
+    from autotune.diagnosis.fit_result import least_torque_line, summary
 
     if html is not None:
         from autotune.view.fit_page import write_fit
 
-        compared = compared_or_none(read, known)
-        write_fit(html, _joined(read), known, result.estimate, summary(result), result.found, compared)
+        compared, text = compared_or_none(read, known), summary(result)
+        if result.steady is not None:
+            line = least_torque_line(result.steady, known.motion_unit)
+            text += f" {line[0].upper()}{line[1:]}."
+        write_fit(html, _joined(read), known, result.estimate, text, result.found, compared)
         say(f"figures: {html}")
     if rrd is not None:
         _write_rerun(rrd, read, known)

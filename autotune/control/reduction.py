@@ -269,7 +269,7 @@ def _best_table(
 
 
 def _bounded(function: Callable[[float], float], low: float, high: float) -> float:
-    found = optimize.minimize_scalar(
+    found = scipy.optimize.minimize_scalar(
         function, bounds=(low, high), method="bounded", options={"xatol": 0.02 * (high - low)}
     )
     return float(found.x)

@@ -177,6 +177,11 @@ def worst_places(data: Prepared, error: Floats, rows: Flags) -> tuple[Worst, ...
 
 def regimes(data: Prepared, model: DriveModel, error: Floats, rows: Flags) -> dict[str, float]:
     """Rms of the error by kind of motion; nan where the recordings have none."""
+    return {name: _rms(error[of]) for name, of in regime_rows(data, model, rows).items()}
+
+
+def regime_rows(data: Prepared, model: DriveModel, rows: Flags) -> dict[str, Flags]:
+    """Which of `rows` belong to each kind of motion, shape (m,) each; a row may belong to several."""
     p = model.pack().p
     reach = p[layout.COULOMB] / p[layout.STIFFNESS]
     travel, _ = since_reversal(data)
@@ -189,7 +194,7 @@ def regimes(data: Prepared, model: DriveModel, error: Floats, rows: Flags) -> di
         "high_speed": speed > 0.5 * fast,
         "acceleration": change > 0.4 * hard,
     }
-    return {name: _rms(error[rows & kinds[name]]) for name in REGIMES}
+    return {name: rows & kinds[name] for name in REGIMES}
 
 
 def _rms(values: Floats) -> float:

@@ -17,6 +17,7 @@ from autotune.models.drive_model import surface_parameter
 from autotune.recordings.files import read_recording
 from autotune.recordings.recording import Recording, concatenate
 from autotune.tuning.diagnosis_pages import diagnosis_pictures, diagnosis_tables
+from autotune.tuning.final_model import final_model_pictures, result_model
 from autotune.tuning.findings import Findings
 from autotune.tuning.objects import objects_of
 from autotune.tuning.outcome import Outcome, RunResult
@@ -56,6 +57,7 @@ NEXT_STEPS = {
     ),
     Outcome.ABORTED: ("Clear the cause named above, then run again.",),
 }
+RESUME = "--resume"
 STAGE_STEPS = {
     "check": ("Nothing has moved and nothing was written. 'autotune run' without --only does the rest.",),
     "prove": ("The drive is as it was. 'autotune run' with --only commit writes what was proved.",),
@@ -125,6 +127,8 @@ def _next_steps(result: RunResult) -> tuple[str, ...]:
         return STAGE_STEPS.get(
             str(result.only), ("The drive is as it was. Go on with the next stage, or run all of them.",)
         )
+    if result.outcome is Outcome.ABORTED and RESUME in result.verdict:
+        return ("Go on with --resume as said above, or run again from the beginning.",)
     steps = NEXT_STEPS[result.outcome]
     if result.outcome is not Outcome.KEPT or not result.reduction.get("lost"):
         return steps
@@ -199,6 +203,9 @@ def _pictures(material: Material) -> list[Picture]:
                 figures.before_after(tracking),
             )
         )
+    pictures += final_model_pictures(
+        material.recordings, result_model(material.result), material.axis.benchmark
+    )
     if traces := _traces(material):
         pictures.append(
             Picture(

@@ -64,7 +64,7 @@ def tune(request: Request) -> RunResult:
             kept = journal.state.phase is CommitPhase.KEPT
             state.outcome, state.verdict = ending(error, kept)
             if not kept and (resumable := _resumable(request, directory, error)):
-                state.verdict += f" {resumable}"
+                state.verdict = f"{state.verdict.rstrip('.')}. {resumable}"
                 request.reporter.say(resumable)
             result = _result(request, directory, started, state, session)
             result = _finish(request, journal, result, state, session)

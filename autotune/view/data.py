@@ -95,6 +95,27 @@ class BeforeAfter:
 
 
 @dataclass(frozen=True, slots=True)
+class Simulated:
+    """One period of a motion as it was measured, and as a model does it in the same loop.
+
+    Attributes:
+        time: from 0 [s], shape (n,); the motion is periodic.
+        reference: shape (n,).
+        error, torque: measured, each repeat, shape (repeats, n); `error` is reference less position.
+        model_error, model_torque: simulated, shape (n,).
+    """
+
+    time: Floats
+    reference: Floats
+    error: Floats
+    torque: Floats
+    model_error: Floats
+    model_torque: Floats
+    motion_unit: str = "rad"
+    torque_unit: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class Trace:
     """A parameter while it converges.
 
@@ -145,6 +166,7 @@ class Residual:
         values, residual: shape (n,); residual is measured less modelled [`residual_unit`].
         noise_floor: estimated rms of what no model can explain; None without repeats.
         share: part of the residual's variance that the coordinate explains, 0…1; None if unknown.
+        direction: of the motion, positive or negative, shape (n,): each is shown by itself; None if unknown.
     """
 
     coordinate: str
@@ -154,6 +176,7 @@ class Residual:
     noise_floor: float | None = None
     share: float | None = None
     residual_unit: str = "N m"
+    direction: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True)

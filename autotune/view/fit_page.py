@@ -17,6 +17,7 @@ from autotune.view.identification_pictures import (
     steady_state_picture,
 )
 from autotune.view.model_pages import comparison_pictures
+from autotune.view.model_tables import error_table
 from autotune.view.report import Picture, Report, Table, write_report
 from autotune.view.scale import quantity, significant
 
@@ -42,6 +43,7 @@ def write_fit(
         pictures += _speed_curve(recording)
     if compared is not None:
         pictures += comparison_pictures(compared, model)
+        tables.append(error_table(compared, model.torque_symbol, unit))
     notes = [[note] for note in estimate.notes]
     if notes:
         tables.append(Table("Notes", ("what the data say",), notes))

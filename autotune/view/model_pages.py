@@ -19,6 +19,15 @@ from autotune.models.drive_model import staircase as stairs_of
 from autotune.models.table import effect_kind
 from autotune.view.data import Comparison, Rank, Residual, Step
 from autotune.view.figures import measured_and_model, ranking, residual_over_coordinate, staircase
+from autotune.view.model_tables import (
+    candidates_table,
+    effects_table,
+    error_table,
+    parameters_table,
+    story_table,
+    where_table,
+    worst_table,
+)
 from autotune.view.report import Picture, Report, write_report
 from autotune.view.scale import quantity
 
@@ -43,8 +52,16 @@ def write_comparison(path: Path, result: Compared, model: DriveModel) -> None:
     text += "".join(f" Worst where {worst_place(worst, model)}." for worst in result.worst[:2])
     text += "".join(f" {note}" for note in result.notes)
     pictures = comparison_pictures(result, model)
+    tables = [
+        error_table(result, unit, model.motion_unit),
+        worst_table(result, _UNITS, model.motion_unit),
+        parameters_table(model),
+    ]
     write_report(
-        path, Report("Model and measurement", "information", text, pictures=pictures, sign_off=False)
+        path,
+        Report(
+            "Model and measurement", "information", text, pictures=pictures, tables=tables, sign_off=False
+        ),
     )
 
 
@@ -89,9 +106,13 @@ def write_diagnosis(path: Path, result: Diagnosis, model: DriveModel) -> None:
     steps = [effect_kind(effect).remedy for effect in result.effects]
     if result.next_experiment:
         steps.append(result.next_experiment)
+    tables = [candidates_table(result, unit), where_table(result.where, result.noise_floor_rms, unit)]
+    if result.effects:
+        tables.insert(0, effects_table(result.effects))
     report = Report(
-        "Diagnosis", "information", _verdict(result), pictures=pictures, next_steps=steps, sign_off=False
-    )
+        "Diagnosis", "information", _verdict(result), pictures=pictures, tables=tables, next_steps=steps,
+        sign_off=False,
+    )  # fmt: skip
     write_report(path, report)
 
 
@@ -110,7 +131,11 @@ def write_story(path: Path, model: DriveModel) -> None:
     text = f"Model of {model.axis or 'an axis'} with " + (
         ", ".join(effect.name.replace("_", " ") for effect in model.effects) or "no effects beside the base"
     )
-    write_report(path, Report("Model", "information", text + ".", pictures=[picture], sign_off=False))
+    story = story_table(model)
+    tables = [parameters_table(model), *([story] if story is not None else [])]
+    write_report(
+        path, Report("Model", "information", text + ".", pictures=[picture], tables=tables, sign_off=False)
+    )
 
 
 def _verdict(result: Diagnosis) -> str:
@@ -169,14 +194,20 @@ def _over_coordinates(
                 floor,
                 where[name],
                 model.torque_symbol,
+                values["velocity"],
             )
         )
         spoken = name.replace("_", " ")
         pictures.append(
             Picture(
                 f"Residual over {spoken}",
-                f"{100 * where[name]:.0f} % of the residual's variance follows {spoken}.",
+                f"{100 * where[name]:.0f} % of the residual's variance follows {spoken}{_with_direction(name)}.",
                 figure,
             )
         )
     return pictures
+
+
+def _with_direction(name: str) -> str:
+    """Shares of these coordinates are those of their bins in each direction (`variance_shares`)."""
+    return "" if name in ("velocity", "time", "temperature") else ", each direction by itself"

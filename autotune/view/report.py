@@ -1,7 +1,8 @@
 """The report that a commissioning engineer looks at, signs and files: one HTML file, no network.
 
 Verdict first, then the numbers before and after, figures, tables, what to do next, and lines to sign.
-plotly's script is embedded once, so the file opens on any machine, also years from now.
+The basic part of plotly's script (lines and bars) is embedded once, so the file opens on any machine, also years from
+now, and has less than 1.5 MB.
 """
 
 from __future__ import annotations
@@ -128,9 +129,9 @@ def render(report: Report) -> str:
 def _script(report: Report) -> str:
     if not report.pictures:
         return ""
-    from plotly.offline import get_plotlyjs
+    from autotune.view.web_files import plotly_script
 
-    return str(get_plotlyjs())
+    return plotly_script()
 
 
 def _picture(number: int, picture: Picture) -> str:
@@ -146,6 +147,8 @@ def _picture(number: int, picture: Picture) -> str:
         default_height=f"{int(picture.figure.layout.height or 400)}px",
         config={
             "displaylogo": False,
+            "showSendToCloud": False,  # a report stays where it is
+            "plotlyServerURL": "",
             "responsive": True,
             "displayModeBar": "hover",
             "modeBarButtonsToRemove": ["select2d", "lasso2d", "autoScale2d", "zoomIn2d", "zoomOut2d"],

@@ -158,10 +158,10 @@ font-weight:600;font-size:.9rem}
 .good{border-left-color:var(--good)}.good .badge{background:var(--good)}
 .warn{border-left-color:var(--warn)}.warn .badge{background:var(--warn)}
 .bad{border-left-color:var(--bad)}.bad .badge{background:var(--bad)}
-.changes{display:grid;grid-template-columns:repeat(auto-fit,minmax(270px,1fr));gap:20px}
-.pair{display:flex;align-items:flex-end;gap:14px;flex-wrap:wrap}
+.changes{display:grid;grid-template-columns:repeat(auto-fit,minmax(290px,1fr));gap:20px}
+.pair{display:flex;align-items:flex-end;gap:10px;flex-wrap:wrap}
 .pair small{display:block;color:var(--muted);font-size:.8rem}
-.value{font-size:2.2rem;font-weight:700;line-height:1.1;font-variant-numeric:tabular-nums}
+.value{font-size:2rem;font-weight:700;line-height:1.1;font-variant-numeric:tabular-nums}
 .before .value{color:var(--before)}.after .value{color:var(--after)}
 .unit{color:var(--muted)}.arrow{font-size:1.6rem;color:var(--muted);padding-bottom:4px}
 .factor{margin:.4rem 0 0;font-weight:600}.note{margin:.4rem 0 0;color:var(--muted);font-size:.9rem}
@@ -188,6 +188,8 @@ pre{white-space:pre-wrap;overflow-wrap:anywhere}.modebar-container{display:none}
 @page{size:A4;margin:14mm}
 @media print{body{background:#fff;font-size:11pt}main{max-width:none;padding:0}
 section,figure{border:0;border-radius:0;padding:0;margin:0 0 7mm;break-inside:avoid}
+.scroll{overflow:visible}table{font-size:9pt}th,td{padding:3px 7px 3px 0}
+th.number,td.number{white-space:normal}td:not(.number){min-width:24mm}
 .value{font-size:1.7rem}.table{break-inside:auto}tr,dl div{break-inside:avoid}h2{break-after:avoid}
 figure>div,.plotly-graph-div{height:auto!important}
 .verdict{padding:2mm 4mm;border-left-style:solid;

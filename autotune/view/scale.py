@@ -95,7 +95,7 @@ def _power(exponent: int) -> str:
     return "× 10" + str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
-def thin(y: Floats, points: int = 1500) -> NDArray[np.int64]:
+def thin(y: Floats, points: int = 1100) -> NDArray[np.int64]:
     """Rows that draw the same line as all rows: smallest and largest `y` of each slot, and both ends.
 
     Args:

@@ -98,5 +98,11 @@ def _numbers(found: Expectation) -> Table:
     ]
     for film in found.films:
         rows.append([f"break-away force, {film.name}", f"{significant(film.break_away)} N"])
-        rows.append([f"break-away displacement, {film.name}", f"{film.break_away_displacement * 1e9:.0f} nm"])
+        ends = sorted((film.over_load[0] * 1e9, film.over_load[-1] * 1e9))
+        displacement = (
+            f"{film.break_away_displacement * 1e9:.0f} nm ({ends[0]:.0f} to {ends[1]:.0f} nm between "
+            f"{found.loads[0]:g} and {found.loads[-1]:g} N)"
+        )
+        rows.append([f"break-away displacement, {film.name}", displacement])
+        rows.append([f"shear strength, {film.name}", f"{significant(film.shear_strength / 1e9)} GPa"])
     return Table(f"Under {found.load:g} N", ("quantity", "value"), rows, numeric=frozenset({1}))

@@ -29,3 +29,9 @@ def web_file(name: str) -> tuple[bytes, str] | None:
     if not path.is_file():
         return None
     return path.read_bytes(), TYPES[name.rpartition(".")[2]]
+
+
+def plotly_script() -> str:
+    """plotly's basic bundle (lines and bars): a quarter of the whole one, which a report has in itself."""
+    path = files("autotune.view") / "web" / "vendor" / "plotly-basic.min.js"
+    return path.read_text(encoding="utf-8")

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import autotune
-from autotune.core.arrays import Floats
+from autotune.core.arrays import Flags, Floats
 from autotune.core.documents import finite
 from autotune.core.errors import ConfigurationError
 from autotune.models.drive_model import DriveModel
@@ -44,6 +45,8 @@ def compare(wish: Wish, tell: Tell) -> dict[str, Any]:
     step = max(1, -(-len(found.time) // MOST_ROWS))
     rows = {"time": found.time, "torque": found.torque, "error": found.error, **found.coordinates}
     answer["rows"] = {name: _single(values[::step]) for name, values in rows.items() if name != "direction"}
+    answer["kinds"] = list(found.kinds)
+    answer["rows"]["kind"] = _bits(found.kinds)[::step].tolist()
     answer["notes"] = list(found.notes)
     answer["spectrum"] = _spectrum(found.coordinates["position"], found.error)
     return answer
@@ -143,15 +146,23 @@ def _single(values: Floats) -> list[float]:
     return [float(f"{value:.6g}") if np.isfinite(value) else 0.0 for value in values.tolist()]
 
 
+def _bits(kinds: Mapping[str, Flags]) -> NDArray[np.int64]:
+    """Kinds of motion of every row as bits of a number, in their order."""
+    return np.asarray(
+        sum(of.astype(np.int64) << bit for bit, of in enumerate(kinds.values())), dtype=np.int64
+    )
+
+
 def _spectrum(position: Floats, error: Floats) -> dict[str, list[float]]:
     """Amplitude of the error over cycles per motion unit: least squares on a grid at the travel's resolution.
 
     Returns:
-        `order` [1/rad·2π or 1/m] and `amplitude` [N m or N]; empty where the travel is shorter than two periods.
+        `order` [periods per motion unit], `amplitude` [N m or N] and `phase` [rad]: the error has a wave
+        amplitude·cos(2π·order·position + phase). Empty where nothing moves.
     """
     travel = float(np.ptp(position))
     if not travel > 0.0:
-        return {"order": [], "amplitude": []}
+        return {"order": [], "amplitude": [], "phase": []}
     bins = 4096
     slot = np.minimum(((position - position.min()) / travel * bins).astype(np.int64), bins - 1)
     count = np.bincount(slot, minlength=bins)
@@ -159,7 +170,10 @@ def _spectrum(position: Floats, error: Floats) -> dict[str, list[float]]:
     mean -= mean[count > 0].mean()
     mean[count == 0] = 0.0
     filled = max(float((count > 0).mean()), 1e-3)
-    amplitude = 2.0 * np.abs(np.fft.rfft(mean)) / bins / filled
+    wave = np.fft.rfft(mean)
+    amplitude = 2.0 * np.abs(wave) / bins / filled
     order = np.arange(len(amplitude)) / travel
+    phase = np.angle(wave) - 2.0 * np.pi * order * (float(position.min()) + 0.5 * travel / bins)
     keep = slice(2, min(len(order), bins // 4))
-    return {"order": order[keep].tolist(), "amplitude": amplitude[keep].tolist()}
+    shown = {"order": order, "amplitude": amplitude, "phase": phase}
+    return {name: values[keep].tolist() for name, values in shown.items()}

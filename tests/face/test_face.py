@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import html
 import importlib
 import json
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,7 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import autotune
+from autotune.cli.model_text import compared_lines, diagnosis_lines
 from autotune.core.paths import config_directory
 from autotune.models.drive_model import base_model
 
@@ -59,7 +62,27 @@ def test_results_are_json_words_and_a_page(
     inside = np.sqrt(np.mean(compared.error**2))
     assert 0.5 * compared.error_rms < inside < 2.0 * compared.error_rms  # rows left out are in the arrays
     compared.write_html(tmp_path / "compared.html")
-    assert "plotly" in (tmp_path / "compared.html").read_text(encoding="utf-8").lower()
+    page = (tmp_path / "compared.html").read_text(encoding="utf-8")
+    assert "plotly" in page.lower()
+    assert not unsaid(page, compared_lines(compared))
+
+
+def unsaid(page: str, lines: Iterable[str]) -> list[str]:
+    """Words and numbers that the terminal says and the page does not."""
+    shown = re.sub(r"<(script|style).*?</\1>|<[^>]+>", " ", page, flags=re.DOTALL)
+    shown = html.unescape(shown).replace("−", "-").replace("_", " ").lower()
+    words = re.findall(r"-?[0-9]+(?:\.[0-9]+)?|[a-z]{5,}", "\n".join(lines).lower().replace("_", " "))
+    return sorted({word for word in words if word not in shown} - {"worst", "nothing", "recorded", "twice"})
+
+
+def test_the_page_of_a_diagnosis_says_what_the_terminal_says(
+    recording: autotune.Recording, model: autotune.DriveModel, tmp_path: Path
+) -> None:
+    found = autotune.diagnose(recording, model, candidates=["stribeck", "torque_ripple"])
+    found.write_html(tmp_path / "diagnosis.html")
+    page = (tmp_path / "diagnosis.html").read_text(encoding="utf-8")
+    assert len(page.encode()) <= 1_500_000
+    assert not [word for word in unsaid(page, diagnosis_lines(found)) if word not in ("could", "these")]
 
 
 def test_the_fit_of_the_face_tells_the_error_that_compare_finds(recording: autotune.Recording) -> None:

@@ -7,9 +7,11 @@ from autotune.view.figures.model import (
     residual_over_coordinate,
     staircase,
 )
+from autotune.view.figures.simulated import as_simulated
 from autotune.view.figures.tracking import before_after, convergence, history
 
 __all__ = [
+    "as_simulated",
     "before_after",
     "convergence",
     "dahl_curve",

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import plotly.graph_objects as go
+from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
 from autotune.core.arrays import Floats
@@ -14,7 +15,10 @@ from autotune.view.data import Comparison, Rank, Residual, Step
 from autotune.view.figures.parts import broken_line, empty, floor_lines, plain, small, titled
 from autotune.view.scale import binned, continuous, multiple, peak, quantity, significant
 
-_HEAT = ((0.0, "rgba(255,255,255,0)"), (0.02, "#e3eef6"), (0.25, "#9ec8e2"), (1.0, "#2a7fb0"))
+LOGARITHMIC = "log10 "
+SAMPLES = 800
+"""Of each direction, drawn behind the means."""
+_LIGHT = ("#bcd9ea", "#f0d0b3")
 
 
 def measured_and_model(data: Comparison) -> go.Figure:
@@ -54,30 +58,48 @@ def measured_and_model(data: Comparison) -> go.Figure:
 
 
 def residual_over_coordinate(data: Residual) -> go.Figure:
-    """Where the residual lives: density of all samples, mean of each bin with its 95 % interval."""
+    """Where the residual lives: samples, and the mean of each bin with its 95 % interval, each direction by itself.
+
+    What is opposite in the two directions, such as friction after a reversal, would be nothing in a common mean.
+    """
     if len(data.values) == 0:
         return empty("There is no residual to show.")
     factor, unit = multiple(peak(data.residual), data.residual_unit)
-    x_factor, x_unit = multiple(peak(data.values), data.unit)
-    x, y = data.values * x_factor, data.residual * factor
-    figure = go.Figure(_density(x, y))
-    centre, mean, error = binned(x, y, 80 if len(x) > 8000 else 40)
-    figure.add_trace(
-        go.Scatter(
-            x=small(centre),
-            y=small(mean),
-            error_y={"array": small(1.96 * error), "width": 2, "thickness": 1.2},
-            mode="lines+markers",
-            name="mean in the bin" + _share(data.share),
-            line={"color": theme.BEFORE, "width": 2},
-            marker={"size": 5},
+    logarithmic = data.unit.startswith(LOGARITHMIC)
+    values = 10.0**data.values if logarithmic else data.values
+    x_factor, x_unit = multiple(peak(values), data.unit.removeprefix(LOGARITHMIC))
+    figure = go.Figure()
+    sides = _sides(data)
+    for name, rows, _, light in sides:
+        figure.add_trace(_samples(values[rows] * x_factor, data.residual[rows] * factor, name, light))
+    for name, rows, colour, _ in sides:
+        centre, mean, error = binned(
+            data.values[rows], data.residual[rows] * factor, 80 if len(rows) > 8000 else 40
         )
-    )
+        centre = 10.0**centre if logarithmic else centre
+        figure.add_trace(
+            go.Scatter(
+                x=small(centre * x_factor),
+                y=small(mean),
+                error_y={"array": small(1.96 * error), "width": 2, "thickness": 1.2},
+                mode="lines+markers",
+                name=f"mean {name}",
+                line={"color": colour, "width": 2},
+                marker={"size": 5},
+            )
+        )
+    x = values[np.isfinite(values)] * x_factor
+    span = _span(x)
     if data.noise_floor is not None:
         name = _floor_name(data.noise_floor, data.residual_unit)
-        figure.add_traces(floor_lines(_span(x), data.noise_floor * factor, name))
-    figure.update_xaxes(title=titled(data.coordinate.replace("_", " "), x_unit), range=_span(x))
-    figure.update_yaxes(title=titled("measured − model", unit))
+        figure.add_traces(floor_lines(span, data.noise_floor * factor, name))
+    ends = tuple(float(np.log10(end)) for end in span) if logarithmic else span
+    figure.update_xaxes(
+        title=titled(data.coordinate.replace("_", " "), x_unit),
+        range=ends,
+        type="log" if logarithmic else "linear",
+    )
+    figure.update_yaxes(title=titled("measured − model", unit), range=_reach(data.residual * factor))
     return theme.finish(figure, 420)
 
 
@@ -147,20 +169,37 @@ def ranking(ranks: Sequence[Rank]) -> go.Figure:
     return theme.finish(figure, 120 + 28 * len(ordered))
 
 
-def _density(x: Floats, y: Floats) -> go.Heatmap:
-    good = np.isfinite(x) & np.isfinite(y)
-    x, y = x[good], y[good]
-    limits = np.percentile(y, [0.1, 99.9]) if y.size > 1000 else y
-    count, x_edges, y_edges = np.histogram2d(x, y, bins=(90, 50), range=(_span(x), _span(limits)))
-    return go.Heatmap(
-        x=small((x_edges[1:] + x_edges[:-1]) / 2),
-        y=small((y_edges[1:] + y_edges[:-1]) / 2),
-        z=np.minimum(count.T, 65535).astype(np.uint16),
-        colorscale=_HEAT,
-        showscale=False,
-        hovertemplate="%{z} samples<extra></extra>",
-        name="samples",
-    )
+def _sides(data: Residual) -> list[tuple[str, NDArray[np.int64], str, str]]:
+    """Rows of each direction with their name and colours; all in one where no direction is known."""
+    good = np.isfinite(data.values) & np.isfinite(data.residual)
+    if data.direction is None:
+        return [("in the bin", np.flatnonzero(good), theme.BEFORE, _LIGHT[1])]
+    sides = []
+    for name, sign, colour, light in (
+        ("forwards", 1.0, theme.AFTER, _LIGHT[0]),
+        ("backwards", -1.0, theme.BEFORE, _LIGHT[1]),
+    ):
+        rows = np.flatnonzero(good & (np.sign(data.direction) == sign))
+        if rows.size:
+            sides.append((name, rows, colour, light))
+    return sides
+
+
+def _samples(x: Floats, y: Floats, name: str, colour: str) -> go.Scatter:
+    """Every so many-th sample, drawn pale: how wide they lie, not each of them."""
+    step = max(1, len(x) // SAMPLES)
+    return go.Scatter(
+        x=small(x[::step]), y=small(y[::step]), mode="markers", name=f"samples {name}", showlegend=False,
+        hoverinfo="skip", marker={"color": colour, "size": 3},
+    )  # fmt: skip
+
+
+def _reach(y: Floats) -> tuple[float, float]:
+    """What is shown of the residual: single outliers do not press the rest flat."""
+    finite = y[np.isfinite(y)]
+    low, high = _span(np.percentile(finite, [0.2, 99.8]) if finite.size > 1000 else finite)
+    margin = 0.08 * (high - low)
+    return low - margin, high + margin
 
 
 def _span(values: Floats) -> tuple[float, float]:
@@ -201,10 +240,6 @@ def _falls(figure: go.Figure, errors: Floats, factor: float) -> None:
 
 def _rms(values: Floats, unit: str) -> str:
     return quantity(float(np.sqrt(np.nanmean(values**2))), unit)
-
-
-def _share(share: float | None) -> str:
-    return "" if share is None else f" ({100 * share:.0f} % of the residual's variance)"
 
 
 def _spaced(name: str) -> str:

@@ -3,14 +3,14 @@
 export const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 
 // `series`: [{label, values, colour, dash, points}], all over the same x. Returns the plot; the old one goes.
-export function plot(box, old, { x, series, xLabel, yLabel, height = 220, legend = true, onZoom, onClick, bands, scatter, shared }) {
+export function plot(box, old, { x, series, xLabel, yLabel, height = 220, legend = true, onZoom, onBrush, onClick, bands, shared }) {
   if (old) old.destroy();
   const width = Math.max(box.clientWidth, 260);
   const axis = { stroke: colour("muted"), grid: { stroke: colour("line"), width: 1 }, ticks: { stroke: colour("line") } };
   const made = new uPlot(
     {
       width, height, legend: { show: legend },
-      cursor: { drag: { x: Boolean(onZoom), y: false, setScale: false }, sync: shared ? { key: shared } : undefined },
+      cursor: { drag: { x: Boolean(onZoom || onBrush), y: false, setScale: false }, sync: shared ? { key: shared } : undefined },
       scales: { x: { time: false } },
       axes: [{ ...axis, label: xLabel }, { ...axis, label: yLabel, size: 70 }],
       series: [
@@ -25,8 +25,9 @@ export function plot(box, old, { x, series, xLabel, yLabel, height = 220, legend
       hooks: {
         setSelect: [
           (u) => {
-            if (!onZoom || u.select.width < 3) return;
-            onZoom(u.posToVal(u.select.left, "x"), u.posToVal(u.select.left + u.select.width, "x"));
+            const dragged = onBrush || onZoom;
+            if (!dragged || u.select.width < 3) return;
+            dragged(u.posToVal(u.select.left, "x"), u.posToVal(u.select.left + u.select.width, "x"));
             u.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
           },
         ],
@@ -48,51 +49,66 @@ export function plot(box, old, { x, series, xLabel, yLabel, height = 220, legend
   return made;
 }
 
-// Rms over two coordinates; `cell` is told what was clicked.
+// Rms over two coordinates; `onCell` is told which field was clicked, or chosen by arrows and Enter.
 export function heat(canvas, { values, columns, rows, labels, largest, onCell }) {
-  const pen = canvas.getContext("2d");
-  const left = 56, bottom = 34, width = canvas.width - left - 8, height = canvas.height - bottom - 8;
+  const pen = canvas.getContext("2d"), dots = devicePixelRatio || 1;
+  const wide = canvas.clientWidth || 480, high = rows > 2 ? Math.round(0.62 * wide) : 150;
+  Object.assign(canvas, { width: wide * dots, height: high * dots });
+  canvas.style.height = `${high}px`;
+  pen.scale(dots, dots);
+  const left = 56, bottom = 38, top = labels.y ? 24 : 8, width = wide - left - 10, height = high - bottom - top;
   pen.fillStyle = colour("paper");
-  pen.fillRect(0, 0, canvas.width, canvas.height);
-  const [r, g, b] = [0, 99, 168];
+  pen.fillRect(0, 0, wide, high);
+  const [cold, warm] = [channels(colour("map-cold")), channels(colour("map-warm"))];
   for (let i = 0; i < columns; i++)
     for (let j = 0; j < rows; j++) {
       const value = values[j * columns + i];
       if (value === null) continue;
       const share = Math.min(1, value / largest);
-      pen.fillStyle = `rgba(${Math.round(r + (240 - r) * share * share)},${Math.round(g + (120 - g) * share)},${Math.round(b * (1 - share))},${0.12 + 0.88 * share})`;
-      pen.fillRect(left + (i * width) / columns, 8 + ((rows - 1 - j) * height) / rows, width / columns + 1, height / rows + 1);
+      pen.fillStyle = `rgb(${cold.map((c, n) => Math.round(c + (warm[n] - c) * share)).join(",")})`;
+      pen.fillRect(left + (i * width) / columns, top + ((rows - 1 - j) * height) / rows, width / columns + 0.5, height / rows + 0.5);
     }
   pen.strokeStyle = colour("line");
-  pen.strokeRect(left, 8, width, height);
+  pen.strokeRect(left, top, width, height);
   pen.fillStyle = colour("muted");
   pen.font = "13px system-ui, sans-serif";
-  pen.textAlign = "left";
-  pen.fillText(labels.left, left, canvas.height - 16);
-  pen.textAlign = "right";
-  pen.fillText(labels.right, left + width, canvas.height - 16);
-  pen.textAlign = "center";
-  pen.fillText(labels.x, left + width / 2, canvas.height - 3);
-  pen.textAlign = "right";
-  pen.fillText(labels.top, left - 4, 18);
-  pen.fillText(labels.bottom, left - 4, height + 8);
+  const write = (text, align, x, y) => { pen.textAlign = align; pen.fillText(text, x, y); };
+  write(labels.left, "left", left, high - 22);
+  write(labels.right, "right", left + width, high - 22);
+  write(labels.x, "center", left + width / 2, high - 5);
+  write(labels.top, "right", left - 5, top + (rows > 2 ? 12 : height / 4 + 5));
+  write(labels.bottom, "right", left - 5, top + (rows > 2 ? height : (3 * height) / 4 + 5));
+  if (labels.y) write(labels.y, "left", left, 16);
+  const frame = (i, j) => { pen.strokeStyle = colour("ink"); pen.lineWidth = 2; pen.strokeRect(left + (i * width) / columns, top + ((rows - 1 - j) * height) / rows, width / columns, height / rows); pen.lineWidth = 1; };
+  if (canvas.chosen) frame(...canvas.chosen);
+  const choose = (i, j, also) => { canvas.chosen = [i, j]; onCell(i, j, also); };
   canvas.onclick = (event) => {
-    const scale = canvas.width / canvas.clientWidth;
-    const i = Math.floor(((event.offsetX * scale - left) / width) * columns);
-    const j = rows - 1 - Math.floor(((event.offsetY * scale - 8) / height) * rows);
-    if (i >= 0 && i < columns && j >= 0 && j < rows) onCell(i, j);
+    const i = Math.floor(((event.offsetX - left) / width) * columns);
+    const j = rows - 1 - Math.floor(((event.offsetY - top) / height) * rows);
+    if (i >= 0 && i < columns && j >= 0 && j < rows) choose(i, j, event.shiftKey);
+  };
+  canvas.onkeydown = (event) => {
+    const step = { ArrowRight: [1, 0], ArrowLeft: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
+    if (!step) return;
+    event.preventDefault();
+    const [i, j] = canvas.chosen || [-1, 0];
+    choose(Math.min(columns - 1, Math.max(0, i + step[0])), Math.min(rows - 1, Math.max(0, j + step[1])), event.shiftKey);
   };
 }
 
-// Rows of a bar chart with words: [{name, value, text, weak, title}].
+const channels = (hex) => [1, 3, 5].map((at) => parseInt(hex.slice(at, at + 2), 16));
+
+// Rows of a bar chart with words: [{name, value, text, weak, title, onClick}].
 export function bars(box, rows, floor) {
   box.replaceChildren();
   const largest = Math.max(...rows.map((row) => Math.abs(row.value)), floor || 0, 1e-300);
   for (const row of rows) {
     const line = document.createElement("div");
     line.className = "row";
-    const name = document.createElement("span");
+    const name = document.createElement(row.onClick ? "button" : "span");
     name.textContent = row.name;
+    if (row.onClick) Object.assign(name, { type: "button", className: "link", onclick: row.onClick, title: row.title });
+    if (row.onClick) line.onclick = (event) => { if (event.target !== name) row.onClick(event); };
     const track = document.createElement("div");
     track.className = "track";
     const fill = document.createElement("div");

@@ -1,24 +1,23 @@
 // The workbench. Models and choices live in this page; recordings are known to the program by their content.
 
 import { ask, compute, Gone, NoToken, post, send, setToken, takeToken } from "/web/api.js";
-import { binned, quantity, range, rms, scaleOf, significant } from "/web/numbers.js";
-import { bars, colour, heat, plot } from "/web/plots.js";
+import { quantity, range, scaleOf, significant } from "/web/numbers.js";
+import { bars, colour, plot } from "/web/plots.js";
+import { drawWhere, selectAll, selectedStretches, selection, selectTime, showWhere, undoSelection } from "/web/where.js";
 
 const $ = (id) => document.getElementById(id);
 const MOST_BYTES = 1e9;
-const BINS = 40;
-const LOGARITHMIC = new Set(["travel_since_reversal", "time_since_reversal"]);
+const MOST_GAP = 0.1; // s, between compared rows: over more no line is drawn
 
 const state = {
   recordings: [], // {id, name, …, chosen, leftOut: [[first, last]], file}
   versions: [], // {text, label, error, floor, parameters, previous}
   at: -1,
   compared: null, // of the present model
-  before: null, // of the one before
+  beside: null, // {label, compared}: another model, or another day
   diagnosis: null,
   shown: { id: null, start: null, end: null },
   cursors: [null, null],
-  selection: null, // a test of rows
   about: { effects: {}, formats: [] },
   job: null,
 };
@@ -79,6 +78,7 @@ function refreshButtons() {
   $("compare").disabled = $("diagnose").disabled = !some || !model();
   $("add").disabled = !some || !model() || !document.querySelector("#candidates input:checked");
   $("undo").disabled = state.at < 1;
+  $("redo").disabled = state.at + 1 >= state.versions.length;
   $("save").disabled = !model();
 }
 
@@ -118,7 +118,7 @@ function listRecordings() {
       box.type = "checkbox";
       box.checked = one.chosen;
       box.onchange = () => { one.chosen = box.checked; refreshButtons(); };
-      const controller = one.controller ? one.controller : "controller found from the data";
+      const controller = one.controller ? one.controller.replace(/\d+\.\d{5,}/g, (text) => String(Number(Number(text).toPrecision(5)))) : "controller found from the data";
       label.append(box, ` ${one.name}: ${significant(one.seconds)} s at ${significant(1 / one.period)} Hz, travel ${quantity(one.travel, one.motion_unit)}, up to ${quantity(one.largest_torque, one.torque_unit)}, ${controller}`);
       const away = document.createElement("button");
       away.type = "button";
@@ -212,14 +212,31 @@ function modelSeries(time, factor) {
   let k = 0;
   for (const t of time) {
     while (k + 1 < rows.time.length && rows.time[k + 1] <= t) k++;
-    const near = Math.abs(rows.time[k] - t) < 0.1;
-    model.push(near ? (rows.torque[k] - rows.error[k]) * factor : null);
-    error.push(near ? rows.error[k] * factor : null);
+    const n = k + 1 < rows.time.length ? k + 1 : k, gap = rows.time[n] - rows.time[k];
+    const near = gap > 0 ? gap < MOST_GAP && t >= rows.time[k] : Math.abs(rows.time[k] - t) < MOST_GAP;
+    const between = (values) => values[k] + (gap > 0 ? ((t - rows.time[k]) / gap) * (values[n] - values[k]) : 0);
+    model.push(near ? (between(rows.torque) - between(rows.error)) * factor : null);
+    error.push(near ? between(rows.error) * factor : null);
   }
   return [
     { label: "model", values: model, colour: colour("blue") },
     { label: "measured − model", values: error, colour: colour("orange") },
+    ...selectedSeries(time, rows, factor),
   ];
+}
+
+// The error of the samples that are selected in the pictures below, as points; at most one for each place shown.
+function selectedSeries(time, rows, factor) {
+  const chosen = selection();
+  if (!chosen) return [];
+  const values = time.map(() => null);
+  let at = 0;
+  for (let k = 0; k < rows.time.length; k++) {
+    if (rows.time[k] < time[0] || rows.time[k] > time[time.length - 1] || !chosen.test(k)) continue;
+    while (at + 1 < time.length && time[at + 1] <= rows.time[k]) at++;
+    values[at] = rows.error[k] * factor;
+  }
+  return [{ label: "selected", values, colour: colour("ink"), points: true }];
 }
 
 function zoom(start, end) {
@@ -297,12 +314,13 @@ async function compare() {
   const found = await attempt(() => again(() => work("compare", wish)));
   if (!found) return;
   found.of = wish.recordings.length === 1 ? wish.recordings[0] : null;
-  state.before = state.compared;
+  state.beside = null;
   state.compared = found;
-  state.selection = null;
   if (model().error === null) { model().error = found.error_rms; model().floor = found.noise_floor_rms; remember(); }
+  $("beside").value = "";
+  $("beside-legend").textContent = "";
   showModel();
-  showWhere();
+  drawError();
   await attempt(draw);
 }
 
@@ -329,6 +347,7 @@ function showModel() {
     figures.push(["error", quantity(compared.error_rms, unit())], ["of the torque", `${significant(100 * compared.relative_error)} %`]);
     const floor = compared.noise_floor_interval;
     figures.push(["noise floor, an estimate", floor ? `${quantity(compared.noise_floor_rms, unit())} (${quantity(floor[0], unit())} to ${quantity(floor[1], unit())})` : "unknown: nothing was recorded twice"]);
+    if (state.beside) figures.push([state.beside.label, quantity(state.beside.compared.error_rms, unit())]);
     if (compared.position_error_rms) figures.push(["position, simulated", quantity(compared.position_error_rms, motion())]);
   }
   $("figures").replaceChildren(
@@ -343,6 +362,7 @@ function showModel() {
     .map((one) => ({ name: one.label, value: one.error, text: quantity(one.error, unit()) }));
   bars($("stairs"), rows, now?.floor || null);
   showParameters(now);
+  listBeside();
   refreshButtons();
 }
 
@@ -364,14 +384,14 @@ function showParameters(now) {
   }
 }
 
-function undo() {
-  state.at -= 1;
+function step(by) {
+  state.at += by;
   state.compared = null;
   state.diagnosis = null;
   remember();
   showModel();
   showDiagnosis();
-  say(`Back to ${model().label}.`);
+  say(`Now at ${model().label}.`);
   attempt(compare);
 }
 
@@ -386,104 +406,58 @@ function save() {
 
 // ---------------------------------------------------------------- where it fails
 
-function showWhere() {
-  const rows = state.compared?.rows;
-  $("where").hidden = !rows;
-  $("where-none").hidden = Boolean(rows);
-  if (!rows) return;
-  const names = Object.keys(rows).filter((name) => !["torque", "error"].includes(name));
-  const best = Object.entries(state.compared.where).sort((a, b) => b[1] - a[1]);
-  const now = $("coordinate").value || best.find(([name]) => names.includes(name))?.[0] || "velocity";
-  $("coordinate").replaceChildren(
-    ...names.map((name) => {
-      const share = state.compared.where[name];
-      const text = `${name.replaceAll("_", " ")}${share === undefined ? "" : ` (${Math.round(100 * share)} % of the error follows it)`}`;
-      return new Option(text, name, false, name === now);
-    }),
-  );
-  const regimes = Object.entries(state.compared.regimes).filter(([, value]) => value !== null)
-    .map(([name, value]) => ({ name: name.replaceAll("_", " "), value, text: quantity(value, unit()) }));
-  bars($("regimes"), regimes, state.compared.noise_floor_rms);
-  drawWhere();
+function drawError() {
+  showWhere(state.compared, { beside: state.beside, motion: motion(), torque: unit(), changed: () => attempt(draw) });
 }
 
-function coordinateLabel(name) {
-  const units = { position: motion(), velocity: `${motion()}/s`, acceleration: `${motion()}/s²`, time: "s", temperature: "°C", travel_since_reversal: `log10 ${motion()}`, time_since_reversal: "log10 s" };
-  return `${name.replaceAll("_", " ")} [${units[name] || ""}]`;
-}
-
-function drawWhere() {
-  const rows = state.compared.rows, name = $("coordinate").value;
-  const keep = state.selection || (() => true);
-  const x = rows[name], error = rows.error, velocity = rows.velocity;
-  const [low, high] = range(x);
-  const centre = Array.from({ length: BINS }, (_, k) => low + ((k + 0.5) / BINS) * (high - low));
-  const force = scaleOf(error, unit());
-  const series = [];
-  const bandList = [];
-  for (const [label, ink, side] of [["forwards", "blue", (k) => velocity[k] > 0], ["backwards", "orange", (k) => velocity[k] < 0]]) {
-    const { mean, spread } = binned(x, error, (k) => side(k) && keep(k), BINS, low, high);
-    const at = (sign) => mean.map((m, i) => (m === null ? null : (m + sign * spread[i]) * force.factor));
-    series.push({ label, values: at(0), colour: colour(ink), width: 2 });
-    series.push({ label: `${label} + error`, values: at(1), colour: colour(ink), width: 0.5, dash: [2, 3] });
-    series.push({ label: `${label} − error`, values: at(-1), colour: colour(ink), width: 0.5, dash: [2, 3] });
+// What can stand beside the present comparison: another model on the same recordings, or this model on another day.
+function listBeside() {
+  const options = [new Option("nothing else", "")];
+  state.versions.forEach((one, i) => { if (i !== state.at) options.push(new Option(`model: ${one.label} (step ${i + 1})`, `model:${i}`)); });
+  for (const one of state.recordings) {
+    const alone = state.recordings.filter((other) => other.chosen);
+    if (!(alone.length === 1 && alone[0] === one)) options.push(new Option(`recording: ${one.name}`, `recording:${one.id}`));
   }
-  const pick = (value) => {
-    const bin = Math.min(BINS - 1, Math.max(0, Math.floor(((value - low) / (high - low)) * BINS)));
-    const from = low + (bin / BINS) * (high - low), to = low + ((bin + 1) / BINS) * (high - low);
-    select((k) => x[k] >= from && x[k] <= to, `${name.replaceAll("_", " ")} from ${significant(from)} to ${significant(to)}`);
-  };
-  plots.where = plot($("by-coordinate"), plots.where, { x: centre, series, bands: bandList, xLabel: coordinateLabel(name), yLabel: `error [${force.unit}]`, onClick: pick, height: 280, legend: false });
-  $("by-coordinate").onkeydown = (event) => {
-    const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
-    if (!step) return;
-    event.preventDefault();
-    state.place = Math.min(BINS - 1, Math.max(0, (state.place ?? (step > 0 ? -1 : BINS)) + step));
-    pick(centre[state.place]);
-  };
-  drawMap(rows, keep);
-  drawOrders();
+  const now = options.some((one) => one.value === $("beside").value) ? $("beside").value : "";
+  $("beside").replaceChildren(...options);
+  $("beside").value = now;
+  $("beside").disabled = !state.compared || options.length < 2;
 }
 
-function drawMap(rows, keep) {
-  const columns = 24, lines = 16;
-  const trimmed = (values) => { const sorted = Float64Array.from(values).sort(); const at = (q) => sorted[Math.floor(q * (sorted.length - 1))]; return [at(0.005), at(0.995)]; };
-  const [vl, vh] = trimmed(rows.velocity), [al, ah] = trimmed(rows.acceleration);
-  const cell = (k) => {
-    const i = Math.floor(((rows.velocity[k] - vl) / (vh - vl)) * columns), j = Math.floor(((rows.acceleration[k] - al) / (ah - al)) * lines);
-    return i < 0 || j < 0 || i >= columns || j >= lines ? -1 : j * columns + i;
-  };
-  const n = new Float64Array(columns * lines), sum = new Float64Array(columns * lines);
-  for (let k = 0; k < rows.error.length; k++) {
-    const c = cell(k);
-    if (c >= 0 && keep(k)) { n[c]++; sum[c] += rows.error[k] ** 2; }
+async function putBeside() {
+  const [kind, which] = $("beside").value.split(/:(.*)/);
+  state.beside = null;
+  if (kind) {
+    const wish = kind === "model" ? { ...chosen(), model: state.versions[Number(which)].text } : { recordings: [which], model: model().text };
+    const label = $("beside").selectedOptions[0].textContent.replace(/^[a-z]+: /, "");
+    const found = await attempt(() => again(() => work("compare", wish)));
+    if (found) {
+      state.beside = { label, compared: found };
+      say(`${label}: error ${quantity(found.error_rms, unit())}; ${model().label}: ${quantity(state.compared.error_rms, unit())}.`);
+    } else $("beside").value = "";
   }
-  const values = Array.from(n, (count, c) => (count < 3 ? null : Math.sqrt(sum[c] / count)));
-  const largest = Math.max(...values.filter((v) => v !== null), 1e-300);
-  const labels = { left: significant(vl), right: significant(vh), x: `velocity [${motion()}/s], up to ${quantity(largest, unit())} rms`, top: significant(ah), bottom: significant(al) };
-  heat($("map"), { values, columns, rows: lines, labels, largest, onCell: (i, j) => select((k) => cell(k) === j * columns + i, "one field of velocity and acceleration") });
+  $("beside-legend").textContent = state.beside ? `; dashed: ${state.beside.label}` : "";
+  showModel();
+  drawError();
 }
 
-function drawOrders() {
-  const { order, amplitude } = state.compared.spectrum;
-  const turn = motion() === "rad" ? 2 * Math.PI : 1;
-  const force = scaleOf(amplitude, unit());
-  plots.orders = plot($("orders"), plots.orders, {
-    x: order.map((one) => one * turn), height: 240, legend: false,
-    series: [{ label: "amplitude", values: amplitude.map((one) => one * force.factor), colour: colour("blue") }],
-    xLabel: motion() === "rad" ? "order [cycles per revolution]" : "order [cycles per metre]", yLabel: `error [${force.unit}]`,
-    onZoom: (start, end) => { if (start === null) drawOrders(); else plots.orders.setScale("x", { min: start, max: end }); },
-  });
-  $("orders-caption").textContent = order.length ? "Order spectrum of the error over position; drag to look closer, double click to see all." : "The travel is too short for an order spectrum.";
+function leaveSelected() {
+  const one = state.recordings.find((other) => other.id === state.compared.of);
+  if (!one) return say("Choose one recording alone and compare: then its selected samples can be left out.", true);
+  const stretches = selectedStretches();
+  one.leftOut.push(...stretches);
+  return say(`${stretches.length} stretches of ${one.name} are left out of fits from now on.`);
 }
 
-function select(test, words) {
-  state.selection = test;
-  const error = state.compared.rows.error;
-  let n = 0, all = 0, own = 0;
-  for (let k = 0; k < error.length; k++) { all += error[k] ** 2; if (test(k)) { n++; own += error[k] ** 2; } }
-  $("selected").textContent = `${words}: ${n} of ${error.length} samples, ${Math.round((100 * own) / all)} % of the squared error, rms ${quantity(rms(error, test), unit())}`;
-  drawWhere();
+// Where the compared motion turns round next, seen from the beginning of what is shown.
+function nextReversal() {
+  const rows = state.compared?.rows, whole = state.shown.whole;
+  if (!rows || state.compared.of !== state.shown.id || !whole) return say("Compare a model with this recording alone first.", true);
+  const { time, velocity } = rows, after = state.shown.start === null ? whole[0] : (state.shown.start + state.shown.end) / 2 + 1e-9;
+  const largest = range(velocity.map(Math.abs))[1];
+  for (let k = 1; k + 1 < time.length; k++)
+    if (time[k] > after && velocity[k - 1] * velocity[k] < 0 && Math.abs(velocity[k + 1]) > 1e-3 * largest) return show(state.shown.id, time[k] - 0.25, time[k] + 0.25);
+  return say("No reversal follows in this recording.", true);
 }
 
 // ---------------------------------------------------------------- what is missing
@@ -555,11 +529,21 @@ function wire() {
   $("compare").onclick = () => compare();
   $("diagnose").onclick = diagnose;
   $("add").onclick = addChosen;
-  $("undo").onclick = undo;
+  $("undo").onclick = () => step(-1);
+  $("redo").onclick = () => step(1);
+  $("beside").onchange = putBeside;
   $("save").onclick = save;
   $("stop").onclick = () => state.job && attempt(() => post(`/api/workbench/jobs/${state.job}/stop`, {}));
   $("coordinate").onchange = drawWhere;
-  $("unselect").onclick = () => { state.selection = null; $("selected").textContent = ""; drawWhere(); };
+  $("unselect").onclick = selectAll;
+  $("selection-back").onclick = undoSelection;
+  $("leave-selected").onclick = leaveSelected;
+  $("reversal").onclick = nextReversal;
+  $("select-shown").onclick = () => {
+    const { id, start, end, whole } = state.shown;
+    if (!state.compared || state.compared.of !== id) return say("Compare a model with this recording alone first.", true);
+    return selectTime(start ?? whole[0], end ?? whole[1]);
+  };
   $("open-model").onchange = async (event) => {
     const file = event.target.files[0];
     if (!file) return;

@@ -148,7 +148,7 @@ def _prepare(
 def expected(node: Node, sdo: Sdo, axis: Axis, profile: Profile) -> dict[str, int | str]:
     """Identity of the drive, if it is one of the profile, set up as that and the axis file assume."""
     identity = _identify(node, sdo)
-    _compare(identity, profile, node.number)
+    compare(identity, profile, node.number)
     _must_be_as_expected(node, sdo, profile)
     _must_count_alike(node, sdo, axis, profile)
     return identity
@@ -157,9 +157,9 @@ def expected(node: Node, sdo: Sdo, axis: Axis, profile: Profile) -> dict[str, in
 def _identify(node: Node, sdo: Sdo) -> dict[str, int | str]:
     identity: dict[str, int | str] = {"vendor": _vendor(node, sdo)}
     for sub, name in enumerate(("product", "revision", "serial"), 2):
-        identity[name] = _optional(sdo, ObjectRef(0x1018, sub, "u32", name))
+        identity[name] = optional(sdo, ObjectRef(0x1018, sub, "u32", name))
     for index, name in ((0x1008, "name"), (0x100A, "firmware")):
-        identity[name] = _optional_text(sdo, ObjectRef(index, 0, "u8", name))
+        identity[name] = optional_text(sdo, ObjectRef(index, 0, "u8", name))
     return identity
 
 
@@ -201,21 +201,24 @@ def _nobody(node: Node, error: LinkTimeout) -> LinkError:
     )
 
 
-def _optional(sdo: Sdo, ref: ObjectRef) -> int:
+def optional(sdo: Sdo, ref: ObjectRef) -> int:
+    """The value of an object, 0 where the drive has none."""
     try:
         return int(sdo.read(ref))
     except TransferAborted:
         return 0
 
 
-def _optional_text(sdo: Sdo, ref: ObjectRef) -> str:
+def optional_text(sdo: Sdo, ref: ObjectRef) -> str:
+    """The text of an object, empty where the drive has none."""
     try:
         return sdo.read_bytes(ref).rstrip(b"\0 ").decode("latin-1")
     except TransferAborted:
         return ""
 
 
-def _compare(identity: Mapping[str, int | str], profile: Profile, number: int) -> None:
+def compare(identity: Mapping[str, int | str], profile: Profile, number: int) -> None:
+    """Raises IdentityMismatch: not a drive of the profile."""
     wanted = profile.identity
     wrong = [
         f"{name} is {found:#010x}, the profile is for {expected:#010x}"
@@ -309,7 +312,7 @@ def _must_count_alike(node: Node, sdo: Sdo, axis: Axis, profile: Profile) -> Non
     axis_counts = axis.mechanics.counts_per_revolution
     if profile.encoder == "none" or axis.motion_unit != "rad" or axis_counts is None:
         return
-    encoder, feed, gear = (_ratio(sdo, index) for index in (0x608F, 0x6092, 0x6091))
+    encoder, feed, gear = (ratio(sdo, index) for index in (0x608F, 0x6092, 0x6091))
     if encoder is None or encoder <= 1.0:
         return
     candidates = [encoder]
@@ -327,9 +330,9 @@ def _must_count_alike(node: Node, sdo: Sdo, axis: Axis, profile: Profile) -> Non
     )
 
 
-def _ratio(sdo: Sdo, index: int) -> float | None:
+def ratio(sdo: Sdo, index: int) -> float | None:
     """First over second sub-index; None where the drive has no such object, or zeros in it."""
-    first, second = (_optional(sdo, ObjectRef(index, sub, "u32", "counting")) for sub in (1, 2))
+    first, second = (optional(sdo, ObjectRef(index, sub, "u32", "counting")) for sub in (1, 2))
     return first / second if first and second else None
 
 
@@ -394,7 +397,7 @@ def _settings(axis: Axis, profile: Profile, units: Units) -> list[tuple[ObjectRe
 
 
 def _sync_overflow(sdo: Sdo) -> int:
-    overflow = _optional(sdo, ObjectRef(0x1019, 0, "u8", "SYNC counter overflow"))
+    overflow = optional(sdo, ObjectRef(0x1019, 0, "u8", "SYNC counter overflow"))
     return overflow if 2 <= overflow <= 240 else 0
 
 

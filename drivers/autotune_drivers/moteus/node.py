@@ -185,16 +185,19 @@ class MoteusNode:
                 f"not {self.port.baud} baud, or it is not an fdcanusb or moteus line. Write the right speed into "
                 "the link as &baud=115200"
             )
-        return self._others()
+        return self._only_others()
 
-    def _others(self) -> LinkError:
-        """Asks every node for its mode, to name those that answer."""
+    def others(self) -> set[int]:
+        """Asks every node for its mode: those that answer, but for this one."""
         found: set[int] = set()
         for number in range(1, 127):
             self.port.write(encode(_REPLY_WANTED << 8 | number, read(Form.INT8, MODE), self._checked))
             found |= self._sources(_SCAN_EACH)
         found |= self._sources(_SCAN_END)
-        found.discard(self.number)
+        return found - {self.number}
+
+    def _only_others(self) -> LinkError:
+        found = self.others()
         if found:
             names = ", ".join(map(str, sorted(found)))
             return LinkTimeout(

@@ -91,7 +91,7 @@ def open_controller(
     """
     node = MoteusNode(port, number)
     node.greet()
-    identity = _identify(node, profile)
+    identity = identify(node, profile)
     _compare(identity, profile, number)
     mode = _must_be_free(node)
     keeper = Keeper.of(keep, identity) if keep is not None else None
@@ -148,7 +148,8 @@ def _prepare(
 # Who is there
 
 
-def _identify(node: MoteusNode, profile: MoteusProfile) -> dict[str, int | str]:
+def identify(node: MoteusNode, profile: MoteusProfile) -> dict[str, int | str]:
+    """Model, register map, serial number and firmware, as registers 100h to 122h have them."""
     values: dict[int, float] = {}
     for register in (MODEL, FIRMWARE_VERSION, MAP_VERSION):
         values |= node.registers((Form.INT32, register, 1))
