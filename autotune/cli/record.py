@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from autotune.cli.live_view import View, looking_on
 from autotune.cli.output import answer
 from autotune.cli.owned import holding
 from autotune.cli.run import confirmation, reporting
@@ -28,6 +29,7 @@ def record(
     ],
     out: Annotated[Path, typer.Option(help="Where to write: .parquet or .csv.")],
     yes: Annotated[bool, typer.Option("--yes", help="Move the axis unasked.")] = False,
+    view: View = False,
     runs: Annotated[Path, typer.Option(help="Folder for what runs leave.")] = Path("runs"),
 ) -> None:
     """Play a programme on the axis and write the recording."""
@@ -40,12 +42,18 @@ def record(
         raise ConfigurationError(f"--out {out}: it must end in .parquet or .csv, in a folder that is there")
     axis = read_axis(axis_file)
     confirmation(axis, yes, planned_programme(axis, programme), "record")
-    with holding(axis, axis_file, "record"), reporting(stages=[Stage("record", 60.0)]) as console:
-        recording = record_programme(
-            SessionRequest(
-                axis, lambda: open_link(axis, axis_file.resolve().parent, runs), runs, console, datetime.now
-            ),
-            programme,
-            out,
+    with (
+        holding(axis, axis_file, "record"),
+        reporting(stages=[Stage("record", 60.0)]) as console,
+        looking_on(axis, view) as observers,
+    ):
+        request = SessionRequest(
+            axis,
+            lambda: open_link(axis, axis_file.resolve().parent, runs),
+            runs,
+            console,
+            datetime.now,
+            observers,
         )
+        recording = record_programme(request, programme, out)
     answer(f"{out}: {len(recording)} samples, {len(recording) * recording.period:.1f} s")

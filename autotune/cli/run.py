@@ -11,18 +11,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from autotune.cli.live_view import View, looking_on
 from autotune.cli.output import answer, answer_json, say
 from autotune.cli.owned import Service, holding, let_service, result_of, service_of
 from autotune.core.axis import Axis, read_axis
 from autotune.core.errors import ConfigurationError
-from autotune.core.loop import Watch
 from autotune.core.text import clean_line
 from autotune.view.console import ConsoleProgress, Stage
 
 if TYPE_CHECKING:
     from autotune.tuning.motion_plan import MotionPlan
     from autotune.tuning.outcome import RunResult
-    from autotune.tuning.session import LabelledWatch
 
 Confirm = Callable[[str], bool]
 SIMULATED = "autotune-sim"  # how the profiles of simulated drives begin
@@ -57,7 +56,7 @@ def run(
         ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON object.")] = False,
-    view: Annotated[bool, typer.Option("--view", help="Show the traces in the Rerun viewer.")] = False,
+    view: View = False,
     runs: Annotated[Path, typer.Option(help="Folder for what runs leave.")] = Path("runs"),
 ) -> None:
     """Tune an axis: check, experiment, fit, adapt, prove, commit."""
@@ -74,7 +73,7 @@ def run(
     if service is not None:
         _let_service_run(service, confirm, _asks_nobody(service.axis, yes), as_json)
         return
-    with holding(axis, axis_file, "run"), reporting(only) as console, _viewers(axis, view) as viewers:
+    with holding(axis, axis_file, "run"), reporting(only) as console, looking_on(axis, view) as observers:
         request = Request(
             axis=axis,
             open_loop=lambda: open_link(axis, axis_file.resolve().parent, runs),
@@ -83,7 +82,7 @@ def run(
             clock=datetime.now,
             only=only,
             resume=resume,
-            viewers=viewers,
+            observers=observers,
             approve=confirm,
         )
         result = tune(request)
@@ -174,25 +173,6 @@ def confirmation(axis: Axis, yes: bool, plan: MotionPlan | None, what: str = "ru
     if not typer.confirm("Is the axis free to move, and the emergency stop within reach?", err=True):
         raise ConfigurationError("not confirmed; nothing has moved")
     return lambda sentence: typer.confirm(sentence, err=True)
-
-
-@contextmanager
-def _viewers(axis: Axis, wanted: bool) -> Iterator[Sequence[LabelledWatch]]:
-    """The live view where it is asked for; a run does not depend on it."""
-    if not wanted:
-        yield ()
-        return
-    from autotune.view.live import LiveSettings, LiveView
-
-    settings = LiveSettings(axis.motion_unit, axis.cycle, axis.limits.speed, axis.limits.torque)
-    with LiveView(settings) as live:
-        say(f"live view: {live.page or live.url}")
-
-        def watch(labels: Sequence[str]) -> Watch:
-            live.labels(labels)
-            return live.watch
-
-        yield (watch,)
 
 
 def _show(result: RunResult, as_json: bool) -> None:

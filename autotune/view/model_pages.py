@@ -22,7 +22,7 @@ from autotune.view.figures import measured_and_model, ranking, residual_over_coo
 from autotune.view.report import Picture, Report, write_report
 from autotune.view.scale import quantity
 
-_UNITS = {
+COORDINATE_UNITS = {
     "position": "{0}", "velocity": "{0}/s", "acceleration": "{0}/s²", "time": "s", "direction": "",
     "travel_since_reversal": "log10 {0}", "time_since_reversal": "log10 s",
     "temperature": "°C",
@@ -58,7 +58,7 @@ def floor_range(interval: tuple[float, float] | None, unit: str) -> str:
 
 def worst_place(worst: Worst, model: DriveModel) -> str:
     """A stretch of a coordinate in words, with its part of the squared error."""
-    unit = _UNITS[worst.coordinate].format(model.motion_unit).removeprefix("log10 ")
+    unit = COORDINATE_UNITS[worst.coordinate].format(model.motion_unit).removeprefix("log10 ")
     spoken = worst.coordinate.replace("_", " ")
     return f"{spoken} is {worst.low:.4g} to {worst.high:.4g} {unit}: {100 * worst.share:.0f} % of the squared error"
 
@@ -90,7 +90,7 @@ def write_diagnosis(path: Path, result: Diagnosis, model: DriveModel) -> None:
     if result.next_experiment:
         steps.append(result.next_experiment)
     report = Report(
-        "Diagnosis", "information", _verdict(result), pictures=pictures, next_steps=steps, sign_off=False
+        "Diagnosis", "information", verdict_words(result), pictures=pictures, next_steps=steps, sign_off=False
     )
     write_report(path, report)
 
@@ -113,7 +113,7 @@ def write_story(path: Path, model: DriveModel) -> None:
     write_report(path, Report("Model", "information", text + ".", pictures=[picture], sign_off=False))
 
 
-def _verdict(result: Diagnosis) -> str:
+def verdict_words(result: Diagnosis) -> str:
     names = ", ".join(effect.replace("_", " ") for effect in result.effects)
     text = {
         "named": f"Missing in the model: {names} ({result.confidence}).",
@@ -163,7 +163,7 @@ def _over_coordinates(
         figure = residual_over_coordinate(
             Residual(
                 name,
-                _UNITS[name].format(model.motion_unit),
+                COORDINATE_UNITS[name].format(model.motion_unit),
                 values[name],
                 error,
                 floor,

@@ -31,6 +31,12 @@ def quiet_environment() -> Mapping[str, str]:
     return {**os.environ, "CI": "1", "RUST_LOG": "error"}
 
 
+def quiet() -> None:
+    """The same for this process; to be called before rerun is imported."""
+    for name, value in (("CI", "1"), ("RUST_LOG", "error")):
+        os.environ.setdefault(name, value)
+
+
 def is_free(port: int) -> bool:
     """Whether nobody listens on this port of this host (a server that cannot bind only logs it)."""
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
