@@ -61,8 +61,11 @@ def choose_port(wanted: int | None, usual: int) -> int:
                 "close what listens there, or leave the port out and a free one is chosen"
             )
         return wanted
-    if is_free(usual):
-        return usual
+    return usual if is_free(usual) else any_port()
+
+
+def any_port() -> int:
+    """A port of this host that nobody uses."""
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
         probe.bind((HOST, 0))
         return int(probe.getsockname()[1])
