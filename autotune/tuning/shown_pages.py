@@ -60,7 +60,7 @@ def fit_shown(axis: Axis, found: Identification, recording: Recording) -> Page:
     compared = _compared(recording, found.model)
     if compared is None or found.model is None:
         return fit_page(None, curve, table)
-    sample, floor = compared.study.data, _finite(compared.noise_floor_rms)
+    sample, floor = compared.problem.data, _finite(compared.noise_floor_rms)
     return fit_page(
         comparison_of(sample, compared.error, found.model.torque_symbol, floor),
         curve,
@@ -80,7 +80,7 @@ def diagnosis_shown(axis: Axis, told: Diagnosed, model: DriveModel | None, recor
     residuals = []
     if compared is not None and model is not None:
         floor = _finite(compared.noise_floor_rms)
-        residuals = residuals_of(compared.study.data, compared.error, compared.where, model, floor)
+        residuals = residuals_of(compared.problem.data, compared.error, compared.where, model, floor)
     unit = data.torque_unit(axis.motion_unit)
     return diagnosis_page(ranks, _steps(told), residuals, _meaning(told, unit), unit, told.noise_floor_rms)
 

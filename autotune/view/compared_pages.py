@@ -105,9 +105,9 @@ def diagnosed_page(result: Diagnosis, model: DriveModel) -> Page:
     """The page of a diagnosis."""
     ranks = [Rank(c.effect, c.gain, c.accepted, c.why) for c in result.candidates]
     residuals: Residuals = []
-    if result.study is not None and result.root is not None:
+    if result.problem is not None and result.root is not None:
         residuals = residuals_of(
-            result.study.data, result.root.fitted.error, result.where, model, _floor(result.noise_floor_rms)
+            result.problem.data, result.root.fitted.error, result.where, model, _floor(result.noise_floor_rms)
         )
     return diagnosis_page(ranks, (), residuals, _diagnosis_words(result), model.torque_symbol)
 
@@ -126,7 +126,7 @@ def _diagnosis_words(result: Diagnosis) -> str:
 
 
 def _told(result: Compared, model: DriveModel) -> tuple[Comparison, Residuals]:
-    data, floor = result.study.data, _floor(result.noise_floor_rms)
+    data, floor = result.problem.data, _floor(result.noise_floor_rms)
     return (
         comparison_of(data, result.error, model.torque_symbol, floor),
         residuals_of(data, result.error, result.where, model, floor),
