@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from autotune.cli.live_view import View, looking_on
+from autotune.cli.live_view import View, following, looking_on
 from autotune.cli.output import answer, answer_json
 from autotune.cli.owned import holding, let_service, result_of, service_of
 from autotune.cli.run import confirmation, reporting
@@ -35,7 +35,8 @@ def check(
     confirmation(moved, yes, planned_check(moved), "check")
     with reporting(stages=[Stage("connect", 2.0), Stage("look", 40.0)]) as console:
         if service is not None:
-            content = result_of(service, let_service(service, "check", console))
+            with following(service, view):
+                content = result_of(service, let_service(service, "check", console))
         else:
             content = _look(axis, axis_file, runs, console, view)
     show_check(content, as_json)

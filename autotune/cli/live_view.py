@@ -12,6 +12,7 @@ from autotune.cli.output import say
 from autotune.core.axis import Axis
 
 if TYPE_CHECKING:
+    from autotune.cli.owned import Service
     from autotune.tuning.observer import Observer
     from autotune.view.live import LiveView
 
@@ -34,6 +35,18 @@ def live_view(axis: Axis) -> Iterator[LiveView]:
         yield live
         if live.dropped:
             say(f"the viewer was too slow for {live.dropped} samples; the recording has them all")
+
+
+@contextmanager
+def following(service: Service, wanted: bool) -> Iterator[None]:
+    """A live view of what a service does on an axis, where it is asked for."""
+    if not wanted:
+        yield
+        return
+    from autotune.service.live_client import Following
+
+    with live_view(service.axis) as live, Following(service.client, service.axis.name, live):
+        yield
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from autotune.cli.live_view import View, looking_on
+from autotune.cli.live_view import View, following, looking_on
 from autotune.cli.output import answer, answer_json, say
 from autotune.cli.owned import Service, holding, let_service, result_of, service_of
 from autotune.core.axis import Axis, read_axis
@@ -67,11 +67,12 @@ def run(
     axis = read_axis(axis_file)
     service = service_of(axis, axis_file)
     if service is not None:
-        _check_whole(service, only, view)
+        _check_whole(service, only)
     moved = service.axis if service else axis
     confirm = confirmation(moved, yes, planned_run(moved, only))
     if service is not None:
-        _let_service_run(service, confirm, _asks_nobody(service.axis, yes), as_json)
+        with following(service, view):
+            _let_service_run(service, confirm, _asks_nobody(service.axis, yes), as_json)
         return
     with holding(axis, axis_file, "run"), reporting(only) as console, looking_on(axis, view) as observers:
         request = Request(
@@ -90,11 +91,11 @@ def run(
     raise typer.Exit(result.exit_code)
 
 
-def _check_whole(service: Service, only: str | None, view: bool) -> None:
-    if only is not None or view:
+def _check_whole(service: Service, only: str | None) -> None:
+    if only is not None:
         raise ConfigurationError(
-            f"axis {service.axis.name} is owned by the service at {service.address}, which does whole runs without a "
-            "view; leave --only and --view out, or stop the service"
+            f"axis {service.axis.name} is owned by the service at {service.address}, which does whole runs; leave "
+            "--only out, or stop the service"
         )
 
 

@@ -114,12 +114,11 @@ class LiveView(Teller):
         settings = self._settings
         port = viewer_server.choose_port(settings.port, viewer_server.PORT)
         web = viewer_server.choose_port(None, viewer_server.WEB_PORT) if settings.web else None
-        viewer_server.rerun_binary()
+        viewer_server.check_viewer()
         kept = ("motion_unit", "period", "name", "limits", "memory_mb", "flush_s")
         values = asdict(settings)
         self._arguments = {"port": port, "web_port": web} | {name: values[name] for name in kept}
-        self._launch()
-        if not self._ready.wait(timeout_s) or not self.url:
+        if not self._started(timeout_s) and not (self._another_port() and self._started(timeout_s)):
             reason = self._status.get("error", f"nothing was heard of it for {timeout_s:.0f} s")
             self.close()
             raise ConfigurationError(f"the live view does not start: {reason}; run without --view")
@@ -139,6 +138,22 @@ class LiveView(Teller):
             self._thread.join(patience_s)
             self._thread = None
         self._end_process(patience_s)
+
+    def _started(self, timeout_s: float) -> bool:
+        """Starts the streamer; whether it says that its server is there."""
+        self._launch()
+        return self._ready.wait(timeout_s) and bool(self.url)
+
+    def _another_port(self) -> bool:
+        """Takes other ports where somebody has taken the usual ones meanwhile; False where one was asked for."""
+        if self._settings.port is not None or "error" not in self._status:
+            return False
+        self._end_process(0.0)
+        self._status = {}
+        self._arguments |= {"port": viewer_server.any_port()}
+        if self._settings.web:
+            self._arguments |= {"web_port": viewer_server.any_port()}
+        return True
 
     def _launch(self) -> None:
         self._starts += 1

@@ -87,6 +87,15 @@ def decode_rows(payload: bytes, columns: int) -> Floats:
     return np.frombuffer(payload, dtype="<f8").reshape(-1, columns)
 
 
+def decode_note(payload: bytes) -> dict[str, Any]:
+    """A note; an empty one where it is none."""
+    try:
+        note = json.loads(payload)
+    except ValueError:
+        return {}
+    return note if isinstance(note, dict) else {}
+
+
 def read_message(source: BinaryIO) -> tuple[bytes, int, bytes] | None:
     """Kind, columns and payload of the next message; None at the end, or where it is none."""
     header = source.read(HEADER.size)

@@ -70,7 +70,11 @@ class HeadlessViewer:
         """Brings each tab to the front, one after the other; yields its name ("" where there are none)."""
         found = self._client.get_blueprint("recording").blueprint
         tabs = next(
-            (one for one in found.values() if one.get("ContainerBlueprint", {}).get("container_kind") == "Tabs"),
+            (
+                one
+                for one in found.values()
+                if one.get("ContainerBlueprint", {}).get("container_kind") == "Tabs"
+            ),
             None,
         )
         if tabs is None:
