@@ -41,22 +41,22 @@ LimitsShown = Mapping[str, tuple[float, float]]
 
 
 class Line(NamedTuple):
-    """One line of a plot: `plus` less `minus` (a column name, or none), times `factor`; `constant` where it is one."""
+    """One line of a plot: `plus` less `minus` (a column name, or none), times `factor`."""
 
     name: str
     colour: str
     plus: str
     minus: str = ""
     factor: float = 1.0
-    constant: float | None = None
 
 
 class Plot(NamedTuple):
-    """One plot of several lines: one entity."""
+    """One plot of several lines: one entity; `limits`: drawn as lines, an entity below it."""
 
     entity: str
     title: str
     lines: tuple[Line, ...]
+    limits: tuple[float, ...] = ()
 
 
 def plots(motion_unit: str, unit_of_torque: str = "") -> tuple[Plot, ...]:
@@ -105,26 +105,22 @@ def available(plot: Plot, columns: Mapping[str, Floats]) -> Plot | None:
     return plot._replace(lines=lines) if lines else None
 
 
-def with_limits(plot: Plot, limits: LimitsShown, reach: float | None) -> Plot:
+def with_limits(plot: Plot, limits: LimitsShown, reach: float) -> Plot:
     """The plot with its limits as lines where they are near, named in its title where they are far.
 
     Args:
-        reach: largest value that is shown; None draws them anyway.
+        reach: largest value that is shown.
     """
     quantity = plot.entity.rpartition("/")[2]
     low, high = limits.get(quantity, (np.nan, np.nan))
-    known = [
-        (name, edge) for name, edge in (("upper limit", high), ("lower limit", low)) if np.isfinite(edge)
-    ]
-    if not known:
-        return plot
     factor = plot.lines[0].factor
-    far = reach is not None and quantity != "temperature" and peak(np.array([low, high])) > NEAR * reach
-    if far:
-        told = " to ".join(f"{factor * edge:g}".replace("-", "−") for _, edge in reversed(known))
+    edges = tuple(factor * edge for edge in (low, high) if np.isfinite(edge))
+    if not edges:
+        return plot
+    if quantity != "temperature" and peak(np.array(edges)) > NEAR * factor * reach:
+        told = " to ".join(f"{edge:g}".replace("-", "−") for edge in edges)
         return plot._replace(title=f"{plot.title}, limits {told}")
-    lines = (Line(name, RED, "", constant=factor * edge) for name, edge in known)
-    return plot._replace(lines=(*plot.lines, *lines), title=f"{plot.title}, red: limits")
+    return plot._replace(limits=edges, title=f"{plot.title}, red: limits")
 
 
 def reach_of(plot: Plot, columns: Mapping[str, Floats]) -> float:
@@ -139,6 +135,14 @@ def send_names(stream: rr.RecordingStream, shown: Sequence[Plot]) -> None:
         colours = np.array([rgba(line.colour) for line in plot.lines], dtype=np.uint32)
         names = [line.name for line in plot.lines]
         stream.log(plot.entity, rr.SeriesLines(names=names, colors=colours, widths=1.5), static=True)
+        if plot.limits:
+            red = np.full(len(plot.limits), rgba(RED), dtype=np.uint32)
+            texts = ["limit"] * len(plot.limits)
+            stream.log(limits_entity(plot), rr.SeriesLines(names=texts, colors=red, widths=1.5), static=True)
+
+
+def limits_entity(plot: Plot) -> str:
+    return f"{plot.entity}/limits"
 
 
 def send_rows(
@@ -156,6 +160,20 @@ def send_rows(
             scalars = rr.Scalars.columns(scalars=values.ravel())
             stream.send_columns(
                 plot.entity, indexes=[index], columns=scalars.partition([len(plot.lines)] * len(values))
+            )
+    _send_limits(stream, shown, time_ns)
+
+
+def _send_limits(stream: rr.RecordingStream, shown: Sequence[Plot], time_ns: NDArray[np.int64]) -> None:
+    """Limits are straight: their first and last point suffice."""
+    ends = np.unique(time_ns[[0, -1]]) if len(time_ns) else time_ns
+    for plot in shown:
+        if plot.limits and len(ends):
+            values = rr.Scalars.columns(scalars=np.tile(np.array(plot.limits), len(ends)))
+            stream.send_columns(
+                limits_entity(plot),
+                indexes=[time_column(ends)],
+                columns=values.partition([len(plot.limits)] * len(ends)),
             )
 
 
@@ -303,7 +321,7 @@ def _traces(layout: Layout) -> rrb.Vertical:
             name=plot.title,
             time_ranges=ranges,
             axis_x=axis,
-            plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop, visible=_named(plot) > 1),
+            plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop, visible=len(plot.lines) > 1),
         )
         for plot in layout.shown
     ]
@@ -316,11 +334,6 @@ def _traces(layout: Layout) -> rrb.Vertical:
     else:
         views, shares = [rrb.TextDocumentView(origin="waiting", name="Waiting")], [1.0]
     return rrb.Vertical(*views, row_shares=shares)
-
-
-def _named(plot: Plot) -> int:
-    """Lines that are no limits: those are told by their colour."""
-    return sum(line.constant is None for line in plot.lines)
 
 
 def whole_axis(start: float, end: float) -> rrb.TimeAxis:
@@ -382,8 +395,6 @@ def _everything() -> rrb.VisibleTimeRange:
 
 
 def _value(line: Line, columns: Mapping[str, Floats], rows: slice) -> Floats:
-    if line.constant is not None:
-        return np.full(len(next(iter(columns.values()))[rows]), line.constant)
     value = columns[line.plus][rows]
     if line.minus:
         value = value - columns[line.minus][rows]

@@ -35,7 +35,9 @@ class Scene:
     ) -> None:
         self._name, self._unit, self._period = name, motion_unit, period
         self._limits = limits
+        self._bare: list[plots.Plot] = []
         self._shown: list[plots.Plot] = []
+        self._reach: dict[str, float] = {}
         self._plane: Plane | None = None
         self._planes = 0
         self._pages: dict[str, Page] = {}
@@ -159,27 +161,24 @@ class Scene:
             self._rows_kept -= len(self._kept.popleft()[0])
 
     def _more_plots(self, columns: Mapping[str, Floats]) -> bool:
-        """A plot, or a line of one, has its first data."""
-        before = [(plot.entity, sum(line.constant is None for line in plot.lines)) for plot in self._shown]
-        known = {plot.entity: plot for plot in self._shown}
-        shown = []
+        """A plot, or a line of one, has its first data; or a limit is near for the first time."""
+        bare = {plot.entity: plot for plot in self._bare}
+        self._bare = []
         for plot in plots.plots(self._unit):
-            found = plots.available(plot, columns)
-            had = known.get(plot.entity)
-            if found is not None and (had is None or len(found.lines) > len(had.lines)):
-                had = self._with_limits(found)
-            if had is not None:
-                shown.append(had)
-        if [(plot.entity, sum(line.constant is None for line in plot.lines)) for plot in shown] == before:
-            return False
+            found, had = plots.available(plot, columns), bare.get(plot.entity)
+            if found is not None:
+                self._reach[plot.entity] = max(
+                    self._reach.get(plot.entity, 0.0), plots.reach_of(found, columns)
+                )
+            best = max(
+                (one for one in (had, found) if one is not None), key=lambda one: len(one.lines), default=None
+            )
+            if best is not None:
+                self._bare.append(best)
+        shown = [plots.with_limits(plot, self._limits, self._reach[plot.entity]) for plot in self._bare]
+        changed = shown != self._shown
         self._shown = shown
-        return True
-
-    def _with_limits(self, plot: plots.Plot) -> plots.Plot:
-        """Speed, torque and temperature have their limits as lines; travel and following error in the title."""
-        quantity = plot.entity.rpartition("/")[2]
-        drawn = quantity in ("velocity", "torque", "temperature")
-        return plots.with_limits(plot, self._limits, None if drawn else 0.0)
+        return changed
 
     def _larger_plane(self, columns: Mapping[str, Floats]) -> bool:
         """The plane grows with what the axis does; it is of no use where nothing moves yet."""
