@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 
+from autotune.core.arrays import Floats
 from autotune.core.axis import Axis, Limits
-from autotune.core.loop import Loop
+from autotune.core.loop import Loop, Watch
 from autotune.experiments.experiment import Experiment
 from autotune.experiments.motion_watch import Learnt
 from autotune.experiments.path import Motion
@@ -89,6 +90,18 @@ class Session:
         self.reporter.stage(stage, seconds)
         for observer in self.observers:
             observer.stage(stage)
+
+    def watching(self, labels: Sequence[str]) -> Watch | None:
+        """A watch for a routine that is no programme; None where nobody looks on."""
+        watches = [observer.programme(labels) for observer in self.observers]
+        if not watches:
+            return None
+
+        def watch(rows: Floats) -> None:
+            for one in watches:
+                one(rows)
+
+        return watch
 
     def show(self, make: Callable[[], Page]) -> None:
         """Shows what a stage found to whoever looks on."""

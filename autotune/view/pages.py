@@ -27,6 +27,7 @@ class Curve:
         x, y: shape (n,); gaps are nan.
         spread: half width of its band, shape (n,); None without.
         dots: as single points.
+        guide: a bound or a floor, no data: alone it is nothing to show.
     """
 
     name: str
@@ -35,6 +36,7 @@ class Curve:
     y: Floats
     spread: Floats | None = None
     dots: bool = False
+    guide: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,6 +165,8 @@ def page_from_json(content: Mapping[str, Any]) -> Page:
 
 
 def _drawable(curve: Curve) -> bool:
+    if curve.guide:
+        return False
     return bool(np.count_nonzero(np.isfinite(curve.x) & np.isfinite(curve.y)) > (0 if curve.dots else 1))
 
 

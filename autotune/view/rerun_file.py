@@ -98,7 +98,7 @@ def _write(path: Path, recording: Recording, shown: Shown) -> None:
         columns["torque_model"] = shown.torque_model
     present = _present(recording, columns, shown)
     plane = _plane(recording)
-    words = _words(shown)
+    words = _words(shown) or ("" if len(recording) or shown.pages else "This recording has no samples.")
     time = continuous(recording["time"], recording.period)
     pages = [page for page in shown.pages if page.filled]
     layout = plots.Layout(

@@ -284,7 +284,6 @@ TRACES = "Traces"
 
 def blueprint(layout: Layout) -> rrb.Blueprint:
     """Arrangement of the views: the traces, and a tab for each page."""
-    traces = _traces(layout)
     side: list[Any] = []
     if layout.plane is not None:
         side.append(_plane_view(layout))
@@ -292,11 +291,10 @@ def blueprint(layout: Layout) -> rrb.Blueprint:
         side.append(_parameter_views(layout.parameters))
     if layout.words:
         side.append(rrb.TextDocumentView(origin="verdict", name="Verdict"))
-    if side:
-        run = rrb.Horizontal(traces, rrb.Vertical(*side), column_shares=[2, 1], name=TRACES)
-    else:
-        run = rrb.Horizontal(traces, name=TRACES)
-    tabs = [run, *layout.pages] if layout.shown or layout.live or not layout.pages else [*layout.pages]
+    columns = [_traces(layout)] if layout.shown or layout.live else []
+    columns += [rrb.Vertical(*side)] if side else []
+    run = rrb.Horizontal(*columns, column_shares=[2, 1][: len(columns)], name=TRACES)
+    tabs = [run, *layout.pages] if columns else [*layout.pages]
     names = [str(tab.name) for tab in tabs]
     front = names.index(layout.active) if layout.active in names else 0
     return rrb.Blueprint(

@@ -150,6 +150,24 @@ def added_page(
     )  # fmt: skip
 
 
+def link_page(
+    time: Floats, interval: Floats, period: float, spreads: Sequence[tuple[str, float]], words: str
+) -> Page:
+    """How evenly the cycles of a link came: `interval` between answers [s] over `time`, and named spreads [s]."""
+    curves = [_thinned("between answers", BLUE_ON_DARK, time, 1e3 * interval)]
+    if len(time):
+        ends = np.array([time[0], time[-1]])
+        curves.append(Curve("cycle asked for", GREEN_ON_DARK, ends, np.full(2, 1e3 * period), guide=True))
+    bars = tuple(Bar(name, 1e3 * value, BLUE_ON_DARK, quantity(value, "s")) for name, value in spreads)
+    return Page.of(
+        "link",
+        "Link",
+        [TimePlot("Time between answers [ms]", tuple(curves))],
+        [Bars("Round trip and jitter", "time [ms]", bars), Words("Cycles", words)],
+        shares=(2.0, 1.2),
+    )
+
+
 def over_time(shown: Comparison) -> list[Panel]:
     """Measured and model, and below them what is left."""
     left = shown.measured - shown.modelled
@@ -160,7 +178,9 @@ def over_time(shown: Comparison) -> list[Panel]:
     residual = [_thinned("measured less model", ORANGE_ON_DARK, shown.time, left)]
     if shown.noise_floor is not None and len(shown.time):
         ends = np.array([shown.time[0], shown.time[-1]])
-        residual.append(Curve("noise floor", GREEN_ON_DARK, ends, np.zeros(2), np.full(2, shown.noise_floor)))
+        residual.append(
+            Curve("noise floor", GREEN_ON_DARK, ends, np.zeros(2), np.full(2, shown.noise_floor), guide=True)
+        )
     quantity_name = shown.quantity.capitalize()
     return [
         TimePlot(f"{quantity_name}, measured and model [{shown.unit}]", tuple(curves)),
@@ -258,7 +278,7 @@ def convergence(trace: Trace, period: float) -> TimePlot:
     span = max(float(np.ptp(trace.value)), 0.05 * peak(trace.value))
     for name, bound in (("lower bound", trace.lower), ("upper bound", trace.upper)):
         if bound is not None and np.min(np.abs(trace.value - bound)) < 2.0 * span:
-            curves.append(Curve(name, GREY_ON_DARK, ends, np.full(2, bound)))
+            curves.append(Curve(name, GREY_ON_DARK, ends, np.full(2, bound), guide=True))
     if trace.refined is not None:
         error = None if trace.error is None else np.full(2, trace.error)
         curves.append(Curve("refined", PINK_ON_DARK, ends, np.full(2, trace.refined), error))

@@ -105,7 +105,13 @@ def test_messages_survive_the_pipe() -> None:
 
 
 def test_inbox_ends_on_what_is_no_message() -> None:
-    for data in (b"X" + bytes(6), b"R" + bytes([255] * 6), b"", b"N\x03\x00\x00\x00\x00\x00{}", b"R" + bytes(6)):
+    for data in (
+        b"X" + bytes(6),
+        b"R" + bytes([255] * 6),
+        b"",
+        b"N\x03\x00\x00\x00\x00\x00{}",
+        b"R" + bytes(6),
+    ):
         inbox = messages.Inbox(io.BytesIO(data), 100)
         inbox.start()
         assert inbox.ended.wait(10)
