@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -18,6 +18,7 @@ from autotune.diagnosis.verdict import Diagnosis
 from autotune.diagnosis.wording import Candidate
 from autotune.models.as_json import parameters_json, waves_json
 from autotune.models.drive_model import DriveModel
+from autotune.recordings.recording import Recording
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -104,6 +105,16 @@ class Comparison(Result):
         from autotune.view.model_pages import write_comparison
 
         write_comparison(Path(path), self._compared, self._model)
+
+    def write_rrd(self, path: str | Path, recordings: Sequence[Recording]) -> None:
+        """Writes a file for the Rerun viewer; `recordings`: those that were compared.
+
+        Raises:
+            RecordingError: the file cannot be written.
+        """
+        from autotune.view.compared_pages import write_comparison_rrd
+
+        write_comparison_rrd(Path(path), recordings, self._compared, self._model)
 
     def _content(self) -> dict[str, Any]:
         return {
@@ -193,6 +204,16 @@ class DiagnosisResult(Result):
 
         write_diagnosis(Path(path), self._diagnosis, self._model)
 
+    def write_rrd(self, path: str | Path, recordings: Sequence[Recording]) -> None:
+        """Writes a file for the Rerun viewer; `recordings`: those that were diagnosed.
+
+        Raises:
+            RecordingError: the file cannot be written.
+        """
+        from autotune.view.compared_pages import write_diagnosis_rrd
+
+        write_diagnosis_rrd(Path(path), recordings, self._diagnosis, self._model)
+
     def _content(self) -> dict[str, Any]:
         return {
             "torque_unit": self.torque_unit,
@@ -245,6 +266,16 @@ class AddedEffect(Result):
     def better(self) -> bool:
         """Whether the error on unseen data fell; else keep the model without the effect."""
         return self.error_after < self.error_before
+
+    def write_rrd(self, path: str | Path, recordings: Sequence[Recording], before: DriveModel) -> None:
+        """Writes a file for the Rerun viewer: the model `before` beside this one, on these recordings.
+
+        Raises:
+            RecordingError: the file cannot be written.
+        """
+        from autotune.view.compared_pages import write_added_rrd
+
+        write_added_rrd(Path(path), recordings, before, self.model)
 
     def _content(self) -> dict[str, Any]:
         return {

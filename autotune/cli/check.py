@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from autotune.cli.live_view import View, following, looking_on
 from autotune.cli.output import answer, answer_json
 from autotune.cli.owned import holding, let_service, result_of, service_of
 from autotune.cli.run import confirmation, reporting
@@ -22,6 +23,7 @@ def check(
     axis_file: Annotated[Path, typer.Argument(metavar="AXIS.toml", help="The axis to look at.")],
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON object.")] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Move the axis unasked.")] = False,
+    view: View = False,
     runs: Annotated[Path, typer.Option(help="Folder for what runs leave.")] = Path("runs"),
 ) -> None:
     """Look at an axis for a minute at most: friction, tracking, temperature, and whether it has drifted."""
@@ -33,24 +35,26 @@ def check(
     confirmation(moved, yes, planned_check(moved), "check")
     with reporting(stages=[Stage("connect", 2.0), Stage("look", 40.0)]) as console:
         if service is not None:
-            content = result_of(service, let_service(service, "check", console))
+            with following(service, view):
+                content = result_of(service, let_service(service, "check", console))
         else:
-            content = _look(axis, axis_file, runs, console)
+            content = _look(axis, axis_file, runs, console, view)
     show_check(content, as_json)
 
 
-def _look(axis: Axis, axis_file: Path, runs: Path, reporter: Reporter) -> dict[str, Any]:
+def _look(axis: Axis, axis_file: Path, runs: Path, reporter: Reporter, view: bool) -> dict[str, Any]:
     from autotune.monitoring.check import CheckRequest, check_axis
     from autotune.tuning.links import open_link
 
-    request = CheckRequest(
-        axis,
-        lambda: open_link(axis, axis_file.resolve().parent, runs),
-        runs,
-        reporter,
-        lambda: datetime.now().astimezone(),
-    )
-    with holding(axis, axis_file, "check"):
+    with holding(axis, axis_file, "check"), looking_on(axis, view) as observers:
+        request = CheckRequest(
+            axis,
+            lambda: open_link(axis, axis_file.resolve().parent, runs),
+            runs,
+            reporter,
+            lambda: datetime.now().astimezone(),
+            observers,
+        )
         return check_axis(request).as_json()
 
 

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from autotune.cli.live_view import View, looking_on
 from autotune.cli.output import answer, answer_json
 from autotune.cli.owned import holding
 from autotune.cli.run import reporting
@@ -17,6 +18,7 @@ from autotune.core.axis import read_axis
 def link(
     axis_file: Annotated[Path, typer.Argument(metavar="AXIS.toml", help="The axis.")],
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON object.")] = False,
+    view: View = False,
     runs: Annotated[Path, typer.Option(help="Folder for what runs leave.")] = Path("runs"),
 ) -> None:
     """Measure the link: round trip, jitter, lost cycles, bus load, torque semantics; the axis holds still."""
@@ -29,8 +31,14 @@ def link(
     axis = read_axis(axis_file)
     directory = axis_file.resolve().parent
     load, remarks = remarks_of(axis, directory)
-    with holding(axis, axis_file, "link"), reporting(stages=[Stage("link", 8.0)]) as console:
-        request = SessionRequest(axis, lambda: open_link(axis, directory, runs), runs, console, datetime.now)
+    with (
+        holding(axis, axis_file, "link"),
+        reporting(stages=[Stage("link", 8.0)]) as console,
+        looking_on(axis, view) as observers,
+    ):
+        request = SessionRequest(
+            axis, lambda: open_link(axis, directory, runs), runs, console, datetime.now, observers
+        )
         report = check_link(request, load, remarks)
     if as_json:
         answer_json(report.as_json())

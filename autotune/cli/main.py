@@ -38,6 +38,7 @@ COMMANDS = {
     "catalogue": "Compare control structures on the twin of the axis; nothing moves.",
     "data": "Recordings that others made.",
     "workbench": "Look at models and recordings in the browser: compare, diagnose, add effects, save.",
+    "view": "Show live traces of an axis that a service looks after, or what a run left.",
     "export": "Write a model as C, a LinuxCNC component, an FMU, structured text, or tables.",
     "model": "Drive models: fit, compare, diagnose, add effects, show.",
     "completion": "Print what makes Tab complete commands, options, files and effects: for bash, zsh or fish.",

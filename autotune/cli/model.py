@@ -101,7 +101,8 @@ def compare(
         result.write_html(html)
         say(f"figures: {html}")
     if rrd is not None:
-        _write_rerun(rrd, read, known)
+        result.write_rrd(rrd, read)
+        say(f"Rerun recording: {rrd}")
     for note in result.notes:
         say(note)
     if as_json:
@@ -117,6 +118,7 @@ def diagnose(
     model_file: ModelFile,
     as_json: Json = False,
     html: Html = None,
+    rrd: Rrd = None,
     apply: Annotated[
         Path | None,
         typer.Option(metavar="MODEL.toml", help="Write the model with all that is named, fitted together."),
@@ -127,7 +129,8 @@ def diagnose(
     from autotune.cli.model_text import diagnosis_lines
     from autotune.models.model_file import read_model, write_model
 
-    _check_folder(html)
+    for path in (html, rrd):
+        _check_folder(path)
     if apply is not None:
         _check_output(apply)
     known = read_model(model_file)
@@ -137,6 +140,9 @@ def diagnose(
     if html is not None:
         result.write_html(html)
         say(f"figures: {html}")
+    if rrd is not None:
+        result.write_rrd(rrd, read)
+        say(f"Rerun recording: {rrd}")
     if as_json:
         answer_json(result.to_json())
     else:
@@ -162,6 +168,7 @@ def add(
     model_file: ModelFile,
     out: Annotated[Path, typer.Option(metavar="MODEL.toml", help="Where to write the new model.")],
     as_json: Json = False,
+    rrd: Rrd = None,
 ) -> None:
     """Add effects to a model and show how far the error falls on data that the fit never saw."""
     import autotune
@@ -169,8 +176,10 @@ def add(
     from autotune.models.model_file import read_model, write_model
 
     _check_output(out)
+    _check_folder(rrd)
     effects, recordings = _effects_first(words)
     result, known = None, read_model(model_file)
+    given = known
     read = _read(recordings)
     with one_bar(f"add {', '.join(effects)}", ADD_STEPS * len(effects)) as step:
         for effect in effects:
@@ -183,6 +192,9 @@ def add(
     kept = result.better
     if kept:
         write_model(result.model, out)
+    if rrd is not None:
+        result.write_rrd(rrd, read, given)
+        say(f"Rerun recording: {rrd}")
     for note in result.notes:
         say(note)
     if as_json:
@@ -339,28 +351,18 @@ def _write_figures(
     from autotune.diagnosis.fit_recordings import compared_or_none
     from autotune.diagnosis.fit_result import least_torque_line, summary
 
+    compared = compared_or_none(read, known) if html is not None or rrd is not None else None
     if html is not None:
         from autotune.view.fit_page import write_fit
 
-        compared, text = compared_or_none(read, known), summary(result)
+        text = summary(result)
         if result.steady is not None:
             line = least_torque_line(result.steady, known.motion_unit)
             text += f" {line[0].upper()}{line[1:]}."
         write_fit(html, _joined(read), known, result.estimate, text, result.found, compared)
         say(f"figures: {html}")
     if rrd is not None:
-        _write_rerun(rrd, read, known)
+        from autotune.view.compared_pages import write_fit_rrd
 
-
-def _write_rerun(rrd: Path, read: list[Recording], known: DriveModel) -> None:
-    """Recording and model in one file: the model's torque beside the measured one, parameters at the end."""
-    from autotune.diagnosis.fit_recordings import model_torque
-    from autotune.view.rerun_file import FinalValue, Shown, write_rrd
-
-    finals = [
-        FinalValue(name, value.value, value.standard_error, known.unit(name))
-        for name, value in known.parameters.items()
-    ]
-    whole = _joined(read)
-    write_rrd(rrd, whole, Shown(torque_model=model_torque(whole, known), parameters=finals))
-    say(f"Rerun recording: {rrd}")
+        write_fit_rrd(rrd, read, known, summary(result), compared)
+        say(f"Rerun recording: {rrd}")

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from autotune.cli.live_view import View, looking_on
 from autotune.cli.output import answer
 from autotune.cli.owned import holding
 from autotune.cli.run import confirmation, reporting
@@ -32,6 +33,7 @@ def record(
         typer.Option("--from", metavar="DIAGNOSIS.json", help="For decide: the diagnosis that is in doubt."),
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Move the axis unasked.")] = False,
+    view: View = False,
     runs: Annotated[Path, typer.Option(help="Folder for what runs leave.")] = Path("runs"),
 ) -> None:
     """Play a programme on the axis and write the recording."""
@@ -48,15 +50,20 @@ def record(
     rivals = question_in(asked) if asked is not None else None
     axis = read_axis(axis_file)
     confirmation(axis, yes, planned_programme(axis, programme, rivals), "record")
-    with holding(axis, axis_file, "record"), reporting(stages=[Stage("record", 60.0)]) as console:
-        recording = record_programme(
-            SessionRequest(
-                axis, lambda: open_link(axis, axis_file.resolve().parent, runs), runs, console, datetime.now
-            ),
-            programme,
-            out,
-            rivals,
+    with (
+        holding(axis, axis_file, "record"),
+        reporting(stages=[Stage("record", 60.0)]) as console,
+        looking_on(axis, view) as observers,
+    ):
+        request = SessionRequest(
+            axis,
+            lambda: open_link(axis, axis_file.resolve().parent, runs),
+            runs,
+            console,
+            datetime.now,
+            observers,
         )
+        recording = record_programme(request, programme, out, rivals)
     answer(f"{out}: {len(recording)} samples, {len(recording) * recording.period:.1f} s")
     if rivals is not None:
         answer("Decide with both: autotune model diagnose FIRST " + str(out) + " --model MODEL.toml")

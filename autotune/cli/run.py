@@ -11,18 +11,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from autotune.cli.live_view import View, following, looking_on
 from autotune.cli.output import answer, answer_json, say
 from autotune.cli.owned import Service, holding, let_service, result_of, service_of
 from autotune.core.axis import Axis, read_axis
 from autotune.core.errors import ConfigurationError
-from autotune.core.loop import Watch
 from autotune.core.text import clean_line
 from autotune.view.console import ConsoleProgress, Stage
 
 if TYPE_CHECKING:
     from autotune.tuning.motion_plan import MotionPlan
     from autotune.tuning.outcome import RunResult
-    from autotune.tuning.session import LabelledWatch
 
 Confirm = Callable[[str], bool]
 SIMULATED = "autotune-sim"  # how the profiles of simulated drives begin
@@ -61,7 +60,7 @@ def run(
         typer.Option("--decide", help="A diagnosis in doubt may move the axis a minute more, to decide it."),
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON object.")] = False,
-    view: Annotated[bool, typer.Option("--view", help="Show the traces in the Rerun viewer.")] = False,
+    view: View = False,
     runs: Annotated[Path, typer.Option(help="Folder for what runs leave.")] = Path("runs"),
 ) -> None:
     """Tune an axis: check, experiment, fit, adapt, prove, commit."""
@@ -72,13 +71,14 @@ def run(
     axis = read_axis(axis_file)
     service = service_of(axis, axis_file)
     if service is not None:
-        _check_whole(service, only is not None or view or decide)
+        _check_whole(service, only is not None or decide)
     moved = service.axis if service else axis
     confirm = confirmation(moved, yes, planned_run(moved, only, decide))
     if service is not None:
-        _let_service_run(service, confirm, _asks_nobody(service.axis, yes), as_json)
+        with following(service, view):
+            _let_service_run(service, confirm, _asks_nobody(service.axis, yes), as_json)
         return
-    with holding(axis, axis_file, "run"), reporting(only) as console, _viewers(axis, view) as viewers:
+    with holding(axis, axis_file, "run"), reporting(only) as console, looking_on(axis, view) as observers:
         request = Request(
             axis=axis,
             open_loop=lambda: open_link(axis, axis_file.resolve().parent, runs),
@@ -88,7 +88,7 @@ def run(
             only=only,
             resume=resume,
             decide=decide,
-            viewers=viewers,
+            observers=observers,
             approve=confirm,
         )
         result = tune(request)
@@ -99,8 +99,8 @@ def run(
 def _check_whole(service: Service, more: bool) -> None:
     if more:
         raise ConfigurationError(
-            f"axis {service.axis.name} is owned by the service at {service.address}, which does whole runs without a "
-            "view; leave --only, --view and --decide out, or stop the service"
+            f"axis {service.axis.name} is owned by the service at {service.address}, which does whole runs; leave "
+            "--only and --decide out, or stop the service"
         )
 
 
@@ -179,25 +179,6 @@ def confirmation(axis: Axis, yes: bool, plan: MotionPlan | None, what: str = "ru
     if not typer.confirm("Is the axis free to move, and the emergency stop within reach?", err=True):
         raise ConfigurationError("not confirmed; nothing has moved")
     return lambda sentence: typer.confirm(sentence, err=True)
-
-
-@contextmanager
-def _viewers(axis: Axis, wanted: bool) -> Iterator[Sequence[LabelledWatch]]:
-    """The live view where it is asked for; a run does not depend on it."""
-    if not wanted:
-        yield ()
-        return
-    from autotune.view.live import LiveSettings, LiveView
-
-    settings = LiveSettings(axis.motion_unit, axis.cycle, axis.limits.speed, axis.limits.torque)
-    with LiveView(settings) as live:
-        say(f"live view: {live.page or live.url}")
-
-        def watch(labels: Sequence[str]) -> Watch:
-            live.labels(labels)
-            return live.watch
-
-        yield (watch,)
 
 
 def _show(result: RunResult, as_json: bool) -> None:

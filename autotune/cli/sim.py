@@ -7,7 +7,9 @@ from typing import Annotated
 
 import typer
 
+from autotune.cli.live_view import View
 from autotune.cli.output import answer, say
+from autotune.cli.sim_view import shown_truth
 from autotune.core.axis import Axis, read_axis
 from autotune.core.errors import ConfigurationError
 from autotune_drivers.url import LinkAddress, parse_link
@@ -32,6 +34,7 @@ def sim(
         list[str] | None,
         typer.Option(metavar="NAME[@SECONDS]", help="Rehearse a failure; may be given several times."),
     ] = None,
+    view: View = False,
 ) -> None:
     """Simulate the axis's drive in a process of its own, until Ctrl-C.
 
@@ -42,18 +45,22 @@ def sim(
     axis = read_axis(axis_file)
     address, kind = _wire(axis, axis_file.resolve().parent, link)
     preset, folder = axis.simulation.preset, axis_file.resolve().parent
-    serve(
-        str(folder / preset) if preset.endswith(".toml") else preset,
-        address.target,
-        address.options["id" if kind == "moteus" else "node"],
-        link=kind,
-        seed=seed,
-        effects=parse_effects(effect or []),
-        real_time=real_time,
-        faults=fault or [],
-        log=say,
-        ready=lambda port: answer(f"{axis.name} is simulated at {axis.link} ({port}); end it with Ctrl-C"),
-    )
+    with shown_truth(axis, view) as truth:
+        serve(
+            str(folder / preset) if preset.endswith(".toml") else preset,
+            address.target,
+            address.options["id" if kind == "moteus" else "node"],
+            link=kind,
+            seed=seed,
+            effects=parse_effects(effect or []),
+            real_time=real_time,
+            faults=fault or [],
+            truth=truth,
+            log=say,
+            ready=lambda port: answer(
+                f"{axis.name} is simulated at {axis.link} ({port}); end it with Ctrl-C"
+            ),
+        )
 
 
 _KINDS = {"canopen+slcan": "canopen", "moteus+serial": "moteus"}

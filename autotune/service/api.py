@@ -23,6 +23,7 @@ from autotune import __version__
 from autotune.service import studies
 from autotune.service.access import STUDIES
 from autotune.service.feed import Feed, Follower
+from autotune.service.live_routes import live_routes
 from autotune.service.manager import Manager
 from autotune.service.metrics import exposition
 from autotune.service.pages import add_pages
@@ -81,6 +82,7 @@ def make_api(manager: Manager) -> FastAPI:
     app.include_router(_files(manager))
     app.include_router(_proposals(manager))
     app.include_router(_health(manager))
+    app.include_router(live_routes(manager))
     add_pages(app, manager)
     app.add_exception_handler(RequestValidationError, _senseless)
     app.add_exception_handler(SQLAlchemyError, _unreadable)

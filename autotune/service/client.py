@@ -10,8 +10,9 @@ import http.client
 import json
 import secrets
 import time
-from contextlib import closing
-from typing import Any
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from typing import Any, BinaryIO
 from urllib.parse import urlsplit
 
 from autotune.core.errors import AutotuneError, ConfigurationError, Interrupted, LinkError
@@ -100,6 +101,29 @@ class ServiceClient:
         """The history of an axis."""
         return self._ask("GET", f"/api/axes/{axis}/history?checks=1000")
 
+    @contextmanager
+    def live(self, axis: str) -> Iterator[BinaryIO]:
+        """The live traces of an axis as they come (`live_hub`).
+
+        Raises:
+            ConfigurationError: refused; says why. LinkError: the service does not answer.
+        """
+        try:
+            with self._connected() as (connection, headers):
+                connection.request("GET", f"/api/axes/{axis}/live", headers=headers)
+                answer = connection.getresponse()
+                if answer.status >= 400:
+                    raise self._refusal(answer.status, _json_or_none(answer.read(4096)))
+                yield answer
+        except ConnectionRefusedError:
+            raise NoService(
+                f"no service listens at {self.address}; look at it ('systemctl status autotune')"
+            ) from None
+        except (http.client.HTTPException, OSError) as error:
+            raise LinkError(
+                f"the service at {self.address} is silent ({clean_line(str(error)) or type(error).__name__})"
+            ) from None
+
     def _look(self, job: dict[str, Any]) -> dict[str, Any]:
         """The job as it is now; a service that is restarted is waited for."""
         end = time.monotonic() + self._patience
@@ -175,6 +199,15 @@ class ServiceClient:
         Raises:
             ConfigurationError: what listens there does not know the token, which goes to nobody else.
         """
+        with self._connected() as (connection, headers):
+            body = json.dumps(content).encode() if content is not None else None
+            connection.request(method, path, body, headers)
+            answer = connection.getresponse()
+            return answer.status, answer.read(MOST_BYTES)
+
+    @contextmanager
+    def _connected(self) -> Iterator[tuple[http.client.HTTPConnection, dict[str, str]]]:
+        """A connection whose other end has proved itself, and the headers for it."""
         parts = urlsplit(self.address)
         connection = http.client.HTTPConnection(parts.hostname or "", parts.port, timeout=SECONDS)
         headers = {"Content-Type": "application/json"}
@@ -184,10 +217,7 @@ class ServiceClient:
             if self._token:
                 self._demand_proof(connection, parts.port or 80)
                 headers["Authorization"] = f"Bearer {self._token}"
-            body = json.dumps(content).encode() if content is not None else None
-            connection.request(method, path, body, headers)
-            answer = connection.getresponse()
-            return answer.status, answer.read(MOST_BYTES)
+            yield connection, headers
 
     def _demand_proof(self, connection: http.client.HTTPConnection, port: int) -> None:
         nonce = secrets.token_hex(32)
@@ -212,6 +242,13 @@ class ServiceClient:
 
     def _garbled(self, what: str) -> LinkError:
         return LinkError(f"the service at {self.address} answers what is {what}; look at what listens there")
+
+
+def _json_or_none(text: bytes) -> Any:
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError):
+        return None
 
 
 def _proves(answer: bytes, expected: str) -> bool:

@@ -23,6 +23,7 @@ from autotune.core.errors import AutotuneError, ConfigurationError, LinkError
 from autotune.service import housekeeping, systemd
 from autotune.service.database import Opened, back_up, open_database, shown
 from autotune.service.launcher import ProcessLauncher, place_for_kernels
+from autotune.service.live_hub import LiveHubs
 from autotune.service.lock_file import Lock
 from autotune.service.manager import Manager, plans_of
 from autotune.service.notices import Webhook
@@ -195,9 +196,10 @@ def _serve(
     store = Store(opened.engine)
     webhook = Webhook(configuration.service.notices)
     schedule = Schedule(opened.engine, plans_of(configuration), datetime.now().astimezone())
+    hubs = LiveHubs()
     manager = Manager(
-        configuration, store, schedule, ProcessLauncher(), webhook.tell,
-        lambda: datetime.now().astimezone(), time.monotonic,
+        configuration, store, schedule, ProcessLauncher(hubs), webhook.tell,
+        lambda: datetime.now().astimezone(), time.monotonic, hubs,
     )  # fmt: skip
     server = HttpServer(manager, configuration.service.http, token_of(configuration.state), listening)
     owners = Owners()

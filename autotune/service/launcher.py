@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import autotune
+from autotune.service.live_hub import LiveHubs
+from autotune.service.live_pipe import VARIABLE
 from autotune.service.orders import Done, Order, read_done
 
 Message = dict[str, Any]
@@ -54,10 +56,13 @@ class Launcher(Protocol):
 
 
 class ProcessLauncher:
-    """Each job in a process of its own."""
+    """Each job in a process of its own. `hubs`: where its live traces go."""
+
+    def __init__(self, hubs: LiveHubs | None = None) -> None:
+        self._hubs = hubs or LiveHubs()
 
     def start(self, order: Order) -> Handle:
-        return _Process(order)
+        return _Process(order, self._hubs)
 
 
 def place_for_kernels(state: Path) -> None:
@@ -78,16 +83,25 @@ def environment() -> dict[str, str]:
 
 
 class _Process:
-    def __init__(self, order: Order) -> None:
+    def __init__(self, order: Order, hubs: LiveHubs) -> None:
         self._order = order
         self._told: deque[Message] = deque(maxlen=MOST_MESSAGES)
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "autotune.service.worker"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            start_new_session=True,
-            env=environment(),
-        )
+        live, written = os.pipe()
+        try:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "autotune.service.worker"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                start_new_session=True,
+                env=environment() | {VARIABLE: str(written)},
+                pass_fds=(written,),
+            )
+        except OSError:
+            os.close(live)
+            raise
+        finally:
+            os.close(written)
+        hubs.listen(order.axis, os.fdopen(live, "rb"))
         with suppress(BrokenPipeError):
             if self._process.stdin is not None:
                 self._process.stdin.write(json.dumps(order.as_json()).encode() + b"\n")

@@ -26,6 +26,7 @@ from autotune.service.cron import blacked_out
 from autotune.service.feed import Feed
 from autotune.service.follow_up import FollowUp, Notify, new_id
 from autotune.service.launcher import Handle, Launcher
+from autotune.service.live_hub import LiveHubs
 from autotune.service.orders import Done, Order, read_done, salvage
 from autotune.service.schedule import DailyCheck, Schedule
 from autotune.service.settings import Configuration, WatchedAxis
@@ -82,10 +83,12 @@ class Manager:
         notify: Notify,
         wall: Callable[[], datetime],
         steady: Callable[[], float],
+        live: LiveHubs | None = None,
     ) -> None:
         self.configuration = configuration
         self.store = store
         self.feed = Feed()
+        self.live = live or LiveHubs()
         self.health = Health()
         self._schedule, self._launcher = schedule, launcher
         self._follow_up = FollowUp(store, configuration.runs, self.feed, notify, self.submit)

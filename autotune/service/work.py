@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -17,6 +17,7 @@ from autotune.service.settings import Idle
 from autotune.tuning.files import read_json
 from autotune.tuning.findings import FILE_NAME as FINDINGS
 from autotune.tuning.findings import latest_run
+from autotune.tuning.observer import Observer
 from autotune.tuning.outcome import Outcome
 from autotune.tuning.progress import Reporter
 from autotune.tuning.rollback import roll_back
@@ -38,6 +39,7 @@ class Tools:
     open_loop: Callable[[], Loop]
     reporter: Reporter
     clock: Callable[[], datetime]
+    observers: Sequence[Observer] = ()
 
 
 def perform(order: Order, tools: Tools) -> Done:
@@ -87,7 +89,13 @@ def _check(order: Order, tools: Tools) -> Done:
     settings = DriftSettings(**order.options.get("drift", {}))
     result = check_axis(
         CheckRequest(
-            tools.axis, tools.open_loop, Path(order.runs), tools.reporter, tools.clock, settings=settings
+            tools.axis,
+            tools.open_loop,
+            Path(order.runs),
+            tools.reporter,
+            tools.clock,
+            tools.observers,
+            settings=settings,
         )
     )
     return Done(DONE, 0, result.verdict.sentence, result.run_directory.name)
@@ -104,7 +112,7 @@ def _run(order: Order, tools: Tools) -> Done:
 
     result = tune(
         Request(
-            tools.axis, tools.open_loop, Path(order.runs), tools.reporter, tools.clock,
+            tools.axis, tools.open_loop, Path(order.runs), tools.reporter, tools.clock, tools.observers,
             only=order.options.get("only"), gain=order.options.get("gain"), approve=approve,
         )
     )  # fmt: skip
@@ -124,7 +132,7 @@ def _commit(order: Order, tools: Tools) -> Done:
     proved = read_json(runs / proposal / "run.json", "run")
     result = tune(
         Request(
-            tools.axis, tools.open_loop, runs, tools.reporter, tools.clock, only="commit"
+            tools.axis, tools.open_loop, runs, tools.reporter, tools.clock, tools.observers, only="commit"
         )
     )  # fmt: skip
     if result.outcome is not Outcome.KEPT or result.committed is None:

@@ -22,6 +22,7 @@ from typing import Any
 
 from autotune.core.errors import Interrupted
 from autotune.core.loop import Loop
+from autotune.service.live_pipe import told_to_service
 from autotune.service.orders import Done, Order, salvage, write_begun, write_done
 from autotune.service.work import Tools, perform
 from autotune.tuning.links import open_link
@@ -108,13 +109,15 @@ def _perform(order: Order) -> Done:
     except AutotuneError as error:
         return Done("refused", error.exit_code, str(error))
     directory = Path(order.file).resolve().parent
-    tools = Tools(
-        axis,
-        lambda: _behind(open_link(axis, directory, Path(order.runs))),
-        PipeReporter(),
-        lambda: datetime.now().astimezone(),
-    )
-    return perform(order, tools)
+    with told_to_service() as observers:
+        tools = Tools(
+            axis,
+            lambda: _behind(open_link(axis, directory, Path(order.runs))),
+            PipeReporter(),
+            lambda: datetime.now().astimezone(),
+            observers,
+        )
+        return perform(order, tools)
 
 
 def _behind(loop: Loop) -> Loop:

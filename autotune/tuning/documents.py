@@ -9,11 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from autotune import __version__
-from autotune.core.arrays import Floats
 from autotune.core.axis import Axis, Limits
 from autotune.core.friction_table import in_words
 from autotune.identify.run import Identification
-from autotune.models.drive_model import surface_parameter
 from autotune.recordings.files import read_recording
 from autotune.recordings.recording import Recording, concatenate
 from autotune.tuning.diagnosis_pages import diagnosis_pictures, diagnosis_tables
@@ -28,10 +26,20 @@ from autotune.tuning.parameter_tables import (
     identified_table,
     ripple_table,
 )
-from autotune.tuning.proof import fold
+from autotune.tuning.shown_pages import (
+    adaptation_shown,
+    before_after_of,
+    diagnosis_shown,
+    fit_shown,
+    limits_shown,
+    proof_shown,
+    traces_of,
+    verdict_shown,
+)
 from autotune.tuning.stage_prove import COMMITTED, windows_of
 from autotune.view import data
 from autotune.view.identification_pictures import identification_pictures, methods_table
+from autotune.view.pages import Page
 from autotune.view.report import Change, Picture, Report, Table, write_report
 from autotune.view.report import Outcome as ReportOutcome
 from autotune.view.rerun_file import FinalValue, Shown, write_rrd
@@ -223,52 +231,26 @@ def _pictures(material: Material) -> list[Picture]:
 
 def _before_after(material: Material) -> data.BeforeAfter | None:
     proved = material.findings.proved
-    if proved is None:
-        return None
-    period = proved.before[0].period
-    samples = round(1.0 / (material.axis.benchmark.frequency * period))
-    return data.BeforeAfter(
-        np.asarray(np.arange(samples) * period, dtype=np.float64),
-        fold(proved.before[0]["reference"], samples).mean(axis=0),
-        _averages(proved.before, samples),
-        _averages(proved.after, samples),
-        material.axis.position_resolution,
-        material.axis.motion_unit,
-        after_name="played by the host",
-        committed=_committed(material, samples),
-    )
+    return None if proved is None else before_after_of(material.axis, proved, _committed(material))
 
 
-def _committed(material: Material, samples: int) -> Floats | None:
-    """Error of each period with what is in the drive; None where nothing is, or it was not measured in this run."""
-    path = next((path for path in material.recordings if path.stem == COMMITTED), None)
+def _committed(material: Material) -> Sequence[Recording]:
+    """Windows with what is in the drive; none where nothing is, or they were not measured in this run."""
+    path = _recorded(material, COMMITTED)
     if material.result.outcome is not Outcome.KEPT or path is None:
-        return None
-    windows = windows_of(read_recording(path), COMMITTED)
-    return _averages(windows, samples) if windows else None
+        return ()
+    return windows_of(read_recording(path), COMMITTED)
 
 
-def _averages(windows: Sequence[Recording], samples: int) -> Floats:
-    return np.array([fold(w["reference"] - w["position"], samples).mean(axis=0) for w in windows])
+def _recorded(material: Material, name: str) -> Path | None:
+    return next((path for path in material.recordings if path.stem == name), None)
 
 
 def _traces(material: Material) -> list[data.Trace]:
     adapted, start = material.findings.adapted, material.findings.start
-    if adapted is None or not len(adapted.laws.time):
+    if adapted is None:
         return []
-    bounds = start.stiffness_range if start else (None, None)
-    return [
-        data.Trace(
-            name,
-            surface_parameter(name).unit_for(material.axis.motion_unit),
-            adapted.laws.time,
-            adapted.laws.history[:, column],
-            bounds[0] if name == "stiffness" else None,
-            bounds[1] if name == "stiffness" else None,
-            getattr(adapted.best.parameters, name),
-        )
-        for column, name in enumerate(("stiffness", "coulomb", "offset"))
-    ]
+    return traces_of(adapted, start.stiffness_range if start else None, material.axis.motion_unit)
 
 
 def _tables(material: Material) -> list[Table]:
@@ -323,10 +305,29 @@ def _shown(material: Material) -> Shown:
         for name, v in material.result.parameters.items()
     ]
     return Shown(
-        traces=_traces(material),
         parameters=finals,
         verdict=f"# {material.axis.name}\n\n{material.result.verdict}",
+        limits=limits_shown(material.axis),
+        pages=[*_pages(material), verdict_shown(material.result)],
     )
+
+
+def _pages(material: Material) -> list[Page]:
+    """A page for each stage that found something."""
+    axis, findings, found = material.axis, material.findings, material.identification
+    pages: list[Page] = []
+    experiments = _recorded(material, "experiment")
+    if experiments is not None and found is not None:
+        recording = read_recording(experiments)
+        pages.append(fit_shown(axis, found, recording))
+        if findings.diagnosed is not None:
+            pages.append(diagnosis_shown(axis, findings.diagnosed, found.model, recording))
+    if findings.adapted is not None:
+        bounds = findings.start.stiffness_range if findings.start else None
+        pages.append(adaptation_shown(axis, findings.adapted, bounds))
+    if findings.proved is not None:
+        pages.append(proof_shown(axis, findings.proved, _committed(material)))
+    return pages
 
 
 def _in_sequence(recordings: Sequence[Recording]) -> Recording:

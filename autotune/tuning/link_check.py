@@ -23,6 +23,8 @@ from autotune.tuning.recovery import recover
 from autotune.tuning.run_directory import Opening, axis_lock, discard_unused, make_run_directory
 from autotune.tuning.session import Session
 from autotune.tuning.torque_check import INCLUDES, contradiction, must_be_found, torque_semantics
+from autotune.view.pages import Page
+from autotune.view.stage_pages import link_page
 
 PROBE_SECONDS = 4.0
 ROUND_TRIPS = 60
@@ -132,8 +134,10 @@ def _measured(session: Session, loop: Loop, load: float | None, remarks: Sequenc
     session.begin("link", PROBE_SECONDS + 3.0)
     priority = str(getattr(loop, "priority", "in this process"))
     trips = _round_trips(loop)
-    timing = loop.play(LinkProbe(session.limits, round(PROBE_SECONDS / axis.cycle), axis.position_resolution))
+    probe = LinkProbe(session.limits, round(PROBE_SECONDS / axis.cycle), axis.position_resolution)
+    timing = loop.play(probe, session.watching(probe.labels))
     figures = figures_of(timing, axis.cycle)
+    session.show(lambda: _shown(timing, axis.cycle, trips, figures))
     torque = _torque(session)
     recorder = loop.recorder_seconds() if isinstance(loop, RecordingLoop) else 0.0
     best = recommended_cycle(figures, axis.cycle)
@@ -146,6 +150,19 @@ def _measured(session: Session, loop: Loop, load: float | None, remarks: Sequenc
         axis.name, axis.link, axis.cycle, trips, figures, load, torque, recorder, priority, best, fit
     )
     return _with_words(report, remarks)
+
+
+def _shown(timing: Timing, period: float, trips: Spread, figures: CycleFigures) -> Page:
+    """The cycles as they came, for the viewer."""
+    spreads = [("round trip", trips), ("exchange" if figures.lock_step else "jitter", figures.jitter)]
+    bars = [
+        (f"{name}, {words}", value)
+        for name, spread in spreads
+        for words, value in (("median", spread.median), ("99 %", spread.p99), ("largest", spread.largest))
+    ]
+    times = timing.answered[1:] - timing.answered[0]
+    words = f"{figures.cycles} cycles, {figures.lost} lost, {figures.late} late"
+    return link_page(times, np.diff(timing.answered), period, bars, words)
 
 
 def _round_trips(loop: Loop) -> Spread:

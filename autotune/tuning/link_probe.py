@@ -52,6 +52,7 @@ class LinkProbe:
                 guard.check(sample, still)
                 sample = drive.step(still)
                 table[cycle] = time.perf_counter(), sample.missed
+                publish(sample, 0, 0)
         finally:
             drive.disable()
         return Timing(table[:, 0], table[:, 1])

@@ -16,8 +16,9 @@ from autotune.experiments.limits_guarded import PREFIX, limits_guarded, tighter
 from autotune.experiments.runner import Budget
 from autotune.tuning.commit import verify
 from autotune.tuning.journal import CommitPhase, Journal
+from autotune.tuning.observer import Observer
 from autotune.tuning.progress import Reporter
-from autotune.tuning.session import LabelledWatch, Session, controller_of
+from autotune.tuning.session import Session, controller_of
 from autotune.tuning.stage_prove import ENABLED
 
 GAINS = frozenset(f"feedforward.{name}" for name in ("inertia", "viscous", "coulomb", "offset"))
@@ -31,7 +32,7 @@ class SessionRequest:
         open_loop: opens the axis's link.
         runs: folder of all runs.
         reporter: hears how it goes; `clock`: local time.
-        viewers: further watches on the samples.
+        observers: see every programme, stage and finding.
     """
 
     axis: Axis
@@ -39,7 +40,7 @@ class SessionRequest:
     runs: Path
     reporter: Reporter
     clock: Callable[[], datetime]
-    viewers: Sequence[LabelledWatch] = ()
+    observers: Sequence[Observer] = ()
 
 
 @contextmanager
@@ -105,7 +106,7 @@ def prepared(request: SessionRequest, loop: Loop, journal: Journal) -> Iterator[
             reporter=request.reporter,
             clock=request.clock,
             budget=Budget(held.limits.machine_seconds),
-            viewers=request.viewers,
+            observers=request.observers,
         )
 
 

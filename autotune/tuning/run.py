@@ -17,6 +17,7 @@ from autotune.tuning.ending import ending, is_beside, to_raise
 from autotune.tuning.files import finite, write_json
 from autotune.tuning.findings import Findings
 from autotune.tuning.journal import CommitPhase, Journal
+from autotune.tuning.observer import show
 from autotune.tuning.outcome import Outcome, RunResult
 from autotune.tuning.preparation import connected, prepared
 from autotune.tuning.recovery import recover
@@ -26,6 +27,7 @@ from autotune.tuning.resume import last_whole
 from autotune.tuning.run_directory import Opening, axis_lock, discard_unused, make_run_directory
 from autotune.tuning.run_state import RunState
 from autotune.tuning.session import Session
+from autotune.tuning.shown_pages import verdict_shown
 from autotune.tuning.stage_prove import ENABLED
 from autotune.tuning.stage_reduce import comparison
 from autotune.tuning.stages import perform
@@ -174,6 +176,7 @@ def _finish(
         session.identity if session else {},
         tuple(session.written.values()) if session else (),
     )
+    show(request.observers, request.reporter, lambda: verdict_shown(result))
     try:
         write_documents(material)
     except (AutotuneError, OSError) as error:

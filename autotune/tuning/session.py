@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 
+from autotune.core.arrays import Floats
 from autotune.core.axis import Axis, Limits
 from autotune.core.loop import Loop, Watch
 from autotune.experiments.experiment import Experiment
@@ -16,11 +17,10 @@ from autotune.experiments.record import Progress, Recorder, metadata_for, play
 from autotune.experiments.runner import Budget, Played, Programme
 from autotune.recordings.recording import Controller, Recording
 from autotune.tuning.journal import Journal
+from autotune.tuning.observer import Observer, show
 from autotune.tuning.progress import Reporter
 from autotune.tuning.run_directory import save_recording
-
-LabelledWatch = Callable[[Sequence[str]], Watch]
-"""Given the labels of a programme, gives a watch for its rows (the live view, for example)."""
+from autotune.view.pages import Page
 
 
 @dataclass
@@ -33,7 +33,7 @@ class Session:
         identity: of the drive, as it tells it.
         runs: folder of all runs (backups live below it); `directory`: of this run.
         clock: local time, passed in.
-        viewers: further watches on every programme.
+        observers: see every programme, stage and finding.
         written: recordings saved so far, by name; `seconds`: machine time of each.
     """
 
@@ -48,7 +48,7 @@ class Session:
     reporter: Reporter
     clock: Callable[[], datetime]
     budget: Budget
-    viewers: Sequence[LabelledWatch] = ()
+    observers: Sequence[Observer] = ()
     written: dict[str, Path] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
     _learnt: Learnt | None = None
@@ -67,7 +67,7 @@ class Session:
         """
         programme = Programme(tuple(experiments), self.limits, self.budget.left, self._learnt)
         recorder = Recorder(metadata_for(self.axis, self.controller), programme.labels)
-        watches = [viewer(programme.labels) for viewer in self.viewers]
+        watches = [observer.programme(programme.labels) for observer in self.observers]
         try:
             played = play(self.loop, programme, recorder, *watches, tell=self._tell)
             self._learnt = played.learnt
@@ -88,6 +88,24 @@ class Session:
         self._stage_seconds, self._stage_began = seconds, self.budget.used
         self.journal.note(stage=stage)
         self.reporter.stage(stage, seconds)
+        for observer in self.observers:
+            observer.stage(stage)
+
+    def watching(self, labels: Sequence[str]) -> Watch | None:
+        """A watch for a routine that is no programme; None where nobody looks on."""
+        watches = [observer.programme(labels) for observer in self.observers]
+        if not watches:
+            return None
+
+        def watch(rows: Floats) -> None:
+            for one in watches:
+                one(rows)
+
+        return watch
+
+    def show(self, make: Callable[[], Page]) -> None:
+        """Shows what a stage found to whoever looks on."""
+        show(self.observers, self.reporter, make)
 
     def _tell(self, progress: Progress) -> None:
         """Programmes of one stage follow one another: what counts is the stage's machine time."""

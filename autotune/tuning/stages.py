@@ -23,6 +23,7 @@ from autotune.tuning.request import STAGES, Request
 from autotune.tuning.resume import stages_left, take_up
 from autotune.tuning.run_state import RunState
 from autotune.tuning.session import Session
+from autotune.tuning.shown_pages import adaptation_shown, diagnosis_shown, fit_shown, proof_shown
 from autotune.tuning.stage_adapt import LEAST_SECONDS, adapt, window_seconds
 from autotune.tuning.stage_commit import commit_stage, times_less
 from autotune.tuning.stage_diagnose import diagnose_stage
@@ -118,9 +119,10 @@ def _experiment(request: Request, session: Session, state: RunState) -> bool:
 
 def _fit(request: Request, session: Session, state: RunState) -> bool:
     path = session.written.get("experiment") or _earlier(request, "recordings/experiment.parquet")
-    state.identification = fit(session, read_recording(path))
-    state.findings.start = start_of(state.identification)
-    state.notes += state.identification.notes
+    state.identification = found = fit(session, read_recording(path))
+    state.findings.start = start_of(found)
+    session.show(lambda: fit_shown(session.axis, found, read_recording(path)))
+    state.notes += found.notes
     return True
 
 
@@ -136,6 +138,7 @@ def _diagnose(request: Request, session: Session, state: RunState) -> bool:
     )
     state.findings.model = diagnosed.model
     state.notes += diagnosed.notes
+    session.show(lambda: diagnosis_shown(session.axis, diagnosed, found.model, recording))
     kp = session.controller.kp if session.controller is not None else None
     alone = found.estimates
     refuse_two_masses(found.joint, alone.get("high_speed"), alone.get("presliding"), diagnosed.effects, kp)
@@ -157,6 +160,8 @@ def _adapt(request: Request, session: Session, state: RunState) -> bool:
     more = window_seconds(session.axis.benchmark.frequency) if findings.model is not None else 0.0
     findings.adapted = adapt(session, start.parameters, start.stiffness_range, later + more)
     findings.proposed = findings.adapted.best.parameters
+    adapted = findings.adapted
+    session.show(lambda: adaptation_shown(session.axis, adapted, start.stiffness_range))
     if findings.model is None:
         return True
     findings.modelled = adapt_model(session, findings.model, findings.adapted.best, later)
@@ -175,6 +180,7 @@ def _prove(request: Request, session: Session, state: RunState) -> bool:
         law = plan_retune(session, findings, feedforward_parameters(session.loop)) or law
     with _own_ripple(session, own.pop(GAIN, 0.0) if request.gain is not None else 0.0):
         findings.proved = proved = prove_stage(session, law, own, least)
+    session.show(lambda: proof_shown(session.axis, proved))
     findings.yardstick = Yardstick(proved.proof.before, proved.proof.after, proved.held_out_before)
     findings.better = proved.better
     if not proved.better:

@@ -15,3 +15,7 @@ REFERENCE = "#8a94a3"
 GOOD = "#009e73"
 ACCENT = "#cc79a7"
 SERIES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#3b4754")
+
+# The Rerun viewer is dark: the same hues, lighter.
+GREY_ON_DARK, BLUE_ON_DARK, ORANGE_ON_DARK = "#aab4c0", "#56b4e9", "#e69f00"
+GREEN_ON_DARK, PINK_ON_DARK, RED_ON_DARK = "#2fbf95", "#e39fc6", "#ff6f59"

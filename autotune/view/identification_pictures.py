@@ -38,10 +38,19 @@ def steady_state_picture(steady: SteadyState, motion_unit: str, torque_unit: str
     """Torque at constant speed with the best shape (figure 6.11)."""
     from autotune.view import figures
 
+    caption = (
+        "Torque at constant speed: Coulomb level, viscous slope, and a dip at low speed where there is one."
+    )
+    shown = steady_state_data(steady, motion_unit, torque_unit)
+    return Picture("Steady-state characteristics", caption, figures.steady_state(shown))
+
+
+def steady_state_data(steady: SteadyState, motion_unit: str, torque_unit: str = "") -> data.SteadyState:
+    """The measured points and the best shape."""
     speed = np.abs(steady.points.velocity)
     grid = np.geomspace(speed.min(), speed.max(), 150)
     both = np.concatenate([-grid[::-1], grid])
-    shown = data.SteadyState(
+    return data.SteadyState(
         steady.points.velocity,
         steady.points.torque,
         1.96 * steady.points.standard_error,
@@ -50,10 +59,6 @@ def steady_state_picture(steady: SteadyState, motion_unit: str, torque_unit: str
         motion_unit,
         torque_unit,
     )
-    caption = (
-        "Torque at constant speed: Coulomb level, viscous slope, and a dip at low speed where there is one."
-    )
-    return Picture("Steady-state characteristics", caption, figures.steady_state(shown))
 
 
 def presliding_picture(small: Presliding, estimate: Estimate | None, motion_unit: str) -> Picture:

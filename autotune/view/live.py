@@ -15,27 +15,20 @@ import subprocess
 import sys
 import threading
 import time
-from collections import deque
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-import numpy as np
-
 import autotune
-from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError
-from autotune.core.loop import ROW_FIELDS
 from autotune.view import viewer_server
-from autotune.view.messages import NOTES_KEPT, RowQueue, encode_note, encode_rows, write_all
+from autotune.view.messages import write_all
+from autotune.view.teller import ROWS_A_MESSAGE, Teller
 
-ROWS_KEPT = 100_000
-ROWS_A_MESSAGE = 2_000
 MOST_STARTS = 5
 START_SECONDS = 30.0
-_LABEL = ROW_FIELDS.index("label")
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +36,8 @@ class LiveSettings:
     """What the view needs to know of the axis.
 
     Attributes:
-        speed_range, torque_range: largest values shown in the plane [SI].
+        name: of the axis.
+        limits: low and high by quantity, see `rerun_plots.LimitsShown`.
         port: of the server; None takes the usual one, or any that is free.
         web: serve the viewer for a browser too.
         window: open the native viewer; None opens it where there is a screen.
@@ -54,8 +48,8 @@ class LiveSettings:
 
     motion_unit: str = "rad"
     period: float = 1e-3
-    speed_range: float = 10.0
-    torque_range: float = 1.0
+    name: str = ""
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     port: int | None = None
     web: bool = True
     window: bool | None = None
@@ -64,16 +58,12 @@ class LiveSettings:
     patience_s: float = 10.0
 
 
-class LiveView:
-    """A live view of the run.
-
-    `watch` fits `autotune.core.loop.Watch`. All methods but `start` and `close` return at once.
-    """
+class LiveView(Teller):
+    """A live view of the run. All methods but `start` and `close` return at once."""
 
     def __init__(self, settings: LiveSettings) -> None:
+        super().__init__()
         self._settings = settings
-        self._queue = RowQueue(ROWS_KEPT)
-        self._notes: deque[dict[str, Any]] = deque(maxlen=NOTES_KEPT)
         self._closing = threading.Event()
         self._changing = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
@@ -82,12 +72,8 @@ class LiveView:
         self._status: dict[str, Any] = {}
         self._ready = threading.Event()
         self._starts = 0
-        self._passed = 0
         self._lost_before = 0
         self._arguments: dict[str, Any] = {}
-        self._memory: dict[str, dict[str, Any]] = {}
-        self._names: list[str] = []
-        self._base = 0
         self._window: subprocess.Popen[bytes] | None = None
 
     def __enter__(self) -> LiveView:
@@ -105,7 +91,7 @@ class LiveView:
         return str(self._status.get("url") or "")
 
     @property
-    def page(self) -> str:
+    def address(self) -> str:
         """Address of the view in a browser; empty without one."""
         return str(self._status.get("page") or "")
 
@@ -128,12 +114,11 @@ class LiveView:
         settings = self._settings
         port = viewer_server.choose_port(settings.port, viewer_server.PORT)
         web = viewer_server.choose_port(None, viewer_server.WEB_PORT) if settings.web else None
-        viewer_server.rerun_binary()
-        kept = ("motion_unit", "period", "speed_range", "torque_range", "memory_mb", "flush_s")
+        viewer_server.check_viewer()
+        kept = ("motion_unit", "period", "name", "limits", "memory_mb", "flush_s")
         values = asdict(settings)
         self._arguments = {"port": port, "web_port": web} | {name: values[name] for name in kept}
-        self._launch()
-        if not self._ready.wait(timeout_s) or not self.url:
+        if not self._started(timeout_s) and not (self._another_port() and self._started(timeout_s)):
             reason = self._status.get("error", f"nothing was heard of it for {timeout_s:.0f} s")
             self.close()
             raise ConfigurationError(f"the live view does not start: {reason}; run without --view")
@@ -141,35 +126,6 @@ class LiveView:
         self._thread.start()
         if settings.window is not False:
             self._window = viewer_server.open_window(self.url)
-
-    def watch(self, rows: Floats) -> None:
-        """Takes rows of shape (k, len(ROW_FIELDS)); never waits, drops the oldest if it must."""
-        own = np.array(rows, dtype=np.float64)
-        own[:, _LABEL] += self._base
-        self._queue.put(own)
-
-    def labels(self, names: Sequence[str]) -> None:
-        """Names for the `label` column of the rows that follow (`Routine.labels`)."""
-        self._base = len(self._names)
-        self._names += [str(name) for name in names]
-        self._note({"kind": "labels", "base": 0, "names": list(self._names)})
-
-    def stage(self, name: str) -> None:
-        """The run enters a stage."""
-        self._note({"kind": "stage", "name": name})
-
-    def parameters(self, values: Mapping[str, tuple[float, float | None, str]]) -> None:
-        """Present estimates: name → value, standard error, unit."""
-        entries = {name: [float(v), None if e is None else float(e), u] for name, (v, e, u) in values.items()}
-        self._note({"kind": "parameters", "values": entries})
-
-    def verdict(self, markdown: str) -> None:
-        """What the run concludes, in Markdown."""
-        self._note({"kind": "verdict", "text": markdown})
-
-    def _note(self, note: dict[str, Any]) -> None:
-        self._memory[note["kind"]] = note
-        self._notes.append(note)
 
     def close(self, patience_s: float = 5.0) -> None:
         """Lets waiting data through for a moment, then ends streamer and server. Idempotent.
@@ -182,6 +138,22 @@ class LiveView:
             self._thread.join(patience_s)
             self._thread = None
         self._end_process(patience_s)
+
+    def _started(self, timeout_s: float) -> bool:
+        """Starts the streamer; whether it says that its server is there."""
+        self._launch()
+        return self._ready.wait(timeout_s) and bool(self.url)
+
+    def _another_port(self) -> bool:
+        """Takes other ports where somebody has taken the usual ones meanwhile; False where one was asked for."""
+        if self._settings.port is not None or "error" not in self._status:
+            return False
+        self._end_process(0.0)
+        self._status = {}
+        self._arguments |= {"port": viewer_server.any_port()}
+        if self._settings.web:
+            self._arguments |= {"web_port": viewer_server.any_port()}
+        return True
 
     def _launch(self) -> None:
         self._starts += 1
@@ -218,22 +190,17 @@ class LiveView:
 
     def _feed(self) -> None:
         """The feeding thread: ends when the view is closed and the queue empty, or when given up."""
-        while not (self._closing.is_set() and not self._queue.waiting and not self._notes):
+        while not (self._closing.is_set() and not self.waiting()):
             if not self._pass_on() and not self._replace():
                 return
-            time.sleep(0.002 if self._closing.is_set() else 0.02)
+            time.sleep(0.002 if self._closing.is_set() or self._queue.waiting > ROWS_A_MESSAGE else 0.02)
 
     def _pass_on(self) -> bool:
         """Passes on what waits; False when the streamer is gone or does not read."""
         process = self._process
         if process is None or process.stdin is None:
             return False
-        data = b"".join(encode_note(self._notes.popleft()) for _ in range(len(self._notes)))
-        blocks = self._queue.take(ROWS_A_MESSAGE)
-        if blocks:
-            rows = np.concatenate(blocks)
-            self._passed += len(rows)
-            data += encode_rows(rows)
+        data = self.take()
         try:
             return not data or write_all(process.stdin.fileno(), data, self._settings.patience_s)
         except (OSError, ValueError):
@@ -250,7 +217,7 @@ class LiveView:
             if self._closing.is_set():
                 return False
             self._launch()
-        self._notes.extendleft(list(self._memory.values()))
+        self._notes.extendleft(reversed(self.remembered()))
         self._ready.wait(START_SECONDS)
         return True
 

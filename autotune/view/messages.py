@@ -1,7 +1,8 @@
 """How the run speaks to the streamer process: length-prefixed messages over a pipe.
 
-A message is one byte of kind, four bytes of length (little endian) and the payload: rows as float64,
-or a note as JSON. The writer never waits longer than it is told to; the reader's memory is bounded.
+A message is one byte of kind, four bytes of length, two of the number of columns (little endian) and the
+payload: rows as float64, or a note as JSON. The writer never waits longer than it is told to; the
+reader's memory is bounded.
 """
 
 from __future__ import annotations
@@ -19,10 +20,9 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from autotune.core.arrays import Floats
-from autotune.core.loop import ROW_FIELDS
 
 ROWS, NOTE = b"R", b"N"
-HEADER = struct.Struct("<cI")
+HEADER = struct.Struct("<cIH")
 LARGEST = 64 * 1024 * 1024
 NOTES_KEPT = 1000
 
@@ -75,16 +75,41 @@ class RowQueue:
 
 def encode_rows(rows: Floats) -> bytes:
     payload = np.ascontiguousarray(rows, dtype="<f8").tobytes()
-    return HEADER.pack(ROWS, len(payload)) + payload
+    return HEADER.pack(ROWS, len(payload), rows.shape[1]) + payload
 
 
 def encode_note(note: Mapping[str, Any]) -> bytes:
     payload = json.dumps(note).encode()
-    return HEADER.pack(NOTE, len(payload)) + payload
+    return HEADER.pack(NOTE, len(payload), 0) + payload
 
 
-def decode_rows(payload: bytes) -> Floats:
-    return np.frombuffer(payload, dtype="<f8").reshape(-1, len(ROW_FIELDS))
+def decode_rows(payload: bytes, columns: int) -> Floats:
+    return np.frombuffer(payload, dtype="<f8").reshape(-1, columns)
+
+
+def decode_note(payload: bytes) -> dict[str, Any]:
+    """A note; an empty one where it is none."""
+    try:
+        note = json.loads(payload)
+    except ValueError:
+        return {}
+    return note if isinstance(note, dict) else {}
+
+
+def read_message(source: BinaryIO) -> tuple[bytes, int, bytes] | None:
+    """Kind, columns and payload of the next message; None at the end, or where it is none."""
+    header = source.read(HEADER.size)
+    if len(header) < HEADER.size:
+        return None
+    kind, length, columns = HEADER.unpack(header)
+    if (
+        kind not in (ROWS, NOTE)
+        or length > LARGEST
+        or (kind == ROWS and (not columns or length % (8 * columns)))
+    ):
+        return None
+    payload = source.read(length)
+    return None if len(payload) < length else (kind, columns, payload)
 
 
 def write_all(descriptor: int, data: bytes, patience_s: float) -> bool:
@@ -129,17 +154,12 @@ class Inbox:
             self.ended.set()
 
     def _one(self) -> bool:
-        header = self._source.read(HEADER.size)
-        if len(header) < HEADER.size:
+        message = read_message(self._source)
+        if message is None:
             return False
-        kind, length = HEADER.unpack(header)
-        if kind not in (ROWS, NOTE) or length > LARGEST:
-            return False
-        payload = self._source.read(length)
-        if len(payload) < length:
-            return False
+        kind, columns, payload = message
         if kind == ROWS:
-            self.rows.put(decode_rows(payload))
+            self.rows.put(decode_rows(payload, columns))
         else:
             self.notes.append(json.loads(payload))
         return True

@@ -31,7 +31,7 @@ from autotune.view.model_tables import (
 from autotune.view.report import Picture, Report, write_report
 from autotune.view.scale import quantity
 
-_UNITS = {
+COORDINATE_UNITS = {
     "position": "{0}", "velocity": "{0}/s", "acceleration": "{0}/s²", "time": "s", "direction": "",
     "travel_since_reversal": "log10 {0}", "time_since_reversal": "log10 s",
     "temperature": "°C",
@@ -54,7 +54,7 @@ def write_comparison(path: Path, result: Compared, model: DriveModel) -> None:
     pictures = comparison_pictures(result, model)
     tables = [
         error_table(result, unit, model.motion_unit),
-        worst_table(result, _UNITS, model.motion_unit),
+        worst_table(result, COORDINATE_UNITS, model.motion_unit),
         parameters_table(model),
     ]
     write_report(
@@ -75,7 +75,7 @@ def floor_range(interval: tuple[float, float] | None, unit: str) -> str:
 
 def worst_place(worst: Worst, model: DriveModel) -> str:
     """A stretch of a coordinate in words, with its part of the squared error."""
-    unit = _UNITS[worst.coordinate].format(model.motion_unit).removeprefix("log10 ")
+    unit = COORDINATE_UNITS[worst.coordinate].format(model.motion_unit).removeprefix("log10 ")
     spoken = worst.coordinate.replace("_", " ")
     return f"{spoken} is {worst.low:.4g} to {worst.high:.4g} {unit}: {100 * worst.share:.0f} % of the squared error"
 
@@ -110,7 +110,7 @@ def write_diagnosis(path: Path, result: Diagnosis, model: DriveModel) -> None:
     if result.effects:
         tables.insert(0, effects_table(result.effects))
     report = Report(
-        "Diagnosis", "information", _verdict(result), pictures=pictures, tables=tables, next_steps=steps,
+        "Diagnosis", "information", verdict_words(result), pictures=pictures, tables=tables, next_steps=steps,
         sign_off=False,
     )  # fmt: skip
     write_report(path, report)
@@ -138,7 +138,7 @@ def write_story(path: Path, model: DriveModel) -> None:
     )
 
 
-def _verdict(result: Diagnosis) -> str:
+def verdict_words(result: Diagnosis) -> str:
     names = ", ".join(effect.replace("_", " ") for effect in result.effects)
     text = {
         "named": f"Missing in the model: {names} ({result.confidence}).",
@@ -188,7 +188,7 @@ def _over_coordinates(
         figure = residual_over_coordinate(
             Residual(
                 name,
-                _UNITS[name].format(model.motion_unit),
+                COORDINATE_UNITS[name].format(model.motion_unit),
                 values[name],
                 error,
                 floor,

@@ -24,6 +24,7 @@ class Plane:
 
     Attributes:
         x_range, y_range: shown values, low below high.
+        scale_from: where the scale of x begins, right of what stands in the box's left part; None: at its edge.
     """
 
     title: str
@@ -31,6 +32,7 @@ class Plane:
     y_name: str
     x_range: tuple[float, float]
     y_range: tuple[float, float]
+    scale_from: float | None = None
 
     def place(self, x: Floats, y: Floats) -> Floats:
         """Positions in the box, shape (n, 2)."""
@@ -51,7 +53,7 @@ class Plane:
 
     def grid(self) -> tuple[list[Floats], list[Floats]]:
         """Grid lines and the two zero axes (or lower edges), as strips of two points."""
-        lines = [self._vertical(x) for x in ticks(*self.x_range)]
+        lines = [self._vertical(x) for x in self._x_ticks()]
         lines += [self._horizontal(y) for y in ticks(*self.y_range)]
         zero_x = min(max(0.0, self.x_range[0]), self.x_range[1])
         zero_y = min(max(0.0, self.y_range[0]), self.y_range[1])
@@ -59,17 +61,21 @@ class Plane:
 
     def labels(self) -> tuple[Floats, list[str]]:
         """Where the tick labels and axis names stand, shape (n, 2), and their texts."""
-        xs, ys = ticks(*self.x_range), ticks(*self.y_range)
+        xs, ys = self._x_ticks(), ticks(*self.y_range)
         low, left = self.y_range[0], self.x_range[0]
         under = self.place(np.array(xs), np.full(len(xs), low)) + np.array([0.0, 0.05])
         beside = self.place(np.full(len(ys), left), np.array(ys)) + np.array([-0.07, 0.0])
-        names = np.array([[WIDTH - 0.18, HEIGHT - 0.05], [0.0, -0.06]])
+        names = np.array([[WIDTH / 2, HEIGHT + 0.14], [0.08, -0.07]])
         texts = [*map(_text, xs), *map(_text, ys), self.x_name, self.y_name]
         return np.vstack([under, beside, names]), texts
 
     def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """What the view should show, labels included: x and y range in the box's coordinates."""
-        return (-0.16, WIDTH + 0.06), (-0.13, HEIGHT + 0.22)
+        return (-0.16, WIDTH + 0.06), (-0.15, HEIGHT + 0.27)
+
+    def _x_ticks(self) -> list[float]:
+        low, high = self.x_range
+        return ticks(low if self.scale_from is None else self.scale_from, high)
 
     def _vertical(self, x: float) -> Floats:
         return self.place(np.array([x, x]), np.array(self.y_range))
@@ -97,6 +103,18 @@ def symmetric(largest: float) -> tuple[float, float]:
     power = 10.0 ** math.floor(math.log10(largest))
     reach = next(m * power for m in (1, 1.5, 2, 3, 5, 7.5, 10) if m * power >= largest * 0.999)
     return -reach, reach
+
+
+def round_range(low: float, high: float) -> tuple[float, float]:
+    """A range that holds both, its ends on round numbers; one of its own where they are the same."""
+    if not (math.isfinite(low) and math.isfinite(high)):
+        return -1.0, 1.0
+    if high - low <= 1e-9 * max(abs(low), abs(high)):
+        room = 0.1 * abs(low) or 1.0
+        low, high = low - room, high + room
+    first, second = ticks(low, high, 8)[:2]
+    step = second - first
+    return step * math.floor(low / step + 1e-9), step * math.ceil(high / step - 1e-9)
 
 
 def _text(value: float) -> str:

@@ -7,18 +7,21 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from autotune.core.arrays import Floats
 from autotune.core.errors import RecordingError
 from autotune.recordings.recording import Recording
-from autotune.view.data import Trace, torque_unit
+from autotune.view.data import torque_unit
+from autotune.view.pages import Page
 from autotune.view.plane import Plane, symmetric
-from autotune.view.scale import continuous, peak
+from autotune.view.scale import continuous, peak, quantity
+from autotune.view.viewer_server import quiet
 
 FLUSH_SECONDS = 60.0
 
@@ -40,16 +43,19 @@ class Shown:
     Attributes:
         torque_model: the model's torque for every row of the recording, shape (n,).
         characteristic: velocity and torque of the steady-state model, drawn in the plane.
-        traces: parameters as they converged.
         parameters: as they ended.
         verdict: Markdown.
+        limits: low and high by quantity, see `rerun_plots.LimitsShown`.
+        pages: further tabs; `in_front`: title of the one that is seen first, "" for the traces.
     """
 
     torque_model: Floats | None = None
     characteristic: tuple[Floats, Floats] | None = None
-    traces: Sequence[Trace] = ()
     parameters: Sequence[FinalValue] = ()
     verdict: str = ""
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    pages: Sequence[Page] = ()
+    in_front: str = ""
 
 
 def write_rrd(path: str | Path, recording: Recording, shown: Shown | None = None) -> None:
@@ -80,30 +86,50 @@ def write_rrd(path: str | Path, recording: Recording, shown: Shown | None = None
 
 
 def _write(path: Path, recording: Recording, shown: Shown) -> None:
-    os.environ.setdefault("RUST_LOG", "error")
+    quiet()
     import rerun as rr
 
     from autotune.view import rerun_plots as plots
+    from autotune.view.page_plots import page_view, send_page
 
     stream = rr.RecordingStream(plots.APPLICATION)
     columns = {name: np.asarray(values) for name, values in recording.floats.items()}
     if shown.torque_model is not None:
         columns["torque_model"] = shown.torque_model
-    present = [
-        p
-        for plot in plots.plots(recording.metadata.motion_unit, recording.metadata.torque_unit)
-        if (p := plots.available(plot, columns))
-    ]
+    present = _present(recording, columns, shown)
     plane = _plane(recording)
-    parameters = {trace.name: trace.unit for trace in shown.traces}
-    parameters |= {final.name: final.unit for final in shown.parameters}
-    arrangement = plots.blueprint(present, plane, live=False, parameters=parameters)
-    stream.save(path, default_blueprint=arrangement)
+    words = _words(shown) or ("" if len(recording) or shown.pages else "This recording has no samples.")
+    time = continuous(recording["time"], recording.period)
+    pages = [page for page in shown.pages if page.filled]
+    layout = plots.Layout(
+        present,
+        plane,
+        live=False,
+        words=bool(words),
+        pages=[page_view(page) for page in pages],
+        active=shown.in_front,
+        span=(float(time[0]), float(time[-1])) if len(time) else (0.0, 1.0),
+    )
+    stream.save(path, default_blueprint=plots.blueprint(layout))
     try:
-        _send(stream, recording, shown, columns, present, plane)
+        if words:
+            plots.send_text(stream, "verdict", words)
+        for page in pages:
+            send_page(stream, page)
+        if len(time):
+            _send(stream, recording, shown, columns, present, plane, plots.nanoseconds(time))
         stream.flush(timeout_sec=FLUSH_SECONDS)
     finally:
         stream.disconnect()
+
+
+def _present(recording: Recording, columns: Mapping[str, Floats], shown: Shown) -> list[Any]:
+    """The plots that have data, with their limits."""
+    from autotune.view import rerun_plots as plots
+
+    known = plots.plots(recording.metadata.motion_unit, recording.metadata.torque_unit)
+    there = [found for plot in known if (found := plots.available(plot, columns))]
+    return [plots.with_limits(plot, shown.limits, plots.reach_of(plot, columns)) for plot in there]
 
 
 def _send(
@@ -113,46 +139,41 @@ def _send(
     columns: Mapping[str, Floats],
     present: Sequence[Any],
     plane: Plane | None,
+    time_ns: NDArray[np.int64],
 ) -> None:
     from autotune.view import rerun_plots as plots
 
-    if shown.verdict:
-        plots.send_text(stream, "verdict", shown.verdict)
-    if not len(recording):
-        return
-    time = continuous(recording["time"], recording.period)
-    time_ns = plots.nanoseconds(time)
     plots.send_names(stream, present)
     plots.send_rows(stream, present, time_ns, columns)
     segments = recording.segments()
-    plots.send_lane(
-        stream, "stage/experiment", list(dict.fromkeys(s.experiment or "recording" for s in segments))
-    )
+    names = list(dict.fromkeys(s.experiment or "recording" for s in segments))
+    plots.send_lane(stream, "stage/experiment", names)
     for segment in segments:
         name = segment.experiment or "recording"
         plots.send_stage(stream, "stage/experiment", int(time_ns[segment.start]), name)
     if plane is not None:
         plots.send_plane(stream, plane, shown.characteristic)
         plots.send_plane_rows(stream, plane, time_ns, columns["velocity"], columns["torque"])
-    _send_parameters(stream, shown, int(time_ns[-1]))
 
 
-def _send_parameters(stream: Any, shown: Shown, end_ns: int) -> None:
-    from autotune.view import rerun_plots as plots
+def _words(shown: Shown) -> str:
+    """The verdict, and the parameters as a table."""
+    return "\n\n".join(part for part in (shown.verdict, parameter_table(shown.parameters)) if part)
 
-    for trace in shown.traces:
-        time_ns, unknown = plots.nanoseconds(trace.time), np.full(len(trace.time), np.nan)
-        plots.send_parameter(stream, trace.name, trace.unit, time_ns, trace.value, unknown)
-        end_ns = max(end_ns, int(time_ns[-1]) if len(time_ns) else 0)
-    for final in shown.parameters:
-        error = np.nan if final.standard_error is None else final.standard_error
-        moment = np.array([end_ns], dtype=np.int64)
-        value, errors = np.array([final.value]), np.array([error])
-        plots.send_parameter(stream, final.name, final.unit, moment, value, errors)
+
+def parameter_table(parameters: Sequence[FinalValue]) -> str:
+    """Parameters with their standard errors, as a Markdown table; "" without any."""
+    if not parameters:
+        return ""
+    rows = [
+        f"| {one.name.replace('_', ' ')} | {quantity(one.value, one.unit, one.standard_error)} |"
+        for one in parameters
+    ]
+    return "\n".join(["| parameter | value |", "|---|---|", *rows])
 
 
 def _plane(recording: Recording) -> Plane | None:
-    if "velocity" not in recording:
+    if not len(recording) or "velocity" not in recording or not peak(recording["velocity"]):
         return None
     unit = recording.metadata.motion_unit
     return Plane(

@@ -16,16 +16,28 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from autotune.core.arrays import Floats
+from autotune.view.colours import BLUE_ON_DARK as BLUE
+from autotune.view.colours import GREEN_ON_DARK as GREEN
+from autotune.view.colours import GREY_ON_DARK as GREY
+from autotune.view.colours import ORANGE_ON_DARK as ORANGE
+from autotune.view.colours import PINK_ON_DARK as PINK
+from autotune.view.colours import RED_ON_DARK as RED
 from autotune.view.data import torque_unit
 from autotune.view.plane import Plane
+from autotune.view.scale import peak
 
-# The viewer is dark: the theme's hues, lighter.
-GREY, BLUE, ORANGE, GREEN, PINK = "#aab4c0", "#56b4e9", "#e69f00", "#2fbf95", "#e39fc6"
 LANES = ("#2f6f94", "#8a6100", "#1d765c", "#8a4f73", "#5a636e")
 
 APPLICATION = "autotune"
 TIMELINE = "machine_time"
 BLOCK = 16384
+LIVE_SECONDS = 60.0
+"""What a live view shows of the past."""
+NEAR = 2.5
+"""A limit is drawn where it is at most so many times the largest value; else the title names it."""
+
+LimitsShown = Mapping[str, tuple[float, float]]
+"""Low and high by the name of the plot's quantity: error, position, velocity, torque, temperature; nan: none."""
 
 
 class Line(NamedTuple):
@@ -39,11 +51,12 @@ class Line(NamedTuple):
 
 
 class Plot(NamedTuple):
-    """One plot of several lines: one entity."""
+    """One plot of several lines: one entity; `limits`: drawn as lines, an entity below it."""
 
     entity: str
     title: str
     lines: tuple[Line, ...]
+    limits: tuple[float, ...] = ()
 
 
 def plots(motion_unit: str, unit_of_torque: str = "") -> tuple[Plot, ...]:
@@ -92,12 +105,44 @@ def available(plot: Plot, columns: Mapping[str, Floats]) -> Plot | None:
     return plot._replace(lines=lines) if lines else None
 
 
+def with_limits(plot: Plot, limits: LimitsShown, reach: float) -> Plot:
+    """The plot with its limits as lines where they are near, named in its title where they are far.
+
+    Args:
+        reach: largest value that is shown.
+    """
+    quantity = plot.entity.rpartition("/")[2]
+    low, high = limits.get(quantity, (np.nan, np.nan))
+    factor = plot.lines[0].factor
+    edges = tuple(factor * edge for edge in (low, high) if np.isfinite(edge))
+    if not edges:
+        return plot
+    if quantity != "temperature" and peak(np.array(edges)) > NEAR * factor * reach:
+        told = " to ".join(f"{edge:g}".replace("-", "−") for edge in edges)
+        return plot._replace(title=f"{plot.title}, limits {told}")
+    return plot._replace(limits=edges, title=f"{plot.title}, red: limits")
+
+
+def reach_of(plot: Plot, columns: Mapping[str, Floats]) -> float:
+    """Largest value that the plot's lines have."""
+    whole = slice(None)
+    return max((peak(_value(line, columns, whole)) / line.factor for line in plot.lines), default=0.0)
+
+
 def send_names(stream: rr.RecordingStream, shown: Sequence[Plot]) -> None:
     """Names and colours of all lines, static."""
     for plot in shown:
         colours = np.array([rgba(line.colour) for line in plot.lines], dtype=np.uint32)
         names = [line.name for line in plot.lines]
         stream.log(plot.entity, rr.SeriesLines(names=names, colors=colours, widths=1.5), static=True)
+        if plot.limits:
+            red = np.full(len(plot.limits), rgba(RED), dtype=np.uint32)
+            texts = ["limit"] * len(plot.limits)
+            stream.log(limits_entity(plot), rr.SeriesLines(names=texts, colors=red, widths=1.5), static=True)
+
+
+def limits_entity(plot: Plot) -> str:
+    return f"{plot.entity}/limits"
 
 
 def send_rows(
@@ -115,6 +160,20 @@ def send_rows(
             scalars = rr.Scalars.columns(scalars=values.ravel())
             stream.send_columns(
                 plot.entity, indexes=[index], columns=scalars.partition([len(plot.lines)] * len(values))
+            )
+    _send_limits(stream, shown, time_ns)
+
+
+def _send_limits(stream: rr.RecordingStream, shown: Sequence[Plot], time_ns: NDArray[np.int64]) -> None:
+    """Limits are straight: their first and last point suffice."""
+    ends = np.unique(time_ns[[0, -1]]) if len(time_ns) else time_ns
+    for plot in shown:
+        if plot.limits and len(ends):
+            values = rr.Scalars.columns(scalars=np.tile(np.array(plot.limits), len(ends)))
+            stream.send_columns(
+                limits_entity(plot),
+                indexes=[time_column(ends)],
+                columns=values.partition([len(plot.limits)] * len(ends)),
             )
 
 
@@ -155,21 +214,32 @@ def send_text(stream: rr.RecordingStream, entity: str, markdown: str) -> None:
     stream.log(entity, rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN), static=True)
 
 
-def send_plane(stream: rr.RecordingStream, plane: Plane, curve: tuple[Floats, Floats] | None) -> None:
+def send_plane(
+    stream: rr.RecordingStream, plane: Plane, curve: tuple[Floats, Floats] | None, entity: str = "plane"
+) -> None:
     """Grid, tick labels and the model's curve of the plane, static."""
     grid, axes = plane.grid()
-    stream.log("plane/grid", rr.LineStrips2D(grid, colors=rgba("#2b3238"), radii=-0.5), static=True)
-    stream.log("plane/axes", rr.LineStrips2D(axes, colors=rgba("#7c8794"), radii=-0.7), static=True)
-    places, texts = plane.labels()
-    labels = rr.Points2D(places, labels=texts, colors=rgba(GREY), radii=0.0, show_labels=True)
-    stream.log("plane/labels", labels, static=True)
+    stream.log(f"{entity}/grid", rr.LineStrips2D(grid, colors=rgba("#2b3238"), radii=-0.5), static=True)
+    stream.log(f"{entity}/axes", rr.LineStrips2D(axes, colors=rgba("#7c8794"), radii=-0.7), static=True)
+    send_labels(stream, f"{entity}/labels", *plane.labels())
     if curve is not None:
         strips = plane.strips(*curve)
-        stream.log("plane/model", rr.LineStrips2D(strips, colors=rgba(ORANGE), radii=-1.2), static=True)
+        stream.log(f"{entity}/model", rr.LineStrips2D(strips, colors=rgba(ORANGE), radii=-1.2), static=True)
+
+
+def send_labels(stream: rr.RecordingStream, entity: str, places: Floats, texts: Sequence[str]) -> None:
+    """Texts at places of the box, static."""
+    labels = rr.Points2D(places, labels=list(texts), colors=rgba(GREY), radii=0.0, show_labels=True)
+    stream.log(entity, labels, static=True)
 
 
 def send_plane_rows(
-    stream: rr.RecordingStream, plane: Plane, time_ns: NDArray[np.int64], x: Floats, y: Floats
+    stream: rr.RecordingStream,
+    plane: Plane,
+    time_ns: NDArray[np.int64],
+    x: Floats,
+    y: Floats,
+    entity: str = "plane",
 ) -> None:
     """Points of the plane at 100 Hz at most, so that a trail can be shown."""
     keep = np.flatnonzero(np.diff(time_ns // 10_000_000, prepend=-1) != 0)
@@ -177,7 +247,7 @@ def send_plane_rows(
     if not len(keep):
         return
     stream.send_columns(
-        "plane/trail",
+        f"{entity}/trail",
         indexes=[time_column(time_ns[keep])],
         columns=rr.Points2D.columns(
             positions=plane.place(x[keep], y[keep]),
@@ -187,40 +257,88 @@ def send_plane_rows(
     )
 
 
-def blueprint(
-    shown: Sequence[Plot], plane: Plane | None, *, live: bool, parameters: Mapping[str, str]
-) -> rrb.Blueprint:
-    """Arrangement of the views; live ones follow the last ten seconds.
+class Layout(NamedTuple):
+    """What is arranged.
 
-    `parameters` maps names to units: they get a plot each, as their units differ.
+    Attributes:
+        shown: plots over time; `plane`: None without.
+        live: the last minute is followed; else `span` [s] is shown whole from its beginning.
+        parameters: name → unit, each a plot, as their units differ.
+        words: there is a text at `verdict`.
+        pages: further tabs, see `page_plots.page_view`; `active`: title of the one in front, "" for the traces.
     """
-    ranges = [_last(10.0)] if live else None
-    traces = rrb.Vertical(
-        *(
-            rrb.TimeSeriesView(
-                origin=plot.entity,
-                name=plot.title,
-                time_ranges=ranges,
-                plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop, visible=len(plot.lines) > 1),
-            )
-            for plot in shown
-        ),
-        rrb.StateTimelineView(origin="stage", name="Stage"),
-        row_shares=[*(3.0 if i < 3 else 1.6 for i in range(len(shown))), 2.0],
-    )
-    side: list[Any] = [rrb.TextDocumentView(origin="verdict", name="Verdict")]
-    if plane is not None:
-        side.append(_plane_view(plane, live))
-    if parameters:
-        side.append(_parameter_views(parameters))
+
+    shown: Sequence[Plot]
+    plane: Plane | None
+    live: bool
+    parameters: Mapping[str, str] = {}
+    words: bool = False
+    pages: Sequence[rrb.Container] = ()
+    active: str = ""
+    span: tuple[float, float] = (0.0, 1.0)
+    plane_entity: str = "plane"
+
+
+TRACES = "Traces"
+
+
+def blueprint(layout: Layout) -> rrb.Blueprint:
+    """Arrangement of the views: the traces, and a tab for each page."""
+    side: list[Any] = []
+    if layout.plane is not None:
+        side.append(_plane_view(layout))
+    if layout.parameters:
+        side.append(_parameter_views(layout.parameters))
+    if layout.words:
+        side.append(rrb.TextDocumentView(origin="verdict", name="Verdict"))
+    columns = [_traces(layout)] if layout.shown or layout.live else []
+    columns += [rrb.Vertical(*side)] if side else []
+    run = rrb.Horizontal(*columns, column_shares=[2, 1][: len(columns)], name=TRACES)
+    tabs = [run, *layout.pages] if columns else [*layout.pages]
+    names = [str(tab.name) for tab in tabs]
+    front = names.index(layout.active) if layout.active in names else 0
     return rrb.Blueprint(
-        rrb.Horizontal(traces, rrb.Vertical(*side), column_shares=[2, 1]),
-        rrb.TimePanel(timeline=TIMELINE, play_state="following" if live else "paused", state="collapsed"),
+        rrb.Tabs(*tabs, active_tab=front) if len(tabs) > 1 else tabs[0],
+        rrb.TimePanel(
+            timeline=TIMELINE, play_state="following" if layout.live else "paused", state="collapsed"
+        ),
         rrb.SelectionPanel(state="hidden"),
-        rrb.BlueprintPanel(state="collapsed"),
+        rrb.BlueprintPanel(state="hidden"),
         auto_views=False,
         auto_layout=False,
     )
+
+
+def _traces(layout: Layout) -> rrb.Vertical:
+    """The plots over time, and the lane of experiments."""
+    ranges = [_last(LIVE_SECONDS)] if layout.live else None
+    axis = None if layout.live else whole_axis(*layout.span)
+    views: list[Any] = [
+        rrb.TimeSeriesView(
+            origin=plot.entity,
+            name=plot.title,
+            time_ranges=ranges,
+            axis_x=axis,
+            plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop, visible=len(plot.lines) > 1),
+        )
+        for plot in layout.shown
+    ]
+    shares = [3.0 if i < 3 else 1.6 for i in range(len(views))]
+    if layout.shown:
+        views.append(
+            rrb.StateTimelineView(origin="stage", name="Experiment", time_view=axis, time_ranges=ranges)
+        )
+        shares.append(1.4)
+    else:
+        views, shares = [rrb.TextDocumentView(origin="waiting", name="Waiting")], [1.0]
+    return rrb.Vertical(*views, row_shares=shares)
+
+
+def whole_axis(start: float, end: float) -> rrb.TimeAxis:
+    """A time axis that shows all from start to end [s], with a little room on both sides."""
+    room = 0.01 * max(end - start, 1e-3)
+    first, last = (rrb.TimeRangeBoundary.absolute(nanos=round(1e9 * at)) for at in (start - room, end + room))
+    return rrb.TimeAxis(view_range=rrb.TimeRange(first, last), link="independent")
 
 
 def time_column(time_ns: NDArray[np.int64]) -> rr.TimeColumn:
@@ -249,14 +367,15 @@ def _parameter_views(parameters: Mapping[str, str]) -> rrb.Grid:
     return rrb.Grid(*views, grid_columns=2, name="Parameters")
 
 
-def _plane_view(plane: Plane, live: bool) -> rrb.Spatial2DView:
-    low, high = plane.bounds()
+def _plane_view(layout: Layout) -> rrb.Spatial2DView:
+    plane = layout.plane
+    low, high = plane.bounds() if plane is not None else ((0.0, 1.0), (0.0, 1.0))
     return rrb.Spatial2DView(
-        origin="plane",
-        name=plane.title,
+        origin=layout.plane_entity,
+        name=plane.title if plane is not None else "",
         background=[16, 18, 20],
         visual_bounds=rrb.VisualBounds2D(x_range=low, y_range=high),
-        time_ranges=[_last(5.0)] if live else [_everything()],
+        time_ranges=[_last(5.0)] if layout.live else [_everything()],
     )
 
 

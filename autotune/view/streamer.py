@@ -14,23 +14,17 @@ import sys
 import threading
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from autotune.core.arrays import Floats
 from autotune.core.errors import AutotuneError
-from autotune.core.loop import ROW_FIELDS
-from autotune.view.data import torque_unit
 from autotune.view.messages import Inbox
-from autotune.view.plane import Plane, symmetric
-from autotune.view.scale import continuous
-from autotune.view.viewer_server import ViewerServer
+from autotune.view.viewer_server import ViewerServer, quiet
 
 ROWS_KEPT = 100_000
-ROWS_A_TURN = 5_000
+ROWS_A_TURN = 10_000
 FAILURES_BEFORE_RESTART = 3
 END_SECONDS = 6.0
 
@@ -44,8 +38,8 @@ class Settings:
     memory_mb: int = 64
     motion_unit: str = "rad"
     period: float = 1e-3
-    speed_range: float = 1.0
-    torque_range: float = 1.0
+    name: str = ""
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     flush_s: float = 2.0
 
 
@@ -53,19 +47,15 @@ class Streamer:
     """Sends what arrives; survives any loss of the server."""
 
     def __init__(self, settings: Settings, inbox: Inbox) -> None:
+        from autotune.view.scene import Scene
+
         self.server = ViewerServer(settings.port, settings.web_port, settings.memory_mb)
         self._settings = settings
         self._inbox = inbox
+        self._scene = Scene(settings.name, settings.motion_unit, settings.period, settings.limits)
         self._stream: Any = None
         self._failures = 0
         self._sent = self._confirmed = self._lost = self._restarts = 0
-        self._shown: tuple[Any, ...] = ()
-        self._clock: Floats | None = None
-        self._label = -1.0
-        self._labels: dict[int, str] = {}
-        self._stages: list[str] = []
-        self._verdict = ""
-        self._units: dict[str, str] = {}
 
     @property
     def healthy(self) -> bool:
@@ -82,15 +72,22 @@ class Streamer:
             "healthy": self.healthy,
         }
 
-    def turn(self) -> None:
-        """Sends what has come; while the server is unwell nothing is sent and the queue drops."""
+    def turn(self) -> bool:
+        """Sends what has come; while the server is unwell nothing is sent and the queue drops.
+
+        Returns:
+            more is waiting.
+        """
         while self._inbox.notes:
-            self._note(self._inbox.notes.popleft())
+            self._scene.note(self._stream if self.healthy else None, self._inbox.notes.popleft())
         if not self.healthy:
-            return
+            return False
         blocks = self._inbox.rows.take(ROWS_A_TURN)
         if blocks:
-            self._rows(np.concatenate(blocks))
+            rows = np.concatenate(blocks)
+            self._scene.rows(self._stream, rows)
+            self._sent += len(rows)
+        return bool(self._inbox.rows.waiting > ROWS_A_TURN)
 
     def flush(self) -> None:
         """Makes sure that data arrive; replaces the server when they do not."""
@@ -108,18 +105,14 @@ class Streamer:
         self._replace()
 
     def connect(self) -> None:
-        """Connects a new stream and tells it all that does not change."""
+        """Connects a new stream and tells it all that is known, the last minute among it."""
         import rerun as rr
 
         from autotune.view import rerun_plots as plots
 
         self._stream = rr.RecordingStream(plots.APPLICATION, recording_id=f"live-{os.getpid()}")
-        self._stream.connect_grpc(self.server.url, default_blueprint=self._blueprint())
-        plots.send_names(self._stream, self._shown)
-        plots.send_plane(self._stream, self._plane(), None)
-        self._send_lanes()
-        if self._verdict:
-            plots.send_text(self._stream, "verdict", self._verdict)
+        self._stream.connect_grpc(self.server.url, default_blueprint=self._scene.blueprint())
+        self._scene.send_all(self._stream)
         self._failures = 0
 
     def _replace(self) -> None:
@@ -136,97 +129,10 @@ class Streamer:
         self.server.restart()
         self.connect()
 
-    def _blueprint(self) -> Any:
-        from autotune.view import rerun_plots as plots
-
-        shown = self._shown or plots.plots(self._settings.motion_unit)
-        return plots.blueprint(shown, self._plane(), live=True, parameters=self._units)
-
-    def _plane(self) -> Plane:
-        unit = self._settings.motion_unit
-        return Plane(
-            "Torque over velocity, last 5 s",
-            f"velocity [{unit}/s]",
-            f"torque [{torque_unit(unit)}]",
-            symmetric(self._settings.speed_range),
-            symmetric(self._settings.torque_range),
-        )
-
-    def _rows(self, rows: Floats) -> None:
-        from autotune.view import rerun_plots as plots
-
-        columns = {name: rows[:, index] for index, name in enumerate(ROW_FIELDS)}
-        if not self._shown:
-            candidates = plots.plots(self._settings.motion_unit)
-            self._shown = tuple(p for plot in candidates if (p := plots.available(plot, columns)))
-            plots.send_names(self._stream, self._shown)
-            self._stream.send_blueprint(self._blueprint())
-        time_ns = plots.nanoseconds(self._continuous(columns["time"]))
-        plots.send_rows(self._stream, self._shown, time_ns, columns)
-        plots.send_plane_rows(self._stream, self._plane(), time_ns, columns["velocity"], columns["torque"])
-        self._send_labels(time_ns, columns["label"])
-        self._sent += len(rows)
-
-    def _continuous(self, time: Floats) -> Floats:
-        """Time that goes on where the drive's clock starts again; `_clock`: last raw and shown time."""
-        if self._clock is None:
-            self._clock = np.full(2, time[0] - self._settings.period)
-        raw, shown = self._clock
-        running = continuous(np.concatenate([[raw], time]), self._settings.period)[1:] + (shown - raw)
-        self._clock = np.array([time[-1], running[-1]])
-        return np.asarray(running, dtype=np.float64)
-
-    def _send_labels(self, time_ns: NDArray[np.int64], label: Floats) -> None:
-        from autotune.view import rerun_plots as plots
-
-        for row in np.flatnonzero(np.diff(label, prepend=self._label)):
-            name = self._labels.get(int(label[row]), "")
-            plots.send_stage(self._stream, "stage/experiment", int(time_ns[row]), name)
-        self._label = float(label[-1])
-
-    def _note(self, note: Mapping[str, Any]) -> None:
-        """Remembers what a new server must be told again, and tells the present one."""
-        kind = note.get("kind")
-        if kind == "labels":
-            self._labels |= {note["base"] + index: name for index, name in enumerate(note["names"])}
-        elif kind == "stage":
-            self._stages = list(dict.fromkeys([*self._stages, note["name"]]))
-        elif kind == "verdict":
-            self._verdict = note["text"]
-        elif kind == "parameters":
-            units = {name: entry[2] for name, entry in note["values"].items()}
-            new, self._units = units.keys() - self._units.keys(), self._units | units
-            if new and self.healthy:
-                self._stream.send_blueprint(self._blueprint())
-        if self.healthy:
-            self._send_note(note)
-
-    def _send_note(self, note: Mapping[str, Any]) -> None:
-        from autotune.view import rerun_plots as plots
-
-        now = 0 if self._clock is None else int(max(0.0, self._clock[1]) * 1e9)
-        if note["kind"] in ("labels", "stage"):
-            self._send_lanes()
-        if note["kind"] == "stage":
-            plots.send_stage(self._stream, "stage/run", now, note["name"])
-        elif note["kind"] == "verdict":
-            plots.send_text(self._stream, "verdict", note["text"])
-        elif note["kind"] == "parameters":
-            moment = np.array([now], dtype=np.int64)
-            for name, (value, error, unit) in note["values"].items():
-                spread = np.array([np.nan if error is None else error])
-                plots.send_parameter(self._stream, name, unit, moment, np.array([value]), spread)
-
-    def _send_lanes(self) -> None:
-        from autotune.view import rerun_plots as plots
-
-        for lane, names in (("run", self._stages), ("experiment", self._labels.values())):
-            if names:
-                plots.send_lane(self._stream, f"stage/{lane}", list(dict.fromkeys(names)))
-
 
 def main() -> int:
     """Entry of the process; the settings are the first argument, as JSON."""
+    quiet()
     settings = Settings(**json.loads(sys.argv[1]))
     inbox = Inbox(sys.stdin.buffer, ROWS_KEPT)
     streamer = Streamer(settings, inbox)
@@ -249,7 +155,7 @@ def main() -> int:
 def _serve(streamer: Streamer, inbox: Inbox) -> None:
     next_flush = time.monotonic() + 1.0
     while not (inbox.ended.is_set() and not inbox.rows.waiting and not inbox.notes):
-        streamer.turn()
+        more = streamer.turn()
         if time.monotonic() >= next_flush:
             try:
                 streamer.flush()
@@ -258,7 +164,7 @@ def _serve(streamer: Streamer, inbox: Inbox) -> None:
                 time.sleep(1.0)
             _say(streamer.status())
             next_flush = time.monotonic() + 1.0
-        time.sleep(0.05)
+        time.sleep(0.0 if more else 0.05)
     if streamer.healthy:
         streamer.flush()
 

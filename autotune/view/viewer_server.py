@@ -7,14 +7,16 @@ process that can be replaced, and neither the run nor its files.
 from __future__ import annotations
 
 import contextlib
+import importlib.metadata
 import importlib.util
 import os
+import re
 import shutil
 import socket
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from autotune.core.errors import ConfigurationError
@@ -24,11 +26,18 @@ PORT = 9876
 WEB_PORT = 9090
 MEMORY_MB = 64
 START_SECONDS = 15.0
+WINDOW = ("--bind", HOST, "--memory-limit", "1GB")
 
 
 def quiet_environment() -> Mapping[str, str]:
     """Environment in which Rerun neither reports usage nor writes more than errors."""
     return {**os.environ, "CI": "1", "RUST_LOG": "error"}
+
+
+def quiet() -> None:
+    """The same for this process; to be called before rerun is imported."""
+    for name, value in (("CI", "1"), ("RUST_LOG", "error")):
+        os.environ.setdefault(name, value)
 
 
 def is_free(port: int) -> bool:
@@ -55,8 +64,11 @@ def choose_port(wanted: int | None, usual: int) -> int:
                 "close what listens there, or leave the port out and a free one is chosen"
             )
         return wanted
-    if is_free(usual):
-        return usual
+    return usual if is_free(usual) else any_port()
+
+
+def any_port() -> int:
+    """A port of this host that nobody uses."""
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
         probe.bind((HOST, 0))
         return int(probe.getsockname()[1])
@@ -78,11 +90,55 @@ def rerun_binary() -> str:
     raise ConfigurationError("the Rerun viewer is not installed; install it with 'pip install rerun-sdk'")
 
 
-class ViewerServer:
-    """One server process; `restart` replaces it on the same ports, so that viewers find it again."""
+def check_viewer() -> None:
+    """Raises ConfigurationError where the viewer is missing, broken, or of another version than the library."""
+    binary = rerun_binary()
+    ours = library_version()
+    try:
+        told = subprocess.run(
+            [binary, "--version"], capture_output=True, text=True, timeout=START_SECONDS, check=True,
+            env=dict(quiet_environment()),
+        ).stdout  # fmt: skip
+    except (OSError, subprocess.SubprocessError) as error:
+        raise ConfigurationError(
+            f"the Rerun viewer {binary} cannot be run ({error}); install it again with "
+            "'pip install --force-reinstall rerun-sdk'"
+        ) from error
+    found = re.search(r"(\d+)\.(\d+)\.(\d+)", told)
+    theirs = tuple(int(part) for part in found.groups()) if found else ()
+    if theirs != ours:
+        raise ConfigurationError(
+            f"the Rerun viewer {binary} is of version {'.'.join(map(str, theirs)) or 'unknown'}, the library of "
+            f"{'.'.join(map(str, ours))}; they must be the same: 'pip install rerun-sdk=={'.'.join(map(str, ours))}'"
+        )
 
-    def __init__(self, port: int, web_port: int | None, memory_mb: int = MEMORY_MB) -> None:
+
+def library_version() -> tuple[int, ...]:
+    """Version of the library that writes and streams.
+
+    Raises:
+        ConfigurationError: it is not installed.
+    """
+    try:
+        text = importlib.metadata.version("rerun-sdk")
+    except importlib.metadata.PackageNotFoundError:
+        raise ConfigurationError(
+            "the Rerun viewer is not installed; install it with 'pip install rerun-sdk'"
+        ) from None
+    return tuple(int(part) for part in re.findall(r"\d+", text)[:3])
+
+
+class ViewerServer:
+    """One server process; `restart` replaces it on the same ports, so that viewers find it again.
+
+    `files`: what it serves from the beginning.
+    """
+
+    def __init__(
+        self, port: int, web_port: int | None, memory_mb: int = MEMORY_MB, files: Sequence[str] = ()
+    ) -> None:
         self.port = port
+        self._files = tuple(files)
         self.web_port = web_port
         self._memory_mb = memory_mb
         self._process: subprocess.Popen[bytes] | None = None
@@ -115,7 +171,7 @@ class ViewerServer:
             else ["--serve-web", f"--web-viewer-port={self.web_port}"]
         )
         self._process = subprocess.Popen(
-            [rerun_binary(), *mode, "--bind", HOST, "--port", str(self.port), *self._limits()],
+            [rerun_binary(), *mode, "--bind", HOST, "--port", str(self.port), *self._limits(), *self._files],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -164,11 +220,14 @@ class ViewerServer:
 
 
 def open_window(url: str) -> subprocess.Popen[bytes] | None:
-    """Opens the native viewer on this screen, which outlives the run; None where there is no screen."""
+    """Opens the native viewer on this screen, which outlives the run; None where there is no screen.
+
+    `url`: of a server, or the path of a file.
+    """
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         return None
     return subprocess.Popen(
-        [rerun_binary(), "--connect", url, "--memory-limit", "1GB"],
+        [rerun_binary(), *(["--connect", url] if "://" in url else ["--port", "auto", url]), *WINDOW],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,

@@ -281,7 +281,7 @@ def serve(
     state_file: str | Path | None = None,
     also: Sequence[str | Path] = (),
     commands: bool = False,
-    truth: str | Path | None = None,
+    truth: str | Path | Truth | None = None,
     unfit: str = "",
     counts: int | None = None,
     log: Log = lambda _: None,
@@ -297,7 +297,7 @@ def serve(
         state_file: the drive's non-volatile memory; without it, stored values live as long as the process.
         also: where further slcan adapters on the same bus are put (CANopen only).
         commands: reads further orders from standard input, one a line, and ends when it closes.
-        truth: file that what is true on the axis is logged in (`truth`).
+        truth: file that what is true on the axis is logged in, or the log itself (`truth`).
         unfit: `NAME[=SIZE]`, makes the axis one that must not be tuned (`unfit`).
         counts: of the encoder per revolution, where they are others than the preset's.
         log: takes one line an event, beginning with the monotonic time [s].
@@ -312,7 +312,7 @@ def serve(
     orders += [Order(name, value, "motion", at) for name, value, at in lasting]
     servo = Servo(axis, seed)
     if truth is not None:
-        servo.keep_truth(Truth(Path(truth)))
+        servo.keep_truth(truth if isinstance(truth, Truth) else Truth(Path(truth)))
     servo.cycle()  # loads the compiled code before anybody waits for it
     server = Server(
         servo,

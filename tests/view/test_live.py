@@ -23,6 +23,7 @@ from autotune.core.errors import ConfigurationError
 from autotune.core.loop import ROW_FIELDS
 from autotune.view import messages, viewer_server
 from autotune.view.live import LiveSettings, LiveView
+from autotune.view.pages import Page, Words
 
 WIDTH = len(ROW_FIELDS)
 
@@ -104,7 +105,13 @@ def test_messages_survive_the_pipe() -> None:
 
 
 def test_inbox_ends_on_what_is_no_message() -> None:
-    for data in (b"X\x00\x00\x00\x00", b"R\xff\xff\xff\xff", b"", b"N\x03\x00\x00\x00{}"):
+    for data in (
+        b"X" + bytes(6),
+        b"R" + bytes([255] * 6),
+        b"",
+        b"N\x03\x00\x00\x00\x00\x00{}",
+        b"R" + bytes(6),
+    ):
         inbox = messages.Inbox(io.BytesIO(data), 100)
         inbox.start()
         assert inbox.ended.wait(10)
@@ -171,14 +178,14 @@ def test_windows_need_a_screen(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_rows_and_notes_reach_the_server(view: LiveView) -> None:
-    view.labels(["approach", "benchmark"])
+    view.programme(["approach", "benchmark"])
     view.stage("identify")
     for block in range(40):
         view.watch(rows(50 * block, label=block // 20))
-    view.labels(["benchmark"])
+    view.programme(["benchmark"])
     view.watch(rows(0))  # the drive's clock starts again
     view.parameters({"stiffness": (39.5, 0.8, "N m/rad"), "offset": (0.05, None, "N m")})
-    view.verdict("# Kept")
+    view.page(Page.of("verdict", "Verdict", [Words("Verdict", "# Kept")]))
     assert eventually(lambda: view.status.get("sent") == 2050)
     assert view.dropped == 0
     assert view.status["healthy"]

@@ -9,7 +9,6 @@ import pytest
 
 from autotune.core.errors import RecordingError
 from autotune.recordings.recording import Metadata, Recording
-from autotune.view.data import Trace
 from autotune.view.plane import Plane, symmetric, ticks
 from autotune.view.rerun_file import FinalValue, Shown, write_rrd
 
@@ -71,23 +70,21 @@ def test_lines_are_named_and_empty_columns_left_out(tmp_path: Path) -> None:
 
 def test_stages_parameters_verdict_and_plane(tmp_path: Path) -> None:
     source = recording()
-    trace = Trace("stiffness", "N m/rad", np.arange(50) * 0.1, 40 + np.arange(50.0))
     shown = Shown(
         torque_model=source["torque"] * 0.9,
         characteristic=(np.array([-1.0, -0.1, 0.1, 1.0]), np.array([-0.3, -0.3, 0.3, 0.3])),
-        traces=[trace],
         parameters=[FinalValue("stiffness", 39.5, 0.8, "N m/rad"), FinalValue("offset", 0.05, None, "N m")],
         verdict="# Kept",
     )
     write_rrd(tmp_path / "run.rrd", source, shown)
     found = read(tmp_path / "run.rrd")
-    assert column(found["/verdict"], "TextDocument:text") == [["# Kept"]]
+    ((text,),) = column(found["/verdict"], "TextDocument:text")
+    assert text.startswith("# Kept")
+    assert "| stiffness | 39.50 ± 0.80 N m/rad |" in text
+    assert "| offset | 50.0 mN m |" in text
     stages = [b for b in found["/stage/experiment"] if "machine_time" in b.schema.names]
     assert column(stages, "StateChange:state") == [["approach"], ["benchmark"]]
-    values = [b for b in found["/parameters/stiffness"] if "machine_time" in b.schema.names]
-    assert sum(len(b) for b in values) == 51
-    assert column(values, "Measurements:values")[-1] == [39.5]
-    assert {"/plane/grid", "/plane/model", "/plane/trail", "/parameters/offset"} <= set(found)
+    assert {"/plane/grid", "/plane/model", "/plane/trail"} <= set(found)
     trail = times([b for b in found["/plane/trail"] if "machine_time" in b.schema.names])
     # 3 s at 100 Hz at most
     assert 290 <= len(trail) <= 301
