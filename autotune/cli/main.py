@@ -35,7 +35,7 @@ COMMANDS = {
     "play": "Play the proved feedforward as torque offset beside the machine's own master, until stopped.",
     "serve": "Look after axes: a gentle check every day, a re-tune when one has drifted, an HTTP API.",
     "gains": "Judge today's gains by the last model, and propose better ones; nothing moves without --apply.",
-    "catalogue": "Compare control structures on the twin of the axis; nothing moves.",
+    "catalogue": "Compare control structures on the twin of the axis; nothing moves without --ceiling.",
     "data": "Recordings that others made.",
     "workbench": "Look at models and recordings in the browser: compare, diagnose, add effects, save.",
     "view": "Show live traces of an axis that a service looks after, or what a run left.",

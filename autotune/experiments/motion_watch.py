@@ -278,9 +278,11 @@ class MotionWatch:
     def _push(self, way: _Way, sign: float, torque: float, position: float, step: float, cycle: float) -> str:
         limits = self._limits
         way.light(sign * torque, cycle)
-        end = sign * position + way.way + way.run * way.run / (2.0 * limits.deceleration)
+        # what is demanded now acts for a cycle more before any stop does
+        run = max(way.run + (sign * self._torque - way.may) / way.lightest * cycle, 0.0)
+        end = sign * position + way.way + run * cycle + run * run / (2.0 * limits.deceleration)
         edge = limits.position_max if sign > 0.0 else -limits.position_min
-        if (way.run > limits.speed or end > edge) and self._silence > 0.0:
+        if (run > limits.speed or end > edge) and self._silence > 0.0:
             return self._unseen(way, torque)
         speed = (sign * step - self._count) / (cycle if step else self._silence + cycle)
         if way.lazy(sign * torque, sign * position, speed, self._count, cycle):
