@@ -38,7 +38,10 @@ def test_what_the_measurement_chain_can_do_is_taken_out(
     spoilt = shifted(problem.data, -late)
     spoilt = replace(spoilt, recorded_torque=spoilt.torque, shift=0.0)
     problem = replace(problem, data=spoilt, moved=measured_motion(spoilt), controller=law)
-    model_fit = replace(model_fit, fitted=refit(problem, model_fit.fitted.packed, list(model_fit.free), model_fit.correction, 2))
+    model_fit = replace(
+        model_fit,
+        fitted=refit(problem, model_fit.fitted.packed, list(model_fit.free), model_fit.correction, 2),
+    )
     again = RepeatedProgramme().aligned(problem, model_fit)
     assert (again is not problem) == applied
     if applied:
