@@ -128,6 +128,7 @@ class LoopSamples:
         clamped: rows at the torque limit.
         stretches: contiguous rows under position control.
         known: the controller that the file names.
+        piece: longest run that shares a constant [s].
     """
 
     period: float
@@ -139,6 +140,7 @@ class LoopSamples:
     known: Controller | None
     policy: Policy = POLICY
     most_rows: int = MOST_ROWS
+    piece: float = np.inf
 
 
 def is_closed(recording: Recording) -> bool:
@@ -258,9 +260,13 @@ def _from_data(samples: LoopSamples) -> PositionController:
         late = _searched_late(samples)
         if 1.0 - late.explained < WORTH_DELAYS * (1.0 - found.explained):
             found = late
+    wandering = replace(samples, piece=PIECE_SECONDS)
+    if found.explained <= samples.policy.controller_explains:
+        late = _searched_late(wandering)
+        found = late if late.explained > found.explained else found
     if found.explained > samples.policy.controller_explains and found.kp > 0.0:
         return found
-    banded = _searched_late(_in_band(samples))
+    banded = _searched_late(_in_band(wandering))
     if banded.explained > samples.policy.controller_explains_in_band and banded.kp > 0.0:
         return replace(banded, why=f"{banded.why} {IN_BAND}", in_band=True)
     return replace(found, source="none")
@@ -510,7 +516,7 @@ def _regular(samples: LoopSamples, smoothing: float) -> tuple[Flags, Integers]:
     kept = np.zeros(len(samples.demand), dtype=np.bool_)
     number = np.zeros(len(samples.demand), dtype=np.int64)
     count = 0
-    longest = round(PIECE_SECONDS / samples.period)
+    longest = max(1.0, samples.piece / samples.period)
     for rows in samples.stretches:
         if rows.stop - rows.start < SHORTEST_STRETCH:
             continue
@@ -520,7 +526,7 @@ def _regular(samples: LoopSamples, smoothing: float) -> tuple[Flags, Integers]:
         for start, stop in (edges.reshape(-1, 2) + rows.start).tolist():
             if stop - start >= SHORTEST_RUN:
                 kept[start:stop] = True
-                pieces = max(1, (stop - start) // longest)
+                pieces = max(1, int((stop - start) // longest))
                 number[start:stop] = count + np.arange(stop - start) * pieces // (stop - start)
                 count += pieces
     return kept, number[kept]

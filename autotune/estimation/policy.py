@@ -198,10 +198,10 @@ class Policy:
         "one chance in forty",
     )
     structure_errors: float = _threshold(
-        1.5,
+        2.5,
         "standard errors",
         "of the repeatable rest that says something is missing",
-        "bench.diagnosis: 0 names, 2 unknown where nothing was planted in 372 runs",
+        "chance exceeds 1.5 in one of fifteen axes where nothing is missing, 2.5 in one of a hundred and sixty",
     )
     structure_part: float = _threshold(0.15, "1", "of the noise: the least such rest", "the same runs")
     line_part: float = _threshold(

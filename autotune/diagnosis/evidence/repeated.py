@@ -25,9 +25,8 @@ from autotune.estimation.residual import measured_motion, smoothed
 from autotune.models.effect import Kind
 
 STRUCTURE_WITHOUT_TWIN = 1.0
-"""Of the noise: the least rest where no twin takes out the bias of the measurement chain, a third of the noise."""
-STRUCTURE_IN_BAND = 0.5
-"""The same where the twin's controller works at the samples and the drive's works between them."""
+"""Of the noise: the least rest where no twin takes out the bias of the measurement chain, a third of the noise, or
+where the drive's loop works between the samples, so that half of what it makes of counts comes again in a repeat."""
 CURRENT_LOOP = 0.2e-3
 """s, by which the torque of an ordinary current loop (800 Hz) is late."""
 CHAIN = (-0.5, 1.0)
@@ -96,7 +95,7 @@ class RepeatedProgramme(Evidence):
         policy = problem.policy
         part = policy.structure_part if problem.twin else STRUCTURE_WITHOUT_TWIN
         if problem.controller is not None and problem.controller.in_band:
-            part = STRUCTURE_IN_BAND
+            part = STRUCTURE_WITHOUT_TWIN
         beyond = variance > policy.structure_errors * error and variance > part * noise
         return math.isfinite(variance) and beyond
 
