@@ -6,13 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from autotune.core.arrays import Floats
 from autotune.core.errors import NotEnoughExcitation
 from autotune.diagnosis.candidates import Progress, no_progress
 from autotune.diagnosis.evidence import evidence_of
+from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.estimation.alignment import without_twin
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import as_rough, fitted_contact
-from autotune.estimation.controller import find_controller
+from autotune.estimation.controller import PositionController, find_controller
 from autotune.estimation.controller_torque import loop_note, refuse_answers
 from autotune.estimation.data import Prepared
 from autotune.estimation.disturbance_estimate import estimate_disturbance
@@ -29,6 +31,7 @@ from autotune.estimation.problem import (
 )
 from autotune.estimation.residual import smoothed
 from autotune.models.drive_model import DriveModel, Packed
+from autotune.signals.filters import low_pass
 
 
 def begin(
@@ -50,6 +53,7 @@ def begin(
     if not found.usable:
         data, said = without_twin(data)
         notes = (f"No twin: {found.why}. Confidence is lower.", *said, *loop_note(data, policy))
+    data = quieter_torque(data, found)
     problem = new_problem(data, found, policy)
     progress("fit of the model as it is")
     free = [
@@ -59,7 +63,8 @@ def begin(
     model_fit = _first_fit(replace(problem, simulations=simulations), packed, free)
     if model_fit is None and problem.twin:
         data, said = without_twin(data)
-        notes = ("No twin: a simulation of the model with this controller is unstable or rings.", *said)
+        why = "is unstable, rings or explains less than none"
+        notes = (f"No twin: a simulation of the model with this controller {why}.", *said)
         problem = new_problem(data, None, policy)
         model_fit = _first_fit(problem, packed, free)
     if model_fit is None:
@@ -73,6 +78,28 @@ def begin(
     if dropped > 0.0:
         notes = (*notes, f"{100 * dropped:.1f} % of the rows were left out: starts, stops or disturbances.")
     return problem, settled, packed, (*notes, *evidence_of(problem.data).limits(problem))
+
+
+def quieter_torque(data: Prepared, found: PositionController) -> Prepared:
+    """The data with the torque by its sensor, where a drive's loop works between the samples and shakes it.
+
+    What such a loop makes of counts changes within a sample, and its value at a sample is not what acted until the
+    next: noise that repeats as the counts do. The column with less above the compared frequency has less below it.
+    """
+    if not found.in_band or data.sensed is None:
+        return data
+    demand, sensed = (_roughness(data, values) for values in (data.recorded_torque, data.sensed))
+    return replace(data, torque=data.sensed, recorded_torque=data.sensed) if sensed < demand else data
+
+
+def _roughness(data: Prepared, torque: Floats) -> float:
+    """Variance beyond the motion's cut-off [(N m)²]."""
+    return float(
+        sum(
+            np.sum((torque[s.rows] - low_pass(torque[s.rows], data.motion_cutoff, data.period)) ** 2)
+            for s in data.stretches
+        )
+    )
 
 
 def _first_fit(problem: Problem, packed: Packed, free: list[Free]) -> tuple[Problem, ModelFit] | None:
@@ -102,13 +129,25 @@ def _first_fit(problem: Problem, packed: Packed, free: list[Free]) -> tuple[Prob
         as_given = fit_inside_twin(problem, packed, free, 2)
         if model_fit is None or (as_given is not None and as_given.fitted.cost < model_fit.fitted.cost):
             model_fit = as_given
-    if (
-        model_fit is not None
-        and not evidence.repeats
-        and model_fit.fitted.cost > problem.policy.twin_worse * plain
-    ):
+    if model_fit is not None and _worse_than_none(problem, evidence, model_fit, plain):
         return None
     return None if model_fit is None else (problem, model_fit)
+
+
+def _worse_than_none(problem: Problem, evidence: Evidence, model_fit: ModelFit, plain: float) -> bool:
+    """Whether a twin makes it worse; `plain` is the cost before it was shaken.
+
+    Where its law works at the samples and the drive's between them, it must explain more than no twin at all: what it
+    makes of a coarse encoder's counts may be other than what the drive makes of them.
+    """
+    cost = model_fit.fitted.cost
+    if problem.controller is None or not problem.controller.in_band:
+        return not evidence.repeats and cost > problem.policy.twin_worse * plain
+    without = replace(problem, controller=None)
+    free = list(model_fit.free)
+    return (
+        cost > refit(without, model_fit.fitted.packed, free, without.correction(model_fit.fitted.packed)).cost
+    )
 
 
 def _aligned(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit]:

@@ -12,16 +12,18 @@ g·r + a·r̈, where a cascade integrates the error of the velocity with a feedf
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 
 from autotune.core.arrays import Flags, Floats, Integers
-from autotune.estimation.data import Prepared, stretches_of
+from autotune.estimation.data import CUTOFF, Prepared, stretches_of
 from autotune.estimation.policy import POLICY, Policy
 from autotune.recordings.checks import at_limit, torque_of
 from autotune.recordings.recording import Controller, Recording
+from autotune.signals.filters import low_pass
 
 IMPORT_REFERENCE = "import it with one if there is: autotune data import FILE --column reference=FIELD"
 NAME_GAINS = (
@@ -29,15 +31,24 @@ NAME_GAINS = (
 )
 SHORTEST_RUN = 50  # samples between two clamps
 SHORTEST_STRETCH = 100  # samples
+PIECE_SECONDS = 3.0
+"""Of a run that shares a constant: a sum that a drive makes between the samples wanders away from theirs."""
 MOST_ROWS = 40_000
 ROUGH_ROWS = 8_000
 """Of a first look over delays."""
-MOST_LATE = 3
-"""Samples of dead time; a drive that interpolates is one sample later with its reference."""
+MOST_LATE = 4
+"""Samples of dead time, and of a torque that was recorded a sample late; a drive that interpolates is one later with
+its reference."""
+LOOKS, LOOK_SECONDS = 8, 4.0
+"""Pieces of the data for a first look over delays."""
 EXACT = 1e-6
 """Share of the demand left that rounding explains: nothing is left for another law then."""
+NEARLY_EXACT, WORTH_DELAYS = 1e-5, 0.5
+"""Share of the demand left from which laws with delays are looked for, and of what is left, to be taken."""
+IN_BAND = f"It was found below {CUTOFF:.0f} Hz: what the drive does between the samples is left out."
 SAME = 1e-9
 """Relative difference of two torques that are one value of the drive."""
+_ROUGH_FILTERS = (0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0)
 _FILTERS = (0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 
 
@@ -53,6 +64,7 @@ class PositionController:
         reference_delay, position_delay: samples by which the law sees either late.
         constant: torque that is always added where there is no integral to hold it [N m].
         explained: share of the variance of the torque demand, R²; nan where it could not be checked.
+        in_band: found below the frequency that models are compared at; `explained` is the share there.
         source: `metadata` (the file's, verified), `identified`, `trusted` (the file's, which these data
             cannot verify) or `none`.
         why: what there is to say on it: why there is none, why it is trusted, or why the file's is not used.
@@ -72,6 +84,7 @@ class PositionController:
     explained: float = 0.0
     source: str = "none"
     why: str = ""
+    in_band: bool = False
 
     @property
     def usable(self) -> bool:
@@ -114,6 +127,7 @@ class LoopSamples:
         clamped: rows at the torque limit.
         stretches: contiguous rows under position control.
         known: the controller that the file names.
+        piece: longest run that shares a constant [s].
     """
 
     period: float
@@ -125,6 +139,7 @@ class LoopSamples:
     known: Controller | None
     policy: Policy = POLICY
     most_rows: int = MOST_ROWS
+    piece: float = np.inf
 
 
 def is_closed(recording: Recording) -> bool:
@@ -221,28 +236,54 @@ def identified(samples: LoopSamples) -> PositionController:
     named = None if known is None else _checked(samples, known)
     if named is not None and 1.0 - named.explained < EXACT:
         return named
-    found = _searched(samples, cascaded=True)
-    if 1.0 - found.explained > EXACT:
-        other = _searched(samples, cascaded=False)
-        found = other if _plainly_better(samples, other, found) else found
+    found = _from_data(samples)
     if (
         named is not None
         and named.explained > samples.policy.controller_explains
         and not _plainly_better(samples, found, named)
     ):
         return named
-    if not _usable(samples, found):
-        late = _searched_late(samples)
-        found = late if _usable(samples, late) else found
-    if not _usable(samples, found):
-        return replace(
-            found, source="none", why=_unexplained(found.explained, samples.policy.controller_explains)
-        )
+    if not found.usable:
+        why = _unexplained(found.explained, samples.policy.controller_explains)
+        return replace(found, why=why)
     return found if named is None else replace(found, why=_replaced(named.explained, found.explained))
 
 
-def _usable(samples: LoopSamples, found: PositionController) -> bool:
-    return found.explained > samples.policy.controller_explains and found.kp > 0.0
+def _from_data(samples: LoopSamples) -> PositionController:
+    """The law that explains the demand best; its source is `none` where it explains too little to drive a twin."""
+    found = _searched(samples, cascaded=True)
+    if 1.0 - found.explained > EXACT:
+        other = _searched(samples, cascaded=False)
+        found = other if _plainly_better(samples, other, found) else found
+    if 1.0 - found.explained > NEARLY_EXACT:
+        late = _searched_late(samples)
+        if 1.0 - late.explained < WORTH_DELAYS * (1.0 - found.explained):
+            found = late
+    wandering = replace(samples, piece=PIECE_SECONDS)
+    if found.explained <= samples.policy.controller_explains:
+        late = _searched_late(wandering)
+        found = late if late.explained > found.explained else found
+    if found.explained > samples.policy.controller_explains and found.kp > 0.0:
+        return found
+    banded = _searched_late(_in_band(wandering))
+    if banded.explained > samples.policy.controller_explains_in_band and banded.kp > 0.0:
+        return replace(banded, why=f"{banded.why} {IN_BAND}", in_band=True)
+    return replace(found, source="none")
+
+
+def _in_band(samples: LoopSamples) -> LoopSamples:
+    """The same below the frequency that models are compared at.
+
+    What a drive makes of counts between the samples, and the noise of a torque sensor, lie above it. Low-passes and
+    the law may change places: both are linear, but for the clamped sum.
+    """
+    banded = [samples.reference.copy(), samples.position.copy(), samples.demand.copy()]
+    for rows in samples.stretches:
+        for values in banded:
+            values[rows] = low_pass(values[rows], CUTOFF, samples.period)
+    reach = 2 * round(0.5 / (CUTOFF * samples.period)) + 1
+    near = scipy.ndimage.maximum_filter1d(samples.clamped, reach)
+    return replace(samples, reference=banded[0], position=banded[1], demand=banded[2], clamped=near)
 
 
 def _plainly_better(samples: LoopSamples, one: PositionController, other: PositionController) -> bool:
@@ -292,7 +333,9 @@ def _checked(samples: LoopSamples, known: Controller) -> PositionController:
         known.ki,
         known.derivative_filter,
         constant=float(np.mean(rest)) if known.ki == 0.0 else 0.0,
-        explained=_share(_centred(rest[:, None], run)[:, 0], samples.demand[rows]),
+        explained=_share(
+            _centred(rest[:, None], run)[:, 0], _centred(samples.demand[rows][:, None], run)[:, 0]
+        ),
         source="metadata",
     )
 
@@ -316,12 +359,12 @@ def _searched(samples: LoopSamples, cascaded: bool) -> PositionController:
 
 def _searched_late(samples: LoopSamples) -> PositionController:
     """The best of the laws whose reference and position come late; first roughly, over delays and filters."""
-    coarse = replace(samples, stretches=samples.stretches, most_rows=ROUGH_ROWS)
+    coarse = _first_look(samples)
     trials = [
         (_regressed_late(_late(coarse, r, y), smoothing), r, y)
         for r in range(MOST_LATE + 2)
         for y in range(min(r, MOST_LATE) + 1)
-        for smoothing in (0.1, 0.3, 0.7, 1.0)
+        for smoothing in _ROUGH_FILTERS
     ]
     _, r, y = max(trials, key=lambda trial: trial[0].explained)
     late = _late(samples, r, y)
@@ -337,6 +380,28 @@ def _searched_late(samples: LoopSamples) -> PositionController:
     ).x
     found = _regressed_late(late, float(smoothing))
     return replace(found, reference_delay=r, position_delay=y)
+
+
+def _first_look(samples: LoopSamples) -> LoopSamples:
+    """A few pieces of the data, evenly spread."""
+    rows = np.concatenate([np.arange(s.start, s.stop) for s in samples.stretches])
+    length = min(round(LOOK_SECONDS / samples.period), len(rows) // LOOKS)
+    if length < SHORTEST_STRETCH:
+        return replace(samples, most_rows=ROUGH_ROWS)
+    first = np.linspace(0, len(rows) - length, LOOKS).astype(int)
+    looked = np.unique(rows[(first[:, None] + np.arange(length)).ravel()])
+    cuts = np.flatnonzero(np.diff(looked) > 1) + 1
+    edges = [0, *cuts.tolist(), len(looked)]
+    parts = tuple(slice(a, b) for a, b in itertools.pairwise(edges))
+    return replace(
+        samples,
+        reference=samples.reference[looked],
+        position=samples.position[looked],
+        demand=samples.demand[looked],
+        clamped=samples.clamped[looked],
+        stretches=parts,
+        most_rows=ROUGH_ROWS,
+    )
 
 
 def _late(samples: LoopSamples, reference_delay: int, position_delay: int) -> LoopSamples:
@@ -380,7 +445,7 @@ def _regressed_late(samples: LoopSamples, smoothing: float) -> PositionControlle
         position_feedforward=place,
         acceleration_feedforward=acceleration,
         constant=0.0 if held else float(np.mean(demand - table @ solution)),
-        explained=_share(centred[:, -1] - centred[:, :-1] @ solution, demand),
+        explained=_share(centred[:, -1] - centred[:, :-1] @ solution, centred[:, -1]),
         source="identified",
         why=_how_late(samples.period),
     )
@@ -417,7 +482,7 @@ def _regressed(samples: LoopSamples, smoothing: float, cascaded: bool) -> Positi
         reference_rate=(last / kd if kd != 0.0 else 0.0) if cascaded else 1.0,
         velocity_feedforward=0.0 if cascaded else last,
         constant=0.0 if held else float(np.mean(demand - table @ solution)),
-        explained=_share(rest, demand),
+        explained=_share(rest, centred[:, 4]),
         source="identified",
     )
 
@@ -454,6 +519,7 @@ def _regular(samples: LoopSamples, smoothing: float) -> tuple[Flags, Integers]:
     kept = np.zeros(len(samples.demand), dtype=np.bool_)
     number = np.zeros(len(samples.demand), dtype=np.int64)
     count = 0
+    longest = max(1.0, samples.piece / samples.period)
     for rows in samples.stretches:
         if rows.stop - rows.start < SHORTEST_STRETCH:
             continue
@@ -463,8 +529,9 @@ def _regular(samples: LoopSamples, smoothing: float) -> tuple[Flags, Integers]:
         for start, stop in (edges.reshape(-1, 2) + rows.start).tolist():
             if stop - start >= SHORTEST_RUN:
                 kept[start:stop] = True
-                number[start:stop] = count
-                count += 1
+                pieces = max(1, int((stop - start) // longest))
+                number[start:stop] = count + np.arange(stop - start) * pieces // (stop - start)
+                count += pieces
     return kept, number[kept]
 
 

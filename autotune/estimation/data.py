@@ -72,6 +72,7 @@ class Prepared:
         position, velocity, acceleration: zero-phase filtered; `measured`: the raw position.
         grid: samples at the centre of each grid row.
         taps: zero-phase low-pass that every torque goes through, shape (odd,).
+        sensed: the torque by its own sensor, where the files hold it beside the demand, shape (n,).
         recorded_torque: as it was in the file; `torque` is this, moved by `shift` half samples.
         filtered: one side was put through a low-pass that the file's other column had gone through.
         starts: first sample of each recording.
@@ -107,6 +108,7 @@ class Prepared:
     steady: bool = False
     upsampling: int = 1
     periodic: tuple[Periodic, ...] = ()
+    sensed: Floats | None = None
     pace: float = 1.0
 
     def role(self, *roles: str) -> Flags:
@@ -197,6 +199,7 @@ def prepare(
         starts=tuple(parts.starts),
         temperature=_temperature(recordings),
         periodic=tuple(parts.alike),
+        sensed=_sensed(recordings),
         pace=pace,
     )
 
@@ -252,6 +255,12 @@ def _columns(recording: Recording) -> dict[str, Floats]:
         "torque": torque_of(recording),
         "feedforward": recording["torque_feedforward"] if "torque_feedforward" in recording else np.zeros(n),
     }
+
+
+def _sensed(recordings: Sequence[Recording]) -> Floats | None:
+    if not all("torque_command" in recording and "torque" in recording for recording in recordings):
+        return None
+    return np.concatenate([recording["torque"] for recording in recordings])
 
 
 def _temperature(recordings: Sequence[Recording]) -> Floats | None:

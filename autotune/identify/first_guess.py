@@ -32,7 +32,7 @@ _J, _COULOMB = 0, 2
 _SURE = [0, 2, 4]
 _SHARED = [0, 2]
 _NOT_TOGETHER = 0.02
-"""Of the torque's power: what a fit of two stretches of one axis leaves at most."""
+"""Of the torque's power: what a fit of one axis, or of two stretches of it, leaves at most."""
 """Columns that every recording must tell apart: inertia, Coulomb friction, offset."""
 
 
@@ -77,11 +77,12 @@ def guess(pieces: Sequence[Piece], bands: Bands) -> Guess:
     travel = max(float(np.ptp(piece.position)) for piece in pieces)
     reaches = np.geomspace(SHORTEST * travel, LONGEST * travel, TRIALS).tolist()
     trials = [_trial(pieces, bands, reach) for reach in reaches]
-    for trial in trials:
-        refuse_two_axes(trial.parts)
     physical = [trial for trial in trials if trial.solution[_J] > 0 and trial.solution[_COULOMB] > 0]
     least = min(trial.error for trial in physical or trials)
     best = next(trial for trial in physical or trials if trial.error <= CLEARLY * least)
+    if best.error**2 > _NOT_TOGETHER:
+        for trial in trials:
+            refuse_two_axes(trial.parts)
     _refuse(best)
     inertia, viscous, coulomb, damping, offset = (float(x) for x in best.solution)
     speed = max(float(np.max(np.abs(piece.velocity))) for piece in pieces)

@@ -143,3 +143,28 @@ def test_a_law_that_sees_its_inputs_late_is_found_with_its_delays(
     assert found.explained > 0.99999
     assert (found.kp, found.kd, found.ki) == pytest.approx((40.0, 0.2, 900.0), rel=0.02)
     assert "late by whole samples" in found.why
+
+
+def test_a_law_that_works_between_the_samples_is_found_below_the_compared_frequency() -> None:
+    """A drive's own loop runs 8 times a sample on a coarse encoder, and its sum wanders from that of the samples."""
+    ticks, rows, tick = 8, 15_000, 1.25e-4
+    n, rng = ticks * rows, np.random.default_rng(6)
+    time = np.arange(n) * tick
+    reference = 0.3 * np.sin(2 * np.pi * 0.7 * time) + 0.02 * np.sin(2 * np.pi * 6.0 * time)
+    shaken = np.convolve(rng.normal(0.0, 4e-5, n + 40), np.hanning(43)[1:-1], mode="valid")
+    rubbed = 2e-3 * np.tanh(np.gradient(reference, tick) / 0.05)
+    position = np.round((reference - rubbed + shaken) / 2e-4) * 2e-4
+    error = reference - position
+    rate = signal.lfilter([0.25], [1.0, -0.75], np.diff(error, prepend=0.0) / tick)
+    demand = 40.0 * error + 0.2 * rate + 900.0 * np.cumsum(error) * tick
+    samples = LoopSamples(
+        ticks * tick, reference[::ticks], position[::ticks], demand[::ticks], np.zeros(rows, dtype=np.bool_),
+        (slice(0, rows),), None,
+    )  # fmt: skip
+    found = identified(samples)
+    assert found.usable
+    assert found.in_band
+    assert found.explained > POLICY.controller_explains_in_band
+    # Gains wrong by a tenth do no harm to a twin.
+    assert (found.kp, found.kd, found.ki) == pytest.approx((40.0, 0.2, 900.0), rel=0.1)
+    assert "below 60 Hz" in found.why

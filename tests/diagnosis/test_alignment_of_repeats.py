@@ -1,0 +1,54 @@
+"""When torque and position were taken is a nuisance of repeated recordings, as far as a measurement chain can do it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from autotune.diagnosis.baseline import begin
+from autotune.diagnosis.evidence.repeated import RepeatedProgramme
+from autotune.estimation.alignment import shifted
+from autotune.estimation.bandwidth import prepared_to_fit
+from autotune.estimation.bias_corrected_fit import ModelFit
+from autotune.estimation.problem import Problem, refit
+from autotune.estimation.residual import measured_motion
+from autotune.models.drive_model import base_model
+from tests.support.axes import NOMINAL
+
+Begun = tuple[Problem, ModelFit]
+
+
+@pytest.fixture(scope="module")
+def begun(short) -> Begun:
+    return begin(prepared_to_fit([short]), base_model(NOMINAL))[:2]
+
+
+@pytest.mark.parametrize(
+    ("late", "in_band", "applied"),
+    [(-0.3, False, True), (0.8, False, False), (0.8, True, True), (-3.5, True, False)],
+    ids=["a current loop", "held until the next sample", "recorded early", "more than any chain"],
+)
+def test_what_the_measurement_chain_can_do_is_taken_out(
+    begun: Begun, late: float, in_band: bool, applied: bool
+) -> None:
+    """`late`: half samples of 1 ms by which the torque must be moved to be where it was."""
+    problem, model_fit = begun
+    law = replace(problem.controller, explained=0.998 if in_band else 1.0, in_band=in_band)
+    spoilt = shifted(problem.data, -late)
+    spoilt = replace(spoilt, recorded_torque=spoilt.torque, shift=0.0)
+    problem = replace(problem, data=spoilt, moved=measured_motion(spoilt), controller=law)
+    model_fit = replace(
+        model_fit,
+        fitted=refit(problem, model_fit.fitted.packed, list(model_fit.free), model_fit.correction, 2),
+    )
+    again = RepeatedProgramme().aligned(problem, model_fit)
+    assert (again is not problem) == applied
+    if applied:
+        assert again.data.shift == pytest.approx(late, abs=0.2)
+
+
+def test_a_lag_is_no_candidate_where_nothing_tells_how_the_columns_belong_together(begun: Begun) -> None:
+    problem, evidence = begun[0], RepeatedProgramme()
+    assert "torque_lag" in {kind.name for kind in evidence.candidates(problem)}
+    assert "torque_lag" not in {kind.name for kind in evidence.candidates(replace(problem, controller=None))}
