@@ -92,7 +92,8 @@ class InertialDrive:
         self.machine: Machine = replace(machine, mass=mass, force=(0.0, 0.0, -force))
         self.limit = plant.torque_limit
         self._steps = finer * self.machine.steps(ROW)
-        self._packed = pack(replace(plant, machine=self.machine), ROW / self._steps)
+        self._step = ROW / self._steps
+        self._packed = pack(replace(plant, machine=self.machine), self._step)
         self._state = fresh_state()
         self._rows = 0
 
@@ -126,7 +127,9 @@ class InertialDrive:
         steps = math.ceil(self._steps / parts)
         position = np.zeros((parts * voltage.size, len(self.machine.mass)))
         step = ROW / (parts * steps)
-        pack_machine(self._packed, self.machine, step)
+        if step != self._step:
+            pack_machine(self._packed, self.machine, step)
+            self._step = step
         play(self._packed[0], self._state[0], np.repeat(voltage, parts), steps, step, position)
         return position
 

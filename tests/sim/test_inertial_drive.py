@@ -10,12 +10,15 @@ import numpy as np
 import pytest
 
 from autotune.core.errors import ConfigurationError
+from autotune.identify.fit import fit
+from autotune.recordings.recording import Metadata, Recording
 from autotune_sim.inertial_drive import (
     LOAD,
     ROW,
     STACK,
     InertialDrive,
     SimpleControl,
+    mixed_steps,
     step_size,
     step_voltage,
 )
@@ -118,3 +121,19 @@ def test_what_it_cannot_do_is_said() -> None:
     with pytest.raises(ConfigurationError, match="no inertial drive"):
         InertialDrive(PATH.with_name("two-carriages.toml"))
     assert np.abs(step_voltage(8.0, 510.0, 1)).max() <= 4.0
+
+
+def test_its_contact_is_identified_from_its_own_recording() -> None:
+    """Six tenths of a second at 50 kHz, integrated as coarsely as elsewhere: friction, stiffness and inertia.
+
+    The integration is of first order: it adds its step times the contact's damping to the slider's mass, 5 %.
+    """
+    drive = InertialDrive(PATH)
+    record = drive.contact_record(mixed_steps(0.6, seed=5), seed=5)
+    columns = {"time": record.time, "position": record.slip, "torque": record.force}
+    metadata = Metadata(motion_unit="m", sample_period=ROW, position_resolution=1e-9)
+    found = fit(Recording.from_columns(columns, metadata, "steps")).model
+    step = ROW / drive._steps
+    assert found["inertia"] == pytest.approx(0.0624 + step * 2200.0, rel=0.03)
+    assert found["coulomb"] == pytest.approx(10.0, rel=0.02)
+    assert found["stiffness"] == pytest.approx(2e8, rel=0.03)
