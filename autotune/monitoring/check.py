@@ -5,6 +5,7 @@ The result is `check.json` in the run's folder, the same object that `autotune c
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
@@ -15,9 +16,9 @@ from typing import Any
 from autotune.monitoring.check_figures import CheckFigures, Figure, figures
 from autotune.monitoring.check_file import FILE_NAME, before_of, earlier_checks
 from autotune.monitoring.check_plan import COMPENSATED, UNCOMPENSATED, CheckPlan, plan_check
-from autotune.monitoring.drift import DriftSettings, Evidence, Verdict, judge
-from autotune.monitoring.friction_scale import scale_in_words
-from autotune.monitoring.trend import analyse
+from autotune.monitoring.drift import Before, DriftSettings, Evidence, Verdict, judge
+from autotune.monitoring.friction_scale import UNKNOWN, Background, FrictionScale, course_of, scale_in_words
+from autotune.monitoring.trend import Trend, analyse
 from autotune.recordings.recording import Recording
 from autotune.tuning.committed import Committed, InForce, in_force
 from autotune.tuning.files import finite, write_json
@@ -179,19 +180,23 @@ def _result(
 ) -> CheckResult:
     axis = request.axis
     history = earlier_checks(request.runs, axis.name) if request.history is None else list(request.history)
-    coefficient, reference = _temperature_influence(history, measured, present)
+    known = [one for content in history if (one := before_of(content)) is not None]
+    trend = _trend(known)
+    coefficient, reference = (
+        (trend.temperature_coefficient if trend else None),
+        _reference(known, measured, present),
+    )
     evidence = Evidence(
         measured,
         present.committed,
         present.held,
-        [one for content in history if (one := before_of(content)) is not None],
+        known,
         axis.position_resolution,
         coefficient,
         reference,
     )
     verdict = judge(evidence, request.settings)
-    warmer = measured.temperature - reference
-    sentence = scale_in_words(measured.scale, warmer) if measured.scale else ""
+    sentence = _cause(measured, known, started, reference, present)
     return CheckResult(
         axis.name,
         axis.fingerprint,
@@ -206,19 +211,44 @@ def _result(
     )
 
 
-def _temperature_influence(
-    history: Sequence[dict[str, Any]], measured: CheckFigures, present: InForce
-) -> tuple[float | None, float]:
-    """Relative change of friction a kelvin, and the temperature at which the committed model holds."""
-    known = [one for content in history if (one := before_of(content)) is not None]
-    run = present.committed.baseline if present.committed else ""
-    reference = next((one.temperature for one in known if one.run == run), measured.temperature)
-    trend = analyse(
+def _trend(known: Sequence[Before]) -> Trend | None:
+    return analyse(
         [datetime.fromisoformat(one.at) for one in known],
         [one.level for one in known],
         [one.temperature for one in known],
     )
-    return (trend.temperature_coefficient if trend else None), reference
+
+
+def _reference(known: Sequence[Before], measured: CheckFigures, present: InForce) -> float:
+    """Temperature at which the committed model holds [°C]."""
+    run = present.committed.baseline if present.committed else ""
+    return next((one.temperature for one in known if one.run == run), measured.temperature)
+
+
+def _cause(
+    measured: CheckFigures, known: Sequence[Before], started: datetime, reference: float, present: InForce
+) -> str:
+    """What did it to friction as a whole, by this check and those before it; "" where nothing has."""
+    if measured.scale is None:
+        return ""
+    run = present.committed.baseline if present.committed else ""
+    at = started.astimezone(UTC).isoformat()
+    today = Before(at, run, None, False, measured.level.value, measured.temperature, math.nan)
+    return cause_in_words(measured.scale, known, today, reference)
+
+
+def cause_in_words(scale: FrictionScale, known: Sequence[Before], today: Before, reference: float) -> str:
+    """Preload, temperature or wear, by θ and by how the history came to it; "" where nothing has changed.
+
+    Args:
+        known: earlier checks, oldest first; today: this one.
+        reference: temperature at which the model holds [°C].
+    """
+    since = next((datetime.fromisoformat(one.at) for one in known if one.run == today.run), None)
+    trend = _trend([*known, today])
+    course = course_of(trend.changes, since, scale.theta < 1.0) if trend else UNKNOWN
+    coefficient = trend.temperature_coefficient if trend else None
+    return scale_in_words(scale, Background(today.temperature - reference, coefficient, course))
 
 
 def _figure(figure: Figure) -> dict[str, Any]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
-from random import Random
 
 import pytest
 
@@ -24,7 +23,7 @@ from autotune.tuning.recovery import recover
 from autotune.tuning.rollback import roll_back
 from tests.drivers.moteus_rig import moteus_axis, moteus_opener
 from tests.drivers.simulator import simulator
-from tests.tuning import cut_rig
+from tests.tuning.gains_cut_rig import Ending, canopen_cuts, moteus_cuts
 from tests.tuning.test_commit import CuttingLoop, Dead, MemoryDrive
 
 NOW = datetime(2026, 11, 20, 4, 0, 0)
@@ -132,19 +131,6 @@ def test_killed_at_any_operation_never_mixed(tmp_path: Path, good: bool, power_c
         pytest.fail("the commit never came to its end")
 
 
-class GainsRig(cut_rig.Rig):
-    """The simulated drive behind its wire, seen by its gains (2000h)."""
-
-    def volatile(self) -> dict[str, float]:
-        return {name: float(self.device.objects[0x2000, k].value) for k, name in enumerate(cut_rig.BLOCK, 1)}
-
-    def stored(self) -> dict[str, float]:
-        values, entries = self.memory.read(), self.device.objects
-        return {
-            n: float(entries[0x2000, k].decode(values[0x2000, k])) for k, n in enumerate(cut_rig.BLOCK, 1)
-        }
-
-
 def test_committed_and_rolled_back_on_a_moteus_line(tmp_path: Path) -> None:
     """Whole, over its serial line, and stored: a power loss leaves what was stored."""
     memory = ("--link", "moteus", "--node", "1", "--state", str(tmp_path / "memory"))
@@ -168,25 +154,10 @@ def test_committed_and_rolled_back_on_a_moteus_line(tmp_path: Path) -> None:
     assert axis.profile.startswith("autotune-sim-moteus")
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_killed_over_the_wire_never_mixed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
-    use_gains(monkeypatch.setattr)
-    wrong = cuts(tmp_path, 6, seed)
-    assert not wrong
-
-
-def use_gains(put: Callable[[object, str, object], None]) -> None:
-    """The rig commits gains instead of a feedforward."""
-    put(cut_rig, "Rig", GainsRig)
-    put(cut_rig, "BLOCK", ("kp", "kd", "ki"))
-    put(cut_rig, "OLD", {"kp": 60.0, "kd": 0.125, "ki": 6000.0})
-    put(cut_rig, "NEW", {"kp": 75.0, "kd": 0.25, "ki": 15000.0})
-    put(cut_rig, "parameters", lambda block: {f"controller.{name}": value for name, value in block.items()})
-
-
-def cuts(folder: Path, places: int, seed: int) -> list[str]:
-    """What went wrong of so many commits cut at random bytes, in words."""
-    random, stored = Random(seed), cut_rig.factory()
-    whole = cut_rig.length(stored, folder / "whole")
-    endings = [cut_rig.play(cut_rig.Case.draw(random, whole), stored, folder / str(k)) for k in range(places)]
-    return [ending.wrong for ending in endings if ending.wrong]
+@pytest.mark.parametrize("cuts", [canopen_cuts, moteus_cuts])
+def test_killed_over_the_wire_never_mixed(
+    tmp_path: Path, cuts: Callable[[Path, int, int], list[Ending]]
+) -> None:
+    """`bench/commit_cut.py --what gains` makes a hundred of them."""
+    endings = cuts(tmp_path, 4, 1)
+    assert not [one.wrong for one in endings if one.wrong]

@@ -35,9 +35,14 @@ def step_sizes(model: DriveModel, timing: LoopTiming, large: float) -> StepSizes
 
 
 def settling_time(
-    model: DriveModel, gains: Gains, timing: LoopTiming, size: float, horizon: float = HORIZON
+    model: DriveModel,
+    gains: Gains,
+    timing: LoopTiming,
+    size: float,
+    horizon: float = HORIZON,
+    band: float = BAND,
 ) -> float:
-    """From a step to the last time outside ±10 % of it [s]; `horizon` where it does not settle.
+    """From a step to the last time outside ±10 % of it (`band`) [s]; `horizon` where it does not settle.
 
     The mean over several disturbances, where the axis is known to be shaken.
     """
@@ -46,15 +51,15 @@ def settling_time(
     for seed in SHAKEN if timing.disturbance > 0.0 else SHAKEN[:1]:
         noise = shaken(timing, len(reference), seed)
         motion = follow(model, gains, timing, reference, disturbance=noise)
-        times.append(settled_after(motion, size, round(BEFORE / timing.period), horizon))
+        times.append(settled_after(motion, size, round(BEFORE / timing.period), horizon, band))
     return float(np.mean(times))
 
 
-def settled_after(motion: Motion, size: float, start: int, horizon: float) -> float:
+def settled_after(motion: Motion, size: float, start: int, horizon: float, band: float = BAND) -> float:
     """The same of a motion whose step came at sample `start`."""
     if not motion.bounded:
         return horizon
-    outside = np.flatnonzero(np.abs(size - motion.position[start:]) > BAND * abs(size))
+    outside = np.flatnonzero(np.abs(size - motion.position[start:]) > band * abs(size))
     return min(float(outside[-1] + 1) * motion.period, horizon) if len(outside) else 0.0
 
 

@@ -17,10 +17,12 @@ from autotune.core.arrays import Floats
 from autotune.models.drive_model import DriveModel
 
 SPEEDS = 6
-STANDS = 0.1
-"""Of the speed asked for: slower is standing."""
+STANDS = 0.2
+"""Of the speed asked for: slower is standing. On an axis a tenth would be; the rest is for what the model lacks."""
 TIMES = 2
 """So often it must come to stand in the second half of the way."""
+WAY = 60.0
+"""Times the characteristic space that each speed goes."""
 LONGEST = 20.0
 """s, of one speed."""
 
@@ -49,7 +51,7 @@ def slow_speeds(model: DriveModel, timing: LoopTiming, fastest: float) -> Floats
 
 def sticks_at(model: DriveModel, gains: Gains, timing: LoopTiming, speed: float) -> bool:
     """Whether the axis comes to stand again and again while its reference moves at `speed`."""
-    way = 40.0 * max(characteristic_space(model), 20.0 * timing.resolution)
+    way = WAY * max(characteristic_space(model), 20.0 * timing.resolution)
     seconds = min(max(way / speed, 1.0), LONGEST)
     count = round(seconds / timing.period)
     reference = np.arange(count, dtype=np.float64) * (speed * timing.period)

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
+from scipy.signal import lfilter
 
 from autotune.control.gains.loop import Gains, LoopTiming
 from autotune.core.arrays import Flags, Floats
@@ -121,12 +123,8 @@ def smoothed(reference: Floats, keep: float) -> Floats:
     """The reference behind the low-pass (6.14), from rest at its first value; shape (n,)."""
     if keep <= 0.0:
         return reference
-    result = np.empty(len(reference))
-    last = reference[0]
-    for k, value in enumerate(reference):
-        last = keep * last + (1.0 - keep) * value
-        result[k] = last
-    return result
+    filtered, _ = lfilter([1.0 - keep], [1.0, -keep], reference, zi=[keep * reference[0]])
+    return np.asarray(filtered, dtype=np.float64)
 
 
 def follow(
@@ -180,7 +178,12 @@ def shaken(timing: LoopTiming, count: int, seed: int) -> Floats | None:
     """What shakes the axis beside the drive [N m], shape (count,); None where nothing is known of it."""
     if timing.disturbance <= 0.0:
         return None
-    return np.random.default_rng([SEED, seed]).normal(0.0, timing.disturbance, count)
+    return timing.disturbance * _white(count, seed)
+
+
+@lru_cache(maxsize=32)
+def _white(count: int, seed: int) -> Floats:
+    return np.random.default_rng([SEED, seed]).normal(0.0, 1.0, count)
 
 
 def step_reference(size: float, before: float, after: float, timing: LoopTiming) -> Floats:
