@@ -3,6 +3,10 @@
 Every change goes through here: the old value is read before the new one is written. `backup()` can
 travel to another process, so that whoever survives can restore; where there is a keeper, old and new value
 are on disk before the new one is written, so that nobody has to survive.
+
+An adapter's serial line has no checksum, so that a bit that flips there arrives as another value, acknowledged. What
+is remembered is therefore read until it reads alike twice, and what is written is read back: another value is noted as
+one of ours, and written over.
 """
 
 from __future__ import annotations
@@ -10,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 from autotune.core.errors import LinkError, TransferAborted
 from autotune_drivers.canopen.objects import ObjectRef, Raw
@@ -21,6 +25,8 @@ from autotune_drivers.kept import Keeper
 Key = tuple[int, int]
 Task = tuple[str, Callable[[], None]]
 _ABSENT = (0x06020000, 0x06090011)
+_ATTEMPTS = 3
+Read = TypeVar("Read")
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,14 +63,14 @@ class Session:
 
     def remember(self, ref: ObjectRef) -> Raw:
         """Notes an object that will be changed later; its present value. Raises LinkError."""
-        value = self._sdo.read(ref)
+        value = _surely(lambda: self._sdo.read(ref), _equal, str(ref))
         self._objects.setdefault((ref.index, ref.sub), (ref, value))
         return value
 
     def remember_pdo(self, wanted: PdoSetting) -> PdoSetting:
         """Notes a PDO that will be changed later; its present setting. Raises LinkError."""
         key = (wanted.kind, wanted.number)
-        present = self._present.get(key) or read_setting(self._sdo, *key)
+        present = self._present.get(key) or _surely(lambda: read_setting(self._sdo, *key), same, wanted.name)
         self._pdos.setdefault(key, present)
         self._present[key] = present
         return present
@@ -75,7 +81,7 @@ class Session:
             key = (ref.index, ref.sub)
             self._keep(key, raw)
             self._changed.add(key)
-            self._sdo.write(ref, raw)
+            self._put(ref, raw)  # a drive may round it
 
     def write_if_there(self, ref: ObjectRef, raw: Raw) -> bool:
         """Changes an object; False where the drive does not have it. Raises LinkError."""
@@ -99,6 +105,27 @@ class Session:
         write_setting(self._sdo, wanted, present)
         self._present[key] = wanted
 
+    def _put(self, ref: ObjectRef, raw: Raw) -> Raw:
+        """Writes an object and reads it back, again where it is not that; what it holds then. Raises LinkError."""
+        for _ in range(_ATTEMPTS):
+            self._sdo.write(ref, raw)
+            now = self._sdo.read(ref)
+            if _equal(now, raw):
+                break
+            self._keep((ref.index, ref.sub), now)
+        return now
+
+    def _put_back(self, ref: ObjectRef, raw: Raw) -> None:
+        if not _equal(now := self._put(ref, raw), raw):
+            raise TransferAborted(f"{ref} is {now} after {raw} was written; look at adapter and cable", 0)
+
+    def _put_pdo_back(self, pdo: PdoSetting) -> None:
+        for _ in range(_ATTEMPTS):
+            write_setting(self._sdo, pdo, pdo)
+            if same(read_setting(self._sdo, pdo.kind, pdo.number), pdo):
+                return
+        raise TransferAborted(f"{pdo.name} is not what was written; look at adapter and cable", 0)
+
     def forget_present(self) -> None:
         """The node was reset: what it has now is not known any more."""
         self._present.clear()
@@ -107,7 +134,7 @@ class Session:
         """Puts one object back. Raises LinkError."""
         key = (ref.index, ref.sub)
         if key in self._changed:
-            self._sdo.write(*self._objects[key])
+            self._put_back(*self._objects[key])
             self._changed.discard(key)
 
     def restore(self, before_pdos: Callable[[], None] = lambda: None) -> list[str]:
@@ -121,10 +148,8 @@ class Session:
         objects = [pair for key, pair in self._objects.items() if key in self._changed]
         if pdos:
             before_pdos()
-        tasks: list[Task] = [
-            (pdo.name, partial(write_setting, self._sdo, pdo, pdo)) for pdo in reversed(pdos)
-        ]
-        tasks += [(str(ref), partial(self._sdo.write, ref, raw)) for ref, raw in reversed(objects)]
+        tasks: list[Task] = [(pdo.name, partial(self._put_pdo_back, pdo)) for pdo in reversed(pdos)]
+        tasks += [(str(ref), partial(self._put_back, ref, raw)) for ref, raw in reversed(objects)]
         failed, dead = _attempt(tasks)
         if failed and not dead:
             failed, dead = _attempt([(name, task) for name, task, _ in failed])
@@ -174,6 +199,20 @@ class Session:
         if self._keeper is not None and self._kept:
             self._keeper.clear()
         self._kept = {}
+
+
+def _surely(read: Callable[[], Read], alike: Callable[[Read, Read], bool], name: str) -> Read:
+    """Reads until two readings in a row are alike. Raises LinkError."""
+    last = read()
+    for _ in range(_ATTEMPTS):
+        before, last = last, read()
+        if alike(before, last):
+            return last
+    raise LinkError(f"{name} reads differently each time; look at adapter and cable")
+
+
+def _equal(one: Raw, other: Raw) -> bool:
+    return one == other or (one != one and other != other)
 
 
 def _attempt(tasks: list[Task]) -> tuple[list[tuple[str, Callable[[], None], LinkError]], bool]:
