@@ -6,17 +6,19 @@ are on disk before the new one is written, so that nobody has to survive.
 
 An adapter's serial line has no checksum, so that a bit that flips there arrives as another value, acknowledged. What
 is remembered is therefore read until it reads alike twice, and what is written is read back: another value is noted as
-one of ours, and written over.
+one of ours, and written over. What was written and not yet read back, or was being put back, when a session died may
+hold anything; it is noted as not certain, and is ours whatever it holds.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any, TypeVar
 
-from autotune.core.errors import LinkError, TransferAborted
+from autotune.core.errors import ConfigurationError, LinkError, TransferAborted
 from autotune_drivers.canopen.objects import ObjectRef, Raw
 from autotune_drivers.canopen.pdo import PdoSetting, read_setting, write_setting
 from autotune_drivers.canopen.sdo import Sdo
@@ -55,6 +57,7 @@ class Session:
         self._present: dict[Key, PdoSetting] = {}
         self._keeper = keeper
         self._kept: dict[Key, tuple[Raw | PdoSetting, ...]] = {}
+        self._certain: set[Key] = set()  # holds the last value noted, or the one from before
         self.nmt = ""
 
     def backup(self) -> Backup:
@@ -103,6 +106,8 @@ class Session:
         self._changed.add(key)
         self._present.pop(key, None)
         write_setting(self._sdo, wanted, present)
+        if holds(self._sdo, wanted):
+            self._certain.add(key)
         self._present[key] = wanted
 
     def _put(self, ref: ObjectRef, raw: Raw) -> Raw:
@@ -111,6 +116,7 @@ class Session:
             self._sdo.write(ref, raw)
             now = self._sdo.read(ref)
             if _equal(now, raw):
+                self._certain.add((ref.index, ref.sub))
                 break
             self._keep((ref.index, ref.sub), now)
         return now
@@ -122,7 +128,7 @@ class Session:
     def _put_pdo_back(self, pdo: PdoSetting) -> None:
         for _ in range(_ATTEMPTS):
             write_setting(self._sdo, pdo, pdo)
-            if same(read_setting(self._sdo, pdo.kind, pdo.number), pdo):
+            if holds(self._sdo, pdo):
                 return
         raise TransferAborted(f"{pdo.name} is not what was written; look at adapter and cable", 0)
 
@@ -146,6 +152,7 @@ class Session:
         """
         pdos = [pdo for key, pdo in self._pdos.items() if key in self._changed]
         objects = [pair for key, pair in self._objects.items() if key in self._changed]
+        self._doubt()
         if pdos:
             before_pdos()
         tasks: list[Task] = [(pdo.name, partial(self._put_pdo_back, pdo)) for pdo in reversed(pdos)]
@@ -170,8 +177,16 @@ class Session:
         if self._keeper is None or value in known:
             return
         kept = {**self._kept, key: (*known, value)}
+        self._certain.discard(key)
         self._keeper.write(self._content(kept))
         self._kept = kept
+
+    def _doubt(self) -> None:
+        """Everything is about to be put back. A disk that does not take it has the old note."""
+        self._certain.clear()
+        if self._keeper is not None and self._kept:
+            with suppress(ConfigurationError):
+                self._keeper.write(self._content(self._kept))
 
     def _content(self, kept: dict[Key, tuple[Raw | PdoSetting, ...]]) -> dict[str, Any]:
         objects = [
@@ -180,6 +195,7 @@ class Session:
                 "name": ref.name,
                 "before": raw,
                 "written": list(kept[key]),
+                "certain": key in self._certain,
             }
             for key, (ref, raw) in self._objects.items()
             if key in kept
@@ -188,6 +204,7 @@ class Session:
             {
                 "before": asdict(pdo),
                 "written": [asdict(one) for one in kept[key] if isinstance(one, PdoSetting)],
+                "certain": key in self._certain,
             }
             for key, pdo in self._pdos.items()
             if key in kept
@@ -228,9 +245,17 @@ def _attempt(tasks: list[Task]) -> tuple[list[tuple[str, Callable[[], None], Lin
     return failed, False
 
 
+def holds(sdo: Sdo, setting: PdoSetting) -> bool:
+    """Whether a PDO is set so; one whose setting cannot be read is not. Raises LinkError."""
+    try:
+        return same(read_setting(sdo, setting.kind, setting.number), setting)
+    except TransferAborted:
+        return False
+
+
 def same(one: PdoSetting, other: PdoSetting) -> bool:
-    """Alike in all that matters; the bits of the COB-ID beside identifier and switch are the drive's own."""
-    identifier = 0x8000_07FF
+    """Alike in all that matters; the COB-ID's bits 29 and 30 are the drive's own."""
+    identifier = 0x9FFF_FFFF
     return (
         one.cob_id & identifier == other.cob_id & identifier
         and one.transmission == other.transmission
