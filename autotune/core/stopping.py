@@ -10,6 +10,9 @@ with SYNC), v_max and a the axis's speed limit and deceleration. In two cycles T
 by no more than it could lose; 2·q/T is what two counts q of the position sensor look like. Beyond that in
 `IN_A_ROW` samples, whoever controls the axis drives it: a coasting axis is the lesser evil.
 
+A speed of half that allowance that turns round `TURNS` times is no braking either: the loop swings, by gains or by an
+encoder that tells a part, and would do so until the longest stop is over.
+
 Both velocities are watched: the drive's, which may be filtered, begin anew at 0 with the stop, or be in a
 wrong unit, and the position's difference.
 """
@@ -22,6 +25,7 @@ from dataclasses import dataclass
 from autotune.core.axis import Axis, Limits
 
 IN_A_ROW = 3
+TURNS = 4
 TAKES_OVER = 2
 _SHARE = 0.1
 _DELAY_CYCLES = 2.0
@@ -76,7 +80,8 @@ class StopWatch:
         self._limits = limits
         self._position: float | None = None  # how long ago the last one was taken is not known
         self._speed = abs(velocity) if math.isfinite(velocity) else 0.0
-        self._seen = self._beyond = 0
+        self._seen = self._beyond = self._turns = 0
+        self._way = 0.0
 
     def see(self, position: float, velocity: float, missed: int = 0) -> None:
         """Takes the next sample; so many cycles were lost before it."""
@@ -95,11 +100,24 @@ class StopWatch:
                 f"its speed rose from {self._speed:.3g} to {speed:.3g} {limits.unit}/s; power was taken off at "
                 "once, and it coasts to rest. Check the position sensor, the brake, and what else moves the axis"
             )
+        elif not self.runs_away and self._swings(velocity):
+            self.runs_away = True
+            self.trouble = (
+                f"it swung to and fro, by up to {self._speed:.3g} {limits.unit}/s; power was taken off at once, and it "
+                "coasts to rest. Check the position sensor, the coupling and the controller's gains"
+            )
         elif not self.trouble and self._outside(position, velocity):
             self.trouble = (
                 f"it left its travel: {position:.4g} {limits.unit}, allowed is {limits.position_min:g} to "
                 f"{limits.position_max:g}. Check that it brakes with limits.deceleration, and bring it back"
             )
+
+    def _swings(self, velocity: float) -> bool:
+        """Whether it has turned round too often, each time at a speed that no rest has."""
+        if abs(velocity) > 0.5 * self._limits.allowance:
+            self._turns += velocity * self._way < 0.0
+            self._way = velocity
+        return self._turns >= TURNS
 
     def _outside(self, position: float, velocity: float) -> bool:
         low, high = self._limits.position_min, self._limits.position_max

@@ -234,6 +234,7 @@ class MotionWatch:
             fine = self._fine
             if fine.add(position, acting, cycle) and (fine.inertia or fine.quiet):
                 self._swing.weigh(HEAVY_SWING * fine.inertia or math.inf, not fine.inertia)
+                self._levels()
             if heavy := self._swing.check(position, reference, acting, cycle):
                 return self._swings(heavy)
         moved, count = position - self._position, self._count
@@ -294,6 +295,8 @@ class MotionWatch:
         inverse, limit, order = self._estimate.inverse, self._limits.torque, self._order
         friction, seen = inverse.friction, inverse.strokes > STROKES
         lightest, heaviest = (LATER_LIGHT if seen else LIGHT) * order, HEAVY * order
+        if self._fine.inertia:
+            lightest = min(lightest, LIGHT_PART * self._fine.inertia)
         if inverse.inertia is not None and friction is not None and seen:
             lightest = LIGHT_PART * inverse.inertia
             heaviest = min(heaviest, HEAVY_PART * inverse.heaviest)

@@ -15,7 +15,7 @@ Each such half counts by its height, at most twice. At `ENOUGH` its inertia is t
 
 within some 30 % where the torque swings so far. An axis that swings and is as heavy as it was (`fine_inertia`) is let
 be, however badly its loop swings: that is no danger to its limits, which are watched. Where the loop was so quiet
-that it showed nothing, a swing is news enough.
+that it showed nothing, a large swing is news enough, unless the reference speeds up just then.
 """
 
 from __future__ import annotations
@@ -39,6 +39,8 @@ STEADY = 0.5  # of the highest half
 ASKED = 2.0  # times what the reference asks of the heaviest axis
 SMOOTH = 0.1  # a cycle: weight of the reference's newest rate, which comes in whole counts
 FADES = 0.98  # a cycle: what the reference asked for still acts
+CALM = 1.25  # heights of friction alone: the reference asks for nothing
+NEWS = 0.4  # of limits.torque: height of a swing that tells by itself
 KEPT = 256  # cycles to find the inertia from
 FEWEST = 12  # the same
 REMEMBERS = 1.01  # by which a bound on the inertia may rise, each time it is told
@@ -119,8 +121,9 @@ class SwingWatch:
     def _judged(self) -> float:
         """The inertia of the swing; it is only told where it is more than it can be, and else forgotten."""
         inertia = shown_inertia(np.array([one for one in self._kept if one[0] >= self._began]))
+        news = self._highest > NEWS * self._limit and self._height < CALM * self._least
         self._forget()
-        return inertia if inertia > (0.0 if self._quiet else self._known) else 0.0
+        return inertia if inertia > (0.0 if self._quiet and news else self._known) else 0.0
 
     @property
     def _height(self) -> float:

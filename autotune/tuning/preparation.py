@@ -9,7 +9,7 @@ from datetime import datetime
 from pathlib import Path
 
 from autotune.core.axis import Axis
-from autotune.core.errors import AutotuneError, DriveFault, Interrupted
+from autotune.core.errors import AutotuneError, DriveFault, Interrupted, LinkError
 from autotune.core.loop import Loop, power_in_words
 from autotune.core.ripple_parameters import GAIN as RIPPLE_GAIN
 from autotune.experiments.limits_guarded import PREFIX, limits_guarded, tighter
@@ -63,6 +63,11 @@ def connected(open_loop: Callable[[], Loop], journal: Journal, reporter: Reporte
 def _closing(loop: Loop, journal: Journal, reporter: Reporter) -> Iterator[None]:
     try:
         yield
+    except LinkError as error:
+        error.add_note(
+            "what this session has changed in the drive may still be so; the next start puts it back"
+        )
+        raise
     finally:
         try:
             if journal.state.changed:

@@ -1,7 +1,7 @@
 """Puts right what an earlier session has left changed in a CANopen drive, from the file that it kept.
 
 Only what holds a value of that session is put back: what is as before needs nothing, and what holds
-something else was set by somebody since.
+something else was set by somebody since, unless that session died while it was writing it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from autotune_drivers.canopen.node import OPERATIONAL, PRE_OPERATIONAL, STOPPED,
 from autotune_drivers.canopen.objects import ObjectRef, Raw
 from autotune_drivers.canopen.pdo import PdoSetting, read_setting
 from autotune_drivers.canopen.sdo import Sdo
-from autotune_drivers.canopen.session import Backup, Session, same
+from autotune_drivers.canopen.session import Backup, Session, holds
 from autotune_drivers.kept import Keeper
 
 _OFF = 0x8000_0000
@@ -24,10 +24,10 @@ _OFF = 0x8000_0000
 
 @dataclass(frozen=True, slots=True)
 class Left:
-    """What a session has noted: old values, with those that it has written since."""
+    """What a session has noted: old values, those that it has written since, and whether it has seen them there."""
 
-    objects: tuple[tuple[ObjectRef, Raw, tuple[Raw, ...]], ...]
-    pdos: tuple[tuple[PdoSetting, tuple[PdoSetting, ...]], ...]
+    objects: tuple[tuple[ObjectRef, Raw, tuple[Raw, ...], bool], ...]
+    pdos: tuple[tuple[PdoSetting, tuple[PdoSetting, ...], bool], ...]
     nmt: str
 
     @classmethod
@@ -38,11 +38,16 @@ class Left:
                 ObjectRef.parse(one["object"], str(one["name"])),
                 _raw(one["before"]),
                 tuple(_raw(value) for value in one["written"]),
+                bool(one.get("certain", True)),
             )
             for one in content["objects"]
         )
         pdos = tuple(
-            (_setting(one["before"]), tuple(_setting(value) for value in one["written"]))
+            (
+                _setting(one["before"]),
+                tuple(_setting(value) for value in one["written"]),
+                bool(one.get("certain", True)),
+            )
             for one in content["pdos"]
         )
         return cls(objects, pdos, str(content["nmt"]))
@@ -110,19 +115,18 @@ def _mine(sdo: Sdo, left: Left) -> tuple[Backup, list[str]]:
     objects: list[tuple[ObjectRef, Raw]] = []
     pdos: list[PdoSetting] = []
     foreign: list[str] = []
-    for ref, before, written in left.objects:
+    for ref, before, written, certain in left.objects:
         present = _present(sdo, ref)
         if present is None or present == before:
             continue
-        if present in written:
+        if present in written or not certain:
             objects.append((ref, before))
         else:
             foreign.append(str(ref))
-    for setting, settings in left.pdos:
-        now = read_setting(sdo, setting.kind, setting.number)
-        if same(now, setting):
+    for setting, settings, certain in left.pdos:
+        if holds(sdo, setting):
             continue
-        if _is_mix(now, (setting, *settings)):
+        if not certain or _is_mix(read_setting(sdo, setting.kind, setting.number), (setting, *settings)):
             pdos.append(setting)
         else:
             foreign.append(setting.name)
@@ -151,11 +155,7 @@ def _not_as_before(sdo: Sdo, mine: Backup) -> list[str]:
         for ref, before in mine.objects
         if (now := sdo.read(ref)) != before
     ]
-    return wrong + [
-        f"{pdo.name} is not as before"
-        for pdo in mine.pdos
-        if not same(read_setting(sdo, pdo.kind, pdo.number), pdo)
-    ]
+    return wrong + [f"{pdo.name} is not as before" for pdo in mine.pdos if not holds(sdo, pdo)]
 
 
 def _raw(value: Any) -> Raw:

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -49,6 +50,7 @@ class Master:
         )
         self.keeper = Keeper.of(folder, who or WHO)
         self.cut, self.transfers = cut, 0
+        self.flipped: int | None = None  # this transfer arrives as another value
 
     def connect(self) -> tuple[Node, Sdo]:
         wire = Wire(self.node, 127, 0.05)
@@ -59,7 +61,7 @@ class Master:
             self.transfers += 1
             if self.transfers > self.cut:
                 raise Dead
-            write(ref, raw, timeout)
+            write(ref, int(raw) ^ 0x30 if self.transfers == self.flipped else raw, timeout)
 
         sdo.write = counted  # type: ignore[method-assign]
         return Node(wire, 5), sdo
@@ -88,6 +90,29 @@ def transfers(folder: Path) -> int:
     master = Master(folder)
     master.work()
     return master.transfers
+
+
+def test_a_value_that_arrives_as_another_does_not_stay(tmp_path: Path) -> None:
+    for flipped in range(1, transfers(tmp_path) + 1):
+        master = Master(tmp_path / str(flipped))
+        before, master.flipped = master.settings(), flipped
+        with suppress(LinkError):  # the node may refuse it
+            master.work()
+        master.flipped = None
+        if master.settings() != before:
+            master.put_right()
+        assert master.settings() == before, f"flipped at transfer {flipped}"
+
+
+def test_a_session_that_dies_after_such_a_value_is_put_right_by_the_next(tmp_path: Path) -> None:
+    master = Master(tmp_path)
+    before, master.flipped, master.cut = master.settings(), 1, 1
+    with pytest.raises(Dead):
+        master.work()
+    assert master.settings() != before
+    master.cut = 1 << 30
+    assert any("put back" in sentence for sentence in master.put_right())
+    assert master.settings() == before
 
 
 def test_a_session_cut_at_any_transfer_is_put_right_by_the_next(tmp_path: Path) -> None:

@@ -188,3 +188,15 @@ def test_a_loop_passes_on_what_came_with_the_last_stop_and_all_rows() -> None:
         LocalLoop(drive).play(Calls(routine), rows.append)
     assert sum(map(len, rows)) == 120
     assert not drive.servo.powered
+
+
+def test_a_stop_that_swings_ends_although_no_swing_is_faster_than_its_beginning() -> None:
+    swing = 0.9 * LIMITS.allowance
+    watch = watched([swing * math.cos(0.3 * k) for k in range(300)])
+    assert watch.runs_away
+    assert "swung to and fro" in watch.trouble
+
+
+def test_a_stop_that_rings_down_is_left_to_its_drive() -> None:
+    swing = 2.0 * LIMITS.allowance
+    assert not watched([swing * math.exp(-0.06 * k) * math.cos(0.2 * k) for k in range(300)]).trouble

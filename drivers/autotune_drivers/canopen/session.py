@@ -3,16 +3,22 @@
 Every change goes through here: the old value is read before the new one is written. `backup()` can
 travel to another process, so that whoever survives can restore; where there is a keeper, old and new value
 are on disk before the new one is written, so that nobody has to survive.
+
+An adapter's serial line has no checksum, so that a bit that flips there arrives as another value, acknowledged. What
+is remembered is therefore read until it reads alike twice, and what is written is read back: another value is noted as
+one of ours, and written over. What was written and not yet read back, or was being put back, when a session died may
+hold anything; it is noted as not certain, and is ours whatever it holds.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
-from autotune.core.errors import LinkError, TransferAborted
+from autotune.core.errors import ConfigurationError, LinkError, TransferAborted
 from autotune_drivers.canopen.objects import ObjectRef, Raw
 from autotune_drivers.canopen.pdo import PdoSetting, read_setting, write_setting
 from autotune_drivers.canopen.sdo import Sdo
@@ -21,6 +27,8 @@ from autotune_drivers.kept import Keeper
 Key = tuple[int, int]
 Task = tuple[str, Callable[[], None]]
 _ABSENT = (0x06020000, 0x06090011)
+_ATTEMPTS = 3
+Read = TypeVar("Read")
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +57,7 @@ class Session:
         self._present: dict[Key, PdoSetting] = {}
         self._keeper = keeper
         self._kept: dict[Key, tuple[Raw | PdoSetting, ...]] = {}
+        self._certain: set[Key] = set()  # holds the last value noted, or the one from before
         self.nmt = ""
 
     def backup(self) -> Backup:
@@ -57,14 +66,14 @@ class Session:
 
     def remember(self, ref: ObjectRef) -> Raw:
         """Notes an object that will be changed later; its present value. Raises LinkError."""
-        value = self._sdo.read(ref)
+        value = _surely(lambda: self._sdo.read(ref), _equal, str(ref))
         self._objects.setdefault((ref.index, ref.sub), (ref, value))
         return value
 
     def remember_pdo(self, wanted: PdoSetting) -> PdoSetting:
         """Notes a PDO that will be changed later; its present setting. Raises LinkError."""
         key = (wanted.kind, wanted.number)
-        present = self._present.get(key) or read_setting(self._sdo, *key)
+        present = self._present.get(key) or _surely(lambda: read_setting(self._sdo, *key), same, wanted.name)
         self._pdos.setdefault(key, present)
         self._present[key] = present
         return present
@@ -75,7 +84,7 @@ class Session:
             key = (ref.index, ref.sub)
             self._keep(key, raw)
             self._changed.add(key)
-            self._sdo.write(ref, raw)
+            self._put(ref, raw)  # a drive may round it
 
     def write_if_there(self, ref: ObjectRef, raw: Raw) -> bool:
         """Changes an object; False where the drive does not have it. Raises LinkError."""
@@ -97,7 +106,31 @@ class Session:
         self._changed.add(key)
         self._present.pop(key, None)
         write_setting(self._sdo, wanted, present)
+        if holds(self._sdo, wanted):
+            self._certain.add(key)
         self._present[key] = wanted
+
+    def _put(self, ref: ObjectRef, raw: Raw) -> Raw:
+        """Writes an object and reads it back, again where it is not that; what it holds then. Raises LinkError."""
+        for _ in range(_ATTEMPTS):
+            self._sdo.write(ref, raw)
+            now = self._sdo.read(ref)
+            if _equal(now, raw):
+                self._certain.add((ref.index, ref.sub))
+                break
+            self._keep((ref.index, ref.sub), now)
+        return now
+
+    def _put_back(self, ref: ObjectRef, raw: Raw) -> None:
+        if not _equal(now := self._put(ref, raw), raw):
+            raise TransferAborted(f"{ref} is {now} after {raw} was written; look at adapter and cable", 0)
+
+    def _put_pdo_back(self, pdo: PdoSetting) -> None:
+        for _ in range(_ATTEMPTS):
+            write_setting(self._sdo, pdo, pdo)
+            if holds(self._sdo, pdo):
+                return
+        raise TransferAborted(f"{pdo.name} is not what was written; look at adapter and cable", 0)
 
     def forget_present(self) -> None:
         """The node was reset: what it has now is not known any more."""
@@ -107,7 +140,7 @@ class Session:
         """Puts one object back. Raises LinkError."""
         key = (ref.index, ref.sub)
         if key in self._changed:
-            self._sdo.write(*self._objects[key])
+            self._put_back(*self._objects[key])
             self._changed.discard(key)
 
     def restore(self, before_pdos: Callable[[], None] = lambda: None) -> list[str]:
@@ -119,12 +152,11 @@ class Session:
         """
         pdos = [pdo for key, pdo in self._pdos.items() if key in self._changed]
         objects = [pair for key, pair in self._objects.items() if key in self._changed]
+        self._doubt()
         if pdos:
             before_pdos()
-        tasks: list[Task] = [
-            (pdo.name, partial(write_setting, self._sdo, pdo, pdo)) for pdo in reversed(pdos)
-        ]
-        tasks += [(str(ref), partial(self._sdo.write, ref, raw)) for ref, raw in reversed(objects)]
+        tasks: list[Task] = [(pdo.name, partial(self._put_pdo_back, pdo)) for pdo in reversed(pdos)]
+        tasks += [(str(ref), partial(self._put_back, ref, raw)) for ref, raw in reversed(objects)]
         failed, dead = _attempt(tasks)
         if failed and not dead:
             failed, dead = _attempt([(name, task) for name, task, _ in failed])
@@ -145,8 +177,16 @@ class Session:
         if self._keeper is None or value in known:
             return
         kept = {**self._kept, key: (*known, value)}
+        self._certain.discard(key)
         self._keeper.write(self._content(kept))
         self._kept = kept
+
+    def _doubt(self) -> None:
+        """Everything is about to be put back. A disk that does not take it has the old note."""
+        self._certain.clear()
+        if self._keeper is not None and self._kept:
+            with suppress(ConfigurationError):
+                self._keeper.write(self._content(self._kept))
 
     def _content(self, kept: dict[Key, tuple[Raw | PdoSetting, ...]]) -> dict[str, Any]:
         objects = [
@@ -155,6 +195,7 @@ class Session:
                 "name": ref.name,
                 "before": raw,
                 "written": list(kept[key]),
+                "certain": key in self._certain,
             }
             for key, (ref, raw) in self._objects.items()
             if key in kept
@@ -163,6 +204,7 @@ class Session:
             {
                 "before": asdict(pdo),
                 "written": [asdict(one) for one in kept[key] if isinstance(one, PdoSetting)],
+                "certain": key in self._certain,
             }
             for key, pdo in self._pdos.items()
             if key in kept
@@ -174,6 +216,20 @@ class Session:
         if self._keeper is not None and self._kept:
             self._keeper.clear()
         self._kept = {}
+
+
+def _surely(read: Callable[[], Read], alike: Callable[[Read, Read], bool], name: str) -> Read:
+    """Reads until two readings in a row are alike. Raises LinkError."""
+    last = read()
+    for _ in range(_ATTEMPTS):
+        before, last = last, read()
+        if alike(before, last):
+            return last
+    raise LinkError(f"{name} reads differently each time; look at adapter and cable")
+
+
+def _equal(one: Raw, other: Raw) -> bool:
+    return one == other or (one != one and other != other)
 
 
 def _attempt(tasks: list[Task]) -> tuple[list[tuple[str, Callable[[], None], LinkError]], bool]:
@@ -189,9 +245,17 @@ def _attempt(tasks: list[Task]) -> tuple[list[tuple[str, Callable[[], None], Lin
     return failed, False
 
 
+def holds(sdo: Sdo, setting: PdoSetting) -> bool:
+    """Whether a PDO is set so; one whose setting cannot be read is not. Raises LinkError."""
+    try:
+        return same(read_setting(sdo, setting.kind, setting.number), setting)
+    except TransferAborted:
+        return False
+
+
 def same(one: PdoSetting, other: PdoSetting) -> bool:
-    """Alike in all that matters; the bits of the COB-ID beside identifier and switch are the drive's own."""
-    identifier = 0x8000_07FF
+    """Alike in all that matters; the COB-ID's bits 29 and 30 are the drive's own."""
+    identifier = 0x9FFF_FFFF
     return (
         one.cob_id & identifier == other.cob_id & identifier
         and one.transmission == other.transmission
