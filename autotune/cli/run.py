@@ -64,11 +64,11 @@ def run(
     runs: Annotated[Path, typer.Option(help="Folder for what runs leave.")] = Path("runs"),
 ) -> None:
     """Tune an axis: check, experiment, fit, adapt, prove, commit."""
+    axis = read_axis(axis_file)
     from autotune.tuning.links import open_link  # here, so that mistakes and --help are answered at once
     from autotune.tuning.motion_plan import planned_run
     from autotune.tuning.run import Request, tune
 
-    axis = read_axis(axis_file)
     service = service_of(axis, axis_file)
     if service is not None:
         _check_whole(service, only is not None or decide)

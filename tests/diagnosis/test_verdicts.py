@@ -9,7 +9,7 @@ from autotune.diagnosis.compare import REGIMES, compare
 from autotune.diagnosis.fitting import add_effect
 from autotune.diagnosis.verdict import diagnose
 from tests.support.axes import ALIENS, plain_axis
-from tests.support.diagnosis_programme import play
+from tests.support.diagnosis_programme import play, programme
 
 SPRING = 0.004
 
@@ -43,7 +43,8 @@ def test_nothing_planted_nothing_named(recorded, nominal) -> None:
 
 @pytest.mark.slow
 def test_an_alien_is_unknown(nominal) -> None:
-    found = diagnose([play(plain_axis(43), 43, alien=ALIENS["uneven_oil"]())], nominal)
+    what = programme(("sine", "scans", "points"))  # all that this oil depends on: place and speed
+    found = diagnose([play(plain_axis(43), 43, what, ALIENS["uneven_oil"]())], nominal)
     assert (found.verdict, found.effects) == ("unknown", ())
     assert found.next_experiment
 

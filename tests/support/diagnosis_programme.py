@@ -177,7 +177,7 @@ class Programme:
 
 
 def programme(names: tuple[str, ...] = tuple(EXPERIMENTS), repeats: int = 2) -> Programme:
-    """The programme of the diagnosis problem."""
+    """The programme of the diagnosis study."""
     line, rng = Line(), np.random.default_rng(1)
     line.add(move(0.0, 2.0, 4.0, 60.0), "conditioning")
     line.add(move(2.0, -2.0, 4.0, 60.0), "conditioning")

@@ -13,6 +13,8 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 
 import autotune
+from tests.support.axes import plain_axis
+from tests.support.diagnosis_programme import play, programme
 from tests.workbench.browser import browser, needs_browser, workbench
 
 T = TypeVar("T")
@@ -64,9 +66,10 @@ class Page:
 
 @pytest.fixture(scope="module")
 def hidden(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """86 s in which a load out of balance shows: sines, scans over the travel and moves from place to place."""
     path = tmp_path_factory.mktemp("hidden") / "hidden.parquet"
-    played = autotune.simulate("sim://lugre?seed=3&effect=gravity_imbalance:0.05", programme="diagnosis")
-    autotune.write_recording(played, path)
+    axis = plain_axis(3, {"gravity_imbalance": 0.05})
+    autotune.write_recording(play(axis, 3, programme(("sine", "scans", "points"))), path)
     return path
 
 
