@@ -124,7 +124,7 @@ def _plan_friction(
     if not names - {"enabled", "reference_filter"}:
         return Plan({})
     table = _table(session, names)
-    if table is not None and not names & LUGRE and (why := table.refuses(full, session.limits.speed)):
+    if why := _nothing_fits(session, full, names, table):
         return Plan({}, why=why)
     reduction = _of_the_whole(_reduced(session, full, names, _measured(findings, session), table), findings)
     values = {PREFIX + name: value for name, value in reduction.values.items()}
@@ -138,6 +138,13 @@ def _plan_friction(
 def _table(session: Session, names: Collection[str]) -> TableBlock | None:
     """The drive's table over velocity."""
     return TableBlock.of(session.loop.read_parameters()) if any(map(is_point, names)) else None
+
+
+def _nothing_fits(
+    session: Session, full: LugreParameters, names: Collection[str], table: TableBlock | None
+) -> str:
+    """Why a drive with a table and nothing else takes none of it; "" where it takes something."""
+    return table.refuses(full, session.limits.speed) if table is not None and not LUGRE & {*names} else ""
 
 
 def _reduced(
@@ -172,8 +179,10 @@ def plan_retune(session: Session, findings: Findings, held: Mapping[str, float])
         return FixedFeedforward(block, period)
     if findings.adapted is None or not names - {"enabled", "reference_filter"}:
         return None
-    measured = findings.adapted.best.measured
-    reduction = _reduced(session, full, names, measured, _table(session, names))
+    measured, table = findings.adapted.best.measured, _table(session, names)
+    if _nothing_fits(session, full, names, table):
+        return None
+    reduction = _reduced(session, full, names, measured, table)
     if reduction.host:
         return None
     enabled = {ENABLED: 1.0} if ENABLED in held else {}

@@ -13,12 +13,15 @@ import pytest
 
 from autotune.core.axis import Axis, read_axis
 from autotune.core.loop import LocalLoop
+from autotune.tuning.commit import feedforward_parameters
 from autotune.tuning.outcome import Outcome
 from autotune.tuning.progress import Silent
+from autotune.tuning.rollback import roll_back
 from autotune.tuning.run import Request, tune
 from autotune_sim.inprocess import SimDrive
 from autotune_sim.presets import preset
 from tests.end_to_end.support import EXAMPLE
+from tests.tuning.ripple_cut_rig import VelocityRig
 
 KINETIC = ("enabled", "inertia", "viscous", "coulomb", "offset")
 WITHOUT_COULOMB = ("enabled", "inertia", "viscous")
@@ -99,6 +102,44 @@ def test_what_a_kinetic_drive_can_hold_waits_for_approval_and_is_then_written(tm
     held = drive.read_parameters(list(asked.feedforward))
     assert held == pytest.approx(dict(asked.feedforward), rel=1e-6)
     assert held["feedforward.coulomb"] < 0.2, "reduced, not the full Coulomb torque"
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_a_drive_with_a_table_over_velocity_gets_it_keeps_it_and_gives_it_back(tmp_path: Path) -> None:
+    """Over the drive's byte stream, in virtual time."""
+    rig = VelocityRig({})
+    axis = axis_with(0.1).model_copy(update={"profile": rig.profile})
+    with rig.time():
+        asked: list[str] = []
+        said = tune(
+            Request(axis, lambda: rig.open(tmp_path / "sessions"), tmp_path, Silent(), datetime.now,
+                    approve=lambda sentence: not asked.append(sentence))
+        )  # fmt: skip
+        assert said.outcome is Outcome.KEPT
+        assert said.in_drive["keeps"] == ["friction_table", "inertia", "offset"]
+        assert "this drive holds friction_table, inertia, offset only" in asked[0].lower()
+        assert said.reduction["agreement"] == pytest.approx(1.0, abs=0.25)
+        assert said.committed is not None
+        assert said.committed.peak_error < 0.8 * said.before.peak_error
+        assert "Friction over velocity" in (said.run_directory / "report.html").read_text()
+        rig.plug()
+        rig.device.power_loss()
+        rig.rest(1.0)
+        rig.plug()
+        assert _held(rig, tmp_path).items() >= said.feedforward.items()
+        rig.plug()
+        roll_back(axis, lambda: rig.open(tmp_path / "sessions"), tmp_path, datetime.now())
+        rig.plug()
+        assert set(_held(rig, tmp_path).values()) == {0.0}
+
+
+def _held(rig: VelocityRig, folder: Path) -> dict[str, float]:
+    loop = rig.open(folder / "sessions")
+    try:
+        return feedforward_parameters(loop)
+    finally:
+        loop.close()
 
 
 @pytest.mark.long

@@ -1,5 +1,6 @@
-"""A master that knows nothing of autotune: raw slcan, its own SDO client, its own cycle; a script of its own process.
+"""A master that knows nothing of autotune, its cycle its own; a script of its own process.
 
+It speaks raw slcan with an SDO client of its own, which is fast, or by PyPI's canopen over python-can (`--canopen`).
 It configures the drive, enables the axis in cyclic position mode, and plays a sine. In lock-step it waits in each
 cycle for the sidecar's frame, as long as that was there in the cycle before. At its end it writes what it saw:
 an `.npz` with demand, position, offset (what acts in the drive) and the wall-clock time of each cycle.
@@ -13,10 +14,12 @@ import os
 import select
 import struct
 import sys
+import threading
 import time
 import tty
 from pathlib import Path
 
+import canopen
 import numpy as np
 
 NODE = 5
@@ -121,6 +124,58 @@ class Master:
         return where
 
 
+class CanopenMaster(Master):
+    """The same by the canopen package: its SDO client, its PDO mapping, its NMT."""
+
+    def __init__(self, port: str, eds: str) -> None:
+        self.frames = []
+        self.accompanied = False
+        self.pace = self.due = 0.0
+        self._heard = threading.Condition()
+        self._network = canopen.Network()
+        self._network.NOTIFIER_CYCLE = 0.05
+        self._network.connect(interface="slcan", channel=port, bitrate=1_000_000, sleep_after_open=0)
+        self._node = self._network.add_node(NODE, eds)
+        self._node.sdo.RESPONSE_TIMEOUT = 10.0
+        for cob_id in (SIDECAR, *(base + NODE for base in (0x180, 0x280, 0x380))):
+            self._network.subscribe(cob_id, self._hear)
+
+    def _hear(self, cob_id: int, data: bytes, _: float) -> None:
+        with self._heard:
+            self.frames.append((cob_id, bytes(data)))
+            self._heard.notify()
+
+    def send(self, cob_id: int, data: bytes = b"") -> None:
+        self._network.send_message(cob_id, data)
+
+    def take(self, cob_id: int, seconds: float) -> bytes | None:
+        with self._heard:
+            self._heard.wait_for(lambda: any(one == cob_id for one, _ in self.frames), max(seconds, 0.0))
+            for index, (identifier, data) in enumerate(self.frames):
+                if identifier == cob_id:
+                    del self.frames[index]
+                    return data
+        return None
+
+    def configure(self) -> None:
+        node = self._node
+        node.sdo[0x6060].raw = 8
+        node.tpdo.read()
+        node.rpdo.read()
+        for pdo, mapped in (
+            (node.rpdo[1], [(0x6040, 0), (0x607A, 0)]),
+            (node.tpdo[1], [(0x6062, 0), (0x6064, 0)]),
+            (node.tpdo[2], [(0x2200, 5), (0x2200, 6)]),
+            (node.tpdo[3], [(0x6041, 0)]),
+        ):
+            pdo.clear()
+            for index, sub in mapped:
+                pdo.add_variable(index, sub)
+            pdo.trans_type, pdo.enabled = 1, True
+            pdo.save()
+        node.nmt.state = "OPERATIONAL"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("port")
@@ -131,8 +186,9 @@ def main() -> None:
     parser.add_argument(
         "--pace", type=float, default=0.0, help="s between two SYNCs; 0: as the sidecar answers"
     )
+    parser.add_argument("--canopen", default="", help="EDS file: speaks by the canopen package")
     options = parser.parse_args()
-    master = Master(options.port)
+    master = CanopenMaster(options.port, options.canopen) if options.canopen else Master(options.port)
     master.configure()
     where = master.enable()
     sys.stdout.write("enabled\n")
