@@ -16,6 +16,8 @@ from autotune.recordings.recording import FLOAT_COLUMNS, Recording
 
 KEY = "checksum"
 _METHOD = "sha256:"
+_AT_ONCE = 1 << 19
+"""Rows that are copied at a time."""
 
 
 def content_checksum(recording: Recording, pairs: Mapping[str, str]) -> str:
@@ -33,10 +35,14 @@ def content_checksum(recording: Recording, pairs: Mapping[str, str]) -> str:
     _add_text(digest, "rows", str(len(recording)))
     for name in FLOAT_COLUMNS:
         if name in recording:
-            values = recording[name] + 0.0
-            values[np.isnan(values)] = np.nan
-            _add_values(digest, name, values.astype("<f8"))
-    _add_values(digest, "missed", recording.missed.astype("<i8"))
+            _add_text(digest, name, str(len(recording)))
+            for start in range(0, len(recording), _AT_ONCE):
+                values = recording[name][start : start + _AT_ONCE] + 0.0
+                values[np.isnan(values)] = np.nan
+                digest.update(np.ascontiguousarray(values, "<f8").data)
+    _add_text(digest, "missed", str(len(recording)))
+    for start in range(0, len(recording), _AT_ONCE):
+        digest.update(np.ascontiguousarray(recording.missed[start : start + _AT_ONCE], "<i8").data)
     return _METHOD + digest.hexdigest()
 
 
@@ -44,10 +50,3 @@ def _add_text(digest: hashlib._Hash, name: str, text: str) -> None:
     """With lengths, so that no two lists of texts run together to the same bytes."""
     for part in (name.encode(), text.encode()):
         digest.update(len(part).to_bytes(8, "little") + part)
-
-
-def _add_values(
-    digest: hashlib._Hash, name: str, values: np.ndarray[tuple[int], np.dtype[np.generic]]
-) -> None:
-    _add_text(digest, name, str(len(values)))
-    digest.update(np.ascontiguousarray(values).data)

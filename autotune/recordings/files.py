@@ -39,6 +39,8 @@ MOST_BYTES = 2_000_000_000
 """Of a file; a day of one axis at 1 kHz has less."""
 MOST_ROWS = 50_000_000
 """14 hours at 1 kHz, 4 GB in memory."""
+BATCH = 1 << 19
+"""Rows of a Parquet file in memory beside the columns that they go into."""
 FIRST_WITH_CHECKSUM = 2
 _RANGES = {"sample_period": (1e-7, 1e3), "position_resolution": (1e-15, 1e3), "torque_limit": (1e-12, 1e9)}
 """From a hundred times faster than a current loop to a row every quarter of an hour; an atom; a press."""
@@ -60,8 +62,8 @@ def read_recording(path: str | Path) -> Recording:
         raise RecordingError(f"there is no recording {path}; check the name")
     try:
         _refuse_huge(path, path.stat().st_size, MOST_BYTES, "bytes")
-        table, pairs = _read_parquet(path) if path.suffix == ".parquet" else _read_csv(path)
-        recording = _recording(path, table, pairs)
+        columns, pairs = _read_parquet(path) if path.suffix == ".parquet" else _read_csv(path)
+        recording = _recording(path, columns, pairs)
     except RecordingError:
         raise
     except (pa.ArrowException, OSError, ValueError, OverflowError, MemoryError) as error:
@@ -156,20 +158,28 @@ def _number(text: str, where: str, low: float, high: float) -> float:
     return value
 
 
-def _read_parquet(path: Path) -> tuple[pa.Table, dict[str, str]]:
-    file = pa.parquet.ParquetFile(path, page_checksum_verification=True)
+def _read_parquet(path: Path) -> tuple[_Columns, dict[str, str]]:
+    """Batch by batch, so that beside the columns themselves only one batch is in memory."""
+    file = pa.parquet.ParquetFile(path)
     schema = file.schema_arrow
-    _refuse_huge(path, file.metadata.num_rows, MOST_ROWS, "rows")
+    rows = file.metadata.num_rows
+    _refuse_huge(path, rows, MOST_ROWS, "rows")
     _check_names(path, schema.names)
-    table = file.read(columns=[name for name in schema.names if name in COLUMNS])
-    return table, {
+    coded = [name for name in schema.names if name == "experiment"]
+    file = pa.parquet.ParquetFile(
+        path, page_checksum_verification=True, read_dictionary=coded, pre_buffer=False
+    )
+    columns = _Columns([name for name in schema.names if name in COLUMNS], rows)
+    for batch in file.iter_batches(BATCH, columns=columns.names, use_threads=False):
+        columns.append(pa.Table.from_batches([batch]))
+    return columns, {
         key.removeprefix(_PREFIX).decode(): value.decode()
         for key, value in (schema.metadata or {}).items()
         if key.startswith(_PREFIX)
     }
 
 
-def _read_csv(path: Path) -> tuple[pa.Table, dict[str, str]]:
+def _read_csv(path: Path) -> tuple[_Columns, dict[str, str]]:
     pairs: dict[str, str] = {}
     with path.open("rb") as file:
         start = 0
@@ -193,7 +203,9 @@ def _read_csv(path: Path) -> tuple[pa.Table, dict[str, str]]:
     options = pyarrow.csv.ConvertOptions(column_types=types)
     table = pyarrow.csv.read_csv(io.BytesIO(content), convert_options=options)
     _check_names(path, table.column_names)
-    return table, pairs
+    columns = _Columns([name for name in table.column_names if name in COLUMNS], table.num_rows)
+    columns.append(table)
+    return columns, pairs
 
 
 def _check_names(path: Path, names: list[str]) -> None:
@@ -207,13 +219,45 @@ def _check_names(path: Path, names: list[str]) -> None:
         )
 
 
-def _recording(path: Path, table: pa.Table, pairs: dict[str, str]) -> Recording:
-    names = set(table.column_names)
-    floats = {name: _floats(table, name) for name in FLOAT_COLUMNS if name in names}
-    rows = table.num_rows
-    experiment = _texts(table, "experiment") if "experiment" in names else np.full(rows, "")
-    repeat = _integers(table, "repeat") if "repeat" in names else np.zeros(rows, dtype=np.int64)
-    missed = _integers(table, "missed") if "missed" in names else np.zeros(rows, dtype=np.int64)
+class _Columns:
+    """Columns that are filled batch by batch; whole numbers that are all the same take no memory."""
+
+    def __init__(self, names: list[str], rows: int) -> None:
+        self.names, self._at = names, 0
+        self.floats = {name: np.empty(rows) for name in FLOAT_COLUMNS if name in names}
+        self._integers: dict[str, np.ndarray[tuple[int], np.dtype[np.int64]]] = {
+            name: np.empty(rows, np.int64) for name in ("repeat", "missed") if name in names
+        }
+        self._codes: dict[str, int] = {}
+        self._coded = np.zeros(rows if "experiment" in names else 0, np.int32)
+
+    def append(self, table: pa.Table) -> None:
+        rows = slice(self._at, self._at + table.num_rows)
+        for name, column in self.floats.items():
+            column[rows] = _floats(table, name)
+        for name, whole in self._integers.items():
+            whole[rows] = _integers(table, name)
+        if len(self._coded):
+            texts, codes = _texts(table, "experiment")
+            known = np.array([self._codes.setdefault(text, len(self._codes)) for text in texts], np.int32)
+            self._coded[rows] = known[codes]
+        self._at = rows.stop
+
+    def integers(self, name: str) -> np.ndarray[tuple[int], np.dtype[np.int64]] | int:
+        values = self._integers.get(name)
+        if values is None or not len(values):
+            return 0
+        return int(values[0]) if (values == values[0]).all() else values
+
+    def experiment(self) -> np.ndarray[tuple[int], np.dtype[np.str_]] | str:
+        if len(self._codes) < 2:
+            return next(iter(self._codes), "")
+        return np.array(list(self._codes), str)[self._coded]
+
+
+def _recording(path: Path, columns: _Columns, pairs: dict[str, str]) -> Recording:
+    floats, rows = columns.floats, len(columns.floats["time"])
+    experiment, repeat, missed = columns.experiment(), columns.integers("repeat"), columns.integers("missed")
     recording = Recording.from_columns(floats, Metadata(), experiment, repeat, missed)
     remarks = _verified(path, recording, pairs)
     if "sample_period" not in pairs and rows > 1:
@@ -270,21 +314,25 @@ def _spacing(path: Path, time: np.ndarray[tuple[int], np.dtype[np.float64]]) -> 
 
 
 def _floats(table: pa.Table, name: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    column = table.column(name).combine_chunks()
-    return np.asarray(column.cast(pa.float64()).fill_null(float("nan")).to_numpy(zero_copy_only=False))
+    column = table.column(name).cast(pa.float64())
+    if column.null_count:  # filling makes a copy
+        column = column.fill_null(float("nan"))
+    return np.asarray(column.to_numpy())
 
 
 def _integers(table: pa.Table, name: str) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
     return np.asarray(table.column(name).cast(pa.int64()).fill_null(0).to_numpy())
 
 
-def _texts(table: pa.Table, name: str) -> np.ndarray[tuple[int], np.dtype[np.str_]]:
-    encoded = table.column(name).cast(pa.string()).fill_null("").combine_chunks().dictionary_encode()
-    texts = encoded.dictionary.to_pylist() or [""]
+def _texts(table: pa.Table, name: str) -> tuple[list[str], np.ndarray[tuple[int], np.dtype[np.int64]]]:
+    """The different texts of a column, and which of them stands in each row."""
+    column = table.column(name)
+    if not pa.types.is_dictionary(column.type) or column.null_count:
+        column = column.cast(pa.string()).fill_null("").dictionary_encode()
+    encoded = column.unify_dictionaries().combine_chunks()
+    texts = encoded.dictionary.cast(pa.string()).to_pylist()
     refuse_names(texts, name)  # before they become an array as wide as the longest
-    words: np.ndarray[tuple[int], np.dtype[np.str_]] = np.array(texts, str)
-    indices: np.ndarray[tuple[int], np.dtype[np.int64]] = encoded.indices.to_numpy().astype(np.int64)
-    return words[indices]
+    return texts or [""], encoded.indices.to_numpy().astype(np.int64)
 
 
 def _sealed_pairs(recording: Recording) -> dict[str, str]:

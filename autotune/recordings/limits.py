@@ -62,6 +62,8 @@ PERIOD_OFF = 1.25
 """Median row spacing over `sample_period`: clocks of drives err by parts in a thousand."""
 _COLDEST, _HOTTEST = -273.15, 1500.0  # °C; windings end at 250, steel melts at 1500
 LONGEST_NAME = 200
+_AT_ONCE = 1 << 19
+"""Rows that are compared at a time: what is computed on the way need not be as long as the recording."""
 _TORQUES = ("torque", "torque_command", "torque_feedforward", "torque_feedback")
 _NEEDED = ("time", "position", "torque")
 
@@ -165,26 +167,31 @@ def _steps(recording: Recording, speed: Bounds, where: str) -> None:
     """Time rises from row to row within a segment, and the position moves no faster than an axis can."""
     refuse_time(recording, where)
     for segment in recording.segments():
-        moved = np.abs(np.diff(recording["position"][segment.rows]))
-        wrong = moved > speed.most * np.diff(recording["time"][segment.rows])
-        if wrong.any():
-            row = segment.start + int(np.argmax(wrong)) + 1
-            one, other = recording["position"][row - 1 : row + 1].tolist()
-            lasted = float(recording["time"][row] - recording["time"][row - 1])
-            raise RecordingError(
-                f"{where}: position goes from {one:.6g} to {other:.6g} within {lasted:.3g} s in row {row}: "
-                f"{abs(other - one) / lasted:.3g} {speed.unit}; no axis goes beyond {speed.most:.4g} {speed.unit} "
-                f"({speed.why}). A position that starts anew every turn is unwrapped by 'autotune data import'"
-            )
+        for start in range(segment.start, segment.stop, _AT_ONCE):
+            _speeds(recording, slice(start, min(start + _AT_ONCE + 1, segment.stop)), speed, where)
+
+
+def _speeds(recording: Recording, rows: slice, speed: Bounds, where: str) -> None:
+    moved = np.abs(np.diff(recording["position"][rows]))
+    wrong = moved > speed.most * np.diff(recording["time"][rows])
+    if wrong.any():
+        row = rows.start + int(np.argmax(wrong)) + 1
+        one, other = recording["position"][row - 1 : row + 1].tolist()
+        lasted = float(recording["time"][row] - recording["time"][row - 1])
+        raise RecordingError(
+            f"{where}: position goes from {one:.6g} to {other:.6g} within {lasted:.3g} s in row {row}: "
+            f"{abs(other - one) / lasted:.3g} {speed.unit}; no axis goes beyond {speed.most:.4g} {speed.unit} "
+            f"({speed.why}). A position that starts anew every turn is unwrapped by 'autotune data import'"
+        )
 
 
 def _spacing(recording: Recording, where: str) -> None:
     """The rows are as far apart as `sample_period` says: else one of the two is in another unit."""
     steps = [np.diff(recording["time"][segment.rows]) for segment in recording.segments()]
-    spacing = np.concatenate(steps) if steps else np.empty(0)
+    spacing = steps[0] if len(steps) == 1 else np.concatenate(steps) if steps else np.empty(0)
     if not len(spacing):
         return
-    usual, period = float(np.median(spacing)), recording.period
+    usual, period = float(np.median(spacing, overwrite_input=True)), recording.period
     if not period / PERIOD_OFF <= usual <= period * PERIOD_OFF:
         raise RecordingError(
             f"{where}: the rows are {usual:.4g} s apart by their time, but sample_period is {period:.4g} s; one of "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 import tempfile
 import threading
@@ -21,8 +22,8 @@ from autotune.recordings.recording import FLOAT_COLUMNS, Recording
 
 LEVEL = 64
 """Rows that one entry of the coarse trace stands for."""
-_KEPT = 3
-"""Recordings whose traces stay in memory."""
+MOST_MEMORY = 400_000_000
+"""Bytes of traces that stay in memory; one of ten million rows and four columns has 250 million."""
 _ENDINGS = (".parquet", ".csv")
 
 Single = NDArray[np.float32]
@@ -44,6 +45,11 @@ class _Trace:
     columns: dict[str, Single]
     low: dict[str, Single]
     high: dict[str, Single]
+
+    @property
+    def bytes(self) -> int:
+        every = (self.columns, self.low, self.high)
+        return self.time.nbytes + sum(values.nbytes for table in every for values in table.values())
 
 
 class Files:
@@ -74,7 +80,8 @@ class Files:
             RecordingError, ConfigurationError: what is wrong with it, in a sentence.
         """
         recording = read_recording(path)
-        digest = hashlib.sha256(path.read_bytes()).hexdigest()[:32]
+        with path.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()[:32]
         return self._keep(digest, path.name, path.resolve(), recording)
 
     def add_bytes(self, content: bytes, name: str) -> Held:
@@ -153,14 +160,19 @@ class Files:
             if known is not None:
                 self._traces.move_to_end(id)
                 return known
-            recording = read_recording(self._held[id].path)
-            trace = self._traces[id] = _traced(recording)
-            while len(self._traces) > _KEPT:
-                self._traces.popitem(last=False)
-            return trace
+            return self._remember(id, read_recording(self._held[id].path))
+
+    def _remember(self, id: str, recording: Recording) -> _Trace:
+        """Its trace, kept in memory; the ones that were not looked at for longest make room."""
+        trace = self._traces[id] = _traced(recording)
+        while len(self._traces) > 1 and sum(one.bytes for one in self._traces.values()) > MOST_MEMORY:
+            self._traces.popitem(last=False)
+        return trace
 
     def _keep(self, digest: str, name: str, path: Path, recording: Recording) -> Held:
         held = self._held[digest] = Held(digest, name, path, _about(recording))
+        with self._lock:
+            self._remember(digest, recording)
         return held
 
     def _write(self, path: Path, content: bytes) -> None:
@@ -209,11 +221,18 @@ def _about(recording: Recording) -> dict[str, Any]:
 
 
 def _finite(values: Single) -> list[float | None]:
-    """As JSON has it: what is no number is null."""
-    listed: list[float | None] = values.astype(np.float64).tolist()
+    """As JSON has it, with as many digits as a screen can show: what is no number is null."""
+    listed: list[float | None] = _short(values).tolist()
     if np.isfinite(values).all():
         return listed
-    return [value if np.isfinite(value) else None for value in values.tolist()]
+    return [value if math.isfinite(value) else None for value in _short(values).tolist()]
+
+
+def _short(values: Single) -> NDArray[np.float64]:
+    """Rounded to 1e-6 of the largest."""
+    wide = values.astype(np.float64)
+    largest = float(np.nanmax(np.abs(wide), initial=0.0))
+    return wide if not 0.0 < largest < math.inf else np.round(wide, 6 - math.ceil(math.log10(largest)))
 
 
 def _plain(name: str) -> str:

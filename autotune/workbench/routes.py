@@ -6,6 +6,7 @@ restarted sends its recordings again, and has lost nothing.
 
 from __future__ import annotations
 
+import json
 from typing import Annotated, Any
 
 from fastapi import APIRouter, FastAPI, HTTPException, Path, Query, Request, Response
@@ -110,17 +111,20 @@ def _recordings(routes: APIRouter, files: Files) -> None:
         wanted = chosen.model_dump(exclude_none=True)
         return _view(await run_in_threadpool(files.add_foreign, content, name, wanted))
 
-    @routes.get("/api/workbench/recordings/{recording}/trace")
+    @routes.get("/api/workbench/recordings/{recording}/trace", response_model=dict[str, Any])
     def trace(
         recording: Id,
         columns: Annotated[str, Query(pattern=r"^[a-z_]+(,[a-z_]+)*$", max_length=300)],
         start: float | None = None,
         end: float | None = None,
         points: Annotated[int, Query(ge=10, le=5000)] = 1000,
-    ) -> dict[str, Any]:
+    ) -> Response:
         """Smallest and largest values over time, as many as a screen can show."""
         _known(files, recording)
-        return files.trace(recording, tuple(columns.split(",")), start=start, end=end, points=points)
+        shown = files.trace(recording, tuple(columns.split(",")), start=start, end=end, points=points)
+        return Response(
+            json.dumps(shown, allow_nan=False), media_type="application/json"
+        )  # thousands of numbers
 
 
 def _jobs(routes: APIRouter, files: Files, engine: Engine) -> None:
@@ -134,10 +138,10 @@ def _jobs(routes: APIRouter, files: Files, engine: Engine) -> None:
             raise HTTPException(422, "left_out needs one list for each recording")
         return engine.submit(content).view()
 
-    @routes.get("/api/workbench/jobs/{job}")
-    def state(job: Id) -> dict[str, Any]:
+    @routes.get("/api/workbench/jobs/{job}", response_model=dict[str, Any])
+    def state(job: Id) -> Response:
         """How far it is, and what it has found."""
-        return _job(engine, job)
+        return Response(json.dumps(_job(engine, job), allow_nan=False), media_type="application/json")
 
     @routes.post("/api/workbench/jobs/{job}/stop")
     def stop(job: Id) -> dict[str, Any]:

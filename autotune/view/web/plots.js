@@ -4,8 +4,15 @@ export const colour = (name) => getComputedStyle(document.documentElement).getPr
 
 // `series`: [{label, values, colour, dash, points}], all over the same x. Returns the plot; the old one goes.
 export function plot(box, old, { x, series, xLabel, yLabel, height = 220, legend = true, onZoom, onBrush, onClick, bands, shared }) {
-  if (old) old.destroy();
   const width = Math.max(box.clientWidth, 260);
+  const on = { onZoom, onBrush, onClick };
+  const key = JSON.stringify([width, height, xLabel, yLabel, legend, series.map((one) => [one.label, one.colour, one.dash])]);
+  if (old?.key === key) { // the same picture of other data
+    Object.assign(old.on, on);
+    old.setData([x, ...series.map((one) => one.values)]);
+    return old;
+  }
+  if (old) old.destroy();
   const axis = { stroke: colour("muted"), grid: { stroke: colour("line"), width: 1 }, ticks: { stroke: colour("line") } };
   const made = new uPlot(
     {
@@ -23,9 +30,10 @@ export function plot(box, old, { x, series, xLabel, yLabel, height = 220, legend
       ],
       bands,
       hooks: {
+        draw: [() => { box.dataset.drawn = Number(box.dataset.drawn || 0) + 1; }],
         setSelect: [
           (u) => {
-            const dragged = onBrush || onZoom;
+            const dragged = on.onBrush || on.onZoom;
             if (!dragged || u.select.width < 3) return;
             dragged(u.posToVal(u.select.left, "x"), u.posToVal(u.select.left + u.select.width, "x"));
             u.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
@@ -33,11 +41,11 @@ export function plot(box, old, { x, series, xLabel, yLabel, height = 220, legend
         ],
         ready: [
           (u) => {
-            u.over.addEventListener("dblclick", () => onZoom && onZoom(null, null));
+            u.over.addEventListener("dblclick", () => on.onZoom && on.onZoom(null, null));
             let down = 0;
             u.over.addEventListener("mousedown", (event) => { down = event.clientX; });
             u.over.addEventListener("click", (event) => {
-              if (onClick && Math.abs(event.clientX - down) < 4) onClick(u.posToVal(u.cursor.left, "x"), event.shiftKey);
+              if (on.onClick && Math.abs(event.clientX - down) < 4) on.onClick(u.posToVal(u.cursor.left, "x"), event.shiftKey);
             });
           },
         ],
@@ -46,7 +54,7 @@ export function plot(box, old, { x, series, xLabel, yLabel, height = 220, legend
     [x, ...series.map((one) => one.values)],
     box,
   );
-  return made;
+  return Object.assign(made, { key, on });
 }
 
 // Rms over two coordinates; `onCell` is told which field was clicked, or chosen by arrows and Enter.
