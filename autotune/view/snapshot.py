@@ -46,10 +46,15 @@ class HeadlessViewer:
         self._client.close("all")
 
     def picture(self, view: str | None = None, still: bool = True) -> bytes:
-        """A picture (PNG) of the window or of one view, once two in a row are the same."""
+        """A picture (PNG) of the window or of one view, once two in a row are the same; b"" of a view not in front."""
         before = b""
         for _ in range(MOST_FRAMES):
-            now = bytes(self._client.take_screenshot(view))
+            try:
+                now = bytes(self._client.take_screenshot(view))
+            except (RuntimeError, ConnectionError):
+                if view is None:
+                    raise
+                return b""
             if now == before or not still:
                 return now
             before = now

@@ -85,6 +85,7 @@ class Streamer:
         blocks = self._inbox.rows.take(ROWS_A_TURN)
         if blocks:
             rows = np.concatenate(blocks)
+        if blocks and len(rows):
             self._scene.rows(self._stream, rows)
             self._sent += len(rows)
         return bool(self._inbox.rows.waiting > ROWS_A_TURN)
