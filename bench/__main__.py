@@ -26,6 +26,7 @@ LONG: dict[str, list[list[str]]] = {
     "service_schema": [[]],
     "service_kills": [[], ["--wire", "--kills", "20"]],
     "year": [[]],
+    "live_view": [["cost"], ["suspended"], ["attach"], ["hour"]],
     "gains": [["thesis"], ["identified"], ["boundary"], ["axes"]],
     "friction_scale": [[]],
     "fuzz": [["--inputs", "1000000"]],

@@ -6,7 +6,6 @@ it whatever its followers do. A follower that does not read in time loses the ol
 
 from __future__ import annotations
 
-import json
 import struct
 import threading
 from collections import deque
@@ -14,7 +13,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any, BinaryIO
 
-from autotune.view.messages import HEADER, NOTE, ROWS, read_message
+from autotune.view.messages import HEADER, NOTE, ROWS, decode_note, read_message
 
 KEPT_SECONDS = 60.0
 MOST_BYTES = 12_000_000
@@ -75,6 +74,8 @@ class AxisHub:
 
     def take(self, kind: bytes, columns: int, payload: bytes) -> None:
         """A message of the worker."""
+        if not payload:
+            return
         message = HEADER.pack(kind, len(payload), columns) + payload
         with self._lock:
             if kind == ROWS:
@@ -130,11 +131,8 @@ class AxisHub:
             self._bytes -= len(self._rows.popleft()[1])
 
     def _remember(self, payload: bytes, message: bytes) -> None:
-        try:
-            note = json.loads(payload)
-        except ValueError:
-            return
-        self._notes[_name(note)] = message
+        if note := decode_note(payload):
+            self._notes[_name(note)] = message
 
 
 class LiveHubs:

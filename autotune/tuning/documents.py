@@ -9,9 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from autotune import __version__
+from autotune.core.arrays import Floats
 from autotune.core.axis import Axis, Limits
+from autotune.core.errors import AutotuneError
 from autotune.core.friction_table import in_words
+from autotune.diagnosis.fit_recordings import model_torque
 from autotune.identify.run import Identification
+from autotune.models.drive_model import DriveModel
 from autotune.recordings.files import read_recording
 from autotune.recordings.recording import Recording, concatenate
 from autotune.tuning.diagnosis_pages import diagnosis_pictures, diagnosis_tables
@@ -95,7 +99,7 @@ def write_documents(material: Material) -> None:
     write_report(directory / "report.html", build_report(material))
     recordings = [read_recording(path) for path in material.recordings]
     if recordings:
-        write_rrd(directory / "run.rrd", _in_sequence(recordings), _shown(material))
+        write_rrd(directory / "run.rrd", _in_sequence(recordings), _shown(material, recordings))
 
 
 def build_report(material: Material) -> Report:
@@ -299,17 +303,30 @@ def _reduction(result: RunResult) -> Table:
     )
 
 
-def _shown(material: Material) -> Shown:
+def _shown(material: Material, recordings: Sequence[Recording]) -> Shown:
     finals = [
         FinalValue(name, v["value"], v["standard_error"], v["unit"])
         for name, v in material.result.parameters.items()
     ]
+    found = material.identification
+    model = material.findings.model or (found.model if found is not None else None)
     return Shown(
+        torque_model=None
+        if model is None
+        else np.concatenate([_torque_of(model, one) for one in recordings]),
         parameters=finals,
         verdict=f"# {material.axis.name}\n\n{material.result.verdict}",
         limits=limits_shown(material.axis),
         pages=[*_pages(material), verdict_shown(material.result)],
     )
+
+
+def _torque_of(model: DriveModel, recording: Recording) -> Floats:
+    """The model's torque for every row; nan where it says nothing of them."""
+    try:
+        return model_torque(recording, model)
+    except (AutotuneError, np.linalg.LinAlgError):
+        return np.full(len(recording), np.nan)
 
 
 def _pages(material: Material) -> list[Page]:

@@ -75,7 +75,7 @@ def write_rrd(path: str | Path, recording: Recording, shown: Shown | None = None
     temporary = path.with_name(path.name + ".part")
     try:
         temporary.touch()
-        _write(temporary, recording, shown)
+        _write(temporary, recording, shown, f"{path.resolve().parent.name}/{path.stem}")
         os.replace(temporary, path)
     except (OSError, RuntimeError, ValueError) as error:
         raise RecordingError(
@@ -85,14 +85,15 @@ def write_rrd(path: str | Path, recording: Recording, shown: Shown | None = None
         temporary.unlink(missing_ok=True)
 
 
-def _write(path: Path, recording: Recording, shown: Shown) -> None:
+def _write(path: Path, recording: Recording, shown: Shown, name: str) -> None:
+    """`name`: of the file among others: the viewer gives files of one name one layout."""
     quiet()
     import rerun as rr
 
     from autotune.view import rerun_plots as plots
     from autotune.view.page_plots import page_view, send_page
 
-    stream = rr.RecordingStream(plots.APPLICATION)
+    stream = rr.RecordingStream(f"{plots.APPLICATION} {name}")
     columns = {name: np.asarray(values) for name, values in recording.floats.items()}
     if shown.torque_model is not None:
         columns["torque_model"] = shown.torque_model

@@ -22,11 +22,22 @@ MOST_FRAMES = 40
 
 
 class HeadlessViewer:
-    """A viewer without a window. `url`: where a stream connects."""
+    """A viewer without a window. `url`: where a stream connects; `process`: its own."""
 
-    def __init__(self, client: Any, url: str) -> None:
+    def __init__(self, client: Any, url: str, process: subprocess.Popen[bytes]) -> None:
         self._client = client
         self.url = url
+        self.process = process
+
+    def seconds(self) -> float:
+        """How long what it has lasts [s]; 0 where it has nothing."""
+        spans = [
+            (timeline.end - timeline.start) / 1e9
+            for recording in self._client.get_state().recordings
+            for timeline in recording.timelines
+            if timeline.time_type == "duration" and timeline.end is not None and timeline.start is not None
+        ]
+        return max(spans, default=0.0)
 
     def open(self, path: str | Path) -> None:
         """Loads a file, or connects to a server's url, and waits until all is there.
@@ -34,22 +45,35 @@ class HeadlessViewer:
         Raises:
             ConfigurationError: it does not load in time.
         """
-        self._client.open(str(path))
+        opened = self._client.open(str(path))
         end = time.monotonic() + LOAD_SECONDS
-        while self._client.get_state().loading and "://" not in str(path):
+        while "://" not in str(path) and not self._shows(opened.store_ids):
             if time.monotonic() > end:
                 raise ConfigurationError(f"the viewer has not loaded {path} within {LOAD_SECONDS:.0f} s")
             time.sleep(0.2)
 
+    def _shows(self, stores: list[str]) -> bool:
+        """What was opened is there, whole and in front."""
+        state = self._client.get_state()
+        return not state.loading and bool(state.views) and (not stores or state.active_recording in stores)
+
     def close(self) -> None:
         """Closes what is open."""
         self._client.close("all")
+        end = time.monotonic() + LOAD_SECONDS
+        while self._client.get_state().recordings and time.monotonic() < end:
+            time.sleep(0.2)
 
     def picture(self, view: str | None = None, still: bool = True) -> bytes:
-        """A picture (PNG) of the window or of one view, once two in a row are the same."""
+        """A picture (PNG) of the window or of one view, once two in a row are the same; b"" of a view not in front."""
         before = b""
         for _ in range(MOST_FRAMES):
-            now = bytes(self._client.take_screenshot(view))
+            try:
+                now = bytes(self._client.take_screenshot(view))
+            except (RuntimeError, ConnectionError):
+                if view is None:
+                    raise
+                return b""
             if now == before or not still:
                 return now
             before = now
@@ -105,7 +129,7 @@ def headless_viewer(width: int = 1600, height: int = 900) -> Iterator[HeadlessVi
     )
     try:
         url = f"rerun+http://{HOST}:{port}/proxy"
-        yield HeadlessViewer(_client(process, url), url)
+        yield HeadlessViewer(_client(process, url), url, process)
     finally:
         process.kill()
         process.wait()

@@ -82,7 +82,7 @@ def proof_page(shown: BeforeAfter, words: str = "") -> Page:
     )
     reference = TimePlot(
         f"Reference over one period [{shown.motion_unit}]",
-        (Curve("reference", GREY_ON_DARK, shown.time, shown.reference),),
+        (Curve("reference", BLUE_ON_DARK, shown.time, shown.reference),),
     )
     peaks = tuple(
         Bar(

@@ -85,6 +85,7 @@ class Streamer:
         blocks = self._inbox.rows.take(ROWS_A_TURN)
         if blocks:
             rows = np.concatenate(blocks)
+        if blocks and len(rows):
             self._scene.rows(self._stream, rows)
             self._sent += len(rows)
         return bool(self._inbox.rows.waiting > ROWS_A_TURN)
@@ -110,7 +111,10 @@ class Streamer:
 
         from autotune.view import rerun_plots as plots
 
-        self._stream = rr.RecordingStream(plots.APPLICATION, recording_id=f"live-{os.getpid()}")
+        name = (
+            f"{plots.APPLICATION} live {os.getpid()}"  # a layout of its own in a viewer that shows others too
+        )
+        self._stream = rr.RecordingStream(name, recording_id=f"live-{os.getpid()}")
         self._stream.connect_grpc(self.server.url, default_blueprint=self._scene.blueprint())
         self._scene.send_all(self._stream)
         self._failures = 0
