@@ -158,9 +158,7 @@ def prepare(
         if not steady:
             check_recording(recording)
         refuse_mixture(recordings[0].metadata, recording.metadata)
-    period = recordings[0].period
-    columns = [_columns(recording) for recording in recordings]
-    arrays = {name: np.concatenate([column[name] for column in columns]) for name in columns[0]}
+    period, arrays = recordings[0].period, _joined_columns(recordings)
     parts = _gathered(recordings, steady, pace)
     position, velocity, acceleration = filtered_motion(
         arrays["position"], parts.stretches, period, motion_cutoff
@@ -202,6 +200,11 @@ def prepare(
         sensed=_sensed(recordings),
         pace=pace,
     )
+
+
+def _joined_columns(recordings: Sequence[Recording]) -> dict[str, Floats]:
+    columns = [_columns(recording) for recording in recordings]
+    return {name: np.concatenate([column[name] for column in columns]) for name in columns[0]}
 
 
 @dataclass(frozen=True, slots=True)
