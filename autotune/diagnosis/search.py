@@ -228,7 +228,8 @@ class _Search:
     def _more_to_explain(self, model_fit: ModelFit) -> bool:
         variance, error = self.problem.repeatable(model_fit.fitted.error, model_fit.correction, TRAINING)
         noise = self.problem.noise_variance(model_fit.fitted.error, TRAINING)
-        return not math.isfinite(variance) or variance + error > self.problem.policy.rest_part * noise
+        least = self.evidence.rest_that_is_none(self.problem, noise)
+        return not math.isfinite(variance) or variance + error > least
 
     def _tidy(self) -> None:
         """Drops what is not needed beside the others, and refines what is left."""

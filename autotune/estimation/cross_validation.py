@@ -14,6 +14,9 @@ from autotune.estimation.problem import CHUNK, Correction, Problem
 from autotune.estimation.residual import residual
 from autotune.models.drive_model import Packed
 
+COMES_AGAIN = 0.5
+"""Of what a drive's loop makes of counts between the samples: it repeats with the trajectory, no effect explains it."""
+
 
 @dataclass(frozen=True, slots=True)
 class Unseen:
@@ -73,6 +76,7 @@ class Explained:
 def still_explainable(problem: Problem, fitted: Fitted, correction: Correction, role: str) -> float:
     """Repeatable variance, certain to one standard error, and drifting friction level [(N m)²]."""
     variance, error = problem.repeatable(fitted.error, correction, role)
+    error += COMES_AGAIN * problem.chain_variance
     repeatable = max(variance - error, 0.0) if math.isfinite(variance) else 0.0
     return repeatable + drift(problem, fitted, correction, role)[0]
 

@@ -160,9 +160,7 @@ def prepare(
         refuse_mixture(recordings[0].metadata, recording.metadata)
     period, arrays = recordings[0].period, _joined_columns(recordings)
     parts = _gathered(recordings, steady, pace)
-    position, velocity, acceleration = filtered_motion(
-        arrays["position"], parts.stretches, period, motion_cutoff
-    )
+    moved = filtered_motion(arrays["position"], parts.stretches, period, motion_cutoff)
     resolution = known_resolution(recordings[0].metadata, arrays["position"])
     taps = low_pass_taps(cutoff, period)
     reach = max(1, round(STANDSTILL_SECONDS * pace / period))
@@ -183,9 +181,7 @@ def prepare(
         arrays["position"],
         arrays["torque"],
         arrays["feedforward"],
-        position,
-        velocity,
-        acceleration,
+        *moved,
         tuple(parts.stretches),
         grid,
         blocks,

@@ -205,6 +205,20 @@ class Problem:
         levels, counts = np.array(known).T
         return max(measured - float(np.average(levels, weights=counts)), 0.0)
 
+    @property
+    def chain_variance(self) -> float:
+        """Of the residual, what a drive's loop between the samples makes of counts, within the bands [(N m)²].
+
+        It is no axis's torque as recorded, and about half of it comes again in a repeat, as the counts do.
+        """
+        if (
+            self.controller is None
+            or not self.controller.in_band
+            or not math.isfinite(self.disturbance.sensor)
+        ):
+            return 0.0
+        return self.disturbance.sensor**2 * float(np.sum(np.convolve(self.data.taps, [0.5, 0.5]) ** 2))
+
     def mean_square(self, error: Floats, role: str) -> float:
         """Of the rows of a role, by their weight [(N m)²]; nan without any."""
         weight = self.weight * self.data.role(role)

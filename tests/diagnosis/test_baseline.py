@@ -1,4 +1,4 @@
-"""Which of two torque columns a diagnosis begins with."""
+"""What a diagnosis begins with where a drive's loop works between the samples."""
 
 from __future__ import annotations
 
@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 from autotune.diagnosis.baseline import quieter_torque
+from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.estimation.bandwidth import prepared_to_fit
 from autotune.estimation.controller import PositionController
+from autotune.estimation.disturbance import Disturbance
+from autotune.estimation.problem import new_problem
 
 LAW = PositionController(1.0, 0.1, explained=0.998, source="identified", in_band=True)
 
@@ -26,3 +29,15 @@ def test_the_sensors_torque_is_taken_where_the_drives_loop_shakes_its_demand_bet
     data = replace(data, torque=demand, recorded_torque=demand, sensed=data.torque + 1e-3 * noise[::-1])
     found = quieter_torque(data, replace(LAW, in_band=in_band))
     assert np.array_equal(found.torque, data.sensed if sensed else demand)
+
+
+def test_a_rest_that_counts_shake_into_every_repeat_is_no_structure(short) -> None:
+    data = prepared_to_fit([short])
+    problem = new_problem(data, replace(LAW, in_band=True))
+    shaken = replace(problem, disturbance=Disturbance(sensor=0.01))
+    taps = np.convolve(data.taps, [0.5, 0.5])
+    assert shaken.chain_variance == pytest.approx(1e-4 * float(taps @ taps))
+    assert replace(shaken, controller=replace(LAW, in_band=False)).chain_variance == 0.0
+    evidence = RepeatedProgramme()
+    assert evidence.rest_that_is_none(shaken, 1e-9) == shaken.chain_variance
+    assert evidence.rest_that_is_none(shaken, 1.0) == pytest.approx(1.0)

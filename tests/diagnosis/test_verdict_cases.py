@@ -10,7 +10,10 @@ from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.diagnosis.evidence.single import SingleRecording
 from autotune.diagnosis.evidence.speed_curve import SpeedCurve
-from autotune.diagnosis.verdict import CASES
+from autotune.diagnosis.verdict import CASES, Facts
+from autotune.estimation.policy import POLICY
+from autotune.models.drive_model import base_model
+from tests.support.axes import NOMINAL
 
 NOTHING = {
     "drowned": False,
@@ -79,3 +82,19 @@ def test_every_row_can_be_reached_and_has_a_name_of_its_own() -> None:
 )
 def test_recordings_are_evidence_of_one_kind(steady: bool, repeated: bool, kind: type) -> None:
     assert type(evidence_of(SimpleNamespace(steady=steady, repeated=repeated))) is kind
+
+
+@pytest.mark.parametrize(
+    ("share", "other", "named"),
+    [(0.75, 0.5, True), (0.65, 0.5, False), (0.65, 0.2, True), (0.75, 0.7, False), (0.55, 0.0, False)],
+)
+def test_a_law_differs_where_most_is_explained_and_less_is_enough_where_no_other_comes_near(
+    share: float, other: float, named: bool
+) -> None:
+    """`other`: gain of another effect, over that of the chosen one."""
+    fit = SimpleNamespace(effects=("spring",), fitted=SimpleNamespace(packed=base_model(NOMINAL).pack()))
+    chosen = SimpleNamespace(effect="spring", gain=0.4, share=share, model_fit=fit)
+    first = [SimpleNamespace(effect="spring", gain=0.4), SimpleNamespace(effect="stribeck", gain=0.4 * other)]
+    problem = SimpleNamespace(policy=POLICY, has_veto=True)
+    facts = Facts(problem, fit, chosen, RepeatedProgramme(), (), None, "", 0.0, 0.4, (), first)
+    assert facts.law_differs == named

@@ -97,6 +97,13 @@ class Evidence(ABC):
         """Whether one model errs less than another beyond chance."""
         return True
 
+    def rest_that_is_none(self, problem: Problem, noise: float) -> float:
+        """Variance [(N m)²]: where no more comes again in repeats, no further effect is looked for.
+
+        `noise` is the variance of what does not come again.
+        """
+        return problem.policy.rest_part * noise
+
     @abstractmethod
     def structure_left(self, problem: Problem, model_fit: ModelFit) -> bool:
         """Whether what the model leaves is large and not noise."""

@@ -41,9 +41,11 @@ class RepeatedProgramme(Evidence):
     repeats = True
 
     def candidates(self, problem: Problem) -> list[Kind]:
-        """Not what aligning torque with motion hides, where no controller tells how they belong together."""
+        """Without a twin not what aligning torque with motion hides, nor two masses, which its bias looks like."""
         kinds = super().candidates(problem)
-        return kinds if problem.twin else [kind for kind in kinds if not kind.lost_in_alignment]
+        if problem.twin:
+            return kinds
+        return [kind for kind in kinds if not (kind.lost_in_alignment or kind.in_transmission)]
 
     def aligned(self, problem: Problem, model_fit: ModelFit) -> Problem:
         """Torque moved to where the model explains it best, if the measurement chain can be what moves it."""
@@ -88,15 +90,16 @@ class RepeatedProgramme(Evidence):
         error = float(seconds.std(ddof=1)) / math.sqrt(len(seconds))
         return float(seconds.mean()) > problem.policy.apart_z * error
 
+    def rest_that_is_none(self, problem: Problem, noise: float) -> float:
+        return problem.policy.rest_part * noise if _exact(problem) else _of_the_chain(problem, noise)
+
     def structure_left(self, problem: Problem, model_fit: ModelFit) -> bool:
         """Repeatable, beyond doubt, and not next to nothing beside the noise, nor the bias that no twin takes out."""
         variance, error = problem.repeatable(model_fit.fitted.error, model_fit.correction, TRAINING)
         noise = problem.noise_variance(model_fit.fitted.error, TRAINING)
         policy = problem.policy
-        part = policy.structure_part if problem.twin else STRUCTURE_WITHOUT_TWIN
-        if problem.controller is not None and problem.controller.in_band:
-            part = STRUCTURE_WITHOUT_TWIN
-        beyond = variance > policy.structure_errors * error and variance > part * noise
+        least = policy.structure_part * noise if _exact(problem) else _of_the_chain(problem, noise)
+        beyond = variance > policy.structure_errors * error and variance > least
         return math.isfinite(variance) and beyond
 
     def confirms(self, problem: Problem, effects: Sequence[str], carried: Sequence[HoldoutResult]) -> bool:
@@ -112,6 +115,16 @@ class RepeatedProgramme(Evidence):
 
     def explains_part(self, chosen: FittedCandidate) -> str:
         return f"explains {100 * chosen.share:.0f} % of it"
+
+
+def _exact(problem: Problem) -> bool:
+    """Whether the twin takes out all that the measurement chain does."""
+    return problem.controller is not None and not problem.controller.in_band
+
+
+def _of_the_chain(problem: Problem, noise: float) -> float:
+    """Variance that may come again though no model lacks anything: counts shake a drive alike in every repeat."""
+    return max(STRUCTURE_WITHOUT_TWIN * noise, problem.chain_variance)
 
 
 def _possible(problem: Problem) -> tuple[float, float]:
