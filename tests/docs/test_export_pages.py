@@ -73,6 +73,7 @@ def test_c(folder: Path) -> None:
         run(folder, command)
     (folder / "page.c").write_text(blocks("c.md", "c")[0])
     run(folder, ["cc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-I", "made", "-c", "page.c"])
+    assert (folder / "page.o").stat().st_size > 0
 
 
 def test_fmu(folder: Path) -> None:

@@ -22,6 +22,7 @@ from tests.drivers import bus
 from tests.drivers.bad_wire import BadWire, bad_wire
 from tests.drivers.fake_node import FakeNode
 from tests.drivers.simulator import Simulator, axis_of, simulator
+from tests.support.refusals import refusal
 
 Rig = tuple[CanopenDrive, BadWire]
 PERIOD = 1e-3
@@ -85,7 +86,9 @@ def test_single_losses_of_the_temperature_are_none(rig: Rig) -> None:
         sine(drive, (SLOW_LOST - 1) * read_profile("autotune-sim").cycle.slow_cycles)
         wire.lost.clear()
         sine(drive, 110)
+    assert drive.step(HOLD).temperature == pytest.approx(25.0, abs=1.0)
     drive.disable()
+    assert drive.faults() == []
 
 
 # Our own targets
@@ -133,6 +136,7 @@ def test_a_long_motion_disagrees_with_nothing(rig: Rig) -> None:
             swing = math.sin(2.0 * math.pi * k * PERIOD)
             drive.step(Command(start + 0.2 * swing, 1.5 * swing, 0.05 * swing, 0.02 * swing))
         drive.disable()
+        assert drive.faults() == [], mode
 
 
 def looks(values: list[int], sent: list[int]) -> None:
@@ -149,8 +153,8 @@ def looks(values: list[int], sent: list[int]) -> None:
 
 
 def test_a_drive_that_does_not_show_its_target_is_not_accused() -> None:
-    looks([0] * 40, list(range(40)))
-    looks([7] * 40, list(range(100, 140)))
+    assert refusal(lambda: looks([0] * 40, list(range(40)))) == ""
+    assert refusal(lambda: looks([7] * 40, list(range(100, 140)))) == ""
 
 
 def test_a_target_that_moves_without_us_is() -> None:
@@ -257,7 +261,9 @@ def test_a_neighbour_and_a_corrupted_frame_are_no_master(rig: Rig) -> None:
     drive.enable(Mode.POSITION)
     wire.heard += HARMLESS
     sine(drive, 50)
+    assert not wire.heard  # all of them were looked at
     drive.disable()
+    assert drive.faults() == []
 
 
 # The encoder
@@ -279,4 +285,8 @@ def test_a_profile_may_say_that_608f_is_not_to_be_compared(running: Simulator, t
 
     profile = read_profile("autotune-sim").model_copy(update={"encoder": "none"})
     axis = axis_of(mechanics=Mechanics(counts_per_revolution=5000))
-    open_drive(open_slcan(running.port, 1000000), 5, axis, profile).close()
+    drive = open_drive(open_slcan(running.port, 1000000), 5, axis, profile)
+    try:
+        assert drive.faults() == []
+    finally:
+        drive.close()

@@ -163,15 +163,14 @@ def test_another_producer_is_heard(bus: Bus) -> None:
     assert Foreign(OWN) in sidecar.listen(0.01)
 
 
-def refused(bus: Bus, error: type[Exception], match: str, profile: Profile = PROFILE) -> None:
+def written(bus: Bus) -> list[object]:
+    """What is written to the drive from now on."""
     writes: list[object] = []
     bus.bench.device.on_write = writes.append
-    with pytest.raises(error, match=match):
-        prepared_and_closed(bus, profile)
-    assert not writes
+    return writes
 
 
-def prepared_and_closed(bus: Bus, profile: Profile) -> None:
+def prepared_and_closed(bus: Bus, profile: Profile = PROFILE) -> None:
     sidecar = opened(bus, profile=profile)
     try:
         sidecar.prepare()
@@ -181,39 +180,63 @@ def prepared_and_closed(bus: Bus, profile: Profile) -> None:
 
 def test_another_producer_refuses(bus: Bus) -> None:
     bus.also = [(OWN, b"\0\0")]
-    refused(bus, StateError, "somebody sends 505h")
+    writes = written(bus)
+    with pytest.raises(StateError, match="somebody sends 505h"):
+        prepared_and_closed(bus)
+    assert not writes
 
 
 def test_no_master_refuses(bus: Bus) -> None:
     bus.alive = False
-    refused(bus, StateError, "no SYNC was heard")
+    writes = written(bus)
+    with pytest.raises(StateError, match="no SYNC was heard"):
+        prepared_and_closed(bus)
+    assert not writes
 
 
 def test_a_master_that_has_not_mapped_set_points_refuses(bus: Bus) -> None:
     bus.bench.put(0x1400, 1, 0x80000205)
-    refused(bus, StateError, "mapped to 0 PDOs")
+    writes = written(bus)
+    with pytest.raises(StateError, match="mapped to 0 PDOs"):
+        prepared_and_closed(bus)
+    assert not writes
 
 
 def test_a_master_with_an_offset_of_its_own_refuses(bus: Bus) -> None:
     bus.bench.map(0x1401, 0x305, [0x60B20010])
-    refused(bus, StateError, "sends torque_feedforward|sends object")
+    writes = written(bus)
+    with pytest.raises(StateError, match=r"sends torque_feedforward|sends object"):
+        prepared_and_closed(bus)
+    assert not writes
 
 
 def test_an_offset_that_stands_refuses(bus: Bus) -> None:
     bus.bench.put(0x60B2, 0, 5)
-    refused(bus, StateError, "is 5, not 0")
+    writes = written(bus)
+    with pytest.raises(StateError, match="is 5, not 0"):
+        prepared_and_closed(bus)
+    assert not writes
 
 
 def test_no_free_pdo_refuses(bus: Bus) -> None:
     for number in (1, 2, 3):
         bus.bench.map(0x1400 + number, 0x205 + 0x100 * number, [0x60FF0020])
-    refused(bus, StateError, "all 4 receive PDOs")
+    writes = written(bus)
+    with pytest.raises(StateError, match="all 4 receive PDOs"):
+        prepared_and_closed(bus)
+    assert not writes
 
 
 def test_a_profile_without_a_time_out_refuses(bus: Bus) -> None:
-    refused(bus, ConfigurationError, "names no time-out", PROFILE.model_copy(update={"offset_guard": None}))
+    writes = written(bus)
+    with pytest.raises(ConfigurationError, match="names no time-out"):
+        prepared_and_closed(bus, PROFILE.model_copy(update={"offset_guard": None}))
+    assert not writes
 
 
 def test_another_cycle_than_the_axis_refuses(bus: Bus) -> None:
     bus.bench.device.objects[0x60C2, 1].value = 2
-    refused(bus, ConfigurationError, "60C2h")
+    writes = written(bus)
+    with pytest.raises(ConfigurationError, match="60C2h"):
+        prepared_and_closed(bus)
+    assert not writes

@@ -16,6 +16,7 @@ from autotune.core.stopping import IN_A_ROW, TAKES_OVER, StopLimits, StopWatch
 from autotune_sim.inprocess import SimDrive, open_sim
 from tests.drivers.power_rig import AXIS, DISABLED, FAULT, StateDrive, power_of
 from tests.drivers.routines import Calls
+from tests.support.refusals import refusal
 
 LIMITS = StopLimits.of(AXIS)
 SPEED = AXIS.limits.speed
@@ -123,7 +124,8 @@ def test_an_old_error_code_of_a_drive_in_order_is_no_fault() -> None:
     drive = StateDrive()
     power, _ = power_of(drive)
     drive.node.objects[0x603F, 0] = b"\x10\x23"
-    power.off(Mode.POSITION)
+    assert refusal(lambda: power.off(Mode.POSITION)) == ""
+    assert drive.status == DISABLED
 
 
 def test_the_gravest_of_several_faults_comes_first_and_all_are_named() -> None:

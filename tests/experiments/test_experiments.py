@@ -101,6 +101,7 @@ def test_the_guard_lets_every_programme_pass_with_limits_that_are_just_enough(na
         for position, velocity in zip(plan.reference.tolist(), plan.velocity.tolist(), strict=True):
             guard.check(before, Command(position))
             before = sample(position=position, reference=position, velocity=velocity)
+        assert guard.elapsed == pytest.approx(len(plan.reference) * where.cycle, abs=5e-3)  # to its end
 
 
 @pytest.mark.parametrize("name", sorted(PROGRAMMES))

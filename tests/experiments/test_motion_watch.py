@@ -197,7 +197,8 @@ def test_ordinary_axes_are_never_stopped(name: str) -> None:
         where = AXIS.model_copy(update={"mechanics": mechanics})
     motion = Motion.of(where)
     drive = HurtDrive(where, mass=mass, gains=change.get("gains", (60.0, 0.15, 6000.0)))
-    played(drive, BenchmarkSine(motion, 1, 3), *build("high-speed", where))
+    what = (BenchmarkSine(motion, 1, 3), *build("high-speed", where))
+    assert played(drive, *what).time >= 0.99 * sum(one.duration for one in what)  # to the end, not stopped
 
 
 @pytest.mark.long
@@ -205,7 +206,8 @@ def test_ordinary_axes_are_never_stopped(name: str) -> None:
 def test_ordinary_axes_are_never_stopped_in_a_whole_identification(name: str) -> None:
     mass, change = CASES[name]
     drive = HurtDrive(AXIS, mass=mass, gains=change.get("gains", (60.0, 0.15, 6000.0)))
-    played(drive, BenchmarkSine(MOTION, 1, 3), *build("identification", AXIS))
+    what = (BenchmarkSine(MOTION, 1, 3), *build("identification", AXIS))
+    assert played(drive, *what).time >= 0.99 * sum(one.duration for one in what)  # to the end, not stopped
 
 
 def test_a_linear_axis_is_never_stopped() -> None:
@@ -244,3 +246,4 @@ def test_missed_cycles_and_seeds_of_noise_do_no_harm() -> None:
         torque = 0.05 + math.copysign(0.33, v) + rng.normal(0.0, 0.02)
         guard.check(sample(time=time, position=q, reference=q, velocity=v, torque_command=torque, missed=missed),
                     Command(q))  # fmt: skip
+    assert guard.elapsed == pytest.approx(time, abs=2.0 * AXIS.cycle)

@@ -47,7 +47,7 @@ def test_one_flickering_count_of_a_coarse_encoder_is_no_motion() -> None:
     drive = FollowingDrive()
     flicker = iter([3.1, 0.0, 0.0, -3.1, 0.0])
     drive.look = lambda: FollowingDrive.look(drive)._replace(velocity=next(flicker))  # type: ignore[method-assign]
-    standing(LocalLoop(drive), AXIS.limits)
+    assert standing(LocalLoop(drive), AXIS.limits).position == 0.0
 
 
 def test_a_programme_does_not_power_an_axis_outside_its_travel() -> None:

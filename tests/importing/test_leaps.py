@@ -59,7 +59,8 @@ def test_coarse_counts_and_steps_between_slow_samples_are_no_leaps(tmp_path: Pat
     for position in (crawling, table):
         torque = 0.3 * np.sign(np.cos(2 * time))
         columns = {"time": time, "position": position, "torque": torque}
-        bring_in(write_table(tmp_path / "t.csv", columns), keep_signs=True)
+        imported = bring_in(write_table(tmp_path / "t.csv", columns), keep_signs=True)
+        np.testing.assert_allclose(imported.recording["position"], position, rtol=1e-8, atol=1e-11)
 
 
 def test_a_wrapped_position_is_unwrapped_before_it_is_interpolated(tmp_path: Path) -> None:

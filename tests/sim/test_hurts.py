@@ -173,6 +173,8 @@ def test_a_lost_command_that_says_what_the_one_before_said_is_no_matter() -> Non
     for _ in range(500):
         drive.step(HOLD)
     drive.disable()
+    assert drive.faults() == []
+    assert not drive.servo.powered
 
 
 def test_another_masters_target_is_followed() -> None:

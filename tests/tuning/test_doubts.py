@@ -15,6 +15,7 @@ from autotune.tuning.unfit_axes import (
     refuse_what_cannot_be_tuned,
     unrepeatable,
 )
+from tests.support.refusals import refusal
 
 PERIODS = 6
 RESOLUTION = 2.0 * np.pi / 50_000
@@ -41,12 +42,12 @@ def refuse(one: Recording) -> None:
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("noise", [0.0, 1e-4, 3e-4])
 def test_a_sound_axis_passes(seed: int, noise: float) -> None:
-    refuse(recording(0.0 * TIME, seed=seed, noise=noise))
+    assert refusal(lambda: refuse(recording(0.0 * TIME, seed=seed, noise=noise))) == ""
 
 
 def test_torque_ripple_passes_because_it_repeats_with_the_position() -> None:
     position = 0.2 * np.sin(2 * np.pi * TIME)
-    refuse(recording(8e-4 * np.sin(72.0 * position + 1.0)))
+    assert refusal(lambda: refuse(recording(8e-4 * np.sin(72.0 * position + 1.0)))) == ""
 
 
 @pytest.mark.parametrize("frequency", [25.0, 60.0, 140.0])
@@ -66,7 +67,7 @@ def test_what_swings_less_than_the_sensor_can_tell_is_left_alone() -> None:
         {"time": TIME, "reference": 0 * TIME, "position": -error, "torque": np.sin(2 * np.pi * TIME)},
         Metadata(sample_period=1e-3),
     )
-    refuse(quiet)
+    assert refusal(lambda: refuse(quiet)) == ""
 
 
 def test_stick_slip_that_comes_and_goes_is_refused() -> None:

@@ -11,6 +11,7 @@ from autotune.models.drive_model import DriveModel, base_model
 from autotune.models.table import EFFECTS
 from autotune.tuning.two_masses import refuse_resonance, refuse_two_masses
 from autotune.tuning.unfit_axes import NotTunable
+from tests.support.refusals import refusal
 
 
 def estimate(inertia: float, error: float, *, valid: bool = True) -> Estimate:
@@ -40,13 +41,13 @@ def test_a_resonance_about_the_bandwidth_is_refused_in_words() -> None:
 def test_what_is_one_mass_or_explained_is_not(
     whole: Estimate, small: Estimate | None, named: tuple[str, ...]
 ) -> None:
-    refuse_two_masses(whole, whole, small, named, 60.0)
+    assert refusal(lambda: refuse_two_masses(whole, whole, small, named, 60.0)) == ""
 
 
 def test_a_fit_that_went_astray_is_no_second_mass() -> None:
     """edm-vertical?seed=24532: the joint fit ended at 0.23 g m², acceleration alone at the true 0.556."""
     joint, fast, small = estimate(2.3e-4, 1.3e-5), estimate(5.556e-4, 8e-7), estimate(5.52e-4, 5.4e-6)
-    refuse_two_masses(joint, fast, small, (), 60.0)
+    assert refusal(lambda: refuse_two_masses(joint, fast, small, (), 60.0)) == ""
 
 
 BASE = {
@@ -73,8 +74,11 @@ def test_a_named_transmission_that_resonates_about_the_bandwidth_is_refused_with
 
 
 def test_a_stiffer_one_or_none_or_a_loop_that_nobody_knows_is_not() -> None:
-    refuse_resonance(soft(0.02), KP)
-    refuse_resonance(soft(0.0), KP)
-    refuse_resonance(soft(0.1), None)
-    refuse_resonance(base_model(BASE), KP)
-    refuse_resonance(None, KP)
+    for model, kp in (
+        (soft(0.02), KP),
+        (soft(0.0), KP),
+        (soft(0.1), None),
+        (base_model(BASE), KP),
+        (None, KP),
+    ):
+        assert refusal(lambda model=model, kp=kp: refuse_resonance(model, kp)) == ""

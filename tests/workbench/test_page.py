@@ -158,3 +158,4 @@ def test_without_the_token_the_page_asks_for_it(hidden: Path, tmp_path: Path) ->
         field.clear()
         field.send_keys(token + Keys.ENTER)
         until(lambda: "rows" in page.text("status"))
+        assert not box.is_displayed()

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.signal import lfilter
+import scipy
 
 from autotune.control.gains.loop import Gains, LoopTiming
 from autotune.core.arrays import Flags, Floats
@@ -123,7 +123,7 @@ def smoothed(reference: Floats, keep: float) -> Floats:
     """The reference behind the low-pass (6.14), from rest at its first value; shape (n,)."""
     if keep <= 0.0:
         return reference
-    filtered, _ = lfilter([1.0 - keep], [1.0, -keep], reference, zi=[keep * reference[0]])
+    filtered, _ = scipy.signal.lfilter([1.0 - keep], [1.0, -keep], reference, zi=[keep * reference[0]])
     return np.asarray(filtered, dtype=np.float64)
 
 

@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import signal
+import scipy
 
 from autotune.core.arrays import Floats
 from autotune.core.errors import RecordingError
@@ -107,7 +107,9 @@ def _times_as_fast(part: Recording) -> float:
     speed = np.diff(part["position"])
     if window < 16 or not np.any(speed):
         return 1.0
-    frequency, work = signal.csd(part["torque"][1:], speed, 1.0 / part.period, nperseg=window, detrend=False)
+    frequency, work = scipy.signal.csd(
+        part["torque"][1:], speed, 1.0 / part.period, nperseg=window, detrend=False
+    )
     done = np.abs(np.cumsum(work.real))
     half = float(frequency[int(np.argmax(done >= 0.5 * done[-1]))])
     return half / _USUAL_HALF if half > _MOST_USUAL else 1.0
