@@ -3,7 +3,7 @@
     u_k = u_{k−1} + clip(g_k τ_k − u_{k−1}, ±s)
 
 τ is the feedforward's torque, g a gain between 0 and 1, and s `STEP` of the torque limit: two frames that meet
-in one cycle of the drive make no more than 5 %.
+in one cycle of the drive make less than 5 %, the rounding of both to the drive's steps included.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from autotune.core.arrays import Floats
 
-STEP = 0.025
+STEP = 0.024
 """Of the torque limit, in one frame."""
 FADE_IN, FADE_OUT = 0.5, 0.1  # s
 _SAMPLES = 400  # in motion, before a model is judged
@@ -60,6 +60,10 @@ class TorqueOffset:
             change = self._step if change > 0.0 else -self._step
         self.value += change
         return self.value
+
+    def begin_again(self) -> None:
+        """The drive has dropped it: nothing stands."""
+        self.value = self.gain = 0.0
 
     @property
     def out(self) -> bool:

@@ -37,6 +37,9 @@ class PlayMetrics:
         gauge("torque_offset", "Sent last [N m or N].", offset.value)
         counter("syncs", "SYNC messages heard.", player.syncs)
         counter("frames", "Frames with an offset sent.", player.sent)
+        counter(
+            "held_up", "Times that this host was too late, and the drive dropped the offset.", player.held_up
+        )
         counter("limited_steps", "Cycles in which the step of the offset was limited.", offset.limited)
         try:
             write_to_textfile(str(self._path), registry)
