@@ -31,7 +31,8 @@ PERIOD = 1e-3
 DRAWN = """
 const done = arguments[arguments.length - 1], box = document.getElementById('trace-torque');
 const began = performance.now();
-const seen = new MutationObserver(() => { seen.disconnect(); requestAnimationFrame(() => done(performance.now() - began)); });
+const seen = new MutationObserver(() => { seen.disconnect();
+  requestAnimationFrame(() => done(performance.now() - began)); });
 seen.observe(box, {attributes: true, attributeFilter: ['data-drawn']});
 document.getElementById(arguments[0]).click();
 """
