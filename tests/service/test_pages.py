@@ -151,18 +151,12 @@ def past(runs: Path, axis: str, days: int = 30) -> None:
 
 def a_check(axis: str, at: datetime, level: float) -> dict[str, Any]:
     peaks = {"peak_error": 5e-4, "raw_peak_error": 5e-4, "rms_error": 2e-4}
-    friction = {
-        "level": {
-            "value": level,
-            "standard_error": 1e-3,
-            "unit": "N m",
-            "interval": [level - 2e-3, level + 2e-3],
-        }
-    }
     return {
-        "schema": 1, "axis": axis, "at": at.isoformat(), "verdict": "No drift.", "advice": "", "drifted": False,
-        "exit_code": 0, "motion_unit": "rad", "friction": friction, "tracking_error": peaks, "uncompensated": peaks,
-        "temperature": 30.0, "notes": [],
+        "schema": 1, "axis": axis, "at": at.isoformat(), "verdict": "No drift.", "advice": "", "motion_unit": "rad",
+        "committed": {}, "temperature": 25.0 + 50.0 * (level - 0.33), "position_noise": 1e-5,
+        "friction": {"level": {"value": level, "standard_error": 1e-3, "unit": "N m"}},
+        "drift": {"state": "none", "beyond": False, "change": 0.0}, "tracking_error": peaks,
+        "uncompensated": peaks | {"peak_error": 2e-3}, "missed": 0, "samples": 30000,
     }  # fmt: skip
 
 
@@ -181,7 +175,7 @@ def test_no_page_has_a_serious_fault_for_who_sees_or_moves_badly(
             for width, height in SIZES:
                 driver.set_window_size(width, height)
                 driver.get(filled.address + path)
-                time.sleep(1.0)
+                time.sleep(1.5)
                 driver.save_screenshot(str(pictures / f"{name}-{width}-{'dark' if dark else 'light'}.png"))
                 assert not serious(driver), (name, width)
                 assert driver.execute_script("return document.documentElement.scrollWidth - innerWidth") <= 0
