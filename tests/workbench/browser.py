@@ -55,3 +55,14 @@ def workbench(*files: Path) -> Iterator[str]:
     finally:
         process.terminate()
         process.communicate(timeout=20)
+
+
+def serious(driver: webdriver.Chrome) -> list[tuple[str, str]]:
+    """Serious and critical faults of accessibility on the page (axe-core), each with where it is."""
+    from axe_core_python.selenium import Axe
+
+    return [
+        (one["id"], one["nodes"][0]["html"][:120])
+        for one in Axe().run(driver)["violations"]
+        if one["impact"] in ("serious", "critical")
+    ]

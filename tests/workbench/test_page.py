@@ -15,7 +15,7 @@ from selenium.webdriver.common.keys import Keys
 import autotune
 from tests.support.axes import plain_axis
 from tests.support.diagnosis_programme import play, programme
-from tests.workbench.browser import browser, needs_browser, workbench
+from tests.workbench.browser import browser, needs_browser, serious, workbench
 
 T = TypeVar("T")
 PATIENCE = 240.0
@@ -112,19 +112,11 @@ def test_a_hidden_effect_is_found_added_and_saved(keyboard: bool, hidden: Path, 
 def test_nothing_serious_for_who_sees_or_moves_badly(
     size: tuple[int, int], dark: bool, hidden: Path, tmp_path: Path
 ) -> None:
-    from axe_core_python.selenium import Axe
-
     with workbench(hidden) as address, browser(tmp_path, width=size[0], height=size[1], dark=dark) as driver:
         driver.get(address)
         page = Page(driver)
         until(lambda: "rows" in page.text("status"))
-        found = Axe().run(driver)
-        serious = [
-            (one["id"], one["nodes"][0]["html"][:120])
-            for one in found["violations"]
-            if one["impact"] in ("serious", "critical")
-        ]
-        assert not serious
+        assert not serious(driver)
         wide = driver.execute_script("return document.documentElement.scrollWidth - innerWidth")
         assert wide <= 0
 

@@ -6,7 +6,7 @@ const element = (name, text, attributes = {}) => Object.assign(document.createEl
 
 function operation(method, path, one) {
   const box = element("details", ""), head = element("summary", "");
-  head.append(element("strong", `${method.toUpperCase()} ${path}`), ` ${one.summary || ""}${one.security ? " (needs the token)" : ""}`);
+  head.append(element("strong", `${method.toUpperCase()} ${path}`), ` ${(one.description || one.summary || "").split("\n")[0]}${one.security ? " (needs the token)" : ""}`);
   box.append(head, element("p", one.description || "", { className: "quiet" }));
   for (const parameter of one.parameters || []) {
     const schema = parameter.schema || {};

@@ -83,16 +83,18 @@ function card(axis, proposals) {
 
 async function refresh() {
   try {
-    const [axes, proposals, health, reports] = await Promise.all([
-      ask("/api/axes"), ask("/api/proposals?limit=20"), health_(), ask("/api/reports"),
+    const [axes, proposals, health, reports, jobs] = await Promise.all([
+      ask("/api/axes"), ask("/api/proposals?limit=20"), health_(), ask("/api/reports"), ask("/api/jobs?state=done&limit=10"),
     ]);
-    const made = JSON.stringify([axes, proposals, health, reports]);
+    const made = JSON.stringify([axes, proposals, health, reports, jobs]);
     if (made !== known) {
       const focus = document.activeElement?.dataset?.kind && document.activeElement.closest("article")?.querySelector("h3").textContent + document.activeElement.dataset.kind;
       $("axes").replaceChildren(...axes.map((axis) => card(axis, proposals)));
       for (const button of document.querySelectorAll("#axes button")) if (focus && button.closest("article").querySelector("h3").textContent + button.dataset.kind === focus) button.focus();
       firstThings(axes, proposals, health);
-      listReports(reports);
+      listReports(reports, jobs);
+      listJobs(jobs, proposals);
+      tellEnded(axes, jobs);
       $("history-of").replaceChildren(...axes.map((axis) => new Option(axis.name, axis.name, false, axis.name === shown)));
       known = made;
     }
@@ -117,11 +119,34 @@ function firstThings(axes, proposals, health) {
   $("first").replaceChildren(...(things.length ? things : ["Nothing waits for a person."]).map((text) => element("li", text)));
 }
 
-function listReports(reports) {
+const WORDS = { run: "tuning", check: "check", rollback: "roll-back", commit: "commit" };
+
+function listJobs(jobs, proposals) {
+  const waits = (job) => job.kind === "run" && proposals.some((one) => one.state === "open" && one.run === job.run);
+  $("jobs").replaceChildren(...jobs.map((one) => {
+    const item = element("li", ""), came = waits(one) ? "proved, waits for a person" : String(one.outcome || "").replaceAll("_", " ");
+    item.append(element("strong", `${one.axis}, ${WORDS[one.kind] || one.kind}: ${came}`), ` ${when(one.finished)}${waits(one) ? "" : `. ${one.sentence || ""}`}`);
+    return item;
+  }));
+  if (!jobs.length) $("jobs").replaceChildren(element("li", "No job has ended yet."));
+}
+
+let under = new Map(); // jobs that were under way, and their axes
+
+function tellEnded(axes, jobs) {
+  for (const [id, axis] of under) {
+    const ended = jobs.find((one) => one.id === id);
+    if (ended) say(`${axis}, ${WORDS[ended.kind] || ended.kind}: ${String(ended.outcome || "").replaceAll("_", " ")}. ${ended.sentence || ""}`, Boolean(ended.exit_code));
+  }
+  under = new Map(axes.filter((axis) => axis.job).map((axis) => [axis.job.id, axis.name]));
+}
+
+function listReports(reports, jobs) {
   $("reports").replaceChildren(
     ...reports.slice(0, 50).map((one) => {
-      const item = element("li", ""), link = element("a", `${one.axis}, ${one.run}`, { href: `/api/reports/${one.id}`, target: "_blank", rel: "noopener" });
-      item.append(link);
+      const item = element("li", ""), job = jobs.find((other) => other.run === one.run);
+      const link = element("a", `${one.axis}, ${one.run}`, { href: `/api/reports/${one.id}`, target: "_blank", rel: "noopener" });
+      item.append(link, job ? ` ${WORDS[job.kind] || job.kind}: ${String(job.outcome || "").replaceAll("_", " ")}` : "");
       return item;
     }),
   );
