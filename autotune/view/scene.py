@@ -99,7 +99,7 @@ class Scene:
 
     def note(self, stream: rr.RecordingStream | None, note: Mapping[str, Any]) -> None:
         """Remembers a note, and shows it; a page and a stage come to the front."""
-        kind = note.get("kind")
+        kind, new = note.get("kind"), False
         if kind == "labels":
             self._labels |= {note["base"] + index: name for index, name in enumerate(note["names"])}
         elif kind == "stage":
@@ -109,13 +109,18 @@ class Scene:
         elif kind == "page":
             self._take_page(page_from_json(note["page"]))
         elif kind == "parameters":
-            self._units |= {name: entry[2] for name, entry in note["values"].items()}
+            units = self._units | {name: entry[2] for name, entry in note["values"].items()}
+            new, self._units = units != self._units, units
         if stream is not None:
             self._send_note(stream, str(kind), note)
+        if stream is not None and (kind in ("stage", "page", "verdict") or new):
+            stream.send_blueprint(self.blueprint())
 
     def _take_page(self, page: Page) -> None:
         self._pages[page.name] = page
         self._active = page.title
+        if page.name == "adaptation":
+            self._units = {}  # the page has them whole
 
     def _send_note(self, stream: rr.RecordingStream, kind: str, note: Mapping[str, Any]) -> None:
         if kind in ("labels", "stage"):
@@ -132,8 +137,6 @@ class Scene:
             for name, (value, error, unit) in note["values"].items():
                 spread = np.array([np.nan if error is None else error])
                 plots.send_parameter(stream, name, unit, moment, np.array([value]), spread)
-        if kind in ("stage", "page", "verdict", "parameters"):
-            stream.send_blueprint(self.blueprint())
 
     @property
     def _now(self) -> int:
