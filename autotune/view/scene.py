@@ -6,7 +6,7 @@ Importing this imports rerun; only the streamer does.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from autotune.view.scale import continuous, peak
 
 KEPT_SECONDS = 60.0
 ROWS_KEPT = 65_000
+VALUES_KEPT = 5_000
 WAITING = "Waiting for the axis to move."
 
 
@@ -49,6 +50,7 @@ class Scene:
         self._labels: dict[int, str] = {}
         self._stages: list[tuple[int, str]] = []
         self._units: dict[str, str] = {}
+        self._values: deque[tuple[int, dict[str, tuple[float, float]]]] = deque(maxlen=VALUES_KEPT)
         self._verdict = ""
 
     def send_all(self, stream: rr.RecordingStream) -> None:
@@ -62,6 +64,7 @@ class Scene:
             plots.send_stage(stream, "stage/run", at, name)
         if self._verdict:
             plots.send_text(stream, "verdict", self._verdict)
+        self._send_values(stream, list(self._values))
         for page in self._pages.values():
             send_page(stream, page)
         self._label = -1.0
@@ -111,6 +114,11 @@ class Scene:
         elif kind == "parameters":
             units = self._units | {name: entry[2] for name, entry in note["values"].items()}
             new, self._units = units != self._units, units
+            spread = {
+                name: (float(value), float("nan") if error is None else float(error))
+                for name, (value, error, _) in note["values"].items()
+            }
+            self._values.append((self._now, spread))
         if stream is not None:
             self._send_note(stream, str(kind), note)
         if stream is not None and (kind in ("stage", "page", "verdict") or new):
@@ -133,10 +141,17 @@ class Scene:
         elif kind == "page":
             send_page(stream, self._pages[str(note["page"]["name"])])
         elif kind == "parameters":
-            moment = np.array([self._now], dtype=np.int64)
-            for name, (value, error, unit) in note["values"].items():
-                spread = np.array([np.nan if error is None else error])
-                plots.send_parameter(stream, name, unit, moment, np.array([value]), spread)
+            self._send_values(stream, [self._values[-1]])
+
+    def _send_values(
+        self, stream: rr.RecordingStream, told: Sequence[tuple[int, dict[str, tuple[float, float]]]]
+    ) -> None:
+        """Parameters as they were told, each with its spread."""
+        for name, unit in self._units.items():
+            known = [(at, *values[name]) for at, values in told if name in values]
+            if known:
+                at, value, spread = (np.array(column) for column in zip(*known, strict=True))
+                plots.send_parameter(stream, name, unit, at.astype(np.int64), value, spread)
 
     @property
     def _now(self) -> int:
