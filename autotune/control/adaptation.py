@@ -158,6 +158,10 @@ class AdaptiveFeedforward:
         """The parameters have come to rest, or adaptation was frozen."""
         return self._settled or self._frozen
 
+    def present(self) -> Floats:
+        """Stiffness, Coulomb torque and offset as they are now, shape (3,)."""
+        return self._p[[3, 2, 5]].copy()
+
     def prepare(self) -> None:
         """Compiles the kernels without changing the state."""
         p = self._p.copy()

@@ -157,6 +157,17 @@ class AdaptiveSine(Experiment):
         return law
 
     @property
+    def fading_in(self) -> list[Row]:
+        """References of the first period, which fades in."""
+        return self._one.rows[: period_samples(self.motion)]
+
+    @property
+    def one_period(self) -> list[Row]:
+        """References of every period after it."""
+        n = period_samples(self.motion)
+        return self._one.rows[n : 2 * n]
+
+    @property
     def _periods(self) -> int:
         return max(int(self.longest / (period_samples(self.motion) * self.motion.period)) - 2, 1)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
 from autotune.core.loop import Watch
@@ -18,6 +18,9 @@ class Observer(Protocol):
 
     def stage(self, name: str) -> None:
         """A stage begins."""
+
+    def parameters(self, values: Mapping[str, tuple[float, float | None, str]]) -> None:
+        """Parameters while they converge: name → value, spread, unit."""
 
     def page(self, page: Page) -> None:
         """What a stage found."""

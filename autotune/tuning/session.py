@@ -60,14 +60,19 @@ class Session:
         """Scales of the axis's experiments."""
         return Motion.of(self.axis)
 
-    def play(self, name: str, experiments: Sequence[Experiment]) -> tuple[Recording, Played]:
+    def play(
+        self, name: str, experiments: Sequence[Experiment], also: Watch | None = None
+    ) -> tuple[Recording, Played]:
         """Plays experiments as one programme; what was measured is saved in every case.
+
+        `also`: sees the rows too.
 
         Raises: as `Programme`; the rows until then are in `recordings/<name>.parquet`.
         """
         programme = Programme(tuple(experiments), self.limits, self.budget.left, self._learnt)
         recorder = Recorder(metadata_for(self.axis, self.controller), programme.labels)
         watches = [observer.programme(programme.labels) for observer in self.observers]
+        watches += [also] if also is not None else []
         try:
             played = play(self.loop, programme, recorder, *watches, tell=self._tell)
             self._learnt = played.learnt

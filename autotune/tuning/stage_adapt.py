@@ -13,6 +13,7 @@ from autotune.control.refinement import PeriodAverage, refine
 from autotune.core.errors import NotEnoughExcitation
 from autotune.experiments.sines import AdaptiveSine, BenchmarkSine
 from autotune.recordings.recording import Recording
+from autotune.tuning.convergence import Convergence
 from autotune.tuning.proof import fold
 from autotune.tuning.session import Session
 
@@ -75,7 +76,13 @@ def adapt(
     law = AdaptiveFeedforward(start, bounds, session.axis.benchmark.frequency, session.axis.cycle)
     left = session.budget.left - reserve - 2.0 * window_seconds(session.axis.benchmark.frequency)
     longest = min(max(left, LEAST_SECONDS), LONGEST_SECONDS)
-    _, played = session.play("adaptation", [AdaptiveSine(session.motion, law, longest)])
+    sine = AdaptiveSine(session.motion, law, longest)
+    shown = (
+        Convergence(law, sine, session.observers, session.axis.motion_unit).watch
+        if session.observers
+        else None
+    )
+    _, played = session.play("adaptation", [sine], shown)
     settled = played.result("adaptation")
     if not isinstance(settled, AdaptiveFeedforward):
         raise NotEnoughExcitation("the adaptation gave no result; run again")

@@ -355,7 +355,7 @@ def rgba(colour: str) -> int:
     return int(colour[1:] + "ff", 16)
 
 
-def _parameter_views(parameters: Mapping[str, str]) -> rrb.Grid:
+def _parameter_views(parameters: Mapping[str, str]) -> rrb.Vertical:
     views = [
         rrb.TimeSeriesView(
             origin=parameter_entity(name),
@@ -364,7 +364,7 @@ def _parameter_views(parameters: Mapping[str, str]) -> rrb.Grid:
         )
         for name, unit in parameters.items()
     ]
-    return rrb.Grid(*views, grid_columns=2, name="Parameters")
+    return rrb.Vertical(*views, name="Parameters")
 
 
 def _plane_view(layout: Layout) -> rrb.Spatial2DView:

@@ -6,7 +6,7 @@ Importing this imports rerun; only the streamer does.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from autotune.view.scale import continuous, peak
 
 KEPT_SECONDS = 60.0
 ROWS_KEPT = 65_000
+VALUES_KEPT = 5_000
 WAITING = "Waiting for the axis to move."
 
 
@@ -49,6 +50,7 @@ class Scene:
         self._labels: dict[int, str] = {}
         self._stages: list[tuple[int, str]] = []
         self._units: dict[str, str] = {}
+        self._values: deque[tuple[int, dict[str, tuple[float, float]]]] = deque(maxlen=VALUES_KEPT)
         self._verdict = ""
 
     def send_all(self, stream: rr.RecordingStream) -> None:
@@ -62,6 +64,7 @@ class Scene:
             plots.send_stage(stream, "stage/run", at, name)
         if self._verdict:
             plots.send_text(stream, "verdict", self._verdict)
+        self._send_values(stream, list(self._values))
         for page in self._pages.values():
             send_page(stream, page)
         self._label = -1.0
@@ -99,7 +102,7 @@ class Scene:
 
     def note(self, stream: rr.RecordingStream | None, note: Mapping[str, Any]) -> None:
         """Remembers a note, and shows it; a page and a stage come to the front."""
-        kind = note.get("kind")
+        kind, new = note.get("kind"), False
         if kind == "labels":
             self._labels |= {note["base"] + index: name for index, name in enumerate(note["names"])}
         elif kind == "stage":
@@ -109,13 +112,23 @@ class Scene:
         elif kind == "page":
             self._take_page(page_from_json(note["page"]))
         elif kind == "parameters":
-            self._units |= {name: entry[2] for name, entry in note["values"].items()}
+            units = self._units | {name: entry[2] for name, entry in note["values"].items()}
+            new, self._units = units != self._units, units
+            spread = {
+                name: (float(value), float("nan") if error is None else float(error))
+                for name, (value, error, _) in note["values"].items()
+            }
+            self._values.append((self._now, spread))
         if stream is not None:
             self._send_note(stream, str(kind), note)
+        if stream is not None and (kind in ("stage", "page", "verdict") or new):
+            stream.send_blueprint(self.blueprint())
 
     def _take_page(self, page: Page) -> None:
         self._pages[page.name] = page
         self._active = page.title
+        if page.name == "adaptation":
+            self._units = {}  # the page has them whole
 
     def _send_note(self, stream: rr.RecordingStream, kind: str, note: Mapping[str, Any]) -> None:
         if kind in ("labels", "stage"):
@@ -128,12 +141,17 @@ class Scene:
         elif kind == "page":
             send_page(stream, self._pages[str(note["page"]["name"])])
         elif kind == "parameters":
-            moment = np.array([self._now], dtype=np.int64)
-            for name, (value, error, unit) in note["values"].items():
-                spread = np.array([np.nan if error is None else error])
-                plots.send_parameter(stream, name, unit, moment, np.array([value]), spread)
-        if kind in ("stage", "page", "verdict", "parameters"):
-            stream.send_blueprint(self.blueprint())
+            self._send_values(stream, [self._values[-1]])
+
+    def _send_values(
+        self, stream: rr.RecordingStream, told: Sequence[tuple[int, dict[str, tuple[float, float]]]]
+    ) -> None:
+        """Parameters as they were told, each with its spread."""
+        for name, unit in self._units.items():
+            known = [(at, *values[name]) for at, values in told if name in values]
+            if known:
+                at, value, spread = (np.array(column) for column in zip(*known, strict=True))
+                plots.send_parameter(stream, name, unit, at.astype(np.int64), value, spread)
 
     @property
     def _now(self) -> int:

@@ -35,7 +35,7 @@ class Settings:
 
     port: int
     web_port: int | None = None
-    memory_mb: int = 64
+    memory_mb: int = 24
     motion_unit: str = "rad"
     period: float = 1e-3
     name: str = ""

@@ -24,7 +24,7 @@ from autotune.core.errors import ConfigurationError
 HOST = "127.0.0.1"
 PORT = 9876
 WEB_PORT = 9090
-MEMORY_MB = 64
+MEMORY_MB = 24
 START_SECONDS = 15.0
 WINDOW = ("--bind", HOST, "--memory-limit", "1GB")
 
