@@ -52,8 +52,6 @@ OUTDONE = 1.5
 """Times the gain of what is named: what a candidate that could not pass may gain at most beside it."""
 LAW_DIFFERS, LAW_LEAD = 0.7, 0.6
 """Share explained from which one effect is named though its law differs, and what another may gain of its gain."""
-ALONE_DIFFERS, ALONE_LEAD = 0.6, 0.3
-"""The same where no other comes near."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,8 +190,8 @@ class Facts:
             return False
         others = [item.gain for item in self.first if item.effect != chosen.effect]
         own = next((item.gain for item in self.first if item.effect == chosen.effect), chosen.gain)
-        lead = max(others, default=0.0) / max(own, chosen.gain, 1e-300)
-        return chosen.share >= (ALONE_DIFFERS if lead <= ALONE_LEAD else LAW_DIFFERS) and lead <= LAW_LEAD
+        alone = max(others, default=0.0) <= LAW_LEAD * max(own, chosen.gain)
+        return chosen.share >= LAW_DIFFERS and alone
 
     @property
     def structure_left(self) -> bool:

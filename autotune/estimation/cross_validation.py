@@ -14,8 +14,9 @@ from autotune.estimation.problem import CHUNK, Correction, Problem
 from autotune.estimation.residual import residual
 from autotune.models.drive_model import Packed
 
-COMES_AGAIN = 0.5
-"""Of what a drive's loop makes of counts between the samples: it repeats with the trajectory, no effect explains it."""
+COMES_AGAIN, MOST_OF_THE_FALL = 0.5, 0.25
+"""Of what a drive's loop makes of counts between the samples: it repeats with the trajectory, no effect explains it. Of
+what an effect explains: no more is put down to that."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +77,6 @@ class Explained:
 def still_explainable(problem: Problem, fitted: Fitted, correction: Correction, role: str) -> float:
     """Repeatable variance, certain to one standard error, and drifting friction level [(N m)²]."""
     variance, error = problem.repeatable(fitted.error, correction, role)
-    error += COMES_AGAIN * problem.chain_variance
     repeatable = max(variance - error, 0.0) if math.isfinite(variance) else 0.0
     return repeatable + drift(problem, fitted, correction, role)[0]
 
@@ -143,7 +143,9 @@ def explained(
         and variance > problem.policy.rest_errors * error
         and variance > problem.policy.rest_part * noise
     )
-    return Explained(fall, still_explainable(problem, after, correction, role), certain)
+    left = still_explainable(problem, after, correction, role)
+    of_chain = min(COMES_AGAIN * problem.chain_variance, MOST_OF_THE_FALL * max(fall, 0.0))
+    return Explained(fall, max(left - of_chain, 0.0), certain)
 
 
 def bins(values: Floats, count: int, chosen: Flags) -> Floats:

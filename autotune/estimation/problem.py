@@ -209,15 +209,15 @@ class Problem:
     def chain_variance(self) -> float:
         """Of the residual, what a drive's loop between the samples makes of counts, within the bands [(N m)²].
 
-        It is no axis's torque as recorded, and about half of it comes again in a repeat, as the counts do.
+        It is no axis's torque as recorded, and about half of it comes again in a repeat, as the counts do. White noise
+        between the samples, or what the law leaves below the compared frequency where that is more.
         """
-        if (
-            self.controller is None
-            or not self.controller.in_band
-            or not math.isfinite(self.disturbance.sensor)
-        ):
+        law, data = self.controller, self.data
+        if law is None or not law.in_band or data.recorded_torque is data.sensed:
             return 0.0
-        return self.disturbance.sensor**2 * float(np.sum(np.convolve(self.data.taps, [0.5, 0.5]) ** 2))
+        shaken = self.disturbance.sensor if math.isfinite(self.disturbance.sensor) else 0.0
+        white = shaken**2 * float(np.sum(np.convolve(data.taps, [0.5, 0.5]) ** 2))
+        return max(white, (1.0 - law.explained) * float(np.var(smoothed(data, data.torque))))
 
     def mean_square(self, error: Floats, role: str) -> float:
         """Of the rows of a role, by their weight [(N m)²]; nan without any."""

@@ -13,6 +13,7 @@ from autotune.estimation.bandwidth import prepared_to_fit
 from autotune.estimation.controller import PositionController
 from autotune.estimation.disturbance import Disturbance
 from autotune.estimation.problem import new_problem
+from autotune.estimation.residual import smoothed
 
 LAW = PositionController(1.0, 0.1, explained=0.998, source="identified", in_band=True)
 
@@ -33,10 +34,16 @@ def test_the_sensors_torque_is_taken_where_the_drives_loop_shakes_its_demand_bet
 
 def test_a_rest_that_counts_shake_into_every_repeat_is_no_structure(short) -> None:
     data = prepared_to_fit([short])
-    problem = new_problem(data, replace(LAW, in_band=True))
+    law = replace(LAW, explained=0.99999)
+    problem = new_problem(data, law)
     shaken = replace(problem, disturbance=Disturbance(sensor=0.01))
     taps = np.convolve(data.taps, [0.5, 0.5])
     assert shaken.chain_variance == pytest.approx(1e-4 * float(taps @ taps))
+    assert replace(problem, controller=replace(law, explained=0.996)).chain_variance == pytest.approx(
+        0.004 * float(np.var(smoothed(data, data.torque)))
+    )
+    own = replace(data, sensed=data.recorded_torque)
+    assert replace(shaken, data=own).chain_variance == 0.0
     assert replace(shaken, controller=replace(LAW, in_band=False)).chain_variance == 0.0
     evidence = RepeatedProgramme()
     assert evidence.rest_that_is_none(shaken, 1e-9) == shaken.chain_variance

@@ -86,12 +86,13 @@ def test_recordings_are_evidence_of_one_kind(steady: bool, repeated: bool, kind:
 
 @pytest.mark.parametrize(
     ("share", "other", "named"),
-    [(0.75, 0.5, True), (0.65, 0.5, False), (0.65, 0.2, True), (0.75, 0.7, False), (0.55, 0.0, False)],
+    [(0.75, 0.5, True), (0.75, 0.7, False), (0.66, 0.2, False)],
 )
-def test_a_law_differs_where_most_is_explained_and_less_is_enough_where_no_other_comes_near(
+def test_a_law_differs_where_most_is_explained_and_no_other_comes_near(
     share: float, other: float, named: bool
 ) -> None:
-    """`other`: gain of another effect, over that of the chosen one."""
+    """`other`: gain of another effect, over that of the chosen one. Uneven oil, which is no effect, is explained to
+    0.66 by friction that depends on position, and to 0.2 of that by the next."""
     fit = SimpleNamespace(effects=("spring",), fitted=SimpleNamespace(packed=base_model(NOMINAL).pack()))
     chosen = SimpleNamespace(effect="spring", gain=0.4, share=share, model_fit=fit)
     first = [SimpleNamespace(effect="spring", gain=0.4), SimpleNamespace(effect="stribeck", gain=0.4 * other)]
