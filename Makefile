@@ -30,7 +30,9 @@ demo: install
 test: install
 	@$(MAKE) --no-print-directory check
 
-check: lint types layers unit
+check:
+	@$(MAKE) --no-print-directory --jobs 2 --output-sync lint types layers
+	@$(MAKE) --no-print-directory unit
 
 quick: install lint
 	$(BIN)/pytest -n 2 --dist worksteal -m 'not slow and not long' $(QUICK:%=tests/%)

@@ -7,9 +7,7 @@ that stays until it is reset.
 
 from __future__ import annotations
 
-import json
 import math
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -33,6 +31,7 @@ from autotune_sim.ramp import Ramp
 from autotune_sim.read_back import ReadBack
 from autotune_sim.rehearsal import Agenda
 from autotune_sim.servo import Servo, ServoMode, ServoState
+from autotune_sim.stored import keep, must_be_kept, recall
 from autotune_sim.truth import Truth
 
 BEYOND = 0.03  # rad outside of a position limit, on the way out, that is a fault
@@ -103,7 +102,7 @@ class SimDrive:
             raise ConfigurationError(str(error)) from None
         self._parameters = self._servo.parameters
         self._memory = memory
-        self._recall()
+        recall(memory, self._parameters)
         self._stored = self._parameters.snapshot()
         self._agenda = Agenda()
         self._conditions: set[str] = set()
@@ -402,35 +401,9 @@ class SimDrive:
         if "nvm" not in self._conditions:
             self._stored = self._parameters.snapshot()
             if self._memory is not None:
-                _keep(self._memory, self._stored)
+                keep(self._memory, self._stored)
             self._note("stored", stored=self._stored)
-        self._verify_stored()
-
-    def _verify_stored(self) -> None:
-        """What a driver in front of it does: reads again what the memory holds. Raises DriveError."""
-        now = self._parameters.snapshot()
-        lost = [name for name, value in self._stored.items() if now[name] != value]
-        if lost:
-            told = ", ".join(
-                f"{name} is {self._stored[name]:.9g} instead of {now[name]:.9g}" for name in lost[:3]
-            )
-            raise DriveError(
-                f"the simulated drive has confirmed storing, but {told} in its memory: it does not keep what is "
-                "stored. Nothing is kept; have the drive's memory checked"
-            )
-
-    def _recall(self) -> None:
-        """Takes the stored parameters from the memory file, if there is one."""
-        if self._memory is None or not self._memory.is_file():
-            return
-        try:
-            values = json.loads(self._memory.read_text(encoding="utf-8"))
-            self._parameters.restore(values)
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-            raise ConfigurationError(
-                f"the simulated drive's memory {self._memory} cannot be used ({error}); delete it, and the drive "
-                "has its factory settings"
-            ) from None
+        must_be_kept(self._stored, self._parameters.snapshot())
 
     def faults(self) -> list[str]:
         self._answer()
@@ -525,17 +498,6 @@ class SimDrive:
             "the simulated drive does not answer (a rehearsed failure); check that it has power and that "
             "the cable is plugged"
         )
-
-
-def _keep(memory: Path, values: Mapping[str, float]) -> None:
-    """Writes the memory whole, as a drive with two banks does."""
-    memory.parent.mkdir(parents=True, exist_ok=True)
-    temporary = memory.with_name(f".{memory.name}.{os.getpid()}.part")
-    with temporary.open("w", encoding="utf-8") as file:
-        json.dump(dict(values), file, indent=2)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(temporary, memory)
 
 
 def _aborted(what: str) -> TransferAborted:

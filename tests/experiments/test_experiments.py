@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import pickle
 from collections.abc import Callable
+from functools import cache
 from typing import cast
 
 import numpy as np
@@ -54,10 +55,12 @@ def rehearse(experiment: Experiment, start: float = 0.0) -> tuple[list[Command],
             return commands, labels
 
 
-def planned(name: str, where: Axis) -> list[PlannedExperiment]:
+@cache
+def planned(name: str) -> list[PlannedExperiment]:
+    """A programme's experiments on the usual axis, whose references are worked out once."""
     return [
         one
-        for one in build(name, where, Choices(seed=3, rivals=RIVALS))
+        for one in build(name, axis(), Choices(seed=3, rivals=RIVALS))
         if isinstance(one, PlannedExperiment)
     ]
 
@@ -67,7 +70,7 @@ def planned(name: str, where: Axis) -> list[PlannedExperiment]:
 @settings(max_examples=3, deadline=None)
 def test_references_are_continuous_and_within_their_needs(name: str, start: float) -> None:
     where = axis()
-    for experiment in planned(name, where):
+    for experiment in planned(name):
         needs = experiment.needs(where.limits)
         commands, _ = rehearse(experiment, start)
         positions = np.array([start, *(command.position for command in commands)])
@@ -84,7 +87,7 @@ def test_references_are_continuous_and_within_their_needs(name: str, start: floa
 @pytest.mark.parametrize("name", sorted(PROGRAMMES))
 def test_the_guard_lets_every_programme_pass_with_limits_that_are_just_enough(name: str) -> None:
     where = axis()
-    for experiment in planned(name, where):
+    for experiment in planned(name):
         needs = experiment.needs(where.limits)
         tight = where.limits.model_copy(
             update={
@@ -106,7 +109,7 @@ def test_the_guard_lets_every_programme_pass_with_limits_that_are_just_enough(na
 
 @pytest.mark.parametrize("name", sorted(PROGRAMMES))
 def test_labels_and_durations_are_as_declared(name: str) -> None:
-    for experiment in planned(name, axis()):
+    for experiment in planned(name):
         commands, labels = rehearse(experiment, experiment.motion.centre)
         assert {label for label, _ in labels} == set(experiment.labels)
         assert len(commands) * 1e-3 == pytest.approx(experiment.duration, abs=2e-3)

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 from autotune.core.axis import Axis
@@ -18,6 +17,7 @@ from autotune.core.drive import Command, Mode, Sample, Standing
 from autotune.core.drive_recording import DriveRecording
 from autotune.core.errors import DriveError, DriveFault, LinkError, LinkTimeout, StateError, TransferAborted
 from autotune.core.stopping import StopLimits
+from autotune_drivers.canopen import storing
 from autotune_drivers.canopen.cia402 import (
     ENABLE_OPERATION,
     ENABLED_MASK,
@@ -37,9 +37,10 @@ from autotune_drivers.canopen.objects import ObjectRef, Raw
 from autotune_drivers.canopen.parameters import DriveParameters
 from autotune_drivers.canopen.power import ERROR_CODE, STATUS, Power
 from autotune_drivers.canopen.read_back import ReadBack
+from autotune_drivers.canopen.scaling import Scaling, Told
 from autotune_drivers.canopen.sdo import Sdo
 from autotune_drivers.canopen.session import Backup, Session
-from autotune_drivers.profile import Profile, Store
+from autotune_drivers.profile import Profile
 from autotune_drivers.signals import Signal
 from autotune_drivers.stopping import close_down, off_after, unconfirmed
 from autotune_drivers.units import Units
@@ -49,8 +50,6 @@ MODE_SHOWN = ObjectRef(0x6061, 0, "i8", "mode of operation display")
 SUPPORTED_MODES = ObjectRef(0x6502, 0, "u32", "supported drive modes")
 INCLUDES = "torque.demand_includes_feedforward"
 """Not in the drive, but how it is read: 1 or 0, where the profile says that it has to be found."""
-_SAVE = 0x65766173
-_BUSY, _DONE = 255, (0, 1)  # status of a command object (ETG.1020)
 _TARGET, _OFFSET = 1, 2  # their places in the outputs of a cycle
 _MODE_TIMEOUT = 0.5
 
@@ -103,7 +102,7 @@ class CanopenDrive:
         self._held: Raw = 0
         self._mapped: Mode | None = None
         self._live = self._asked_for_power = self._lost = self._closed = self._blind = False
-        self._scale()
+        self._scaling = Scaling(profile, units)
 
     def note(self) -> None:
         """Notes everything that will be changed, so that `backup` is complete from the beginning."""
@@ -112,26 +111,6 @@ class CanopenDrive:
         self._session.remember(MODE_WANTED)
         for setting in self._exchange.settings(self._profile.commands.position.ref):
             self._session.remember_pdo(setting)
-
-    def _scale(self) -> None:
-        """Factors used in every cycle, once."""
-        signals, commands, units = self._profile.signals, self._profile.commands, self._units
-        self._to_position = units.signed(signals.position.unit)
-        self._to_velocity = units.signed(signals.velocity.unit)
-        self._to_torque = units.signed(signals.torque.unit)
-        self._to_demand = units.signed(signals.torque_demand.unit)
-        feedback = signals.torque_feedback
-        self._to_feedback = units.signed(feedback.unit) if feedback else None
-        self._to_temperature = units.factor(signals.temperature.unit) if signals.temperature else 0.0
-        self._command_position = units.signed(commands.position.unit)
-        self._command_velocity = units.signed(commands.velocity.unit)
-        self._command_torque = units.signed(commands.torque.unit)
-        self._command_feedforward = units.signed(commands.torque_feedforward.unit)
-        self._raw_position = _rounder(commands.position.ref)
-        self._raw_velocity = _rounder(commands.velocity.ref)
-        self._raw_torque = _rounder(commands.torque.ref)
-        self._raw_feedforward = _rounder(commands.torque_feedforward.ref)
-        self._demand_has_feedforward = self._profile.torque.demand_includes_feedforward
 
     @property
     def period(self) -> float:
@@ -148,7 +127,7 @@ class CanopenDrive:
     def look(self) -> Standing:
         signals = self._profile.signals
         position, velocity = (self._sdo.read(one.ref) for one in (signals.position, signals.velocity))
-        return Standing(position * self._to_position, velocity * self._to_velocity)
+        return self._scaling.standing(position, velocity)
 
     # Power
 
@@ -275,8 +254,10 @@ class CanopenDrive:
         if not self._live:
             raise StateError("a cycle was asked for while power is off; enable the drive first")
         try:
-            target = self._raw_target(command)
-            feedforward = self._raw_feedforward(command.torque_feedforward / self._command_feedforward)
+            target = self._scaling.target(self._mode, command, self._held)
+            if self._mode is Mode.POSITION:
+                self._held = target
+            feedforward = self._scaling.feedforward(command)
             outputs = (ENABLE_OPERATION, target, feedforward)
             missed = self._exchange.cycle(outputs)
         except LinkError:
@@ -296,13 +277,25 @@ class CanopenDrive:
             raise self._stale()
         if self._marks is not None:
             self._mark(self._marks)
-        return self._sample(target, feedforward, missed)
+        time = (self._exchange.count - 1) * self._period
+        return self._scaling.sample(self._mode, time, target, feedforward, self._told(), missed)
+
+    def _told(self) -> Told:
+        """What the drive has told in this cycle."""
+        values = self._exchange.values
+        if not all(map(math.isfinite, values)):
+            raise DriveFault(
+                f"node {self._node.number} tells a value that is no number ({values}); its position sensor or its "
+                "measurement is not valid. Check the sensor's cable and the drive"
+            )
+        return Told(values, self._exchange.slow)
 
     def _stale(self) -> LinkTimeout:
         age, period = self._exchange.slow_seconds
+        degrees = self._scaling.temperature(self._exchange.slow)
         return LinkTimeout(
             f"node {self._node.number} has not told its temperature ({self._exchange.slow_signal}) for {age:.2g} s, "
-            f"though it is to come every {period:.2g} s; the last one, {self._temperature():.1f} °C, is too old to "
+            f"though it is to come every {period:.2g} s; the last one, {degrees:.1f} °C, is too old to "
             f"guard the axis with (allowed are {SLOW_LOST} lost in a row). Check the bus for lost frames, and what "
             "else changes the drive's PDOs"
         )
@@ -313,15 +306,6 @@ class CanopenDrive:
         if sync is not None and (not marks or (count - sync - marks[-1][0] + marks[-1][1]) & 0xFFFF):
             marks.append((count, sync))
 
-    def _raw_target(self, command: Command) -> Raw:
-        if self._mode is Mode.POSITION:
-            if not math.isnan(command.position):
-                self._held = self._raw_position(command.position / self._command_position)
-            return self._held
-        if self._mode is Mode.VELOCITY:
-            return self._raw_velocity(command.velocity / self._command_velocity)
-        return self._raw_torque(command.torque / self._command_torque)
-
     def _check_power(self) -> None:
         """An emergency that only says "error gone" is no reason to stop."""
         running = int(self._exchange.values[0]) & ENABLED_MASK == ENABLED_VALUE
@@ -330,46 +314,12 @@ class CanopenDrive:
             return
         raise self._power.lost()
 
-    def _sample(self, target: Raw, feedforward: Raw, missed: int) -> Sample:
-        values = self._exchange.values
-        if not all(map(math.isfinite, values)):
-            raise DriveFault(
-                f"node {self._node.number} tells a value that is no number ({values}); its position sensor or its "
-                "measurement is not valid. Check the sensor's cable and the drive"
-            )
-        position = values[1] * self._to_position
-        demand = values[2] * self._to_demand
-        host = feedforward * self._command_feedforward
-        if self._to_feedback is not None:
-            feedback = values[5] * self._to_feedback
-            host = demand - feedback
-        elif self._demand_has_feedforward:
-            feedback = demand - host
-        else:
-            feedback, demand = demand, demand + host
-        return Sample(
-            (self._exchange.count - 1) * self._period,
-            target * self._command_position if self._mode is Mode.POSITION else position,
-            position,
-            values[4] * self._to_velocity,
-            demand,
-            values[3] * self._to_torque,
-            host,
-            feedback,
-            self._temperature(),
-            missed,
-        )
-
-    def _temperature(self) -> float:
-        slow = self._exchange.slow
-        return float("nan") if slow is None else slow * self._to_temperature
-
     # At rest
 
     def read_parameters(self, names: Sequence[str] | None = None) -> dict[str, float]:
         found: dict[str, float] = {}
         if self._profile.torque.find and (names is None or INCLUDES in names):
-            found[INCLUDES] = float(self._demand_has_feedforward)
+            found[INCLUDES] = float(self._scaling.demand_has_feedforward)
         rest = None if names is None else [name for name in names if name not in found]
         return self._parameters.read(rest) | found
 
@@ -378,7 +328,7 @@ class CanopenDrive:
         includes = rest.pop(INCLUDES, None) if self._profile.torque.find else None
         self._parameters.write(rest)
         if includes is not None:
-            self._demand_has_feedforward = bool(includes)
+            self._scaling.demand_has_feedforward = bool(includes)
 
     def store(self) -> None:
         store = self._profile.store
@@ -389,63 +339,28 @@ class CanopenDrive:
             )
         if self._live:
             raise StateError("parameters are stored with power off only; disable the drive first")
-        ref = ObjectRef(store.at.index, store.at.sub, store.at.type, "store parameters")
         self._put_back()  # what a session changes must not survive it
         try:
-            self._save_ripple()
-            self._sdo.write(ref, _SAVE, store.seconds)
+            storing.save(self._node, self._sdo, self._parameters, store)
             if store.verify != "none":
-                self._verify_stored(store)
+                storing.verify(self._node, self._parameters, store, lambda: self._reset(store.verify))
         finally:
             for setting in self._settings:
                 self._session.write_if_there(*setting)
             self._node.monitor(self._profile.guard.monitor)
 
-    def _save_ripple(self) -> None:
-        """The harmonics into the drive's memory, where that is a command of its own.
-
-        Raises:
-            DriveError: it says that it has failed, or does not come to an end.
-        """
-        block = self._parameters.ripple
-        if block is None or block.save is None:
-            return
-        save = block.save
-        self._sdo.write(replace(save.command, name="save harmonics"), save.value, save.seconds)
-        self._node.wire.wait(save.seconds, lambda: self._sdo.read(save.status) != _BUSY)
-        status = self._sdo.read(save.status)
-        if status not in _DONE:
-            raise DriveError(
-                f"node {self._node.number} was told to save its harmonics ({save.command}), and {save.status} is "
-                f"{status}: they are not stored. Look into the drive's diagnosis, and have its memory checked"
-            )
-
-    def _verify_stored(self, store: Store) -> None:
-        """Resets the node and reads everything again; what is not in the stored area gets its value back.
-
-        Raises:
-            DriveError: a value did not survive. LinkTimeout: the node did not come back.
-        """
-        before = self._parameters.read()
-        booted = self._node.reset(store.verify, self._profile.transition_seconds)
+    def _reset(self, how: str) -> None:
+        """Resets the node. Raises LinkTimeout: it did not come back."""
+        seconds = self._profile.transition_seconds
+        booted = self._node.reset(how, seconds)
         self._mapped = None
         self._session.forget_present()
         if not booted and not self._answers():
             raise LinkTimeout(
-                f"node {self._node.number} did not come back within {self._profile.transition_seconds:g} s after "
+                f"node {self._node.number} did not come back within {seconds:g} s after "
                 "the reset that follows storing; switch it off and on, and start again"
             )
         self._node.take_emergencies()
-        after = self._parameters.read()
-        changed = [name for name, value in before.items() if after[name] != value]
-        lost = [name for name in changed if self._parameters.stored_by(store.at, name)]
-        self._parameters.write({name: before[name] for name in changed if name not in lost})
-        if lost:
-            told = ", ".join(f"{name} is {after[name]:.9g} instead of {before[name]:.9g}" for name in lost)
-            raise DriveError(
-                f"node {self._node.number} has confirmed storing, but after a reset {told}: its memory does not "
-                "keep what is stored. Nothing is kept; have the drive's memory checked"
-            )
 
     def recorder_seconds(self) -> float:
         """How long the drive's own recorder can record without a gap [s]; 0 where it cannot."""
@@ -519,17 +434,6 @@ class CanopenDrive:
         except LinkError:
             return False
         return True
-
-
-def _rounder(ref: ObjectRef) -> Callable[[float], Raw]:
-    """How a number becomes a raw value of this object: whole, or finite as it is."""
-    return _finite if ref.is_float else round
-
-
-def _finite(value: float) -> Raw:
-    if not math.isfinite(value):
-        raise ValueError(f"{value} is no number")
-    return value
 
 
 def _guard(profile: Profile, units: Units, own_node: int) -> tuple[ObjectRef, Raw]:
