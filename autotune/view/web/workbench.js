@@ -59,7 +59,7 @@ async function work(kind, wish) {
 
 function askForToken(why) {
   const box = $("token-box");
-  $("token-why").textContent = why || "This page needs the token that the program printed.";
+  $("token-why").textContent = why || "This page needs the token: of the address that the program printed, or the service's own (runs/.service/token).";
   if (!box.open) box.showModal();
 }
 
