@@ -3,7 +3,10 @@
 One axis is tuned (a simulated drive in the worker process, which takes a whole core), another has a history
 of 365 checks. Each endpoint is read in turn, one request after the other, until the tuning has ended.
 
-    python -m bench.service_reads [--out FILE.json]
+With `--pages`, so many of the service's pages are open in a browser beside it; with `--hung`, the browser is then
+suspended for so many seconds, as a tab that hangs.
+
+    python -m bench.service_reads [--pages 3] [--hung 30] [--out FILE.json]
 """
 
 from __future__ import annotations
@@ -12,9 +15,12 @@ import argparse
 import json
 import os
 import shutil
+import signal
 import tempfile
 import time
 import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -36,6 +42,8 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--out", type=Path)
+    parser.add_argument("--pages", type=int, default=0)
+    parser.add_argument("--hung", type=float, default=0.0)
     options = parser.parse_args()
     folder = Path(tempfile.mkdtemp(prefix="autotune-reads-"))
     service = Service(folder)
@@ -46,16 +54,76 @@ def main() -> None:
         _past(folder, CHECKS)
         service.start()
         alone = read_for(service, lambda n: n < 20)
-        service.submit("tuned", "run")
-        busy = read_for(service, lambda n: n < 20 or any(job["state"] != "done" for job in service.jobs()))
+        with opened(service, folder, options.pages) as process:
+            service.submit("tuned", "run")
+            hung = suspended(service, process, options.hung) if process and options.hung else {}
+            busy = read_for(
+                service, lambda n: n < 20 or any(job["state"] != "done" for job in service.jobs())
+            )
         (job,) = service.jobs()
+        peak = memory(service.process.pid) if service.process else 0
     finally:
         service.end()
         shutil.rmtree(folder, ignore_errors=True)
-    found = {"run": job["outcome"], "load": os.getloadavg()[0], "idle": judged(alone), "tuning": judged(busy)}
+    found = {
+        "run": job["outcome"], "load": round(os.getloadavg()[0], 1), "pages": options.pages,
+        "server_peak_mb": round(peak / 1e6), "idle": judged(alone), "tuning": judged(busy), **hung,
+    }  # fmt: skip
     print(json.dumps(found, indent=2))
     if options.out:
         options.out.write_text(json.dumps(found, indent=2))
+
+
+@contextmanager
+def opened(service: Service, folder: Path, pages: int) -> Iterator[int]:
+    """So many tabs on the service, one of them the workbench; the browser's process, 0 without any."""
+    if not pages:
+        yield 0
+        return
+    from tests.workbench.browser import browser
+
+    (folder / "browser").mkdir()
+    with browser(folder / "browser") as driver:
+        for number in range(pages):
+            if number:
+                driver.switch_to.new_window("window")  # a tab in the background asks nothing
+            driver.get(service.address + ("/workbench" if number == 1 else "/"))
+        yield int(driver.service.process.pid)
+
+
+def suspended(service: Service, process: int, seconds: float) -> dict[str, Any]:
+    """Reads while the browser is stopped, and then goes on."""
+    tree = [process, *below(process)]
+    for one in tree:
+        os.kill(one, signal.SIGSTOP)
+    before, end = memory(service.process.pid, "VmRSS") if service.process else 0, time.monotonic() + seconds
+    try:
+        times = read_for(service, lambda n: time.monotonic() < end)
+    finally:
+        for one in tree:
+            os.kill(one, signal.SIGCONT)
+    after = memory(service.process.pid, "VmRSS") if service.process else 0
+    return {"hung": judged(times) | {"seconds": seconds, "memory_grew_mb": round((after - before) / 1e6, 1)}}
+
+
+def below(process: int) -> list[int]:
+    """All processes that come from one."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = path.read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        if int(fields[1]) == process:
+            child = int(path.parent.name)
+            found += [child, *below(child)]
+    return found
+
+
+def memory(process: int, name: str = "VmHWM") -> int:
+    """Bytes that a process has, or has had at most."""
+    text = Path(f"/proc/{process}/status").read_text()
+    return int(next(line for line in text.splitlines() if line.startswith(name)).split()[1]) * 1024
 
 
 def read_for(service: Service, going: Any) -> dict[str, list[float]]:

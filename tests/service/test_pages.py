@@ -19,7 +19,7 @@ from selenium.webdriver.common.by import By
 from autotune.view.report import Change, Report, Table, write_report
 from tests.service.test_live import Live, live
 from tests.workbench.browser import browser, needs_browser, serious
-from tests.workbench.test_page import until
+from tests.workbench.test_page import Page, until
 
 __all__ = ["live"]
 
@@ -217,3 +217,39 @@ def test_a_service_that_is_started_again_under_an_open_page_is_found_again(
         desk.agree()
         desk.give_token()
         until(lambda: [job["kind"] for job in live.get("/api/jobs")] == ["check"])
+
+
+@needs_browser
+@pytest.mark.long
+@pytest.mark.timeout(600)
+def test_the_workbench_loses_nothing_when_the_service_is_started_again(live: Live, tmp_path: Path) -> None:
+    """Recordings that a page was given are sent again, models are the page's own; the service's token is the same."""
+    import autotune
+
+    recording = tmp_path / "mine.parquet"
+    played = autotune.simulate("sim://lugre?seed=3&effect=gravity_imbalance:0.05", programme="high-speed")
+    autotune.write_recording(played, recording)
+    live.start()
+    port = live.address.rpartition(":")[2]
+    settings = live.folder / "service.toml"
+    settings.write_text(settings.read_text().replace("port = 0", f"port = {port}"))
+    with browser(tmp_path / "browser") as driver:
+        driver.get(live.address + "/workbench")
+        token = (live.folder / "runs" / ".service" / "token").read_text().strip()
+        until(driver.find_element(By.ID, "token-box").is_displayed)
+        driver.find_element(By.ID, "token").send_keys(token + "\n")
+        page = Page(driver)
+        until(lambda: "Drop a recording" in page.text("status"))
+        driver.find_element(By.ID, "choose").send_keys(str(recording))
+        until(lambda: "rows" in page.text("status"))
+        page.press("fit")
+        until(lambda: page.text("figures") and page.idle())
+        live.end(signal.SIGTERM)
+        live.start()
+        assert live.address.endswith(f":{port}")
+        page.press("compare")
+        until(page.idle)
+        until(lambda: "mine.parquet" in page.text("list") and page.text("figures"))
+        assert "not here any more" not in page.text("status")
+        page.press("reversal")  # the traces are there again, too
+        until(lambda: driver.find_elements(By.CSS_SELECTOR, "#trace-torque canvas"))

@@ -9,6 +9,7 @@ from typing import TypeVar
 
 import pytest
 from selenium.webdriver import Chrome
+from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 
@@ -48,12 +49,30 @@ class Page:
             self.driver.execute_script("arguments[0].scrollIntoView({block: 'center'})", element)
             element.click()
             return
-        for _ in range(80):  # by Tab alone
-            self.driver.switch_to.active_element.send_keys(Keys.TAB)
+        self.reach(id)
+        self.key(Keys.ENTER)
+
+    def key(self, key: str) -> None:
+        """To whatever has the focus; a chooser of files would take it for a name otherwise."""
+        ActionChains(self.driver).send_keys(key).perform()
+
+    def reach(self, id: str) -> None:
+        """By Tab alone."""
+        for _ in range(90):
+            self.key(Keys.TAB)
             if self.driver.switch_to.active_element.get_attribute("id") == id:
-                self.driver.switch_to.active_element.send_keys(Keys.ENTER)
                 return
         raise AssertionError(f"{id} cannot be reached by keyboard")
+
+    def choose(self, id: str) -> None:
+        """A place in a picture: by a click, or by an arrow key."""
+        if self.keyboard:
+            self.reach(id)
+            self.key(Keys.ARROW_RIGHT)
+            return
+        element = self.driver.find_element(By.ID, id)
+        self.driver.execute_script("arguments[0].scrollIntoView({block: 'center'})", element)
+        ActionChains(self.driver).move_to_element(element).click().perform()
 
     def idle(self) -> bool:
         return not self.driver.find_element(By.ID, "work").is_displayed()
@@ -85,6 +104,13 @@ def test_a_hidden_effect_is_found_added_and_saved(keyboard: bool, hidden: Path, 
         assert "token" not in driver.current_url
         page.press("fit")
         until(lambda: page.text("figures") and page.idle())
+        for picture in ("by-coordinate", "places", "orders"):
+            page.choose(picture)
+            until(
+                lambda: " of " in page.text("selected") and "% of the squared error" in page.text("selected")
+            )
+            page.press("selection-back")
+            until(lambda: "All samples" in page.text("selected"))
         page.press("diagnose")
         assert "gravity_imbalance" in until(lambda: page.text("verdict"))
         until(page.idle)
@@ -151,3 +177,42 @@ def test_without_the_token_the_page_asks_for_it(hidden: Path, tmp_path: Path) ->
         field.send_keys(token + Keys.ENTER)
         until(lambda: "rows" in page.text("status"))
         assert not box.is_displayed()
+
+
+@needs_browser
+@pytest.mark.long
+def test_bad_input_is_told_on_the_page(hidden: Path, tmp_path: Path) -> None:
+    """A file of 2 GB, one of another program, a model with an effect that there is not, two tabs on one model."""
+    huge, foreign, model = tmp_path / "huge.parquet", tmp_path / "scope.csv", tmp_path / "wrong.toml"
+    with huge.open("wb") as file:
+        file.truncate(2_000_000_000)
+    foreign.write_text("s,angle,current\n" + "\n".join(f"{k * 1e-3},{k * 1e-4},0.1" for k in range(500)))
+    with workbench(hidden) as address, browser(tmp_path / "browser") as driver:
+        driver.get(address)
+        page = Page(driver)
+        until(lambda: "rows" in page.text("status"))
+        driver.find_element(By.ID, "choose").send_keys(str(huge))
+        until(lambda: "a page can send 1 GB" in page.text("status"))
+        driver.find_element(By.ID, "choose").send_keys(str(foreign))
+        until(driver.find_element(By.ID, "import").is_displayed)
+        assert "column" in page.text("import-why")
+        page.press("import-cancel")
+        page.press("fit")
+        until(lambda: page.text("figures") and page.idle())
+        kept = driver.execute_script(
+            "return JSON.parse(localStorage.getItem('autotune-workbench')).versions[0].text"
+        )
+        model.write_text(kept + "\n[effects.stribek.break_away]\nvalue = 0.1\n")
+        driver.find_element(By.ID, "open-model").send_keys(str(model))
+        until(lambda: "is open" in page.text("status"))
+        page.press("compare")
+        until(lambda: page.idle() and "stribek" in page.text("status"))
+        assert not [one for one in page.complaints() if "status of 422" not in one]
+        first = driver.current_window_handle
+        driver.switch_to.new_window("tab")
+        driver.get(address)
+        until(lambda: "rows" in page.text("status") and page.driver.find_element(By.ID, "undo").is_enabled())
+        driver.execute_script("document.getElementById('undo').click()")
+        driver.switch_to.window(first)
+        until(lambda: "Another tab" in page.text("status"))
+        assert "wrong.toml" in page.text("stairs") or driver.find_element(By.ID, "save").is_enabled()

@@ -7,6 +7,7 @@ import { drawWhere, selectAll, selectedStretches, selection, selectTime, showWhe
 
 const $ = (id) => document.getElementById(id);
 const MOST_BYTES = 1e9;
+const KEPT = "autotune-workbench";
 const MOST_GAP = 0.1; // s, between compared rows: over more no line is drawn
 
 const state = {
@@ -59,7 +60,7 @@ async function work(kind, wish) {
 
 function askForToken(why) {
   const box = $("token-box");
-  $("token-why").textContent = why || "This page needs the token that the program printed.";
+  $("token-why").textContent = why || "This page needs the token: of the address that the program printed, or the service's own (runs/.service/token).";
   if (!box.open) box.showModal();
 }
 
@@ -285,7 +286,7 @@ function adoptModel(version) {
 
 function remember() {
   try {
-    localStorage.setItem("autotune-workbench", JSON.stringify({ versions: state.versions, at: state.at }));
+    localStorage.setItem(KEPT, JSON.stringify({ versions: state.versions, at: state.at }));
   } catch {
     say("The browser keeps no more; save the model to a file.", true);
   }
@@ -293,10 +294,10 @@ function remember() {
 
 function recall() {
   try {
-    const kept = JSON.parse(localStorage.getItem("autotune-workbench") || "null");
+    const kept = JSON.parse(localStorage.getItem(KEPT) || "null");
     if (kept && kept.versions.length) Object.assign(state, { versions: kept.versions, at: kept.at });
   } catch {
-    localStorage.removeItem("autotune-workbench");
+    localStorage.removeItem(KEPT);
   }
 }
 
@@ -553,6 +554,9 @@ function wire() {
   $("token-box").onclose = () => { setToken($("token").value); begin(); };
   const redraw = () => { attempt(draw); if (state.compared) drawWhere(); };
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
+  addEventListener("storage", (event) => { // another tab of this browser
+    if (event.key === KEPT && event.newValue) say("Another tab has changed the models that this browser keeps. This tab goes on with its own; save the one that you want to have after both are closed.", true);
+  });
   let waiting = 0;
   addEventListener("resize", () => { clearTimeout(waiting); waiting = setTimeout(redraw, 200); });
 }
