@@ -1,15 +1,18 @@
-"""`make pictures`: the README's picture, drawn from a run on the simulated axis."""
+"""`make pictures`: the README's picture and those of the viewer's pages, drawn from a run on the simulated axis."""
 
 from __future__ import annotations
 
 import argparse
+import io
 import tempfile
 from datetime import datetime
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from autotune.core.axis import read_axis
+from autotune.core.errors import ConfigurationError
 from autotune.core.paths import config_directory
 from autotune.recordings.files import read_recording
 from autotune.tuning.links import open_link
@@ -18,7 +21,25 @@ from autotune.tuning.proof import fold
 from autotune.tuning.run import Request, tune
 from autotune.tuning.stage_prove import AFTER, BEFORE, COMMITTED, windows_of
 from autotune.view.data import BeforeAfter
+from autotune.view.snapshot import headless_viewer
 from autotune.view.svg import before_after_svg
+
+SHOWN = ("Traces", "Diagnosis", "Proof")
+WIDTH = 1200
+
+
+def viewer_pictures(rrd: Path, folder: Path) -> None:
+    """`viewer-….png`: pages of a run as the Rerun viewer shows them; said and left where nothing can draw them."""
+    try:
+        with headless_viewer() as viewer:
+            viewer.open(rrd)
+            for tab in viewer.tabs():
+                if tab in SHOWN:
+                    picture = Image.open(io.BytesIO(viewer.picture())).convert("RGB")
+                    small = picture.resize((WIDTH, WIDTH * picture.height // picture.width))
+                    small.quantize(64).save(folder / f"viewer-{tab.lower()}.png", optimize=True)
+    except ConfigurationError as reason:
+        print(f"viewer's pictures left as they are: {reason}")
 
 
 def main() -> None:
@@ -33,6 +54,8 @@ def main() -> None:
         runs = Path(scratch)
         result = tune(Request(axis, lambda: open_link(axis, runs), runs, Silent(), datetime.now))
         recordings = result.run_directory / "recordings"
+        folder.mkdir(parents=True, exist_ok=True)
+        viewer_pictures(result.run_directory / "run.rrd", folder)
         proof = read_recording(recordings / "proof.parquet")
         alone = read_recording(recordings / "committed.parquet")
     samples = round(1.0 / (axis.benchmark.frequency * proof.period))
@@ -53,7 +76,6 @@ def main() -> None:
         committed=errors[COMMITTED],
         committed_name="in the drive",
     )
-    folder.mkdir(parents=True, exist_ok=True)
     (folder / "before-after.svg").write_text(before_after_svg(shown), encoding="utf-8")
 
 

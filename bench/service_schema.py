@@ -58,7 +58,7 @@ def _write_settings(service: Service, folder: Path) -> None:
     smallest = min(recordings, key=lambda one: int(one["bytes"]))["id"]
     streams = "".join(
         f'[[operations]]\ninclude-path = "{path}"\nrequest-timeout = 1.0\n'
-        for path in ("/api/events", "/api/jobs/{job}/events")
+        for path in ("/api/events", "/api/jobs/{job}/events", "/api/axes/{axis}/live")
     )
     known = {"axis": AXIS, "job": service.jobs()[0]["id"], "model": model, "recording": smallest}
     (folder / "schemathesis.toml").write_text(

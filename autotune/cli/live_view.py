@@ -35,6 +35,8 @@ def live_view(axis: Axis) -> Iterator[LiveView]:
         yield live
         if live.dropped:
             say(f"the viewer was too slow for {live.dropped} samples; the recording has them all")
+        if restarts := int(live.status.get("restarts", 0)):
+            say(f"the viewer's server hung and was replaced ({restarts} times); nothing waited for it")
 
 
 @contextmanager
