@@ -155,7 +155,7 @@ def find_controller(data: Prepared, policy: Policy = POLICY) -> PositionControll
         return _none(f"the recording has no column 'reference'; {IMPORT_REFERENCE}")
     if not all(stretch.closed for stretch in data.stretches):
         return _none("parts were recorded without position control")
-    return identified(
+    found = identified(
         LoopSamples(
             data.period,
             data.reference,
@@ -167,6 +167,10 @@ def find_controller(data: Prepared, policy: Policy = POLICY) -> PositionControll
             policy,
         )
     )
+    if found.in_band and not data.repeated:
+        # without repeats nothing tells what such a drive makes of counts from what a model lacks
+        return replace(found, source="none", why=_unexplained(found.explained, policy.controller_explains))
+    return found
 
 
 def asked(data: Prepared, controller: PositionController) -> Floats:

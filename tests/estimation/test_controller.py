@@ -168,3 +168,13 @@ def test_a_law_that_works_between_the_samples_is_found_below_the_compared_freque
     # Gains wrong by a tenth do no harm to a twin.
     assert (found.kp, found.kd, found.ki) == pytest.approx((40.0, 0.2, 900.0), rel=0.1)
     assert "below 60 Hz" in found.why
+
+
+def test_a_law_found_in_band_drives_no_twin_of_a_single_recording() -> None:
+    recording = recorded(TRUE, seconds=8.0)
+    columns = dict(recording.floats)
+    noise = np.random.default_rng(3).normal(0.0, 0.05 * float(np.std(recording["torque"])), len(recording))
+    columns["torque"] = recording["torque"] + noise
+    heard = Recording.from_columns(columns, recording.metadata, "motion")
+    assert controller_of(heard).in_band
+    assert not find_controller(prepare([heard])).usable
