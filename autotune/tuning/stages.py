@@ -32,7 +32,7 @@ from autotune.tuning.stage_prove import Proved, committed_seconds, proof_seconds
 from autotune.tuning.stage_reduce import plan_retune
 from autotune.tuning.stop_reasons import explained, loose
 from autotune.tuning.torque_check import find_torque_semantics, must_be_found
-from autotune.tuning.two_masses import refuse_resonance, refuse_two_masses
+from autotune.tuning.two_masses import refuse_loose_load, refuse_resonance, refuse_two_masses
 from autotune.tuning.unfit_axes import NotTunable
 
 SPARE_SECONDS = 6.0  # of machine time, for ways between windows
@@ -136,6 +136,7 @@ def _diagnose(request: Request, session: Session, course: Course) -> bool:
     course.notes += told.notes
     kp = session.controller.kp if session.controller is not None else None
     alone = found.estimates
+    refuse_loose_load(recording, kp)
     refuse_two_masses(found.joint, alone.get("high_speed"), alone.get("presliding"), told.effects, kp)
     refuse_resonance(told.model, kp)
     if note := hunting_note(session, told.model or found.model):
