@@ -27,7 +27,7 @@ import numpy as np
 ENOUGH = 3.0  # heights
 HIGHEST = 2.0  # heights that one half counts
 HALVES = 3  # at least
-LEAST_FRICTION = 1.5  # friction levels that the torque must fall or rise by: one height
+LEAST_FRICTION = 1.0  # friction levels that the torque must fall or rise by: one height
 LEAST_TORQUE = 0.15  # of limits.torque
 UNKNOWN_TORQUE = 0.3  # the same before friction is known
 TURNS = 0.5  # heights, after which the torque has turned round

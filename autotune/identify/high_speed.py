@@ -6,6 +6,9 @@ divided, so that noise in the loop does not bias it. Below the first resonance i
 jω·J + σ2 (3.44). A torque that comes late by τ turns it by e^{jωτ}, whose real part is σ2 − J·ω²·τ: the lag
 of the torque path, which presliding cannot tell from damping. Where the response rises well above that
 line there is a resonance that a notch will need.
+
+Where a load hangs on a spring, the motor stands still at the load's own resonance (motor clamped): the real part of
+jω·G, 1/J for one mass, falls through zero there and is that of the motor alone above. Noise does not bias that either.
 """
 
 from __future__ import annotations
@@ -41,6 +44,10 @@ RESONANCE = 3.0
 """The response must rise to this multiple of the rigid axis's to count as a resonance."""
 _LEAST_LINES = 8
 HANN_WIDTH = 1.5
+STANDS = 0.1
+"""Of the largest real part of jω·G, below which the motor stands. Rigid axes have 0.58 and more everywhere."""
+ANTIRESONANCES = (15.0, 200.0)
+"""Hz: below, friction at rest stands in the way; above, the lag of a torque path turns it round."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,12 +78,48 @@ class HighSpeed:
     lag: Quantity
 
 
+@dataclass(frozen=True, slots=True)
+class Antiresonance:
+    """A load on a spring: its own resonance with the motor clamped [Hz], and the motor's inertia without it."""
+
+    frequency: float
+    inertia: float
+
+
+def antiresonance(recording: Recording) -> Antiresonance | None:
+    """Where the motor stands while its load swings; None for an axis that is one mass there.
+
+    Raises:
+        NotEnoughExcitation: as `identify_high_speed`.
+    """
+    response = _response(recording)
+    omega = 2.0 * math.pi * response.frequency
+    lightness = np.convolve((1j * omega * response.response).real, np.ones(3) / 3.0, "same")
+    low, high = ANTIRESONANCES
+    inside = (response.frequency > low) & (response.frequency < high)
+    if np.count_nonzero(inside) < _LEAST_LINES:
+        return None
+    largest = float(np.percentile(lightness[inside], 90.0))
+    error = np.abs(omega * response.response) * response.relative_error
+    stands = inside & (lightness < STANDS * largest) & (error < largest)
+    if not largest > 0.0 or not np.any(stands):
+        return None
+    frequency = float(response.frequency[stands][0])
+    above = (response.frequency > 1.5 * frequency) & (response.frequency < 4.0 * frequency)
+    level = float(np.median(lightness[above])) if np.any(above) else 0.0
+    return Antiresonance(frequency, 1.0 / level) if level > 0.0 else None
+
+
 def identify_high_speed(recording: Recording) -> HighSpeed:
     """Frequency response of all passes together.
 
     Raises:
         NotEnoughExcitation: no excitation, passes too short, torque clipped, or no coherence.
     """
+    return _fitted(_response(recording), recording.period)
+
+
+def _response(recording: Recording) -> Response:
     passes = [_pass(segment) for _, segment in recording.split()]
     usable = [spectra for spectra in passes if spectra is not None]
     if not usable:
@@ -84,7 +127,7 @@ def identify_high_speed(recording: Recording) -> HighSpeed:
             f"no pass at high speed is longer than {2 * WINDOW_SECONDS} s, free of clipping and excited; add a "
             "pseudo-random signal to the torque offset or to the reference"
         )
-    return _fitted(together(usable).response(), recording.period)
+    return together(usable).response()
 
 
 def _pass(segment: Recording) -> Spectra | None:

@@ -33,7 +33,7 @@ from autotune.tuning.stage_prove import Proved, committed_seconds, proof_seconds
 from autotune.tuning.stage_reduce import plan_retune
 from autotune.tuning.stop_reasons import explained, loose
 from autotune.tuning.torque_check import find_torque_semantics, must_be_found
-from autotune.tuning.two_masses import refuse_resonance, refuse_two_masses
+from autotune.tuning.two_masses import refuse_loose_load, refuse_resonance, refuse_two_masses
 from autotune.tuning.unfit_axes import NotTunable
 
 SPARE_SECONDS = 6.0  # of machine time, for ways between windows
@@ -141,6 +141,7 @@ def _diagnose(request: Request, session: Session, state: RunState) -> bool:
     session.show(lambda: diagnosis_shown(session.axis, diagnosed, found.model, recording))
     kp = session.controller.kp if session.controller is not None else None
     alone = found.estimates
+    refuse_loose_load(recording, kp)
     refuse_two_masses(found.joint, alone.get("high_speed"), alone.get("presliding"), diagnosed.effects, kp)
     refuse_resonance(diagnosed.model, kp)
     if note := hunting_note(session, diagnosed.model or found.model, diagnosed.disturbance or 0.0):

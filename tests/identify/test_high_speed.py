@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from autotune.core.errors import NotEnoughExcitation
 from autotune.identify.estimate import Estimate, Quantity
-from autotune.identify.high_speed import identify_high_speed
+from autotune.identify.high_speed import antiresonance, identify_high_speed
 from autotune.identify.run import identify_run, with_unknown_lag
 from autotune.recordings.recording import Metadata, Recording
 from autotune.signals.excitation import prbs
@@ -18,31 +18,42 @@ from autotune_sim.presets import Preset
 from bench.identify_data import play, varied_axis
 
 PERIOD, INERTIA, VISCOUS, SPEED, SIZE = 1e-3, 6.66e-4, 4e-3, 4.0, 0.067
+LOAD = 0.4
 PASSES = 40
 
 
-def closed_loop(torque: NDArray[np.float64], noise: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Position and torque, shape (2, n), of an inertia under PID; every column is a pass of its own."""
-    y, v, total, before = (np.zeros(torque.shape[1]) for _ in range(4))
+def closed_loop(
+    torque: NDArray[np.float64], noise: NDArray[np.float64], spring: float = 0.0
+) -> NDArray[np.float64]:
+    """Position and torque, shape (2, n), of an inertia under PID; every column is a pass of its own.
+
+    `spring` [N m/rad]: 40 % of the inertia hangs on it.
+    """
+    y, v, total, before, far, fast = (np.zeros(torque.shape[1]) for _ in range(6))
+    load = LOAD * INERTIA if spring else 0.0
     found = np.empty((2, *torque.shape))
     for k in range(len(torque)):
         total -= y * PERIOD
         u = -20.0 * y - 0.05 * (y - before) / PERIOD + 500.0 * total + torque[k]
         before = y.copy()
         found[:, k] = y, u
-        acceleration = (u + noise[k] - VISCOUS * v) / INERTIA
+        held = spring * (far - y) + 2e-3 * (fast - v) if spring else 0.0
+        acceleration = (u + noise[k] - VISCOUS * v + held) / (INERTIA - load)
+        if spring:
+            fast = fast - PERIOD * held / load
+            far = far + PERIOD * fast
         y = y + PERIOD * v + 0.5 * PERIOD**2 * acceleration
         v = v + PERIOD * acceleration
     return found
 
 
-def passes(noise: float, seed: int) -> Recording:
+def passes(noise: float, seed: int, spring: float = 0.0) -> Recording:
     """Passes up and down in turn, with a torque noise of `noise` [N m] in the loop."""
     generator = np.random.default_rng(seed)
     signal = np.tile(prbs(9, 2, SIZE), 2)
     n = len(signal)
     excitation = np.tile(signal[:, None], (1, PASSES))
-    position, torque = closed_loop(excitation, noise * generator.standard_normal((n, PASSES)))
+    position, torque = closed_loop(excitation, noise * generator.standard_normal((n, PASSES)), spring)
     speed = np.where(np.arange(PASSES) % 2 == 0, SPEED, -SPEED)
     reference = speed * np.arange(n)[:, None] * PERIOD
     start = (n * PERIOD + 1.0) * np.arange(PASSES)
@@ -118,3 +129,17 @@ def test_the_interval_of_micro_damping_holds_the_truth_on_an_axis_with_a_lag() -
     low, high = found.interval
     assert low < LAG_AXIS_DAMPING < high
     assert high - low < 0.5 * LAG_AXIS_DAMPING
+
+
+@pytest.mark.parametrize(("frequency", "noise"), [(30.0, 0.0), (45.0, 0.2)])
+def test_the_motor_stands_where_its_load_resonates(frequency: float, noise: float) -> None:
+    spring = LOAD * INERTIA * (2.0 * np.pi * frequency) ** 2
+    found = antiresonance(passes(noise, 3, spring))
+    assert found is not None
+    assert found.frequency == pytest.approx(frequency, abs=6.0)  # lines of 2 Hz, smoothed over three
+    assert found.inertia == pytest.approx((1.0 - LOAD) * INERTIA, rel=0.25)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.2, 0.5])
+def test_one_mass_stands_nowhere(noise: float) -> None:
+    assert antiresonance(passes(noise, 4)) is None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from types import MappingProxyType
 
 import pytest
@@ -9,8 +10,9 @@ import pytest
 from autotune.identify.estimate import Estimate, Quantity
 from autotune.models.drive_model import DriveModel, base_model
 from autotune.models.table import EFFECTS
-from autotune.tuning.two_masses import refuse_resonance, refuse_two_masses
+from autotune.tuning.two_masses import refuse_loose_load, refuse_resonance, refuse_two_masses
 from autotune.tuning.unfit_axes import NotTunable
+from tests.identify.test_high_speed import INERTIA, LOAD, passes
 from tests.support.refusals import refusal
 
 
@@ -48,6 +50,20 @@ def test_a_fit_that_went_astray_is_no_second_mass() -> None:
     """edm-vertical?seed=24532: the joint fit ended at 0.23 g m², acceleration alone at the true 0.556."""
     joint, fast, small = estimate(2.3e-4, 1.3e-5), estimate(5.556e-4, 8e-7), estimate(5.52e-4, 5.4e-6)
     assert refusal(lambda: refuse_two_masses(joint, fast, small, (), 60.0)) == ""
+
+
+def test_a_load_that_resonates_below_the_motor_s_bandwidth_is_refused_whatever_the_fits_say() -> None:
+    recording = passes(0.1, 5, LOAD * INERTIA * (2.0 * math.pi * 45.0) ** 2)
+    with pytest.raises(NotTunable, match=r"at 4\d Hz the motor stands still and the load swings"):
+        refuse_loose_load(recording, KP)
+    assert refusal(lambda: refuse_loose_load(recording, 0.4 * KP)) == "", (
+        "a bandwidth of 39 Hz for the motor alone"
+    )
+    assert refusal(lambda: refuse_loose_load(recording, None)) == ""
+
+
+def test_one_mass_has_no_loose_load() -> None:
+    assert refusal(lambda: refuse_loose_load(passes(0.1, 5), KP)) == ""
 
 
 BASE = {
