@@ -22,7 +22,9 @@ USUAL: dict[str, list[list[str]]] = {
 }
 LONG: dict[str, list[list[str]]] = {
     "service_axes": [[]],
-    "service_reads": [[]],
+    "service_reads": [[], ["--pages", "3", "--hung", "30"]],
+    "browser_long": [[], ["--drop"]],
+    "browser_hours": [[]],
     "service_schema": [[]],
     "service_kills": [[], ["--wire", "--kills", "20"]],
     "year": [[]],

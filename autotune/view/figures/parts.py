@@ -37,7 +37,7 @@ def broken_line(time: Floats, y: Floats, name: str, colour: str, **more: object)
 
 def band(x: Floats, low: Floats, high: Floats, colour: str, name: str, **more: object) -> go.Scatter:
     """A filled band between two curves."""
-    rows = np.linspace(0, len(x) - 1, min(len(x), 600)).round().astype(int)
+    rows = np.linspace(0, len(x) - 1, min(len(x), 360)).round().astype(int)
     return go.Scatter(
         x=small(np.concatenate([x[rows], x[rows][::-1]])),
         y=small(np.concatenate([high[rows], low[rows][::-1]])),
