@@ -98,7 +98,7 @@ def _recordings(routes: APIRouter, files: Files) -> None:
     @routes.post("/api/workbench/recordings")
     async def sent(request: Request, name: Name) -> dict[str, Any]:
         """A recording of this program, Parquet or CSV, as the body."""
-        content = await request.body()
+        content = await _content(request)
         return _view(await run_in_threadpool(files.add_bytes, content, name))
 
     @routes.post("/api/workbench/import")
@@ -107,7 +107,7 @@ def _recordings(routes: APIRouter, files: Files) -> None:
     ) -> dict[str, Any]:
         """A file of somebody else as the body; `options` is a JSON object of `autotune data import`'s options."""
         chosen = Foreign.model_validate_json(options)
-        content = await request.body()
+        content = await _content(request)
         wanted = chosen.model_dump(exclude_none=True)
         return _view(await run_in_threadpool(files.add_foreign, content, name, wanted))
 
@@ -148,6 +148,11 @@ def _jobs(routes: APIRouter, files: Files, engine: Engine) -> None:
         """Ends it."""
         _job(engine, job)
         return engine.stop(job).view()
+
+
+async def _content(request: Request) -> bytes:
+    """The body; of one that came in one part no copy is made: it may have a gigabyte."""
+    return b"".join([part async for part in request.stream() if part])
 
 
 def _known(files: Files, id: str) -> Held:
