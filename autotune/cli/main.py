@@ -119,7 +119,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except KeyboardInterrupt:
         code = complain("interrupted", 130)  # nothing was under way that would say more
     except AutotuneError as error:
-        code = complain(str(error), error.exit_code)
+        also = getattr(
+            error, "__notes__", []
+        )  # what went wrong while power was taken off and settings put back
+        code = complain("; ".join([str(error), *also]), error.exit_code)
     except OSError as error:
         code = complain(f"{error.strerror or error}: {error.filename or 'no file named'}", 2)
     except Exception as error:  # noqa: BLE001 - the last line of defence: a sentence instead of a traceback

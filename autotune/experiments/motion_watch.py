@@ -30,7 +30,7 @@ from __future__ import annotations
 
 import math
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from autotune.core.axis import Limits
 from autotune.core.drive import Mode
@@ -57,6 +57,7 @@ LATER_LIGHT = 0.4  # the same after STROKES, where its inertia is still not know
 LIGHT_PART = 0.5  # of the inertia found
 HEAVY = 2.0  # times torque/deceleration: the heaviest axis that can brake as its file says
 HEAVY_PART = 3.0  # times the inertia found
+FINE_LIGHT, FINE_HEAVY = 0.4, 2.4  # times the inertia from small motion, where the large has shown none
 HEAVY_SWING = 4.0  # times the inertia from small motion: beyond, a swing tells of something else
 OVERSTATED = 1.2  # by which limits.deceleration may exceed what torque and friction can do
 STICKS_SECONDS = 0.005  # without a count: the axis sticks
@@ -301,6 +302,13 @@ class MotionWatch:
             lightest = LIGHT_PART * inverse.inertia
             heaviest = min(heaviest, HEAVY_PART * inverse.heaviest)
             self._momentum.know(inverse, max(STICKS_BEYOND * self._held, SEEN_BEYOND * friction))
+        elif self._fine.inertia and friction is not None:
+            self._momentum.know(
+                replace(
+                    inverse, inertia=FINE_LIGHT * self._fine.inertia, heaviest=FINE_HEAVY * self._fine.inertia
+                ),
+                max(STICKS_BEYOND * self._held, (SEEN_BEYOND if seen else MAY_BEYOND) * friction),
+            )
         self._swing.know(friction)
         for way, sign, level in ((self._up, 1.0, inverse.up), (self._down, -1.0, inverse.down)):
             way.lightest, way.heaviest = lightest, heaviest

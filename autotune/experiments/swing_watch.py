@@ -112,7 +112,7 @@ class SwingWatch:
         back = (self._extreme[0] - torque) * self._sign
         if back <= 0.0:
             self._extreme = (torque, position, self._time)
-            if self._halves >= HALVES - 1 and self._heights + self._half() >= ENOUGH:
+            if self._halves >= HALVES - 1 and (half := self._half()) and self._heights + half >= ENOUGH:
                 return self._judged()
         elif back > TURNS * self._height:
             self._turn(torque, position)
