@@ -153,13 +153,13 @@ class _Noted(Exception):
 
 
 def read_api(data: bytes, folder: Path) -> bool:
-    from autotune.service.access import Guard, Rules
+    from autotune.service.access import AccessGuard, Rules
     from autotune.service.api import make_api
 
     if not _APPS:
         service = _Service()
         rules = Rules("t" * 32, False, frozenset({"127.0.0.1"}), 4096, 5.0)
-        _APPS.extend([Guard(make_api(service), rules), service, asyncio.new_event_loop()])  # type: ignore[arg-type]
+        _APPS.extend([AccessGuard(make_api(service), rules), service, asyncio.new_event_loop()])  # type: ignore[arg-type]
     app, service, loop = _APPS
     service.asked.clear()
     put = b"minutes" in data
