@@ -112,7 +112,7 @@ def test_a_watcher_that_fails_ends_the_routine(loop: CyclicLoop, tmp_path: Path)
     assert (tmp_path / "witness").read_text() == "at rest"
 
 
-@pytest.mark.usefixtures("hangup_is_heard")
+@pytest.mark.usefixtures("signals_are_heard")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_brings_the_axis_to_rest_and_all_rows_out(
     loop: CyclicLoop, opener: FakeOpener, tmp_path: Path, number: signal.Signals

@@ -131,7 +131,7 @@ def test_a_node_lost_in_the_middle_stops_by_itself_and_the_next_run_puts_it_righ
     assert (bench.newest() / "recordings" / "experiment.parquet").stat().st_size > 10_000
 
 
-@pytest.mark.usefixtures("hangup_is_heard")
+@pytest.mark.usefixtures("signals_are_heard")
 @pytest.mark.parametrize(
     "number",
     [
