@@ -35,7 +35,9 @@ BETTER, WORSE = Gains(75.0, 0.3, 15000.0), Gains(20.0, 0.05, 300.0)
 def axis_in(folder: Path) -> Axis:
     text = (config_directory() / "axes" / "simulated.toml").read_text(encoding="utf-8")
     path = folder / "axis.toml"
-    path.write_text(text.replace("runs/simulated-drive.json", "drive.json"), encoding="utf-8")
+    path.write_text(
+        text.replace("runs/simulated-drive.json", str(path.with_name("drive.json"))), encoding="utf-8"
+    )
     return read_axis(path)
 
 
