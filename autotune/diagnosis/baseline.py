@@ -11,7 +11,7 @@ from autotune.core.errors import NotEnoughExcitation
 from autotune.diagnosis.candidates import Progress, no_progress
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence
-from autotune.estimation.alignment import without_twin
+from autotune.estimation.alignment import shifted, without_twin
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import as_rough, fitted_contact
 from autotune.estimation.controller import PositionController, find_controller
@@ -29,9 +29,11 @@ from autotune.estimation.problem import (
     refit,
     with_expected_noise,
 )
-from autotune.estimation.residual import smoothed
+from autotune.estimation.residual import measured_motion, smoothed
 from autotune.models.drive_model import DriveModel, Packed
 from autotune.signals.filters import low_pass
+
+LATE_RECORD = "The torque is taken as recorded a sample late: so the axis answers to it."
 
 
 def begin(
@@ -73,6 +75,8 @@ def begin(
             "same axis, or fit a new model: autotune model fit"
         )
     problem, settled = _aligned(*model_fit)
+    problem, settled, said = _late_record(problem, settled)
+    notes = (*notes, *said)
     _refuse_misfit(problem, settled)
     dropped = 1.0 - float(np.mean(problem.weight > 0))
     if dropped > 0.0:
@@ -156,6 +160,34 @@ def _aligned(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit]:
     if again is problem:
         return problem, model_fit
     return again, fit_inside_twin(again, model_fit.fitted.packed, list(model_fit.free), 2) or model_fit
+
+
+def _late_record(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit, tuple[str, ...]]:
+    """Problem and fit with the torque taken as recorded a sample late, where the model says so, and a sentence on it.
+
+    A law that sees everything a sample late, and one that does not whose torque is read when the next one is due,
+    leave the same columns. Only what the axis does tells them apart: the loop of the first is the slower one.
+    """
+    law = problem.controller
+    if law is None or problem.data.shift < 1.0 or min(law.reference_delay, law.position_delay) < 1:
+        return problem, model_fit, ()
+    prompt = replace(
+        law, reference_delay=law.reference_delay - 1, position_delay=law.position_delay - 1, why=""
+    )
+    data = shifted(problem.data, 2.0)
+    again = replace(problem, data=data, moved=measured_motion(data), controller=prompt)
+    other: ModelFit | None = model_fit
+    for _ in range(2):
+        if other is None:
+            return problem, model_fit, ()
+        again = replace(again, disturbance=estimate_disturbance(again, other.fitted.packed))
+        other = fit_inside_twin(again, other.fitted.packed, list(model_fit.free), 2)
+    if other is None:
+        return problem, model_fit, ()
+    again, other = _aligned(with_expected_noise(again, other.fitted.packed), other)
+    if other.fitted.cost >= model_fit.fitted.cost:
+        return problem, model_fit, ()
+    return again, other, (LATE_RECORD,)
 
 
 def _refuse_misfit(problem: Problem, model_fit: ModelFit) -> None:

@@ -12,7 +12,9 @@ g·r + a·r̈, where a cascade integrates the error of the velocity with a feedf
 
 from __future__ import annotations
 
+import hashlib
 import itertools
+import threading
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -41,13 +43,19 @@ MOST_LATE = 4
 its reference."""
 LOOKS, LOOK_SECONDS = 8, 4.0
 """Pieces of the data for a first look over delays."""
+MOST_SMEARED, MOST_TRIED = 0.95, 40
 EXACT = 1e-6
 """Share of the demand left that rounding explains: nothing is left for another law then."""
 NEARLY_EXACT, WORTH_DELAYS = 1e-5, 0.5
 """Share of the demand left from which laws with delays are looked for, and of what is left, to be taken."""
+HARDLY_MORE = 1.01
+"""Times the share left by a law with all terms of the reference: a plainer one that leaves no more is taken."""
 IN_BAND = f"It was found below {CUTOFF:.0f} Hz: what the drive does between the samples is left out."
 SAME = 1e-9
 """Relative difference of two torques that are one value of the drive."""
+MOST_KNOWN = 8
+_KNOWN: dict[bytes, PositionController] = {}
+_LOCK = threading.Lock()
 _ROUGH_FILTERS = (0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0)
 _FILTERS = (0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 
@@ -65,6 +73,7 @@ class PositionController:
         constant: torque that is always added where there is no integral to hold it [N m].
         explained: share of the variance of the torque demand, R²; nan where it could not be checked.
         in_band: found below the frequency that models are compared at; `explained` is the share there.
+        smeared: share of the sample before in a recorded torque: a current loop's lag, read by the torque's own sensor.
         source: `metadata` (the file's, verified), `identified`, `trusted` (the file's, which these data
             cannot verify) or `none`.
         why: what there is to say on it: why there is none, why it is trusted, or why the file's is not used.
@@ -85,6 +94,7 @@ class PositionController:
     source: str = "none"
     why: str = ""
     in_band: bool = False
+    smeared: float = 0.0
 
     @property
     def usable(self) -> bool:
@@ -188,7 +198,8 @@ def asked(data: Prepared, controller: PositionController) -> Floats:
     kd, filtered = controller.kd, controller.derivative_filter
     law = [controller.kp, kd, controller.ki, kd * controller.reference_rate, controller.velocity_feedforward]
     law += [controller.position_feedforward, controller.acceleration_feedforward]
-    demand = _terms(samples, filtered) @ np.array(law) + controller.constant + data.feedforward
+    smeared = _smeared(samples, controller.smeared)
+    demand = _terms(smeared, filtered) @ np.array(law) + controller.constant + data.feedforward
     limit = data.metadata.torque_limit or np.inf
     return np.asarray(np.where(held, np.clip(data.torque, -limit, limit), demand))
 
@@ -228,7 +239,33 @@ def clamped(torque: Floats, limit: float | None) -> Flags:
 
 
 def identified(samples: LoopSamples) -> PositionController:
-    """The file's controller where it explains the demand, else the one that explains it best, or none."""
+    """The file's controller where it explains the demand, else the one that explains it best, or none.
+
+    Of the samples that were asked for last it is remembered: a fit and a diagnosis ask half a dozen times.
+    """
+    key = _mark(samples)
+    with _LOCK:
+        known = _KNOWN.get(key)
+    if known is None:
+        known = _identified(samples)
+        with _LOCK:
+            _KNOWN[key] = known
+            while len(_KNOWN) > MOST_KNOWN:
+                del _KNOWN[next(iter(_KNOWN))]
+    return known
+
+
+def _mark(samples: LoopSamples) -> bytes:
+    """What tells samples apart: a digest of all that a law is identified from."""
+    digest = hashlib.blake2b(digest_size=16)
+    for values in (samples.reference, samples.position, samples.demand, samples.clamped):
+        digest.update(np.ascontiguousarray(values).tobytes())
+    rest = samples.period, samples.stretches, samples.known, samples.policy, samples.most_rows, samples.piece
+    digest.update(repr(rest).encode())
+    return digest.digest()
+
+
+def _identified(samples: LoopSamples) -> PositionController:
     known = samples.known
     rows, _ = _regular(samples, 1.0)
     if rows.sum() < SHORTEST_RUN:
@@ -263,6 +300,9 @@ def _from_data(samples: LoopSamples) -> PositionController:
         late = _searched_late(samples)
         if 1.0 - late.explained < WORTH_DELAYS * (1.0 - found.explained):
             found = late
+        plain = _searched_smeared(samples, found)
+        if 1.0 - plain.explained < HARDLY_MORE * (1.0 - found.explained):
+            found = plain
     wandering = replace(samples, piece=PIECE_SECONDS)
     if found.explained <= samples.policy.controller_explains:
         late = _searched_late(wandering)
@@ -384,6 +424,46 @@ def _searched_late(samples: LoopSamples) -> PositionController:
     ).x
     found = _regressed_late(late, float(smoothing))
     return replace(found, reference_delay=r, position_delay=y)
+
+
+def _searched_smeared(samples: LoopSamples, near: PositionController) -> PositionController:
+    """The best plain law whose torque was recorded with a part of the sample before; delays as those of `near` or one
+    off, as what a current loop smears was taken there for a delay, or for terms of the reference."""
+    coarse = _first_look(samples)
+    begin = [near.derivative_filter, 0.1]
+
+    def best(late: LoopSamples, start: list[float], simplex: float) -> tuple[float, list[float]]:
+        def left(x: Floats) -> float:
+            inside = np.clip(x, [_FILTERS[0], 0.0], [1.0, MOST_SMEARED])
+            law = _regressed(_smeared(late, float(inside[1])), float(inside[0]), cascaded=False)
+            return 1.0 - law.explained + float(np.sum(np.abs(x - inside)))
+
+        corners = np.array([start, [start[0] * (1.0 + simplex), start[1]], [start[0], start[1] + simplex]])
+        options = {"initial_simplex": corners, "maxfev": MOST_TRIED, "xatol": 1e-4, "fatol": 1e-9}
+        done = scipy.optimize.minimize(left, start, method="Nelder-Mead", options=options)
+        return float(done.fun), [float(value) for value in done.x]
+
+    delays = [d for d in range(near.position_delay - 1, near.position_delay + 2) if 0 <= d <= MOST_LATE]
+    found = {d: best(_late(coarse, d, d), begin, 0.1) for d in delays}
+    d = min(delays, key=lambda delay: found[delay][0])
+    late = _late(samples, d, d)
+    _, (smoothing, share) = best(late, found[d][1], 0.01)
+    smoothing, share = min(max(smoothing, _FILTERS[0]), 1.0), min(max(share, 0.0), MOST_SMEARED)
+    law = _regressed(_smeared(late, share), smoothing, cascaded=False)
+    why = _how_late(samples.period) if d else ""
+    return replace(law, reference_delay=d, position_delay=d, smeared=share, why=why)
+
+
+def _smeared(samples: LoopSamples, share: float) -> LoopSamples:
+    """The same with a share of the sample before in reference and position: so a smeared torque answers to them."""
+    if share == 0.0:
+        return samples
+    before = _late(samples, 1, 1)
+    return replace(
+        samples,
+        reference=(1.0 - share) * samples.reference + share * before.reference,
+        position=(1.0 - share) * samples.position + share * before.position,
+    )
 
 
 def _first_look(samples: LoopSamples) -> LoopSamples:

@@ -22,7 +22,7 @@ from autotune.estimation.controller import asked
 from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.disturbance import STILL, Disturbance, coloured_power
 from autotune.estimation.problem import SEED, Problem
-from autotune.estimation.residual import raw_residual, run_twin, simulated_motion
+from autotune.estimation.residual import raw_residual, residual, run_twin, simulated_motion
 from autotune.models import layout
 from autotune.models.drive_model import Packed
 
@@ -43,6 +43,8 @@ ROUNDS = 3
 INDEPENDENT = 0.2
 """Independent values to a chunk and frequency: chunks overlap, windows taper, a median is less sharp than a mean, and
 the twin is as rough as the measurement."""
+OVERLAP = 1.5
+"""Times the variance of independent chunks: those that overlap by half say less."""
 SYSTEMATIC = 0.07
 """Relative error of a band's power that no averaging removes: what the twin is not."""
 WORTH_A_PART = 5.0
@@ -50,6 +52,10 @@ WORTH_A_PART = 5.0
 WITHOUT = ([0], [0, 1])
 WITH_MEMORY = ([2], [1, 2], [0, 2], [0, 1, 2])
 """Parts that are tried together: white, position, and coloured."""
+CHAOTIC = 0.3
+"""Of the measured power in the median band: what quantiser and friction make from which a spectrum is in doubt."""
+LEVELS = (4.0, 8.0, 16.0, 32.0, 64.0)
+"""Parts of the level that would make all differences between repeats: what is tried then."""
 STANDS_OUT = 8.0
 """Times its neighbourhood: a line."""
 UNEVEN = 2.5
@@ -92,20 +98,48 @@ def estimate_disturbance(problem: Problem, packed: Packed) -> Disturbance:
     raw[1:] -= 0.5 * (heard[1:] + heard[:-1])
     matcher = _matcher(problem, packed, chunks)
     measured = chunks.power(raw)
-    found, simulated, own = STILL, measured, []
+    found, simulated = STILL, measured
+    own: list[Floats] = []
+    uneven: list[Floats] = []
     for number in range(ROUNDS):
         again = _shaken(problem, packed, found, chunks, number)
         if again is None:
             break
         simulated = again[0]
         own.append(matcher.bands(again[1]) - matcher.of_position(found))
-        found = matcher.matched(matcher.bands(measured), np.mean(own, axis=0), len(chunks.starts))
+        uneven.append(matcher.scatter(again[1]))
+        scatter = matcher.scatter(measured) + np.mean(uneven, axis=0) / len(uneven)
+        found = matcher.matched(matcher.bands(measured), np.mean(own, axis=0), len(chunks.starts), scatter)
+    if chunks.paired and own and _chaotic(matcher.bands(measured), np.mean(own, axis=0)):
+        found = _of_least_cost(problem, packed, found)
     return replace(
         found,
         sensor=sensor,
         uneven=_unevenness(measured, simulated),
         lines=_lines(matcher.hertz, measured, simulated) if chunks.paired else (),
     )
+
+
+def _chaotic(measured: Floats, own: Floats) -> bool:
+    """Whether quantiser and friction alone make about as much of the differences as is measured, in most bands."""
+    return float(np.median(own / np.maximum(measured, 1e-300))) > CHAOTIC
+
+
+def _of_least_cost(problem: Problem, packed: Packed, found: Disturbance) -> Disturbance:
+    """The disturbance with which the twin's bias leaves least: `found`, or a white one of another level.
+
+    Where repeats differ by chaos a spectrum says little of what causes it. How much friction and counts are averaged
+    does: a twin that is shaken too much, or too little, leaves what comes again in every repeat.
+    """
+    error = residual(problem.data, packed, problem.moved)
+    whole = math.sqrt(problem.noise_variance(error, TRAINING) / float(np.sum(problem.data.taps**2)))
+
+    def cost(disturbance: Disturbance) -> float:
+        correction = replace(problem, disturbance=disturbance).correction(packed)
+        return problem.mean_square(error - correction.bias, TRAINING) if correction.stable else math.inf
+
+    levels = [replace(STILL, white=whole / parts) for parts in LEVELS]
+    return min((found, *levels), key=cost)
 
 
 def _shaken(
@@ -170,6 +204,13 @@ class _Matcher:
         parts = zip(self.edges[:-1], self.edges[1:], strict=True)
         return np.array([np.median(spectrum[(self.hertz >= a) & (self.hertz < b)]) for a, b in parts])
 
+    def scatter(self, power: Floats) -> Floats:
+        """Variance of a band's power as the mean over the usual chunks, by how much they differ."""
+        usual = _usual(power)
+        parts = zip(self.edges[:-1], self.edges[1:], strict=True)
+        chunks = np.array([usual[:, (self.hertz >= a) & (self.hertz < b)].mean(axis=1) for a, b in parts])
+        return np.asarray(OVERLAP * chunks.var(axis=1, ddof=1) / chunks.shape[1])
+
     def _columns(self, correlation: float) -> Floats:
         coloured = self.seen * coloured_power(self.hertz, correlation, self.period)
         return np.column_stack([self._by_band(c) for c in (self.seen, self.moved, coloured)])
@@ -185,13 +226,15 @@ class _Matcher:
             [INDEPENDENT * chunks * np.sum((self.hertz >= a) & (self.hertz < b)) for a, b in parts]
         )
 
-    def matched(self, measured: Floats, own: Floats, chunks: int) -> Disturbance:
+    def matched(self, measured: Floats, own: Floats, chunks: int, scatter: Floats) -> Disturbance:
         """The disturbance that adds to what quantiser and friction have in each band what was measured there.
 
-        Of models with one part or more the plainest that comes near the best.
+        Of models with one part or more the plainest that comes near the best. `scatter`: variance of `measured` less
+        `own`, by how much chunks differ: where friction and quantiser are chaotic it is far more than steady noise has.
         """
-        error = np.sqrt(1.0 / self._averaged(chunks) + SYSTEMATIC**2)
-        weight = 1.0 / (error * np.maximum(measured, own))
+        larger = np.maximum(measured, own)
+        steady = larger**2 / self._averaged(chunks)
+        weight = 1.0 / np.sqrt(np.maximum(steady, scatter) + (SYSTEMATIC * larger) ** 2)
         memories = [samples * max(self.period, 1e-3) for samples in CORRELATIONS]
         best, lowest = STILL, math.inf
         for memory in (0.0, *memories):
