@@ -158,7 +158,7 @@ class _Search:
     def _best(self, fits: Sequence[FittedCandidate]) -> FittedCandidate | None:
         """The fit that explains most, if it is worth having beside what is chosen already."""
         problem = self.problem
-        fits = [item for item in fits if item.training.fall > 0.0]
+        fits = [f for f in fits if f.training.fall > 0.0 and not self.evidence.of_the_chain(f)]
         if not fits:
             return None
         best = self.evidence.best(problem, fits)

@@ -75,8 +75,10 @@ EARLIEST, LATEST = -4.0, 6.0
 LEAST_FAST = 0.2
 
 
-def best_shift(cost: Callable[[float], float], start: float, upsampling: int = 1) -> tuple[float, float]:
-    """The nearest minimum of a cost over the shift, in tenths of half samples, and its cost there.
+def best_shift(
+    cost: Callable[[float], float], start: float, upsampling: int = 1, step: float = 0.1
+) -> tuple[float, float]:
+    """The nearest minimum of a cost over the shift, in steps of `step` half samples, and its cost there.
 
     `upsampling`: rows for each sample of the file.
     """
@@ -99,7 +101,7 @@ def best_shift(cost: Callable[[float], float], start: float, upsampling: int = 1
         return best, at(best)
     before, here, after = at(best - 1.0), at(best), at(best + 1.0)
     curve = before - 2.0 * here + after
-    vertex = round(best + 0.5 * (before - after) / curve, 1) if curve > 0.0 else best
+    vertex = best + step * round(0.5 * (before - after) / curve / step) if curve > 0.0 else best
     return min((best, vertex), key=at), min(at(best), at(vertex))
 
 

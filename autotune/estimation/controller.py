@@ -21,7 +21,7 @@ import numpy as np
 import scipy
 
 from autotune.core.arrays import Flags, Floats, Integers
-from autotune.estimation.data import CUTOFF, Prepared, stretches_of
+from autotune.estimation.data import CUTOFF, Prepared, step_of, stretches_of
 from autotune.estimation.policy import POLICY, Policy
 from autotune.recordings.checks import at_limit, torque_of
 from autotune.recordings.recording import Controller, Recording
@@ -46,6 +46,8 @@ LOOKS, LOOK_SECONDS = 8, 4.0
 MOST_SMEARED, MOST_TRIED = 0.95, 40
 EXACT = 1e-6
 """Share of the demand left that rounding explains: nothing is left for another law then."""
+ROUNDED = 1.2
+"""Times the variance that rounding to the steps of the recorded torque has."""
 NEARLY_EXACT, WORTH_DELAYS = 1e-5, 0.5
 """Share of the demand left from which laws with delays are looked for, and of what is left, to be taken."""
 HARDLY_MORE = 1.01
@@ -74,6 +76,7 @@ class PositionController:
         explained: share of the variance of the torque demand, R²; nan where it could not be checked.
         in_band: found below the frequency that models are compared at; `explained` is the share there.
         smeared: share of the sample before in a recorded torque: a current loop's lag, read by the torque's own sensor.
+        exact: leaves no more than rounding of numbers, or of the recorded torque: the law works at the samples.
         source: `metadata` (the file's, verified), `identified`, `trusted` (the file's, which these data
             cannot verify) or `none`.
         why: what there is to say on it: why there is none, why it is trusted, or why the file's is not used.
@@ -95,6 +98,7 @@ class PositionController:
     why: str = ""
     in_band: bool = False
     smeared: float = 0.0
+    exact: bool = False
 
     @property
     def usable(self) -> bool:
@@ -247,12 +251,20 @@ def identified(samples: LoopSamples) -> PositionController:
     with _LOCK:
         known = _KNOWN.get(key)
     if known is None:
-        known = _identified(samples)
+        found = _identified(samples)
+        known = replace(found, exact=_to_rounding(samples, found.explained))
         with _LOCK:
             _KNOWN[key] = known
             while len(_KNOWN) > MOST_KNOWN:
                 del _KNOWN[next(iter(_KNOWN))]
     return known
+
+
+def _to_rounding(samples: LoopSamples, explained: float) -> bool:
+    """Whether a law leaves no more of the demand than rounding does."""
+    rounded = ROUNDED * step_of(samples.demand) ** 2 / 12.0
+    least = max(EXACT * float(np.var(samples.demand)), rounded)
+    return (1.0 - explained) * float(np.var(samples.demand)) < least
 
 
 def _mark(samples: LoopSamples) -> bytes:

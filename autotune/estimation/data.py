@@ -350,8 +350,13 @@ def known_resolution(metadata: Metadata, position: Floats) -> float:
     """One count of the position: as the file says, else the step that all steps are multiples of; 0 if none."""
     if metadata.position_resolution is not None:
         return metadata.position_resolution
-    step = np.abs(np.diff(position))
-    step = step[step > 1e-12 * max(1.0, float(np.ptp(position)))]
+    return step_of(position)
+
+
+def step_of(values: Floats) -> float:
+    """The step that all steps of values of shape (n,) are multiples of; 0 if none."""
+    step = np.abs(np.diff(values))
+    step = step[step > 1e-12 * max(1.0, float(np.ptp(values)))]
     if len(step) == 0:
         return 0.0
     least = float(np.percentile(step, 1.0))

@@ -104,6 +104,10 @@ class Evidence(ABC):
         """
         return problem.policy.rest_part * noise
 
+    def of_the_chain(self, candidate: FittedCandidate) -> bool:
+        """Whether a candidate is so small that it is the measurement chain's own, and no effect."""
+        return False
+
     @abstractmethod
     def structure_left(self, problem: Problem, model_fit: ModelFit) -> bool:
         """Whether what the model leaves is large and not noise."""

@@ -17,18 +17,20 @@ from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, er
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
 from autotune.estimation.alignment import best_shift, shifted
 from autotune.estimation.bias_corrected_fit import ModelFit
-from autotune.estimation.controller import EXACT
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.policy import Policy
 from autotune.estimation.problem import CHUNK, Problem
 from autotune.estimation.residual import measured_motion, smoothed
 from autotune.models.effect import Kind
+from autotune.models.torque_lag import TORQUE_LAG
 
 STRUCTURE_WITHOUT_TWIN = 1.0
 """Of the noise: the least rest where no twin takes out the bias of the measurement chain, a third of the noise, or
 where the drive's loop works between the samples, so that half of what it makes of counts comes again in a repeat."""
 CURRENT_LOOP = 0.2e-3
 """s, by which the torque of an ordinary current loop (800 Hz) is late."""
+FINE_SHIFT = 0.1
+"""Of that: what the delay is found to."""
 CHAIN = (-0.5, 1.0)
 """Samples by which a torque may be recorded late where it was not held from each sample to the next."""
 WORTH_ALIGNING = 0.998
@@ -58,7 +60,8 @@ class RepeatedProgramme(Evidence):
                 errors[shift] = _cost_moved(problem, model_fit, shift)
             return errors[shift]
 
-        best, lowest = best_shift(cost, here)
+        step = min(0.1, FINE_SHIFT * 2.0 * CURRENT_LOOP / data.period)
+        best, lowest = best_shift(cost, here, step=step)
         earliest, latest = _possible(problem)
         if best == here or not earliest <= best <= latest or lowest > WORTH_ALIGNING * cost(here):
             return problem
@@ -92,6 +95,13 @@ class RepeatedProgramme(Evidence):
 
     def rest_that_is_none(self, problem: Problem, noise: float) -> float:
         return problem.policy.rest_part * noise if _exact(problem) else _of_the_chain(problem, noise)
+
+    def of_the_chain(self, candidate: FittedCandidate) -> bool:
+        """A lag that any current loop has."""
+        if candidate.effect != TORQUE_LAG.name:
+            return False
+        lag = candidate.model_fit.fitted.packed.p[TORQUE_LAG.parameters[0].slot]
+        return bool(lag <= CURRENT_LOOP)
 
     def structure_left(self, problem: Problem, model_fit: ModelFit) -> bool:
         """Repeatable, beyond doubt, and not next to nothing beside the noise, nor the bias that no twin takes out."""
@@ -130,13 +140,12 @@ def _of_the_chain(problem: Problem, noise: float) -> float:
 def _possible(problem: Problem) -> tuple[float, float]:
     """Half samples by which the measurement chain may have recorded the torque late; any, where there is no twin.
 
-    A law that explains the demand to its rounding works at the samples: its torque is held until the next.
+    A law that explains the demand to rounding works at the samples: its torque is held until the next.
     """
     lag = CURRENT_LOOP / problem.data.period
     if problem.controller is None:
         return -math.inf, math.inf
-    held = 1.0 - problem.controller.explained < EXACT
-    early, late = (0.0, 0.0) if held else CHAIN
+    early, late = (0.0, 0.0) if problem.controller.exact else CHAIN
     return 2.0 * (early - lag), 2.0 * late
 
 
