@@ -166,10 +166,11 @@ def _late_record(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelF
     """Problem and fit with the torque taken as recorded a sample late, where the model says so, and a sentence on it.
 
     A law that sees everything a sample late, and one that does not whose torque is read when the next one is due,
-    leave the same columns. Only what the axis does tells them apart: the loop of the first is the slower one.
+    leave the same columns. Only what the axis does tells them apart: the loop of the first is the slower one. A law
+    that is exact is of the demand itself, which is recorded where it acts.
     """
     law = problem.controller
-    if law is None or problem.data.shift < 1.0 or min(law.reference_delay, law.position_delay) < 1:
+    if law is None or law.exact or min(law.reference_delay, law.position_delay) < 1:
         return problem, model_fit, ()
     prompt = replace(
         law, reference_delay=law.reference_delay - 1, position_delay=law.position_delay - 1, why=""

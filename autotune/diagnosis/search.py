@@ -29,6 +29,7 @@ from autotune.diagnosis.ripple_orders import with_whole_orders
 from autotune.diagnosis.screening import NEAR_WORTH, generic_gains, rank, screen
 from autotune.diagnosis.transmission import other_transmission_tried, without_needless_gap
 from autotune.estimation.bias_corrected_fit import ModelFit
+from autotune.estimation.cross_validation import drift
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.problem import Problem
 from autotune.models.drive_model import Packed
@@ -229,7 +230,9 @@ class _Search:
         variance, error = self.problem.repeatable(model_fit.fitted.error, model_fit.correction, TRAINING)
         noise = self.problem.noise_variance(model_fit.fitted.error, TRAINING)
         least = self.evidence.rest_that_is_none(self.problem, noise)
-        return not math.isfinite(variance) or variance + error > least
+        if not math.isfinite(variance) or variance + error > least:
+            return True
+        return drift(self.problem, model_fit.fitted, model_fit.correction, TRAINING)[0] > 0.0
 
     def _tidy(self) -> None:
         """Drops what is not needed beside the others, and refines what is left."""
