@@ -29,7 +29,7 @@ from autotune.diagnosis.ripple_orders import with_whole_orders
 from autotune.diagnosis.screening import NEAR_WORTH, generic_gains, rank, screen
 from autotune.diagnosis.transmission import other_transmission_tried, without_needless_gap
 from autotune.estimation.bias_corrected_fit import ModelFit
-from autotune.estimation.cross_validation import drift
+from autotune.estimation.cross_validation import drift, explained, still_explainable
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.problem import Problem
 from autotune.models.drive_model import Packed
@@ -41,6 +41,8 @@ WORTH_A_FIT_BESIDE, CLOSE_RIVAL = 0.6, 0.75
 """Of the best candidate's gain: what is fitted beside another effect, and beside one that can be named already."""
 PLAINLY_NEEDED = 20.0
 """Times what is negligible: so much needs no fit without the effect to be seen."""
+LEAST_AGAIN = 0.1
+"""Of what a further effect explains: that must come again in repeats, or drift; the rest may be noise it swallows."""
 RIVAL_COST = 1.5
 """Of the lowest cost: a fit that will not come so near is given up, to save time."""
 
@@ -169,9 +171,11 @@ class _Search:
             worth &= best.training.fall >= least
         if self.chosen is not None:
             before = self.chosen.model_fit
-            worth &= _fall(problem, before, best.model_fit, TRAINING) >= least_fall(problem, self.chosen)
+            fall = _explained(problem, before, best.model_fit, TRAINING)
+            worth &= fall >= least_fall(problem, self.chosen)
+            worth &= not problem.twin or _comes_again(problem, before, best.model_fit) >= LEAST_AGAIN * fall
             if problem.has(VETO):
-                worth &= _fall(problem, before, best.model_fit, VETO) > 0.0
+                worth &= _explained(problem, before, best.model_fit, VETO) > 0.0
         return best if worth else None
 
     def _take(self, best: FittedCandidate) -> FittedCandidate:
@@ -227,12 +231,14 @@ class _Search:
         return inside_twin(problem, root, before, screened, chosen.model_fit.fitted.cost, best_start=True)
 
     def _more_to_explain(self, model_fit: ModelFit) -> bool:
-        variance, error = self.problem.repeatable(model_fit.fitted.error, model_fit.correction, TRAINING)
-        noise = self.problem.noise_variance(model_fit.fitted.error, TRAINING)
-        least = self.evidence.rest_that_is_none(self.problem, noise)
-        if not math.isfinite(variance) or variance + error > least:
+        """Whether anything is left beyond doubt: certain to one standard error, or drifting."""
+        problem, fitted = self.problem, model_fit.fitted
+        noise = problem.noise_variance(fitted.error, TRAINING)
+        if not math.isfinite(noise):
             return True
-        return drift(self.problem, model_fit.fitted, model_fit.correction, TRAINING)[0] > 0.0
+        drifting = drift(problem, fitted, model_fit.correction, TRAINING)[0]
+        left = still_explainable(problem, fitted, model_fit.correction, TRAINING) - drifting
+        return drifting > 0.0 or left > self.evidence.rest_that_is_none(problem, noise)
 
     def _tidy(self) -> None:
         """Drops what is not needed beside the others, and refines what is left."""
@@ -307,6 +313,24 @@ def _by_chance(problem: Problem, model_fit: ModelFit, less: ModelFit) -> bool:
         return False
     left = problem.mean_square(less.fitted.error, TRAINING)
     return _fall(problem, less, model_fit, TRAINING) < problem.policy.chance_of_contact * left
+
+
+def _explained(problem: Problem, before: ModelFit, after: ModelFit, role: str) -> float:
+    """Of a role's mean square, what a model explains of what another leaves; noise that it swallows is none of it."""
+    return explained(problem, before.fitted, after.fitted, after.correction, role).fall
+
+
+def _comes_again(problem: Problem, before: ModelFit, after: ModelFit) -> float:
+    """By how much a model lowers what repeats share, and a friction level that drifts between them [(N m)²].
+
+    Not finite without repeats: infinite then.
+    """
+    left = []
+    for model_fit in (before, after):
+        variance, _ = problem.repeatable(model_fit.fitted.error, model_fit.correction, TRAINING)
+        # what drifts up in one repeat and down in the other has lowered the product of the two
+        left.append(variance + 2.0 * drift(problem, model_fit.fitted, model_fit.correction, TRAINING)[0])
+    return left[0] - left[1] if math.isfinite(left[0] - left[1]) else math.inf
 
 
 def _fall(problem: Problem, before: ModelFit, after: ModelFit, role: str) -> float:

@@ -452,7 +452,7 @@ def _searched_smeared(samples: LoopSamples, near: PositionController) -> Positio
 
         corners = np.array([start, [start[0] * (1.0 + simplex), start[1]], [start[0], start[1] + simplex]])
         options = {"initial_simplex": corners, "maxfev": MOST_TRIED, "xatol": 1e-4, "fatol": 1e-9}
-        done = scipy.optimize.minimize(left, start, method="Nelder-Mead", options=options)
+        done = scipy.optimize.minimize(left, np.array(start), method="Nelder-Mead", options=options)
         return float(done.fun), [float(value) for value in done.x]
 
     delays = [d for d in range(near.position_delay - 1, near.position_delay + 2) if 0 <= d <= MOST_LATE]

@@ -313,7 +313,10 @@ def base_free(packed: Packed, scales: Scales, motion_unit: str) -> list[Free]:
 
 
 def with_expected_noise(problem: Problem, packed: Packed) -> Problem:
-    """The problem, knowing by how much repeats would differ if nothing but the disturbance did it."""
+    """The problem, knowing by how much repeats would differ if nothing but the disturbance did it.
+
+    The twin is shaken as usual stretches are; where some are far louder the mean is as much more.
+    """
     data, disturbance = problem.data, problem.disturbance
     if problem.controller is None or not data.repeated or not math.isfinite(disturbance.sensor):
         return replace(problem, expected=None)
@@ -325,7 +328,7 @@ def with_expected_noise(problem: Problem, packed: Packed) -> Problem:
     expected = np.full(len(data.blocks), heard)
     for i, block in enumerate(data.blocks):
         if block.repeats > 1:
-            expected[i] += float(_table(error, block).var(axis=0, ddof=1).mean())
+            expected[i] += disturbance.uneven * float(_table(error, block).var(axis=0, ddof=1).mean())
     return replace(problem, expected=expected)
 
 
