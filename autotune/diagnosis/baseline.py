@@ -145,7 +145,9 @@ def _worse_than_none(problem: Problem, evidence: Evidence, model_fit: ModelFit, 
     makes of a coarse encoder's counts may be other than what the drive makes of them.
     """
     cost = model_fit.fitted.cost
-    if problem.controller is None or not problem.controller.in_band:
+    law = problem.controller
+    between = law is not None and (law.in_band or law.reference_delay > law.position_delay)
+    if not between or not evidence.repeats:
         return not evidence.repeats and cost > problem.policy.twin_worse * plain
     without = replace(problem, controller=None)
     free = list(model_fit.free)

@@ -29,7 +29,7 @@ from autotune.diagnosis.ripple_orders import with_whole_orders
 from autotune.diagnosis.screening import NEAR_WORTH, generic_gains, rank, screen
 from autotune.diagnosis.transmission import other_transmission_tried, without_needless_gap
 from autotune.estimation.bias_corrected_fit import ModelFit
-from autotune.estimation.cross_validation import drift, explained, still_explainable
+from autotune.estimation.cross_validation import Explained, drift, explained, shared, still_explainable
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.problem import Problem
 from autotune.models.drive_model import Packed
@@ -169,13 +169,17 @@ class _Search:
         if self.evidence.repeats and self.chosen is None:
             least = problem.policy.least_gain * problem.mean_square(self.root.fitted.error, TRAINING)
             worth &= best.training.fall >= least
+        if self.evidence.repeats and problem.twin:
+            before = self.chosen.model_fit if self.chosen is not None else self.root
+            fall = explained_beside(problem, before, best.model_fit, TRAINING).fall
+            worth &= again_explained(problem, before, best.model_fit) >= LEAST_AGAIN * fall
         if self.chosen is not None:
             before = self.chosen.model_fit
-            fall = _explained(problem, before, best.model_fit, TRAINING)
-            worth &= fall >= least_fall(problem, self.chosen)
-            worth &= not problem.twin or _comes_again(problem, before, best.model_fit) >= LEAST_AGAIN * fall
+            beside = explained_beside(problem, before, best.model_fit, TRAINING)
+            worth &= beside.fall >= least_fall(problem, self.chosen)
+            worth &= not self.evidence.repeats or beside.share >= problem.policy.partly
             if problem.has(VETO):
-                worth &= _explained(problem, before, best.model_fit, VETO) > 0.0
+                worth &= explained_beside(problem, before, best.model_fit, VETO).fall > 0.0
         return best if worth else None
 
     def _take(self, best: FittedCandidate) -> FittedCandidate:
@@ -277,6 +281,17 @@ class _Search:
         return current
 
 
+def explained_beside(problem: Problem, before: ModelFit, after: ModelFit, role: str) -> Explained:
+    """Of a role, what a model explains of what another leaves; noise that it swallows is none of it."""
+    return explained(problem, before.fitted, after.fitted, after.correction, role)
+
+
+def again_explained(problem: Problem, before: ModelFit, after: ModelFit) -> float:
+    """By how much a model lowers what repeats share, or a level that drifts between them [(N m)²]."""
+    left = [shared(problem, item.fitted, item.correction) for item in (before, after)]
+    return left[0] - left[1]
+
+
 def least_fall(problem: Problem, chosen: FittedCandidate) -> float:
     """By how much an effect beside the chosen ones must lower the mean square [(N m)²]."""
     policy = problem.policy
@@ -313,24 +328,6 @@ def _by_chance(problem: Problem, model_fit: ModelFit, less: ModelFit) -> bool:
         return False
     left = problem.mean_square(less.fitted.error, TRAINING)
     return _fall(problem, less, model_fit, TRAINING) < problem.policy.chance_of_contact * left
-
-
-def _explained(problem: Problem, before: ModelFit, after: ModelFit, role: str) -> float:
-    """Of a role's mean square, what a model explains of what another leaves; noise that it swallows is none of it."""
-    return explained(problem, before.fitted, after.fitted, after.correction, role).fall
-
-
-def _comes_again(problem: Problem, before: ModelFit, after: ModelFit) -> float:
-    """By how much a model lowers what repeats share, and a friction level that drifts between them [(N m)²].
-
-    Not finite without repeats: infinite then.
-    """
-    left = []
-    for model_fit in (before, after):
-        variance, _ = problem.repeatable(model_fit.fitted.error, model_fit.correction, TRAINING)
-        # what drifts up in one repeat and down in the other has lowered the product of the two
-        left.append(variance + 2.0 * drift(problem, model_fit.fitted, model_fit.correction, TRAINING)[0])
-    return left[0] - left[1] if math.isfinite(left[0] - left[1]) else math.inf
 
 
 def _fall(problem: Problem, before: ModelFit, after: ModelFit, role: str) -> float:

@@ -23,7 +23,7 @@ from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
 from autotune.diagnosis.evidence.time_driven import TimeLine, time_driven_line
 from autotune.diagnosis.first_alone import doubt_of
-from autotune.diagnosis.search import Found, search
+from autotune.diagnosis.search import Found, again_explained, search
 from autotune.diagnosis.transmission import GAP, SPRING, hardly_a_gap
 from autotune.diagnosis.wording import (
     TORQUE_CONSTANT,
@@ -150,7 +150,10 @@ class Facts:
         if self.chosen is None:
             return True
         left = self.problem.mean_square(self.chosen.model_fit.fitted.error, TRAINING)
-        return self.chosen.training.fall < self.line.share * left
+        fall = self.chosen.training.fall
+        if self.evidence.repeats:
+            fall = min(fall, again_explained(self.problem, self.root, self.chosen.model_fit))
+        return fall < self.line.share * left
 
     @property
     def structured(self) -> bool:

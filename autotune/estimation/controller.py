@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+import math
 import threading
 from dataclasses import dataclass, replace
 
@@ -55,6 +56,14 @@ HARDLY_MORE = 1.01
 IN_BAND = f"It was found below {CUTOFF:.0f} Hz: what the drive does between the samples is left out."
 SAME = 1e-9
 """Relative difference of two torques that are one value of the drive."""
+TICK = 250e-6
+"""s, at which a drive's loop is simulated: its bandwidth is far below."""
+BETWEEN_RATES = tuple(100.0 * 1.7**i for i in range(9))
+"""1/s, of the filter of its velocity."""
+BETWEEN_MOMENTS = (-0.5, 0.0, 0.5)
+BETWEEN = "The drive's loop works between the samples, and is simulated so."
+AS_MUCH = 1.1
+"""Times the share that another law leaves: as much, within what counts and rounding make."""
 MOST_KNOWN = 8
 _KNOWN: dict[bytes, PositionController] = {}
 _LOCK = threading.Lock()
@@ -76,6 +85,8 @@ class PositionController:
         explained: share of the variance of the torque demand, R²; nan where it could not be checked.
         in_band: found below the frequency that models are compared at; `explained` is the share there.
         smeared: share of the sample before in a recorded torque: a current loop's lag, read by the torque's own sensor.
+        ticks: times that the law works from one sample to the next, its reference on a straight line between them;
+            `derivative_filter` is of a tick then.
         exact: leaves no more than rounding of numbers, or of the recorded torque: the law works at the samples.
         source: `metadata` (the file's, verified), `identified`, `trusted` (the file's, which these data
             cannot verify) or `none`.
@@ -99,6 +110,7 @@ class PositionController:
     in_band: bool = False
     smeared: float = 0.0
     exact: bool = False
+    ticks: int = 1
 
     @property
     def usable(self) -> bool:
@@ -203,6 +215,9 @@ def asked(data: Prepared, controller: PositionController) -> Floats:
     law = [controller.kp, kd, controller.ki, kd * controller.reference_rate, controller.velocity_feedforward]
     law += [controller.position_feedforward, controller.acceleration_feedforward]
     smeared = _smeared(samples, controller.smeared)
+    if controller.ticks > 1:
+        rate = -math.log(1.0 - filtered) * controller.ticks / data.period
+        return np.asarray(_between_terms(samples, rate) @ np.array(law) + controller.constant + data.feedforward)
     demand = _terms(smeared, filtered) @ np.array(law) + controller.constant + data.feedforward
     limit = data.metadata.torque_limit or np.inf
     return np.asarray(np.where(held, np.clip(data.torque, -limit, limit), demand))
@@ -320,11 +335,87 @@ def _from_data(samples: LoopSamples) -> PositionController:
         late = _searched_late(wandering)
         found = late if late.explained > found.explained else found
     if found.explained > samples.policy.controller_explains and found.kp > 0.0:
-        return found
-    banded = _searched_late(_in_band(wandering))
+        return _or_between(wandering, found) if found.reference_delay > found.position_delay else found
+    banded = _or_between(wandering, _searched_late(_in_band(wandering)))
     if banded.explained > samples.policy.controller_explains_in_band and banded.kp > 0.0:
         return replace(banded, why=f"{banded.why} {IN_BAND}", in_band=True)
     return replace(found, source="none")
+
+
+def _or_between(samples: LoopSamples, found: PositionController) -> PositionController:
+    """The law, or that of a drive that works between the samples where it leaves no more below the compared frequency.
+
+    What works from sample to sample would tell itself by an exact law; where both explain alike the drive's is likelier.
+    """
+    banded = _in_band(samples)
+    between = _searched_between(banded)
+    rate = found
+    if found.explained > samples.policy.controller_explains:
+        rate = _searched_late(banded)
+    no_more = 1.0 - between.explained < AS_MUCH * (1.0 - rate.explained)
+    enough = between.explained > samples.policy.controller_explains_in_band
+    return between if no_more and enough and between.kp > 0.0 and between.kd > 0.0 else found
+
+
+def _searched_between(samples: LoopSamples) -> PositionController:
+    """The best law of a drive whose loop works between the samples, on columns below the compared frequency.
+
+    There its continuous form can be computed from the samples: u = kp·e + kd·λ/(s + λ)·(b·ṙ − ẏ) + ki∫e and what the
+    reference adds. The reference is late by whole samples; the torque is of a sample's moment, or a mean around it.
+    """
+    coarse = _first_look(samples)
+    trials = []
+    for r in range(MOST_LATE + 2):
+        late = _late(coarse, r, 0)
+        for rate in BETWEEN_RATES:
+            terms = _between_terms(late, rate)
+            for moment in BETWEEN_MOMENTS:
+                trials.append((_regressed_between(late, rate, moment, terms).explained, r, rate, moment))
+    _, r, rate, moment = max(trials)
+    late = _late(samples, r, 0)
+
+    def unexplained(logarithm: float) -> float:
+        return 1.0 - _regressed_between(late, math.exp(logarithm), moment).explained
+
+    bounds = math.log(0.5 * rate), math.log(2.0 * rate)
+    best = scipy.optimize.minimize_scalar(unexplained, bounds=bounds, method="bounded", options={"xatol": 0.01})
+    found = _regressed_between(late, math.exp(best.x), moment)
+    ticks = max(2, round(samples.period / TICK))
+    share = 1.0 - math.exp(-math.exp(best.x) * samples.period / ticks)
+    why = f"{_how_late(samples.period)} {BETWEEN}"
+    return replace(found, reference_delay=r, derivative_filter=share, ticks=ticks, in_band=True, why=why)
+
+
+def _regressed_between(
+    samples: LoopSamples, rate: float, moment: float, terms: Floats | None = None
+) -> PositionController:
+    """Gains of the continuous law by least squares; `moment` in samples after a row."""
+    terms = _between_terms(samples, rate) if terms is None else terms
+    demand = samples.demand
+    if moment != 0.0:
+        demand = demand.copy()
+        for rows in samples.stretches:
+            demand[rows] = scipy.ndimage.shift(samples.demand[rows], moment, order=3, mode="nearest")
+    return _solved(replace(samples, demand=demand), terms, min(1.0, rate * samples.period))
+
+
+def _between_terms(samples: LoopSamples, rate: float) -> Floats:
+    """As `_terms`, of the continuous law with its filter at `rate` [1/s], shape (n, 7)."""
+    h = samples.period
+    error = samples.reference - samples.position
+    terms = np.zeros((len(error), 7))
+    w = 0.5 * rate * h
+    coefficients = [w, w], [1.0 + w, w - 1.0]
+    for rows in samples.stretches:
+        moved, wanted = (np.gradient(values[rows], h) for values in (samples.position, samples.reference))
+        held = error[rows] * ~samples.clamped[rows] * h
+        terms[rows, 1] = -scipy.signal.lfilter(*coefficients, moved)
+        terms[rows, 2] = np.cumsum(held) - 0.5 * held
+        terms[rows, 3] = scipy.signal.lfilter(*coefficients, wanted)
+        terms[rows, 4] = wanted
+        terms[rows, 6] = np.gradient(wanted, h)
+    terms[:, 0], terms[:, 5] = error, samples.reference
+    return terms
 
 
 def _in_band(samples: LoopSamples) -> LoopSamples:
@@ -522,10 +613,15 @@ def delayed(values: Floats, late: int, before: float) -> Floats:
 
 def _regressed_late(samples: LoopSamples, smoothing: float) -> PositionController:
     """Gains of the law with all terms of the reference, by least squares."""
+    return _solved(samples, _terms(samples, smoothing), smoothing)
+
+
+def _solved(samples: LoopSamples, terms: Floats, smoothing: float) -> PositionController:
+    """Gains by least squares on terms of shape (n, 7)."""
     rows, run = _regular(samples, smoothing)
     every = slice(None, None, max(1, int(rows.sum()) // samples.most_rows))
     chosen = np.flatnonzero(rows)[every]
-    table, demand = _terms(samples, smoothing)[chosen], samples.demand[chosen]
+    table, demand = terms[chosen], samples.demand[chosen]
     centred = _centred(np.column_stack([table, demand]), run[every])
     size = np.maximum(np.linalg.norm(centred[:, :-1], axis=0), 1e-300)
     solution = np.linalg.lstsq(centred[:, :-1] / size, centred[:, -1], rcond=1e-10)[0] / size

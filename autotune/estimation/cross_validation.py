@@ -81,6 +81,15 @@ def still_explainable(problem: Problem, fitted: Fitted, correction: Correction, 
     return repeatable + drift(problem, fitted, correction, role)[0]
 
 
+def shared(problem: Problem, fitted: Fitted, correction: Correction) -> float:
+    """Variance of the training rows that repeats share, and of a level that drifts between them [(N m)²].
+
+    What drifts up in one repeat and down in the other has lowered the product of the two: it counts twice.
+    """
+    variance, _ = problem.repeatable(fitted.error, correction, TRAINING)
+    return variance + 2.0 * drift(problem, fitted, correction, TRAINING)[0]
+
+
 def drift(problem: Problem, fitted: Fitted, correction: Correction, role: str) -> tuple[float, float]:
     """Variance that a friction level differing between repeats explains [(N m)²], and its z."""
     column = _of_friction(problem, fitted, correction, role)

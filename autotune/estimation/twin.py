@@ -166,6 +166,8 @@ def simulate_stretch(
         resolution: of the encoder; 0 for none.
         disturbance, position_noise: torque after the demand, and position before it is quantised; shape (n,).
     """
+    if recorded.closed and controller.ticks > 1:
+        return _between(recorded, packed, controller, limit, resolution, disturbance, position_noise)
     n = len(recorded.measured)
     position, torque = np.zeros(n), np.zeros(n)
     feedforward = recorded.feedforward * recorded.closed
@@ -190,6 +192,53 @@ def simulate_stretch(
         torque,
     )
     return position, torque, done == n
+
+
+def _between(
+    recorded: Recorded,
+    packed: Packed,
+    controller: PositionController,
+    limit: float,
+    resolution: float,
+    disturbance: Floats,
+    position_noise: Floats,
+) -> tuple[Floats, Floats, bool]:
+    """As `simulate_stretch`, of a drive whose loop works between the samples; the torque is its mean from each to the
+    next."""
+    ticks = controller.ticks
+    period = recorded.period / ticks
+    reference = delayed(recorded.reference, controller.reference_delay, recorded.last_reference)
+    fed = controller.feedforward(reference, recorded.last_reference, recorded.period)
+    fine, pushed = (_on_line(values, ticks) for values in (reference, fed + recorded.feedforward))
+    rate = controller.reference_rate * (fine[ticks] - fine[0]) / recorded.period - float(recorded.velocity[0])
+    total = 0.0
+    if controller.ki > 0:
+        rest = recorded.torque[0] - pushed[0] - controller.kp * (fine[0] - recorded.measured[0])
+        total = float(rest - controller.kd * rate) / controller.ki
+    n = len(fine)
+    position, torque = np.zeros(n), np.zeros(n)
+    done = simulate(
+        packed.p,
+        packed.on,
+        start_state(recorded, packed),
+        controller.gains,
+        np.array([period, limit, resolution, total, rate, fine[0], recorded.measured[0]]),
+        True,
+        substeps_for(packed.p, period, packed.on),
+        fine,
+        pushed,
+        np.repeat(disturbance, ticks),
+        np.repeat(position_noise, ticks),
+        position,
+        torque,
+    )
+    return position[::ticks].copy(), torque.reshape(-1, ticks).mean(axis=1), done == n
+
+
+def _on_line(values: Floats, ticks: int) -> Floats:
+    """Values of shape (n,) on the way from each to the next, shape (n·ticks,)."""
+    rows = np.arange(len(values) * ticks) / ticks
+    return np.asarray(np.interp(rows, np.arange(len(values)), values))
 
 
 def start_state(recorded: Recorded, packed: Packed) -> Floats:
