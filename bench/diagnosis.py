@@ -21,9 +21,9 @@ from typing import Any
 
 import numpy as np
 
+from autotune.diagnosis.candidates import model_from
 from autotune.diagnosis.verdict import Diagnosis, diagnose
 from autotune.estimation.data import TEST, TRAINING
-from autotune.estimation.free_parameters import model_from
 from autotune.estimation.residual import residual
 from autotune.models.drive_model import DriveModel, base_model
 from autotune.models.effect import Kind

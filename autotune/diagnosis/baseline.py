@@ -8,17 +8,17 @@ import numpy as np
 
 from autotune.core.arrays import Floats
 from autotune.core.errors import NotEnoughExcitation
-from autotune.diagnosis.candidates import Progress, no_progress
+from autotune.diagnosis.candidates import Progress, free_of_model, no_progress
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.estimation.alignment import shifted, without_twin
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import as_rough, fitted_contact
-from autotune.estimation.controller import PositionController, find_controller
+from autotune.estimation.controller import find_controller
+from autotune.estimation.controller_law import PositionController
 from autotune.estimation.controller_torque import loop_note, refuse_answers
 from autotune.estimation.data import Prepared
 from autotune.estimation.disturbance_estimate import estimate_disturbance
-from autotune.estimation.free_parameters import free_of_model
 from autotune.estimation.least_squares import Free
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import (

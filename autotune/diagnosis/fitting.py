@@ -15,7 +15,7 @@ import numpy as np
 
 from autotune.core.errors import NotEnoughExcitation
 from autotune.diagnosis.baseline import begin
-from autotune.diagnosis.candidates import Progress, no_progress
+from autotune.diagnosis.candidates import Progress, model_from, no_progress
 from autotune.diagnosis.compare import EACH_IN_TURN, check_same_axis, floor_of_unseen, roles_unseen
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.refits import inside_twin, without_insignificant_terms
@@ -25,7 +25,6 @@ from autotune.diagnosis.screening import screen
 from autotune.estimation.bandwidth import prepared_for, prepared_to_fit
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.data import Prepared, prepare
-from autotune.estimation.free_parameters import model_from
 from autotune.estimation.least_squares import Fitted, standard_errors
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import Problem, new_problem

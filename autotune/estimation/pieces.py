@@ -18,7 +18,8 @@ import scipy
 from autotune.core.arrays import Flags, Floats
 from autotune.core.errors import NotEnoughExcitation
 from autotune.estimation.bandwidth import Bands
-from autotune.estimation.controller import PositionController, is_closed
+from autotune.estimation.controller import is_closed
+from autotune.estimation.controller_law import PositionController
 from autotune.estimation.residual import Motion, stretch_residual
 from autotune.estimation.twin import leading, simulate_stretch, start_state
 from autotune.models.drive_model import Packed

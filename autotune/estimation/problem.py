@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from autotune.core.arrays import Floats
-from autotune.estimation.controller import PositionController
+from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import TRAINING, VETO, Block, Prepared
 from autotune.estimation.disturbance import STILL, Disturbance
 from autotune.estimation.least_squares import Fitted, Free, fit

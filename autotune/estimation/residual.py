@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from autotune.core.arrays import Floats, Integers
-from autotune.estimation.controller import PositionController
+from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import Prepared, Stretch, filtered_motion
 from autotune.estimation.disturbance import Disturbance
 from autotune.estimation.twin import simulate_stretch, started_torque

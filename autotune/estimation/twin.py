@@ -7,12 +7,13 @@ demand, and the controller's sum is what makes the twin's first torque equal the
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
 
 from autotune.core.arrays import Flags, Floats
-from autotune.estimation.controller import PositionController, delayed
+from autotune.estimation.controller_law import PositionController, delayed
 from autotune.models import layout
 from autotune.models.compiled import compiled
 from autotune.models.contact import additive, friction_limit, viscous_coefficient
@@ -206,7 +207,7 @@ def _between(
     """As `simulate_stretch`, of a drive whose loop works between the samples; the torque is its mean from each to the
     next."""
     ticks = controller.ticks
-    period = recorded.period / ticks
+    period, share = recorded.period / ticks, 1.0 - (1.0 - controller.derivative_filter) ** (1.0 / ticks)
     reference = delayed(recorded.reference, controller.reference_delay, recorded.last_reference)
     fed = controller.feedforward(reference, recorded.last_reference, recorded.period)
     fine, pushed = (_on_line(values, ticks) for values in (reference, fed + recorded.feedforward))
@@ -221,7 +222,7 @@ def _between(
         packed.p,
         packed.on,
         start_state(recorded, packed),
-        controller.gains,
+        replace(controller, derivative_filter=share).gains,
         np.array([period, limit, resolution, total, rate, fine[0], recorded.measured[0]]),
         True,
         substeps_for(packed.p, period, packed.on),

@@ -15,7 +15,8 @@ import numpy as np
 from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError
 from autotune.estimation.bandwidth import Bands
-from autotune.estimation.controller import PositionController, controller_of
+from autotune.estimation.controller import controller_of
+from autotune.estimation.controller_law import PositionController
 from autotune.estimation.pieces import UNFITTED, Piece, cut, torque_error
 from autotune.identify.estimate import Estimate
 from autotune.identify.first_guess import guess

@@ -11,7 +11,8 @@ import numpy as np
 import scipy
 
 from autotune.estimation.bandwidth import Bands
-from autotune.estimation.controller import PositionController, controller_of
+from autotune.estimation.controller import controller_of
+from autotune.estimation.controller_law import PositionController
 from autotune.estimation.joint_fit import Refined, refine
 from autotune.estimation.pieces import UNFITTED, Surroundings, cut, marked_sticking
 from autotune.identify.estimate import Estimate, Quantity

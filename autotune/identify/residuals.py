@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from autotune.core.arrays import Floats
 from autotune.estimation.bandwidth import Bands
-from autotune.estimation.controller import PositionController, controller_of
+from autotune.estimation.controller import controller_of
+from autotune.estimation.controller_law import PositionController
 from autotune.estimation.pieces import Piece, cut, run_twin, torque_error
 from autotune.identify.refinement import surroundings
 from autotune.models.drive_model import DriveModel

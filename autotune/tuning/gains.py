@@ -21,7 +21,8 @@ from autotune.control.gains.steps import step_sizes
 from autotune.control.gains.words import advice, cycle_in_words
 from autotune.core.axis import Axis
 from autotune.core.errors import ConfigurationError, RecordingError
-from autotune.estimation.controller import PositionController, controller_of
+from autotune.estimation.controller import controller_of
+from autotune.estimation.controller_law import PositionController
 from autotune.models.drive_model import DriveModel
 from autotune.models.model_file import read_model
 from autotune.recordings.files import read_recording

@@ -10,7 +10,7 @@ import pytest
 from autotune.diagnosis.baseline import quieter_torque
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.estimation.bandwidth import prepared_to_fit
-from autotune.estimation.controller import PositionController
+from autotune.estimation.controller_law import PositionController
 from autotune.estimation.disturbance import Disturbance
 from autotune.estimation.problem import new_problem
 from autotune.estimation.residual import smoothed

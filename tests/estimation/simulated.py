@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from autotune.estimation.controller import PositionController
+from autotune.estimation.controller_law import PositionController
 from autotune.models import layout
 from autotune.models.drive_model import DriveModel, base_model
 from autotune.models.plant import simulate, substeps_for

@@ -6,14 +6,8 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from autotune.estimation.controller import (
-    LoopSamples,
-    PositionController,
-    controller_of,
-    delayed,
-    find_controller,
-    identified,
-)
+from autotune.estimation.controller import controller_of, find_controller, identified
+from autotune.estimation.controller_law import LoopSamples, PositionController, delayed
 from autotune.estimation.data import prepare
 from autotune.estimation.policy import POLICY
 from autotune.recordings.recording import Controller, Recording

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from autotune.estimation.bandwidth import Bands, busy_below
-from autotune.estimation.controller import PositionController
+from autotune.estimation.controller_law import PositionController
 from autotune.identify.fit import FitResult, fit
 from autotune.models.drive_model import base_model
 from autotune.recordings.recording import Recording
