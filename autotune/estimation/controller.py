@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import math
 import threading
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -23,6 +24,7 @@ from autotune.estimation.controller_law import (
     law_from_data,
     law_terms,
     less_run_means,
+    or_between,
     plainly_better,
     regular_rows,
     share_explained,
@@ -59,21 +61,23 @@ def find_controller(data: Prepared, policy: Policy = POLICY) -> PositionControll
         return _none(f"the recording has no column 'reference'; {IMPORT_REFERENCE}")
     if not all(stretch.closed for stretch in data.stretches):
         return _none("parts were recorded without position control")
-    found = identified(
-        LoopSamples(
-            data.period,
-            data.reference,
-            data.measured,
-            data.torque - data.feedforward,
-            clamped(data.torque, data.metadata.torque_limit),
-            tuple(stretch.rows for stretch in data.stretches),
-            data.metadata.controller,
-            policy,
-        )
+    samples = LoopSamples(
+        data.period,
+        data.reference,
+        data.measured,
+        data.torque - data.feedforward,
+        clamped(data.torque, data.metadata.torque_limit),
+        tuple(stretch.rows for stretch in data.stretches),
+        data.metadata.controller,
+        policy,
     )
+    found = identified(samples)
     if found.in_band and not data.repeated:
         # without repeats nothing tells what such a drive makes of counts from what a model lacks
         return replace(found, source="none", why=_unexplained(found.explained, policy.controller_explains))
+    between = found.in_band or found.reference_delay > found.position_delay
+    if found.usable and between and data.repeated and not found.exact:
+        return _remembered(b"between", samples, lambda: or_between(samples, found))
     return found
 
 
@@ -142,12 +146,22 @@ def identified(samples: LoopSamples) -> PositionController:
 
     Of the samples that were asked for last it is remembered: a fit and a diagnosis ask half a dozen times.
     """
-    key = _mark(samples)
+
+    def found() -> PositionController:
+        law = _identified(samples)
+        return replace(law, exact=_to_rounding(samples, law.explained))
+
+    return _remembered(b"identified", samples, found)
+
+
+def _remembered(
+    what: bytes, samples: LoopSamples, find: Callable[[], PositionController]
+) -> PositionController:
+    key = what + _mark(samples)
     with _LOCK:
         known = _KNOWN.get(key)
     if known is None:
-        found = _identified(samples)
-        known = replace(found, exact=_to_rounding(samples, found.explained))
+        known = find()
         with _LOCK:
             _KNOWN[key] = known
             while len(_KNOWN) > MOST_KNOWN:

@@ -133,6 +133,12 @@ class PositionController:
         moved = self.velocity_feedforward * rate + self.acceleration_feedforward * change
         return np.asarray(moved + self.position_feedforward * reference + self.constant)
 
+    def continuous_feedforward(self, reference: Floats, period: float) -> Floats:
+        """The same of a law that works between the samples, as `between_terms` has it."""
+        rate = np.gradient(reference, period)
+        moved = self.velocity_feedforward * rate + self.acceleration_feedforward * np.gradient(rate, period)
+        return np.asarray(moved + self.position_feedforward * reference + self.constant)
+
 
 @dataclass(frozen=True, slots=True)
 class LoopSamples:
@@ -176,22 +182,22 @@ def law_from_data(samples: LoopSamples) -> PositionController:
         late = _searched_late(wandering)
         found = late if late.explained > found.explained else found
     if found.explained > samples.policy.controller_explains and found.kp > 0.0:
-        return _or_between(wandering, found) if found.reference_delay > found.position_delay else found
-    banded = _or_between(wandering, _searched_late(_in_band(wandering)))
+        return found
+    banded = _searched_late(_in_band(wandering))
     if banded.explained > samples.policy.controller_explains_in_band and banded.kp > 0.0:
         return replace(banded, why=f"{banded.why} {IN_BAND}", in_band=True)
     return replace(found, source="none")
 
 
-def _or_between(samples: LoopSamples, found: PositionController) -> PositionController:
+def or_between(samples: LoopSamples, found: PositionController) -> PositionController:
     """The law, or that of a drive that works between the samples, where it leaves no more in the band.
 
     What works from sample to sample would tell itself by an exact law; where both explain alike, it is the drive's.
     """
-    banded = _in_band(samples)
+    banded = _in_band(replace(samples, piece=PIECE_SECONDS))
     between = _searched_between(banded)
     rate = found
-    if found.explained > samples.policy.controller_explains:
+    if not found.in_band and found.explained > samples.policy.controller_explains:
         rate = _searched_late(banded)
     no_more = 1.0 - between.explained < AS_MUCH * (1.0 - rate.explained)
     enough = between.explained > samples.policy.controller_explains_in_band
@@ -212,7 +218,8 @@ def _searched_between(samples: LoopSamples) -> PositionController:
             terms = between_terms(late, rate)
             for moment in BETWEEN_MOMENTS:
                 trials.append((_regressed_between(late, rate, moment, terms).explained, r, rate, moment))
-    _, r, rate, moment = max(trials)
+    most = (1.0 - max(trials)[0]) * HARDLY_MORE
+    _, r, rate, moment = max(t for t in trials if t[1] == min(t[1] for t in trials if 1.0 - t[0] <= most))
     late = late_samples(samples, r, 0)
 
     def unexplained(logarithm: float) -> float:

@@ -209,7 +209,7 @@ def _between(
     ticks = controller.ticks
     period, share = recorded.period / ticks, 1.0 - (1.0 - controller.derivative_filter) ** (1.0 / ticks)
     reference = delayed(recorded.reference, controller.reference_delay, recorded.last_reference)
-    fed = controller.feedforward(reference, recorded.last_reference, recorded.period)
+    fed = controller.continuous_feedforward(reference, recorded.period)
     fine, pushed = (_on_line(values, ticks) for values in (reference, fed + recorded.feedforward))
     rate = controller.reference_rate * (fine[ticks] - fine[0]) / recorded.period - float(recorded.velocity[0])
     total = 0.0

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from autotune.diagnosis.baseline import begin
+from autotune.diagnosis.candidates import FittedCandidate
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
+from autotune.diagnosis.search import again_explained
 from autotune.estimation.alignment import shifted
 from autotune.estimation.bandwidth import prepared_to_fit
 from autotune.estimation.bias_corrected_fit import ModelFit
+from autotune.estimation.cross_validation import Explained
 from autotune.estimation.problem import Problem, refit
 from autotune.estimation.residual import measured_motion
 from autotune.models.drive_model import base_model
+from autotune.models.torque_lag import TIME_CONSTANT
 from tests.support.axes import NOMINAL
 
 Begun = tuple[Problem, ModelFit]
@@ -34,7 +39,7 @@ def test_what_the_measurement_chain_can_do_is_taken_out(
 ) -> None:
     """`late`: half samples of 1 ms by which the torque must be moved to be where it was."""
     problem, model_fit = begun
-    law = replace(problem.controller, explained=0.998 if in_band else 1.0, in_band=in_band)
+    law = replace(problem.controller, exact=not in_band, in_band=in_band)
     spoilt = shifted(problem.data, -late)
     spoilt = replace(spoilt, recorded_torque=spoilt.torque, shift=0.0)
     problem = replace(problem, data=spoilt, moved=measured_motion(spoilt), controller=law)
@@ -52,3 +57,28 @@ def test_a_lag_is_no_candidate_where_nothing_tells_how_the_columns_belong_togeth
     problem, evidence = begun[0], RepeatedProgramme()
     assert "torque_lag" in {kind.name for kind in evidence.candidates(problem)}
     assert "torque_lag" not in {kind.name for kind in evidence.candidates(replace(problem, controller=None))}
+
+
+@pytest.mark.parametrize(("lag", "own"), [(1e-4, True), (5e-4, False)])
+def test_a_lag_that_any_current_loop_has_is_no_effect(begun: Begun, lag: float, own: bool) -> None:
+    packed = begun[1].fitted.packed
+    p = packed.p.copy()
+    p[TIME_CONSTANT] = lag
+    model_fit = replace(begun[1], fitted=replace(begun[1].fitted, packed=replace(packed, p=p)))
+    candidate = FittedCandidate("torque_lag", model_fit, 0.1, Explained(1.0, 0.0), None, named=True)
+    assert RepeatedProgramme().of_the_chain(candidate) == own
+
+
+def test_noise_that_is_swallowed_explains_nothing_again(begun: Begun) -> None:
+    """What two repeats share falls by what is taken from both, not by what is taken from their difference."""
+    problem, before = begun
+    block = next(block for block in problem.data.blocks if block.repeats > 1)
+    error = before.fitted.error.copy()
+    apart = error[block.rows].reshape(block.repeats, block.count)
+    apart[:] += np.array([1.0, -1.0])[:, None] * 0.1
+    noisy = replace(before, fitted=replace(before.fitted, error=error))
+    assert again_explained(problem, noisy, before) < 0.0
+    together = before.fitted.error.copy()
+    together[block.rows] += 0.1
+    common = replace(before, fitted=replace(before.fitted, error=together))
+    assert again_explained(problem, common, before) > 0.0

@@ -7,11 +7,14 @@ import pytest
 from scipy import signal
 
 from autotune.estimation.controller import controller_of, find_controller, identified
-from autotune.estimation.controller_law import LoopSamples, PositionController, delayed
+from autotune.estimation.controller_law import LoopSamples, PositionController, delayed, or_between
 from autotune.estimation.data import prepare
+from autotune.estimation.disturbance import STILL
 from autotune.estimation.policy import POLICY
+from autotune.estimation.residual import run_twin
+from autotune.models.drive_model import base_model
 from autotune.recordings.recording import Controller, Recording
-from tests.estimation.simulated import OF_TRUE, TRUE, recorded
+from tests.estimation.simulated import AXIS, OF_TRUE, PERIOD, TRUE, recorded
 
 
 def both(recording: Recording) -> PositionController:
@@ -172,3 +175,58 @@ def test_a_law_found_in_band_drives_no_twin_of_a_single_recording() -> None:
     heard = Recording.from_columns(columns, recording.metadata, "motion")
     assert controller_of(heard).in_band
     assert not find_controller(prepare([heard])).usable
+
+
+def with_torque(recording: Recording, torque: np.ndarray) -> Recording:
+    return Recording.from_columns(
+        dict(recording.floats) | {"torque": torque}, recording.metadata, recording.experiment
+    )
+
+
+def test_a_law_is_exact_where_it_leaves_no_more_than_rounding_of_the_torque() -> None:
+    recording, step = recorded(TRUE), 2e-3
+    rounded = np.rint(recording["torque"] / step) * step
+    noise = np.random.default_rng(3).normal(0.0, step, len(recording))
+    assert both(recording).exact
+    assert both(with_torque(recording, rounded)).exact
+    assert not both(with_torque(recording, recording["torque"] + noise)).exact
+
+
+def test_a_torque_by_its_sensor_holds_a_part_of_the_sample_before() -> None:
+    recording = recorded(TRUE)
+    torque = recording["torque"]
+    before = np.concatenate([torque[:1], torque[:-1]])
+    found = both(with_torque(recording, 0.8 * torque + 0.2 * before))
+    assert found.smeared == pytest.approx(0.2, abs=5e-3)
+    assert (found.reference_delay, found.position_delay) == (0, 0)
+    for name in ("kp", "kd", "ki", "derivative_filter"):
+        assert getattr(found, name) == pytest.approx(getattr(TRUE, name), rel=5e-3), name
+
+
+def test_what_was_identified_once_is_remembered() -> None:
+    recording = recorded(replace(TRUE, reference_rate=0.3))
+    assert controller_of(recording) is find_controller(prepare([recording]))
+
+
+def test_a_drive_that_works_between_the_samples_is_found_and_simulated_so() -> None:
+    """Eight ticks a sample, and a reference that the drive reaches a sample later."""
+    ticks, rate = 8, 900.0
+    share = 1.0 - np.exp(-rate * PERIOD / ticks)
+    law = PositionController(6.0, 0.03, 100.0, float(share))
+    fine = recorded(law, period=PERIOD / ticks, noise=2e-4)
+    columns = {name: fine[name][::ticks].copy() for name in ("position", "torque")}
+    columns["reference"] = np.append(fine["reference"][ticks::ticks], fine["reference"][-1])
+    columns["time"] = np.arange(len(columns["position"])) * PERIOD
+    metadata = replace(fine.metadata, sample_period=PERIOD)
+    data = prepare([Recording.from_columns(columns, metadata, "motion")])
+    rows = tuple(stretch.rows for stretch in data.stretches)
+    free = np.zeros(len(data.torque), dtype=np.bool_)
+    samples = LoopSamples(PERIOD, data.reference, data.measured, data.torque, free, rows, None)
+    found = or_between(samples, PositionController(explained=0.99))
+    assert found.ticks > 1
+    assert found.kp == pytest.approx(law.kp, rel=0.03)
+    assert found.kd == pytest.approx(law.kd, rel=0.05)
+    run = run_twin(data, base_model(AXIS).pack(), found, STILL, np.random.default_rng(1))
+    lag = np.std(data.reference - data.measured)
+    assert run.stable
+    assert np.std(run.position - data.measured) < 0.01 * lag  # 0.02 at the samples with the true gains
