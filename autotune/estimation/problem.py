@@ -195,6 +195,16 @@ class Problem:
         variances, counts = np.array(values).T
         return float(np.average(variances, weights=counts))
 
+    def repeatable_by_block(self, error: Floats, correction: Correction, role: str) -> Floats:
+        """Variance that comes again and variance that does not, of each repeated experiment [(N m)²], shape (b, 2)."""
+        rows = []
+        for block, spare in zip(self.data.blocks, correction.variance, strict=True):
+            if block.role == role and block.repeats > 1:
+                table = _table(error, block)
+                noise = float(table.var(axis=0, ddof=1).mean())
+                rows.append((float(np.mean(table.mean(axis=0) ** 2)) - noise / block.repeats - spare, noise))
+        return np.array(rows).reshape(-1, 2)
+
     def noise_explainable(self, error: Floats, role: str) -> float:
         """Of the variance between repeats, what the disturbance does not make: drift, memory [(N m)²]."""
         measured = self.noise_variance(error, role)

@@ -1,6 +1,6 @@
 """What becomes of the torque demand before it turns the shaft: lag and saturation.
 
-Saturation: T = u·(1 − loss·(u/torque)²), iron that carries no more flux. Lag: τ·T' = u − T, the current
+Saturation: `torque_saturation`. Lag: τ·T' = u − T, the current
 loop. The mean over a sample of a lagged, held demand is exact and smooth down to τ = 0.
 """
 

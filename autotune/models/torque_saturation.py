@@ -1,8 +1,11 @@
-"""Large torques with less effect: T = u·(1 − loss·(u/torque)²), iron that carries no more flux."""
+"""Large torques with less effect: iron that carries no more flux, or a current limit.
+
+T = u·(1 + c·|u/torque|ⁿ)^(−1/n), with c = (1 − loss)^(−n) − 1, so that `loss` is what is lost at the level `torque`.
+Small losses are u·(1 − loss·|u/torque|ⁿ). The exponent is 2 where iron saturates slowly, large where a limit cuts in.
+"""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -23,8 +26,9 @@ def saturated(p: Floats, on: Flags, demand: float) -> float:
     """Torque that a demand gives in the long run [N m]."""
     if not on[SATURATES]:
         return demand
-    ratio = min(abs(demand) / p[_AT + 1], 1.0 / math.sqrt(3.0 * max(p[_AT], 1e-9)))
-    return math.copysign(p[_AT + 1] * ratio * (1.0 - p[_AT] * ratio * ratio), demand)
+    n = p[_AT + 2]
+    c = (1.0 - p[_AT]) ** -n - 1.0
+    return float(demand * (1.0 + c * (abs(demand) / p[_AT + 1]) ** n) ** (-1.0 / n))
 
 
 def torque_slope(p: Floats, on: Flags, demand: Floats) -> Floats | float:
@@ -34,20 +38,27 @@ def torque_slope(p: Floats, on: Flags, demand: Floats) -> Floats | float:
     """
     if not on[SATURATES]:
         return 1.0
+    n = p[_AT + 2]
     ratio = np.minimum(np.abs(demand) / p[_AT + 1], 1.0)
-    return np.asarray(np.maximum(1.0 - 3.0 * p[_AT] * ratio**2, 0.05))
+    c = (1.0 - p[_AT]) ** -n - 1.0
+    return np.asarray(np.maximum((1.0 + c * ratio**n) ** (-1.0 / n - 1.0), 0.05))
 
 
 def starts(c: StartContext) -> Iterator[StartValues]:
-    """A small loss at the largest torque that was recorded."""
-    yield StartValues({"loss": 0.05, "torque": c.largest_torque}, {"loss": Vary(0.2, 0.3)})
+    """A small and a large loss at the largest torque that was recorded, with and without a knee."""
+    for loss, exponent in ((0.05, 2.0), (0.05, 5.0), (0.35, 5.0)):
+        yield StartValues(
+            {"loss": loss, "torque": c.largest_torque, "exponent": exponent},
+            {"loss": Vary(0.2, 0.3), "exponent": Vary(2.0, 2.0)},
+        )
 
 
 TORQUE_SATURATION = Kind(
     name="torque_saturation",
     parameters=(
-        Parameter("loss", "1", 0.0, 0.0, 0.33, "relative loss of torque at that level", _AT),
+        Parameter("loss", "1", 0.0, 0.0, 0.9, "relative loss of torque at that level", _AT),
         Parameter("torque", "N m", 1.0, 1e-9, 1e9, "level at which the loss is given", _AT + 1, held=True),
+        Parameter("exponent", "1", 2.0, 1.0, 10.0, "how suddenly it sets in", _AT + 2, optional=True),
     ),
     looks_like="Large torques have less effect than small ones; fast accelerations fall short.",
     cause="Iron of the motor that saturates, a weak magnet, a current limit, a low supply voltage.",

@@ -5,9 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from autotune.diagnosis.evidence.repeated import RepeatedProgramme
+from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.controller import find_controller
+from autotune.estimation.cross_validation import Unseen
 from autotune.estimation.data import TRAINING, prepare
 from autotune.estimation.disturbance_estimate import estimate_disturbance
+from autotune.estimation.least_squares import Fitted
 from autotune.estimation.policy import POLICY
 from autotune.estimation.problem import new_problem
 from autotune.estimation.residual import residual
@@ -80,3 +84,21 @@ def test_a_controller_that_is_none_says_so(short) -> None:
     found = find_controller(prepare([spoiled]))
     assert not found.usable
     assert "99.9 %" in found.why
+
+
+def test_what_comes_again_in_one_experiment_only_is_no_noise(short) -> None:
+    """Half a second in which both repeats of one experiment err alike: too short to move the mean of all.
+
+    A motor that saturates shows it in the fastest moves only, and "nothing is missing" was said of it.
+    """
+    data = prepare([short])
+    problem = new_problem(data, find_controller(data))
+    rng = np.random.default_rng(7)
+    error = 2e-3 * rng.standard_normal(len(data.grid))
+    fitted = Fitted(_truth(), (), error, np.empty((len(error), 0)), np.empty(0), 0.0)
+    fit = ModelFit(fitted, problem.correction(_truth(), 2), Unseen(np.zeros(1)))
+    assert not RepeatedProgramme().structure_left(problem, fit)
+    points = next(block for block in data.blocks if block.name == "points")
+    table = error[points.rows].reshape(points.repeats, points.count)
+    table[:, 40:60] += 0.1 * rng.standard_normal(20)
+    assert RepeatedProgramme().structure_left(problem, fit)

@@ -57,7 +57,7 @@ def test_both_engines_have_the_same_residual(effect) -> None:
 
 
 def test_a_saturated_axis_is_told_in_the_scale_of_its_demand() -> None:
-    """A torque that lacks at the shaft weighs more where less of the demand arrives: dT/du = 1 − 3·loss·(u/u0)²."""
+    """A torque that lacks at the shaft weighs more where less of the demand arrives, by the slope of the law."""
     model = base_model(AXIS).with_effect(SATURATION)
     wrong = model.with_values({"offset": AXIS["offset"] + 1e-2}).pack()
     recording = recorded(TRUE, OF_TRUE, model=model, seconds=2.0)
@@ -65,7 +65,8 @@ def test_a_saturated_axis_is_told_in_the_scale_of_its_demand() -> None:
     moved = Motion(piece.torque, piece.position, piece.velocity, piece.acceleration)
     start = start_state(piece, model.pack())
     change = stretch_residual(wrong, start, moved, 1e-3) - stretch_residual(model.pack(), start, moved, 1e-3)
-    slope = 1.0 - 0.3 * np.minimum(np.abs(piece.torque) / 0.5, 1.0) ** 2
+    c = 0.9**-2 - 1.0
+    slope = (1.0 + c * np.minimum(np.abs(piece.torque) / 0.5, 1.0) ** 2) ** -1.5
     np.testing.assert_allclose(change, -1e-2 / slope, rtol=1e-9)
 
 

@@ -8,12 +8,15 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from autotune.models import layout
 from autotune.models.drive_model import DriveModel, base_model
 from autotune.models.inverse import applied_torque, load_substeps, required
 from autotune.models.plant import simulate, substeps_for
 from autotune.models.table import EFFECTS
+from autotune.models.torque_saturation import saturated, torque_slope
 
 PERIOD = 1e-3
 NUMBERS = {
@@ -98,6 +101,23 @@ def test_an_effect_matters_and_its_neutral_value_does_not(effect: str) -> None:
     without = np.sqrt(np.mean(_residual(base_model(NUMBERS), torque, position) ** 2))
     assert without > 1.5 * with_it
     assert without > 1e-4
+
+
+@given(loss=st.floats(0.0, 0.85), exponent=st.floats(1.0, 10.0), scale=st.floats(0.01, 100.0))
+def test_a_saturating_motor_loses_what_is_said_and_never_turns_back(loss, exponent, scale) -> None:
+    """Torque over demand rises everywhere, is proportional for small demands, and lacks `loss` at the level given."""
+    effect = EFFECTS["torque_saturation"].make({"loss": loss, "torque": 1.3 * scale, "exponent": exponent})
+    packed = base_model(NUMBERS).with_effect(effect).pack()
+    demand = scale * np.linspace(0.0, 2.6, 201)
+    torque = np.array([saturated(packed.p, packed.on, u) for u in demand])
+    assert torque[100] == pytest.approx((1.0 - loss) * demand[100], rel=1e-9)
+    assert np.all(np.diff(torque) > 0.0)
+    assert np.all(torque <= demand * (1.0 + 1e-12))
+    middle = 0.5 * (demand[1:101] + demand[:100])
+    measured = np.diff(torque[:101]) / np.diff(demand[:101])
+    np.testing.assert_allclose(
+        torque_slope(packed.p, packed.on, middle), np.maximum(measured, 0.05), atol=5e-3
+    )
 
 
 def test_every_effect_is_explained_to_people() -> None:

@@ -27,6 +27,10 @@ from autotune.models.torque_lag import TORQUE_LAG
 STRUCTURE_WITHOUT_TWIN = 1.0
 """Of the noise: the least rest where no twin takes out the bias of the measurement chain, a third of the noise, or
 where the drive's loop works between the samples, so that half of what it makes of counts comes again in a repeat."""
+STANDS_OUT = 3.0
+"""Times the noise of one experiment: what comes again there says something is missing, though it be next to nothing in
+the mean of all. Where nothing is missing chance reaches 0.8 once in fifty experiments (a count that turns over alike in
+two repeats); a motor that saturates in the fastest experiment only reaches 17."""
 CURRENT_LOOP = 0.2e-3
 """s, by which the torque of an ordinary current loop (800 Hz) is late."""
 FINE_SHIFT = 0.1
@@ -110,7 +114,12 @@ class RepeatedProgramme(Evidence):
         policy = problem.policy
         least = policy.structure_part * noise if _exact(problem) else _of_the_chain(problem, noise)
         beyond = variance > policy.structure_errors * error and variance > least
-        return math.isfinite(variance) and beyond
+        return math.isfinite(variance) and (beyond or self._stands_out(problem, model_fit, least))
+
+    def _stands_out(self, problem: Problem, model_fit: ModelFit, least: float) -> bool:
+        """Whether one experiment holds far more that comes again than noise: too few seconds for the mean of all."""
+        table = problem.repeatable_by_block(model_fit.fitted.error, model_fit.correction, TRAINING)
+        return bool(np.any(table[:, 0] > STANDS_OUT * np.maximum(table[:, 1], least)))
 
     def confirms(self, problem: Problem, effects: Sequence[str], carried: Sequence[HoldoutResult]) -> bool:
         """By the veto trajectory, which was never fitted; without a twin not at all."""
