@@ -10,7 +10,7 @@ import numpy as np
 
 from autotune.diagnosis.candidates import Progress, ScreenedCandidate
 from autotune.diagnosis.evidence.evidence import Evidence
-from autotune.diagnosis.starts import Context, FitStart, shapes, starts_of
+from autotune.diagnosis.starts import Context, FitStart, scouted, shapes, starts_of
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.coordinates import generic_columns
 from autotune.estimation.cross_validation import gain_and_z, held_out
@@ -87,7 +87,8 @@ def _short_fits(problem: Problem, model_fit: ModelFit, nominal: Packed, kind: Ki
     """Short fits from all starts of an effect, the best first."""
     context = Context(problem, model_fit.fitted, nominal)
     tried: list[_ShortFit] = []
-    for start in starts_of(kind, context):
+    starts = list(starts_of(kind, context))
+    for start in scouted(problem, model_fit, starts) if kind.in_transmission else starts:
         fitted = _short_fit(problem, model_fit, start)
         if fitted is not None:
             tried.append(_ShortFit(start.packed, fitted))

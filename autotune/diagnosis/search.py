@@ -100,9 +100,14 @@ class _Search:
         self._tidy()
         return Found(self.problem, self.root, self.chosen, self.first, self.tried, self.generic)
 
+    @property
+    def _model_fit(self) -> ModelFit:
+        """The model with what is chosen so far."""
+        return self.chosen.model_fit if self.chosen else self.root
+
     def _round(self, first: bool) -> FittedCandidate | None:
         """The candidate that explains most beside what is chosen, if it is worth having."""
-        problem, model_fit = self.problem, self.chosen.model_fit if self.chosen else self.root
+        problem, model_fit = self.problem, self._model_fit
         worth = least_fall(problem, self.chosen) if self.chosen is not None else 0.0
         ranked = rank(problem, self.evidence, model_fit, self.nominal, self.progress, worth)
         if first:
@@ -159,12 +164,17 @@ class _Search:
         )
 
     def _best(self, fits: Sequence[FittedCandidate]) -> FittedCandidate | None:
-        """The fit that explains most, if it is worth having beside what is chosen already."""
+        """The fit that explains most, if it is worth having beside what is chosen already.
+
+        Where the fastest experiment alone shows an effect, its hold-out says nothing; the veto trajectory does.
+        """
         problem = self.problem
         fits = [f for f in fits if f.training.fall > 0.0 and not self.evidence.of_the_chain(f)]
         if not fits:
             return None
         best = self.evidence.best(problem, fits)
+        if best.named and problem.has_veto and best.gain < problem.policy.least_gain:
+            best = replace(best, gain=gain_on_veto(problem, self._model_fit, best.model_fit))
         worth = best.gain >= problem.policy.least_gain
         if self.evidence.repeats and self.chosen is None:
             least = problem.policy.least_gain * problem.mean_square(self.root.fitted.error, TRAINING)

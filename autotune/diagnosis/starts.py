@@ -1,26 +1,44 @@
 """How a fit of each effect begins: what the effect's own starts (`Kind.starts`) find in the data.
 
-Here stands what a start may look at (`Context`).
+Here stands what a start may look at (`Context`), and how the best of many starts are found (`scouted`). Two masses
+need that: a step of a fit follows the slope of one place, and contact is rough there. On the measured motion, with the
+twin's bias held and all that is in the model solved for linearly (variable projection, [golub-1973]), the cost is one
+pass of the inverse, and its valleys are wide: all starts are looked at, and the best followed without slopes.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from autotune.core.arrays import Floats, Integers
 from autotune.diagnosis.ripple_orders import find_orders
-from autotune.estimation.least_squares import Fitted, Free
+from autotune.estimation.bias_corrected_fit import ModelFit
+from autotune.estimation.least_squares import Fitted, Free, with_values
+from autotune.estimation.parts import first_round, spread
 from autotune.estimation.problem import Problem
+from autotune.estimation.residual import residual
 from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.effect import Kind
 from autotune.models.start_values import StartValues, Vary
 from autotune.models.table import EFFECTS
 from autotune.models.torque_ripple import TORQUE_RIPPLE, scale_slot
+
+FOLLOWED, PASSES, PROBING = 2, 45, 18
+"""Starts that are followed at most, each by so many passes, fewer where those of the probing show nothing."""
+AS_GOOD = 1.3
+"""Times the cost of the best start: what is followed too."""
+PROMISED = 0.995
+"""Of the cost without the effect: what probing must get below."""
+ENOUGH = 1e-2
+"""Relative difference of the cost below which a valley's floor is reached."""
+FIRST_STEP = 0.5
+"""Of the longest step of a parameter."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,3 +199,66 @@ def shapes(effect: str, packed: Packed) -> tuple[Free, ...]:
     kind = EFFECTS[effect]
     later = kind.freed_later(packed.p) if kind.freed_later is not None else {}
     return tuple(varying(kind, name, vary) for name, vary in later.items())
+
+
+def scouted(problem: Problem, model_fit: ModelFit, starts: Sequence[FitStart]) -> list[FitStart]:
+    """The best of the starts, led down their valleys; the best first."""
+    cost = _projected_cost(problem, model_fit)
+    costs = np.array([cost(start.packed) for start in starts])
+    order = np.argsort(costs, kind="stable")[:FOLLOWED]
+    best = [starts[i] for i in order if costs[i] <= AS_GOOD * costs.min() and math.isfinite(costs[i])]
+    promised = PROMISED * model_fit.fitted.cost
+    return [_led_down(cost, start, promised) for start in best]
+
+
+def _projected_cost(problem: Problem, model_fit: ModelFit) -> Callable[[Packed], float]:
+    """Mean square on the training rows of a model with an effect more, all of `model_fit` solved for [(N m)²]."""
+    data, before, rows = problem.data, model_fit.fitted, problem.training > 0
+    weight = np.sqrt(problem.training[rows])
+    basis = np.linalg.qr(before.jacobian[rows] * weight[:, None])[0]
+    total = float(problem.training.sum())
+    once = first_round(data, before.packed.on)
+    without = residual(once, before.packed, problem.moved)
+
+    def cost(packed: Packed) -> float:
+        change = (residual(once, packed, problem.moved) - without)[:, None]
+        spread(data, change, packed.on)
+        error: Floats = (before.error + change[:, 0])[rows] * weight
+        left = float(error @ error) - float(np.sum((basis.T @ error) ** 2))
+        return left / total if math.isfinite(left) else math.inf
+
+    return cost
+
+
+def _led_down(cost: Callable[[Packed], float], start: FitStart, promised: float) -> FitStart:
+    """A start moved by the simplex method of Nelder and Mead, inside the bounds of what is free.
+
+    It is given up where probing does not get below the cost that is `promised`.
+    """
+    free = start.free
+    lower, upper = np.array([f.lower for f in free]), np.array([f.upper for f in free])
+    here = start.packed.p[[f.slot for f in free]]
+    steps = np.array([FIRST_STEP * (f.step if math.isfinite(f.step) else f.scale) for f in free])
+    corners = here + np.vstack([np.zeros(len(free)), np.diag(np.where(here + steps > upper, -steps, steps))])
+    passes = 0
+
+    def at(values: Floats) -> Packed:
+        return with_values(start.packed, free, np.clip(values * steps, lower, upper))
+
+    def cost_of(values: Floats) -> float:
+        nonlocal passes
+        passes += 1
+        return cost(at(values))
+
+    def give_up(intermediate_result: scipy.optimize.OptimizeResult) -> None:
+        if passes >= PROBING and intermediate_result.fun > promised:
+            raise StopIteration
+
+    found = scipy.optimize.minimize(
+        cost_of, here / steps, method="Nelder-Mead", callback=give_up,
+        options={
+            "initial_simplex": np.clip(corners, lower, upper) / steps, "maxfev": PASSES, "xatol": 0.1,
+            "fatol": ENOUGH * cost(start.packed),
+        },
+    )  # fmt: skip
+    return FitStart(at(found.x), free)

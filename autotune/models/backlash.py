@@ -21,15 +21,17 @@ from autotune.models.start_values import StartContext, StartValues, Vary
 
 GAP = block("backlash")
 HAS_GAP = flag("backlash")
-CONTACTS = (120.0, 300.0)
-"""Resonances of motor and load in contact [Hz]."""
+CONTACT = 200.0
+"""Resonance of motor and load in contact [Hz]: softer than most: samples can tell no more of a harder one."""
+REACHES = (0.15, 0.4, 0.8, 1.5, 3.0, 7.0)
+"""Gaps, measured by the travel over which the bristle bends."""
 
 
 def starts(c: StartContext) -> Iterator[StartValues]:
-    """Three gaps, measured by the bristle's reach, with a hard contact or not, with friction on both sides or not."""
-    least = least_compliance(c)
-    for reaches, hertz, split in itertools.product((0.3, 1.0, 3.0), CONTACTS, SPLITS):
-        gap, compliance = max(reaches * c.reach, 4.0 * c.resolution), compliance_at(c, hertz)
+    """Gaps of many sizes, with friction on both sides or on one."""
+    least, compliance = least_compliance(c), compliance_at(c, CONTACT)
+    for reaches, split in itertools.product(REACHES, SPLITS):
+        gap = max(reaches * c.reach, 4.0 * c.resolution)
         free = {
             "gap": Vary(0.5 * gap, 0.6 * gap),
             "contact_compliance": Vary(compliance, compliance, lower=least),

@@ -21,12 +21,12 @@ from autotune.models.start_values import StartContext, StartValues, Vary
 
 COMPLIANCE = block("elastic_transmission")
 IS_ELASTIC = flag("elastic_transmission")
-RESONANCES = (20.0, 35.0, 60.0, 105.0, 180.0)
+RESONANCES = (15.0, 22.0, 33.0, 50.0, 75.0, 110.0, 160.0, 240.0)
 """Hz."""
 
 
 def starts(c: StartContext) -> Iterator[StartValues]:
-    """Five resonances, with friction on both sides or at the motor."""
+    """Many resonances, with friction on both sides or on one."""
     least = least_compliance(c)
     for hertz in RESONANCES:
         compliance = compliance_at(c, hertz)

@@ -13,9 +13,9 @@ LEAST_LOAD = 0.1
 STIFFEST = 2.0 * math.pi * 500.0
 """Angular frequency [rad/s] above which a resonance of two equal masses is not looked for, or half the
 sampling rate where that is higher."""
-AT_START = {"load_inertia": 0.4, "load_friction": 0.4, "damping": 0.05}
-SPLITS = (0.4, 0.02)
-"""Shares of the friction on the load that fits begin with: both sides, and next to all of it at the motor."""
+AT_START = {"load_inertia": 0.4, "load_friction": 0.4, "damping": 0.1}
+SPLITS = (0.02, 0.2, 0.45, 0.8)
+"""Shares of the friction on the load that are looked at: all of it at the motor, both sides, most at the load."""
 
 
 def load_parameters(at: int) -> tuple[Parameter, ...]:
