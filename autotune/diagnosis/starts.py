@@ -231,7 +231,7 @@ def _projected_cost(problem: Problem, model_fit: ModelFit) -> Callable[[Packed],
 
 
 def _led_down(cost: Callable[[Packed], float], start: FitStart, promised: float) -> FitStart:
-    """A start moved by the simplex method of Nelder and Mead, inside the bounds of what is free.
+    """A start moved by the simplex method ([nelder-1965]), inside the bounds of what is free.
 
     It is given up where probing does not get below the cost that is `promised`.
     """
