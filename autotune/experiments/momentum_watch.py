@@ -7,8 +7,10 @@ the velocity, along either direction:
 
 with T the least of the last `LATE` demands, `must` more than slides it at such speeds or sticks it, J⁺ and J⁻
 the heaviest and the lightest that the axis can be. What is missing is summed up (Page's cumulative sum, never
-below zero, with a leak) while the encoder shows motion in that direction; an axis that sticks is
-`motion_watch`'s. A sum beyond SHORT of the speed limit and what counts can feign is no friction: the encoder tells
+below zero, with a leak) while the encoder shows motion, in that direction or against it; an axis that sticks is
+`motion_watch`'s. Against it friction helps the torque, so that the bound holds at any speed, and it needs less to be
+known: until the inverse is, J⁺ is what the limits allow, and an encoder that gains against such a torque counts the
+wrong way, or something stronger than the motor drives the axis. Braking by it is no braking then (`doubtful`). A sum beyond SHORT of the speed limit and what counts can feign is no friction: the encoder tells
 a part only (lost pulses, a coupling that slips), or something has stopped the axis. A velocity that leaps by what
 no axis of this file could brake in one cycle is the same, and needs nothing to be known.
 
@@ -31,6 +33,7 @@ LATE = 3  # cycles that a torque may take to act
 MOVING_COUNTS = 2.0  # in the last MOVING cycles, below which it may stick
 MOVING = 4
 HEAVIER = 1.25  # times the inertia found and three standard errors
+UNKNOWN = 1e-3  # of torque/deceleration: the lightest axis, before anything is known
 LIGHTER = 0.5  # of the inertia found: what a soft transmission leaves of it
 MORE = 0.25  # friction levels beyond what slides or sticks
 MORE_TORQUE = 0.03  # of limits.torque
@@ -38,6 +41,7 @@ FASTER = (1.1, 0.02)  # times the fastest speed seen, and of limits.speed: beyon
 LEAP = 20.0  # times limits.deceleration in a cycle
 DOUBT = 8.0  # the same, after which a stop for any reason does not trust the encoder
 DOUBT_CYCLES = 20
+DOUBTFUL = 0.5  # of what must be missing
 REMEMBERS = 1.002  # by which a bound on the inertia may rise, each time it is told
 EXCESS_SECONDS = 0.005
 FADES = 0.98  # a cycle: what the reference asked for still acts
@@ -45,7 +49,11 @@ OLD_SECONDS = 0.5  # a loop that swings must not teach what it needs
 
 
 class MomentumWatch:
-    """Watches one axis; knows nothing, and says nothing, until `know` is told."""
+    """Watches one axis; knows next to nothing until `know` is told.
+
+    Attributes:
+        way: that the encoder has gone in the last `MOVING` cycles.
+    """
 
     __slots__ = (
         "_allowed",
@@ -67,6 +75,7 @@ class MomentumWatch:
         "_torques",
         "_up",
         "_velocity",
+        "way",
     )
 
     def __init__(self, limits: Limits, period: float, resolution: float) -> None:
@@ -76,10 +85,10 @@ class MomentumWatch:
         self._doubt = 0
         self._leap = (LEAP * limits.deceleration, (FEIGNED + 0.5) * resolution / period)
         self._faster = FASTER[1] * limits.speed
-        self._fast_up = self._fast_down = 0.0
+        self._fast_up = self._fast_down = -math.inf
         self._known = False
         self._must_up = self._must_down = math.inf
-        self._light, self._heavy = 1.0, math.inf
+        self._light, self._heavy = UNKNOWN * limits.torque / limits.deceleration, math.inf
         self.begin(0.0)
 
     def begin(self, position: float) -> None:
@@ -87,8 +96,14 @@ class MomentumWatch:
         self._positions = [position] * MOVING
         self._torques = [0.0] * LATE
         self._velocity = math.nan
+        self.way = 0.0
         self._up = self._down = 0.0
         self._cycle = 0
+
+    def suppose(self, up: float, down: float) -> None:
+        """More torque than has ever slid or held the axis, as long as nothing better is known of it."""
+        if not self._known:
+            self._must_up, self._must_down = up, down
 
     def know(self, inverse: Inverse, sticks: float) -> None:
         """What the axis is; `sticks`: torque beyond what slides it that was seen to hold it."""
@@ -109,7 +124,7 @@ class MomentumWatch:
         Returns the velocity that is missing, with the sign of its direction; 0 where it may be as it is.
         """
         at = self._cycle % MOVING
-        way = position - self._positions[at]
+        way = self.way = position - self._positions[at]
         last = self._positions[at - 1]
         self._positions[at] = position
         self._torques[self._cycle % LATE] = torque
@@ -122,7 +137,7 @@ class MomentumWatch:
             self._doubt = DOUBT_CYCLES
             if abs(gained) > slope * cycle + feigned:
                 return gained
-        if not self._known or missed or gained != gained:
+        if missed or gained != gained:
             self._up = self._down = 0.0
             return 0.0
         keeps = 1.0 - cycle / LEAKS
@@ -132,16 +147,16 @@ class MomentumWatch:
             return self._up
         if self._down > self._allowed:
             return -self._down
-        if not (self._up > 0.0 and way > self._moving and velocity <= self._fast_up):
+        if not (self._up > 0.0 and (way < -self._moving or self._moving < way and velocity <= self._fast_up)):
             self._up = 0.0
-        if not (self._down > 0.0 and -way > self._moving and -velocity <= self._fast_down):
+        if not (self._down > 0.0 and (way > self._moving or self._moving < -way and -velocity <= self._fast_down)):
             self._down = 0.0
         return 0.0
 
     @property
     def doubtful(self) -> bool:
-        """Whether the velocity has leapt a moment ago."""
-        return self._doubt > 0
+        """Whether the velocity has leapt a moment ago, or half of what stops the axis is missing."""
+        return self._doubt > 0 or max(self._up, self._down) > DOUBTFUL * self._allowed
 
     def _least(self, net: float) -> float:
         """Acceleration that there must be at least."""

@@ -36,7 +36,7 @@ from autotune.core.axis import Limits
 from autotune.core.drive import Mode
 from autotune.experiments.fine_inertia import FineInertia
 from autotune.experiments.inverse_estimate import InverseEstimate
-from autotune.experiments.momentum_watch import EXCESS_SECONDS, ExcessWatch, MomentumWatch
+from autotune.experiments.momentum_watch import EXCESS_SECONDS, MOVING, ExcessWatch, MomentumWatch
 from autotune.experiments.swing_watch import SwingWatch
 
 LAZY_COUNTS = 3.0  # of progress that an encoder at work must show
@@ -48,7 +48,7 @@ MUST_BEYOND = 1.0  # friction levels beyond what holds: tight spots, long rests
 LEAST_BEYOND = 0.05  # of limits.torque
 LATER_MUST = 0.2  # of limits.torque beyond what has slid it in this direction
 MAY_BEYOND = 0.5  # friction levels beyond what slides: what sticks holds more
-SEEN_BEYOND = 0.15  # the same after so many reversals (STROKES), beside what was seen to stick
+SEEN_BEYOND = 0.15  # the same after so many reversals (STROKES), beside what was seen to stick; linear between
 STICKS_BEYOND = 1.2  # times the largest torque beyond what slides that was seen to stick
 STROKES = 6
 TORQUE_PART = 0.7  # of friction beside the first torque: what may be commanded without motion, for ever
@@ -85,6 +85,10 @@ class _Way:
         self.run = self.way = 0.0
         self._lazy = False
 
+    def idle(self) -> None:
+        """Nothing pushes this way: the laziest axis begins anew where it is pushed again."""
+        self._lazy = False
+
     def light(self, torque: float, cycle: float) -> None:
         """The lightest axis moves for one cycle."""
         self.run = max(self.run + (torque - self.may) / self.lightest * cycle, 0.0)
@@ -94,7 +98,7 @@ class _Way:
         """The laziest axis moves for one cycle; True where it should have been followed.
 
         Args:
-            speed: of the axis in this cycle, not above the truth.
+            speed: of the axis lately, not above the truth.
         """
         if torque <= self.must:
             self._lazy = False
@@ -142,7 +146,6 @@ class MotionWatch:
         "_fine",
         "_first",
         "_held",
-        "_last",
         "_limits",
         "_mode",
         "_momentum",
@@ -203,7 +206,7 @@ class MotionWatch:
     def begin(self, mode: Mode, position: float, reference: float, torque: float) -> None:
         """Power came on; what is known of the axis stays."""
         self._mode = mode
-        self._position = self._last = position
+        self._position = position
         self._reference = reference
         self._first = self._torque = torque
         self._silence = 0.0
@@ -245,13 +248,16 @@ class MotionWatch:
             self._silence += cycle
             if not self._moved and abs(reference - self._reference) > 2.0 * count:
                 self._moved = True
-        up, down, last = self._up, self._down, self._last
-        self._last = position
+        up, down = self._up, self._down
         why = ""
         if self._moved and (acting > up.may or up.run > 0.0):
-            why = self._push(up, 1.0, acting, position, position - last, cycle)
+            why = self._push(up, 1.0, acting, position, cycle)
+        else:
+            up.idle()
         if self._moved and (-acting > down.may or down.run > 0.0):
-            why = why or self._push(down, -1.0, acting, position, position - last, cycle)
+            why = why or self._push(down, -1.0, acting, position, cycle)
+        else:
+            down.idle()
         return why
 
     def _alive(self, position: float, reference: float, torque: float, cycle: float) -> None:
@@ -277,7 +283,7 @@ class MotionWatch:
         else:
             self._held *= FORGET
 
-    def _push(self, way: _Way, sign: float, torque: float, position: float, step: float, cycle: float) -> str:
+    def _push(self, way: _Way, sign: float, torque: float, position: float, cycle: float) -> str:
         limits = self._limits
         way.light(sign * torque, cycle)
         # what is demanded now acts for a cycle more before any stop does
@@ -286,7 +292,7 @@ class MotionWatch:
         edge = limits.position_max if sign > 0.0 else -limits.position_min
         if (run > limits.speed or end > edge) and self._silence > 0.0:
             return self._unseen(way, torque)
-        speed = (sign * step - self._count) / (cycle if step else self._silence + cycle)
+        speed = (sign * self._momentum.way - self._count) / (MOVING * self._period)
         if way.lazy(sign * torque, sign * position, speed, self._count, cycle):
             return self._dead(sign, torque)
         return ""
@@ -307,9 +313,10 @@ class MotionWatch:
                 replace(
                     inverse, inertia=FINE_LIGHT * self._fine.inertia, heaviest=FINE_HEAVY * self._fine.inertia
                 ),
-                max(STICKS_BEYOND * self._held, (SEEN_BEYOND if seen else MAY_BEYOND) * friction),
+                max(STICKS_BEYOND * self._held, _sticks_share(inverse.strokes) * friction),
             )
         self._swing.know(friction)
+        share = _sticks_share(inverse.strokes)
         for way, sign, level in ((self._up, 1.0, inverse.up), (self._down, -1.0, inverse.down)):
             way.lightest, way.heaviest = lightest, heaviest
             first = sign * self._first
@@ -320,8 +327,7 @@ class MotionWatch:
                     max(first + FIRST_MUST * limit, slides + LATER_MUST * limit), MOST_MUST * limit
                 )
                 continue
-            sticks = (SEEN_BEYOND if seen else MAY_BEYOND) * friction
-            beyond = max(STICKS_BEYOND * self._held, sticks)
+            beyond = max(STICKS_BEYOND * self._held, share * friction)
             way.may = held = sign * level + beyond
             if self._mode is Mode.TORQUE:
                 way.may = min(first + TORQUE_PART * friction, sign * level)
@@ -332,14 +338,19 @@ class MotionWatch:
             self._excess.know(self._up.must + more, self._down.must + more)
         else:
             self._excess.know(math.inf, math.inf)
+        self._momentum.suppose(self._up.must, self._down.must)
 
     def _overstated(self) -> str:
-        """The guard stops in time only if the axis brakes as its file says."""
+        """The guard stops in time only if the axis brakes as its file says.
+
+        In the first strokes friction that still builds up looks like inertia: then small motion must say the same.
+        """
         inverse, friction = self._estimate.inverse, self._estimate.inverse.friction
         if inverse.inertia is None or friction is None or inverse.lightest <= 0.0:
             return ""
         able = (self._limits.torque + friction) / inverse.lightest
-        if able * OVERSTATED < self._limits.deceleration:
+        sure = inverse.strokes > STROKES or self._fine.inertia > inverse.lightest
+        if sure and able * OVERSTATED < self._limits.deceleration:
             return (
                 f"by torque and motion this axis brakes with {able:.4g} at most, but limits.deceleration says "
                 f"{self._limits.deceleration:.4g}, and every stop is planned with it; check the encoder's "
@@ -351,8 +362,8 @@ class MotionWatch:
         self._blind = True
         return (
             f"the encoder shows {abs(missing):.4g} less speed than the torque must have given (now {torque:.4g}): it "
-            "tells only a part of the motion (lost pulses, a coupling that slips), or something has stopped the axis "
-            "or been put on it; check encoder, coupling and cable, and make sure that the axis moves freely"
+            "tells only a part of the motion (lost pulses, a coupling that slips) or counts the wrong way, or something "
+            "has stopped or driven the axis or been put on it; check encoder, coupling and cable, and make sure that the axis moves freely"
         )
 
     def _unasked(self, torque: float) -> str:
@@ -390,3 +401,8 @@ class MotionWatch:
             "blocked; check encoder, cable and mechanics, or raise limits.torque if the axis needs so much to "
             "break loose"
         )
+
+
+def _sticks_share(strokes: int) -> float:
+    """Friction levels beyond what slides the axis that may stick it: each reversal has shown some more of it."""
+    return MAY_BEYOND - (MAY_BEYOND - SEEN_BEYOND) * min(strokes / STROKES, 1.0)
