@@ -10,6 +10,10 @@ with SYNC), v_max and a the axis's speed limit and deceleration. In two cycles T
 by no more than it could lose; 2·q/T is what two counts q of the position sensor look like. Beyond that in
 `IN_A_ROW` samples, whoever controls the axis drives it: a coasting axis is the lesser evil.
 
+A speed that vanishes at once is no braking: an encoder that is silent while, even with `AT_ONCE` times the
+deceleration that the drive brakes with, the axis had to show `SHOWN` counts a cycle has died, or something has stopped
+the axis; neither is to be braked by it.
+
 A speed of half that allowance that turns round `TURNS` times is no braking either: the loop swings, by gains or by an
 encoder that tells a part, and would do so until the longest stop is over.
 
@@ -26,6 +30,8 @@ from autotune.core.axis import Axis, Limits
 
 IN_A_ROW = 3
 TURNS = 4
+AT_ONCE = 4.0
+SHOWN = 3.0
 TAKES_OVER = 2
 _SHARE = 0.1
 _DELAY_CYCLES = 2.0
@@ -40,6 +46,7 @@ class StopLimits:
         allowance: speed that it may gain at the beginning, with what noise looks like.
         beyond: how far outside of its travel it may be found: a reference at the limit, and the following
             error allowed.
+        deceleration: that the drive brakes with; count: of the position sensor.
     """
 
     period: float
@@ -48,6 +55,8 @@ class StopLimits:
     position_max: float
     beyond: float
     unit: str
+    deceleration: float
+    count: float
 
     @classmethod
     def of(cls, axis: Axis) -> StopLimits:
@@ -58,7 +67,7 @@ class StopLimits:
         """Of an axis with these limits; `resolution` is one count of its position sensor."""
         travel = (limits.position_min, limits.position_max)
         allowance = gain_allowed(limits.speed, limits.deceleration, period, resolution)
-        return cls(period, allowance, *travel, limits.following_error, unit)
+        return cls(period, allowance, *travel, limits.following_error, unit, limits.deceleration, resolution)
 
 
 def gain_allowed(speed: float, deceleration: float, period: float, resolution: float) -> float:
@@ -82,12 +91,14 @@ class StopWatch:
         self._speed = abs(velocity) if math.isfinite(velocity) else 0.0
         self._seen = self._beyond = self._turns = 0
         self._way = 0.0
+        self._least = self._speed  # that it must have had in the cycle before
 
     def see(self, position: float, velocity: float, missed: int = 0) -> None:
         """Takes the next sample; so many cycles were lost before it."""
         limits = self._limits
         before, self._position = self._position, position
-        moved = 0.0 if before is None else abs(position - before) / ((1 + missed) * limits.period)
+        cycles = (1 + missed) * limits.period
+        moved = 0.0 if before is None else abs(position - before) / cycles
         known = math.isfinite(velocity + moved)
         speed = max(abs(velocity), moved) if known else math.inf  # what is no number counts as too fast
         self._seen += 1
@@ -100,6 +111,12 @@ class StopWatch:
                 f"its speed rose from {self._speed:.3g} to {speed:.3g} {limits.unit}/s; power was taken off at "
                 "once, and it coasts to rest. Check the position sensor, the brake, and what else moves the axis"
             )
+        elif not self.runs_away and before is not None and self._vanishes(moved, cycles):
+            self.runs_away = True
+            self.trouble = (
+                f"its speed of {self._speed:.3g} {limits.unit}/s vanished at once: power was taken off, and it coasts to "
+                "rest. Check the position sensor and its cable, and what may have stopped the axis"
+            )
         elif not self.runs_away and self._swings(velocity):
             self.runs_away = True
             self.trouble = (
@@ -111,6 +128,11 @@ class StopWatch:
                 f"it left its travel: {position:.4g} {limits.unit}, allowed is {limits.position_min:g} to "
                 f"{limits.position_max:g}. Check that it brakes with limits.deceleration, and bring it back"
             )
+
+    def _vanishes(self, moved: float, cycles: float) -> bool:
+        """Whether the axis shows nothing where it cannot rest yet."""
+        self._least -= AT_ONCE * self._limits.deceleration * cycles
+        return moved * cycles <= self._limits.count * 1.5 and self._least * cycles > SHOWN * self._limits.count
 
     def _swings(self, velocity: float) -> bool:
         """Whether it has turned round too often, each time at a speed that no rest has."""

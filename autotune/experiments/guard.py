@@ -103,6 +103,11 @@ class Guard:
         """What the axis has shown of itself so far."""
         return self._motion.learnt
 
+    @property
+    def doubtful(self) -> bool:
+        """Whether the encoder may not show just now what the axis does."""
+        return self._motion.doubtful
+
     def begin(self, mode: Mode, sample: Sample) -> None:
         """Takes the first sample after power came on, in `mode`.
 
@@ -134,7 +139,7 @@ class Guard:
         try:
             self._check(sample, command)
         except GuardStop as stop:
-            stop.blind = self._motion.doubtful
+            stop.blind = self.doubtful
             raise
 
     def _check(self, sample: Sample, command: Command) -> None:

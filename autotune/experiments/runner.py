@@ -131,19 +131,24 @@ class Programme:
         stands(drive, self.limits)
         for experiment in self.experiments:
             experiment.prepare()
+        player = _Player(self, drive, publish)
         try:
-            played = _Player(self, drive, publish).play()
+            played = player.play()
         except BaseException as error:
-            _power_off(drive, error)
+            _power_off(drive, error, player.blind)
             raise
         drive.disable()
         return played
 
 
-def _power_off(drive: Drive, error: BaseException) -> None:
-    """Power off, without hiding why; if even that fails, the first error says so."""
+def _power_off(drive: Drive, error: BaseException, blind: bool = False) -> None:
+    """Power off, without hiding why; if even that fails, the first error says so.
+
+    Args:
+        blind: the encoder was in doubt when the error came, whatever that is: it is not to be braked by.
+    """
     try:
-        if isinstance(error, GuardStop) and error.blind and isinstance(drive, CutsPower):
+        if (error.blind if isinstance(error, GuardStop) else blind) and isinstance(drive, CutsPower):
             drive.cut()
         else:
             drive.disable()
@@ -170,6 +175,11 @@ class _Player:
         self._last = HOLD
         self._count = 0
         self._missed = 0
+
+    @property
+    def blind(self) -> bool:
+        """Whether the encoder may not show just now what the axis does."""
+        return self._guard.doubtful
 
     def play(self) -> Played:
         done: list[PlayedExperiment] = []

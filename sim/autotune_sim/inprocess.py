@@ -248,8 +248,11 @@ class SimDrive:
         """What a driver in front of this drive would watch its stop by."""
         p, period = self._parameters, self._servo.period
         count = 2.0 * math.pi / self._servo.preset.plant.counts
-        allowance = gain_allowed(self._speed, p["limit.deceleration"], period, count)
-        return StopLimits(period, allowance, self._lowest, self._highest, self._window, "rad")
+        braking = p["limit.deceleration"]
+        allowance = gain_allowed(self._speed, braking, period, count)
+        return StopLimits(
+            period, allowance, self._lowest, self._highest, self._window, "rad", braking, count
+        )
 
     def _ramp(self) -> Ramp:
         servo, sample = self._servo, self._sample
