@@ -6,8 +6,9 @@ to torque mode and u(t) = u₀ + u_s(t) is played with |u_s| < 0.1·min(F_c, F_s
 mode gets u_s as torque offset round a constant reference, and what counts is the total torque demand.
 u_s is a multisine: the slow, large swings of a PRBS walk through hysteresis, which looks like damping.
 
-Where the encoder told nothing at the end of a set, the axis is moved afterwards: sets of an encoder that
-died meanwhile are not kept, as the guard does not let it move.
+Where the encoder told nothing at the end of a set, or one set gave way to its torque much more or less than another
+(Σu_s·q/Σu_s², the junctions' compliance, is the axis's own), the axis is moved afterwards: sets of an encoder that
+died or changed meanwhile, or of a torque that turned round, are not kept, as the guard does not let it move.
 
 An axis that leaves the region round z = 0 is caught in position mode, relaxed again and excited more
 weakly; the samples of that set are marked `abandoned`.
@@ -43,6 +44,7 @@ CORRECTION, LARGEST_PART = 0.7, 0.05
 SURVEY_SPEED = 0.2  # of the user's peak speed
 DRIFT = 0.01  # of the user's amplitude
 LEAST_COUNTS = 16
+ALIKE = 0.5  # of the set that gave way most: junctions are as stiff in the next set, but for where the axis rests
 SILENT_SECONDS = 0.5  # at the end of a set, two periods of the slowest line and more
 TRIES = 3
 WEAKER = 0.7
@@ -51,13 +53,15 @@ Walk = Generator[Item, Sample, tuple[Sample, float]]
 
 
 class _Swing(NamedTuple):
-    """One stretch of excitation: last sample, distance from its beginning, way walked in all."""
+    """One stretch of excitation: last sample, distance from its beginning, way walked in all, how long the encoder has
+    been silent at its end, and how far the axis gave way per torque."""
 
     sample: Sample
     drift: float
     travel: float
     stayed: bool
     silent: float
+    gave: float = 0.0
 
     def excess(self, friction: float) -> float:
         """By how much u₀ is too high: a torque Δu bends the junctions by z, and (3.10) creeps by |q̇|z/g."""
@@ -129,6 +133,7 @@ class Presliding(Experiment):
         amplitude = (EXCITATION if self.torque_mode else CLOSED_LOOP_EXCITATION) * friction
         kept: list[int] = []
         lost: list[int] = []
+        gave: list[float] = []
         silent = False
         sample, offset = yield from self._prepare_set(sample, amplitude, friction)
         while len(kept) < self.sets and len(lost) <= TRIES:
@@ -138,6 +143,7 @@ class Presliding(Experiment):
             sample, offset = swing.sample, offset - swing.excess(friction)
             if swing.stayed:
                 silent |= swing.silent > SILENT_SECONDS
+                gave.append(swing.gave)
                 kept.append(repeat)
                 continue
             lost.append(repeat)
@@ -148,7 +154,7 @@ class Presliding(Experiment):
             sample, offset = yield from self._prepare_set(sample, amplitude, friction)
         yield Mark(CONDITIONING)
         sample = yield from self._position_mode(sample)
-        if silent:
+        if silent or not min(gave, default=0.0) >= ALIKE * max(gave, default=0.0):
             yield from self._show_life(sample)
         if not kept:
             raise NotEnoughExcitation(
@@ -194,15 +200,18 @@ class Presliding(Experiment):
         """Plays `signal` round u₀, or round the reference held; ends where the axis drifts away."""
         home, reference, drift = sample.position, sample.reference, self.drift
         before, travel, quiet = home, 0.0, 0
+        product = 0.0
         for value in signal.tolist():
             sample = yield self._command(reference, offset, value)
             position = sample.position
             quiet = quiet + 1 if position == before else 0
             travel += abs(position - before)
+            product += value * (position - home)
             before = position
             if abs(position - home) > drift:
                 return _Swing(sample, position - home, travel, False, 0.0)
-        return _Swing(sample, before - home, travel, True, quiet * self.motion.period)
+        gave = product / float(signal @ signal)
+        return _Swing(sample, before - home, travel, True, quiet * self.motion.period, gave)
 
     def prepare(self) -> None:
         """The excitation takes a third of a second to design: longer than a powered axis may wait."""
