@@ -59,7 +59,11 @@ class Stop:
     @property
     def false(self) -> bool:
         """Stopped, and neither was a limit met nor did the axis nearly run at its limit of speed."""
-        return bool(self.what) and (self.blind or not any(name in self.what for name in MET)) and self.fast < _NEAR
+        return (
+            bool(self.what)
+            and (self.blind or not any(name in self.what for name in MET))
+            and self.fast < _NEAR
+        )
 
 
 def _log(random: np.random.Generator, bounds: tuple[float, float]) -> float:
@@ -107,7 +111,9 @@ def _extra(plant: PlantParameters, random: np.random.Generator) -> PlantParamete
         return replace(plant, lag=0.5e-3 * size)
     if what == 1:
         share = {"load_inertia": 0.3 * size, "load_friction": 0.2}
-        return replace(plant, transmission_stiffness=plant.inertia * (2.0 * math.pi * 60.0 / size) ** 2, **share)
+        return replace(
+            plant, transmission_stiffness=plant.inertia * (2.0 * math.pi * 60.0 / size) ** 2, **share
+        )
     return replace(plant, asymmetry=0.15 * size)
 
 

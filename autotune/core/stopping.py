@@ -132,7 +132,9 @@ class StopWatch:
     def _vanishes(self, moved: float, cycles: float) -> bool:
         """Whether the axis shows nothing where it cannot rest yet."""
         self._least -= AT_ONCE * self._limits.deceleration * cycles
-        return moved * cycles <= self._limits.count * 1.5 and self._least * cycles > SHOWN * self._limits.count
+        return (
+            moved * cycles <= self._limits.count * 1.5 and self._least * cycles > SHOWN * self._limits.count
+        )
 
     def _swings(self, velocity: float) -> bool:
         """Whether it has turned round too often, each time at a speed that no rest has."""

@@ -140,7 +140,10 @@ class InverseEstimate:
             narrow = 0.5 * (1.0 - NARROW) * (up - down)
             up, down = up - narrow, down + narrow
         last = self.inverse
-        fast_up, fast_down = NARROW * last.fast_up, NARROW * last.fast_down  # what slid it there is forgotten too
+        fast_up, fast_down = (
+            NARROW * last.fast_up,
+            NARROW * last.fast_down,
+        )  # what slid it there is forgotten too
         if 0.0 < two[0] <= one[0]:
             up = torque if up is None else max(up, torque)
             fast_up = max(fast_up, two[0])

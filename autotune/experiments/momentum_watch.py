@@ -149,7 +149,9 @@ class MomentumWatch:
             return -self._down
         if not (self._up > 0.0 and (way < -self._moving or self._moving < way and velocity <= self._fast_up)):
             self._up = 0.0
-        if not (self._down > 0.0 and (way > self._moving or self._moving < -way and -velocity <= self._fast_down)):
+        if not (
+            self._down > 0.0 and (way > self._moving or self._moving < -way and -velocity <= self._fast_down)
+        ):
             self._down = 0.0
         return 0.0
 

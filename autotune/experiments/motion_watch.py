@@ -48,7 +48,9 @@ MUST_BEYOND = 1.0  # friction levels beyond what holds: tight spots, long rests
 LEAST_BEYOND = 0.05  # of limits.torque
 LATER_MUST = 0.2  # of limits.torque beyond what has slid it in this direction
 MAY_BEYOND = 0.5  # friction levels beyond what slides: what sticks holds more
-SEEN_BEYOND = 0.15  # the same after so many reversals (STROKES), beside what was seen to stick; linear between
+SEEN_BEYOND = (
+    0.15  # the same after so many reversals (STROKES), beside what was seen to stick; linear between
+)
 STICKS_BEYOND = 1.2  # times the largest torque beyond what slides that was seen to stick
 STROKES = 6
 TORQUE_PART = 0.7  # of friction beside the first torque: what may be commanded without motion, for ever

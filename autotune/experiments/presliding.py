@@ -44,7 +44,9 @@ CORRECTION, LARGEST_PART = 0.7, 0.05
 SURVEY_SPEED = 0.2  # of the user's peak speed
 DRIFT = 0.01  # of the user's amplitude
 LEAST_COUNTS = 16
-ALIKE = 0.5  # of the set that gave way most: junctions are as stiff in the next set, but for where the axis rests
+ALIKE = (
+    0.5  # of the set that gave way most: junctions are as stiff in the next set, but for where the axis rests
+)
 SILENT_SECONDS = 0.5  # at the end of a set, two periods of the slowest line and more
 TRIES = 3
 WEAKER = 0.7

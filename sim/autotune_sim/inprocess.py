@@ -250,9 +250,7 @@ class SimDrive:
         count = 2.0 * math.pi / self._servo.preset.plant.counts
         braking = p["limit.deceleration"]
         allowance = gain_allowed(self._speed, braking, period, count)
-        return StopLimits(
-            period, allowance, self._lowest, self._highest, self._window, "rad", braking, count
-        )
+        return StopLimits(period, allowance, self._lowest, self._highest, self._window, "rad", braking, count)
 
     def _ramp(self) -> Ramp:
         servo, sample = self._servo, self._sample

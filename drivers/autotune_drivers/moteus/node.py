@@ -1,7 +1,8 @@
 """One moteus controller at the end of a line: frames there and back, with what is wrong in words.
 
 A frame is answered by `OK` (the adapter has it) and, where a reply is wanted, by the controller's frame.
-Whose reply it is, the asker tells by its content. What was garbled on the way is asked for again.
+Whose reply it is, the asker tells by its content. What was garbled on the way is asked for again; a line that loses
+so much that the waiting adds up is given up, for whoever asks on such a line keeps its user waiting for minutes.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ _REPLY_WANTED = 0x80
 _TRIES = 4
 _TIMEOUT = 0.25
 _GREETING = 0.15
+_PATIENCE = 8.0  # s of waiting in vain, after which nothing is asked for again
+_REFILLS = 0.1  # of the time that passes
 _AFTER_GARBAGE = 0.01  # what was garbled may have been the `OK` alone
 _LINE_TAKES = 0.02
 _SCAN_EACH = 0.002
@@ -44,6 +47,19 @@ class MoteusNode:
         self._identifier = _REPLY_WANTED << 8 | HOST << 8 | number
         self._answer = number << 8 | HOST
         self._checked = True
+        self._vain = self._counted = 0.0
+        self.be_patient()
+
+    def be_patient(self) -> None:
+        """What was waited for in vain until now is forgotten: what comes is to be tried in any case."""
+        self._vain, self._counted = 0.0, time.monotonic()
+
+    def _tries(self) -> int:
+        """How often something may be sent now."""
+        now = time.monotonic()
+        self._vain = max(self._vain - _REFILLS * (now - self._counted), 0.0)
+        self._counted = now
+        return _TRIES if self._vain < _PATIENCE else 1
 
     @property
     def checked(self) -> bool:
@@ -89,12 +105,14 @@ class MoteusNode:
             LinkTimeout: no reply. LinkError: the adapter refuses the command.
         """
         heard = Heard(None, False, "", False)
-        for _ in range(_TRIES):
+        for _ in range(self._tries()):
             self.port.drain()
             self.send(data)
+            began = time.monotonic()
             heard = self.listen(timeout, fits)
             if heard.reply is not None:
                 return heard.reply
+            self._vain += time.monotonic() - began
             self.note_refusal(heard.refusal)
         raise self.silence(heard)
 
@@ -104,11 +122,13 @@ class MoteusNode:
         Raises: as `request`.
         """
         heard = Heard(None, False, "", False)
-        for sent in range(1, _TRIES + 1):
+        for sent in range(1, self._tries() + 1):
             self.send(data, reply=False)
+            began = time.monotonic()
             heard = self.listen(timeout, lambda _: False, reply=False)
             if heard.accepted:
                 return sent
+            self._vain += time.monotonic() - began
             self.note_refusal(heard.refusal)
         raise self.silence(heard)
 
@@ -222,6 +242,11 @@ class MoteusNode:
             return LinkError(
                 f"the line {self.port.name} refuses a command {_TRIES} times in a row: {heard.refusal}. Check the "
                 "cable and its shield; keep it away from motor cables"
+            )
+        if self._vain >= _PATIENCE:
+            return LinkTimeout(
+                f"the line {self.port.name} loses so much that {self._vain:.0f} s were waited for answers in vain, and "
+                f"controller {self.number} was not asked again. Check the cable, the adapter and its driver"
             )
         what = "answered with garbled lines only" if heard.garbled else "does not answer"
         adapter = (

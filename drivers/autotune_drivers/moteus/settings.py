@@ -74,16 +74,23 @@ class MoteusSettings:
         return True
 
     def restore(self) -> list[str]:
-        """Puts everything back, last change first; says what could not be."""
+        """Puts everything back, last change first; says what could not be.
+
+        The patience with a bad line begins anew, and when it ends, the rest is left to the next start, by name.
+        """
         troubles: list[str] = []
-        for name in reversed([name for name in self._before if name in self._changed]):
+        self.node.be_patient()
+        left = [name for name in self._before if name in self._changed]
+        for name in reversed(left):
             try:
                 self.console.set(name, self._before[name])
                 self._changed.discard(name)
             except TransferAborted as error:
                 troubles.append(f"{name} could not be set back to {self._before[name]}: {error}")
             except LinkError as error:
-                return [*troubles, f"{name} and what was changed before it could not be set back: {error}"]
+                rest = ", ".join(left[: left.index(name) + 1])
+                later = "" if self._keeper is None else ". The next start puts them right"
+                return [*troubles, f"{rest} could not be set back: {error}{later}"]
         if not troubles:
             self._let_go()
         return troubles
