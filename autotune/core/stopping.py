@@ -114,8 +114,8 @@ class StopWatch:
         elif not self.runs_away and before is not None and self._vanishes(moved, cycles):
             self.runs_away = True
             self.trouble = (
-                f"its speed of {self._speed:.3g} {limits.unit}/s vanished at once: power was taken off, and it coasts to "
-                "rest. Check the position sensor and its cable, and what may have stopped the axis"
+                f"its speed of {self._speed:.3g} {limits.unit}/s vanished at once: power was taken off, and it coasts "
+                "to rest. Check the position sensor and its cable, and what may have stopped the axis"
             )
         elif not self.runs_away and self._swings(velocity):
             self.runs_away = True

@@ -8,11 +8,13 @@ the velocity, along either direction:
 with T the least of the last `LATE` demands, `must` more than slides it at such speeds or sticks it, J⁺ and J⁻
 the heaviest and the lightest that the axis can be. What is missing is summed up (Page's cumulative sum, never
 below zero, with a leak) while the encoder shows motion, in that direction or against it; an axis that sticks is
-`motion_watch`'s. Against it friction helps the torque, so that the bound holds at any speed, and it needs less to be
-known: until the inverse is, J⁺ is what the limits allow, and an encoder that gains against such a torque counts the
-wrong way, or something stronger than the motor drives the axis. Braking by it is no braking then (`doubtful`). A sum beyond SHORT of the speed limit and what counts can feign is no friction: the encoder tells
+`motion_watch`'s. A sum beyond SHORT of the speed limit and what counts can feign is no friction: the encoder tells
 a part only (lost pulses, a coupling that slips), or something has stopped the axis. A velocity that leaps by what
 no axis of this file could brake in one cycle is the same, and needs nothing to be known.
+
+Against the torque friction helps it, so that the bound holds at any speed, and needs less to be known: until the
+inverse is, J⁺ is infinite. An encoder that gains against such a torque counts the wrong way, or something stronger
+than the motor drives the axis; braking by it is no braking (`doubtful`).
 
 An axis that was never accelerated much does not show its inertia. `ExcessWatch` then has another sign: in
 position control, more torque than ever slid or held the axis, and than its reference asks of the heaviest axis
@@ -147,11 +149,11 @@ class MomentumWatch:
             return self._up
         if self._down > self._allowed:
             return -self._down
-        if not (self._up > 0.0 and (way < -self._moving or self._moving < way and velocity <= self._fast_up)):
+        up = way < -self._moving or (way > self._moving and velocity <= self._fast_up)
+        down = way > self._moving or (way < -self._moving and -velocity <= self._fast_down)
+        if not (self._up > 0.0 and up):
             self._up = 0.0
-        if not (
-            self._down > 0.0 and (way > self._moving or self._moving < -way and -velocity <= self._fast_down)
-        ):
+        if not (self._down > 0.0 and down):
             self._down = 0.0
         return 0.0
 

@@ -364,8 +364,9 @@ class MotionWatch:
         self._blind = True
         return (
             f"the encoder shows {abs(missing):.4g} less speed than the torque must have given (now {torque:.4g}): it "
-            "tells only a part of the motion (lost pulses, a coupling that slips) or counts the wrong way, or something "
-            "has stopped or driven the axis or been put on it; check encoder, coupling and cable, and make sure that the axis moves freely"
+            "tells only a part of the motion (lost pulses, a coupling that slips) or counts the wrong way, or "
+            "something has stopped the axis, drives it or has been put on it; check encoder, coupling and cable, and "
+            "make sure that the axis moves freely"
         )
 
     def _unasked(self, torque: float) -> str:
