@@ -38,8 +38,8 @@ from autotune.experiments.fine_inertia import FineInertia
 from autotune.experiments.inverse_estimate import InverseEstimate
 from autotune.experiments.momentum_watch import EXCESS_SECONDS, MOVING, ExcessWatch, MomentumWatch
 from autotune.experiments.swing_watch import SwingWatch
+from autotune.experiments.virtual_axes import VirtualAxes
 
-LAZY_COUNTS = 3.0  # of progress that an encoder at work must show
 ALIVE_COUNTS = 1.5  # a flicker of one count is no sign of life
 FIRST_MAY = 0.2  # of limits.torque beyond the first torque, before more is known
 FIRST_MUST = 0.6  # of limits.torque beyond the first torque: what no axis needs to break loose
@@ -64,53 +64,6 @@ HEAVY_SWING = 4.0  # times the inertia from small motion: beyond, a swing tells 
 OVERSTATED = 1.2  # by which limits.deceleration may exceed what torque and friction can do
 STICKS_SECONDS = 0.005  # without a count: the axis sticks
 FORGET = 0.995  # of the largest sticking torque, each time it breaks loose
-
-
-class _Way:
-    """Both virtual axes in one direction; positions and torques are counted along it."""
-
-    __slots__ = ("_from", "_impulse", "_lazy", "_start", "heaviest", "lightest", "may", "must", "run", "way")
-
-    def __init__(self) -> None:
-        self.may = self.must = math.inf
-        self.lightest = self.heaviest = 1.0
-        self.run = self.way = 0.0  # of the lightest
-        self._lazy = False
-        self._from = self._impulse = self._start = 0.0
-
-    def live(self, speed: float) -> None:
-        """The encoder has moved: what the lightest axis has become is known again."""
-        self.run, self.way = max(speed, 0.0), 0.0
-
-    def still(self) -> None:
-        """Neither axis has anything to show."""
-        self.run = self.way = 0.0
-        self._lazy = False
-
-    def idle(self) -> None:
-        """Nothing pushes this way: the laziest axis begins anew where it is pushed again."""
-        self._lazy = False
-
-    def light(self, torque: float, cycle: float) -> None:
-        """The lightest axis moves for one cycle."""
-        self.run = max(self.run + (torque - self.may) / self.lightest * cycle, 0.0)
-        self.way += self.run * cycle
-
-    def lazy(self, torque: float, position: float, speed: float, count: float, cycle: float) -> bool:
-        """The laziest axis moves for one cycle; True where it should have been followed.
-
-        Args:
-            speed: of the axis lately, not above the truth.
-        """
-        if torque <= self.must:
-            self._lazy = False
-            return False
-        if not self._lazy or position - self._start >= LAZY_COUNTS * count:
-            self._lazy, self._start, self._from = True, position, position
-            self._impulse = self.heaviest * min(speed, 0.0)
-        self._impulse += (torque - self.must) * cycle
-        self._from += self._impulse / self.heaviest * cycle
-        return self._from - position > (LAZY_COUNTS + 1.0) * count
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,7 +134,7 @@ class MotionWatch:
         self._excess = ExcessWatch(self._order)
         self._swing = SwingWatch(limits.torque, self._order, resolution)
         self._sticks = STICKS_SECONDS
-        self._up, self._down = _Way(), _Way()
+        self._up, self._down = VirtualAxes(), VirtualAxes()
         self._mode = Mode.POSITION
         self._first = self._torque = 0.0
         self.begin(Mode.POSITION, 0.0, 0.0, 0.0)
@@ -285,7 +238,7 @@ class MotionWatch:
         else:
             self._held *= FORGET
 
-    def _push(self, way: _Way, sign: float, torque: float, position: float, cycle: float) -> str:
+    def _push(self, way: VirtualAxes, sign: float, torque: float, position: float, cycle: float) -> str:
         limits = self._limits
         way.light(sign * torque, cycle)
         # what is demanded now acts for a cycle more before any stop does
@@ -386,7 +339,7 @@ class MotionWatch:
             "sure that the axis moves freely"
         )
 
-    def _unseen(self, way: _Way, torque: float) -> str:
+    def _unseen(self, way: VirtualAxes, torque: float) -> str:
         self._blind = True
         return (
             f"a torque of {torque:.4g} acts and the encoder has been silent for {self._silence * 1e3:.0f} ms; "
