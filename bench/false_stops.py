@@ -147,7 +147,7 @@ def play(seed: int) -> Stop:
     what, blind, fast = "", False, 0.0
     try:
         drive = SimDrive(preset, seed)
-        drive.keep_truth(truth := Truth(capacity=64))
+        drive.keep_truth(truth := Truth(capacity=1024))
         learnt = None
         for name in PROGRAMMES:
             experiments = build(name, axis, Choices(seed=seed, centre=0.0))

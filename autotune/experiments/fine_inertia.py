@@ -20,7 +20,7 @@ TRIANGLES = (0.004, 0.008)  # s, m·h of each
 LEAST_CYCLES = 4
 BLOCK = 64  # times the shorter m, that are looked at together
 FORGET = 0.9  # a block
-BLOCKS = 4  # before anything is said
+BLOCKS = 4  # before a loop is called quiet
 MOTION = 0.5  # of the sum of squares, that must not be counts
 CORRELATED = 0.2
 MOVING_COUNTS = 32.0  # in a block, below which nothing is looked at
@@ -71,8 +71,8 @@ class FineInertia:
             sums *= FORGET
             sums += block_sums(positions, torques, span, self._period, self._count)
         self._blocks += 1
+        self.inertia = next(filter(None, map(_inertia, self._sums)), 0.0)
         if self._blocks >= BLOCKS:
-            self.inertia = next(filter(None, map(_inertia, self._sums)), 0.0)
             number, torques_squared = self._sums[0, 4], self._sums[0, 3]
             self.quiet = bool(torques_squared < number * self._level**2)
         return True

@@ -1,10 +1,10 @@
 """A loop that swings tells how heavy its axis is; an encoder that tells a part of the motion makes it heavier.
 
 Such an encoder changes the gain of the loop and mostly lets it swing, where slow strokes have not shown the inertia
-well enough to hold torque and motion against each other in every cycle (`momentum_watch`). A swing is, while the
-reference keeps its direction:
+well enough to hold torque and motion against each other in every cycle (`momentum_watch`). A swing is:
 
-- the torque falls by far more than friction, rises by as much, and falls again, each soon after the other and at
+- the torque falls by far more than friction (and by two levels of it more, where the reference has turned round just
+  then), rises by as much, and falls again, each soon after the other and at
   least half as far (a loop that rings down is let be),
 - the axis goes forwards while it falls, and backwards, or less than half as far forwards, while it rises. Where
   torque follows what the place asks for (cogging, gravity, a tight spot), the axis goes on in both.
@@ -35,6 +35,7 @@ LEAST_COUNTS = 4.0  # that the axis must go in every other half
 FORWARDS = 0.5  # of the half before: so far the axis may go on
 LONGEST = 0.25  # s, of half a swing
 LATE = 0.02  # s, in which the torque follows a reference that has turned round
+REVERSED = 2.0  # levels of friction more, where the reference has turned round: it turns friction round
 STEADY = 0.5  # of the highest half
 ASKED = 2.0  # times what the reference asks of the heaviest axis
 SMOOTH = 0.1  # a cycle: weight of the reference's newest rate, which comes in whole counts
@@ -132,12 +133,13 @@ class SwingWatch:
     def _half(self) -> float:
         """Heights of the present half; 0 where it is no part of a swing."""
         (torque, position, time), (before, start, began) = self._extreme, self._pivot
-        if self._turned >= began - LATE or time - began > LONGEST:
+        if time - began > LONGEST:
             return 0.0
+        turned = REVERSED * self._least if self._turned >= began - LATE else 0.0
         height, way = abs(torque - before), (start - position) * self._sign
         if way < self._count and (self._before < self._count or way < -FORWARDS * self._before):
             return 0.0
-        if height < max(self._height, STEADY * self._highest):
+        if height < max(self._height + turned, STEADY * self._highest):
             return 0.0
         return min(height / self._height, HIGHEST)
 
