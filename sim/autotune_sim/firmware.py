@@ -369,6 +369,7 @@ class Firmware:
             target = int(self._target_position.value)
             if self.foreign_target is not None:
                 target = round(self.foreign_target * self.counts_per_rad)
+                self._target_position.value = target  # whoever wrote last is read back
             allowed = max(int(self._lowest.value), min(int(self._highest.value), target))
             self.limited = allowed != target
             self._start, self._goal, self._part = before, allowed * self.rad_per_count, 0
