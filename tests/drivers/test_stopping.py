@@ -202,3 +202,21 @@ def test_a_stop_that_swings_ends_although_no_swing_is_faster_than_its_beginning(
 def test_a_stop_that_rings_down_is_left_to_its_drive() -> None:
     swing = 2.0 * LIMITS.allowance
     assert not watched([swing * math.exp(-0.06 * k) * math.cos(0.2 * k) for k in range(300)]).trouble
+
+
+@pytest.mark.parametrize("start", [3.0, 8.0, -15.0])
+def test_a_speed_that_vanishes_at_once_is_not_braked_by(start: float) -> None:
+    """An encoder that dies in the cycle of a stop: a drive that brakes by it drove its axis to 42 rad/s for 33 ms."""
+    watch = watched([start, 0.0, 0.0, 0.0])
+    assert watch.runs_away
+    assert "vanished" in watch.trouble
+
+
+@pytest.mark.parametrize("start", [0.3, 1.0])
+def test_slow_axes_may_rest_at_once(start: float) -> None:
+    assert not watched([start, *[0.0] * 20]).trouble
+
+
+def test_an_axis_that_brakes_three_times_as_hard_is_left_alone_until_it_rests() -> None:
+    slower = 3.0 * AXIS.limits.deceleration * LIMITS.period
+    assert not watched([max(12.0 - k * slower, 0.0) for k in range(40)]).trouble

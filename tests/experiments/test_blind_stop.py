@@ -35,6 +35,13 @@ def test_the_reason_of_a_stop_decides_how_power_goes(blind: bool, how: str) -> N
     assert drive.how == how
 
 
+@pytest.mark.parametrize(("blind", "how"), [(True, "cut"), (False, "braked")])
+def test_an_interruption_while_the_encoder_is_in_doubt_does_not_brake_by_it(blind: bool, how: str) -> None:
+    drive = Told()
+    _power_off(drive, KeyboardInterrupt(), blind)  # type: ignore[arg-type]
+    assert drive.how == how
+
+
 def _sliding(guard: Guard, cycles: int, speed: float) -> Sample:
     """An axis that slides at a speed under a torque that keeps it so."""
     guard.begin(Mode.POSITION, sample(position=0.0, reference=0.0))

@@ -124,6 +124,32 @@ def test_a_velocity_that_leaps_needs_nothing_to_be_known() -> None:
     assert watch.doubtful
 
 
+@pytest.mark.parametrize("known", [True, False])
+def test_what_gains_against_the_torque_counts_the_wrong_way(known: bool) -> None:
+    """Its controller drives it with all it has; 22 rad/s of 14.4 before."""
+    watch = MomentumWatch(LIMITS, H, COUNT)
+    if known:
+        watch.know(KNOWN, 0.0)
+    else:
+        watch.suppose(1.1, 1.1)
+    short, speed = missing(watch, 1.3, -1.0)
+    assert short > 0.0
+    assert speed < 0.5 * LIMITS.speed
+    assert watch.doubtful
+
+
+def test_an_axis_that_is_braked_hard_has_gained_nothing() -> None:
+    watch = MomentumWatch(LIMITS, H, COUNT)
+    watch.suppose(1.1, 1.1)
+    watch.begin(0.0)
+    position, speed = 0.0, 12.0
+    while speed > 0.0:
+        position += speed * H
+        assert watch.check(round(position / COUNT) * COUNT, -1.3, H, missed=False) == 0.0
+        speed -= (1.3 + FRICTION) / INERTIA * H
+    assert not watch.doubtful
+
+
 def test_torque_is_excess_only_where_the_reference_does_not_ask_for_it() -> None:
     watch = ExcessWatch(2.0 * INERTIA)
     watch.know(0.7, 0.7)
