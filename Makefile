@@ -14,7 +14,12 @@ export OPENBLAS_NUM_THREADS ?= 1
 # The floors that need no wire and no process of their own.
 QUICK := core signals models recordings importing estimation control experiments sim face cli
 
-.PHONY: install demo test quick check lint types layers unit bench faults audit linuxcnc pictures clean
+# Everything between host and drive, and what stores, restores and survives.
+HURT := node drivers experiments end_to_end tuning service faults fuzz
+# A real controller's; a target of their own.
+LINUXCNC := export/test_linuxcnc.py docs/test_export_pages.py
+
+.PHONY: install demo test quick check lint types layers unit bench faults long audit linuxcnc pictures clean
 
 install: $(STAMP)
 
@@ -55,8 +60,12 @@ bench: install
 	@$(BIN)/python -m bench
 
 faults: install
-	HYPOTHESIS_PROFILE=random $(BIN)/pytest -n 2 --dist worksteal -m '' tests/node tests/drivers tests/end_to_end tests/tuning tests/service tests/faults tests/diagnose
+	HYPOTHESIS_PROFILE=random $(BIN)/pytest -n 2 --dist worksteal -m '' $(HURT:%=tests/%)
 	$(BIN)/python -m bench.faults --seed $(SEED) --runs $(RUNS)
+
+# The long tests that neither `faults` nor `linuxcnc` runs: whole fits, pages in a browser, the pages of docs.
+long: install
+	$(BIN)/pytest -n 2 --dist worksteal -m long tests $(HURT:%=--ignore=tests/%) $(LINUXCNC:%=--ignore=tests/%)
 
 # Known vulnerabilities of the pinned versions. Needs pip-audit and a network; where one is missing this is said, not failed.
 audit: install
@@ -71,7 +80,7 @@ audit: install
 linuxcnc: install
 	@command -v halcompile >/dev/null || DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends linuxcnc-uspace linuxcnc-uspace-dev \
 	  || echo "linuxcnc-uspace and linuxcnc-uspace-dev could not be installed (root, and Debian's package lists, are needed)"
-	$(BIN)/pytest -m '' -rs tests/export/test_linuxcnc.py tests/docs/test_export_pages.py
+	$(BIN)/pytest -m '' -rs $(LINUXCNC:%=tests/%)
 
 pictures: install
 	$(BIN)/python -m bench.pictures
