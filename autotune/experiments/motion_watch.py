@@ -35,7 +35,7 @@ from dataclasses import dataclass, replace
 from autotune.core.axis import Limits
 from autotune.core.drive import Mode
 from autotune.experiments.fine_inertia import FineInertia
-from autotune.experiments.inverse_estimate import InverseEstimate
+from autotune.experiments.inverse_estimate import Inverse, InverseEstimate
 from autotune.experiments.momentum_watch import EXCESS_SECONDS, MOVING, ExcessWatch, MomentumWatch
 from autotune.experiments.swing_watch import SwingWatch
 from autotune.experiments.virtual_axes import VirtualAxes
@@ -60,6 +60,7 @@ LIGHT_PART = 0.5  # of the inertia found
 HEAVY = 2.0  # times torque/deceleration: the heaviest axis that can brake as its file says
 HEAVY_PART = 3.0  # times the inertia found
 FINE_LIGHT, FINE_HEAVY = 0.4, 2.4  # times the inertia from small motion, where the large has shown none
+AGREES = 0.5  # large and small motion show the same inertia
 HEAVY_SWING = 4.0  # times the inertia from small motion: beyond, a swing tells of something else
 OVERSTATED = 1.2  # by which limits.deceleration may exceed what torque and friction can do
 STICKS_SECONDS = 0.005  # without a count: the axis sticks
@@ -257,21 +258,16 @@ class MotionWatch:
         inverse, limit, order = self._estimate.inverse, self._limits.torque, self._order
         friction, seen = inverse.friction, inverse.strokes > STROKES
         lightest, heaviest = (LATER_LIGHT if seen else LIGHT) * order, HEAVY * order
-        if self._fine.inertia:
-            lightest = min(lightest, LIGHT_PART * self._fine.inertia)
-        if inverse.inertia is not None and friction is not None and seen:
-            lightest = LIGHT_PART * inverse.inertia
-            heaviest = min(heaviest, HEAVY_PART * inverse.heaviest)
-            self._momentum.know(inverse, max(STICKS_BEYOND * self._held, SEEN_BEYOND * friction))
-        elif self._fine.inertia and friction is not None:
-            self._momentum.know(
-                replace(
-                    inverse, inertia=FINE_LIGHT * self._fine.inertia, heaviest=FINE_HEAVY * self._fine.inertia
-                ),
-                max(STICKS_BEYOND * self._held, _sticks_share(inverse.strokes) * friction),
-            )
+        share, fine, bounds = _sticks_share(inverse.strokes), self._fine.inertia, self._inertia(inverse)
+        if bounds is not None and friction is not None:
+            lightest, heaviest = LIGHT_PART * bounds[0], min(heaviest, HEAVY_PART * bounds[1])
+        elif fine:
+            lightest = min(lightest, LIGHT_PART * fine)
+            bounds = (FINE_LIGHT * fine, FINE_HEAVY * fine)
+        if bounds is not None and friction is not None:
+            told = replace(inverse, inertia=bounds[0], heaviest=bounds[1])
+            self._momentum.know(told, max(STICKS_BEYOND * self._held, share * friction))
         self._swing.know(friction)
-        share = _sticks_share(inverse.strokes)
         for way, sign, level in ((self._up, 1.0, inverse.up), (self._down, -1.0, inverse.down)):
             way.lightest, way.heaviest = lightest, heaviest
             first = sign * self._first
@@ -294,6 +290,16 @@ class MotionWatch:
         else:
             self._excess.know(math.inf, math.inf)
         self._momentum.suppose(self._up.must, self._down.must)
+
+    def _inertia(self, inverse: Inverse) -> tuple[float, float] | None:
+        """The lightest and the heaviest that it can be, where that is certain: from large and small motion, if they
+        agree, each being an estimate of its own; or from large motion alone after some strokes."""
+        large, small = inverse.inertia, self._fine.inertia
+        if large is None:
+            return None
+        if AGREES * small <= large <= small / AGREES:
+            return min(large, small), max(inverse.heaviest, small)
+        return (large, inverse.heaviest) if inverse.strokes > STROKES else None
 
     def _overstated(self) -> str:
         """The guard stops in time only if the axis brakes as its file says.
