@@ -43,7 +43,7 @@ FASTER = (1.1, 0.02)  # times the fastest speed seen, and of limits.speed: beyon
 LEAP = 20.0  # times limits.deceleration in a cycle
 DOUBT = 8.0  # the same, after which a stop for any reason does not trust the encoder
 DOUBT_CYCLES = 20
-DOUBTFUL = 0.5  # of what must be missing
+DOUBTFUL = 0.25  # of what must be missing: as much as no stop may be braked with
 REMEMBERS = 1.002  # by which a bound on the inertia may rise, each time it is told
 EXCESS_SECONDS = 0.005
 FADES = 0.98  # a cycle: what the reference asked for still acts
@@ -149,6 +149,8 @@ class MomentumWatch:
             return self._up
         if self._down > self._allowed:
             return -self._down
+        if max(self._up, self._down) > DOUBTFUL * self._allowed:
+            self._doubt = DOUBT_CYCLES
         up = way < -self._moving or (way > self._moving and velocity <= self._fast_up)
         down = way > self._moving or (way < -self._moving and -velocity <= self._fast_down)
         if not (self._up > 0.0 and up):
@@ -159,8 +161,8 @@ class MomentumWatch:
 
     @property
     def doubtful(self) -> bool:
-        """Whether the velocity has leapt a moment ago, or half of what stops the axis is missing."""
-        return self._doubt > 0 or max(self._up, self._down) > DOUBTFUL * self._allowed
+        """Whether the velocity has leapt a moment ago, or a quarter of what stops the axis was missing."""
+        return self._doubt > 0
 
     def _least(self, net: float) -> float:
         """Acceleration that there must be at least."""

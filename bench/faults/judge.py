@@ -313,6 +313,10 @@ def _had_effect(evidence: Evidence, name: str, since: float) -> bool:
         rows = evidence.truth.rows
         after = rows[(rows["time"] > since + 0.01) & (rows["mode"] >= 0)]
         return bool(len(after) > 300 and np.ptp(after["target"][:300]) == 0.0)
+    if (
+        name == "stop-fault"
+    ):  # waits for a stop that the drive itself carries out; one that never came did nothing
+        return bool(evidence.events("fault"))
     if name == "blocked":
         return True
     return name not in ("missed-cycles", "status-word")

@@ -179,6 +179,7 @@ class SimDrive:
             if "stop-fault" in self._conditions:
                 self._conditions -= {"stop-fault"}
                 self._fault = _OVER_CURRENT
+                self._note("fault", code=_OVER_CURRENT)
                 raise self._error(_OVER_CURRENT, "while the axis was brought to rest")
 
     def cut(self) -> None:
