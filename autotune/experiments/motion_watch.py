@@ -285,7 +285,8 @@ class MotionWatch:
             beyond = max(MUST_BEYOND * friction, LEAST_BEYOND * limit)
             way.must = min(held + beyond, MOST_MUST * limit)
         if seen and friction is not None and inverse.inertia is None:
-            more = max(LATER_MUST * limit - MUST_BEYOND * friction, 0.0)
+            more = LATER_MUST * limit  # where small motion shows the inertia, momentum tells the rest
+            more = more if fine else max(more - MUST_BEYOND * friction, 0.0)
             self._excess.know(self._up.must + more, self._down.must + more)
         else:
             self._excess.know(math.inf, math.inf)
