@@ -112,8 +112,16 @@ class Guard:
         """Takes the first sample after power came on, in `mode`.
 
         Raises:
-            GuardStop: the axis stands outside its travel, moves, or is not where its reference is.
+            GuardStop: the axis stands outside its travel, moves, or is not where its reference is. It is `blind`: what
+                has not moved yet needs no braking, and an encoder that died before would drive it.
         """
+        try:
+            self._begin(mode, sample)
+        except GuardStop as stop:
+            stop.blind = True
+            raise
+
+    def _begin(self, mode: Mode, sample: Sample) -> None:
         self._mode = mode
         self._reference, self._position = sample.reference, sample.position
         self._velocity, self._acceleration = sample.velocity, 0.0
