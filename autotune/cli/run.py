@@ -202,5 +202,8 @@ def _headline(result: RunResult) -> list[str]:
     keeps = ", ".join(here["keeps"]) or "nothing"
     gone = here.get("ripple_removed")
     ripple = f"; {100 * gone:.0f} % of the torque ripple gone" if gone is not None else ""
-    lines = [f"In the drive: {keeps}: peak error {1e3 * before:.2f} -> {1e3 * alone:.2f} m{unit}{ripple}"]
-    return [*lines, f"While a host plays: {1e3 * host['peak_error']:.2f} m{unit}"]
+    if alone == before:
+        here_now = f"In the drive, as before: {keeps}: peak error {1e3 * alone:.2f} m{unit}"
+    else:
+        here_now = f"In the drive: {keeps}: peak error {1e3 * before:.2f} -> {1e3 * alone:.2f} m{unit}{ripple}"
+    return [here_now, f"While a host plays: {1e3 * host['peak_error']:.2f} m{unit}"]

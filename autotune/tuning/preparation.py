@@ -10,10 +10,13 @@ from pathlib import Path
 
 from autotune.core.axis import Axis
 from autotune.core.errors import AutotuneError, DriveFault, Interrupted, LinkError
+from autotune.core.friction_table import in_words
 from autotune.core.loop import Loop, power_in_words
 from autotune.core.ripple_parameters import GAIN as RIPPLE_GAIN
+from autotune.core.ripple_parameters import is_ripple
 from autotune.experiments.limits_guarded import PREFIX, limits_guarded, tighter
 from autotune.experiments.runner import Budget
+from autotune.models.torque_ripple import TORQUE_RIPPLE
 from autotune.tuning.commit import verify
 from autotune.tuning.journal import CommitPhase, Journal
 from autotune.tuning.observer import Observer
@@ -132,6 +135,18 @@ def _own_feedforward_off(
         written = journal.state.written if journal.state.phase is CommitPhase.KEPT else {}
         if not any(name.startswith("feedforward.") for name in written):
             loop.write_parameters(was)
+
+
+def acting_feedforward(parameters: Mapping[str, float]) -> tuple[str, ...]:
+    """What of a feedforward acts in a drive that holds these parameters, by the names that people read."""
+    on = own_feedforward(parameters)
+    friction = set(on) - {RIPPLE_GAIN}
+    held = [
+        name.removeprefix("feedforward.")
+        for name, value in parameters.items()
+        if name.startswith("feedforward.") and value and name != ENABLED and not is_ripple(name)
+    ]
+    return (*(in_words(held) if friction else ()), *((TORQUE_RIPPLE.name,) if RIPPLE_GAIN in on else ()))
 
 
 def own_feedforward(parameters: Mapping[str, float]) -> dict[str, float]:

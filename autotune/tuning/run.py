@@ -19,7 +19,7 @@ from autotune.tuning.findings import Findings
 from autotune.tuning.journal import CommitPhase, Journal
 from autotune.tuning.observer import show
 from autotune.tuning.outcome import Outcome, RunResult
-from autotune.tuning.preparation import connected, prepared
+from autotune.tuning.preparation import acting_feedforward, connected, prepared
 from autotune.tuning.recovery import recover
 from autotune.tuning.request import STAGES as STAGES
 from autotune.tuning.request import Request as Request
@@ -52,7 +52,8 @@ def tune(request: Request) -> RunResult:
             request.reporter.stage("connect", 3.0)
             with connected(opening, journal, request.reporter) as loop:
                 state.notes += recover(loop, request.runs, journal)
-                present = in_force(request.runs, axis, loop.read_parameters())
+                parameters = loop.read_parameters()
+                present, state.acting = in_force(request.runs, axis, parameters), acting_feedforward(parameters)
                 with prepared(request, loop, journal) as session:
                     perform(request, session, state)
             _accept(request, directory, present, state)
@@ -119,7 +120,7 @@ def _result(
         started=started.isoformat(timespec="seconds"),
         machine_seconds=round(session.budget.used, 3) if session else 0.0,
         run_directory=directory,
-        in_drive=summary.in_drive(findings, state.outcome is Outcome.KEPT),
+        in_drive=summary.in_drive(findings, state.outcome is Outcome.KEPT, state.acting),
         host_adds=summary.host_adds(findings),
         before=proof.before if proof else findings.baseline,
         after=proof.after if proof else None,

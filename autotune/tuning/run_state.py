@@ -14,6 +14,7 @@ class RunState:
     """Filled stage by stage.
 
     `nothing_to_gain`: everything was done, and what the drive holds now is as good. `whole`: stages done to their end.
+    `acting`: what of a feedforward acted in the drive before the run, by name.
     """
 
     findings: Findings = field(default_factory=Findings)
@@ -25,3 +26,4 @@ class RunState:
     refused: bool = False
     guard: str = ""
     whole: list[str] = field(default_factory=list)
+    acting: tuple[str, ...] = ()

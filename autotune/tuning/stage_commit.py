@@ -34,9 +34,11 @@ from autotune.tuning.stage_reduce import (
     is_worth_it,
     plan_commit,
     same_commutation,
-    with_own_ripple,
+    with_what_acted,
 )
 from autotune.tuning.stage_ripple import RipplePlan, enough, plan_ripple, removed
+
+NOTHING = "Nothing is in the drive"
 
 
 def commit_stage(session: Session, state: RunState, approve: Callable[[str], bool]) -> bool:
@@ -54,7 +56,7 @@ def commit_stage(session: Session, state: RunState, approve: Callable[[str], boo
     same_commutation(session, findings.planned)
     held = feedforward_parameters(session.loop)
     changed = session.journal.state.changed
-    plan = with_own_ripple(plan_commit(session, findings, held, _ripple(session, state, held)), changed)
+    plan = with_what_acted(plan_commit(session, findings, held, _ripple(session, state, held)), changed)
     findings.reduction, findings.ripple = plan.reduction, plan.ripple
     if not plan.values:
         return _host_only(session, state, plan.why)
@@ -67,11 +69,13 @@ def commit_stage(session: Session, state: RunState, approve: Callable[[str], boo
         if plan.ripple is None:
             return _host_only(session, state, why)
         state.notes.append(f"of friction nothing is written: {why}")
-        plan = replace(plan, values=dict(plan.ripple.values), reduction=None, host=None)
+        plan = replace(plan, values=dict(plan.ripple.values), reduction=None, host=None, again=frozenset())
+        plan = with_what_acted(plan, changed)
         findings.reduction = None
     findings.held_before = {name: changed.get(name, held[name]) for name in plan.values if name in held}
     zero = dict(plan.ripple.settings) if plan.ripple is not None else {}
-    findings.planned = PlannedValues(dict(plan.values), plan.host is not None, zero, plan.reduction)
+    planned = {name: value for name, value in plan.values.items() if name not in plan.again}
+    findings.planned = PlannedValues(planned, plan.host is not None, zero, plan.reduction)
     if not approve(_question(plan, session)):
         save_findings(session, findings, state.whole)
         state.verdict = "Proved, but not written: it was not approved."
@@ -111,8 +115,9 @@ def _host_only(session: Session, state: RunState, why: str) -> bool:
             f" The drive by itself still has {milli(before)} on the benchmark; {milli(after)} was proved with the "
             "feedforward played by the host."
         )
+    drive = f"Nothing new is in the drive, which keeps {', '.join(state.acting)}" if state.acting else NOTHING
     state.verdict = (
-        f"Nothing is in the drive: {why}.{gain} The host has to play the feedforward as torque offset, "
+        f"{drive}: {why}.{gain} The host has to play the feedforward as torque offset, "
         f"all the time, or it is lost. {export_step(session.directory)}"
     )
     return False
@@ -141,7 +146,7 @@ def _written(session: Session, state: RunState, plan: Plan, yardstick: Yardstick
     state.outcome = Outcome.KEPT if kept else Outcome.ROLLED_BACK
     state.nothing_to_gain = not kept and plan.reduction is not None
     if kept:
-        findings.held = session.loop.read_parameters([name for name in plan.values if name != ENABLED])
+        findings.held = session.loop.read_parameters([name for name in plan.values if name not in {ENABLED, *plan.again}])
         if plan.ripple is not None and findings.proposed_model is not None:
             write_model(findings.proposed_model.without_effect(RIPPLE), session.directory / HOST_FILE)
         state.verdict = _kept(session, state, yardstick)
@@ -226,8 +231,10 @@ def _kept(session: Session, state: RunState, yardstick: Yardstick) -> str:
             "turn forward and backward."
         )
         if all(map(is_ripple, findings.held)):
+            before_run = [name for name in state.acting if name != RIPPLE]
+            holds = f"keeps {', '.join(before_run)} as before" if before_run else "holds nothing else of it"
             return (
-                f"{sentence} It holds nothing else of the feedforward: friction and inertia ({milli(after)} on the "
+                f"{sentence} Of the feedforward it {holds}; friction and inertia ({milli(after)} on the "
                 f"benchmark) have to come from a host, which plays {HOST_FILE}. {export_step(session.directory)}"
             )
     if reduction is None:

@@ -53,6 +53,7 @@ class Plan:
         host: law that the host has to play beside the drive; None for none.
         ripple: what the drive takes of torque ripple, among `values`; None for nothing.
         why: where `values` are empty, why the drive holds nothing.
+        again: among `values`, what acted before the run and only acts again.
     """
 
     values: Mapping[str, float]
@@ -60,11 +61,12 @@ class Plan:
     host: Remainder | None = None
     ripple: RipplePlan | None = None
     why: str = "this drive cannot hold a feedforward"
+    again: frozenset[str] = frozenset()
 
     @property
     def only_ripple(self) -> bool:
-        """The drive knows ripple and nothing of friction."""
-        return self.ripple is not None and all(map(is_ripple, self.values))
+        """Nothing of friction is written."""
+        return self.ripple is not None and all(is_ripple(name) or name in self.again for name in self.values)
 
 
 def plan_commit(
@@ -97,11 +99,20 @@ def same_commutation(session: Session, planned: PlannedValues | None) -> None:
         )
 
 
-def with_own_ripple(plan: Plan, before: Mapping[str, float]) -> Plan:
-    """The same, with the ripple that the drive held before the run switched on as it was, where none is planned."""
-    if not plan.values or GAIN in plan.values or GAIN not in before:
+def with_what_acted(plan: Plan, before: Mapping[str, float]) -> Plan:
+    """The same, with what acted in the drive before the run acting as it did, where nothing is planned in its place.
+
+    Args:
+        before: what the run has switched off for its own duration, with the values that it had.
+    """
+    if not plan.values:
         return plan
-    return replace(plan, values={**plan.values, GAIN: before[GAIN]})
+    again = {
+        name: value
+        for name, value in before.items()
+        if name.startswith(PREFIX) and name not in plan.values and (name == GAIN or plan.only_ripple)
+    }
+    return replace(plan, values={**plan.values, **again}, again=frozenset(again))
 
 
 def _plan_friction(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -34,14 +35,16 @@ def parameters(found: Identification, motion_unit: str) -> dict[str, dict[str, A
     }
 
 
-def in_drive(findings: Findings, kept: bool) -> dict[str, Any]:
-    """What acts without a host, first of all that a run says."""
+def in_drive(findings: Findings, kept: bool, acting: Sequence[str] = ()) -> dict[str, Any]:
+    """What acts without a host, first of all that a run says; `acting`: what did before the run, and does again."""
     before = findings.yardstick.before.peak_error if findings.yardstick else None
     if not kept:
-        return {"keeps": [], "peak_error_before": before, "peak_error": before, "ripple_removed": None}
+        return {"keeps": [*acting], "peak_error_before": before, "peak_error": before, "ripple_removed": None}
     alone = findings.committed.peak_error if findings.committed else None
     names = {name.removeprefix("feedforward.") for name in findings.held if not is_ripple(name)}
-    keeps = in_words(names) + ([TORQUE_RIPPLE.name] if findings.ripple is not None else [])
+    friction = in_words(names) or [name for name in acting if name != TORQUE_RIPPLE.name]
+    ripple = findings.ripple is not None or TORQUE_RIPPLE.name in acting
+    keeps = friction + ([TORQUE_RIPPLE.name] if ripple else [])
     return {
         "keeps": keeps,
         "peak_error_before": before,
