@@ -58,7 +58,7 @@ def diagnosis_lines(result: DiagnosisResult) -> Iterator[str]:
     yield "candidates, by how far the squared error falls on unseen experiments:"
     for c in sorted(result.candidates, key=lambda item: -item.gain)[:6]:
         mark = "*" if c.accepted else " "
-        yield f" {mark} {c.effect:<28}{100 * c.gain:6.1f} %  {c.why}"
+        yield f" {mark} {c.effect:<27} {100 * c.gain:6.1f} %  {c.why}"
     if math.isfinite(result.noise_floor_rms):
         yield f"noise floor {quantity(result.noise_floor_rms, unit)} rms"
     where = sorted(result.where.items(), key=lambda item: -item[1])[:3]
@@ -72,8 +72,8 @@ def added_lines(result: AddedEffect, out: Path | None) -> Iterator[str]:
     unit = result.model.torque_symbol
     fall = 1.0 - result.error_after / result.error_before if result.error_before else 0.0
     yield (
-        f"error on {result.unseen}: {quantity(result.error_before, unit)} before, "
-        f"{quantity(result.error_after, unit)} after ({-100 * fall:+.0f} %)"
+        f"error on {result.unseen}: {quantity(result.error_before, unit)} refitted without "
+        f"{result.effect.replace('_', ' ')}, {quantity(result.error_after, unit)} with it ({-100 * fall:+.0f} %)"
     )
     if math.isfinite(result.noise_floor_rms):
         yield f"noise floor {quantity(result.noise_floor_rms, unit)}, an estimate"
@@ -133,10 +133,10 @@ def model_lines(model: DriveModel) -> Iterator[str]:
 def _stair(action: str, before: float | None, after: float, largest: float, unit: str) -> str:
     bar = "█" * max(1, round(BAR * after / largest)) if largest else ""
     change = f" ({100 * (after / before - 1.0):+.0f} %)" if before else ""
-    return f"  {action:<30}{bar:<{BAR}} {quantity(after, unit)}{change}"
+    return f"  {action:<29} {bar:<{BAR}} {quantity(after, unit)}{change}"
 
 
 def _parameter(model: DriveModel, name: str, value: float, error: float | None) -> str:
     spread = f" ± {error:.2g}" if error is not None else ""
     unit = model.unit(name)
-    return f"{name:<36}{value:.5g}{spread}{'' if unit == '1' else f' {unit}'}"
+    return f"{name:<35} {value:.5g}{spread}{'' if unit == '1' else f' {unit}'}"

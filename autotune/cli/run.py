@@ -205,5 +205,7 @@ def _headline(result: RunResult) -> list[str]:
     if alone == before:
         here_now = f"In the drive, as before: {keeps}: peak error {1e3 * alone:.2f} m{unit}"
     else:
-        here_now = f"In the drive: {keeps}: peak error {1e3 * before:.2f} -> {1e3 * alone:.2f} m{unit}{ripple}"
+        here_now = (
+            f"In the drive: {keeps}: peak error {1e3 * before:.2f} -> {1e3 * alone:.2f} m{unit}{ripple}"
+        )
     return [here_now, f"While a host plays: {1e3 * host['peak_error']:.2f} m{unit}"]

@@ -61,11 +61,16 @@ class Stair:
     error: float
 
 
+REFITTED = "refitted on these data"
+SAME_ERROR = 0.005  # relative; less is not seen in the three digits that people read
+
+
 def staircase(history: Sequence[HistoryEntry]) -> list[Stair]:
     """The story of a model on data that its fits never saw, from the first error to the last.
 
     What stands before a step on other data (or, in files of earlier versions, on the fitted ones) is told as that
-    step found it.
+    step found it. Where a step first refitted what was there, that is a stair of its own: a fall is then what the
+    step itself has brought, as it was said when it was done.
     """
     steps = [entry for entry in history if entry.error_after is not None]
     stairs: list[Stair] = []
@@ -77,6 +82,9 @@ def staircase(history: Sequence[HistoryEntry]) -> list[Stair]:
         if i == 0 and entry.error_before is not None:
             stairs.append(Stair("before", entry.error_before))
         stairs.append(Stair(entry.action, error))
+        before = later.error_before if later is not None else None
+        if before is not None and abs(before - error) > SAME_ERROR * error:
+            stairs.append(Stair(REFITTED, before))
     return stairs
 
 

@@ -65,9 +65,9 @@ def total_in_words(model: DriveModel) -> str:
     if _MEMORY not in model:
         return ""
     total = total_friction(model)
-    spread = "" if total.standard_error is None else f" ± {total.standard_error:.2g}"
+    spread = "" if total.standard_error is None else f" (± {total.standard_error:.2g} at most)"
     share = 1.0 - model["coulomb"] / total.value if total.value > 0.0 else 0.0
     return (
-        f"total friction {total.value:.4g}{spread} {model.torque_symbol}, {100.0 * share:.0f} % of it in the "
+        f"total friction {total.value:.4g} {model.torque_symbol}{spread}, {100.0 * share:.0f} % of it in the "
         f"elements of {_MEMORY}"
     )

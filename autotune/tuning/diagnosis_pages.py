@@ -42,7 +42,7 @@ def _staircase(model: DriveModel, found: Diagnosed, motion_unit: str) -> Picture
 
     entries = [entry for entry in model.history if entry.error_after is not None]
     steps = [Step("as identified", entries[0].error_before or 0.0)] if entries else []
-    steps += [Step(entry.action.removeprefix("+ "), entry.error_after or 0.0) for entry in entries]
+    steps += [Step(entry.action, entry.error_after or 0.0) for entry in entries]
     return Picture(
         "How the model's error fell",
         f"Rms torque error on data not used for the fit ({found.unseen}) with each effect that was added.",

@@ -175,10 +175,11 @@ def _changes(material: Material) -> list[Change]:
     if alone and not result.reduction:
         return changes
     name = "Peak error, feedforward played by the host" if after else "Peak error (quadrant glitch)"
+    how = "" if proof else ", without any feedforward"
     return [
         *changes,
         Change(name, before.peak_error, after.peak_error if after else None, unit, interval, confidence,
-               "peak of the period-averaged error on the benchmark sine"),
+               f"peak of the period-averaged error on the benchmark sine{how}"),
         Change("Rms error", before.rms_error, after.rms_error if after else None, unit,
                note="played by the host" if after else ""),
         Change("Largest single error", before.raw_peak_error, after.raw_peak_error if after else None, unit,

@@ -53,7 +53,10 @@ def tune(request: Request) -> RunResult:
             with connected(opening, journal, request.reporter) as loop:
                 state.notes += recover(loop, request.runs, journal)
                 parameters = loop.read_parameters()
-                present, state.acting = in_force(request.runs, axis, parameters), acting_feedforward(parameters)
+                present, state.acting = (
+                    in_force(request.runs, axis, parameters),
+                    acting_feedforward(parameters),
+                )
                 with prepared(request, loop, journal) as session:
                     perform(request, session, state)
             _accept(request, directory, present, state)

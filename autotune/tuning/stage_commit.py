@@ -146,7 +146,9 @@ def _written(session: Session, state: RunState, plan: Plan, yardstick: Yardstick
     state.outcome = Outcome.KEPT if kept else Outcome.ROLLED_BACK
     state.nothing_to_gain = not kept and plan.reduction is not None
     if kept:
-        findings.held = session.loop.read_parameters([name for name in plan.values if name not in {ENABLED, *plan.again}])
+        findings.held = session.loop.read_parameters(
+            [name for name in plan.values if name not in {ENABLED, *plan.again}]
+        )
         if plan.ripple is not None and findings.proposed_model is not None:
             write_model(findings.proposed_model.without_effect(RIPPLE), session.directory / HOST_FILE)
         state.verdict = _kept(session, state, yardstick)

@@ -119,7 +119,7 @@ def write_diagnosis(path: Path, result: Diagnosis, model: DriveModel) -> None:
 def write_story(path: Path, model: DriveModel) -> None:
     """The model's history as a falling staircase."""
     entries = [entry for entry in model.history if entry.error_after is not None]
-    steps = [Step(stair.action.removeprefix("+ "), stair.error) for stair in stairs_of(model.history)]
+    steps = [Step(stair.action, stair.error) for stair in stairs_of(model.history)]
     floor = entries[-1].noise_floor if entries else None
     figure = staircase(steps, floor, model.torque_symbol)
     caption = "Rms error on unseen data after every effect added."

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import json
+import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from autotune.cli.main import main
 from autotune.cli.model import _effects_first
+from autotune.cli.model_text import parameter_lines
 from autotune.core.errors import ConfigurationError
+from autotune.models.drive_model import base_model
 from autotune.models.table import EFFECTS
+from tests.support.axes import NOMINAL
 
 
 def test_every_effect_is_listed_with_what_people_read(capsys: pytest.CaptureFixture[str]) -> None:
@@ -37,3 +43,33 @@ def test_effects_come_first_then_recordings(tmp_path: Path) -> None:
         _effects_first(["stribeck", "spring"])
     with pytest.raises(ConfigurationError, match="twice"):
         _effects_first(["stribeck", "stribeck", "a.csv"])
+
+
+@pytest.mark.parametrize(
+    ("effect", "values", "line"),
+    [
+        (
+            "load_dependent_friction",
+            {"factor": 0.1, "friction_share": 0.31},
+            r"friction_share +0\.31 ± 0\.11$",
+        ),
+        ("spring", {"stiffness": 0.005}, r"spring\.stiffness +0\.005 ± 0\.11 N m/rad$"),
+    ],
+)
+def test_a_value_its_error_and_its_unit_stand_apart(effect: str, values: dict[str, float], line: str) -> None:
+    """What was seen: `friction_share1 ± 0.11 1`."""
+    errors = dict.fromkeys(values, 0.11)
+    model = base_model(NOMINAL).with_effect(EFFECTS[effect].make(values, errors))
+    assert any(re.search(line, printed) for printed in parameter_lines(model))
+
+
+def test_warnings_of_libraries_never_reach_a_user() -> None:
+    """Of Rerun, say, with the path of its source."""
+    program = (
+        "import sys, warnings; from autotune.cli import main; sys.argv = ['autotune'];"
+        "main.application = lambda given: lambda **_: warnings.warn('RerunWarning') or 0; main.main()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")

@@ -38,6 +38,8 @@ def test_the_example_is_valid() -> None:
         ("counts_per_revolution = 50000", "", "counts_per_revolution must be set"),
         ("amplitude = 0.2", "amplitude = nan", "benchmark.amplitude"),
         ("schema = 1", "schema = 7", "schema"),
+        ("schema = 1", "schema_version = 1", "unknown key 'schema_version'; did you mean 'schema'"),
+        ("machine_seconds = 300.0", "", "'limits.machine_seconds' is missing; it must be set"),
         ("[limits]", "[limits", "not valid TOML"),
     ],
 )

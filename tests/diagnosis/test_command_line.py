@@ -138,3 +138,18 @@ def test_amperes_and_newton_metres_are_not_compared(
     code, out, err = _run(capsys, "model", "compare", tmp_path / "a.csv", "--model", tmp_path / "m.toml")
     assert (code, out) == (2, "")
     assert "for torque in N m, the recording is in A" in err
+
+
+def test_the_same_bytes_give_the_same_numbers_whatever_they_are_called(files, capsys, tmp_path: Path) -> None:
+    recording, _ = files
+    (tmp_path / "elsewhere").mkdir()
+    copy = tmp_path / "elsewhere" / "copy of it.csv"
+    copy.write_bytes(recording.read_bytes())
+    said = []
+    for one in (recording, copy):
+        out_file = one.with_suffix(".fitted.toml")
+        code, out, _ = _run(capsys, "model", "fit", one, "--out", out_file, "--json")
+        assert code == 0
+        _, compared, _ = _run(capsys, "model", "compare", one, "--model", out_file, "--json")
+        said.append((json.loads(out)["parameters"], json.loads(out)["error_rms"], json.loads(compared)))
+    assert said[0] == said[1]

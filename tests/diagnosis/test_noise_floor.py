@@ -15,7 +15,7 @@ from autotune.estimation.data import TRAINING, Block
 from autotune.estimation.least_squares import Fitted, Free, covariance
 from autotune.estimation.model_error import noise_floor
 from autotune.estimation.problem import new_problem
-from autotune.models.drive_model import HistoryEntry, Packed, staircase
+from autotune.models.drive_model import REFITTED, HistoryEntry, Packed, staircase
 from autotune.models.table import EFFECTS
 from autotune.models.waves import ripple_waves
 
@@ -80,7 +80,11 @@ def test_stairs_tell_what_a_later_step_found_on_other_data() -> None:
     new = HistoryEntry("2", "+ spring", "a", 0.0168, 0.005, 0.003, "veto and test")
     assert [stair.error for stair in staircase([old, new])] == [0.0168, 0.005]
     same = replace(old, unseen="veto and test")
-    assert [stair.error for stair in staircase([same, new])] == [0.0212, 0.005]
+    refitted = staircase([same, new])
+    assert [stair.error for stair in refitted] == [0.0212, 0.0168, 0.005]
+    assert [stair.action for stair in refitted] == ["fitted", REFITTED, "+ spring"]
+    chained = replace(new, error_before=0.0212)
+    assert [stair.error for stair in staircase([same, chained])] == [0.0212, 0.005]
 
 
 def test_waves_that_chance_made_are_pruned_and_the_real_one_kept(recorded, nominal) -> None:

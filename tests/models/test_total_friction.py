@@ -48,7 +48,9 @@ def test_without_elements_the_total_is_coulomb_and_nothing_is_said() -> None:
 def test_the_model_file_says_it_beside_coulomb_and_reads_back(tmp_path: Path) -> None:
     path = tmp_path / "model.toml"
     write_model(moved(), path)
-    assert "total friction 0.3293 ± 0.011 N m, 97 % of it in the elements" in path.read_text("utf-8")
+    assert "total friction 0.3293 N m (± 0.011 at most), 97 % of it in the elements" in path.read_text(
+        "utf-8"
+    )
     assert read_model(path).parameters == moved().parameters
 
 

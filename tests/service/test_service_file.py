@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from autotune.cli.main import main
 from autotune.core.axis import read_axis
 from autotune.core.errors import ConfigurationError
 from autotune.core.paths import config_directory
@@ -127,3 +128,18 @@ def test_systemd_accepts_the_unit(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     assert "autotune.service" not in done.stderr
+
+
+def test_the_service_says_on_start_which_file_counts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("AUTOTUNE_SERVICE", raising=False)
+    (tmp_path / "config").mkdir()
+    path = write(tmp_path, {"one": "sim://edm-vertical"})
+    path.rename(tmp_path / "config" / "service.toml")
+    (tmp_path / "one.toml").rename(tmp_path / "config" / "one.toml")
+    with pytest.raises(SystemExit) as ending:
+        main(["serve", "--check"])
+    assert not ending.value.code
+    assert f"service file {tmp_path / 'config' / 'service.toml'}" in capsys.readouterr().err

@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from autotune import __version__
 from autotune.core.axis import Axis, read_axis
 from autotune.core.drive import Command, Mode, Sample
 from autotune.core.errors import GuardStop, LinkTimeout
@@ -91,6 +92,7 @@ def test_a_check_says_what_it_saw_and_never_powers(tmp_path: Path) -> None:
     assert "Nothing applied" not in page
     assert "Signature" not in page
     assert ">Checked<" in page
+    assert f"autotune {__version__}" in page
 
 
 @pytest.mark.parametrize("only", ["check", None, "experiment"])

@@ -44,7 +44,9 @@ def test_ripple_that_the_drive_held_before_acts_again_where_none_is_planned() ->
     assert with_what_acted(Plan({GAIN: 0.1}), {GAIN: 0.5}).values == {GAIN: 0.1}
 
 
-@pytest.mark.parametrize("off", [{ENABLED: 1.0}, {"feedforward.inertia": 6.7e-4, "feedforward.viscous": 4e-3}])
+@pytest.mark.parametrize(
+    "off", [{ENABLED: 1.0}, {"feedforward.inertia": 6.7e-4, "feedforward.viscous": 4e-3}]
+)
 def test_friction_that_the_drive_held_before_acts_again_where_only_ripple_is_planned(
     off: dict[str, float],
 ) -> None:
@@ -64,7 +66,10 @@ def test_friction_that_the_drive_held_before_acts_again_where_only_ripple_is_pla
         ({}, ()),
         ({ENABLED: 0.0, "feedforward.coulomb": 0.2, GAIN: 0.0}, ()),
         ({ENABLED: 1.0, "feedforward.coulomb": 0.2, "feedforward.stiffness": 0.0}, ("coulomb",)),
-        ({"feedforward.inertia": 6.7e-4, "feedforward.viscous": 0.0, GAIN: 0.5}, ("inertia", "torque_ripple")),
+        (
+            {"feedforward.inertia": 6.7e-4, "feedforward.viscous": 0.0, GAIN: 0.5},
+            ("inertia", "torque_ripple"),
+        ),
         ({ENABLED: 0.0, "feedforward.coulomb": 0.2, GAIN: 0.5}, ("torque_ripple",)),
     ],
 )

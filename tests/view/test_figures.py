@@ -88,6 +88,15 @@ def test_presliding_has_a_cross_for_every_estimate(sampled, drawn) -> None:
     assert any("101.0 ± 2.5 N m/rad" in note for note in notes)
 
 
+def test_presliding_methods_that_differ_by_decades_stand_on_a_logarithmic_axis(sampled) -> None:
+    """Figure 6 of the report that was seen, on which all but two methods lay on the abscissa."""
+    decades = {"LS": [4.8e3, 5.1e3], "BJ": [111.0, 112.0]}
+    figure = figures.presliding(replace(sampled.presliding, estimates=decades))
+    assert figure.layout.yaxis3.type == "log"
+    with_zero = figures.presliding(replace(sampled.presliding, estimates={"LS": [0.0, 111.0]}))
+    assert with_zero.layout.yaxis3.type != "log"
+
+
 def test_presliding_without_comparison_of_methods(sampled) -> None:
     figure = figures.presliding(replace(sampled.presliding, estimates={}, adopted=None))
     assert len(list(figure.select_yaxes())) == 2

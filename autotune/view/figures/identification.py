@@ -105,7 +105,7 @@ def _points(data: SteadyState, factor: float) -> go.Scatter:
         x=small(data.velocity),
         y=small(data.torque * factor),
         error_y=bars,
-        name="measured, mean of each run" + (" with 95 % interval" if bars else ""),
+        name="measured" + (", with 95 % interval" if bars else ""),
         mode="markers",
         marker={"color": theme.MEASURED, "size": 7},
     )

@@ -124,9 +124,10 @@ def staircase(steps: Sequence[Step], noise_floor: float | None = None, unit: str
     _falls(figure, errors, factor)
     if noise_floor is not None:
         _floor_of_stairs(figure, len(steps), noise_floor * factor, quantity(noise_floor, unit))
-    heads = [names[0], *(f"+ {name}" for name in names[1:])]
-    ticks = [f"{h}<br><b>{significant(e * factor)} {text}</b>" for h, e in zip(heads, errors, strict=True)]
-    figure.update_xaxes(tickvals=list(range(len(steps))), ticktext=ticks, showgrid=False)
+    ticks = [f"{h}<br><b>{significant(e * factor)} {text}</b>" for h, e in zip(names, errors, strict=True)]
+    figure.update_xaxes(
+        tickvals=list(range(len(steps))), ticktext=ticks, showgrid=False, autotickangles=[0, 90]
+    )
     figure.update_yaxes(title=titled("rms error on unseen data", text), rangemode="tozero")
     return theme.finish(figure, 400)
 

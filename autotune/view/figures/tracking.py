@@ -48,26 +48,23 @@ def before_after(data: BeforeAfter) -> go.Figure:
 
 
 def convergence(traces: Sequence[Trace]) -> go.Figure:
-    """Every adapted parameter over time, with its bounds and the value of the refinement."""
+    """Every adapted parameter over time, with its bounds and the value of the refinement; one below the other."""
     if not traces:
         return empty("Nothing was adapted in this run.")
-    columns = 1 if len(traces) == 1 else 2
-    rows = -(-len(traces) // columns)
+    rows = len(traces)
     figure = make_subplots(
         rows=rows,
-        cols=columns,
+        cols=1,
         subplot_titles=[_subtitle(trace) for trace in traces],
-        vertical_spacing=0.36 / rows if rows > 1 else 0.1,
-        horizontal_spacing=0.14,
+        vertical_spacing=0.3 / rows if rows > 1 else 0.1,
     )
     for index, trace in enumerate(traces):
-        _converging(figure, trace, index // columns + 1, index % columns + 1, first=index == 0)
-    for column in range(1, columns + 1):
-        last = max(i for i in range(len(traces)) if i % columns == column - 1) // columns + 1
-        figure.update_xaxes(title=titled("time", "s"), row=last, col=column)
-    figure = theme.finish(figure, 90 + 230 * rows)
+        _converging(figure, trace, index + 1, 1, first=index == 0)
+    figure.update_xaxes(title=titled("time", "s"), row=rows, col=1)
+    height = 90 + (230 if rows == 1 else 170 * rows)
+    figure = theme.finish(figure, height)
     figure.update_annotations(font={"size": 13, "color": theme.INK})
-    figure.update_layout(legend={"y": 1 + 46 / (90 + 230 * rows)}, margin={"t": 76})
+    figure.update_layout(legend={"y": 1 + 46 / height}, margin={"t": 76})
     return figure
 
 
