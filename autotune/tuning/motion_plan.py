@@ -83,7 +83,7 @@ def _stage(axis: Axis, stage: str) -> tuple[Sequence[Experiment], float] | None:
     if stage == "prove":
         return (sine, held_out), proof_seconds(motion, benchmark)
     if stage == "commit":
-        sweeps = _sweeps(axis, motion)
+        sweeps = sweeps_of(axis, motion)
         seconds = committed_seconds(motion, benchmark) + sum(sweep.duration for sweep in sweeps)
         return (sine, held_out, *sweeps), seconds
     return None
@@ -103,7 +103,7 @@ def _deciding(axis: Axis) -> list[Experiment]:
     return found
 
 
-def _sweeps(axis: Axis, motion: Motion) -> list[RippleSweep]:
+def sweeps_of(axis: Axis, motion: Motion) -> list[RippleSweep]:
     """Those that align torque ripple, at the highest speed that they may have; none where the drive holds none."""
     holding = holding_of(axis.profile)
     if motion.revolution is None or holding is None or not holding.ripple:

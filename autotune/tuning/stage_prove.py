@@ -101,8 +101,12 @@ def proof_seconds(motion: Motion, benchmark: Benchmark) -> float:
 
 def committed_seconds(motion: Motion, benchmark: Benchmark) -> float:
     """Machine time of the measurement after a commit [s]."""
-    window = (COMMITTED_REPEATS * benchmark.periods + 2) / benchmark.frequency
-    return window + HELD_OUT_COMMITTED * HeldOut(motion).duration
+    return with_host_seconds(benchmark) + HELD_OUT_COMMITTED * HeldOut(motion).duration
+
+
+def with_host_seconds(benchmark: Benchmark) -> float:
+    """Machine time of the measurement with what a host plays beside the drive [s]."""
+    return (COMMITTED_REPEATS * benchmark.periods + 2) / benchmark.frequency
 
 
 def measure_committed(session: Session) -> Committed:

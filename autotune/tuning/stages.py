@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from autotune.control.reduction import reduces
 from autotune.core.errors import GuardStop
 from autotune.core.ripple_parameters import GAIN
 from autotune.experiments.programmes import build
@@ -18,6 +19,7 @@ from autotune.tuning.commit import feedforward_parameters
 from autotune.tuning.findings import HOST_FILE, Yardstick, latest_run, load_findings, save_findings
 from autotune.tuning.holdings import nothing_kept
 from autotune.tuning.hunting_note import hunting_note
+from autotune.tuning.motion_plan import sweeps_of
 from autotune.tuning.preparation import own_feedforward
 from autotune.tuning.request import STAGES, Request
 from autotune.tuning.resume import stages_left, take_up
@@ -29,8 +31,14 @@ from autotune.tuning.stage_commit import commit_stage, times_less
 from autotune.tuning.stage_diagnose import diagnose_stage
 from autotune.tuning.stage_identify import baseline, experiment, fit, start_of
 from autotune.tuning.stage_model import adapt_model
-from autotune.tuning.stage_prove import Proved, committed_seconds, proof_seconds, prove_stage
-from autotune.tuning.stage_reduce import plan_retune
+from autotune.tuning.stage_prove import (
+    Proved,
+    committed_seconds,
+    proof_seconds,
+    prove_stage,
+    with_host_seconds,
+)
+from autotune.tuning.stage_reduce import PREFIX, plan_retune
 from autotune.tuning.stop_reasons import explained, loose
 from autotune.tuning.torque_check import find_torque_semantics, must_be_found
 from autotune.tuning.two_masses import refuse_loose_load, refuse_resonance, refuse_two_masses
@@ -150,9 +158,13 @@ def _diagnose(request: Request, session: Session, state: RunState) -> bool:
 
 
 def _later_seconds(session: Session) -> float:
-    """Machine time that proof and commit will take."""
+    """Machine time that proof and commit will take; also of what aligns ripple, and of a host beside the drive."""
     motion, benchmark = session.motion, session.axis.benchmark
-    return proof_seconds(motion, benchmark) + committed_seconds(motion, benchmark) + SPARE_SECONDS
+    seconds = proof_seconds(motion, benchmark) + committed_seconds(motion, benchmark) + SPARE_SECONDS
+    held = {name.removeprefix(PREFIX) for name in feedforward_parameters(session.loop)}
+    if held and reduces(held):
+        seconds += with_host_seconds(benchmark)
+    return seconds + sum(sweep.duration for sweep in sweeps_of(session.axis, motion))
 
 
 def _adapt(request: Request, session: Session, state: RunState) -> bool:

@@ -9,10 +9,14 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from autotune.export.request import Request
+from autotune.export.structured_text import export_st
 from autotune.export.targets import TARGETS
+from autotune.models.model_file import read_model
 from tests.export.linuxcnc_rig import MODULES, alone, end_realtime, needs_linuxcnc
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -55,6 +59,33 @@ def test_every_target_has_its_page_and_it_fits_a_screen() -> None:
         assert len(lines) <= SCREEN, path
         for asked in ("Where", "In:", "Out:", "See that it acts", "Switch it off"):
             assert path.stem == "README" or any(f"**{asked}" in line for line in lines), (path, asked)
+
+
+def test_the_call_in_the_page_about_structured_text_fits_the_block() -> None:
+    """Read by somebody else's parser, with inputs and outputs that the block has; and its scaling is right."""
+    parse = pytest.importorskip("blark.parse").parse_source_code
+    (snippet,) = blocks("st.md", "iecst")
+    block = export_st(Request(read_model(MODEL), "a model", 1e-3)).files["autotune_ff.st"].decode("ascii")
+    around = (
+        "PROGRAM main\nVAR\nff : autotune_ff;\nenabled : BOOL;\nq, v, a, rated_torque : LREAL;\n"
+        f"torque_offset : INT;\nEND_VAR\n{snippet}\nEND_PROGRAM\n"
+    )
+    found = parse(around)
+    assert found.exception is None
+    assert type(found.transform().items[0]).__name__ == "Program"
+    call, scaled = snippet.strip().splitlines()
+    variables = {
+        kind: re.findall(r"^\s*(\w+) :", part, re.MULTILINE)
+        for kind, part in re.findall(r"VAR_(INPUT|OUTPUT)(.*?)END_VAR", block, re.DOTALL)
+    }
+    assert set(re.findall(r"(\w+) :=", call)) == set(variables["INPUT"]) - {"reset"}
+    assert set(re.findall(r"ff\.(\w+)", snippet)) <= set(variables["OUTPUT"])
+    functions = {
+        "LREAL_TO_INT": round, "LIMIT": lambda low, value, high: min(max(value, low), high), "rated_torque": 0.5,
+    }  # fmt: skip
+    expression = scaled.partition(":= ")[2].rstrip(";")
+    for torque, told in ((0.1, 200), (-0.05, -100), (100.0, 32767), (-100.0, -32767)):
+        assert eval(expression, {**functions, "ff": SimpleNamespace(torque=torque)}) == told
 
 
 @pytest.mark.parametrize("target", ["st", "twincat-table", "csv"])

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from autotune.core.errors import ConfigurationError, StateError
+from autotune_drivers.canopen import sidecar as module
 from autotune_drivers.canopen.frames import Frame
 from autotune_drivers.canopen.sidecar import Foreign, Sidecar, Synchronised, Target, Told, open_sidecar
 from autotune_drivers.profile import Profile, read_profile
@@ -240,3 +241,85 @@ def test_another_cycle_than_the_axis_refuses(bus: Bus) -> None:
     with pytest.raises(ConfigurationError, match="60C2h"):
         prepared_and_closed(bus)
     assert not writes
+
+
+class Killed(BaseException):
+    """kill -9: nothing after it is run."""
+
+
+def cut(bus: Bus, number: int, *, arrives: bool) -> None:
+    """The process dies with its frame of that number; that frame still reaches the drive, or not."""
+    send, left = bus.send, iter(range(number, -1, -1))
+
+    def dying(*frames: Frame) -> None:
+        last = next(left) == 0
+        if arrives or not last:
+            send(*frames)
+        if last:
+            raise Killed
+
+    bus.send = dying  # type: ignore[method-assign]
+
+
+def of_the_drive(bus: Bus) -> list[int]:
+    """All that a sidecar may change: both free PDOs and the offset."""
+    places = [(index, sub) for index in (0x1403, 0x1803) for sub in (1, 2, 5)]
+    places += [(index, sub) for index in (0x1603, 0x1A03) for sub in range(3)]
+    return [bus.bench.get(*place) for place in (*places, (0x60B2, 0))]
+
+
+def session(bus: Bus, keep: Path) -> None:
+    sidecar = opened(bus, keep)
+    sidecar.prepare()
+    sidecar.close(dropped=True)
+
+
+def listened(link: Bus, seconds: float) -> list[Frame]:
+    """As `drain`, in the time of the bus."""
+    return [frame for _ in range(round(seconds / AXIS.cycle)) for frame in link.receive(0.0)]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("arrives", [True, False])
+def test_a_session_cut_at_any_write_is_put_right_by_the_next_start(
+    tmp_path: Path, arrives: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While it prepares, and while it puts back: kill -9 runs no `finally`. Between two writes nothing changes."""
+    monkeypatch.setattr(module, "drain", listened)
+    monkeypatch.setattr(module, "_LISTEN", 0.01)
+    whole = Bus()
+    before = of_the_drive(whole)
+    session(whole, tmp_path / "whole")
+    writes = [number for number, (_, data) in enumerate(whole.sent) if data[0] >> 5 == 1]  # SDO downloads
+    assert len(writes) > 20
+    for number in writes:
+        bus, keep = Bus(), tmp_path / f"{arrives}-{number}"
+        send = bus.send
+        cut(bus, number, arrives=arrives)
+        with pytest.raises(Killed):
+            session(bus, keep)
+        bus.send = send  # type: ignore[method-assign]
+        opened(bus, keep)
+        assert of_the_drive(bus) == before, number
+        assert not list(keep.glob("*.json")), number
+        assert bus.bench.word == 0x27, number  # the master's axis goes on
+
+
+def test_what_the_master_has_mapped_since_is_left_to_it(bus: Bus, tmp_path: Path) -> None:
+    dead = opened(bus, tmp_path)
+    dead.prepare()
+    bus.bench.map(0x1403, 0x306, [0x60FF0020])  # its start-up list, while nobody plays
+    sidecar = opened(bus, tmp_path)
+    assert "left as they are" in " ".join(sidecar.left)
+    assert bus.bench.get(0x1403, 1) == 0x306
+    assert bus.bench.get(0x1603, 1) == 0x60FF0020
+
+
+def test_a_drive_that_was_switched_off_since_needs_nothing(bus: Bus, tmp_path: Path) -> None:
+    opened(bus, tmp_path).prepare()
+    again = Bus()
+    before = of_the_drive(again)
+    sidecar = opened(again, tmp_path)
+    assert of_the_drive(again) == before
+    assert sidecar.left == ()
+    assert not list(tmp_path.glob("*.json"))

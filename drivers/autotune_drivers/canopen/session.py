@@ -110,6 +110,14 @@ class Session:
             self._certain.add(key)
         self._present[key] = wanted
 
+    def settle(self) -> None:
+        """All that is to be changed has been, and was seen there: on disk too. Raises ConfigurationError.
+
+        Until then the last change counts as one that a death may have cut, which is put back whatever is there.
+        """
+        if self._keeper is not None and self._kept:
+            self._keeper.write(self._content(self._kept))
+
     def _put(self, ref: ObjectRef, raw: Raw) -> Raw:
         """Writes an object and reads it back, again where it is not that; what it holds then. Raises LinkError."""
         for _ in range(_ATTEMPTS):

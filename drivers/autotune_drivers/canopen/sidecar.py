@@ -140,6 +140,7 @@ class Sidecar:
         self._session.write(self._timer(index), round(TIME_OUT * 1e3))
         self._session.map(PdoSetting(TPDO, other, self._told, _SYNCHRONOUS, report))
         self._session.map(mapped)
+        self._session.settle()  # what the master maps there after our death is the master's
 
     def _timer(self, index: int) -> ObjectRef:
         if isinstance(self._guard.timer, ObjectRef):
