@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from autotune.core.errors import ConfigurationError, StateError
+from autotune.core.errors import ConfigurationError, StateError, TransferAborted
 from autotune_drivers.canopen import sidecar as module
 from autotune_drivers.canopen.frames import Frame
 from autotune_drivers.canopen.sidecar import Foreign, Sidecar, Synchronised, Target, Told, open_sidecar
@@ -322,4 +322,26 @@ def test_a_drive_that_was_switched_off_since_needs_nothing(bus: Bus, tmp_path: P
     sidecar = opened(again, tmp_path)
     assert of_the_drive(again) == before
     assert sidecar.left == ()
+    assert not list(tmp_path.glob("*.json"))
+
+
+def test_a_drive_that_maps_in_pre_operational_only_is_told_and_left_as_it_was(
+    bus: Bus, tmp_path: Path
+) -> None:
+    before, send = of_the_drive(bus), bus.send
+
+    def refusing(*frames: Frame) -> None:
+        for cob_id, data in frames:
+            index, sub = struct.unpack_from("<HB", data, 1)
+            if data[0] >> 5 == 1 and index == 0x1603:
+                bus.bench.frames.append((0x580 + NODE, struct.pack("<BHBI", 0x80, index, sub, 0x08000022)))
+            else:
+                send((cob_id, data))
+
+    bus.send = refusing  # type: ignore[method-assign]
+    sidecar = opened(bus, tmp_path)
+    with pytest.raises(TransferAborted, match="1603h.*device state"):
+        sidecar.prepare()
+    assert sidecar.close(dropped=True) == []
+    assert of_the_drive(bus) == before
     assert not list(tmp_path.glob("*.json"))

@@ -100,6 +100,7 @@ class Master:
         if self.pace:
             self.due = max(self.due + self.pace, time.monotonic() - self.pace)
             self.take(-1, self.due - time.monotonic())
+            self.accompanied = self.take(SIDECAR, 0.0) is not None
         else:
             self.accompanied = self.take(SIDECAR, WITH if self.accompanied else WITHOUT) is not None
         self.send(0x080)

@@ -135,7 +135,12 @@ class Session:
 
     def _put_pdo_back(self, pdo: PdoSetting) -> None:
         for _ in range(_ATTEMPTS):
-            write_setting(self._sdo, pdo, pdo)
+            try:
+                write_setting(self._sdo, pdo, pdo)
+            except TransferAborted:  # of a drive that never let it be changed
+                if not holds(self._sdo, pdo):
+                    raise
+                return
             if holds(self._sdo, pdo):
                 return
         raise TransferAborted(f"{pdo.name} is not what was written; look at adapter and cable", 0)
