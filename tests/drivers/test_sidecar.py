@@ -340,7 +340,7 @@ def test_a_drive_that_maps_in_pre_operational_only_is_told_and_left_as_it_was(
 
     bus.send = refusing  # type: ignore[method-assign]
     sidecar = opened(bus, tmp_path)
-    with pytest.raises(TransferAborted, match="1603h.*device state"):
+    with pytest.raises(TransferAborted, match=r"1603h.*device state"):
         sidecar.prepare()
     assert sidecar.close(dropped=True) == []
     assert of_the_drive(bus) == before
