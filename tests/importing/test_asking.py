@@ -81,6 +81,9 @@ def test_columns_of_one_name_are_suggested_by_number(tmp_path: Path, signals: di
         bring_in(path)
     with pytest.raises(ConfigurationError, match=r"did you mean 'angle', columns 2, 3\?"):
         bring_in(path, columns=("position=angel",))
+    bare = write_table(tmp_path / "bare.csv", signals, head="time [s],x,x,x")
+    with pytest.raises(AutotuneError, match=r"the file has 'time' \[s\], 2 'x', 3 'x', 4 'x'"):
+        bring_in(bare)
 
 
 def test_everything_in_doubt_is_asked_for_at_once(tmp_path: Path, signals: dict[str, Floats]) -> None:

@@ -80,8 +80,13 @@ class Source:
     texts: tuple[Column, ...] = ()
 
     def described(self) -> str:
-        """The columns for a message."""
-        return within([str(column) for column in self.columns])
+        """The columns for a message; those of one name with their numbers."""
+        return within(
+            [
+                str(column) if self._alone(column) or not column.number else f"{column.number} {column}"
+                for column in self.columns
+            ]
+        )
 
     def numbered(self) -> str:
         """The columns with their numbers, for a message."""
@@ -90,9 +95,13 @@ class Source:
     def called(self, index: int) -> str:
         """What a person writes for a column: its name, or its number where that is too long or not its alone."""
         column = self.columns[index]
-        alone = sum(other.name.lower() == column.name.lower() for other in (*self.columns, *self.texts)) == 1
-        clear = alone and len(column.name) <= LONGEST_NAME
+        clear = self._alone(column) and len(column.name) <= LONGEST_NAME
         return column.name if clear or not column.number else str(column.number)
+
+    def _alone(self, column: Column) -> bool:
+        """No other column has its name."""
+        names = [other.name.lower() for other in (*self.columns, *self.texts)]
+        return names.count(column.name.lower()) == 1
 
 
 def usual_rows(columns: Sequence[Column]) -> int | None:
