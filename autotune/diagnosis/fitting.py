@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,12 +25,13 @@ from autotune.diagnosis.screening import screen
 from autotune.estimation.bandwidth import prepared_for, prepared_to_fit
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.data import Prepared, prepare
-from autotune.estimation.least_squares import Fitted, standard_errors
+from autotune.estimation.least_squares import Fitted, covariance, standard_errors
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import Problem, new_problem
 from autotune.estimation.residual import residual, smoothed
 from autotune.models.drive_model import DriveModel, HistoryEntry, Packed, base_model
 from autotune.models.table import effect_kind
+from autotune.models.total_friction import friction_parts
 from autotune.recordings.recording import Recording
 
 POOR = 0.2
@@ -260,8 +261,13 @@ def _with_effect(
 
 
 def updated_model(model: DriveModel, problem: Problem, fitted: Fitted) -> DriveModel:
-    """The model with fitted values, effects and standard errors."""
-    return model_from(model, fitted.packed, fitted.free, standard_errors(fitted, problem.training))
+    """The model with fitted values, effects and standard errors, that of the total friction too."""
+    spread = covariance(fitted, problem.training)
+    found = model_from(model, fitted.packed, fitted.free, np.sqrt(np.maximum(np.diag(spread), 0.0)))
+    parts = friction_parts(found)
+    carrying = [i for i, one in enumerate(fitted.free) if one.name in parts]
+    variance = float(spread[np.ix_(carrying, carrying)].sum())
+    return replace(found, friction_error=math.sqrt(max(variance, 0.0))) if carrying else found
 
 
 def held_out_errors(problem: Problem, before: ModelFit, after: ModelFit) -> tuple[float, float, float, str]:

@@ -100,7 +100,8 @@ class Packed:
 class DriveModel:
     """Base values by name and effects, in the order in which they were added.
 
-    `torque_unit` is A or V where the torque of its recordings was; else empty: N m or N.
+    `torque_unit` is A or V where the torque of its recordings was; else empty: N m or N. `friction_error`: standard
+    error of the total friction, with what its parts have in common; None once anything is changed, and in files.
 
     Raises:
         ConfigurationError: a base parameter missing, unknown or out of bounds, an effect twice.
@@ -113,6 +114,7 @@ class DriveModel:
     fingerprint: str = ""
     history: tuple[HistoryEntry, ...] = field(default=())
     torque_unit: str = ""
+    friction_error: float | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         wrong = set(self.base) ^ set(_BASE_BY_NAME)
@@ -185,15 +187,16 @@ class DriveModel:
             for effect in self.effects
         )
         base = MappingProxyType({parameter.name: table[parameter.name] for parameter in BASE})
-        return replace(self, base=base, effects=effects)
+        return replace(self, base=base, effects=effects, friction_error=None)
 
     def with_effect(self, effect: Effect) -> DriveModel:
         """The model with an effect added, or replaced if it is there."""
         kept = tuple(present for present in self.effects if present.name != effect.name)
-        return replace(self, effects=(*kept, effect))
+        return replace(self, effects=(*kept, effect), friction_error=None)
 
     def without_effect(self, name: str) -> DriveModel:
-        return replace(self, effects=tuple(effect for effect in self.effects if effect.name != name))
+        kept = tuple(effect for effect in self.effects if effect.name != name)
+        return replace(self, effects=kept, friction_error=None)
 
     def with_history(self, entry: HistoryEntry) -> DriveModel:
         return replace(self, history=(*self.history, entry))

@@ -4,8 +4,8 @@ Several elastic elements take over what the single bristle carried, so that the 
 with `reversal_memory` may be next to nothing on an axis with plenty of friction. A person who compares
 models, or looks for wear, wants the sum: F = F_c + Σ W_i, once all elements slide.
 
-The parts trade friction with each other in a fit (their errors are correlated negatively), and a model
-keeps no correlations: the root of the sum of squares given here is an upper bound then.
+The parts trade friction with each other in a fit (their errors are correlated negatively). A fit says how well
+the sum is known (`DriveModel.friction_error`); a file does not, and the root of the sum of squares is an upper bound.
 """
 
 from __future__ import annotations
@@ -34,6 +34,8 @@ def total_friction(model: DriveModel) -> Value:
     The standard error is None where the error of a part that carries anything is not known.
     """
     parts = list(friction_parts(model).values())
+    if model.friction_error is not None:
+        return Value(sum(part.value for part in parts), model.friction_error)
     errors = [part.standard_error for part in parts if part.value != 0.0 or part.standard_error is not None]
     known = [error for error in errors if error is not None]
     spread = math.hypot(*known) if known and len(known) == len(errors) else None
@@ -65,7 +67,8 @@ def total_in_words(model: DriveModel) -> str:
     if _MEMORY not in model:
         return ""
     total = total_friction(model)
-    spread = "" if total.standard_error is None else f" (± {total.standard_error:.2g} at most)"
+    most = " at most" if model.friction_error is None else ""
+    spread = "" if total.standard_error is None else f" (± {total.standard_error:.2g}{most})"
     share = 1.0 - model["coulomb"] / total.value if total.value > 0.0 else 0.0
     return (
         f"total friction {total.value:.4g} {model.torque_symbol}{spread}, {100.0 * share:.0f} % of it in the "

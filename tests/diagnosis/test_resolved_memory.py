@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from autotune.experiments.record import Recorder, metadata_for, play
 from autotune.experiments.runner import Programme
 from autotune.models.drive_model import DriveModel, base_model
 from autotune.models.table import EFFECTS
-from autotune.models.total_friction import stiffness_at_rest
+from autotune.models.total_friction import stiffness_at_rest, total_friction
 from autotune.recordings.recording import Controller, Recording
 from autotune_sim.inprocess import SimDrive
 from autotune_sim.presets import preset
@@ -68,6 +69,13 @@ def test_the_short_elements_come_out_of_the_bristle() -> None:
     assert found["coulomb"] < 0.2 * model["coulomb"]
     carried = sum(v.value for k, v in found.parameters.items() if ".torque_" in k)
     assert carried + found["coulomb"] == pytest.approx(plant.friction, rel=0.03)
+    total, apart = total_friction(found), total_friction(replace(found, friction_error=None))
+    assert total.standard_error is not None
+    assert apart.standard_error is not None
+    assert abs(total.value - plant.friction) < 0.02 * plant.friction + 3.0 * total.standard_error
+    assert (
+        total.standard_error < 0.1 * apart.standard_error
+    )  # the elements trade friction, the sum is well known
     places = [found[f"reversal_memory.displacement_{i}"] for i in range(1, SHORT + 1)]
     torques = [found[f"reversal_memory.torque_{i}"] for i in range(1, SHORT + 1)]
     for element in plant.elements[1:SHORT]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +37,15 @@ def test_the_total_is_what_the_model_needs_at_a_steady_speed() -> None:
 def test_its_standard_error_takes_in_those_of_the_parts() -> None:
     assert total_friction(moved()).standard_error == pytest.approx(math.hypot(0.0055, 0.006, 0.008))
     assert total_friction(moved({"torque_1": 0.006})).standard_error is None
+
+
+def test_a_fit_that_knows_what_the_parts_have_in_common_says_so_until_something_is_changed() -> None:
+    fitted = replace(moved(), friction_error=0.002)
+    assert total_friction(fitted).standard_error == 0.002
+    assert "0.3293 N m (± 0.002), 97 % of it" in total_in_words(fitted)
+    for changed in (fitted.with_values({"coulomb": 0.02}), fitted.without_effect("spring")):
+        assert changed.friction_error is None
+    assert fitted == moved()
 
 
 def test_without_elements_the_total_is_coulomb_and_nothing_is_said() -> None:
