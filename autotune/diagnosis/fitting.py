@@ -18,7 +18,7 @@ from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.candidates import Progress, model_from, no_progress
 from autotune.diagnosis.compare import EACH_IN_TURN, check_same_axis, floor_of_unseen, roles_unseen
 from autotune.diagnosis.evidence import evidence_of
-from autotune.diagnosis.refits import inside_twin, without_insignificant_terms
+from autotune.diagnosis.refits import inside_twin, is_chance, without_insignificant_terms
 from autotune.diagnosis.resolved_memory import resolved
 from autotune.diagnosis.ripple_orders import with_whole_orders
 from autotune.diagnosis.screening import screen
@@ -210,6 +210,8 @@ def add_effect(
     model_fit = resolved(problem, model_fit) or model_fit
     before, after, floor, unseen = held_out_errors(problem, root, model_fit)
     improved = updated_model(model, problem, model_fit.fitted)
+    if is_chance(problem, model_fit, effect_kind(effect)):
+        notes = (*notes, f"{effect} is no more than chance makes of noise in these data; leave it out.")
     known_floor = floor if math.isfinite(floor) else None
     entry = HistoryEntry(when, f"+ {effect}", source, before, after, known_floor, unseen)
     return Added(improved.with_history(entry), before, after, floor, unseen, notes)

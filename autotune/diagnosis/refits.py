@@ -194,14 +194,40 @@ def without_insignificant_terms(problem: Problem, model_fit: ModelFit) -> ModelF
     packed, free = model_fit.fitted.packed, model_fit.free
     for kind in EFFECTS.values():
         if kind.terms is not None and packed.on[flag(kind.name)]:
-            chance = problem.policy.term_chance
-            if kind is TORQUE_RIPPLE:  # the best of all orders that were looked at
-                chance /= max(len(candidate_orders(problem, float(packed.p[scale_slot()]))), 1)
-            keep = _significant(kind, kind.terms, packed, model_fit.free, spread, chance)
+            keep = _significant(
+                kind, kind.terms, packed, model_fit.free, spread, _chance(problem, packed, kind)
+            )
             packed, free = _kept(kind, packed, free, keep)
     if len(free) == len(model_fit.free):
         return model_fit
     return fit_inside_twin(problem, packed, free, 2, model_fit.effects) or model_fit
+
+
+def is_chance(problem: Problem, model_fit: ModelFit, kind: Kind) -> bool:
+    """Whether no term of an effect that has terms is beyond what chance makes of noise in these data."""
+    packed, places = model_fit.fitted.packed, {one.slot: i for i, one in enumerate(model_fit.free)}
+    if kind.terms is None:
+        return False
+    spread, value = (
+        covariance(model_fit.fitted, problem.training),
+        packed.p[[one.slot for one in model_fit.free]],
+    )
+    least = float(scipy.stats.chi2.ppf(1.0 - _chance(problem, packed, kind), len(kind.terms.amplitudes)))
+    slots = [
+        [kind.slot(f"{part}_{n}") for part in kind.terms.amplitudes] for n in kind.terms_in_use(packed.p)
+    ]
+    return all(
+        all(slot in places for slot in one) and _wald(value, spread, [places[slot] for slot in one]) <= least
+        for one in slots
+    )
+
+
+def _chance(problem: Problem, packed: Packed, kind: Kind) -> float:
+    """With which a term of noise alone would be kept."""
+    chance = problem.policy.term_chance
+    if kind is TORQUE_RIPPLE:  # the best of all orders that were looked at
+        chance /= max(len(candidate_orders(problem, float(packed.p[scale_slot()]))), 1)
+    return chance
 
 
 def _significant(

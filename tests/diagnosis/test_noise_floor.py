@@ -9,7 +9,8 @@ import pytest
 from scipy.signal import lfilter
 
 from autotune.diagnosis.compare import EACH_IN_TURN, compare, unseen_error
-from autotune.diagnosis.refits import without_insignificant_terms
+from autotune.diagnosis.fitting import add_effect, fit_model
+from autotune.diagnosis.refits import is_chance, without_insignificant_terms
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.data import TRAINING, Block
 from autotune.estimation.least_squares import Fitted, Free, covariance
@@ -18,6 +19,7 @@ from autotune.estimation.problem import new_problem
 from autotune.models.drive_model import REFITTED, HistoryEntry, Packed, staircase
 from autotune.models.table import EFFECTS
 from autotune.models.waves import ripple_waves
+from autotune.recordings.recording import Metadata, Recording
 
 TRUE = 0.003
 RIPPLE = EFFECTS["torque_ripple"]
@@ -97,11 +99,29 @@ def test_waves_that_chance_made_are_pruned_and_the_real_one_kept(recorded, nomin
     problem, root, start, _ = begin(prepared_for([recording]), nominal)
     _, _, model_fit = grown(problem, root, start, "torque_ripple", nominal)
     kept = RIPPLE.terms_in_use(model_fit.fitted.packed.p)
+    assert not is_chance(problem, model_fit, RIPPLE)
     crowded = _with_chance_waves(problem, model_fit, len(kept))
     pruned = without_insignificant_terms(problem, crowded)
     assert RIPPLE.terms_in_use(pruned.fitted.packed.p) == kept
     orders = [model_fit.fitted.packed.p[RIPPLE.parameter(f"order_{i}").slot] for i in kept]
     assert [pruned.fitted.packed.p[RIPPLE.parameter(f"order_{i}").slot] for i in kept] == orders
+
+
+def test_an_effect_that_is_chance_alone_is_said_to_be_where_it_was_asked_for() -> None:
+    """One term of it stays, as asked; four seconds of a sine with noise, and nothing planted."""
+    time = 1e-3 * np.arange(4000)
+    position, velocity = 0.5 * np.sin(2.0 * np.pi * time), np.pi * np.cos(2.0 * np.pi * time)
+    torque = 0.3 * np.sign(velocity) + 4e-3 * velocity - 6.6e-4 * 4.0 * np.pi**2 * position
+    columns = {
+        "time": time,
+        "position": position,
+        "velocity": velocity,
+        "torque": torque + 1e-3 * np.random.default_rng(1).normal(size=4000),
+    }
+    plain = Recording.from_columns(columns, Metadata(sample_period=1e-3), "sine")
+    added = add_effect("torque_ripple", [plain], fit_model([plain]).model, "now", "here")
+    assert any("no more than chance" in note for note in added.notes)
+    assert len(list(ripple_waves(added.model))) == 1
 
 
 def _with_chance_waves(problem, model_fit: ModelFit, present: int) -> ModelFit:
