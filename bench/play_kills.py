@@ -32,6 +32,7 @@ from tests.tuning.play_rig import Columns, Rig, largest_step, longest_hold, peak
 LIMIT = 1.34  # N m
 ALLOWED = 0.05  # of it, in one cycle
 GONE = 120  # cycles: the time-out of 20 ms and the ramp of 100 ms
+SLACK = 3  # cycles between the sidecar's last frame and the first that the drive misses
 ASKED = 0.25  # mrad
 AROUND = 300  # cycles after a kill, and while a sidecar prepares
 PERIODS = 18  # as in a run's proof: in means of six the encoder's count still shows
@@ -184,7 +185,11 @@ def kills_table(found: dict[str, Any]) -> list[tuple[str, str, str]]:
             "",
             f"{100 * np.median(steps):.2f} %, {100 * steps.max():.2f} %",
         ),
-        ("cycles until the offset is gone", f"{GONE}", f"at most {gone['longest']} ({gone['ends']} ends)"),
+        (
+            "cycles until the offset is gone",
+            f"{GONE} + {SLACK}",
+            f"at most {gone['longest']} ({gone['ends']} ends)",
+        ),
         ("master's interval around kills [ms]", "as elsewhere", in_words(found["master_around_kills_ms"])),
         ("master's interval elsewhere [ms]", "", in_words(found["master_elsewhere_ms"])),
         ("the axis stays enabled", "always", "always" if found["axis_always_enabled"] else "NOT always"),

@@ -252,6 +252,7 @@ class AddedEffect(Result):
 
     Attributes:
         error_before, error_after, noise_floor_rms: rms on data not used for the fit; `unseen`: which, in words.
+            Before: the model without the effect, refitted on these data.
     """
 
     effect: str
@@ -291,8 +292,8 @@ class AddedEffect(Result):
     def _sentence(self) -> str:
         unit = self.model.torque_symbol
         return (
-            f"{self.effect}: error on {self.unseen} {self.error_before:.4g} {unit} before, "
-            f"{self.error_after:.4g} {unit} after"
+            f"{self.effect}: error on {self.unseen} {self.error_before:.4g} {unit} refitted without it, "
+            f"{self.error_after:.4g} {unit} with it"
         )
 
     def _rows(self) -> list[dict[str, Any]]:
