@@ -23,7 +23,8 @@ export class NoToken extends Error {}
 export class Gone extends Error {}
 
 export async function ask(path, options = {}) {
-  const headers = { ...(options.headers || {}), Authorization: `Bearer ${token}` };
+  if (options.method && !token) throw new NoToken("This needs the service's token");
+  const headers = { ...(options.headers || {}), ...(token ? { Authorization: `Bearer ${token}` } : {}) };
   let answer;
   try {
     answer = await fetch(path, { ...options, headers });
