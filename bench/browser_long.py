@@ -3,7 +3,8 @@
     python -m bench.browser_long [--rows 10000000] [--zooms 100] [--drop]
 
 The times are the page's own: from the click until the new picture is there and one frame has passed. `--drop` sends
-the file from the page instead of naming it on the command line.
+the file from the page instead of naming it on the command line, and tells how long it was on its way and how long
+after its last byte the first picture was there.
 """
 
 from __future__ import annotations
@@ -28,6 +29,12 @@ from autotune.recordings.recording import Metadata, Recording
 from tests.workbench.browser import browser
 
 PERIOD = 1e-3
+ARRIVED = """
+const now = performance.now();
+const one = performance.getEntriesByType('resource').find((entry) => entry.name.includes('recordings?name='));
+const here = one.responseEnd - one.serverTiming[0].duration;
+return [here - one.startTime, now - here].map((ms) => Math.round(ms) / 1e3);
+"""
 DRAWN = """
 const done = arguments[arguments.length - 1], box = document.getElementById('trace-torque');
 const began = performance.now();
@@ -89,7 +96,10 @@ def measured(path: Path, folder: Path, zooms: int, drop: bool) -> dict[str, Any]
                 driver.find_element(By.ID, "choose").send_keys(str(path))
             until_drawn(driver)
             first = time.monotonic() - began
+            arrived = driver.execute_script(ARRIVED) if drop else None
+            before = processor(process.pid)
             times = zoomed(driver, zooms)
+            each = 1e3 * (processor(process.pid) - before) / max(zooms, 1)
             page = driver.execute_cdp_cmd("Performance.enable", {}) or driver.execute_cdp_cmd(
                 "Performance.getMetrics", {}
             )
@@ -100,14 +110,22 @@ def measured(path: Path, folder: Path, zooms: int, drop: bool) -> dict[str, Any]
     heap = {one["name"]: one["value"] for one in page.get("metrics", [])}.get("JSHeapUsedSize", 0.0)
     return {
         "command_to_address_s": round(served, 2), "page_to_first_picture_s": round(first, 2),
+        "sent_s_arrived_to_picture_s": arrived,
         "zoom_ms": {f"p{q}": round(float(np.percentile(times, q)), 1) for q in (50, 95, 100)},
+        "zoom_server_cpu_ms": round(each, 1),
         "server_peak_mb": round(peak / 1e6), "page_heap_mb": round(heap / 1e6, 1),
     }  # fmt: skip
 
 
 def until_drawn(driver: Chrome) -> None:
     while not driver.execute_script("return document.querySelector('#trace-torque canvas') !== null"):
-        time.sleep(0.01)
+        time.sleep(0.02)
+
+
+def processor(process: int) -> float:
+    """Seconds of processor time that a process has had."""
+    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def zoomed(driver: Chrome, zooms: int) -> list[float]:

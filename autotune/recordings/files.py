@@ -7,7 +7,6 @@ checksum. A CSV may be written by hand: it needs none.
 
 from __future__ import annotations
 
-import difflib
 import io
 import os
 from collections.abc import Mapping
@@ -20,10 +19,22 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from autotune.core.errors import RecordingError, a_few
+from autotune.core.errors import RecordingError
 from autotune.recordings.checksum import KEY as CHECKSUM
 from autotune.recordings.checksum import content_checksum
-from autotune.recordings.limits import refuse_impossible, refuse_names
+from autotune.recordings.file_parts import (
+    PREFIX,
+    check_names,
+    floats_of,
+    integers_of,
+    pairs_of,
+    reason,
+    refuse_huge,
+    spacing,
+    texts_of,
+    verified,
+)
+from autotune.recordings.limits import refuse_impossible
 from autotune.recordings.recording import (
     COLUMNS,
     FLOAT_COLUMNS,
@@ -45,7 +56,6 @@ FIRST_WITH_CHECKSUM = 2
 _RANGES = {"sample_period": (1e-7, 1e3), "position_resolution": (1e-15, 1e3), "torque_limit": (1e-12, 1e9)}
 """From a hundred times faster than a current loop to a row every quarter of an hour; an atom; a press."""
 _LONGEST_PAIR = 10_000
-_PREFIX = b"autotune."
 _NUMBERS = ("sample_period", "position_resolution", "torque_limit")
 _TEXTS = ("motion_unit", "controller", "axis", "fingerprint", "schema", CHECKSUM)
 
@@ -61,29 +71,18 @@ def read_recording(path: str | Path) -> Recording:
     if not path.is_file():
         raise RecordingError(f"there is no recording {path}; check the name")
     try:
-        _refuse_huge(path, path.stat().st_size, MOST_BYTES, "bytes")
+        refuse_huge(path, path.stat().st_size, MOST_BYTES, "bytes")
         columns, pairs = _read_parquet(path) if path.suffix == ".parquet" else _read_csv(path)
         recording = _recording(path, columns, pairs)
     except RecordingError:
         raise
     except (pa.ArrowException, OSError, ValueError, OverflowError, MemoryError) as error:
         raise RecordingError(
-            f"{path} cannot be read as a recording: {_reason(error)}; import foreign files with 'autotune data "
+            f"{path} cannot be read as a recording: {reason(error)}; import foreign files with 'autotune data "
             "import'"
         ) from error
     refuse_impossible(recording, str(path))
     return recording
-
-
-def _reason(error: Exception) -> str:
-    """The first line of what a library says; a damaged file may be quoted in it at any length."""
-    text = next(iter(str(error).splitlines()), "") or type(error).__name__
-    return "".join(letter if letter.isprintable() else "?" for letter in text[:200])
-
-
-def _refuse_huge(path: Path, size: int, most: int, what: str) -> None:
-    if size > most:
-        raise RecordingError(f"{path} has {size:.3g} {what}; a recording has at most {most:.3g}: split it")
 
 
 def write_recording(recording: Recording, path: str | Path) -> None:
@@ -163,8 +162,8 @@ def _read_parquet(path: Path) -> tuple[_Columns, dict[str, str]]:
     file = pa.parquet.ParquetFile(path)
     schema = file.schema_arrow
     rows = file.metadata.num_rows
-    _refuse_huge(path, rows, MOST_ROWS, "rows")
-    _check_names(path, schema.names)
+    refuse_huge(path, rows, MOST_ROWS, "rows")
+    check_names(path, schema.names)
     coded = [name for name in schema.names if name == "experiment"]
     file = pa.parquet.ParquetFile(
         path, page_checksum_verification=True, read_dictionary=coded, pre_buffer=False
@@ -172,11 +171,7 @@ def _read_parquet(path: Path) -> tuple[_Columns, dict[str, str]]:
     columns = _Columns([name for name in schema.names if name in COLUMNS], rows)
     for batch in file.iter_batches(BATCH, columns=columns.names, use_threads=False):
         columns.append(pa.Table.from_batches([batch]))
-    return columns, {
-        key.removeprefix(_PREFIX).decode(): value.decode()
-        for key, value in (schema.metadata or {}).items()
-        if key.startswith(_PREFIX)
-    }
+    return columns, pairs_of(schema)
 
 
 def _read_csv(path: Path) -> tuple[_Columns, dict[str, str]]:
@@ -202,21 +197,10 @@ def _read_csv(path: Path) -> tuple[_Columns, dict[str, str]]:
     types |= {"experiment": pa.string(), "repeat": pa.int64(), "missed": pa.int64()}
     options = pyarrow.csv.ConvertOptions(column_types=types)
     table = pyarrow.csv.read_csv(io.BytesIO(content), convert_options=options)
-    _check_names(path, table.column_names)
+    check_names(path, table.column_names)
     columns = _Columns([name for name in table.column_names if name in COLUMNS], table.num_rows)
     columns.append(table)
     return columns, pairs
-
-
-def _check_names(path: Path, names: list[str]) -> None:
-    if len(set(names)) < len(names):
-        raise RecordingError(f"{path} names a column twice: {a_few(names)}; rename one")
-    missing = [name for name in REQUIRED_COLUMNS if name not in names]
-    if missing:
-        raise RecordingError(
-            f"{path} has no column {', '.join(missing)}; it has {a_few(names)}. "
-            "Map foreign columns with 'autotune data import --column NAME=FIELD'"
-        )
 
 
 class _Columns:
@@ -234,11 +218,11 @@ class _Columns:
     def append(self, table: pa.Table) -> None:
         rows = slice(self._at, self._at + table.num_rows)
         for name, column in self.floats.items():
-            column[rows] = _floats(table, name)
+            column[rows] = floats_of(table, name)
         for name, whole in self._integers.items():
-            whole[rows] = _integers(table, name)
+            whole[rows] = integers_of(table, name)
         if len(self._coded):
-            texts, codes = _texts(table, "experiment")
+            texts, codes = texts_of(table, "experiment")
             known = np.array([self._codes.setdefault(text, len(self._codes)) for text in texts], np.int32)
             self._coded[rows] = known[codes]
         self._at = rows.stop
@@ -259,80 +243,11 @@ def _recording(path: Path, columns: _Columns, pairs: dict[str, str]) -> Recordin
     floats, rows = columns.floats, len(columns.floats["time"])
     experiment, repeat, missed = columns.experiment(), columns.integers("repeat"), columns.integers("missed")
     recording = Recording.from_columns(floats, Metadata(), experiment, repeat, missed)
-    remarks = _verified(path, recording, pairs)
+    remarks = verified(path, pairs, lambda: content_checksum(recording, pairs))
     if "sample_period" not in pairs and rows > 1:
-        pairs = pairs | {"sample_period": repr(_spacing(path, floats["time"]))}
+        pairs = pairs | {"sample_period": repr(spacing(path, floats["time"]))}
     metadata = parse_metadata(pairs, str(path))
     return replace(recording, metadata=replace(metadata, remarks=remarks))
-
-
-def _verified(path: Path, recording: Recording, pairs: Mapping[str, str]) -> tuple[str, ...]:
-    """Compares with the checksum; a remark where an old or foreign Parquet file has none.
-
-    Raises:
-        RecordingError: it does not match, or a file that must have one lost it.
-    """
-    parquet = path.suffix == ".parquet"
-    if CHECKSUM in pairs:
-        if pairs[CHECKSUM] == content_checksum(recording, pairs):
-            return ()
-        advice = "" if parquet else "; if you changed it on purpose, delete the line '# checksum:'"
-        raise RecordingError(
-            f"{path} does not match its checksum: it was damaged or changed after it was written. Take another "
-            f"copy, or record again{advice}"
-        )
-    if not parquet:
-        _refuse_damaged_line(path, pairs)
-        return ()
-    if pairs.get("schema", "1") != "1":
-        raise RecordingError(
-            f"{path} has schema {pairs['schema'][:40]} but no checksum, which every such file has: it is damaged. "
-            "Take another copy, or record again"
-        )
-    return (
-        f"{path} has no checksum (from an older version or another program): damage would not be noticed",
-    )
-
-
-def _refuse_damaged_line(path: Path, pairs: Mapping[str, str]) -> None:
-    """A line that was once the checksum is worse than none: something else will be damaged as well."""
-    near = difflib.get_close_matches(CHECKSUM, pairs, 1)
-    if near or any(value.startswith("sha256:") for value in pairs.values()):
-        raise RecordingError(
-            f"{path} has a line '# {near[0] if near else '...'}:' that looks like a damaged '# {CHECKSUM}:'; take "
-            "another copy, or remove the line if you wrote it"
-        )
-
-
-def _spacing(path: Path, time: np.ndarray[tuple[int], np.dtype[np.float64]]) -> float:
-    spacing = float(np.median(np.diff(time)))
-    if not spacing > 0.0:
-        raise RecordingError(
-            f"{path}: time does not rise (median step {spacing:g} s); sort the rows, or name the column of the time"
-        )
-    return spacing
-
-
-def _floats(table: pa.Table, name: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    column = table.column(name).cast(pa.float64())
-    if column.null_count:  # filling makes a copy
-        column = column.fill_null(float("nan"))
-    return np.asarray(column.to_numpy())
-
-
-def _integers(table: pa.Table, name: str) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
-    return np.asarray(table.column(name).cast(pa.int64()).fill_null(0).to_numpy())
-
-
-def _texts(table: pa.Table, name: str) -> tuple[list[str], np.ndarray[tuple[int], np.dtype[np.int64]]]:
-    """The different texts of a column, and which of them stands in each row."""
-    column = table.column(name)
-    if not pa.types.is_dictionary(column.type) or column.null_count:
-        column = column.cast(pa.string()).fill_null("").dictionary_encode()
-    encoded = column.unify_dictionaries().combine_chunks()
-    texts = encoded.dictionary.cast(pa.string()).to_pylist()
-    refuse_names(texts, name)  # before they become an array as wide as the longest
-    return texts or [""], encoded.indices.to_numpy().astype(np.int64)
 
 
 def _sealed_pairs(recording: Recording) -> dict[str, str]:
@@ -350,7 +265,7 @@ def _table(recording: Recording) -> pa.Table:
     }
     table = pa.table({name: arrays[name] for name in COLUMNS if name in arrays})
     pairs = _sealed_pairs(recording)
-    return table.replace_schema_metadata({_PREFIX + k.encode(): v.encode() for k, v in pairs.items()})
+    return table.replace_schema_metadata({PREFIX + k.encode(): v.encode() for k, v in pairs.items()})
 
 
 def _names(recording: Recording) -> pa.ChunkedArray:

@@ -7,15 +7,16 @@ wrong, one that keeps them all is not thereby right.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import NDArray
 
 from autotune.core.arrays import Floats
 from autotune.core.errors import RecordingError
-from autotune.recordings.recording import Recording
+from autotune.recordings.recording import Metadata, Recording, Segment
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,27 +78,63 @@ def refuse_impossible(recording: Recording, where: str) -> None:
     Raises:
         RecordingError: which column, row, value, and what is allowed.
     """
-    for name in recording.floats:
-        _finite(recording, name, where)
-    bounds = LIMITS[recording.metadata.motion_unit]
-    torque = _torque_bounds(recording, bounds)
+    for name, values in recording.floats.items():
+        refuse_column(name, values, recording.metadata, where)
+    refuse_missed(recording.missed, where)
+    segments = recording.segments()
+    refuse_names([segment.experiment for segment in segments], where)
+    refuse_motion(recording["time"], recording["position"], segments, recording.metadata, where)
+
+
+def refuse_column(name: str, values: Floats, metadata: Metadata, where: str) -> None:
+    """What of `refuse_impossible` concerns one column of numbers by itself.
+
+    Raises:
+        RecordingError: see there.
+    """
+    _finite(name, values, where)
+    bounds = LIMITS[metadata.motion_unit]
     columns = {
         "time": _TIME,
         "position": bounds.position,
         "reference": bounds.position,
         "velocity": bounds.speed,
     }
-    for name, allowed in (columns | dict.fromkeys(_TORQUES, torque)).items():
-        if name in recording:
-            _within(recording, name, allowed, where)
-    _temperature(recording, where)
-    _counts(recording, where)
-    _steps(recording, bounds.speed, where)
-    _spacing(recording, where)
+    allowed = _torque_bounds(metadata, bounds) if name in _TORQUES else columns.get(name)
+    if allowed is not None:
+        _within(name, values, allowed, where)
+    if name == "temperature":
+        _temperature(values, where)
 
 
-def _torque_bounds(recording: Recording, bounds: AxisBounds) -> Bounds:
-    limit, unit = recording.metadata.torque_limit, recording.metadata.torque_unit or bounds.torque.unit
+def refuse_missed(missed: NDArray[np.int64], where: str, start: int = 0) -> None:
+    """Raises RecordingError where a count of lost cycles is negative; `start` is the first one's row."""
+    if len(missed) and int(missed.min()) < 0:
+        row = int(np.argmin(missed))
+        raise RecordingError(
+            f"{where}: missed is {missed[row]} in row {start + row}; it counts lost cycles and must be 0 or more"
+        )
+
+
+def refuse_motion(
+    time: Floats, position: Floats, segments: Sequence[Segment], metadata: Metadata, where: str
+) -> None:
+    """Time rises from row to row within a segment, as `sample_period` says, and the position as an axis can.
+
+    Raises:
+        RecordingError: see `refuse_impossible`.
+    """
+    _refuse_times(time, position, segments, f"{where}: ")
+    speed = LIMITS[metadata.motion_unit].speed
+    for segment in segments:
+        for start in range(segment.start, segment.stop, _AT_ONCE):
+            rows = slice(start, min(start + _AT_ONCE + 1, segment.stop))
+            _speeds(time[rows], position[rows], start, speed, where)
+    _spacing(time, segments, metadata.sample_period, where)
+
+
+def _torque_bounds(metadata: Metadata, bounds: AxisBounds) -> Bounds:
+    limit, unit = metadata.torque_limit, metadata.torque_unit or bounds.torque.unit
     if limit is None or TORQUE_OVER_LIMIT * limit > bounds.torque.most:
         return Bounds(bounds.torque.most, unit, bounds.torque.why)
     return Bounds(
@@ -105,9 +142,8 @@ def _torque_bounds(recording: Recording, bounds: AxisBounds) -> Bounds:
     )
 
 
-def _finite(recording: Recording, name: str, where: str) -> None:
+def _finite(name: str, values: Floats, where: str) -> None:
     """Infinity nowhere; nan ("not known") in columns only that a recording can do without."""
-    values = recording[name]
     wrong = ~np.isfinite(values) if name in _NEEDED else np.isinf(values)
     if wrong.any():
         row = int(np.argmax(wrong))
@@ -118,23 +154,18 @@ def _finite(recording: Recording, name: str, where: str) -> None:
         )
 
 
-def _within(recording: Recording, name: str, allowed: Bounds, where: str) -> None:
-    wrong = np.abs(recording[name]) > allowed.most
-    if wrong.any():
-        raise _refusal(where, name, int(np.argmax(wrong)), recording[name], allowed)
+def _within(name: str, values: Floats, allowed: Bounds, where: str) -> None:
+    for start in range(0, len(values), _AT_ONCE):
+        wrong = np.abs(values[start : start + _AT_ONCE]) > allowed.most
+        if wrong.any():
+            row = start + int(np.argmax(wrong))
+            raise RecordingError(
+                f"{where}: {name} is {values[row]:.6g} {allowed.unit} in row {row}; no axis goes beyond "
+                f"±{allowed.most:.4g} {allowed.unit} ({allowed.why}): a wrong unit, or a damaged file"
+            )
 
 
-def _refusal(where: str, name: str, row: int, values: Floats, allowed: Bounds) -> RecordingError:
-    return RecordingError(
-        f"{where}: {name} is {values[row]:.6g} {allowed.unit} in row {row}; no axis goes beyond ±{allowed.most:.4g} "
-        f"{allowed.unit} ({allowed.why}): a wrong unit, or a damaged file"
-    )
-
-
-def _temperature(recording: Recording, where: str) -> None:
-    if "temperature" not in recording:
-        return
-    values = recording["temperature"]
+def _temperature(values: Floats, where: str) -> None:
     wrong = (values < _COLDEST) | (values > _HOTTEST)
     if wrong.any():
         row = int(np.argmax(wrong))
@@ -142,15 +173,6 @@ def _temperature(recording: Recording, where: str) -> None:
             f"{where}: temperature is {values[row]:.6g} °C in row {row}; possible are {_COLDEST} to {_HOTTEST:.0f}. "
             "Write nan where the sensor says nothing, or leave the column out"
         )
-
-
-def _counts(recording: Recording, where: str) -> None:
-    if len(recording) and int(recording.missed.min()) < 0:
-        row = int(np.argmin(recording.missed))
-        raise RecordingError(
-            f"{where}: missed is {recording.missed[row]} in row {row}; it counts lost cycles and must be 0 or more"
-        )
-    refuse_names([segment.experiment for segment in recording.segments()], where)
 
 
 def refuse_names(names: Iterable[str], where: str) -> None:
@@ -163,35 +185,27 @@ def refuse_names(names: Iterable[str], where: str) -> None:
             )
 
 
-def _steps(recording: Recording, speed: Bounds, where: str) -> None:
-    """Time rises from row to row within a segment, and the position moves no faster than an axis can."""
-    refuse_time(recording, where)
-    for segment in recording.segments():
-        for start in range(segment.start, segment.stop, _AT_ONCE):
-            _speeds(recording, slice(start, min(start + _AT_ONCE + 1, segment.stop)), speed, where)
-
-
-def _speeds(recording: Recording, rows: slice, speed: Bounds, where: str) -> None:
-    moved = np.abs(np.diff(recording["position"][rows]))
-    wrong = moved > speed.most * np.diff(recording["time"][rows])
+def _speeds(time: Floats, position: Floats, start: int, speed: Bounds, where: str) -> None:
+    moved = np.abs(np.diff(position))
+    wrong = moved > speed.most * np.diff(time)
     if wrong.any():
-        row = rows.start + int(np.argmax(wrong)) + 1
-        one, other = recording["position"][row - 1 : row + 1].tolist()
-        lasted = float(recording["time"][row] - recording["time"][row - 1])
+        row = int(np.argmax(wrong)) + 1
+        one, other = position[row - 1 : row + 1].tolist()
+        lasted = float(time[row] - time[row - 1])
         raise RecordingError(
-            f"{where}: position goes from {one:.6g} to {other:.6g} within {lasted:.3g} s in row {row}: "
+            f"{where}: position goes from {one:.6g} to {other:.6g} within {lasted:.3g} s in row {start + row}: "
             f"{abs(other - one) / lasted:.3g} {speed.unit}; no axis goes beyond {speed.most:.4g} {speed.unit} "
             f"({speed.why}). A position that starts anew every turn is unwrapped by 'autotune data import'"
         )
 
 
-def _spacing(recording: Recording, where: str) -> None:
+def _spacing(time: Floats, segments: Sequence[Segment], period: float, where: str) -> None:
     """The rows are as far apart as `sample_period` says: else one of the two is in another unit."""
-    steps = [np.diff(recording["time"][segment.rows]) for segment in recording.segments()]
+    steps = [np.diff(time[segment.rows]) for segment in segments]
     spacing = steps[0] if len(steps) == 1 else np.concatenate(steps) if steps else np.empty(0)
     if not len(spacing):
         return
-    usual, period = float(np.median(spacing, overwrite_input=True)), recording.period
+    usual = float(np.median(spacing, overwrite_input=True))
     if not period / PERIOD_OFF <= usual <= period * PERIOD_OFF:
         raise RecordingError(
             f"{where}: the rows are {usual:.4g} s apart by their time, but sample_period is {period:.4g} s; one of "
@@ -199,16 +213,20 @@ def _spacing(recording: Recording, where: str) -> None:
         )
 
 
-def refuse_time(recording: Recording, where: str = "") -> None:
+def refuse_time(recording: Recording) -> None:
     """Time must rise within a segment; between segments it may start again.
 
     Raises:
         RecordingError: which row, and what it is most likely to be.
     """
-    time, position = recording["time"], recording["position"]
-    prefix = f"{where}: " if where else ""
-    for segment in recording.segments():
+    _refuse_times(recording["time"], recording["position"], recording.segments(), "")
+
+
+def _refuse_times(time: Floats, position: Floats, segments: Sequence[Segment], prefix: str) -> None:
+    for segment in segments:
         step = np.diff(time[segment.rows])
+        if not len(step) or step.min() > 0.0:
+            continue
         still = np.flatnonzero(step == 0.0)
         if len(still) > 0.3 * len(step) and _interleaved(position[segment.rows]):
             raise RecordingError(

@@ -21,6 +21,8 @@ from collections.abc import Awaitable, Callable, MutableMapping
 from dataclasses import dataclass
 from typing import Any
 
+from starlette.exceptions import HTTPException
+
 Scope = MutableMapping[str, Any]
 Message = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[Message]]
@@ -30,6 +32,8 @@ App = Callable[[Scope, Receive, Send], Awaitable[None]]
 READING = ("GET", "HEAD", "OPTIONS")
 BODY_SECONDS = 10.0
 SEND_SECONDS = 10.0
+UPLOAD_SECONDS = 900.0
+"""For a recording to come, part by part, and to be looked through."""
 SLOW = "/api/recordings/"
 STUDIES = re.compile(r"/api/recordings/[^/]*/(compare|diagnose)/?")
 PROOF = "/api/proof"
@@ -75,13 +79,27 @@ class AccessGuard:
         if scope["path"] == PROOF and scope["method"] == "GET":
             await self._prove(headers.get(b"autotune-nonce", b""), send)
             return
-        uploads = UPLOADS.fullmatch(scope["path"]) is not None
-        most = max(self._rules.most_bytes, self._rules.most_upload if uploads else 0)
-        body = await _body(receive, headers, most)
+        if UPLOADS.fullmatch(scope["path"]):
+            await self._take(scope, receive, send, headers)
+            return
+        body = await _body(receive, headers, self._rules.most_bytes)
         if isinstance(body, tuple):
             await _answer(send, *body)
             return
-        await self._pass_on(scope, _replay(body, receive), send)
+        await self._pass_on(scope, _replay(body, receive), send, self._seconds(scope))
+
+    async def _take(
+        self, scope: Scope, receive: Receive, send: Send, headers: MutableMapping[bytes, bytes]
+    ) -> None:
+        """A recording goes through part by part: it is never whole in memory."""
+        most = max(self._rules.most_bytes, self._rules.most_upload)
+        if _too_large(headers, most):
+            await _answer(send, 413, _larger(most))
+            return
+        await self._pass_on(scope, _counted(receive, most), send, UPLOAD_SECONDS)
+
+    def _seconds(self, scope: Scope) -> float:
+        return self._rules.slow_seconds if scope["path"].startswith(SLOW) else self._rules.seconds
 
     def _refusal(self, scope: Scope, headers: MutableMapping[bytes, bytes]) -> tuple[int, str] | None:
         rules = self._rules
@@ -110,9 +128,8 @@ class AccessGuard:
             return
         await _answer(send, 200, proof_of(self._rules.token, self._rules.port, nonce.decode()), "proof")
 
-    async def _pass_on(self, scope: Scope, receive: Receive, send: Send) -> None:
+    async def _pass_on(self, scope: Scope, receive: Receive, send: Send, seconds: float) -> None:
         watched = _Send(send)
-        seconds = self._rules.slow_seconds if scope["path"].startswith(SLOW) else self._rules.seconds
         task = asyncio.ensure_future(self._app(scope, receive, watched))
         try:
             started = asyncio.ensure_future(watched.started.wait())
@@ -164,11 +181,10 @@ async def _body(
     receive: Receive, headers: MutableMapping[bytes, bytes], most: int
 ) -> bytes | tuple[int, str]:
     """The whole body, or a refusal."""
-    refusal = 413, f"the body is larger than {most} bytes"
-    length = headers.get(b"content-length")
-    if length is not None and (not length.isdigit() or int(length) > most):
+    refusal = 413, _larger(most)
+    if _too_large(headers, most):
         return refusal
-    if length is None and b"transfer-encoding" not in headers:
+    if b"content-length" not in headers and b"transfer-encoding" not in headers:
         return b""
     body = bytearray()
     try:
@@ -182,6 +198,34 @@ async def _body(
                     return bytes(body)
     except TimeoutError:
         return 408, f"the body did not arrive within {BODY_SECONDS:g} s"
+
+
+def _larger(most: int) -> str:
+    return f"the body is larger than {most} bytes"
+
+
+def _too_large(headers: MutableMapping[bytes, bytes], most: int) -> bool:
+    """By what the head says."""
+    length = headers.get(b"content-length")
+    return length is not None and (not length.isdigit() or int(length) > most)
+
+
+def _counted(receive: Receive, most: int) -> Receive:
+    """Parts of a body as they come; too many bytes, or none for ten seconds, end it."""
+    had = 0
+
+    async def next_part() -> Message:
+        nonlocal had
+        try:
+            message = await asyncio.wait_for(receive(), BODY_SECONDS)
+        except TimeoutError:
+            raise HTTPException(408, f"no more of the body arrived within {BODY_SECONDS:g} s") from None
+        had += len(message.get("body", b""))
+        if had > most:
+            raise HTTPException(413, _larger(most))
+        return message
+
+    return next_part
 
 
 def _replay(body: bytes, receive: Receive) -> Receive:

@@ -16,12 +16,11 @@ from autotune.service.api import make_api
 from autotune.service.manager import Manager
 from autotune.service.service_file import url_of
 from autotune.service.settings import LOOPBACK, Http
+from autotune.workbench.files import MOST_SENT
 
 HEADER_SECONDS = 15.0
 KEPT_SECONDS = 15
 MOST_CONNECTIONS = 1000
-MOST_UPLOAD = 500_000_000
-"""Bytes of a recording that a page sends to the workbench."""
 
 
 class _Protocol(H11Protocol):
@@ -59,7 +58,7 @@ class HttpServer:
             http.seconds,
             port=self.port,
             open_pages=True,
-            most_upload=MOST_UPLOAD,
+            most_upload=MOST_SENT,
         )
         self._api = make_api(manager)
         config = uvicorn.Config(

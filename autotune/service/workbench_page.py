@@ -14,12 +14,12 @@ import uvicorn
 from autotune.core.errors import ConfigurationError
 from autotune.service.access import AccessGuard, Rules
 from autotune.workbench.engine import Engine
-from autotune.workbench.files import Files
+from autotune.workbench.files import MOST_SENT, Files
 from autotune.workbench.routes import make_app
 
 HOST = "127.0.0.1"
-MOST_BYTES = 1_000_000_000
-"""Of a file that a page sends; larger ones are named on the command line."""
+MOST_BYTES = 16_000_000
+"""Of a request that is no recording: models as text."""
 
 
 def serve(paths: Sequence[Path], port: int, ready: Callable[[str], None]) -> None:
@@ -39,8 +39,9 @@ def serve(paths: Sequence[Path], port: int, ready: Callable[[str], None]) -> Non
         token = secrets.token_urlsafe(24)
         bound = int(listening.getsockname()[1])
         rules = Rules(
-            token, True, frozenset({HOST, "localhost"}), MOST_BYTES, 60.0, port=bound, open_pages=True
-        )
+            token, True, frozenset({HOST, "localhost"}), MOST_BYTES, 60.0, port=bound, open_pages=True,
+            most_upload=MOST_SENT,
+        )  # fmt: skip
         config = uvicorn.Config(
             AccessGuard(make_app(files, engine), rules), lifespan="off", log_config=None, access_log=False,
             server_header=False, timeout_graceful_shutdown=1, ws="none",

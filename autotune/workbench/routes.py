@@ -7,12 +7,14 @@ restarted sends its recordings again, and has lost nothing.
 from __future__ import annotations
 
 import json
+import time
 from typing import Annotated, Any
 
 from fastapi import APIRouter, FastAPI, HTTPException, Path, Query, Request, Response
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
+from starlette.requests import ClientDisconnect
 
 from autotune import __version__
 from autotune.core.errors import AutotuneError
@@ -20,10 +22,12 @@ from autotune.models.table import EFFECTS
 from autotune.view.web_files import HEADERS, web_file
 from autotune.workbench.answers import about
 from autotune.workbench.engine import Engine
-from autotune.workbench.files import Files, Held, known_formats
+from autotune.workbench.files import MOST_SENT, Files, Held, Incoming, known_formats
 
 Id = Annotated[str, Path(pattern=r"^[0-9a-f]{32}$")]
 Name = Annotated[str, Query(min_length=1, max_length=200)]
+AT_ONCE = 4_000_000
+"""Bytes of a file on its way that are written together."""
 
 
 class Wish(BaseModel):
@@ -88,7 +92,9 @@ def _recordings(routes: APIRouter, files: Files) -> None:
     def about_all() -> dict[str, Any]:
         """The effects that there are, what they look like, and the kinds of files that can be imported."""
         effects = {name: about(name) for name in EFFECTS}
-        return {"version": __version__, "effects": effects, "formats": known_formats()}
+        return {
+            "version": __version__, "effects": effects, "formats": known_formats(), "most_bytes": MOST_SENT
+        }  # fmt: skip
 
     @routes.get("/api/workbench/recordings")
     def listed() -> list[dict[str, Any]]:
@@ -96,10 +102,14 @@ def _recordings(routes: APIRouter, files: Files) -> None:
         return [_view(held) for held in files.list()]
 
     @routes.post("/api/workbench/recordings")
-    async def sent(request: Request, name: Name) -> dict[str, Any]:
+    async def sent(request: Request, response: Response, name: Name) -> dict[str, Any]:
         """A recording of this program, Parquet or CSV, as the body."""
-        content = await _content(request)
-        return _view(await run_in_threadpool(files.add_bytes, content, name))
+        with files.incoming() as given:
+            await _receive(request, given)
+            began = time.perf_counter()
+            held = await run_in_threadpool(files.add_sent, given, name)
+        response.headers["Server-Timing"] = f"check;dur={1e3 * (time.perf_counter() - began):.0f}"
+        return _view(held)
 
     @routes.post("/api/workbench/import")
     async def foreign(
@@ -107,9 +117,10 @@ def _recordings(routes: APIRouter, files: Files) -> None:
     ) -> dict[str, Any]:
         """A file of somebody else as the body; `options` is a JSON object of `autotune data import`'s options."""
         chosen = Foreign.model_validate_json(options)
-        content = await _content(request)
         wanted = chosen.model_dump(exclude_none=True)
-        return _view(await run_in_threadpool(files.add_foreign, content, name, wanted))
+        with files.incoming() as given:
+            await _receive(request, given)
+            return _view(await run_in_threadpool(files.add_foreign, given, name, wanted))
 
     @routes.get("/api/workbench/recordings/{recording}/trace", response_model=dict[str, Any])
     def trace(
@@ -120,8 +131,10 @@ def _recordings(routes: APIRouter, files: Files) -> None:
         points: Annotated[int, Query(ge=10, le=5000)] = 1000,
     ) -> Response:
         """Smallest and largest values over time, as many as a screen can show."""
-        _known(files, recording)
-        shown = files.trace(recording, tuple(columns.split(",")), start=start, end=end, points=points)
+        try:
+            shown = files.trace(recording, tuple(columns.split(",")), start=start, end=end, points=points)
+        except KeyError:
+            raise _gone() from None
         return Response(
             json.dumps(shown, allow_nan=False), media_type="application/json"
         )  # thousands of numbers
@@ -150,16 +163,30 @@ def _jobs(routes: APIRouter, files: Files, engine: Engine) -> None:
         return engine.stop(job).view()
 
 
-async def _content(request: Request) -> bytes:
-    """The body; of one that came in one part no copy is made: it may have a gigabyte."""
-    return b"".join([part async for part in request.stream() if part])
+async def _receive(request: Request, given: Incoming) -> None:
+    """The body into its file, megabytes at a time, while others are served."""
+    waiting, size = list[bytes](), 0
+    try:
+        async for part in request.stream():
+            waiting.append(part)
+            size += len(part)
+            if size > AT_ONCE:
+                await run_in_threadpool(given.write, b"".join(waiting))
+                waiting, size = [], 0
+    except ClientDisconnect:
+        raise HTTPException(400, "the connection was closed before the file was here") from None
+    await run_in_threadpool(given.write, b"".join(waiting))
 
 
 def _known(files: Files, id: str) -> Held:
     try:
         return files.get(id)
     except KeyError:
-        raise HTTPException(404, "this recording is not here any more; drop the file again") from None
+        raise _gone() from None
+
+
+def _gone() -> HTTPException:
+    return HTTPException(404, "this recording is not here any more; drop the file again")
 
 
 def _job(engine: Engine, id: str) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import time
 from collections.abc import Iterator
@@ -26,7 +27,9 @@ HEADERS = {"Authorization": f"Bearer {TOKEN}"}
 @pytest.fixture
 def client(tmp_path: Path) -> Iterator[TestClient]:
     engine = Engine()
-    rules = Rules(TOKEN, True, frozenset({"127.0.0.1"}), 10_000_000, 60.0, open_pages=True)
+    rules = Rules(
+        TOKEN, True, frozenset({"127.0.0.1"}), 100_000, 60.0, open_pages=True, most_upload=10_000_000
+    )
     app = AccessGuard(make_app(Files(tmp_path / "held"), engine), rules)
     with TestClient(app, base_url="http://127.0.0.1", headers=HEADERS) as client:
         yield client
@@ -131,3 +134,56 @@ def test_a_computation_is_stopped(client: TestClient, tmp_path: Path) -> None:
     assert stopped["state"] == "stopped"
     after = done(client, kind="fit", recordings=[])  # the next one begins a new process
     assert "no recording is chosen" in after["error"]
+
+
+def upload(parts: list[bytes | None], folder: Path, most: int) -> tuple[int, dict[str, Any], list[int]]:
+    """Sends a body of unknown length; the answer, and what was on disk at each part. A None: it goes away."""
+    files, engine = Files(folder), Engine()
+    rules = Rules(TOKEN, True, frozenset({"127.0.0.1"}), 1000, 60.0, most_upload=most)
+    app = AccessGuard(make_app(files, engine), rules)
+    came: list[Any] = []
+    on_disk: list[int] = []
+    left = [*parts]
+
+    async def receive() -> dict[str, Any]:
+        on_disk.append(sum(path.stat().st_size for path in folder.glob("incoming-*")))
+        part = left.pop(0)
+        if part is None:
+            return {"type": "http.disconnect"}
+        return {"type": "http.request", "body": part, "more_body": bool(left)}
+
+    async def send(message: Any) -> None:
+        came.append(message)
+
+    head = [(b"host", b"127.0.0.1"), (b"authorization", b"Bearer secret"), (b"transfer-encoding", b"chunked")]
+    scope = {
+        "type": "http", "method": "POST", "path": "/api/workbench/recordings", "raw_path": b"", "root_path": "",
+        "query_string": b"name=a.csv", "headers": head, "scheme": "http", "server": ("127.0.0.1", 80),
+    }  # fmt: skip
+    asyncio.run(app(scope, receive, send))
+    engine.close()
+    return came[0]["status"], json.loads(came[1]["body"]), on_disk
+
+
+def test_a_recording_goes_to_disk_as_it_comes(tmp_path: Path) -> None:
+    text = "time,position,torque\n" + "".join(f"{k * 1e-3:.3f},{k * 1e-5:.5f},0.1\n" for k in range(400_000))
+    parts: list[bytes | None] = [text[at : at + 500_000].encode() for at in range(0, len(text), 500_000)]
+    status, view, on_disk = upload(parts, tmp_path / "held", 20_000_000)
+    assert status == 200, view
+    assert view["rows"] == 400_000
+    assert on_disk[-1] >= 4_000_000  # of 7.6 MB
+    assert not list((tmp_path / "held").glob("incoming-*"))
+
+
+def test_a_body_without_an_end_is_cut_off(tmp_path: Path) -> None:
+    status, said, on_disk = upload([b"x" * 1_000_000] * 50, tmp_path / "held", 3_500_000)
+    assert status == 413
+    assert "larger than 3500000 bytes" in said["detail"]
+    assert len(on_disk) == 4
+    assert not list((tmp_path / "held").iterdir())
+
+
+def test_a_page_that_goes_away_leaves_nothing(tmp_path: Path) -> None:
+    status, said, _ = upload([b"time,position,torque", None], tmp_path / "held", 1000)
+    assert (status, said["detail"]) == (400, "the connection was closed before the file was here")
+    assert not list((tmp_path / "held").iterdir())

@@ -6,7 +6,6 @@ import { bars, colour, plot } from "/web/plots.js";
 import { drawWhere, selectAll, selectedStretches, selection, selectTime, showWhere, undoSelection } from "/web/where.js";
 
 const $ = (id) => document.getElementById(id);
-const MOST_BYTES = 1e9;
 const KEPT = "autotune-workbench";
 const MOST_GAP = 0.1; // s, between compared rows: over more no line is drawn
 
@@ -87,8 +86,9 @@ function refreshButtons() {
 
 async function take(fileList) {
   for (const file of fileList) {
-    if (file.size > MOST_BYTES) {
-      say(`${file.name} has ${(file.size / 1e9).toFixed(1)} GB; a page can send 1 GB. Name it on the command line: autotune workbench ${file.name}`, true);
+    const most = state.about.most_bytes || 1e9;
+    if (file.size > most) {
+      say(`${file.name} has ${(file.size / 1e9).toFixed(1)} GB; a page can send ${Number((most / 1e9).toPrecision(3))} GB. Name it on the command line: autotune workbench ${file.name}`, true);
       continue;
     }
     say(`Reading ${file.name} …`);

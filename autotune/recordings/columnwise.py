@@ -1,0 +1,210 @@
+"""A recording looked through column by column: all checks of `read_recording`, in the memory of three columns.
+
+What is said of a file is the same as reading it whole says; which fault of several comes first may differ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+from numpy.typing import NDArray
+
+from autotune.core.arrays import Floats
+from autotune.core.errors import AutotuneError, RecordingError
+from autotune.recordings.checksum import ContentDigest
+from autotune.recordings.file_parts import (
+    check_names,
+    floats_of,
+    integers_of,
+    pairs_of,
+    reason,
+    refuse_huge,
+    spacing,
+    texts_of,
+    verified,
+)
+from autotune.recordings.files import BATCH, MOST_BYTES, MOST_ROWS, parse_metadata, read_recording
+from autotune.recordings.limits import refuse_column, refuse_missed, refuse_motion, refuse_names
+from autotune.recordings.recording import FLOAT_COLUMNS, Metadata, Segment
+
+See = Callable[[str, Floats], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Outline:
+    """What is known of a recording beside its numbers; `columns` are in the order of `FLOAT_COLUMNS`."""
+
+    metadata: Metadata
+    rows: int
+    columns: tuple[str, ...]
+    segments: tuple[Segment, ...]
+
+
+def walk_recording(path: Path, see: See) -> Outline:
+    """Shows every column of numbers once, the time first; what was seen holds only if this returns.
+
+    What is shown is valid while it is shown: the next column may stand in the same memory.
+
+    A CSV is read whole.
+
+    Raises:
+        RecordingError: as `read_recording`.
+    """
+    if path.suffix != ".parquet":
+        return _read_whole(path, see)
+    if not path.is_file():
+        raise RecordingError(f"there is no recording {path}; check the name")
+    try:
+        refuse_huge(path, path.stat().st_size, MOST_BYTES, "bytes")
+        return _walked(path, see)
+    except AutotuneError:
+        raise
+    except (pa.ArrowException, OSError, ValueError, OverflowError, MemoryError) as error:
+        raise RecordingError(
+            f"{path} cannot be read as a recording: {reason(error)}; import foreign files with 'autotune data "
+            "import'"
+        ) from error
+
+
+def _read_whole(path: Path, see: See) -> Outline:
+    recording = read_recording(path)
+    for name in recording.floats:
+        see(name, recording[name])
+    return Outline(recording.metadata, len(recording), tuple(recording.floats), tuple(recording.segments()))
+
+
+class _File:
+    """A Parquet file, of which one column is decoded at a time."""
+
+    def __init__(self, path: Path) -> None:
+        first = pa.parquet.ParquetFile(path)
+        self.path, self.names, self.rows = path, tuple(first.schema_arrow.names), int(first.metadata.num_rows)
+        refuse_huge(path, self.rows, MOST_ROWS, "rows")
+        check_names(path, self.names)
+        self.pairs = pairs_of(first.schema_arrow)
+        self.columns = tuple(name for name in FLOAT_COLUMNS if name in self.names)
+        self._before: Floats | None = None
+        coded = [name for name in self.names if name == "experiment"]
+        self._file = pa.parquet.ParquetFile(
+            path, page_checksum_verification=True, read_dictionary=coded, pre_buffer=False
+        )
+
+    def batches(self, *names: str) -> Iterator[pa.Table]:
+        """The rows of some columns, in their order."""
+        for batch in self._file.iter_batches(BATCH, columns=list(names), use_threads=False):
+            yield pa.Table.from_batches([batch])
+
+    def column(self, name: str) -> Floats:
+        """All of one column. Memory of the one before is used again, but for that of the time."""
+        values, at = np.empty(self.rows) if self._before is None else self._before, 0
+        self._before = None if name == "time" else values
+        for table in self.batches(name):
+            values[at : at + table.num_rows] = floats_of(table, name)
+            at += table.num_rows
+        return values
+
+    def missed(self) -> Iterator[NDArray[np.int64]]:
+        if "missed" in self.names:
+            for table in self.batches("missed"):
+                yield integers_of(table, "missed")
+            return
+        for start in range(0, self.rows, BATCH):
+            yield np.zeros(min(BATCH, self.rows - start), np.int64)
+
+    def segments(self) -> tuple[Segment, ...]:
+        """Contiguous stretches of equal experiment and repeat."""
+        named = [name for name in ("experiment", "repeat") if name in self.names]
+        starts: list[tuple[str, int, int]] = []
+        at = 0
+        for table in self.batches(*named) if named else ():
+            for row, key in _changes(table, at):
+                if not starts or starts[-1][:2] != key:
+                    starts.append((*key, row))
+            at += table.num_rows
+        if not starts and self.rows:
+            starts = [("", 0, 0)]
+        ends = [start for _, _, start in starts[1:]] + [self.rows] * bool(starts)
+        return tuple(
+            Segment(name, repeat, at, end) for (name, repeat, at), end in zip(starts, ends, strict=True)
+        )
+
+
+def _changes(table: pa.Table, at: int) -> Iterator[tuple[int, tuple[str, int]]]:
+    """Row and (experiment, repeat) wherever they change within one batch, its first row included."""
+    rows = table.num_rows
+    if not rows:
+        return
+    texts, codes = (
+        texts_of(table, "experiment")
+        if "experiment" in table.column_names
+        else ([""], np.zeros(rows, np.int64))
+    )
+    repeat = integers_of(table, "repeat") if "repeat" in table.column_names else np.zeros(rows, np.int64)
+    for row in (0, *(np.flatnonzero((codes[1:] != codes[:-1]) | (repeat[1:] != repeat[:-1])) + 1).tolist()):
+        yield at + row, (texts[codes[row]], int(repeat[row]))
+
+
+def _walked(path: Path, see: See) -> Outline:
+    file = _File(path)
+    segments = file.segments()
+    check = _Checks(file, segments)
+    digest = ContentDigest(file.pairs, segments, file.rows)
+    for name in file.columns:
+        values = file.column(name)
+        check.column(name, values)
+        digest.column(name, values)
+        see(name, values)
+    checksum = digest.ended(check.missed(file.missed()))
+    remarks = verified(path, file.pairs, lambda: checksum)
+    metadata = replace(check.done(), remarks=remarks)
+    return Outline(metadata, file.rows, file.columns, segments)
+
+
+class _Checks:
+    """What no axis can have, column by column; it is told after the checksum: damage comes first."""
+
+    def __init__(self, file: _File, segments: tuple[Segment, ...]) -> None:
+        self._file, self._segments, self._where = file, segments, str(file.path)
+        self._metadata, self._time, self._wrong = Metadata(), np.empty(0), list[AutotuneError]()
+        self._held(lambda: refuse_names([one.experiment for one in segments], self._where))
+
+    def column(self, name: str, values: Floats) -> None:
+        if name == "time":
+            self._time = values
+            self._held(self._read_metadata)
+        self._held(lambda: refuse_column(name, values, self._metadata, self._where))
+        if name == "position":
+            self._held(lambda: refuse_motion(self._time, values, self._segments, self._metadata, self._where))
+            self._time = np.empty(0)
+
+    def missed(self, parts: Iterator[NDArray[np.int64]]) -> Iterator[NDArray[np.int64]]:
+        """The same parts, looked at."""
+        at = 0
+        for part in parts:
+            self._held(lambda part=part, at=at: refuse_missed(part, self._where, at))  # type: ignore[misc]
+            at += len(part)
+            yield part
+
+    def done(self) -> Metadata:
+        """Raises AutotuneError where something was wrong: the first thing."""
+        if self._wrong:
+            raise self._wrong[0]
+        return self._metadata
+
+    def _read_metadata(self) -> None:
+        pairs: Mapping[str, str] = self._file.pairs
+        if "sample_period" not in pairs and self._file.rows > 1:
+            pairs = {**pairs, "sample_period": repr(spacing(self._file.path, self._time))}
+        self._metadata = parse_metadata(pairs, self._where)
+
+    def _held(self, check: Callable[[], None]) -> None:
+        if not self._wrong:
+            try:
+                check()
+            except AutotuneError as error:
+                self._wrong.append(error)

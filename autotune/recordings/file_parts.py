@@ -1,0 +1,128 @@
+"""What reading a recording's file asks of its parts: names, columns, size, checksum; one thing at a time."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from autotune.core.arrays import Floats
+from autotune.core.errors import RecordingError, a_few
+from autotune.recordings.checksum import KEY as CHECKSUM
+from autotune.recordings.limits import refuse_names
+from autotune.recordings.recording import REQUIRED_COLUMNS
+
+PREFIX = b"autotune."
+
+
+def pairs_of(schema: pa.Schema) -> dict[str, str]:
+    """The metadata that a Parquet file carries, as texts."""
+    return {
+        key.removeprefix(PREFIX).decode(): value.decode()
+        for key, value in (schema.metadata or {}).items()
+        if key.startswith(PREFIX)
+    }
+
+
+def check_names(path: Path, names: Sequence[str]) -> None:
+    """Raises RecordingError where a name stands twice, or a column that must be there is missing."""
+    if len(set(names)) < len(names):
+        raise RecordingError(f"{path} names a column twice: {a_few(names)}; rename one")
+    missing = [name for name in REQUIRED_COLUMNS if name not in names]
+    if missing:
+        raise RecordingError(
+            f"{path} has no column {', '.join(missing)}; it has {a_few(names)}. "
+            "Map foreign columns with 'autotune data import --column NAME=FIELD'"
+        )
+
+
+def floats_of(table: pa.Table, name: str) -> Floats:
+    """A column; what is not there is nan."""
+    column = table.column(name).cast(pa.float64())
+    if column.null_count:  # filling makes a copy
+        column = column.fill_null(float("nan"))
+    return np.asarray(column.to_numpy())
+
+
+def integers_of(table: pa.Table, name: str) -> NDArray[np.int64]:
+    """A column; what is not there is 0."""
+    return np.asarray(table.column(name).cast(pa.int64()).fill_null(0).to_numpy())
+
+
+def texts_of(table: pa.Table, name: str) -> tuple[list[str], NDArray[np.int64]]:
+    """The different texts of a column, and which of them stands in each row."""
+    column = table.column(name)
+    if not pa.types.is_dictionary(column.type) or column.null_count:
+        column = column.cast(pa.string()).fill_null("").dictionary_encode()
+    encoded = column.unify_dictionaries().combine_chunks()
+    texts = encoded.dictionary.cast(pa.string()).to_pylist()
+    refuse_names(texts, name)  # before they become an array as wide as the longest
+    return texts or [""], encoded.indices.to_numpy().astype(np.int64)
+
+
+def reason(error: Exception) -> str:
+    """The first line of what a library says; a damaged file may be quoted in it at any length."""
+    text = next(iter(str(error).splitlines()), "") or type(error).__name__
+    return "".join(letter if letter.isprintable() else "?" for letter in text[:200])
+
+
+def refuse_huge(path: Path, size: int, most: int, what: str) -> None:
+    """Raises RecordingError where a file has more than can be held."""
+    if size > most:
+        raise RecordingError(f"{path} has {size:.3g} {what}; a recording has at most {most:.3g}: split it")
+
+
+def verified(path: Path, pairs: Mapping[str, str], checksum: Callable[[], str]) -> tuple[str, ...]:
+    """Compares with the checksum of the content; a remark where an old or foreign Parquet file has none.
+
+    Raises:
+        RecordingError: it does not match, or a file that must have one lost it.
+    """
+    parquet = path.suffix == ".parquet"
+    if CHECKSUM in pairs:
+        if pairs[CHECKSUM] == checksum():
+            return ()
+        advice = "" if parquet else "; if you changed it on purpose, delete the line '# checksum:'"
+        raise RecordingError(
+            f"{path} does not match its checksum: it was damaged or changed after it was written. Take another "
+            f"copy, or record again{advice}"
+        )
+    if not parquet:
+        _refuse_damaged_line(path, pairs)
+        return ()
+    if pairs.get("schema", "1") != "1":
+        raise RecordingError(
+            f"{path} has schema {pairs['schema'][:40]} but no checksum, which every such file has: it is damaged. "
+            "Take another copy, or record again"
+        )
+    return (
+        f"{path} has no checksum (from an older version or another program): damage would not be noticed",
+    )
+
+
+def _refuse_damaged_line(path: Path, pairs: Mapping[str, str]) -> None:
+    """A line that was once the checksum is worse than none: something else will be damaged as well."""
+    near = difflib.get_close_matches(CHECKSUM, pairs, 1)
+    if near or any(value.startswith("sha256:") for value in pairs.values()):
+        raise RecordingError(
+            f"{path} has a line '# {near[0] if near else '...'}:' that looks like a damaged '# {CHECKSUM}:'; take "
+            "another copy, or remove the line if you wrote it"
+        )
+
+
+def spacing(path: Path, time: Floats) -> float:
+    """Median step of the time [s], where nothing else says how far rows are apart.
+
+    Raises:
+        RecordingError: it does not rise.
+    """
+    spacing = float(np.median(np.diff(time), overwrite_input=True))
+    if not spacing > 0.0:
+        raise RecordingError(
+            f"{path}: time does not rise (median step {spacing:g} s); sort the rows, or name the column of the time"
+        )
+    return spacing
