@@ -10,6 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from autotune.api.overlay import Overlay, overlay_of
 from autotune.core.arrays import Flags, Floats
 from autotune.core.documents import finite
 from autotune.core.tables import frame, html_table
@@ -197,6 +198,10 @@ class DiagnosisResult(Result):
         when = datetime.now(UTC).isoformat(timespec="seconds")
         found = found_model(self._diagnosis, self._model, when, source)
         return None if found is None else found.model
+
+    def overlay(self) -> Overlay | None:
+        """What each candidate explains, beside what the model misses; None where nothing was fitted."""
+        return overlay_of(self._diagnosis)
 
     def write_html(self, path: str | Path) -> None:
         """Writes a page: verdict, ranking with evidence, and the residual where it lives."""

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from autotune.core.arrays import Floats
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate
 from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.evidence.time_driven import TimeLine
@@ -37,6 +38,7 @@ class Candidate:
     Attributes:
         gain: fall of the squared error on unseen experiments, relative.
         error_before, error_after: rms on unseen experiments [N m or N].
+        contribution: what the residual of the model without it loses with it, on the rows that were fitted, shape (m,).
     """
 
     effect: str
@@ -45,6 +47,7 @@ class Candidate:
     error_after: float
     accepted: bool
     why: str
+    contribution: Floats | None = field(default=None, repr=False, compare=False)
 
 
 def candidate_rows(
@@ -65,8 +68,15 @@ def candidate_rows(
         gain = max(fits[item.effect].gain if item.effect in fits else item.gain, WORST_GAIN)
         after = before * math.sqrt(max(1.0 - gain, 0.0))
         text = why(problem.policy, evidence, item, fits, accepted)
-        table.append(Candidate(item.effect, gain, before, after, accepted, text))
+        table.append(Candidate(item.effect, gain, before, after, accepted, text, _taken(root, item, fits)))
     return tuple(table)
+
+
+def _taken(root: ModelFit, item: ScreenedCandidate, fits: Mapping[str, FittedCandidate]) -> Floats:
+    """What the residual loses with this effect alone: by its fit inside the twin, where there is one of it alone."""
+    fit = fits.get(item.effect)
+    alone = fit is not None and set(fit.model_fit.effects) <= {*root.effects, item.effect}
+    return root.fitted.error - (fit.model_fit.fitted if fit is not None and alone else item.fitted).error
 
 
 def why(

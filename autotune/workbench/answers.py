@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import autotune
+from autotune.api.overlay import Overlay
 from autotune.core.arrays import Flags, Floats
 from autotune.core.documents import finite
 from autotune.core.errors import ConfigurationError
@@ -23,6 +24,8 @@ from autotune.recordings.recording import Recording
 
 MOST_ROWS = 30_000
 """Of a comparison, sent to a page; more are thinned evenly."""
+MOST_OVERLAID = 10_000
+"""Of what every candidate explains: there are sixteen of them."""
 LEFT_OUT = "conditioning"
 Tell = Callable[[str], None]
 Wish = Mapping[str, Any]
@@ -59,7 +62,20 @@ def diagnose(wish: Wish, tell: Tell) -> dict[str, Any]:
     for candidate in answer["candidates"]:
         candidate.update(about(candidate["effect"]))
     answer["sentence"] = repr(found).partition(": ")[2]
+    answer["overlay"] = _overlay(found.overlay())
     return answer
+
+
+def _overlay(found: Overlay | None) -> dict[str, Any] | None:
+    if found is None:
+        return None
+    step = slice(None, None, max(1, -(-len(found.time) // MOST_OVERLAID)))
+    rows = {"time": found.time, "error": found.residual, **found.coordinates}
+    return {
+        "rows": {name: _single(values[step]) for name, values in rows.items() if name != "direction"},
+        "contributions": {effect: _single(values[step]) for effect, values in found.contributions.items()},
+        "follows": dict(found.follows),
+    }
 
 
 def add(wish: Wish, tell: Tell) -> dict[str, Any]:

@@ -83,6 +83,12 @@ def test_the_page_of_a_diagnosis_says_what_the_terminal_says(
     page = (tmp_path / "diagnosis.html").read_text(encoding="utf-8")
     assert len(page.encode()) <= 1_500_000
     assert not [word for word in unsaid(page, diagnosis_lines(found)) if word not in ("could", "these")]
+    over = found.overlay()
+    assert over is not None
+    assert list(over.contributions) == [one.effect for one in found.candidates]
+    for effect, taken in over.contributions.items():  # none makes it worse where it was fitted
+        assert taken.shape == over.time.shape == over.coordinates[over.follows[effect]].shape
+        assert np.std(over.residual - taken) <= 1.001 * np.std(over.residual)
 
 
 def test_the_fit_of_the_face_tells_the_error_that_compare_finds(recording: autotune.Recording) -> None:

@@ -13,7 +13,7 @@ from autotune.recordings.files import write_recording
 from autotune.recordings.recording import Metadata, Recording
 from autotune.workbench import files as files_module
 from autotune.workbench.files import Files, Held
-from autotune.workbench.traces import STEPS
+from autotune.workbench.traces import STEPS, TraceWriter
 
 
 def made(rows: int = 400_000, period: float = 1e-3) -> Recording:
@@ -159,7 +159,7 @@ def test_a_full_disk_is_said_and_leaves_nothing(
     def full(self: object, name: str, values: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(files_module.TraceWriter, "see", full)
+    monkeypatch.setattr(TraceWriter, "see", full)
     with pytest.raises(AutotuneError, match="free some space there"):
         sent(files, path.read_bytes(), "a.parquet")
     assert not files.list()

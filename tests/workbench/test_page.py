@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -58,7 +59,7 @@ class Page:
 
     def reach(self, id: str) -> None:
         """By Tab alone."""
-        for _ in range(90):
+        for _ in range(150):
             self.key(Keys.TAB)
             if self.driver.switch_to.active_element.get_attribute("id") == id:
                 return
@@ -114,6 +115,13 @@ def test_a_hidden_effect_is_found_added_and_saved(keyboard: bool, hidden: Path, 
         page.press("diagnose")
         assert "gravity_imbalance" in until(lambda: page.text("verdict"))
         until(page.idle)
+        page.press("over-gravity_imbalance")
+        until(lambda: "gravity imbalance would explain" in page.text("trace-torque"))
+        assert "gravity imbalance would explain" in page.text("overlay-caption")
+        without, left = re.findall(r"([\d.]+) [mµ]N m", page.text("overlay-caption"))
+        assert float(left) < 0.5 * float(without)
+        page.press("overlay-off")
+        until(lambda: "would explain" not in page.text("trace-torque"))
         page.press("add")
         until(lambda: "after" in page.text("status"))
         until(page.idle)

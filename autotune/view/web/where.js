@@ -5,7 +5,7 @@ import { binned, quantity, range, rms, scaleOf, significant } from "/web/numbers
 import { bars, colour, heat, plot } from "/web/plots.js";
 
 const $ = (id) => document.getElementById(id);
-const BINS = 40;
+export const BINS = 40;
 const CREST = 0.5; // cos above it: a third of every period
 const NOT_A_COORDINATE = new Set(["torque", "error", "kind"]);
 const view = { compared: null, beside: null, selections: [], place: null, motion: "rad", torque: "N m", changed: () => {} };
@@ -120,14 +120,14 @@ function drawRegimes(rows) {
   bars($("regimes"), list, view.compared.noise_floor_rms);
 }
 
-export function coordinateLabel(name) {
-  const units = { position: view.motion, velocity: `${view.motion}/s`, acceleration: `${view.motion}/s²`, time: "s", temperature: "°C", travel_since_reversal: `log10 ${view.motion}`, time_since_reversal: "log10 s" };
+export function coordinateLabel(name, motion = view.motion) {
+  const units = { position: motion, velocity: `${motion}/s`, acceleration: `${motion}/s²`, time: "s", temperature: "°C", travel_since_reversal: `log10 ${view.motion}`, time_since_reversal: "log10 s" };
   return `${spoken(name)} [${units[name] || ""}]`;
 }
 
-function byDirection(rows, name, low, high, kept) {
+export function byDirection(rows, name, low, high, kept, values = rows.error) {
   const sides = [["forwards", "blue", (k) => rows.velocity[k] > 0], ["backwards", "orange", (k) => rows.velocity[k] < 0]];
-  return sides.map(([label, ink, side]) => ({ label, ink, ...binned(rows[name], rows.error, (k) => side(k) && kept(k), BINS, low, high) }));
+  return sides.map(([label, ink, side]) => ({ label, ink, ...binned(rows[name], values, (k) => side(k) && kept(k), BINS, low, high) }));
 }
 
 function drawCoordinate(rows) {

@@ -1,6 +1,7 @@
 // The workbench. Models and choices live in this page; recordings are known to the program by their content.
 
 import { ask, compute, Gone, NoToken, post, send, setToken, takeToken } from "/web/api.js";
+import { canOverlay, layOver, newOverlay, overlaid } from "/web/overlay.js";
 import { quantity, range, scaleOf, significant } from "/web/numbers.js";
 import { bars, colour, plot } from "/web/plots.js";
 import { drawWhere, selectAll, selectedStretches, selection, selectTime, showWhere, undoSelection } from "/web/where.js";
@@ -209,21 +210,27 @@ async function draw() {
 function modelSeries(time, factor) {
   const rows = state.compared?.rows;
   if (!rows || state.compared.of !== state.shown.id) return [];
-  const model = [], error = [];
-  let k = 0;
-  for (const t of time) {
-    while (k + 1 < rows.time.length && rows.time[k + 1] <= t) k++;
-    const n = k + 1 < rows.time.length ? k + 1 : k, gap = rows.time[n] - rows.time[k];
-    const near = gap > 0 ? gap < MOST_GAP && t >= rows.time[k] : Math.abs(rows.time[k] - t) < MOST_GAP;
-    const between = (values) => values[k] + (gap > 0 ? ((t - rows.time[k]) / gap) * (values[n] - values[k]) : 0);
-    model.push(near ? (between(rows.torque) - between(rows.error)) * factor : null);
-    error.push(near ? between(rows.error) * factor : null);
-  }
+  const error = onto(time, rows.time, rows.error, factor), torque = onto(time, rows.time, rows.torque, factor);
+  const over = state.diagnosis && overlaid();
   return [
-    { label: "model", values: model, colour: colour("blue") },
+    { label: "model", values: torque.map((one, i) => (one === null ? null : one - error[i])), colour: colour("blue") },
     { label: "measured − model", values: error, colour: colour("orange") },
+    ...(over ? [{ label: over.label, values: onto(time, over.time, over.values, factor), colour: colour("green") }] : []),
     ...selectedSeries(time, rows, factor),
   ];
+}
+
+// Values of rows at the places of a trace; nothing where no row is near.
+function onto(time, rows, values, factor) {
+  const found = [];
+  let k = 0;
+  for (const t of time) {
+    while (k + 1 < rows.length && rows[k + 1] <= t) k++;
+    const n = k + 1 < rows.length ? k + 1 : k, gap = rows[n] - rows[k];
+    const near = gap > 0 ? gap < MOST_GAP && t >= rows[k] : Math.abs(rows[k] - t) < MOST_GAP;
+    found.push(near ? (values[k] + (gap > 0 ? ((t - rows[k]) / gap) * (values[n] - values[k]) : 0)) * factor : null);
+  }
+  return found;
 }
 
 // The error of the samples that are selected in the pictures below, as points; at most one for each place shown.
@@ -475,6 +482,7 @@ function showDiagnosis() {
   const found = state.diagnosis;
   $("verdict").textContent = found ? found.sentence : "";
   $("next").textContent = found?.next_experiment ? `Next: ${found.next_experiment}` : "";
+  newOverlay(found?.overlay || null, { motion: motion(), torque: unit(), changed: () => attempt(draw) });
   const list = found ? [...found.candidates].sort((a, b) => b.gain - a.gain) : [];
   $("candidates").replaceChildren(...list.map((one) => candidateRow(one, found)));
   refreshButtons();
@@ -498,7 +506,15 @@ function candidateRow(one, found) {
     line.textContent = `${name}: ${text}`;
     more.append(line);
   }
-  item.append(label, more);
+  item.append(label, " ");
+  if (canOverlay(one.effect)) {
+    const over = document.createElement("button");
+    Object.assign(over, { type: "button", textContent: "Lay over the error", onclick: () => layOver(one.effect) });
+    over.id = `over-${one.effect}`;
+    over.setAttribute("aria-label", `Lay ${strong.textContent} over the error`);
+    item.append(over);
+  }
+  item.append(more);
   return item;
 }
 
