@@ -39,7 +39,7 @@ MOST_DEATHS = 2
 STOP_SECONDS = 30.0
 JUMP_SECONDS = 90.0
 STOPPING = "stopping"
-ALLOWANCE = {"check": 600.0, "run": 3600.0, "commit": 1200.0, "rollback": 600.0}
+ALLOWANCE = {"check": 600.0, "run": 3600.0, "commit": 1200.0, "rollback": 600.0, "decide": 600.0}
 """What a job may take beside its machine time [s]: connecting, fits and writing, about ten times what they take on
 a host of two cores that does nothing else. A job that takes longer hangs."""
 BY_ITSELF = ("schedule", "drift")

@@ -19,7 +19,8 @@ ENABLED = "feedforward.enabled"
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """A job as the worker gets it. `options`: `only`, `to`, `proposal`, `automatic`, `drift`, `idle`."""
+    """A job as the worker gets it. `options`: `only`, `to`, `proposal`, `automatic`, `drift`, `idle`,
+    `effects`."""
 
     id: str
     axis: str

@@ -7,8 +7,9 @@ from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, Field
+from pydantic import AfterValidator, BaseModel, Field
 
+from autotune.models.table import EFFECTS
 from autotune.service.manager import Manager
 from autotune.service.settings import WatchedAxis
 from autotune.service.store import Row, job_view, text
@@ -99,6 +100,15 @@ class Proposal(BaseModel):
     sentence: str
 
 
+def _known_effect(name: str) -> str:
+    if name not in EFFECTS:
+        raise ValueError(f"there is no effect {name[:40]!r}; there are {', '.join(EFFECTS)}")
+    return name
+
+
+EffectName = Annotated[str, AfterValidator(_known_effect)]
+
+
 class _Wish(BaseModel):
     model_config = {"extra": "forbid"}
 
@@ -123,7 +133,14 @@ class StartRollback(_Wish):
     to: str | None = Field(default=None, pattern=r"^[0-9]{8}-[0-9]{6}-[0-9]{1,3}$")
 
 
-Start = Annotated[StartCheck | StartRun | StartRollback, Field(discriminator="kind")]
+class StartDecide(_Wish):
+    """A minute of motion at most that tells effects apart: those that a diagnosis leaves in doubt; none: any."""
+
+    kind: Literal["decide"]
+    effects: list[EffectName] = Field(default_factory=list, max_length=len(EFFECTS))
+
+
+Start = Annotated[StartCheck | StartRun | StartRollback | StartDecide, Field(discriminator="kind")]
 
 
 class IdleFor(BaseModel):

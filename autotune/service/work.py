@@ -1,4 +1,4 @@
-"""One job, done: a check, a run, an approved commit or a rollback. Used by the worker process."""
+"""One job, done: a check, a run, an approved commit, a rollback, a deciding experiment. Used by the worker process."""
 
 from __future__ import annotations
 
@@ -19,7 +19,9 @@ from autotune.tuning.findings import FILE_NAME as FINDINGS
 from autotune.tuning.findings import latest_run
 from autotune.tuning.observer import Observer
 from autotune.tuning.outcome import Outcome
+from autotune.tuning.preparation import SessionRequest
 from autotune.tuning.progress import Reporter
+from autotune.tuning.recording_run import play_programme
 from autotune.tuning.rollback import roll_back
 from autotune.tuning.run import Request, tune
 from autotune.tuning.stage_prove import GIVEN_BACK
@@ -48,7 +50,9 @@ def perform(order: Order, tools: Tools) -> Done:
     Raises:
         KeyboardInterrupt, Interrupted: the axis is at rest, everything put back.
     """
-    doing = {"check": _check, "run": _run, "commit": _commit, "rollback": _rollback}[order.kind]
+    doing = {"check": _check, "run": _run, "commit": _commit, "rollback": _rollback, "decide": _decide}[
+        order.kind
+    ]
     idle = Idle(**order.options.get("idle", {}))
     open_link = tools.open_loop
     tools = replace(tools, open_loop=lambda: idle_only(open_link(), idle))
@@ -148,6 +152,19 @@ def _commit(order: Order, tools: Tools) -> Done:
         f"{1e3 * result.committed.peak_error:.2f} m{tools.axis.motion_unit}, which is not what had been proved."
     )
     return Done("rolled_back", 3, sentence, result.run_directory.name)
+
+
+def _decide(order: Order, tools: Tools) -> Done:
+    """Plays what tells effects apart that a diagnosis leaves in doubt; the recording is in the run's folder."""
+    effects = tuple(str(one) for one in order.options.get("effects", ()))
+    request = SessionRequest(
+        tools.axis, tools.open_loop, Path(order.runs), tools.reporter, tools.clock, tools.observers
+    )
+    played = play_programme(request, "decide", effects)
+    seconds = len(played.recording) * played.recording.period
+    asked = f" about {', '.join(effects).replace('_', ' ')}" if effects else ""
+    sentence = f"Recorded {seconds:.0f} s{asked}: diagnose again with both recordings."
+    return Done(DONE, 0, sentence, played.directory.name)
 
 
 def _rollback(order: Order, tools: Tools) -> Done:

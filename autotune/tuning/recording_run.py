@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 from autotune.experiments.programmes import Choices, build
@@ -14,12 +15,27 @@ from autotune.tuning.recovery import recover
 from autotune.tuning.run_directory import Opening, axis_lock, discard_unused, make_run_directory
 
 
+@dataclass(frozen=True, slots=True)
+class Played:
+    """What a programme has measured, and the run's folder that has it in `recordings`."""
+
+    recording: Recording
+    directory: Path
+
+
 def record_programme(
     request: SessionRequest, programme: str, out: Path, rivals: tuple[str, ...] | None = None
 ) -> Recording:
-    """Plays `programme` and writes the recording to `out`, sampled by the drive where it has a recorder.
+    """Plays `programme` and writes the recording to `out`; see `play_programme`."""
+    recording = play_programme(request, programme, rivals).recording
+    write_recording(recording, out)
+    return recording
 
-    What was measured is kept in the run's folder too. `rivals`: what programme `decide` is to tell apart.
+
+def play_programme(request: SessionRequest, programme: str, rivals: tuple[str, ...] | None = None) -> Played:
+    """Plays `programme` for a recording in the run's folder, sampled by the drive where it has a recorder.
+
+    `rivals`: what programme `decide` is to tell apart.
 
     Raises:
         ConfigurationError: no such programme, or the limits are too small for it.
@@ -48,5 +64,8 @@ def record_programme(
                 discard_unused(directory)
             elif not journal.state.left_something:
                 journal.note(outcome="not_applied")
-    write_recording(recording, out)
-    return recording
+    kept = directory / "recordings" / f"{programme}.parquet"
+    if not kept.is_file():  # the drive's own recorder writes none
+        kept.parent.mkdir(exist_ok=True)
+        write_recording(recording, kept)
+    return Played(recording, directory)

@@ -21,6 +21,7 @@ from autotune.models.model_file import read_model, write_model
 from autotune.models.table import effect_kind
 from autotune.recordings.files import read_recording
 from autotune.recordings.recording import Recording
+from autotune.tuning.question import rivals_of
 
 MOST_ROWS = 30_000
 """Of a comparison, sent to a page; more are thinned evenly."""
@@ -63,6 +64,8 @@ def diagnose(wish: Wish, tell: Tell) -> dict[str, Any]:
         candidate.update(about(candidate["effect"]))
     answer["sentence"] = repr(found).partition(": ")[2]
     answer["overlay"] = _overlay(found.overlay())
+    rivals = rivals_of(answer)
+    answer["rivals"] = None if rivals is None else list(rivals)
     return answer
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Sequence
 from typing import Annotated, Any
 
 from fastapi import APIRouter, FastAPI, HTTPException, Path, Query, Request, Response
@@ -64,10 +65,10 @@ def page_of(name: str) -> Response:
     return Response(found[0], media_type=found[1], headers=HEADERS)
 
 
-def workbench_routes(files: Files, engine: Engine) -> APIRouter:
-    """All addresses of the workbench."""
+def workbench_routes(files: Files, engine: Engine, axes: Sequence[str] = ()) -> APIRouter:
+    """All addresses of the workbench; `axes`: of the service that it is part of."""
     routes = APIRouter(tags=["workbench"])
-    _recordings(routes, files)
+    _recordings(routes, files, axes)
     _jobs(routes, files, engine)
     return routes
 
@@ -87,13 +88,14 @@ def page_routes() -> APIRouter:
     return routes
 
 
-def _recordings(routes: APIRouter, files: Files) -> None:
+def _recordings(routes: APIRouter, files: Files, axes: Sequence[str]) -> None:
     @routes.get("/api/workbench/about")
     def about_all() -> dict[str, Any]:
-        """The effects that there are, what they look like, and the kinds of files that can be imported."""
+        """The effects that there are, what they look like, which files can be imported, which axes are here."""
         effects = {name: about(name) for name in EFFECTS}
         return {
-            "version": __version__, "effects": effects, "formats": known_formats(), "most_bytes": MOST_SENT
+            "version": __version__, "effects": effects, "formats": known_formats(), "most_bytes": MOST_SENT,
+            "axes": list(axes),
         }  # fmt: skip
 
     @routes.get("/api/workbench/recordings")

@@ -253,3 +253,44 @@ def test_the_workbench_loses_nothing_when_the_service_is_started_again(live: Liv
         assert "not here any more" not in page.text("status")
         page.press("reversal")  # the traces are there again, too
         until(lambda: driver.find_elements(By.CSS_SELECTOR, "#trace-torque canvas"))
+
+
+@needs_browser
+@pytest.mark.long
+@pytest.mark.timeout(600)
+def test_a_doubt_is_decided_on_the_axis_from_the_workbench(live: Live, tmp_path: Path) -> None:
+    """The experiment that a diagnosis asks for: asked about, watched, and its recording beside the first one."""
+    import autotune
+
+    recording = tmp_path / "mine.parquet"
+    played = autotune.simulate("sim://lugre?seed=3&effect=gravity_imbalance:0.05", programme="high-speed")
+    autotune.write_recording(played.with_metadata(axis="", fingerprint=""), recording)
+    live.start()
+    with browser(tmp_path / "browser") as driver:
+        token = (live.folder / "runs" / ".service" / "token").read_text().strip()
+        driver.get(f"{live.address}/workbench#token={token}")
+        page = Page(driver)
+        until(lambda: "Drop a recording" in page.text("status"))
+        driver.find_element(By.ID, "choose").send_keys(str(recording))
+        until(lambda: "rows" in page.text("status"))
+        page.press("fit")
+        until(lambda: page.text("figures") and page.idle())
+        assert not driver.find_element(By.ID, "decide").is_displayed()
+        page.press("diagnose")
+        until(lambda: "suspected" in page.text("verdict") and page.idle())
+        page.press("decide-play")
+        box = driver.find_element(By.ID, "sure-box")
+        until(box.is_displayed)
+        assert "gravity imbalance" in page.text("sure-why")
+        assert not serious(driver)
+        driver.find_element(By.CSS_SELECTOR, "#sure-box button[value=no]").click()
+        assert live.get("/api/jobs") == []
+        page.press("decide-play")
+        until(box.is_displayed)
+        driver.find_element(By.CSS_SELECTOR, "#sure-box button[value=yes]").click()
+        until(lambda: "one: " in page.text("doing"))
+        until(lambda: "diagnose again with both" in page.text("status"))
+        assert page.idle()
+        assert "mine.parquet" in page.text("list")
+        assert " decide: " in page.text("list")
+        assert not page.complaints()

@@ -58,9 +58,9 @@ class Real:
     launcher: RealLauncher
     client: TestClient
 
-    def job(self, kind: str) -> dict[str, Any]:
+    def job(self, kind: str, **wish: Any) -> dict[str, Any]:
         """Has a job done, and returns it."""
-        answer = self.client.post("/api/axes/one/jobs", json={"kind": kind}, headers=AUTH)
+        answer = self.client.post("/api/axes/one/jobs", json={"kind": kind, **wish}, headers=AUTH)
         assert answer.status_code == 202, answer.text
         return self.done(answer.json()["id"])
 
@@ -135,3 +135,21 @@ def test_what_was_proved_is_written_only_when_a_person_approves(real: Callable[[
     restored = here.job("rollback")
     assert restored["outcome"] == "restored"
     assert not here.launcher.held()[ENABLED]
+
+
+@pytest.mark.long
+def test_what_a_diagnosis_leaves_in_doubt_is_played_and_its_recording_is_there(
+    real: Callable[[str], Real],
+) -> None:
+    here = real("")
+    before = here.launcher.held()
+    row = here.job("decide", effects=["spring", "gravity_imbalance"])
+    assert (row["outcome"], row["exit_code"]) == ("done", 0), row
+    assert "spring, gravity imbalance: diagnose again" in row["sentence"]
+    (found,) = here.client.get("/api/axes/one/recordings").json()
+    assert (found["run"], found["name"]) == (row["run"], "decide")
+    taken = here.client.post(f"/api/workbench/from-run/{found['id']}", headers=AUTH)
+    assert taken.status_code == 200, taken.text
+    assert taken.json()["axis"] == "one"
+    assert taken.json()["seconds"] < 70.0
+    assert here.launcher.held() == before

@@ -1,6 +1,7 @@
 // The service's page: axes, what they are doing, what waits for a person, and how they have been.
 
 import { ask, NoToken, post, setToken, takeToken } from "/web/api.js";
+import { sure } from "/web/axes.js";
 import { significant } from "/web/numbers.js";
 import { colour, plot } from "/web/plots.js";
 
@@ -20,14 +21,6 @@ function askForToken(why) {
     $("token-why").textContent = `${why}. It is kept in this tab only.`;
     box.onclose = () => { if (box.returnValue === "go") setToken($("token").value); done(box.returnValue === "go"); };
     if (!box.open) box.showModal();
-  });
-}
-
-function sure(why) {
-  return new Promise((done) => {
-    $("sure-why").textContent = why;
-    $("sure-box").onclose = () => done($("sure-box").returnValue === "yes");
-    $("sure-box").showModal();
   });
 }
 
@@ -119,7 +112,7 @@ function firstThings(axes, proposals, health) {
   $("first").replaceChildren(...(things.length ? things : ["Nothing waits for a person."]).map((text) => element("li", text)));
 }
 
-const WORDS = { run: "tuning", check: "check", rollback: "roll-back", commit: "commit" };
+const WORDS = { run: "tuning", check: "check", rollback: "roll-back", commit: "commit", decide: "deciding experiment" };
 
 function listJobs(jobs, proposals) {
   const waits = (job) => job.kind === "run" && proposals.some((one) => one.state === "open" && one.run === job.run);

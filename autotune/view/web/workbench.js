@@ -1,6 +1,7 @@
 // The workbench. Models and choices live in this page; recordings are known to the program by their content.
 
 import { ask, compute, Gone, NoToken, post, send, setToken, takeToken } from "/web/api.js";
+import { jobOf, recordingsOf, sure } from "/web/axes.js";
 import { canOverlay, layOver, newOverlay, overlaid } from "/web/overlay.js";
 import { quantity, range, scaleOf, significant } from "/web/numbers.js";
 import { bars, colour, plot } from "/web/plots.js";
@@ -19,8 +20,8 @@ const state = {
   diagnosis: null,
   shown: { id: null, start: null, end: null },
   cursors: [null, null],
-  about: { effects: {}, formats: [] },
-  job: null,
+  about: { effects: {}, formats: [], axes: [] }, // axes: of the service, where there is one
+  job: null, // address of what is under way
 };
 const plots = {};
 
@@ -41,21 +42,29 @@ async function attempt(what) {
   }
 }
 
-async function work(kind, wish) {
-  for (const button of document.querySelectorAll("[data-works], #fit, #compare, #diagnose, #add")) button.disabled = true;
+function busy() {
+  for (const button of document.querySelectorAll("#fit, #compare, #diagnose, #add, #decide-play")) button.disabled = true;
   $("work").hidden = false;
   $("bar").removeAttribute("value");
+}
+
+async function work(kind, wish) {
+  busy();
   try {
     return await compute(
       { kind, ...wish },
       (job) => { $("doing").textContent = `${kind}: ${job.message || "waiting"} (${Math.round(job.seconds)} s)`; },
-      (id) => { state.job = id; },
+      (id) => { state.job = `/api/workbench/jobs/${id}`; },
     );
   } finally {
-    state.job = null;
-    $("work").hidden = true;
-    refreshButtons();
+    idle();
   }
+}
+
+function idle() {
+  state.job = null;
+  $("work").hidden = true;
+  refreshButtons();
 }
 
 function askForToken(why) {
@@ -81,6 +90,7 @@ function refreshButtons() {
   $("undo").disabled = state.at < 1;
   $("redo").disabled = state.at + 1 >= state.versions.length;
   $("save").disabled = !model();
+  $("decide-play").disabled = false;
 }
 
 // ---------------------------------------------------------------- recordings
@@ -170,8 +180,9 @@ async function again(work) {
   } catch (error) {
     if (!(error instanceof Gone)) throw error;
     for (const one of state.recordings) {
-      if (!one.file) throw error;
-      await send(`/api/workbench/recordings?name=${encodeURIComponent(one.name)}`, one.file);
+      if (!one.file && !one.source) throw error;
+      if (one.source) await post(one.source, {});
+      else await send(`/api/workbench/recordings?name=${encodeURIComponent(one.name)}`, one.file);
     }
     return work();
   }
@@ -483,9 +494,43 @@ function showDiagnosis() {
   $("verdict").textContent = found ? found.sentence : "";
   $("next").textContent = found?.next_experiment ? `Next: ${found.next_experiment}` : "";
   newOverlay(found?.overlay || null, { motion: motion(), torque: unit(), changed: () => attempt(draw) });
+  listAxes(found);
   const list = found ? [...found.candidates].sort((a, b) => b.gain - a.gain) : [];
   $("candidates").replaceChildren(...list.map((one) => candidateRow(one, found)));
   refreshButtons();
+}
+
+// Axes on which the diagnosis's doubt can be decided: the one that the recordings name, else any.
+function listAxes(found) {
+  const named = new Set(state.recordings.filter((one) => one.chosen && one.axis).map((one) => one.axis));
+  const axes = state.about.axes.filter((name) => !named.size || named.has(name));
+  $("decide").hidden = !found?.rivals || !axes.length;
+  $("decide-axis").replaceChildren(...axes.map((name) => new Option(name)));
+}
+
+async function decide() {
+  const axis = $("decide-axis").value, effects = state.diagnosis.rivals;
+  const why = `${axis}: it moves within its limits for a minute at most, to tell apart ${effects.length ? effects.join(", ").replaceAll("_", " ") : "what may be missing"}. Nobody is asked at the machine.`;
+  if (!(await sure(why))) return;
+  busy();
+  try {
+    const job = await jobOf(
+      axis, { kind: "decide", effects },
+      (one) => {
+        $("doing").textContent = `${axis}: ${one.waits_for ? `waits for ${one.waits_for}` : one.stage || one.state}`;
+        if (one.fraction != null) $("bar").value = one.fraction;
+      },
+      (id) => { state.job = `/api/jobs/${id}`; },
+    );
+    if (job.exit_code) return say(`${axis}: ${job.sentence}`, true);
+    for (const view of await recordingsOf(axis, job.run)) adopt(view);
+    say(`${axis}: ${job.sentence}`);
+  } catch (error) {
+    if (error instanceof NoToken) askForToken(error.message);
+    say(error.message, true);
+  } finally {
+    idle();
+  }
 }
 
 function candidateRow(one, found) {
@@ -550,7 +595,8 @@ function wire() {
   $("redo").onclick = () => step(1);
   $("beside").onchange = putBeside;
   $("save").onclick = save;
-  $("stop").onclick = () => state.job && attempt(() => post(`/api/workbench/jobs/${state.job}/stop`, {}));
+  $("decide-play").onclick = decide;
+  $("stop").onclick = () => state.job && attempt(() => post(`${state.job}/stop`, {}));
   $("coordinate").onchange = drawWhere;
   $("unselect").onclick = selectAll;
   $("selection-back").onclick = undoSelection;
