@@ -20,6 +20,7 @@ from autotune.core.text import clean_line
 from autotune.view.console import ConsoleProgress, Stage
 
 if TYPE_CHECKING:
+    from autotune.models.drive_model import DriveModel
     from autotune.tuning.motion_plan import MotionPlan
     from autotune.tuning.outcome import RunResult
 
@@ -59,6 +60,12 @@ def run(
         bool,
         typer.Option("--decide", help="A diagnosis in doubt may move the axis a minute more, to decide it."),
     ] = False,
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="MODEL.toml", help="Takes this model to the proof, in place of the one that is diagnosed."
+        ),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as one JSON object.")] = False,
     view: View = False,
     runs: Annotated[Path, typer.Option(help="Folder for what runs leave.")] = Path("runs"),
@@ -69,6 +76,7 @@ def run(
     from autotune.tuning.motion_plan import planned_run
     from autotune.tuning.run import Request, tune
 
+    given = _given(model)
     service = service_of(axis, axis_file)
     if service is not None:
         _check_whole(service, only is not None or decide)
@@ -76,24 +84,22 @@ def run(
     confirm = confirmation(moved, yes, planned_run(moved, only, decide))
     if service is not None:
         with following(service, view):
-            _let_service_run(service, confirm, _asks_nobody(service.axis, yes), as_json)
+            _let_service_run(service, confirm, _asks_nobody(service.axis, yes), as_json, model)
         return
     with holding(axis, axis_file, "run"), reporting(only) as console, looking_on(axis, view) as observers:
         request = Request(
-            axis=axis,
-            open_loop=lambda: open_link(axis, axis_file.resolve().parent, runs),
-            runs=runs,
-            reporter=console,
-            clock=datetime.now,
-            only=only,
-            resume=resume,
-            decide=decide,
-            observers=observers,
-            approve=confirm,
-        )
+            axis, lambda: open_link(axis, axis_file.resolve().parent, runs), runs, console, datetime.now, observers,
+            only=only, resume=resume, decide=decide, model=given, approve=confirm,
+        )  # fmt: skip
         result = tune(request)
     _show(result, as_json)
     raise typer.Exit(result.exit_code)
+
+
+def _given(model: Path | None) -> DriveModel | None:
+    from autotune.models.model_file import read_model
+
+    return None if model is None else read_model(model)
 
 
 def _check_whole(service: Service, more: bool) -> None:
@@ -104,10 +110,13 @@ def _check_whole(service: Service, more: bool) -> None:
         )
 
 
-def _let_service_run(service: Service, confirm: Confirm, unasked: bool, as_json: bool) -> None:
+def _let_service_run(
+    service: Service, confirm: Confirm, unasked: bool, as_json: bool, model: Path | None
+) -> None:
     """The service that owns the axis does the run; before it keeps anything the same person is asked as without it."""
     with reporting() as console:
-        job = let_service(service, "run", console, commit="automatic" if unasked else "ask")
+        wish = {} if model is None else {"model": model.read_text(encoding="utf-8")}
+        job = let_service(service, "run", console, commit="automatic" if unasked else "ask", **wish)
     proposal = None if unasked else service.client.proposal_of(job)
     if proposal is not None and confirm(clean_line(proposal["sentence"], 500)):
         with reporting("commit") as console:

@@ -23,6 +23,7 @@ action = "fitted"
 from __future__ import annotations
 
 import os
+import tempfile
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Literal
@@ -70,6 +71,18 @@ class _File(Strict):
     offset: _Number
     effects: dict[str, dict[str, _Number]] = Field(default_factory=dict)
     history: list[_History] = Field(default_factory=list)
+
+
+def parse_model(text: str) -> DriveModel:
+    """The model of a TOML text.
+
+    Raises:
+        ConfigurationError: as `read_model`.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "model.toml"
+        path.write_text(text, encoding="utf-8")
+        return read_model(path)
 
 
 def read_model(path: str | Path) -> DriveModel:

@@ -20,6 +20,7 @@ from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
 from sqlalchemy.exc import SQLAlchemyError
 
 from autotune import __version__
+from autotune.models.model_file import parse_model
 from autotune.service import studies
 from autotune.service.access import STUDIES
 from autotune.service.feed import Feed, Follower
@@ -168,6 +169,8 @@ def _axes(manager: Manager) -> APIRouter:
         options = wish.model_dump(exclude={"kind"}, exclude_none=True)
         if "to" in options and options["to"] not in backup_ids(manager.configuration.runs, watched.name):
             raise HTTPException(404, f"there is no backup {options['to']} of axis {watched.name}")
+        if "model" in options:
+            parse_model(options["model"])  # or says what is wrong
         row = manager.submit(watched.name, wish.kind, "http", options)
         if row is None:
             raise HTTPException(409, f"a {wish.kind} of axis {watched.name} is waiting or running already")

@@ -20,7 +20,7 @@ ENABLED = "feedforward.enabled"
 @dataclass(frozen=True, slots=True)
 class Order:
     """A job as the worker gets it. `options`: `only`, `to`, `proposal`, `automatic`, `drift`, `idle`,
-    `effects`."""
+    `effects`, `model`."""
 
     id: str
     axis: str

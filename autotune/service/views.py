@@ -100,6 +100,10 @@ class Proposal(BaseModel):
     sentence: str
 
 
+MOST_MODEL = 200_000
+"""Characters of a model; one with every effect has about ten thousand."""
+
+
 def _known_effect(name: str) -> str:
     if name not in EFFECTS:
         raise ValueError(f"there is no effect {name[:40]!r}; there are {', '.join(EFFECTS)}")
@@ -120,10 +124,14 @@ class StartCheck(_Wish):
 
 
 class StartRun(_Wish):
-    """A tuning run. `commit`: is a person asked before anything is kept; without it as the service file says."""
+    """A tuning run. `commit`: is a person asked before anything is kept; without it as the service file says.
+
+    `model`: TOML of one that goes to the proof in place of the diagnosed one.
+    """
 
     kind: Literal["run"]
     commit: Literal["automatic", "ask"] | None = None
+    model: str | None = Field(None, max_length=MOST_MODEL)
 
 
 class StartRollback(_Wish):

@@ -10,6 +10,7 @@ from pathlib import Path
 from autotune.core.axis import Axis
 from autotune.core.errors import AutotuneError, ConfigurationError, Interrupted
 from autotune.core.loop import Loop
+from autotune.models.model_file import parse_model
 from autotune.monitoring.check import CheckRequest, check_axis
 from autotune.monitoring.drift import DriftSettings
 from autotune.service.orders import DONE, Done, Order
@@ -114,10 +115,12 @@ def _run(order: Order, tools: Tools) -> Done:
             asked.append(question)
         return automatic
 
+    given = order.options.get("model")
     result = tune(
         Request(
             tools.axis, tools.open_loop, Path(order.runs), tools.reporter, tools.clock, tools.observers,
             only=order.options.get("only"), gain=order.options.get("gain"), approve=approve,
+            model=None if given is None else parse_model(str(given)),
         )
     )  # fmt: skip
     outcome = (

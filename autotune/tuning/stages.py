@@ -28,7 +28,7 @@ from autotune.tuning.session import Session
 from autotune.tuning.shown_pages import adaptation_shown, diagnosis_shown, fit_shown, proof_shown
 from autotune.tuning.stage_adapt import LEAST_SECONDS, adapt, window_seconds
 from autotune.tuning.stage_commit import commit_stage, times_less
-from autotune.tuning.stage_diagnose import diagnose_stage
+from autotune.tuning.stage_diagnose import diagnose_stage, given_model
 from autotune.tuning.stage_identify import baseline, experiment, fit, start_of
 from autotune.tuning.stage_model import adapt_model
 from autotune.tuning.stage_prove import (
@@ -45,6 +45,9 @@ from autotune.tuning.two_masses import refuse_loose_load, refuse_resonance, refu
 from autotune.tuning.unfit_axes import NotTunable
 
 SPARE_SECONDS = 6.0  # of machine time, for ways between windows
+NOT_PLAYED = (
+    "it has nothing that the identified feedforward lacks, or is too far from it, or no time was left"
+)
 MOVING = ("experiment", "diagnose", "adapt", "prove", "commit")
 
 
@@ -146,12 +149,16 @@ def _diagnose(request: Request, session: Session, state: RunState) -> bool:
     )
     state.findings.model = diagnosed.model
     state.notes += diagnosed.notes
+    if request.model is not None:
+        state.findings.model = request.model
+        state.notes.append(given_model(session, recording, request.model, found.model))
     session.show(lambda: diagnosis_shown(session.axis, diagnosed, found.model, recording))
     kp = session.controller.kp if session.controller is not None else None
     alone = found.estimates
     refuse_loose_load(recording, kp)
     refuse_two_masses(found.joint, alone.get("high_speed"), alone.get("presliding"), diagnosed.effects, kp)
     refuse_resonance(diagnosed.model, kp)
+    refuse_resonance(state.findings.model, kp)
     if note := hunting_note(session, diagnosed.model or found.model, diagnosed.disturbance or 0.0):
         state.notes.append(note)
     return True
@@ -178,6 +185,9 @@ def _adapt(request: Request, session: Session, state: RunState) -> bool:
     if findings.model is None:
         return True
     findings.modelled = adapt_model(session, findings.model, findings.adapted.best, later)
+    if request.model is not None and (findings.modelled is None or not findings.modelled.chosen):
+        why = findings.modelled.reason if findings.modelled is not None else NOT_PLAYED
+        state.notes.append(f"The model that was given did not go to the proof: {why}.")
     if findings.modelled is not None and findings.modelled.chosen:
         findings.proposed_model = findings.modelled.best.model
         write_model(findings.proposed_model, session.directory / HOST_FILE)

@@ -17,7 +17,7 @@ from autotune.core.arrays import Flags, Floats
 from autotune.core.documents import finite
 from autotune.core.errors import ConfigurationError
 from autotune.models.drive_model import DriveModel
-from autotune.models.model_file import read_model, write_model
+from autotune.models.model_file import parse_model, write_model
 from autotune.models.table import effect_kind
 from autotune.recordings.files import read_recording
 from autotune.recordings.recording import Recording
@@ -133,10 +133,7 @@ def model_of(text: object) -> DriveModel:
     """
     if not isinstance(text, str) or not text.strip():
         raise ConfigurationError("there is no model yet; fit one, or open a model file")
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "model.toml"
-        path.write_text(text, encoding="utf-8")
-        return read_model(path)
+    return parse_model(text)
 
 
 def _recordings(wish: Wish) -> list[Recording]:

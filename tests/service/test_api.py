@@ -180,6 +180,8 @@ def test_no_name_from_a_request_becomes_a_path(
         {"kind": "check", "unattended": True},
         {"kind": "check", "commit": "automatic"},
         {"kind": "run", "commit": "perhaps"},
+        {"kind": "run", "model": "this is no model"},
+        {"kind": "check", "model": ""},
         {"kind": "decide", "effects": ["stribek"]},
         {"kind": "decide", "effects": "stribeck"},
         [],

@@ -258,8 +258,10 @@ def test_the_workbench_loses_nothing_when_the_service_is_started_again(live: Liv
 @needs_browser
 @pytest.mark.long
 @pytest.mark.timeout(600)
-def test_a_doubt_is_decided_on_the_axis_from_the_workbench(live: Live, tmp_path: Path) -> None:
-    """The experiment that a diagnosis asks for: asked about, watched, and its recording beside the first one."""
+def test_a_doubt_is_decided_and_a_model_sent_to_the_axis_from_the_workbench(
+    live: Live, tmp_path: Path
+) -> None:
+    """The experiment that a diagnosis asks for is asked about, watched, and its recording there; so is a tuning."""
     import autotune
 
     recording = tmp_path / "mine.parquet"
@@ -292,5 +294,13 @@ def test_a_doubt_is_decided_on_the_axis_from_the_workbench(live: Live, tmp_path:
         until(lambda: "diagnose again with both" in page.text("status"))
         assert page.idle()
         assert "mine.parquet" in page.text("list")
-        assert " decide: " in page.text("list")
+        until(lambda: " decide: " in page.text("list"))
+        page.press("send-model")
+        until(box.is_displayed)
+        assert "waits for approval" in page.text("sure-why")
+        driver.find_element(By.CSS_SELECTOR, "#sure-box button[value=yes]").click()
+        until(lambda: "one: experiment" in page.text("doing"))
+        until(lambda: page.idle() and page.text("status").startswith("one: "))
+        (waits,) = live.get("/api/proposals")
+        assert waits["state"] == "open"
         assert not page.complaints()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,6 +13,7 @@ from starlette.testclient import TestClient
 
 from autotune.core.axis import read_axis
 from autotune.core.loop import LocalLoop
+from autotune.models.model_file import parse_model, read_model, write_model
 from autotune.service.access import AccessGuard, Rules
 from autotune.service.api import make_api
 from autotune.service.inline import Ended, do_at_once
@@ -80,7 +82,7 @@ def real(world: Callable[..., World], tmp_path: Path) -> Iterator[Callable[[str]
         here: World = None
         launcher = RealLauncher(tmp_path / "memory.json", lambda: here.now)
         here = world(["one"], extra=extra, launcher=launcher)
-        rules = Rules("a-token-that-is-long-enough", False, frozenset({"127.0.0.1"}), 4096, 300.0)
+        rules = Rules("a-token-that-is-long-enough", False, frozenset({"127.0.0.1"}), 65536, 300.0)
         client = TestClient(AccessGuard(make_api(here.manager), rules), base_url="http://127.0.0.1")
         clients.append(client)
         return Real(here, launcher, client)
@@ -153,3 +155,35 @@ def test_what_a_diagnosis_leaves_in_doubt_is_played_and_its_recording_is_there(
     assert taken.json()["axis"] == "one"
     assert taken.json()["seconds"] < 70.0
     assert here.launcher.held() == before
+
+
+@pytest.mark.long
+def test_a_model_that_was_made_elsewhere_goes_to_the_axis_through_the_proof(
+    real: Callable[[str], Real],
+) -> None:
+    """The model of an earlier run, a little changed by hand; and one of another axis, which nothing moves for."""
+    here = real('commit = "ask"')
+    runs = here.world.manager.configuration.runs
+    before = here.launcher.held()
+    first = here.job("run")
+    model = replace_value(runs / first["run"] / "model.toml", "inertia", 1.02)
+    sent = here.job("run", model=model)
+    assert (sent["outcome"], sent["exit_code"]) == ("not_applied", 3), sent
+    assert [one["state"] for one in here.client.get("/api/proposals").json()].count("open") == 1
+    assert here.launcher.held() == before, "a person was not asked yet"
+    found = json.loads((runs / sent["run"] / "run.json").read_text())
+    assert any("stands in place of the diagnosed one" in note for note in found["notes"])
+    assert read_model(runs / sent["run"] / "model.toml").parameters == parse_model(model).parameters
+    fingerprint = parse_model(model).fingerprint
+    foreign = here.job("run", model=model.replace(fingerprint, "0" * len(fingerprint)))
+    assert (foreign["outcome"], foreign["run"]) == ("refused", None)
+    assert "fit one from recordings of this axis" in foreign["sentence"]
+
+
+def replace_value(path: Path, name: str, factor: float) -> str:
+    """A model file's text with one number changed."""
+    known = read_model(path)
+    value = known.parameters[name]
+    changed = known.with_values({name: value.value * factor})
+    write_model(changed, path.with_name("changed.toml"))
+    return path.with_name("changed.toml").read_text()

@@ -43,7 +43,7 @@ async function attempt(what) {
 }
 
 function busy() {
-  for (const button of document.querySelectorAll("#fit, #compare, #diagnose, #add, #decide-play")) button.disabled = true;
+  for (const button of document.querySelectorAll("#fit, #compare, #diagnose, #add, #decide-play, #send-model")) button.disabled = true;
   $("work").hidden = false;
   $("bar").removeAttribute("value");
 }
@@ -90,7 +90,8 @@ function refreshButtons() {
   $("undo").disabled = state.at < 1;
   $("redo").disabled = state.at + 1 >= state.versions.length;
   $("save").disabled = !model();
-  $("decide-play").disabled = false;
+  $("decide-play").disabled = $("send-model").disabled = false;
+  listAxes();
 }
 
 // ---------------------------------------------------------------- recordings
@@ -262,7 +263,7 @@ function zoom(start, end) {
   show(state.shown.id, start, end);
 }
 
-function move(share, width = 1) {
+function along(share, width = 1) {
   const whole = state.shown.whole;
   if (!whole) return;
   const start = state.shown.start ?? whole[0], end = state.shown.end ?? whole[1];
@@ -494,43 +495,60 @@ function showDiagnosis() {
   $("verdict").textContent = found ? found.sentence : "";
   $("next").textContent = found?.next_experiment ? `Next: ${found.next_experiment}` : "";
   newOverlay(found?.overlay || null, { motion: motion(), torque: unit(), changed: () => attempt(draw) });
-  listAxes(found);
+  listAxes();
   const list = found ? [...found.candidates].sort((a, b) => b.gain - a.gain) : [];
   $("candidates").replaceChildren(...list.map((one) => candidateRow(one, found)));
   refreshButtons();
 }
 
-// Axes on which the diagnosis's doubt can be decided: the one that the recordings name, else any.
-function listAxes(found) {
+// Axes that a motion can be asked of: the one that the chosen recordings name, else any.
+function listAxes() {
   const named = new Set(state.recordings.filter((one) => one.chosen && one.axis).map((one) => one.axis));
   const axes = state.about.axes.filter((name) => !named.size || named.has(name));
-  $("decide").hidden = !found?.rivals || !axes.length;
-  $("decide-axis").replaceChildren(...axes.map((name) => new Option(name)));
+  for (const [box, wanted] of [["decide", state.diagnosis?.rivals], ["send", model()]]) {
+    $(box).hidden = !wanted || !axes.length;
+    const list = $(`${box}-axis`);
+    list.replaceChildren(...axes.map((name) => new Option(name, name, false, name === list.value)));
+  }
 }
 
-async function decide() {
-  const axis = $("decide-axis").value, effects = state.diagnosis.rivals;
-  const why = `${axis}: it moves within its limits for a minute at most, to tell apart ${effects.length ? effects.join(", ").replaceAll("_", " ") : "what may be missing"}. Nobody is asked at the machine.`;
-  if (!(await sure(why))) return;
+// Has an axis do what was asked about; the job when it has ended well, else null.
+async function move(axis, why, wish) {
+  if (!(await sure(`${axis}: ${why} Nobody is asked at the machine.`))) return null;
   busy();
   try {
     const job = await jobOf(
-      axis, { kind: "decide", effects },
+      axis, wish,
       (one) => {
         $("doing").textContent = `${axis}: ${one.waits_for ? `waits for ${one.waits_for}` : one.stage || one.state}`;
         if (one.fraction != null) $("bar").value = one.fraction;
       },
       (id) => { state.job = `/api/jobs/${id}`; },
     );
-    if (job.exit_code) return say(`${axis}: ${job.sentence}`, true);
-    for (const view of await recordingsOf(axis, job.run)) adopt(view);
-    say(`${axis}: ${job.sentence}`);
+    say(`${axis}: ${job.sentence}`, Boolean(job.exit_code) && job.outcome !== "not_applied");
+    return job;
   } catch (error) {
     if (error instanceof NoToken) askForToken(error.message);
     say(error.message, true);
+    return null;
   } finally {
     idle();
   }
+}
+
+async function decide() {
+  const axis = $("decide-axis").value, effects = state.diagnosis.rivals;
+  const what = effects.length ? effects.join(", ").replaceAll("_", " ") : "what may be missing";
+  const job = await move(axis, `it moves within its limits for a minute at most, to tell apart ${what}.`, { kind: "decide", effects });
+  if (!job || job.exit_code) return;
+  await attempt(async () => { for (const view of await recordingsOf(axis, job.run)) adopt(view); });
+  say(`${axis}: ${job.sentence}`);
+}
+
+async function sendModel() {
+  const axis = $("send-axis").value;
+  const why = "it is tuned, with this model in place of the one that the tuning would find: it moves within its limits for minutes. What is proved waits for approval on the axes' page.";
+  await move(axis, why, { kind: "run", model: model().text, commit: "ask" });
 }
 
 function candidateRow(one, found) {
@@ -582,9 +600,9 @@ function wire() {
   $("import-cancel").onclick = () => { $("import").hidden = true; };
   $("trace-of").onchange = (event) => show(event.target.value);
   $("whole").onclick = () => show(state.shown.id);
-  $("closer").onclick = () => move(0, 0.5);
-  $("earlier").onclick = () => move(-0.5);
-  $("later").onclick = () => move(0.5);
+  $("closer").onclick = () => along(0, 0.5);
+  $("earlier").onclick = () => along(-0.5);
+  $("later").onclick = () => along(0.5);
   $("leave-out").onclick = leaveOut;
   $("put-back").onclick = () => { for (const one of state.recordings) one.leftOut = []; say("All ranges are fitted again."); };
   $("fit").onclick = fit;
@@ -596,6 +614,7 @@ function wire() {
   $("beside").onchange = putBeside;
   $("save").onclick = save;
   $("decide-play").onclick = decide;
+  $("send-model").onclick = sendModel;
   $("stop").onclick = () => state.job && attempt(() => post(`${state.job}/stop`, {}));
   $("coordinate").onchange = drawWhere;
   $("unselect").onclick = selectAll;
