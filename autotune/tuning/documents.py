@@ -121,7 +121,7 @@ def build_report(material: Material) -> Report:
             "program": f"autotune {__version__}",
         },
         limits=_limits(material.limits or material.axis.limits, unit),
-        next_steps=_next_steps(result),
+        next_steps=(*_next_steps(result), *_way_to_traces(material)),
         data=result.as_json(),
         sign_off=result.outcome is Outcome.KEPT,
     )
@@ -150,6 +150,13 @@ def _next_steps(result: RunResult) -> tuple[str, ...]:
         f"({rest}); or leave it at what the drive does by itself.",
         *steps,
     )
+
+
+def _way_to_traces(material: Material) -> tuple[str, ...]:
+    """How to see what was measured, where something was."""
+    if not material.recordings:
+        return ()
+    return (f"See all traces of this run: autotune view {material.result.run_directory}",)
 
 
 def _texts(identity: Mapping[str, int | str]) -> dict[str, str]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import subprocess
+from pathlib import Path
 
 import pytest
 
@@ -35,6 +37,21 @@ def test_a_check_of_the_service_is_seen_and_who_comes_later_sees_the_last_minute
         view.wait(PATIENCE)
     assert view.returncode == 0
     assert "Traceback" not in log.read_text()
+
+
+@pytest.mark.timeout(900)
+def test_a_run_of_the_service_is_seen_and_its_report_names_the_way_to_its_traces(live: Live) -> None:
+    live.environment = {name: value for name, value in live.environment.items() if "DISPLAY" not in name}
+    live.start()
+    done = live.call("run", "one.toml", "--yes", "--view", "--json")
+    assert done.returncode == 0, done.stderr
+    assert "live view: http://127.0.0.1:" in done.stderr
+    assert f"owned by the service at {live.address}" in done.stderr
+    found = json.loads(done.stdout)
+    assert found["outcome"] == "kept"
+    folder = live.folder / "runs" / Path(found["run_directory"]).name
+    assert f"autotune view {found['run_directory']}" in (folder / "report.html").read_text()
+    assert (folder / "run.rrd").is_file()
 
 
 def test_what_a_job_did_is_there_for_who_comes_later(live: Live) -> None:
