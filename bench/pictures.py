@@ -1,4 +1,4 @@
-"""`make pictures`: the README's picture and those of the viewer's pages, drawn from a run on the simulated axis."""
+"""`make pictures`: the README's picture, viewer, workbench and report, drawn from a run on the simulated axis."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from autotune.tuning.stage_prove import AFTER, BEFORE, COMMITTED, windows_of
 from autotune.view.data import BeforeAfter
 from autotune.view.snapshot import headless_viewer
 from autotune.view.svg import before_after_svg
+from bench.browser_pictures import browser_pictures
 
 SHOWN = ("Traces", "Diagnosis", "Proof")
 WIDTH = 1200
@@ -43,7 +44,7 @@ def viewer_pictures(rrd: Path, folder: Path) -> None:
 
 
 def main() -> None:
-    """Tunes the simulated axis and writes `before-after.svg`."""
+    """Tunes the simulated axis, and writes the pictures of that run."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("docs/pictures"))
     folder = parser.parse_args().out
@@ -56,6 +57,7 @@ def main() -> None:
         recordings = result.run_directory / "recordings"
         folder.mkdir(parents=True, exist_ok=True)
         viewer_pictures(result.run_directory / "run.rrd", folder)
+        browser_pictures(result.run_directory, folder)
         proof = read_recording(recordings / "proof.parquet")
         alone = read_recording(recordings / "committed.parquet")
     samples = round(1.0 / (axis.benchmark.frequency * proof.period))
