@@ -6,6 +6,7 @@ What is said of a file is the same as reading it whole says; which fault of seve
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -154,11 +155,13 @@ def _walked(path: Path, see: See) -> Outline:
     segments = file.segments()
     check = _Checks(file, segments)
     digest = ContentDigest(file.pairs, segments, file.rows)
-    for name in file.columns:
-        values = file.column(name)
-        check.column(name, values)
-        digest.column(name, values)
-        see(name, values)
+    with ThreadPoolExecutor(1) as beside:
+        for name in file.columns:
+            values = file.column(name)
+            digested = beside.submit(digest.column, name, values)
+            check.column(name, values)
+            see(name, values)
+            digested.result()
     checksum = digest.ended(check.missed(file.missed()))
     remarks = verified(path, file.pairs, lambda: checksum)
     metadata = replace(check.done(), remarks=remarks)

@@ -2,12 +2,13 @@
 
 export const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 
-// `series`: [{label, values, colour, dash, points}], all over the same x. Returns the plot; the old one goes.
-export function plot(box, old, { x, series, xLabel, yLabel, height = 220, legend = true, onZoom, onBrush, onClick, bands, shared }) {
+// `series`: [{label, values, colour, dash, points, right}], all over the same x; those on the `right` have an axis of
+// their own, `rightLabel`. `marks`: [{x, label}], as lines across. Returns the plot; the old one goes.
+export function plot(box, old, { x, series, xLabel, yLabel, rightLabel, height = 220, legend = true, onZoom, onBrush, onClick, bands, shared, marks = [] }) {
   const width = Math.max(box.clientWidth, 260);
-  const on = { onZoom, onBrush, onClick };
+  const on = { onZoom, onBrush, onClick, marks };
   const thin = x.length > width ? 1 / devicePixelRatio : 1.4; // dense traces as hairlines: painted ten times as fast
-  const key = JSON.stringify([width, height, thin, xLabel, yLabel, legend, series.map((one) => [one.label, one.colour, one.dash])]);
+  const key = JSON.stringify([width, height, thin, xLabel, yLabel, rightLabel, legend, series.map((one) => [one.label, one.colour, one.dash])]);
   if (old?.key === key) { // the same picture of other data
     Object.assign(old.on, on);
     old.setData([x, ...series.map((one) => one.values)]);
@@ -20,18 +21,21 @@ export function plot(box, old, { x, series, xLabel, yLabel, height = 220, legend
       width, height, legend: { show: legend },
       cursor: { drag: { x: Boolean(onZoom || onBrush), y: false, setScale: false }, sync: shared ? { key: shared } : undefined },
       scales: { x: { time: false } },
-      axes: [{ ...axis, label: xLabel }, { ...axis, label: yLabel, size: 70 }],
+      axes: [
+        { ...axis, label: xLabel }, { ...axis, label: yLabel, size: 70 },
+        ...(rightLabel ? [{ ...axis, label: rightLabel, size: 70, side: 1, scale: "right", grid: { show: false } }] : []),
+      ],
       series: [
         { label: xLabel },
         ...series.map((one) => ({
-          label: one.label, stroke: one.colour, width: one.width || thin, dash: one.dash,
+          label: one.label, scale: one.right ? "right" : "y", stroke: one.colour, width: one.width || thin, dash: one.dash,
           paths: one.points ? () => null : undefined, points: { show: Boolean(one.points), size: 5, fill: one.colour },
           spanGaps: false,
         })),
       ],
       bands,
       hooks: {
-        draw: [() => { box.dataset.drawn = Number(box.dataset.drawn || 0) + 1; }],
+        draw: [(u) => { drawMarks(u, on.marks); box.dataset.drawn = Number(box.dataset.drawn || 0) + 1; }],
         setSelect: [
           (u) => {
             const dragged = on.onBrush || on.onZoom;
@@ -56,6 +60,29 @@ export function plot(box, old, { x, series, xLabel, yLabel, height = 220, legend
     box,
   );
   return Object.assign(made, { key, on });
+}
+
+// Lines across a plot, with a word on those that leave room for one.
+function drawMarks(u, marks) {
+  const { left, top, width, height } = u.bbox, pen = u.ctx;
+  pen.save();
+  Object.assign(pen, { strokeStyle: colour("muted"), fillStyle: colour("muted"), font: `${12 * devicePixelRatio}px system-ui, sans-serif` });
+  pen.setLineDash([4, 4]);
+  let free = left;
+  for (const { x, label } of marks) {
+    const at = u.valToPos(x, "x", true);
+    if (at < left || at > left + width) continue;
+    pen.beginPath();
+    pen.moveTo(at, top);
+    pen.lineTo(at, top + height);
+    pen.stroke();
+    const wide = pen.measureText(label).width + 8;
+    const begin = at + wide > left + width ? at - wide : at + 4;
+    if (begin < free) continue;
+    pen.fillText(label, begin, top + 14 * devicePixelRatio);
+    free = begin + wide;
+  }
+  pen.restore();
 }
 
 // Rms over two coordinates; `onCell` is told which field was clicked, or chosen by arrows and Enter.

@@ -146,6 +146,10 @@ function listReports(reports, jobs) {
   if (!reports.length) $("reports").replaceChildren(element("li", "No run has left a report yet."));
 }
 
+const NO_MEASURE = new Set(["id", "exit_code", "temperature", "missed", "samples", "change"]);
+
+const MEASURES = { level: "friction", uncompensated: "peak error without feedforward" };
+
 async function history() {
   const found = await ask(`/api/axes/${shown}/history`);
   $("sentences").replaceChildren(...found.sentences.map((text) => element("li", text)));
@@ -157,13 +161,22 @@ async function history() {
     const first = values.find((value) => value !== null && value !== 0);
     return { first, values: values.map((value) => (value === null || !first ? null : (100 * value) / first)) };
   };
-  const names = [...new Set(checks.flatMap((one) => Object.keys(one).filter((name) => typeof one[name] === "number" && !["id", "exit_code"].includes(name))))];
-  const inks = ["blue", "orange", "green", "grey"];
-  const series = names.slice(0, 4).map((name, i) => { const { first, values } = relative(name); return { label: `${name.replaceAll("_", " ")} (100 % is ${significant(first)})`, values, colour: colour(inks[i]), width: 2 }; });
+  const measured = (one, name) => typeof one[name] === "number" && !NO_MEASURE.has(name) && !(name.endsWith("_error") && name.slice(0, -6) in one);
+  const names = [...new Set(checks.flatMap((one) => Object.keys(one).filter((name) => measured(one, name))))];
+  const inks = ["blue", "orange", "grey"];
+  const series = names.slice(0, 3).map((name, i) => { const { first, values } = relative(name); return { label: `${MEASURES[name] || name.replaceAll("_", " ")} (100 % is ${significant(first)})`, values, colour: colour(inks[i]), width: 2 }; });
+  const warm = checks.some((one) => typeof one.temperature === "number");
+  if (warm) series.push({ label: "temperature [°C]", values: checks.map((one) => one.temperature ?? null), colour: colour("green"), width: 1.4, dash: [6, 4], right: true });
   if (time.length < 2 || !series.length) { if (plots.history) plots.history.destroy(); plots.history = null; return; }
   const last = time[time.length - 1];
+  const marks = found.events.map((one) => ({ x: new Date(one.at).getTime() / 86400e3 - last, label: one.kind.replaceAll("_", " ") })).sort((a, b) => a.x - b.x);
+  const x = time.map((t) => t - last), latest = marks.length ? marks[marks.length - 1].x : 0;
+  if (latest > 0) { // what has happened since the last check is to be seen, too
+    x.push(latest);
+    for (const one of series) one.values.push(null);
+  }
   plots.history = plot($("history"), plots.history, {
-    x: time.map((t) => t - last), series, xLabel: "days before the last check", yLabel: "% of the first", height: 280,
+    x, series, marks, xLabel: "days from the last check", yLabel: "% of the first", rightLabel: warm ? "temperature [°C]" : undefined, height: 280,
     onZoom: (from, to) => (from === null ? history() : plots.history.setScale("x", { min: from, max: to })),
   });
 }
