@@ -5,13 +5,16 @@ What is said of a file is the same as reading it whole says; which fault of seve
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import NamedTemporaryFile
+from typing import BinaryIO
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.csv
 import pyarrow.parquet
 from numpy.typing import NDArray
 
@@ -19,7 +22,9 @@ from autotune.core.arrays import Floats
 from autotune.core.errors import AutotuneError, RecordingError
 from autotune.recordings.checksum import ContentDigest
 from autotune.recordings.file_parts import (
+    CSV_TYPES,
     check_names,
+    csv_head,
     floats_of,
     integers_of,
     pairs_of,
@@ -29,10 +34,12 @@ from autotune.recordings.file_parts import (
     texts_of,
     verified,
 )
-from autotune.recordings.files import BATCH, MOST_BYTES, MOST_ROWS, parse_metadata, read_recording
+from autotune.recordings.files import BATCH, MOST_BYTES, MOST_ROWS, parse_metadata
 from autotune.recordings.limits import refuse_column, refuse_missed, refuse_motion, refuse_names
 from autotune.recordings.recording import FLOAT_COLUMNS, Metadata, Segment
 
+CSV_BLOCK = 1 << 23
+"""Bytes of a CSV that are parsed together."""
 See = Callable[[str, Floats], None]
 
 
@@ -49,20 +56,21 @@ class Outline:
 def walk_recording(path: Path, see: See) -> Outline:
     """Shows every column of numbers once, the time first; what was seen holds only if this returns.
 
-    What is shown is valid while it is shown: the next column may stand in the same memory.
-
-    A CSV is read whole.
+    What is shown is valid while it is shown: the next column may stand in the same memory. A CSV goes through a
+    temporary Parquet file, block by block.
 
     Raises:
         RecordingError: as `read_recording`.
     """
-    if path.suffix != ".parquet":
-        return _read_whole(path, see)
     if not path.is_file():
         raise RecordingError(f"there is no recording {path}; check the name")
     try:
         refuse_huge(path, path.stat().st_size, MOST_BYTES, "bytes")
-        return _walked(path, see)
+        if path.suffix == ".parquet":
+            return _walked(_File(path, path), see)
+        with NamedTemporaryFile(suffix=".parquet") as columns:
+            pairs = _as_parquet(path, Path(columns.name))
+            return _walked(_File(path, Path(columns.name), pairs), see)
     except AutotuneError:
         raise
     except (pa.ArrowException, OSError, ValueError, OverflowError, MemoryError) as error:
@@ -72,27 +80,54 @@ def walk_recording(path: Path, see: See) -> Outline:
         ) from error
 
 
-def _read_whole(path: Path, see: See) -> Outline:
-    recording = read_recording(path)
-    for name in recording.floats:
-        see(name, recording[name])
-    return Outline(recording.metadata, len(recording), tuple(recording.floats), tuple(recording.segments()))
+def _as_parquet(path: Path, columns: Path) -> Mapping[str, str]:
+    """The table of a CSV, so that its columns can be read one by one; its metadata."""
+    head = csv_head(path)
+    with path.open("rb") as file:
+        file.seek(head.start)
+        names = _csv_table(file, None).schema.names
+        check_names(path, names)
+        known = [name for name in names if name in CSV_TYPES]
+        file.seek(head.start)
+        table = _csv_table(file, known)
+        with pa.parquet.ParquetWriter(
+            columns, table.schema, compression="none", use_dictionary=["experiment"]
+        ) as out:
+            for batch in table:
+                out.write_batch(batch)
+    return head.pairs
+
+
+def _csv_table(file: BinaryIO, names: Sequence[str] | None) -> pa.csv.CSVStreamingReader:
+    options = pa.csv.ConvertOptions(column_types=CSV_TYPES, include_columns=names)
+    blocks = pa.csv.ReadOptions(use_threads=False, block_size=CSV_BLOCK)
+    return pa.csv.open_csv(pa.PythonFile(_Kept(file), "r"), convert_options=options, read_options=blocks)
+
+
+class _Kept:
+    """A file that stays open when its reader is done with it."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self.read, self.readable, self.closed = file.read, file.readable, False
+
+    def close(self) -> None:
+        return
 
 
 class _File:
-    """A Parquet file, of which one column is decoded at a time."""
+    """The columns of a recording `path`, of which one is decoded at a time."""
 
-    def __init__(self, path: Path) -> None:
-        first = pa.parquet.ParquetFile(path)
+    def __init__(self, path: Path, columns: Path, pairs: Mapping[str, str] | None = None) -> None:
+        first = pa.parquet.ParquetFile(columns)
         self.path, self.names, self.rows = path, tuple(first.schema_arrow.names), int(first.metadata.num_rows)
         refuse_huge(path, self.rows, MOST_ROWS, "rows")
         check_names(path, self.names)
-        self.pairs = pairs_of(first.schema_arrow)
+        self.pairs = pairs_of(first.schema_arrow) if pairs is None else pairs
         self.columns = tuple(name for name in FLOAT_COLUMNS if name in self.names)
         self._before: Floats | None = None
         coded = [name for name in self.names if name == "experiment"]
         self._file = pa.parquet.ParquetFile(
-            path, page_checksum_verification=True, read_dictionary=coded, pre_buffer=False
+            columns, page_checksum_verification=True, read_dictionary=coded, pre_buffer=False
         )
 
     def batches(self, *names: str) -> Iterator[pa.Table]:
@@ -150,8 +185,7 @@ def _changes(table: pa.Table, at: int) -> Iterator[tuple[int, tuple[str, int]]]:
         yield at + row, (texts[codes[row]], int(repeat[row]))
 
 
-def _walked(path: Path, see: See) -> Outline:
-    file = _File(path)
+def _walked(file: _File, see: See) -> Outline:
     segments = file.segments()
     check = _Checks(file, segments)
     digest = ContentDigest(file.pairs, segments, file.rows)
@@ -163,7 +197,7 @@ def _walked(path: Path, see: See) -> Outline:
             see(name, values)
             digested.result()
     checksum = digest.ended(check.missed(file.missed()))
-    remarks = verified(path, file.pairs, lambda: checksum)
+    remarks = verified(file.path, file.pairs, lambda: checksum)
     metadata = replace(check.done(), remarks=remarks)
     return Outline(metadata, file.rows, file.columns, segments)
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import codecs
 import difflib
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 import pyarrow as pa
@@ -14,9 +17,14 @@ from autotune.core.arrays import Floats
 from autotune.core.errors import RecordingError, a_few
 from autotune.recordings.checksum import KEY as CHECKSUM
 from autotune.recordings.limits import refuse_names
-from autotune.recordings.recording import REQUIRED_COLUMNS
+from autotune.recordings.recording import FLOAT_COLUMNS, REQUIRED_COLUMNS
 
 PREFIX = b"autotune."
+CSV_TYPES = {name: pa.float64() for name in FLOAT_COLUMNS} | {
+    "experiment": pa.string(), "repeat": pa.int64(), "missed": pa.int64()
+}  # fmt: skip
+_AT_ONCE = 1 << 22
+"""Bytes of a text that are looked at together."""
 
 
 def pairs_of(schema: pa.Schema) -> dict[str, str]:
@@ -26,6 +34,49 @@ def pairs_of(schema: pa.Schema) -> dict[str, str]:
         for key, value in (schema.metadata or {}).items()
         if key.startswith(PREFIX)
     }
+
+
+@dataclass(frozen=True, slots=True)
+class CsvHead:
+    """What stands before the table: `# key: value` lines, and at which byte the table begins."""
+
+    pairs: Mapping[str, str]
+    start: int
+
+
+def csv_head(path: Path) -> CsvHead:
+    """The lines before a CSV's table; the rest is looked at for being a text at all.
+
+    Raises:
+        RecordingError: it is no text, or empty.
+        UnicodeDecodeError: it is not UTF-8.
+    """
+    pairs: dict[str, str] = {}
+    with path.open("rb") as file:
+        start = 0
+        while (line := file.readline()).startswith(b"#"):
+            key, _, value = line[1:].decode("utf-8").strip().partition(":")
+            pairs[key.strip()] = value.strip()
+            start = file.tell()
+        file.seek(start)
+        _refuse_no_text(path, file)
+    if CHECKSUM not in pairs:  # else a changed file is refused; a spreadsheet pads each line with empty cells
+        pairs = {key.rstrip(",;"): value.rstrip(",; \t") for key, value in pairs.items()}
+    return CsvHead(pairs, start)
+
+
+def _refuse_no_text(path: Path, file: BinaryIO) -> None:
+    """All of it, megabytes at a time."""
+    decoder, something, nul = codecs.getincrementaldecoder("utf-8")(), False, False
+    while part := file.read(_AT_ONCE):
+        decoder.decode(part)
+        something = something or bool(part.strip())
+        nul = nul or b"\0" in part
+    decoder.decode(b"", final=True)
+    if nul:
+        raise RecordingError(f"{path} is not a text file; a CSV is: check the name")
+    if not something:
+        raise RecordingError(f"{path} is empty; a recording needs {', '.join(REQUIRED_COLUMNS)}")
 
 
 def check_names(path: Path, names: Sequence[str]) -> None:

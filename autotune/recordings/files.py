@@ -23,8 +23,10 @@ from autotune.core.errors import RecordingError
 from autotune.recordings.checksum import KEY as CHECKSUM
 from autotune.recordings.checksum import content_checksum
 from autotune.recordings.file_parts import (
+    CSV_TYPES,
     PREFIX,
     check_names,
+    csv_head,
     floats_of,
     integers_of,
     pairs_of,
@@ -39,7 +41,6 @@ from autotune.recordings.recording import (
     COLUMNS,
     FLOAT_COLUMNS,
     MOTION_UNITS,
-    REQUIRED_COLUMNS,
     SCHEMA_VERSION,
     Controller,
     Metadata,
@@ -175,32 +176,16 @@ def _read_parquet(path: Path) -> tuple[_Columns, dict[str, str]]:
 
 
 def _read_csv(path: Path) -> tuple[_Columns, dict[str, str]]:
-    pairs: dict[str, str] = {}
+    head = csv_head(path)
     with path.open("rb") as file:
-        start = 0
-        while (line := file.readline()).startswith(b"#"):
-            key, _, value = line[1:].decode("utf-8").strip().partition(":")
-            pairs[key.strip()] = value.strip()
-            start = file.tell()
-        file.seek(start)
+        file.seek(head.start)
         content = file.read()
-    if (
-        "checksum" not in pairs
-    ):  # else a changed file is refused; a spreadsheet pads each line with empty cells
-        pairs = {key.rstrip(",;"): value.rstrip(",; \t") for key, value in pairs.items()}
-    content.decode("utf-8")
-    if b"\0" in content:
-        raise RecordingError(f"{path} is not a text file; a CSV is: check the name")
-    if not content.strip():
-        raise RecordingError(f"{path} is empty; a recording needs {', '.join(REQUIRED_COLUMNS)}")
-    types = {name: pa.float64() for name in FLOAT_COLUMNS}
-    types |= {"experiment": pa.string(), "repeat": pa.int64(), "missed": pa.int64()}
-    options = pyarrow.csv.ConvertOptions(column_types=types)
+    options = pyarrow.csv.ConvertOptions(column_types=CSV_TYPES)
     table = pyarrow.csv.read_csv(io.BytesIO(content), convert_options=options)
     check_names(path, table.column_names)
     columns = _Columns([name for name in table.column_names if name in COLUMNS], table.num_rows)
     columns.append(table)
-    return columns, pairs
+    return columns, dict(head.pairs)
 
 
 class _Columns:

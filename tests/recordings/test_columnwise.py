@@ -59,9 +59,48 @@ def test_the_same_of_a_csv(path: Path) -> None:
     same(path)
 
 
-def test_what_is_damaged_or_impossible_is_refused_alike(tmp_path: Path) -> None:
+TABLE = "time,position,torque,what,experiment\n" + "".join(
+    f"{k * 1e-3},{k * 1e-4},0.1,w{k},sine\n" for k in range(900)
+)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        TABLE.encode(),
+        b"# sample_period: 0.001,,,\n# motion_unit: m,,,\n" + TABLE.encode(),
+        TABLE.replace("w700", "").replace("w1\n", "7\n").encode(),
+        TABLE.replace("torque", "moment").encode(),
+        TABLE.replace("sine", "sin\u00e9").encode(),
+        TABLE.replace("sine", "sin\u00e9").encode("latin-1"),
+        TABLE.encode() + b"\0",
+        TABLE.replace("0.7,0.07,0.1", "0.7,0.07").encode(),
+        TABLE.replace("0.7,0.07,0.1", "0.7,zero,0.1").encode(),
+        TABLE.replace("0.7,0.07,0.1", "0.7,0.07,").encode(),
+        b"# motion_unit: rad\n",
+        b"",
+        b"time,position,torque\n",
+    ],
+)  # fmt: skip
+def test_a_csv_is_read_or_refused_alike(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: bytes
+) -> None:
+    monkeypatch.setattr(columnwise, "CSV_BLOCK", 2000)
+    path = tmp_path / "table.csv"
+    path.write_bytes(content)
+    try:
+        read_recording(path)
+    except RecordingError:
+        with pytest.raises(RecordingError):
+            walked(path)
+    else:
+        same(path)
+
+
+@pytest.mark.parametrize("ending", [".parquet", ".csv"])
+def test_what_is_damaged_or_impossible_is_refused_alike(tmp_path: Path, ending: str) -> None:
     """Bits flipped anywhere: where one way refuses, the other does."""
-    path, chance = tmp_path / "recording.parquet", random.Random(5)
+    path, chance = tmp_path / f"recording{ending}", random.Random(5)
     write_recording(measured(), path)
     sound = path.read_bytes()
     refused = 0
