@@ -22,6 +22,9 @@ from tests.workbench.test_files import made
 
 TOKEN = "secret"
 HEADERS = {"Authorization": f"Bearer {TOKEN}"}
+SCRIPTS = (
+    "vendor/uPlot.iife.min.js", "workbench.js", "where.js", "overlay.js", "axes.js", "api.js", "plots.js", "numbers.js"
+)  # fmt: skip
 
 
 @pytest.fixture
@@ -81,7 +84,7 @@ def test_the_page_is_whole_and_asks_nobody_else(client: TestClient) -> None:
     assert page.status_code == 200
     assert "default-src 'none'" in page.headers["content-security-policy"]
     scripts = 0
-    for part in ("vendor/uPlot.iife.min.js", "workbench.js", "api.js", "plots.js", "numbers.js"):
+    for part in SCRIPTS:
         answer = client.get(f"/web/{part}", headers={"Authorization": ""})
         assert answer.status_code == 200
         assert answer.headers["content-type"].startswith("text/javascript")
