@@ -10,16 +10,21 @@ STAMP := $(VENV)/.installed
 # One thread of linear algebra a process: at these sizes several only wait for each other.
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
+# Tests start some hundred programs: what is compiled once is kept.
+unexport PYTHONDONTWRITEBYTECODE
 
 # The floors that need no wire and no process of their own.
 QUICK := core signals models recordings importing estimation control experiments sim face cli
+# Those whose tests wait for a wire or for other programs, and those that only compute.
+WIRED := docs drivers end_to_end faults fuzz node service tuning view workbench
+COMPUTED := $(filter-out $(WIRED) support %.py __pycache__,$(notdir $(wildcard tests/*)))
 
 # Everything between host and drive, and what stores, restores and survives.
 HURT := node drivers experiments end_to_end tuning service faults fuzz
 # A real controller's; a target of their own.
 LINUXCNC := export/test_linuxcnc.py docs/test_export_pages.py
 
-.PHONY: install demo test quick check lint types layers unit bench faults long audit linuxcnc pictures clean
+.PHONY: install demo test quick check lint types layers unit computed wired bench faults long audit linuxcnc pictures clean
 
 install: $(STAMP)
 
@@ -27,6 +32,7 @@ $(STAMP): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "autotune needs Python 3.11 or newer; found " + sys.version.split()[0] + ". Set PYTHON=/path/to/python3.11.")'
 	@$(PYTHON) -m venv $(VENV) || { echo "The venv module is missing: on Debian, apt-get install python3-venv"; exit 1; }
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	@$(BIN)/python -m autotune.cli.compile_kernels
 	@touch $(STAMP)
 
 demo: install
@@ -38,6 +44,17 @@ test: install
 check:
 	@$(MAKE) --no-print-directory --jobs 2 --output-sync lint types layers
 	@$(MAKE) --no-print-directory unit
+
+# What computes fills the time in which the others wait; it gives way to them, because a wire is played in real time.
+unit:
+	@echo "the tests: about five minutes on two cores; they are told at the end of each half"
+	@$(MAKE) --no-print-directory --jobs 2 --output-sync wired computed
+
+wired:
+	$(BIN)/pytest -n 2 --dist worksteal $(WIRED:%=tests/%)
+
+computed:
+	nice -n 10 $(BIN)/pytest -n 2 --dist worksteal $(COMPUTED:%=tests/%)
 
 quick: install lint
 	$(BIN)/pytest -n 2 --dist worksteal -m 'not slow and not long' $(QUICK:%=tests/%)
@@ -52,9 +69,6 @@ types:
 
 layers:
 	$(BIN)/lint-imports
-
-unit:
-	$(BIN)/pytest -n 2 --dist worksteal
 
 bench: install
 	@$(BIN)/python -m bench

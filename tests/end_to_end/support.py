@@ -13,6 +13,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import pytest
+
+from autotune.cli.main import main
+
 EXAMPLE = Path(__file__).resolve().parents[2] / "config" / "axes" / "edm-vertical.toml"
 CLI = [sys.executable, "-m", "autotune.cli.main"]
 AT_REST = "SWITCH_ON_DISABLED"
@@ -97,6 +101,13 @@ class Bench:
                 self.drive.wait()
         if self.drive is not None and self.drive.stdout is not None:
             self.drive.stdout.close()
+
+
+def called(bench: Bench) -> int:
+    """A run asked for in this process, for what ends before anything is started; its exit code."""
+    with pytest.raises(SystemExit) as ending:
+        main(["run", str(bench.axis), "--yes", "--runs", str(bench.runs)])
+    return int(ending.value.code or 0)
 
 
 def read_drive(bench: Bench) -> dict[str, float]:

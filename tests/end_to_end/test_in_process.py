@@ -98,6 +98,7 @@ def test_one_stage_after_the_other_gives_what_a_whole_run_gives(bench: Bench) ->
     assert "experiment" in wrong.stderr
 
 
+@pytest.mark.usefixtures("signals_are_heard")
 def test_a_second_run_cannot_have_the_axis_at_the_same_time(bench: Bench) -> None:
     in_process(bench)
     first = bench.popen()

@@ -141,8 +141,22 @@ def test_a_hidden_effect_is_found_added_and_saved(keyboard: bool, hidden: Path, 
 
 @needs_browser
 @pytest.mark.slow
-@pytest.mark.parametrize("dark", [False, True])
-@pytest.mark.parametrize("size", [(1366, 768), (820, 1180), (400, 850)])
+@pytest.mark.parametrize(
+    ("size", "dark"),
+    [
+        ((1366, 768), False),
+        ((400, 850), True),
+        *(
+            pytest.param(size, dark, marks=pytest.mark.long)
+            for size, dark in [
+                ((1366, 768), True),
+                ((820, 1180), False),
+                ((820, 1180), True),
+                ((400, 850), False),
+            ]
+        ),
+    ],
+)
 def test_nothing_serious_for_who_sees_or_moves_badly(
     size: tuple[int, int], dark: bool, hidden: Path, tmp_path: Path
 ) -> None:
