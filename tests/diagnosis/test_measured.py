@@ -43,6 +43,7 @@ def test_lead_screw_speed_curve_has_a_stribeck_dip() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_bldc_cogging_orders_are_found_unprompted() -> None:
     columns = ("time=Time", "position=Position", "velocity=Velocity", "torque=Iq")
     recording = _imported([DATA / "bldc_cogging/speed_test1.txt"], "csv", columns, "rad", "A")

@@ -69,8 +69,9 @@ def test_a_run_over_the_line_is_kept_and_can_be_rolled_back(bench: Bench) -> Non
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("stage", ["experiment", pytest.param("commit", marks=pytest.mark.long)])
+@pytest.mark.parametrize("stage", ["experiment", "commit"])
 def test_a_killed_run_is_stopped_by_the_watchdog_and_put_right_by_the_next(bench: Bench, stage: str) -> None:
     bench.start()
     before = read_drive(bench)
