@@ -19,43 +19,31 @@ from autotune.core.errors import (
     DriveFault,
     LinkTimeout,
     StateError,
-    TransferAborted,
 )
-from autotune.core.stopping import StopLimits, StopWatch, gain_allowed
-from autotune_sim.aborts import AbortCode
+from autotune.core.stopping import StopWatch
+from autotune_sim.altered_commands import AlteredCommands
+from autotune_sim.drive_faults import OVER_CURRENT, REHEARSED, fault_error, in_words, refused
+from autotune_sim.drive_limits import DriveLimits
 from autotune_sim.emergency import ErrorCode
 from autotune_sim.hurts import HURTS, apply_hurt
 from autotune_sim.link_url import HERE, parse_sim_url
 from autotune_sim.presets import Preset
 from autotune_sim.ramp import Ramp
-from autotune_sim.read_back import ReadBack
 from autotune_sim.rehearsal import Agenda
 from autotune_sim.servo import Servo, ServoMode, ServoState
 from autotune_sim.stored import keep, must_be_kept, recall
 from autotune_sim.truth import Truth
 
-BEYOND = 0.03  # rad outside of a position limit, on the way out, that is a fault
-OVERSPEED = 1.2  # times the speed limit that is a fault
 MISSED = 3  # cycles lost in a rehearsal
 HEAT = 200.0  # K, of a rehearsal
 LEAP = 0.1  # rad, from where the axis is to another master's target
 STOP_FAULT = 3e-3  # s into a controlled stop, of a rehearsed fault
 AFTERMATH = 200  # cycles without power that are logged, where what is true is logged
-_OVER_CURRENT = 0x2310
 _ALTERED = frozenset({"rpdo-lost", "second-master"})
 _MODES = {
     Mode.POSITION: ServoMode.POSITION,
     Mode.VELOCITY: ServoMode.VELOCITY,
     Mode.TORQUE: ServoMode.TORQUE,
-}
-_WORDS = {
-    _OVER_CURRENT: "continuous over-current at the output: the motor is overloaded or blocked",
-    ErrorCode.MOTOR_TEMPERATURE: "motor temperature too high: let it cool",
-    ErrorCode.SPEED: "speed too high",
-    ErrorCode.FOLLOWING_ERROR: "following error too large: the axis did not follow its reference",
-    ErrorCode.POSITION_LIMIT: "position limit reached",
-    ErrorCode.ENABLE_INPUT: "the enable input is missing: switch it on, or check safe torque off",
-    ErrorCode.BRAKE: "the brake is not released: check its supply and wiring",
 }
 
 
@@ -110,9 +98,8 @@ class SimDrive:
         self._mode = ServoMode.POSITION
         self._demand = self._demand_before = 0.0
         self._missed = 0
-        self._told: Command | None = None
-        self._foreign, self._leap = math.nan, LEAP
-        self._sent, self._read_back = 0.0, ReadBack()
+        self._altered = AlteredCommands(0.0)
+        self._leap = LEAP
         self._sample: ServoState = self._servo.idle()
         self._read_limits()
 
@@ -160,8 +147,7 @@ class SimDrive:
         self._servo.power(True, self._mode)
         self._demand = self._demand_before = self._servo.position
         self._missed = 0
-        self._told, self._foreign = None, math.nan
-        self._sent, self._read_back = self._demand, ReadBack()
+        self._altered = AlteredCommands(self._demand)
         self._note("enabled", mode=mode.value)
 
     def disable(self) -> None:
@@ -178,9 +164,9 @@ class SimDrive:
                 )
             if "stop-fault" in self._conditions:
                 self._conditions -= {"stop-fault"}
-                self._fault = _OVER_CURRENT
-                self._note("fault", code=_OVER_CURRENT)
-                raise self._error(_OVER_CURRENT, "while the axis was brought to rest")
+                self._fault = OVER_CURRENT
+                self._note("fault", code=OVER_CURRENT)
+                raise fault_error(OVER_CURRENT, "while the axis was brought to rest", self._sample)
 
     def cut(self) -> None:
         """See `autotune.core.drive.CutsPower`."""
@@ -204,22 +190,22 @@ class SimDrive:
         self._sample = self._servo.idle()
         if self._cause():
             self._fault = self._cause()
-            raise self._error(self._fault, "and its cause is still there")
+            raise fault_error(self._fault, "and its cause is still there", self._sample)
 
     def _refuse_enabling(self) -> None:
         if "enable-missing" in self._conditions:
             raise StateError(
-                "the simulated drive stays in 'switch on disabled': " + _WORDS[ErrorCode.ENABLE_INPUT]
+                "the simulated drive stays in 'switch on disabled': " + in_words(ErrorCode.ENABLE_INPUT)
             )
         code = self._fault or self._cause()
         if code:
             self._fault = code
-            raise self._error(code, "when power was asked for")
+            raise fault_error(code, "when power was asked for", self._sample)
 
     def _stop(self, agenda: Agenda | None = None) -> StopWatch:
         """Brakes on the drive's own ramp, then takes power off; meanwhile something of `agenda` may fail."""
         servo = self._servo
-        watch = StopWatch(self._stop_limits, self._sample.velocity)
+        watch = StopWatch(self._limits.stop(self._servo), self._sample.velocity)
         try:
             if "enable-missing" not in self._conditions:
                 ramp = self._ramp()
@@ -244,23 +230,14 @@ class SimDrive:
             servo.lose(AFTERMATH)
         self._sample = servo.idle()
 
-    @property
-    def _stop_limits(self) -> StopLimits:
-        """What a driver in front of this drive would watch its stop by."""
-        p, period = self._parameters, self._servo.period
-        count = 2.0 * math.pi / self._servo.preset.plant.counts
-        braking = p["limit.deceleration"]
-        allowance = gain_allowed(self._speed, braking, period, count)
-        return StopLimits(period, allowance, self._lowest, self._highest, self._window, "rad", braking, count)
-
     def _ramp(self) -> Ramp:
         servo, sample = self._servo, self._sample
         position, velocity = self._demand, (self._demand - self._demand_before) / servo.period
-        following = abs(sample.following_error) < 0.5 * self._window
+        following = abs(sample.following_error) < 0.5 * self._limits.window
         if self._mode is not ServoMode.POSITION or not following:
             servo.power(True, ServoMode.POSITION)
             position, velocity = servo.position, sample.velocity
-        velocity = min(max(velocity, -self._speed), self._speed)  # a leap is no speed
+        velocity = min(max(velocity, -self._limits.speed), self._limits.speed)  # a leap is no speed
         return Ramp(position, velocity, self._parameters["limit.deceleration"])
 
     # The cycle
@@ -273,23 +250,22 @@ class SimDrive:
         if self._agenda.due <= self._sample.time + servo.period:
             self._rehearse()
         if self._conditions and not self._conditions.isdisjoint(_ALTERED):
-            command = self._heard(command)
+            command = self._altered.heard(
+                command, self._mode, "rpdo-lost" in self._conditions, self._sample.position + self._leap
+            )
         position, velocity, torque, feedforward = command
+        limits = self._limits
         if position != position:
             position = self._demand
-        position = min(max(position, self._lowest), self._highest)
-        velocity = min(max(velocity, -self._speed), self._speed)
+        position = min(max(position, limits.lowest), limits.highest)
+        velocity = min(max(velocity, -limits.speed), limits.speed)
         if not math.isfinite(velocity + torque + feedforward):
             raise DriveError(f"{command} cannot be sent to the simulated drive: every value must be finite")
         self._sample = state = servo.cycle(position, velocity, torque, feedforward)
         self._demand_before, self._demand = self._demand, position
-        if (
-            abs(state.following_error) > self._window
-            or abs(state.velocity) > self._fastest
-            or not self._inner_lowest < state.position < self._inner_highest
-            or state.temperature > self._hottest
-        ):
-            self._watch(state)
+        code = limits.broken(state)
+        if code:
+            self._fail(code)
         missed, self._missed = self._missed, 0
         return Sample(
             state.time,
@@ -304,63 +280,17 @@ class SimDrive:
             missed,
         )
 
-    def _heard(self, command: Command) -> Command:
-        """The command that reaches the servo loop: an earlier one, or another master's target.
-
-        Raises:
-            LinkError: it is not ours, and looking has shown it.
-        """
-        if not math.isnan(command.position):
-            self._sent = command.position
-        sent = command._replace(position=self._sent)
-        if "rpdo-lost" in self._conditions:
-            self._told = self._told or sent
-            heard = self._told
-        else:
-            if math.isnan(self._foreign):
-                self._foreign = self._sample.position + self._leap
-            heard = sent._replace(position=self._foreign)
-        self._read_back.cycle(self._target(sent), self._target(heard))
-        return heard
-
-    def _target(self, command: Command) -> tuple[float, float]:
-        """What of a command counts in the present mode."""
-        return command[self._mode], command.torque_feedforward
-
-    def _watch(self, state: ServoState) -> None:
-        """Names what a limit check has found; leaves for good where it is a fault."""
-        outside = state.position > self._highest + BEYOND if state.velocity > 0 else False
-        outside |= state.position < self._lowest - BEYOND if state.velocity < 0 else False
-        if abs(state.following_error) > self._window:
-            self._fail(ErrorCode.FOLLOWING_ERROR)
-        elif abs(state.velocity) > self._fastest:
-            self._fail(ErrorCode.SPEED)
-        elif outside and abs(state.velocity) > 0.1:
-            self._fail(ErrorCode.POSITION_LIMIT)
-        elif state.temperature > self._hottest:
-            self._fail(ErrorCode.MOTOR_TEMPERATURE)
-
     def _fail(self, code: int) -> None:
         """Stops the axis and raises the fault."""
         self._fault = code
-        error = self._error(code, "while it was running")
+        error = fault_error(code, "while it was running", self._sample)
         self._note("fault", code=code)
         self._stop()
         raise error
 
-    def _error(self, code: int, when: str) -> DriveFault:
-        state = self._sample
-        return DriveFault(
-            f"the simulated drive reports a fault {when}: {_WORDS.get(code, 'fault')} ({code:04X}h) at "
-            f"{state.time:.3f} s, position {state.position:.4g} rad, following error "
-            f"{state.following_error:.3g} rad. Remove its cause, reset the fault at the drive (or switch it "
-            "off and on), and start again",
-            code,
-        )
-
     def _cause(self) -> int:
         """Code of a fault that is there now; 0 for none."""
-        if self._servo.temperature > self._hottest:
+        if self._servo.temperature > self._limits.hottest:
             return ErrorCode.MOTOR_TEMPERATURE
         return ErrorCode.BRAKE if "brake-missing" in self._conditions else 0
 
@@ -384,7 +314,7 @@ class SimDrive:
         """
         self._answer()
         if "write-refused" in self._conditions:
-            raise _aborted("parameters cannot be written")
+            raise refused("parameters cannot be written")
         try:
             self._parameters.restore(values)
         except KeyError as error:
@@ -399,7 +329,7 @@ class SimDrive:
         if self._servo.powered:
             raise StateError("parameters are stored with power off only; disable the drive first")
         if "store-refused" in self._conditions:
-            raise _aborted("parameters cannot be stored")
+            raise refused("parameters cannot be stored")
         if "nvm" not in self._conditions:
             self._stored = self._parameters.snapshot()
             if self._memory is not None:
@@ -410,7 +340,7 @@ class SimDrive:
     def faults(self) -> list[str]:
         self._answer()
         code = self._fault or self._cause()
-        return [f"{_WORDS.get(code, 'fault')} ({code:04X}h)"] if code else []
+        return [f"{in_words(code)} ({code:04X}h)"] if code else []
 
     def power_cycle(self) -> None:
         """Switches the drive off and on: faults are forgotten, stored parameters are back."""
@@ -424,14 +354,8 @@ class SimDrive:
 
     def _read_limits(self) -> None:
         """Keeps what every cycle compares with."""
-        p = self._parameters
-        self._lowest, self._highest = p["limit.position_min"], p["limit.position_max"]
-        self._inner_lowest, self._inner_highest = self._lowest - BEYOND, self._highest + BEYOND
-        self._window = p["limit.following_error"]
-        self._speed = p["limit.speed"]
-        self._fastest = OVERSPEED * self._speed
         self._heating = HEAT if "hot" in self._conditions else 0.0
-        self._hottest = p["limit.temperature"] - self._heating
+        self._limits = DriveLimits.of(self._parameters, self._heating)
 
     # Rehearsals
 
@@ -458,7 +382,7 @@ class SimDrive:
         if name == "clear":
             self._servo.heal()
         if name in _ALTERED:
-            self._sent = self._demand
+            self._altered.sent = self._demand
         if name == "second-master":
             self._leap = float(value or LEAP)
         self._conditions = set() if name == "clear" else self._conditions | {name}
@@ -468,17 +392,11 @@ class SimDrive:
     def _fail_as_rehearsed(self) -> None:
         if self._conditions & {"silent", "power-loss"}:
             self._answer()
-        codes = {
-            "drive-fault": _OVER_CURRENT,
-            "following-error": ErrorCode.FOLLOWING_ERROR,
-            "enable-missing": ErrorCode.ENABLE_INPUT,
-            "brake-missing": ErrorCode.BRAKE,
-        }
-        for name in self._conditions & set(codes):
+        for name in self._conditions & set(REHEARSED):
             self._conditions -= {"drive-fault", "following-error"}
             if self._servo.powered:
-                self._fail(codes[name])
-            self._fault = codes[name] if name in ("drive-fault", "following-error") else self._fault
+                self._fail(REHEARSED[name])
+            self._fault = REHEARSED[name] if name in ("drive-fault", "following-error") else self._fault
         if "missed-cycles" in self._conditions:
             self._conditions -= {"missed-cycles"}
             self._lose_cycles()
@@ -500,11 +418,3 @@ class SimDrive:
             "the simulated drive does not answer (a rehearsed failure); check that it has power and that "
             "the cable is plugged"
         )
-
-
-def _aborted(what: str) -> TransferAborted:
-    return TransferAborted(
-        f"the simulated drive refuses: {what} (abort code {AbortCode.STATE:08X}h, because of the present "
-        "device state; a rehearsed failure)",
-        AbortCode.STATE,
-    )
