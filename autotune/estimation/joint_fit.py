@@ -8,6 +8,7 @@ measured motion, instruments the same on a simulated one. Pieces are weighted by
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -16,6 +17,7 @@ import scipy
 
 from autotune.core.arrays import Floats
 from autotune.estimation.bandwidth import Bands
+from autotune.estimation.least_squares import Free, with_values
 from autotune.estimation.normal_equations import BLOCK_SECONDS, Normal, Part, assemble, whitener
 from autotune.estimation.pieces import (
     Piece,
@@ -46,8 +48,8 @@ class Refined:
 
     Attributes:
         model: with values and standard errors.
-        names: the free parameters; `covariance` is in their order, unscaled, shape (k, k).
-        normal: of the last iteration, in parameters scaled by `scale`.
+        free: the parameters fitted; `covariance` is in their order, unscaled, shape (k, k).
+        normal: of the last iteration, in parameters over their scales.
         errors: residual of each piece after the fit, rows compared only [N m].
         torque_rms: of the torque in the same bands, for relative errors.
         converged: whether the last step was small against the standard errors.
@@ -56,16 +58,20 @@ class Refined:
     """
 
     model: DriveModel
-    names: tuple[str, ...]
+    free: tuple[Free, ...]
     covariance: Floats
     normal: Normal
-    scale: Floats
     errors: tuple[Floats, ...]
     torque_rms: float
     converged: bool
     bounded: tuple[str, ...]
     twin: float
     around: Surroundings
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the free parameters."""
+        return tuple(parameter.name for parameter in self.free)
 
     @property
     def relative_error(self) -> float:
@@ -83,35 +89,33 @@ def refine(
     pieces: Sequence[Piece],
     around: Surroundings,
     bands: Bands,
-    free: Sequence[str],
+    names: Sequence[str],
     seed: int = 0,
 ) -> Refined:
-    """Refines the `free` parameters (surface names) of `model` on all pieces.
+    """Refines the parameters of `model` that are named, as on every surface, on all pieces.
 
     First with few runs of the twin until steps are small against the standard errors; then the noise is
     calibrated anew, as a bad start looks like noise, and with more runs a few steps follow. Steps stay at
     a few tenths of a standard error for ever, as the twin's noise differs from the axis's.
     """
-    names, pieces = tuple(free), list(pieces)
-    sweep = _Sweep(pieces, calibrated(model.pack(), pieces, around, bands, seed), bands, seed)
-    scale = _scales(model, names)
-    lower, upper = _bounds(names, model)
-    values = np.array([model[name] for name in names])
+    free, pieces, packed = free_by_name(model, names), list(pieces), model.pack()
+    sweep = _Sweep(pieces, calibrated(packed, pieces, around, bands, seed), bands, free, seed)
+    values = packed.p[[parameter.slot for parameter in free]]
     runs, passes = _COARSE, 0
-    linear = sweep.linearise(_packed(model, names, values), names, scale, runs)
+    linear = sweep.linearise(packed, runs)
     converged, still = _judged(linear.normal)
     for iteration in range(ITERATIONS):
         if passes >= MOST_FINE or (still and passes >= LEAST_FINE):
             break
-        values = np.clip(values + _limited(linear.normal) * scale, lower, upper)
-        packed = _packed(model, names, values)
+        values = _moved(values, linear.normal, free)
+        packed = with_values(packed, free, values)
         if runs == _COARSE and (converged or iteration >= ITERATIONS - MOST_FINE):
             runs = _FINE
             sweep = replace(sweep, around=calibrated(packed, pieces, around, bands, seed))
         passes += runs == _FINE
-        linear = sweep.linearise(packed, names, scale, runs)
+        linear = sweep.linearise(packed, runs)
         converged, still = _judged(linear.normal)
-    return _result(model, names, values, (lower, upper), scale, linear, converged, sweep)
+    return _result(model, values, linear, converged, sweep)
 
 
 def _judged(normal: Normal) -> tuple[bool, bool]:
@@ -130,28 +134,19 @@ def _spread(normal: Normal) -> Floats:
     return np.asarray(np.sqrt(np.maximum(np.diag(normal.covariance), 1e-300)))
 
 
-def _result(
-    model: DriveModel,
-    names: tuple[str, ...],
-    values: Floats,
-    bounds: tuple[Floats, Floats],
-    scale: Floats,
-    linear: _Linear,
-    converged: bool,
-    sweep: _Sweep,
-) -> Refined:
-    covariance = linear.normal.covariance * np.outer(scale, scale)
+def _result(model: DriveModel, values: Floats, linear: _Linear, converged: bool, sweep: _Sweep) -> Refined:
+    covariance = linear.normal.covariance * np.outer(sweep.scale, sweep.scale)
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    names = [parameter.name for parameter in sweep.free]
     fitted = dict(zip(names, values.tolist(), strict=True))
     at_bound = tuple(
-        name for name, value, low, high in zip(names, values, *bounds, strict=True) if value in (low, high)
+        f.name for f, value in zip(sweep.free, values, strict=True) if value in (f.lower, f.upper)
     )
     return Refined(
         model.with_values(fitted, dict(zip(names, spread.tolist(), strict=True))),
-        names,
+        sweep.free,
         covariance,
         linear.normal,
-        scale,
         tuple(linear.errors),
         _torque_rms(sweep.pieces, sweep.bands),
         converged,
@@ -175,9 +170,14 @@ class _Sweep:
     pieces: list[Piece]
     around: Surroundings
     bands: Bands
+    free: tuple[Free, ...]
     seed: int
 
-    def linearise(self, packed: Packed, names: Sequence[str], scale: Floats, runs: int) -> _Linear:
+    @property
+    def scale(self) -> Floats:
+        return np.array([parameter.scale for parameter in self.free])
+
+    def linearise(self, packed: Packed, runs: int) -> _Linear:
         parts: list[Part] = []
         errors: list[Floats] = []
         followed = 0
@@ -190,17 +190,15 @@ class _Sweep:
             bias = np.mean(rest, axis=0) if twins else np.zeros(len(here))
             errors.append((here - bias)[piece.use])
             if twins and suits(piece, self.around):
-                parts += small_motion(piece, twins[1:], packed, self.around, names, scale)
+                parts += small_motion(piece, twins[1:], packed, self.around, self.free)
             else:
-                parts.append(self._torque_part(piece, packed, names, scale, twins, here, bias))
+                parts.append(self._torque_part(piece, packed, twins, here, bias))
         return _Linear(assemble(parts), errors, followed / len(self.pieces))
 
     def _torque_part(
         self,
         piece: Piece,
         packed: Packed,
-        names: Sequence[str],
-        scale: Floats,
         twins: list[Piece],
         here: Floats,
         bias: Floats,
@@ -210,16 +208,16 @@ class _Sweep:
         It is whitened by the colour that noise has in the twin, not by its own: what the model lacks is
         no noise, and must keep its weight.
         """
-        columns = self._columns(piece, packed, names, scale, here)
+        columns = self._columns(piece, packed, here)
         other, white = columns, np.ones(1)
         if twins:
             first = torque_error(twins[0], packed, self.bands)
-            other = self._columns(twins[0], packed, names, scale, first)
+            other = self._columns(twins[0], packed, first)
             white = whitener((first - bias)[piece.use])
         rows = max(8, round(BLOCK_SECONDS * min(1.0, piece.pace) / (piece.period * self.bands.decimation)))
         all_three = np.column_stack([here - bias, columns, other])
         all_three = np.asarray(scipy.signal.lfilter(white, [1.0], all_three, axis=0))[piece.use]
-        count = len(names)
+        count = len(self.free)
         return Part(all_three[:, 0], all_three[:, 1 : 1 + count], all_three[:, 1 + count :], rows)
 
     def _twins(self, number: int, piece: Piece, packed: Packed, runs: int) -> list[Piece]:
@@ -236,18 +234,45 @@ class _Sweep:
             twins.append(with_motion(piece, result.position, result.torque, self.bands))
         return twins
 
-    def _columns(
-        self, piece: Piece, packed: Packed, names: Sequence[str], scale: Floats, here: Floats
-    ) -> Floats:
+    def _columns(self, piece: Piece, packed: Packed, here: Floats) -> Floats:
         """∂R/∂(p/scale) by forward differences, shape (m, k)."""
-        columns = np.empty((len(here), len(names)))
-        for index, name in enumerate(names):
+        columns = np.empty((len(here), len(self.free)))
+        for index, parameter in enumerate(self.free):
             changed = packed.p.copy()
-            changed[surface_parameter(name).slot] += _DIFFERENCE * scale[index]
+            changed[parameter.slot] += _DIFFERENCE * parameter.scale
             columns[:, index] = (
                 torque_error(piece, Packed(changed, packed.on), self.bands) - here
             ) / _DIFFERENCE
         return columns
+
+
+def free_by_name(model: DriveModel, names: Sequence[str]) -> tuple[Free, ...]:
+    """Parameters of a model that are named, each by what counts as a large change of it, within physical bounds.
+
+    What must be positive stays within a hundredfold of its value.
+    """
+    free = []
+    for name in names:
+        parameter, value = surface_parameter(name), model[name]
+        lower, upper = parameter.lower, parameter.upper
+        if lower > 0 or name in ("stribeck_velocity", "stiffness", "inertia"):
+            lower, upper = max(lower, 0.01 * value), min(upper, 100.0 * value)
+        free.append(Free(name, parameter.slot, lower, upper, _large_change(model, name, parameter.unit)))
+    return tuple(free)
+
+
+def _large_change(model: DriveModel, name: str, unit: str) -> float:
+    """The parameter's value; for what may be zero, a part of friction or of another damping."""
+    least = 0.0
+    if unit == "N m":
+        least = 0.05 * max(model["coulomb"], abs(model["offset"]), 1e-9)
+    elif name == "viscous":
+        least = 0.01 * model["micro_damping"]
+    elif name == "micro_damping":
+        least = 0.5 * math.sqrt(model["stiffness"] * model["inertia"])
+    elif unit == "N m s/rad":
+        least = 0.1 * model["viscous"]
+    return max(abs(model[name]), least) or 1.0
 
 
 def calibrated(
@@ -293,51 +318,14 @@ def _twin_roughness(
     return _roughness(with_motion(piece, result.position, result.torque, bands), packed, bands)
 
 
-def _packed(model: DriveModel, names: Sequence[str], values: Floats) -> Packed:
-    packed = model.pack()
-    for name, value in zip(names, values.tolist(), strict=True):
-        packed.p[surface_parameter(name).slot] = value
-    return packed
-
-
-def _scales(model: DriveModel, names: Sequence[str]) -> Floats:
-    """What counts as a large change of each parameter: its value, or friction for what may be zero."""
-    friction = max(model["coulomb"], abs(model["offset"]), 1e-9)
-    scales = []
-    for name in names:
-        size = abs(model[name])
-        unit = surface_parameter(name).unit
-        if unit == "N m":
-            size = max(size, 0.05 * friction)
-        elif name == "viscous":
-            size = max(size, 0.01 * model["micro_damping"])
-        elif unit == "N m s/rad" and name != "micro_damping":
-            size = max(size, 0.1 * model["viscous"])
-        elif name == "micro_damping":
-            size = max(size, 0.5 * float(np.sqrt(model["stiffness"] * model["inertia"])))
-        scales.append(size if size > 0 else 1.0)
-    return np.array(scales)
-
-
-def _bounds(names: Sequence[str], model: DriveModel) -> tuple[Floats, Floats]:
-    """Physical bounds, and a hundredfold either way for what must be positive."""
-    lower, upper = [], []
-    for name in names:
-        parameter = surface_parameter(name)
-        value = model[name]
-        low, high = parameter.lower, parameter.upper
-        if low > 0 or name in ("stribeck_velocity", "stiffness", "inertia"):
-            low, high = max(low, 0.01 * value), min(high, 100.0 * value)
-        lower.append(low)
-        upper.append(high)
-    return np.array(lower), np.array(upper)
-
-
-def _limited(normal: Normal) -> Floats:
-    """No parameter moves by more than 30 % of its scale at once; the direction is kept."""
+def _moved(values: Floats, normal: Normal, free: Sequence[Free]) -> Floats:
+    """Values after a step: none moves by more than 30 % of its scale at once; the direction is kept."""
     step = normal.step
     largest = float(np.max(np.abs(step))) if len(step) else 0.0
-    return np.asarray(step * min(1.0, LARGEST_STEP / largest) if largest > 0 else step)
+    if largest > 0:
+        step = step * min(1.0, LARGEST_STEP / largest)
+    change = step * np.array([parameter.scale for parameter in free])
+    return np.asarray(np.clip(values + change, [f.lower for f in free], [f.upper for f in free]))
 
 
 def _torque_rms(pieces: list[Piece], bands: Bands) -> float:

@@ -21,6 +21,7 @@ import numpy as np
 import scipy
 
 from autotune.core.arrays import Floats
+from autotune.estimation.least_squares import Free
 from autotune.estimation.normal_equations import Part
 from autotune.estimation.pieces import Piece, Surroundings
 from autotune.models import layout
@@ -111,13 +112,12 @@ def small_motion(
     twins: list[Piece],
     packed: Packed,
     around: Surroundings,
-    names: Sequence[str],
-    scale: Floats,
+    free: Sequence[Free],
 ) -> list[Part]:
     """One part a set: the three numbers, measured less twins, in units of their standard error."""
     system = linear_system(packed)
     predictor = noise_polynomial(system, piece, around)
-    binding = _binding(system, names, scale)
+    binding = _binding(system, free)
     sets = max(1, round(len(piece) * piece.period / SET_SECONDS))
     parts = []
     for rows in np.array_split(np.arange(len(piece)), sets):
@@ -210,14 +210,14 @@ def _prediction_error(
     return np.asarray(error - unknown @ (error @ unknown))
 
 
-def _binding(system: SpringMass, names: Sequence[str], scale: Floats) -> Floats:
+def _binding(system: SpringMass, free: Sequence[Free]) -> Floats:
     """How the three logarithms follow p/scale, shape (3, k): as in the linear system."""
-    binding = np.zeros((3, len(names)))
-    for index, name in enumerate(names):
-        if name == "inertia":
-            binding[0, index] = scale[index] / system.inertia
-        elif name in ("micro_damping", "viscous"):
-            binding[1, index] = scale[index] / system.damping
-        elif name == "stiffness":
-            binding[2, index] = scale[index] / system.stiffness
+    binding = np.zeros((3, len(free)))
+    for index, parameter in enumerate(free):
+        if parameter.name == "inertia":
+            binding[0, index] = parameter.scale / system.inertia
+        elif parameter.name in ("micro_damping", "viscous"):
+            binding[1, index] = parameter.scale / system.damping
+        elif parameter.name == "stiffness":
+            binding[2, index] = parameter.scale / system.stiffness
     return binding
