@@ -26,17 +26,9 @@ UNKNOWN = 0.5
 SYSTEMATIC = {"inertia": 5e-4, "stiffness": 5e-4, "coulomb": 1e-4}
 SYSTEMATIC_ELSE = 2e-4
 """Of the value: what filters, integration steps and the quantiser's model are trusted to at best."""
-INFLATION = {
-    "coulomb": 0.9,
-    "offset": 0.92,
-    "break_away": 0.88,
-    "micro_damping": 1.4,
-    "viscous": 1.1,
-    "stribeck_velocity": 1.12,
-}
-"""Of the sandwich's standard errors, found on 162 simulated axes (seeds 5000 to 5079 and 6000 to 6099;
-figures with others in docs/benchmarks.md). Blocks of a second do not see that Coulomb friction and offset
-settle within a block; only the few sets in presliding tell σ1."""
+INFLATION = {"micro_damping": 1.4}
+"""Of the jackknife's standard errors, found on simulated axes (seeds 5000 to 5059; figures with others in
+docs/benchmarks.md): only the few sets in presliding tell σ1, and they are not alike."""
 _REMEDIES = {
     "inertia": "accelerate harder: a multisine of 5 to 50 Hz, or point-to-point moves",
     "viscous": "move faster, over a wide range of speeds",
@@ -101,12 +93,11 @@ def surroundings(recording: Recording, controller: PositionController) -> Surrou
 
 
 def _estimate(refined: Refined) -> Estimate:
-    blocks = len(refined.normal.blocks)
-    reach = float(scipy.stats.t.ppf(0.975, max(blocks - len(refined.names), 2)))
+    reaches = np.asarray(scipy.stats.t.ppf(0.975, refined.normal.freedom))
     errors = refined.standard_errors
     quantities: dict[str, Quantity] = {}
     notes = list(_directions(refined))
-    for name in refined.names:
+    for name, reach in zip(refined.names, reaches.tolist(), strict=True):
         value = refined.model[name]
         error = math.hypot(
             INFLATION.get(name, 1.0) * errors[name], SYSTEMATIC.get(name, SYSTEMATIC_ELSE) * value

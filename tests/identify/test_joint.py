@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from autotune.core.errors import ConfigurationError, NotEnoughExcitation, RecordingError
 from autotune.estimation.controller import controller_of, is_closed
-from autotune.estimation.normal_equations import Part, assemble, whitener
+from autotune.estimation.normal_equations import Normal, Part, assemble, whitener
 from autotune.identify.fit import fit, joined, thinned
 from autotune.identify.high_speed import identify_high_speed
 from autotune.identify.refinement import refine_recording
@@ -104,6 +105,31 @@ def test_normal_equations_solve_a_linear_problem() -> None:
     np.testing.assert_allclose(assemble(parts).step, truth_, atol=0.01)
     spread = np.sqrt(np.diag(assemble(ends).covariance))
     np.testing.assert_allclose(spread, 0.1 / np.sqrt(8000), rtol=0.25)
+
+
+def test_intervals_hold_where_a_few_blocks_tell_a_parameter() -> None:
+    """5 blocks of 60 tell the first parameter: the sandwich with 58 degrees of freedom would cover 88 %."""
+    generator = np.random.default_rng(4)
+    inside = 0
+    for _ in range(400):
+        design = generator.standard_normal((1200, 2))
+        design[100:, 0] *= 0.1
+        noise = generator.standard_normal(1200)
+        change = assemble([Part(noise, design, design, 20, 1.0)]).step
+        solved = assemble([Part(noise + design @ change, design, design, 20, 1.0)])
+        reach = stats.t.ppf(0.975, solved.freedom[0])
+        inside += abs(change[0]) <= reach * np.sqrt(solved.covariance[0, 0])
+    assert 0.90 < inside / 400 < 0.98
+
+
+def test_a_standard_error_has_as_many_degrees_of_freedom_as_blocks_that_tell_it() -> None:
+    generator = np.random.default_rng(5)
+    scores = generator.standard_normal((400, 2))
+    scores[10:, 1] *= 0.01
+    matrices = np.broadcast_to(np.eye(2), (400, 2, 2))
+    everywhere, rarely = Normal(400.0 * np.eye(2), scores.sum(axis=0), scores, matrices).freedom
+    assert 250 < everywhere <= 398
+    assert 4 <= rarely < 20
 
 
 def test_the_whitener_whitens() -> None:
