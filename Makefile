@@ -16,7 +16,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # The floors that need no wire and no process of their own.
 QUICK := core signals models recordings importing estimation control experiments sim face cli
 # Those whose tests wait for a wire or for other programs, and those that only compute.
-WIRED := docs drivers end_to_end faults fuzz node service tuning view workbench
+WIRED := docs drivers end_to_end faults fuzz node peer service tuning view workbench
 COMPUTED := $(filter-out $(WIRED) support %.py __pycache__,$(notdir $(wildcard tests/*)))
 
 # Everything between host and drive, and what stores, restores and survives.
