@@ -15,7 +15,7 @@ from autotune.estimation.alignment import shifted, without_twin
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import as_rough, fitted_contact
 from autotune.estimation.controller import find_controller
-from autotune.estimation.controller_law import PositionController
+from autotune.estimation.controller_law import AS_MUCH, PositionController
 from autotune.estimation.controller_torque import loop_note, refuse_answers
 from autotune.estimation.data import Prepared
 from autotune.estimation.disturbance_estimate import estimate_disturbance
@@ -142,7 +142,8 @@ def _worse_than_none(problem: Problem, evidence: Evidence, model_fit: ModelFit, 
     """Whether a twin makes it worse; `plain` is the cost before it was shaken.
 
     Where its law works at the samples and the drive's between them, it must explain more than no twin at all: what it
-    makes of a coarse encoder's counts may be other than what the drive makes of them.
+    makes of a coarse encoder's counts may be other than what the drive makes of them. One that works between them, too,
+    may explain as much: what an effect leaves that is missing drowns what either takes out.
     """
     cost = model_fit.fitted.cost
     law = problem.controller
@@ -151,9 +152,8 @@ def _worse_than_none(problem: Problem, evidence: Evidence, model_fit: ModelFit, 
         return not evidence.repeats and cost > problem.policy.twin_worse * plain
     without = replace(problem, controller=None)
     free = list(model_fit.free)
-    return (
-        cost > refit(without, model_fit.fitted.packed, free, without.correction(model_fit.fitted.packed)).cost
-    )
+    none = refit(without, model_fit.fitted.packed, free, without.correction(model_fit.fitted.packed)).cost
+    return cost > (AS_MUCH if law is not None and law.ticks > 1 else 1.0) * none
 
 
 def _aligned(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit]:
