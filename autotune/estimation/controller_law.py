@@ -47,7 +47,7 @@ EXACT = 1e-6
 NEARLY_EXACT, WORTH_DELAYS = 1e-5, 0.5
 """Share of the demand left from which laws with delays are looked for, and of what is left, to be taken."""
 HARDLY_MORE = 1.01
-"""Times the share left by a law with all terms of the reference: a plainer one that leaves no more is taken."""
+"""Times the share left by a late law with all terms of the reference: a plainer one that leaves no more is taken."""
 IN_BAND = f"It was found below {CUTOFF:.0f} Hz: what the drive does between the samples is left out."
 TICK = 250e-6
 """s, at which a drive's loop is simulated: its bandwidth is far below."""
@@ -175,7 +175,8 @@ def law_from_data(samples: LoopSamples) -> PositionController:
         if 1.0 - late.explained < WORTH_DELAYS * (1.0 - found.explained):
             found = late
         plain = _searched_smeared(samples, found)
-        if 1.0 - plain.explained < HARDLY_MORE * (1.0 - found.explained):
+        enough = HARDLY_MORE if found.reference_delay or found.position_delay else WORTH_DELAYS
+        if 1.0 - plain.explained < enough * (1.0 - found.explained):
             found = plain
     wandering = replace(samples, piece=PIECE_SECONDS)
     if found.explained <= samples.policy.controller_explains:
