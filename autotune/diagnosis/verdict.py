@@ -44,6 +44,7 @@ from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import Problem
 from autotune.models.drive_model import DriveModel
 from autotune.models.effect import Kind
+from autotune.models.table import EFFECTS
 from autotune.recordings.recording import Recording
 
 NAMED, NONE, UNKNOWN, AMBIGUOUS = "named", "none", "unknown", "ambiguous"
@@ -141,6 +142,7 @@ class Facts:
     lead: float
     rivals: tuple[str, ...]
     first: Sequence[ScreenedCandidate] = ()
+    tried: Sequence[FittedCandidate] = ()
 
     @property
     def drowned(self) -> bool:
@@ -185,13 +187,19 @@ class Facts:
 
     @property
     def law_differs(self) -> bool:
-        """One effect explains most of the error, far ahead of any other, but not all that its place holds."""
+        """One effect explains most of the error, far ahead of any other, but not all that its place holds.
+
+        Not two masses: with stiffness, damping and shares free they take the shape of much that a twin is not.
+        """
         policy, chosen = self.problem.policy, self.chosen
         if chosen is None or not self.evidence.repeats or len(chosen.model_fit.effects) > 1:
             return False
         if hardly_a_gap(policy, chosen.model_fit) or not self.problem.has_veto:
             return False
+        if EFFECTS[chosen.effect].in_transmission:
+            return False
         others = [item.gain for item in self.first if item.effect != chosen.effect]
+        others += [item.gain for item in self.tried if item.effect != chosen.effect]
         own = next((item.gain for item in self.first if item.effect == chosen.effect), chosen.gain)
         alone = max(others, default=0.0) <= LAW_LEAD * max(own, chosen.gain)
         return chosen.share >= LAW_DIFFERS and alone
@@ -302,7 +310,18 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     line = time_driven_line(problem, (chosen.model_fit if chosen else root).fitted.error)
     rivals = tuple(_rivals(problem, evidence, root, chosen, found.tried)) if chosen is not None else ()
     return Facts(
-        problem, root, chosen, evidence, carried, line, coordinate, generic, lead, rivals, found.first
+        problem,
+        root,
+        chosen,
+        evidence,
+        carried,
+        line,
+        coordinate,
+        generic,
+        lead,
+        rivals,
+        found.first,
+        found.tried,
     )
 
 

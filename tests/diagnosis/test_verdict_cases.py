@@ -85,17 +85,23 @@ def test_recordings_are_evidence_of_one_kind(steady: bool, repeated: bool, kind:
 
 
 @pytest.mark.parametrize(
-    ("share", "other", "named"),
-    [(0.75, 0.5, True), (0.75, 0.7, False), (0.66, 0.2, False)],
+    ("effect", "share", "other", "named"),
+    [
+        ("spring", 0.75, 0.5, True),
+        ("spring", 0.75, 0.7, False),
+        ("spring", 0.66, 0.2, False),
+        ("elastic_transmission", 0.77, 0.0, False),
+    ],
 )
 def test_a_law_differs_where_most_is_explained_and_no_other_comes_near(
-    share: float, other: float, named: bool
+    effect: str, share: float, other: float, named: bool
 ) -> None:
     """`other`: gain of another effect, over that of the chosen one. Uneven oil, which is no effect, is explained to
-    0.66 by friction that depends on position, and to 0.2 of that by the next."""
-    fit = SimpleNamespace(effects=("spring",), fitted=SimpleNamespace(packed=base_model(NOMINAL).pack()))
-    chosen = SimpleNamespace(effect="spring", gain=0.4, share=share, model_fit=fit)
-    first = [SimpleNamespace(effect="spring", gain=0.4), SimpleNamespace(effect="stribeck", gain=0.4 * other)]
+    0.66 by friction that depends on position, and to 0.2 of that by the next; a torque recorded two samples late,
+    with nothing missing, to 0.77 by a second mass."""
+    fit = SimpleNamespace(effects=(effect,), fitted=SimpleNamespace(packed=base_model(NOMINAL).pack()))
+    chosen = SimpleNamespace(effect=effect, gain=0.4, share=share, model_fit=fit)
+    first = [SimpleNamespace(effect=effect, gain=0.4), SimpleNamespace(effect="stribeck", gain=0.4 * other)]
     problem = SimpleNamespace(policy=POLICY, has_veto=True)
     facts = Facts(problem, fit, chosen, RepeatedProgramme(), (), None, "", 0.0, 0.4, (), first)
     assert facts.law_differs == named
