@@ -51,7 +51,7 @@ NAMED, NONE, UNKNOWN, AMBIGUOUS = "named", "none", "unknown", "ambiguous"
 CONFIRMED, SUSPECTED = "confirmed", "suspected"
 OUTDONE = 1.5
 """Times the gain of what is named: what a candidate that could not pass may gain at most beside it."""
-LAW_DIFFERS, LAW_LEAD = 0.7, 0.6
+LAW_DIFFERS, LAW_LEAD = 0.9, 0.6
 """Share explained from which one effect is named though its law differs, and what another may gain of its gain."""
 
 
