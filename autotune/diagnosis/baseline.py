@@ -33,6 +33,8 @@ from autotune.estimation.residual import measured_motion, smoothed
 from autotune.models.drive_model import DriveModel, Packed
 from autotune.signals.filters import low_pass
 
+CLEARLY_LESS = 0.98
+"""Of the cost: the chance of a twin's bias."""
 LATE_RECORD = "The torque is taken as recorded a sample late: so the axis answers to it."
 
 
@@ -168,11 +170,10 @@ def _late_record(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelF
     """Problem and fit with the torque taken as recorded a sample late, where the model says so, and a sentence on it.
 
     A law that sees everything a sample late, and one that does not whose torque is read when the next one is due,
-    leave the same columns. Only what the axis does tells them apart: the loop of the first is the slower one. A law
-    that is exact is of the demand itself, which is recorded where it acts.
+    leave the same columns. Only what the axis does tells them apart: the loop of the first is the slower one.
     """
     law = problem.controller
-    if law is None or law.exact or min(law.reference_delay, law.position_delay) < 1:
+    if law is None or min(law.reference_delay, law.position_delay) < 1:
         return problem, model_fit, ()
     prompt = replace(
         law, reference_delay=law.reference_delay - 1, position_delay=law.position_delay - 1, why=""
@@ -188,7 +189,7 @@ def _late_record(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelF
     if other is None:
         return problem, model_fit, ()
     again, other = _aligned(with_expected_noise(again, other.fitted.packed), other)
-    if other.fitted.cost >= model_fit.fitted.cost:
+    if other.fitted.cost > CLEARLY_LESS * model_fit.fitted.cost:
         return problem, model_fit, ()
     return again, other, (LATE_RECORD,)
 

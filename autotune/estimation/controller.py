@@ -75,7 +75,8 @@ def find_controller(data: Prepared, policy: Policy = POLICY) -> PositionControll
     if found.in_band and not data.repeated:
         # without repeats nothing tells what such a drive makes of counts from what a model lacks
         return replace(found, source="none", why=_unexplained(found.explained, policy.controller_explains))
-    between = found.in_band or found.reference_delay > found.position_delay
+    # a law that sees the position at once, but needs what its reference does by itself: the drive interpolates
+    between = found.in_band or (found.position_delay == 0 and found.acceleration_feedforward != 0.0)
     if found.usable and between and data.repeated and not found.exact:
         return _remembered(b"between", samples, lambda: or_between(samples, found))
     return found
