@@ -26,9 +26,6 @@ UNKNOWN = 0.5
 SYSTEMATIC = {"inertia": 5e-4, "stiffness": 5e-4, "coulomb": 1e-4}
 SYSTEMATIC_ELSE = 2e-4
 """Of the value: what filters, integration steps and the quantiser's model are trusted to at best."""
-INFLATION = {"micro_damping": 1.4}
-"""Of the jackknife's standard errors, found on simulated axes (seeds 5000 to 5059; figures with others in
-docs/benchmarks.md): only the few sets in presliding tell σ1, and they are not alike."""
 _REMEDIES = {
     "inertia": "accelerate harder: a multisine of 5 to 50 Hz, or point-to-point moves",
     "viscous": "move faster, over a wide range of speeds",
@@ -99,9 +96,7 @@ def _estimate(refined: Refined) -> Estimate:
     notes = list(_directions(refined))
     for name, reach in zip(refined.names, reaches.tolist(), strict=True):
         value = refined.model[name]
-        error = math.hypot(
-            INFLATION.get(name, 1.0) * errors[name], SYSTEMATIC.get(name, SYSTEMATIC_ELSE) * value
-        )
+        error = math.hypot(errors[name], SYSTEMATIC.get(name, SYSTEMATIC_ELSE) * value)
         quantities[name] = _quantity(refined, name, value, error, reach)
         if quantities[name].note:
             notes.append(f"{name}: {quantities[name].note}")
