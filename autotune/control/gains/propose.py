@@ -112,6 +112,8 @@ def propose(
         if found is None:
             return Proposal(None, wanted, _limit(corners, current, kin, wanted, bandwidth), resonance)
         verdict = judge(found, kin, task)
+        if _is_held(verdict):
+            return Proposal(None, wanted, _held(_limit(corners, found, kin, wanted, bandwidth)), resonance)
         if _holds(verdict):
             return Proposal(verdict, wanted, _limit(corners, found, kin, wanted, bandwidth), resonance)
         wanted = wanted.scaled(TIGHTER)
@@ -256,6 +258,20 @@ def _time(member: Member, gains: Gains, task: Task) -> float:
 
 def _holds(verdict: Verdict) -> bool:
     return not verdict.hunting_members
+
+
+def _is_held(verdict: Verdict) -> bool:
+    """Friction holds the axis: neither do steps arrive, nor does it follow at any speed looked at."""
+    arrives = min(verdict.small_settling, verdict.large_settling) < HORIZON
+    return not arrives and verdict.stick_slip_below >= verdict.slow.speeds[-1]
+
+
+def _held(limit: str) -> str:
+    return (
+        f"friction holds the axis with all gains that keep the margins; steps do not arrive within {HORIZON:g} s and "
+        f"slow motion stands still. More gain is limited by {limit}; less dead time, or a stiffer transmission, "
+        "would allow it"
+    )
 
 
 def _limit(
