@@ -235,7 +235,8 @@ def _edges(period: float, bandwidth: float | None) -> Floats:
     low, high = LEAST_BANDWIDTH, 0.25 / period
     if bandwidth is not None:
         low, high = bandwidth * (1.0 - ON_TARGET), bandwidth * (1.0 + ON_TARGET)
-    return np.log(np.array([(low, high), (1.05, 8.0), (1.5, 60.0)]))
+    edges: Floats = np.log(np.array([(low, high), (1.05, 8.0), (1.5, 60.0)]))
+    return edges
 
 
 def _binding(corners: tuple[Corner, ...]) -> tuple[Corner, ...]:
