@@ -193,8 +193,9 @@ def swinging(
     bursts = any(
         parts[j] > max(3.0 * parts[i], 2.0 * floor) for i in range(9) for j in range(max(i + 1, 4), 9)
     )
-    if bursts:
-        return Swing(0.5 * float(np.ptp(q[quarter:])), math.nan)
+    if bursts:  # they grow for some 10 s: how far they come is seen in a longer look
+        grown = swinging(axis, gains, size, LONG, seed) if seconds < LONG else None
+        return grown or Swing(0.5 * float(np.ptp(q[quarter:])), math.nan)
     if reach <= floor or reach < 0.7 * float(np.ptp(before)):
         return None
     spectrum = np.abs(np.fft.rfft((last - last.mean()) * np.hanning(quarter), 8 * quarter))

@@ -21,7 +21,7 @@ from autotune.models.layout import (
     VISCOUS,
 )
 from autotune.models.lugre import bristle_step, falling_level
-from autotune.models.reversal_memory import REMEMBERS, memory_torque
+from autotune.models.reversal_memory import REMEMBERS, SHARED_DAMPING, memory_torque, sticking_damping
 from autotune.models.stribeck import EXPONENT, FALLS
 
 _torque = all_added("torque")
@@ -73,6 +73,12 @@ def bend(
 def remembered(p: Floats, on: Flags, state: Floats, displacement: float) -> float:
     """Torque of the hysteresis elements after a displacement [N m]."""
     return memory_torque(p, state, displacement) if on[REMEMBERS] else 0.0
+
+
+@compiled
+def remembered_damping(p: Floats, on: Flags, state: Floats) -> float:
+    """Damping of the hysteresis elements that stick [N m s/rad]."""
+    return sticking_damping(p, state) if on[REMEMBERS] and p[SHARED_DAMPING] > 0.0 else 0.0
 
 
 @compiled

@@ -13,7 +13,14 @@ import math
 
 from autotune.core.arrays import Flags, Floats
 from autotune.models.compiled import compiled
-from autotune.models.contact import additive, bend, damping_slope, remembered, viscous_coefficient
+from autotune.models.contact import (
+    additive,
+    bend,
+    damping_slope,
+    remembered,
+    remembered_damping,
+    viscous_coefficient,
+)
 from autotune.models.encoder_eccentricity import IS_ECCENTRIC, reading_error
 from autotune.models.layout import BRISTLE, INERTIA, MICRO_DAMPING, POSITION, STIFFNESS, VELOCITY
 from autotune.models.load_dependent_friction import IS_PRESSED, press
@@ -57,7 +64,9 @@ def one_mass(p: Floats, on: Flags, state: Floats, drive: float, step: float) -> 
     """One step of the rigid axis, in place."""
     position, velocity = state[POSITION], state[VELOCITY]
     friction, slope = rubbing(p, on, state, BRISTLE, 1.0, position, velocity, step)
-    friction += remembered(p, on, state, step * velocity)
+    damping = remembered_damping(p, on, state)
+    friction += remembered(p, on, state, step * velocity) + damping * velocity
+    slope += damping
     outside = additive(p, on, position + 0.5 * step * velocity)
     later = velocity + step * (drive - outside - friction) / (p[INERTIA] + 0.5 * step * slope)
     state[POSITION] = position + 0.5 * step * (velocity + later)
@@ -80,7 +89,9 @@ def two_masses(p: Floats, on: Flags, state: Floats, drive: float, step: float) -
     twist = position - beyond + 0.5 * step * (velocity - speed)
     passed = passed_torque(stiffness, damping, half, twist, velocity - speed)
     friction, slope = rubbing(p, on, state, BRISTLE, 1.0 - rub, position, velocity, step)
-    friction += remembered(p, on, state, step * velocity)
+    held = remembered_damping(p, on, state)
+    friction += remembered(p, on, state, step * velocity) + held * velocity
+    slope += held
     outside = additive(p, on, position + 0.5 * step * velocity)
     inertia = p[INERTIA] * (1.0 - mass)
     later = velocity + step * (drive - outside - friction - passed) / (inertia + 0.5 * step * slope)

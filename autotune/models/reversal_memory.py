@@ -12,10 +12,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from autotune.core.arrays import Floats
+from autotune.core.arrays import Flags, Floats
 from autotune.models.compiled import compiled
 from autotune.models.effect import Kind, Parameter, Terms
-from autotune.models.layout import STIFFNESS, block, flag, state_block
+from autotune.models.layout import MICRO_DAMPING, STIFFNESS, block, flag, state_block
 from autotune.models.look_alikes import AT_REVERSALS, AT_STARTS
 from autotune.models.start_values import StartContext, StartValues, Vary
 
@@ -23,6 +23,9 @@ ELEMENTS = 10
 _AT = block("reversal_memory")
 _STATE = state_block("reversal_memory")
 REMEMBERS = flag("reversal_memory")
+SHARED_DAMPING = _AT + 2 * ELEMENTS
+"""Damping that acts in the elements [N m s/rad]: no parameter of a model, since no recording tells it from that of the
+bristle (`share_damping`); the forward routine alone knows it."""
 
 
 def _element(number: int) -> tuple[Parameter, ...]:
@@ -67,6 +70,33 @@ def memory_stiffness(p: Floats) -> float:
         if p[_AT + 2 * i] > 0.0:
             total += p[_AT + 2 * i + 1] / p[_AT + 2 * i]
     return total
+
+
+@compiled
+def sticking_damping(p: Floats, state: Floats) -> float:
+    """Of `SHARED_DAMPING` what acts now: each element has the share of its stiffness, while it sticks."""
+    whole, sticking = 0.0, 0.0
+    for i in range(ELEMENTS):
+        limit = p[_AT + 2 * i]
+        if limit <= 0.0:
+            break
+        stiffness = p[_AT + 2 * i + 1] / limit
+        whole += stiffness
+        if abs(state[_STATE + i]) < limit:
+            sticking += stiffness
+    return float(p[SHARED_DAMPING] * sticking / whole) if whole > 0.0 else 0.0
+
+
+def share_damping(p: Floats, on: Flags) -> None:
+    """Spreads the damping of presliding over bristle and elements as their stiffness is, in place.
+
+    At rest both forms are the same; the bristle's ends where the first element slides, this one with the last.
+    """
+    if on[REMEMBERS]:
+        elements = memory_stiffness(p)
+        part = elements / (elements + p[STIFFNESS])
+        p[SHARED_DAMPING] = part * p[MICRO_DAMPING]
+        p[MICRO_DAMPING] *= 1.0 - part
 
 
 STEPS = (0.5, 1.0, 2.0, 4.0, 9.0, 25.0, 80.0)

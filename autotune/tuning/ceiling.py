@@ -8,8 +8,9 @@ only be nearer. Both, and the axis without either, then run on motions that none
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,8 @@ from autotune.experiments.path import Motion
 from autotune.experiments.sines import BenchmarkSine, period_samples
 from autotune.experiments.standstill import standing
 from autotune.models.model_file import read_model
+from autotune.tuning.ceiling_note import FILE
+from autotune.tuning.files import finite, write_json
 from autotune.tuning.findings import FILE_NAME, HOST_FILE, latest_run, load_findings
 from autotune.tuning.journal import Journal
 from autotune.tuning.motion_plan import MotionPlan, planned
@@ -57,14 +60,16 @@ UNSEEN = (
 UNSEEN_PERIODS = 2
 SPARE_SECONDS = 3.0
 """Of machine time: the way to a motion and between its windows."""
-FIXED, LEARNT, NEITHER = "fixed", "learnt", "neither"
+FIXED, LEARNT, NEITHER, BY_TIME = "fixed", "learnt", "neither", "by_time"
 
 
 @dataclass(frozen=True, slots=True)
 class Unseen:
     """Peak errors of the averaged period on a sine that nothing was learnt on [motion unit].
 
-    `learnt`: with what was learnt, stretched to the period of this one, which is kinder than by time.
+    `learnt`: with what was learnt, stretched to the period of this one, which is kinder than by time: the torque is
+    then right at every reversal. `by_time` and `fixed_raw`: the torque as it was learnt, its own period over and over,
+    and the fixed parameters; both not averaged, since that error has not the period of the motion.
     """
 
     amplitude: float
@@ -72,6 +77,8 @@ class Unseen:
     fixed: float
     learnt: float
     neither: float
+    by_time: float
+    fixed_raw: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,16 +97,7 @@ class Ceiling:
             "learnt": self.learnt,
             "neither": self.neither,
             "trials": list(self.trials),
-            "unseen": [
-                {
-                    "amplitude": one.amplitude,
-                    "frequency": one.frequency,
-                    "fixed": one.fixed,
-                    "learnt": one.learnt,
-                    "neither": one.neither,
-                }
-                for one in self.unseen
-            ],
+            "unseen": [asdict(one) for one in self.unseen],
         }
 
     def in_words(self, unit: str) -> str:
@@ -114,11 +112,16 @@ class Ceiling:
             return f"{said} Machine time did not suffice for motions that were not learnt."
         bare = [one.neither / one.fixed for one in self.unseen]
         stretched = [one.learnt / one.fixed for one in self.unseen]
+        played = [one.by_time / one.fixed_raw for one in self.unseen]
         return (
-            f"{said} On {len(self.unseen)} sines that neither has seen, the fixed parameters leave {min(bare):.1f} to "
-            f"{max(bare):.1f} times less than nothing does, and {min(stretched):.1f} to {max(stretched):.1f} times "
-            "less than what was learnt, stretched to their period."
+            f"{said} On {len(self.unseen)} sines that neither has seen, the fixed parameters leave {_range(bare)} "
+            f"times less than nothing does, {_range(played)} times less than what was learnt, played as it is, and "
+            f"{_range(stretched)} times less than that stretched to their period."
         )
+
+
+def _range(values: Sequence[float]) -> str:
+    return f"{min(values):.1f} to {max(values):.1f}"
 
 
 def fixed_law(axis: Axis, runs: Path) -> FeedforwardLaw:
@@ -147,7 +150,7 @@ def ceiling_plan(axis: Axis) -> MotionPlan:
     sines: list[Experiment] = [BenchmarkSine(motion, 1, REFINEMENT_PERIODS)] * (TRIALS + 1)
     sines += [BenchmarkSine(motion, 1, axis.benchmark.periods)] * (3 * PAIRS)
     for number in range(len(UNSEEN)):
-        sines += _on_unseen(unseen_motion(motion, number), dict.fromkeys((FIXED, LEARNT, NEITHER)))
+        sines += _on_unseen(unseen_motion(motion, number), dict.fromkeys((FIXED, LEARNT, NEITHER, BY_TIME)))
     whole = planned(sines, axis)
     return replace(whole, seconds=min(whole.seconds, axis.limits.machine_seconds))
 
@@ -177,7 +180,17 @@ def measure_ceiling(request: SessionRequest, law: FeedforwardLaw) -> Ceiling:
         finally:
             if not journal.state.left_something and directory.is_dir():
                 journal.note(outcome="not_applied")
+        _keep(request, directory, started, found)
     return found
+
+
+def _keep(request: SessionRequest, directory: Path, started: datetime, found: Ceiling) -> None:
+    """For the reports of later runs (`ceiling_note`); the answer does not hang on it."""
+    about = {"fingerprint": request.axis.fingerprint, "measured": started.isoformat()}
+    try:
+        write_json(directory / FILE, finite({**about, **found.as_json()}))
+    except OSError as error:
+        request.reporter.say(f"What was found could not be kept in {directory}: {error}")
 
 
 def _measured(session: Session, law: FeedforwardLaw) -> Ceiling:
@@ -235,12 +248,15 @@ def _elsewhere(session: Session, number: int, law: FeedforwardLaw, learnt: Float
     """One motion that nothing was learnt on; None where machine time does not suffice for it."""
     motion = unseen_motion(session.motion, number)
     turned = LearntFeedforward(by_phase(learnt, period_samples(motion)))
-    windows = _on_unseen(motion, {FIXED: law, LEARNT: turned, NEITHER: None})
+    laws = {FIXED: law, LEARNT: turned, NEITHER: None, BY_TIME: LearntFeedforward(learnt)}
+    windows = _on_unseen(motion, laws)
     if session.budget.left < sum(one.duration for one in windows) + SPARE_SECONDS:
         return None
     rows, _ = session.play(f"unseen-{number}", windows)
-    peaks = [tracking_error(windows_of(rows, one.label), motion.frequency).peak_error for one in windows]
-    return Unseen(motion.amplitude, motion.frequency, *peaks)
+    found = {label: tracking_error(windows_of(rows, label), motion.frequency) for label in laws}
+    peaks = {label: found[label].peak_error for label in (FIXED, LEARNT, NEITHER)}
+    raw = {BY_TIME: found[BY_TIME].raw_peak_error, "fixed_raw": found[FIXED].raw_peak_error}
+    return Unseen(motion.amplitude, motion.frequency, **peaks, **raw)
 
 
 def unseen_motion(motion: Motion, number: int) -> Motion:

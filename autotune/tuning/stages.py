@@ -15,6 +15,7 @@ from autotune.experiments.sines import BenchmarkSine
 from autotune.experiments.standstill import standing
 from autotune.models.model_file import write_model
 from autotune.recordings.files import read_recording
+from autotune.tuning.ceiling_note import ceiling_note
 from autotune.tuning.commit import feedforward_parameters
 from autotune.tuning.findings import HOST_FILE, Yardstick, latest_run, load_findings, save_findings
 from autotune.tuning.holdings import nothing_kept
@@ -206,6 +207,8 @@ def _prove(request: Request, session: Session, state: RunState) -> bool:
     session.show(lambda: proof_shown(session.axis, proved))
     findings.yardstick = Yardstick(proved.proof.before, proved.proof.after, proved.held_out_before)
     findings.better = proved.better
+    if note := ceiling_note(request.runs, session.axis, proved.proof.after.peak_error):
+        state.notes.append(note)
     if not proved.better:
         state.nothing_to_gain, state.refused = not proved.harmful, True
         state.verdict = f"Nothing was applied: {_not_better(session, proved)}."

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from autotune.control.gains.hunting import after_step, predicted, recognised
 from autotune.control.gains.loop import Gains
+from autotune.control.gains.members import family
 from autotune.control.gains.routh import pid_conditions
-from autotune.control.gains.stick_slip import slow_motion
+from autotune.control.gains.stick_slip import slow_motion, stands_often
+from autotune.control.gains.twin import follow, step_reference
 from tests.control.gains_axis import HOLDS, HUNTS, TIMING, lugre, on_the_plant, vertical
 
 COUNT = TIMING.resolution
+BURSTS = Gains(0.465, 0.0188, 1.99)
 
 
 def record(seconds: float = 6.0) -> np.ndarray:
@@ -74,3 +78,37 @@ def test_falling_friction_stick_slips_with_soft_gains_only() -> None:
     stiff = slow_motion(lugre(0.3, 0.31), Gains(60.0, 0.15, 2000.0), TIMING, 1.0)
     assert soft.below > 0.0
     assert stiff.below == 0.0
+
+
+def test_an_axis_that_never_leaves_its_place_is_not_free_of_stick_slip() -> None:
+    """A loop too weak for friction comes to stand but once; it was told to be free once."""
+    speed = 0.5
+    place = np.concatenate([np.linspace(0.0, 1e-3, 50), np.full(950, 1e-3)])
+    assert stands_often(place, speed, TIMING)
+    assert not stands_often(speed * TIMING.period * np.arange(1000), speed, TIMING)
+    weak = slow_motion(lugre(), Gains(0.05, 0.005, 0.1), TIMING, speed)
+    assert weak.below == pytest.approx(speed)
+
+
+def test_bursts_are_measured_when_they_have_grown() -> None:
+    """Each burst leaves more in the integral, until after some 10 s they are as far apart as they come."""
+    falling = lugre(0.256, 0.308)
+    shaken = replace(TIMING, disturbance=5e-3)
+    early = [after_step(falling, BURSTS, shaken, size) for size in (0.2, -0.2)]
+    found = predicted(falling, BURSTS, shaken, (0.2,), slow=False)
+    assert any(one is not None and one.bursts for one in early)
+    assert found is not None
+    assert found.amplitude > 1.3 * min(one.amplitude for one in early if one is not None)
+
+
+def test_damping_in_all_elements_lasts_longer_than_in_the_bristle() -> None:
+    """At rest both forms are the same; once the first element slides, only the bristle's has gone."""
+    spread, alone = TIMING, replace(TIMING, shared_damping=False)
+    reference = step_reference(0.2, 0.1, 1.0, TIMING)
+    swings = [
+        float(np.ptp(follow(vertical(), HUNTS, one, reference).position[-500:])) for one in (spread, alone)
+    ]
+    assert swings[0] < swings[1]
+    members = [one for one in family(vertical(), TIMING).members if not one.timing.shared_damping]
+    assert [one.what for one in members] == ["damping in the bristle alone"]
+    assert all(one.timing.shared_damping for one in family(lugre(), TIMING).members)

@@ -14,7 +14,7 @@ from autotune.control.gains.propose import Requirements, corners_of, propose, sh
 from autotune.control.gains.steps import step_sizes
 from autotune.control.gains.words import advice
 from autotune.core.errors import ConfigurationError
-from autotune.models.drive_model import DriveModel
+from autotune.models.drive_model import DriveModel, base_model
 from autotune.models.table import EFFECTS
 from tests.control.gains_axis import HOLDS, HUNTS, THESIS, TIMING, lugre, vertical
 
@@ -85,3 +85,18 @@ def test_holding_by_friction_alone_is_said() -> None:
 def test_a_model_in_amperes_is_refused() -> None:
     with pytest.raises(ConfigurationError, match="torque is in A"):
         family(replace(lugre(), torque_unit="A"), TIMING)
+
+
+def test_an_axis_that_friction_holds_gets_no_gains_but_the_reason() -> None:
+    """Three cycles late, with a soft transmission: what keeps the margins cannot leave friction."""
+    coupled = {"compliance": 1.0 / 41.5, "load_inertia": 0.46, "load_friction": 0.43, "damping": 0.05}
+    values = {
+        "inertia": 2.6e-4, "viscous": 4e-4, "coulomb": 0.166, "stiffness": 61.0, "micro_damping": 0.1,
+        "offset": -0.02, "break_away": 0.224, "stribeck_velocity": 0.17,
+    }  # fmt: skip
+    model = base_model(values, {name: 0.01 * abs(value) for name, value in values.items()})
+    model = model.with_effect(EFFECTS["elastic_transmission"].make(coupled, {"compliance": 1e-3}))
+    late = replace(TIMING, dead_time=3e-3, torque_limit=1.1)
+    found = propose(family(model, late), Task(step_sizes(model, late, 0.054), 0.54), Gains(1.0, 1.0, 1.0))
+    assert found.verdict is None
+    assert "friction holds the axis" in found.limited_by or "hunts" in found.limited_by

@@ -16,6 +16,7 @@ from autotune.core.paths import config_directory
 from autotune.experiments.path import Motion
 from autotune.models.model_file import write_model
 from autotune.tuning import ceiling
+from autotune.tuning.ceiling_note import ceiling_note
 from autotune.tuning.journal import unfinished
 from autotune.tuning.links import open_link
 from autotune.tuning.preparation import SessionRequest
@@ -58,7 +59,13 @@ def test_the_model_s_feedforward_is_near_the_ceiling_and_better_elsewhere(
     assert found.fixed < found.learnt + 2.0 * axis.position_resolution
     assert len(found.unseen) == 2
     assert all(one.neither > 3.0 * one.fixed for one in found.unseen)
+    assert all(one.by_time > 3.0 * one.fixed_raw for one in found.unseen)
     assert "Ceiling, measured on the axis" in found.in_words("rad")
+    note = ceiling_note(tmp_path / "runs", axis, found.fixed)
+    assert f"to {1e3 * found.learnt:.3g} mrad (2026-11-21)" in note
+    geared = axis.model_copy(update={"profile": "cia402"})
+    assert geared.fingerprint != axis.fingerprint
+    assert ceiling_note(tmp_path / "runs", geared, found.fixed) == ""
 
 
 @pytest.mark.long
@@ -73,6 +80,21 @@ def test_what_the_guard_stops_leaves_the_drive_as_it_was(
         ceiling.measure_ceiling(request(tmp_path, axis), ModelFeedforward(vertical(), axis.cycle))
     assert held(tmp_path, axis) == before
     assert not unfinished(tmp_path / "runs", axis.name)
+
+
+def test_a_run_s_report_is_silent_where_nothing_was_learnt_or_the_file_is_damaged(tmp_path: Path) -> None:
+    axis = axis_in(tmp_path)
+    run = tmp_path / "runs" / "20261120-040000-simulated"
+    run.mkdir(parents=True)
+    assert ceiling_note(tmp_path / "runs", axis, 1e-4) == ""
+    for text in (
+        "{",
+        "[]",
+        '{"fingerprint": "x", "learnt": 1e-4}',
+        f'{{"fingerprint": "{axis.fingerprint}"}}',
+    ):
+        (run / "ceiling.json").write_text(text, encoding="utf-8")
+        assert ceiling_note(tmp_path / "runs", axis, 1e-4) == ""
 
 
 def test_the_plan_stays_within_the_benchmark_s_travel_and_the_machine_time(tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ LASTING = 0.7
 SECONDS = 8.0
 LONG_SECONDS = 30.0
 """After the step: stick and slip about a set point may have periods of several seconds (0.04 to 0.3 Hz are
-reported in section 6.3.5)."""
+reported in section 6.3.5), and bursts grow for some 10 s before they are as far as they come."""
 BEFORE = 0.6
 """s from power-on, with an empty integral, to the step."""
 PIECES = 9
@@ -40,12 +40,13 @@ RISE = 3.0
 class LimitCycle:
     """An oscillation that lasts: half its peak-to-peak [rad or m] and its frequency [Hz], nan where it is not periodic.
 
-    `unbounded`: the state left all bounds, there is neither amplitude nor frequency.
+    `unbounded`: the state left all bounds, there is neither amplitude nor frequency. `bursts`: rests between swings.
     """
 
     amplitude: float
     frequency: float
     unbounded: bool = False
+    bursts: bool = False
 
 
 def recognised(position: Floats, period: float, resolution: float) -> LimitCycle | None:
@@ -56,7 +57,7 @@ def recognised(position: Floats, period: float, resolution: float) -> LimitCycle
     middle, last, later = position[third : 2 * third], position[-third:], position[len(position) // 4 :]
     swing, before = float(np.ptp(last)), float(np.ptp(middle))
     if _in_bursts(later, resolution):
-        return LimitCycle(0.5 * float(np.ptp(later)), _frequency(later, period))
+        return LimitCycle(0.5 * float(np.ptp(later)), _frequency(later, period), bursts=True)
     if swing <= COUNTS * resolution or swing < LASTING * before:
         return None
     rate = _frequency(last, period)
@@ -100,11 +101,19 @@ def after_step(
     return recognised(after, timing.period, timing.resolution)
 
 
+def _grown(model: DriveModel, gains: Gains, timing: LoopTiming, size: float) -> LimitCycle | None:
+    """`after_step`, and for bursts what they have grown to."""
+    found = after_step(model, gains, timing, size)
+    if found is None or not found.bursts:
+        return found
+    return after_step(model, gains, timing, size, LONG_SECONDS) or found
+
+
 def predicted(
     model: DriveModel, gains: Gains, timing: LoopTiming, sizes: Sequence[float], slow: bool = True
 ) -> LimitCycle | None:
     """The largest limit cycle after any of the steps, both ways; with `slow`, long ones are waited for as well."""
-    found = [after_step(model, gains, timing, sign * size) for size in sizes for sign in (1.0, -1.0)]
+    found = [_grown(model, gains, timing, sign * size) for size in sizes for sign in (1.0, -1.0)]
     if slow and not any(found) and gains.ki > 0.0:
         found.append(after_step(model, gains, timing, sizes[0], LONG_SECONDS))
     cycles = [one for one in found if one is not None]

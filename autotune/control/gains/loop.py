@@ -178,6 +178,8 @@ class LoopTiming:
         reference_filter: α of (6.14), 0 for none.
         disturbance: torque that shakes the axis, standard deviation of white noise from sample to sample [N m or N];
             0 where it is not known.
+        shared_damping: whether the damping of presliding acts in all elements of reversal memory, each while it sticks,
+            or in the bristle alone; small motions, by which it is identified, do not tell.
     """
 
     period: float
@@ -187,3 +189,4 @@ class LoopTiming:
     dead_time_error: float = 0.0
     reference_filter: float = 0.0
     disturbance: float = 0.0
+    shared_damping: bool = True

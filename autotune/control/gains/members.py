@@ -79,7 +79,7 @@ def family(model: DriveModel, timing: LoopTiming) -> Family:
         for sign, end in ((-1.0, "low"), (1.0, "high")):
             factor = 1.0 + sign * part
             members.append(Member(f"{name} {end}", _scaled(model, present, factor), timing))
-    return Family((*members, *_late(model, timing)), tuple(assumed))
+    return Family((*members, *_late(model, timing), *_damped(model, timing)), tuple(assumed))
 
 
 def _in_group(name: str, keys: Iterable[str]) -> bool:
@@ -112,3 +112,10 @@ def _late(model: DriveModel, timing: LoopTiming) -> list[Member]:
         return []
     later = timing.dead_time + ERRORS * timing.dead_time_error
     return [Member("dead time high", model, replace(timing, dead_time=later))]
+
+
+def _damped(model: DriveModel, timing: LoopTiming) -> list[Member]:
+    """The other form of presliding's damping, where friction has several elements: no recording tells which it is."""
+    if REVERSAL_MEMORY.name not in model:
+        return []
+    return [Member("damping in the bristle alone", model, replace(timing, shared_damping=False))]

@@ -29,7 +29,7 @@ from autotune.control.gains.sampled import (
     sampled_axis,
     torque_noise,
 )
-from autotune.control.gains.steps import HORIZON, settling_time
+from autotune.control.gains.steps import BAND, HORIZON, SHAKEN, settling_time
 from autotune.control.gains.stick_slip import sticks_at
 from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError
@@ -39,8 +39,11 @@ POPULATION, GENERATIONS = 12, 18
 ROUNDS = 3
 TIGHTER = 1.15
 LEAST_BANDWIDTH = 0.5  # Hz
-SOUGHT_BAND = 0.08
-"""Of the step, where ±10 % are judged: an overshoot that just stays within them on the twin need not on the axis."""
+SOUGHT_BANDS = (0.08, BAND)
+"""Of the step, where ±10 % are judged: an overshoot that just stays within them on the twin need not on the axis, but
+may be by far the quickest. Both are sought, and compared under `COMPARED`."""
+COMPARED = (5, 6, 7, 8, 9, 10)
+"""Seeds of the disturbances under which what was found is compared; none of them was searched with."""
 ON_TARGET = 0.02
 """Relative: what counts as the bandwidth that was asked for."""
 
@@ -112,6 +115,8 @@ def propose(
         if found is None:
             return Proposal(None, wanted, _limit(corners, current, kin, wanted, bandwidth), resonance)
         verdict = judge(found, kin, task)
+        if _is_held(verdict):
+            return Proposal(None, wanted, _held(_limit(corners, found, kin, wanted, bandwidth)), resonance)
         if _holds(verdict):
             return Proposal(verdict, wanted, _limit(corners, found, kin, wanted, bandwidth), resonance)
         wanted = wanted.scaled(TIGHTER)
@@ -196,32 +201,42 @@ def _searched(
     member, limit = kin.nominal, kin.nominal.timing.torque_limit
     few = _binding(corners)
 
-    def cost(point: Floats) -> float:
+    def cost(point: Floats, band: float) -> float:
         gains = shaped(corners, current, point)
         noise = torque_noise(gains, member.timing) / (wanted.noise * limit)
         missed = max(0.0, noise - 1.0) + shortfall(few, gains, wanted)
-        return 100.0 + missed if missed > 0.0 else _time(member, gains, task)
+        return 100.0 + missed if missed > 0.0 else _time(member, gains, task, band)
 
-    low, high = (LEAST_BANDWIDTH, 0.25 / member.timing.period) if bandwidth is None else (
-        bandwidth * (1.0 - ON_TARGET), bandwidth * (1.0 + ON_TARGET),
-    )  # fmt: skip
-    edges = np.log(np.array([(low, high), (1.05, 8.0), (1.5, 60.0)]))
-    result = scipy.optimize.differential_evolution(
-        cost,
-        scipy.optimize.Bounds(edges[:, 0], edges[:, 1]),
-        popsize=POPULATION,
-        maxiter=GENERATIONS,
-        seed=SEED,
-        tol=1e-3,
-        polish=False,
-        init="sobol",
-    )
-    if result.fun >= 100.0:
-        return None
-    gains = shaped(corners, current, result.x)
-    return (
-        gains if shortfall(corners, gains, wanted) < 0.02 else _backed_off(corners, current, result.x, wanted)
-    )
+    edges = _edges(member.timing.period, bandwidth)
+    found: list[Gains | None] = []
+    for band in SOUGHT_BANDS:
+        result = scipy.optimize.differential_evolution(
+            cost,
+            scipy.optimize.Bounds(edges[:, 0], edges[:, 1]),
+            args=(band,),
+            popsize=POPULATION,
+            maxiter=GENERATIONS,
+            seed=SEED,
+            tol=1e-3,
+            polish=False,
+            init="sobol",
+        )
+        if result.fun >= 100.0:
+            break
+        gains = shaped(corners, current, result.x)
+        robust = shortfall(corners, gains, wanted) < 0.02
+        found.append(gains if robust else _backed_off(corners, current, result.x, wanted))
+    kept = [gains for gains in found if gains is not None]
+    return min(kept, key=lambda gains: _time(member, gains, task, BAND, COMPARED), default=None)
+
+
+def _edges(period: float, bandwidth: float | None) -> Floats:
+    """Ends of ln ωc, ln a, ln b; shape (3, 2)."""
+    low, high = LEAST_BANDWIDTH, 0.25 / period
+    if bandwidth is not None:
+        low, high = bandwidth * (1.0 - ON_TARGET), bandwidth * (1.0 + ON_TARGET)
+    edges: Floats = np.log(np.array([(low, high), (1.05, 8.0), (1.5, 60.0)]))
+    return edges
 
 
 def _binding(corners: tuple[Corner, ...]) -> tuple[Corner, ...]:
@@ -241,10 +256,10 @@ def _backed_off(
     return None
 
 
-def _time(member: Member, gains: Gains, task: Task) -> float:
+def _time(member: Member, gains: Gains, task: Task, band: float, seeds: tuple[int, ...] = SHAKEN) -> float:
     """Seconds to settle, the longer of both steps, with a little of the shorter; more where it hunts."""
     times = [
-        settling_time(member.model, gains, member.timing, size, band=SOUGHT_BAND)
+        settling_time(member.model, gains, member.timing, size, band=band, seeds=seeds)
         for size in (task.steps.small, task.steps.large)
     ]
     worst = max(times)
@@ -256,6 +271,20 @@ def _time(member: Member, gains: Gains, task: Task) -> float:
 
 def _holds(verdict: Verdict) -> bool:
     return not verdict.hunting_members
+
+
+def _is_held(verdict: Verdict) -> bool:
+    """Friction holds the axis: neither do steps arrive, nor does it follow at any speed looked at."""
+    arrives = min(verdict.small_settling, verdict.large_settling) < HORIZON
+    return not arrives and verdict.stick_slip_below >= verdict.slow.speeds[-1]
+
+
+def _held(limit: str) -> str:
+    return (
+        f"friction holds the axis with all gains that keep the margins; steps do not arrive within {HORIZON:g} s and "
+        f"slow motion stands still. More gain is limited by {limit}; less dead time, or a stiffer transmission, "
+        "would allow it"
+    )
 
 
 def _limit(

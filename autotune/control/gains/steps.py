@@ -41,6 +41,7 @@ def settling_time(
     size: float,
     horizon: float = HORIZON,
     band: float = BAND,
+    seeds: tuple[int, ...] = SHAKEN,
 ) -> float:
     """From a step to the last time outside ±10 % of it (`band`) [s]; `horizon` where it does not settle.
 
@@ -48,7 +49,7 @@ def settling_time(
     """
     reference = step_reference(size, BEFORE, horizon, timing)
     times = []
-    for seed in SHAKEN if timing.disturbance > 0.0 else SHAKEN[:1]:
+    for seed in seeds if timing.disturbance > 0.0 else seeds[:1]:
         noise = shaken(timing, len(reference), seed)
         motion = follow(model, gains, timing, reference, disturbance=noise)
         times.append(settled_after(motion, size, round(BEFORE / timing.period), horizon, band))

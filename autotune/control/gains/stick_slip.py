@@ -21,6 +21,8 @@ STANDS = 0.2
 """Of the speed asked for: slower is standing. On an axis a tenth would be; the rest is for what the model lacks."""
 TIMES = 2
 """So often it must come to stand in the second half of the way."""
+HELD = 0.5
+"""Of the second half: who stands for longer does not follow, however seldom it comes to stand."""
 WAY = 60.0
 """Times the characteristic space that each speed goes."""
 LONGEST = 20.0
@@ -60,13 +62,18 @@ def sticks_at(model: DriveModel, gains: Gains, timing: LoopTiming, speed: float)
 
 
 def stands_often(position: Floats, speed: float, timing: LoopTiming) -> bool:
-    """The same of a measured position at constant demanded speed, shape (n,)."""
+    """The same of a measured position at constant demanded speed, shape (n,); or it stands all the time.
+
+    A loop too weak to leave friction in the time looked at is no even motion: nothing is known of what follows.
+    """
     span = max(round(8.0 * timing.resolution / (speed * timing.period)), 4)
     if len(position) < 4 * span:
         return False
     late = position[len(position) // 2 :]
     rate = (late[span:] - late[:-span]) / (span * timing.period)
     stands = rate < STANDS * speed
+    if np.mean(stands) > HELD:
+        return True
     return int(np.count_nonzero(np.diff(stands.astype(np.int8)) == 1)) >= TIMES
 
 

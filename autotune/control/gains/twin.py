@@ -20,6 +20,7 @@ from autotune.models.compiled import compiled
 from autotune.models.drive_model import DriveModel
 from autotune.models.layout import POSITION, VELOCITY
 from autotune.models.plant import advance, substeps_for
+from autotune.models.reversal_memory import share_damping
 from autotune.models.torque_path import delivered
 
 SEED = 11
@@ -141,6 +142,8 @@ def follow(
     With `held_offset` the integral holds the offset already; else it is empty, as when power comes on.
     """
     packed = model.pack()
+    if timing.shared_damping:
+        share_damping(packed.p, packed.on)
     zero = np.zeros(len(reference))
     state = np.zeros(layout.STATES)
     state[POSITION] = reference[0]

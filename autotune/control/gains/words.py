@@ -11,6 +11,7 @@ from autotune.control.gains.loop import STRUCTURES, Gains
 from autotune.control.gains.members import ASSUMED, Family
 from autotune.control.gains.propose import Proposal, Requirements
 from autotune.control.gains.routh import passivity_margin, pid_conditions
+from autotune.control.gains.steps import HORIZON
 
 
 def advice(kin: Family, current: Verdict | None, proposal: Proposal, unit: str) -> list[str]:
@@ -66,7 +67,10 @@ def stick_slip_in_words(verdict: Verdict, unit: str) -> str:
             f"{', '.join(verdict.sticking_members)})."
         )
     if verdict.stick_slip_below >= slow.speeds[-1]:
-        return f"in motion the axis comes to stand again and again, up to {slow.speeds[-1]:.2g} {unit}/s at least."
+        return (
+            f"the axis stands, or comes to stand again and again, up to {slow.speeds[-1]:.2g} {unit}/s at least; "
+            "no speed that was looked at is free of it."
+        )
     return (
         "in slow motion the axis comes to stand again and again, below about "
         f"{verdict.stick_slip_below:.2g} {unit}/s."
@@ -121,14 +125,17 @@ def _proposed(current: Verdict | None, proposal: Proposal, unit: str) -> str:
     named = ", ".join(f"{name} {value:.4g}" for name, value in verdict.gains.named().items())
     before = ""
     if current is not None:
-        was = "do not settle" if current.settling >= 2.0 else f"need {1e3 * current.settling:.0f} ms"
+        was = "do not settle" if current.settling >= HORIZON else f"need {1e3 * current.settling:.0f} ms"
         before = f" (today's {was})"
+    settles = (
+        f"steps do not all settle to ±10 % within {HORIZON:g} s"
+        if verdict.settling >= HORIZON
+        else f"steps settle to ±10 % within {1e3 * verdict.settling:.0f} ms"
+    )
     return (
         f"Proposed for {STRUCTURES[verdict.gains.structure]}: {named}. Crossover {verdict.bandwidth:.3g} Hz; "
-        "on the twin "
-        f"steps settle to ±10 % within {1e3 * verdict.settling:.0f} ms{before}, "
-        f"{hunting_in_words(verdict, unit)} More is "
-        f"limited by {proposal.limited_by}."
+        f"on the twin {settles}{before}, {hunting_in_words(verdict, unit)} In slow motion: "
+        f"{stick_slip_in_words(verdict, unit)} More is limited by {proposal.limited_by}."
     )
 
 
