@@ -11,6 +11,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import Protocol
 
 import numpy as np
 import scipy
@@ -29,10 +31,12 @@ from autotune.models.start_values import StartValues, Vary
 from autotune.models.table import EFFECTS
 from autotune.models.torque_ripple import TORQUE_RIPPLE, scale_slot
 
-FOLLOWED, PASSES, PROBING = 2, 45, 18
-"""Starts that are followed at most, each by so many passes, fewer where those of the probing show nothing."""
-AS_GOOD = 1.3
-"""Times the cost of the best start: what is followed too."""
+PASSES, PROBING = 45, 18
+"""Passes of the inverse by which a start is followed, and those after which it must have shown something."""
+FOLLOWED, AS_GOOD = 2, 1.3
+"""Starts that are followed with the bias of the model without the effect, and times the cost of the best of them."""
+LOOKED_AT = 5
+"""Starts that are looked at inside the twin."""
 PROMISED = 0.995
 """Of the cost without the effect: what probing must get below."""
 ENOUGH = 1e-2
@@ -202,28 +206,47 @@ def shapes(effect: str, packed: Packed) -> tuple[Free, ...]:
 
 
 def scouted(problem: Problem, model_fit: ModelFit, starts: Sequence[FitStart]) -> list[FitStart]:
-    """The best of the starts, led down their valleys; the best first."""
+    """The best of the starts, led down their valleys.
+
+    The best two with the twin's bias of the model without the effect, and the best with its own: a load that rings
+    changes the bias by as much as its valley is deep; that of a gap far from its size is chance.
+    """
     cost = _projected_cost(problem, model_fit)
-    costs = np.array([cost(start.packed) for start in starts])
-    order = np.argsort(costs, kind="stable")[:FOLLOWED]
-    best = [starts[i] for i in order if costs[i] <= AS_GOOD * costs.min() and math.isfinite(costs[i])]
+    held = model_fit.correction.bias
+    costs = np.array([cost(start.packed, held) for start in starts])
+    order = [int(i) for i in np.argsort(costs, kind="stable")[:LOOKED_AT] if math.isfinite(costs[i])]
+    if not order:
+        return []
+    own = [(starts[i], problem.correction(starts[i].packed)) for i in order]
+    ringing = [(cost(start.packed, twin.bias), start, twin.bias) for start, twin in own if twin.stable]
+    ringing.sort(key=lambda item: item[0])
     promised = PROMISED * model_fit.fitted.cost
-    return [_led_down(cost, start, promised) for start in best]
+    led = [(starts[i], held) for i in order[:FOLLOWED] if costs[i] <= AS_GOOD * costs[order[0]]]
+    led += [(start, bias) for _, start, bias in ringing[:1]]
+    return [_led_down(partial(cost, bias=bias), start, promised) for start, bias in led]
 
 
-def _projected_cost(problem: Problem, model_fit: ModelFit) -> Callable[[Packed], float]:
-    """Mean square on the training rows of a model with an effect more, all of `model_fit` solved for [(N m)²]."""
+class _Cost(Protocol):
+    def __call__(self, packed: Packed, bias: Floats) -> float: ...
+
+
+def _projected_cost(problem: Problem, model_fit: ModelFit) -> _Cost:
+    """Mean square on the training rows of a model with an effect more, all of `model_fit` solved for [(N m)²].
+
+    `bias` is the twin's, shape (m,).
+    """
     data, before, rows = problem.data, model_fit.fitted, problem.training > 0
     weight = np.sqrt(problem.training[rows])
     basis = np.linalg.qr(before.jacobian[rows] * weight[:, None])[0]
     total = float(problem.training.sum())
     once = first_round(data, before.packed.on)
+    raw = before.error + model_fit.correction.bias
     without = residual(once, before.packed, problem.moved)
 
-    def cost(packed: Packed) -> float:
+    def cost(packed: Packed, bias: Floats) -> float:
         change = (residual(once, packed, problem.moved) - without)[:, None]
         spread(data, change, packed.on)
-        error: Floats = (before.error + change[:, 0])[rows] * weight
+        error: Floats = (raw + change[:, 0] - bias)[rows] * weight
         left = float(error @ error) - float(np.sum((basis.T @ error) ** 2))
         return left / total if math.isfinite(left) else math.inf
 
