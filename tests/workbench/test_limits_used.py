@@ -83,5 +83,8 @@ def test_what_was_used_of_the_limits_is_on_the_page(short: Recording, tmp_path: 
             assert not serious(driver)
         driver.find_element(By.ID, "choose").send_keys(str(tmp_path / "unknown.parquet"))
         until(lambda: "not compared" in page.text("used-about"))
-        assert driver.execute_script(SHARES)[:2] == [None, None]  # of the torque the recordings know it themselves
+        assert driver.execute_script(SHARES)[:2] == [
+            None,
+            None,
+        ]  # of the torque the recordings know it themselves
         assert not page.complaints()
