@@ -13,7 +13,7 @@ import logging
 import math
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from typing import Any
@@ -318,7 +318,8 @@ class Manager:
         if running.overdue and done.outcome in ("aborted", "died"):
             done = _overdue(running)
         if done.outcome == "died":
-            done = salvage(self.configuration.runs, running.axis.name, identifier) or done
+            kept = salvage(self.configuration.runs, running.axis.name, identifier)
+            done = replace(kept, sentence=f"{kept.sentence} {done.sentence}") if kept else done
         if done.outcome == "died" and running.job["attempts"] < MOST_DEATHS and running.stopping is None:
             self.store.change_job(identifier, state="queued")
         elif done.outcome == "not_idle":

@@ -26,7 +26,7 @@ def add_pages(app: FastAPI, manager: Manager) -> None:
     files = Files(Path(tempfile.gettempdir()) / f"autotune-workbench-{secrets.token_hex(8)}")
     engine = Engine()
     app.include_router(page_routes())
-    app.include_router(workbench_routes(files, engine, [one.name for one in manager.configuration.axes]))
+    app.include_router(workbench_routes(files, engine, [one.axis for one in manager.configuration.axes]))
     app.include_router(_reports(manager, files))
     app.include_router(_entrance())
     app.add_exception_handler(AutotuneError, answer_error)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -49,6 +51,7 @@ from autotune.view.report import Outcome as ReportOutcome
 from autotune.view.rerun_file import FinalValue, Shown, write_rrd
 from autotune.view.scale import quantity
 
+DEFECT = "report-defect.txt"
 LEAST_POINTS = 200
 NEXT_STEPS = {
     Outcome.KEPT: (
@@ -100,6 +103,23 @@ def write_documents(material: Material) -> None:
     recordings = [read_recording(path) for path in material.recordings]
     if recordings:
         write_rrd(directory / "run.rrd", _in_sequence(recordings), _shown(material, recordings))
+
+
+def without_documents(material: Material) -> str:
+    """Writes them; returns "", or why they are missing: what the run did and found stays true without them."""
+    directory = material.result.run_directory
+    try:
+        write_documents(material)
+    except (AutotuneError, OSError) as error:
+        return f"The report could not be written: {error}."
+    except Exception as error:  # noqa: BLE001 - the last line of defence: the axis is done, its result is told
+        with suppress(OSError):
+            (directory / DEFECT).write_text(traceback.format_exc(), encoding="utf-8")
+        return (
+            f"The report could not be written, which is a defect of autotune ({type(error).__name__}: {error}); "
+            f"run.json has the result, {DEFECT} beside it what to send with a report of the defect."
+        )
+    return ""
 
 
 def build_report(material: Material) -> Report:

@@ -12,7 +12,7 @@ from autotune.core.errors import AutotuneError, Interrupted, LinkError, NotEnoug
 from autotune.tuning import summary
 from autotune.tuning.accepted import accept
 from autotune.tuning.committed import InForce, in_force
-from autotune.tuning.documents import Material, write_documents
+from autotune.tuning.documents import Material, without_documents
 from autotune.tuning.ending import ending, is_beside, to_raise
 from autotune.tuning.files import finite, write_json
 from autotune.tuning.findings import Findings
@@ -181,8 +181,7 @@ def _finish(
         tuple(session.written.values()) if session else (),
     )
     show(request.observers, request.reporter, lambda: verdict_shown(result))
-    try:
-        write_documents(material)
-    except (AutotuneError, OSError) as error:
-        request.reporter.say(f"the report could not be written: {error}")
-    return result
+    told = without_documents(material)
+    if told:
+        request.reporter.say(told)
+    return replace(result, verdict=" ".join(filter(None, (result.verdict, told))))

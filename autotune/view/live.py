@@ -41,7 +41,7 @@ class LiveSettings:
         port: of the server; None takes the usual one, or any that is free.
         web: serve the viewer for a browser too.
         window: open the native viewer; None opens it where there is a screen.
-        memory_mb: limit of the server; it may take two or three times as much.
+        memory_mb: limit of the server, which takes about twice as much, and is replaced beyond three times.
         flush_s: time that the server has to take a second's data; three times too slow, it is replaced.
         patience_s: time that the streamer has to read; then it is replaced.
     """

@@ -123,11 +123,12 @@ def sign_off() -> str:
 def _change(change: Shown) -> str:
     before = _value("before", change.before, change.unit)
     after = _value("after", change.after, change.unit)
-    arrow = '<span class="arrow" aria-hidden="true">→</span>' if before and after else ""
+    if before and after:  # the arrow stays with what it points at where the pair takes two lines
+        after = f'<div class="then"><span class="arrow" aria-hidden="true">→</span>{after}</div>'
     factor = f'<p class="factor">{escape(change.factor)}</p>' if change.factor else ""
     note = f'<p class="note">{escape(change.note)}</p>' if change.note else ""
     return (
-        f'<div class="change"><h3>{escape(change.name)}</h3><div class="pair">{before}{arrow}{after}</div>'
+        f'<div class="change"><h3>{escape(change.name)}</h3><div class="pair">{before}{after}</div>'
         f"{factor}{note}</div>"
     )
 
@@ -159,7 +160,7 @@ font-weight:600;font-size:.9rem}
 .warn{border-left-color:var(--warn)}.warn .badge{background:var(--warn)}
 .bad{border-left-color:var(--bad)}.bad .badge{background:var(--bad)}
 .changes{display:grid;grid-template-columns:repeat(auto-fit,minmax(290px,1fr));gap:20px}
-.pair{display:flex;align-items:flex-end;gap:10px;flex-wrap:wrap}
+.pair{display:flex;align-items:flex-end;gap:10px;flex-wrap:wrap}.then{display:flex;align-items:flex-end;gap:10px}
 .pair small{display:block;color:var(--muted);font-size:.8rem}
 .value{font-size:2rem;font-weight:700;line-height:1.1;font-variant-numeric:tabular-nums}
 .before .value{color:var(--before)}.after .value{color:var(--after)}

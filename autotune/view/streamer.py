@@ -21,7 +21,7 @@ import numpy as np
 
 from autotune.core.errors import AutotuneError
 from autotune.view.messages import Inbox
-from autotune.view.viewer_server import ViewerServer, quiet
+from autotune.view.viewer_server import MEMORY_MB, ViewerServer, quiet
 
 ROWS_KEPT = 100_000
 ROWS_A_TURN = 10_000
@@ -35,7 +35,7 @@ class Settings:
 
     port: int
     web_port: int | None = None
-    memory_mb: int = 24
+    memory_mb: int = MEMORY_MB
     motion_unit: str = "rad"
     period: float = 1e-3
     name: str = ""

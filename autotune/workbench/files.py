@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 import secrets
 import shutil
@@ -237,13 +238,23 @@ def _about(outline: Outline, traces: Traces, writer: TraceWriter) -> dict[str, A
         "motion_unit": metadata.motion_unit,
         "torque_unit": "N m" if metadata.motion_unit == "rad" else "N",
         "axis": metadata.axis,
+        "fingerprint": metadata.fingerprint,
         "controller": str(metadata.controller) if metadata.controller else None,
         "columns": list(outline.columns),
         "experiments": list(dict.fromkeys(segment.experiment for segment in outline.segments)),
         "travel": high - low,
+        "position": [low, high],
+        "speed": _speed(writer),
+        "torque_limit": metadata.torque_limit,
         "largest_torque": max(abs(value) for value in writer.span["torque"]),
         "remarks": list(metadata.remarks),
     }
+
+
+def _speed(writer: TraceWriter) -> float | None:
+    """The largest; None where velocity was not recorded, or not throughout."""
+    found = max(map(abs, writer.span.get("velocity", (math.nan,))))
+    return found if math.isfinite(found) else None
 
 
 def _plain(name: str) -> str:

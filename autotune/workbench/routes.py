@@ -18,6 +18,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect
 
 from autotune import __version__
+from autotune.core.axis import Axis
 from autotune.core.errors import AutotuneError
 from autotune.models.table import EFFECTS
 from autotune.view.web_files import HEADERS, web_file
@@ -65,7 +66,7 @@ def page_of(name: str) -> Response:
     return Response(found[0], media_type=found[1], headers=HEADERS)
 
 
-def workbench_routes(files: Files, engine: Engine, axes: Sequence[str] = ()) -> APIRouter:
+def workbench_routes(files: Files, engine: Engine, axes: Sequence[Axis] = ()) -> APIRouter:
     """All addresses of the workbench; `axes`: of the service that it is part of."""
     routes = APIRouter(tags=["workbench"])
     _recordings(routes, files, axes)
@@ -88,14 +89,14 @@ def page_routes() -> APIRouter:
     return routes
 
 
-def _recordings(routes: APIRouter, files: Files, axes: Sequence[str]) -> None:
+def _recordings(routes: APIRouter, files: Files, axes: Sequence[Axis]) -> None:
     @routes.get("/api/workbench/about")
     def about_all() -> dict[str, Any]:
-        """The effects that there are, what they look like, which files can be imported, which axes are here."""
+        """The effects that there are and what they look like, files that can be imported, axes with their limits."""
         effects = {name: about(name) for name in EFFECTS}
         return {
             "version": __version__, "effects": effects, "formats": known_formats(), "most_bytes": MOST_SENT,
-            "axes": list(axes),
+            "axes": [one.name for one in axes], "limits": {one.name: _limits(one) for one in axes},
         }  # fmt: skip
 
     @routes.get("/api/workbench/recordings")
@@ -196,6 +197,12 @@ def _job(engine: Engine, id: str) -> dict[str, Any]:
         return engine.get(id).view()
     except KeyError:
         raise HTTPException(404, "this computation is not known any more; ask again") from None
+
+
+def _limits(axis: Axis) -> dict[str, Any]:
+    """What an axis may do; its fingerprint tells whether that was so when something was recorded."""
+    held = axis.limits.model_dump(include={"position_min", "position_max", "speed", "torque"})
+    return {**held, "fingerprint": axis.fingerprint}
 
 
 def _view(held: Held) -> dict[str, Any]:

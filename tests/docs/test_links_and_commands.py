@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
 import tomllib
@@ -11,9 +12,11 @@ from typing import Any
 
 import pytest
 import typer
+from pydantic import TypeAdapter
 
 from autotune import __version__
 from autotune.cli.main import COMMANDS, application, with_values
+from autotune.service.views import Start
 
 ROOT = Path(__file__).resolve().parents[2]
 HIDDEN = re.compile(r"^\.|^(build|dist|runs|node_modules)$")
@@ -210,3 +213,14 @@ def test_every_paper_that_the_code_cites_by_year_is_in_the_references() -> None:
     for words, year in sorted(cited):
         names = re.findall(r"[A-Z][a-zé]{3,}", words)
         assert any(year in entry and any(name in entry for name in names) for entry in entries), (words, year)
+
+
+WISH = re.compile(r'`(\{"kind": .*?\})`')
+
+
+def test_every_wish_that_is_shown_is_one_that_the_service_takes() -> None:
+    shown = [json.loads(text) for text in WISH.findall((ROOT / "docs" / "service.md").read_text())]
+    assert {one["kind"] for one in shown} == {"check", "run", "decide", "rollback"}
+    for one in shown:
+        named_backup = {**one, "to": "20260301-120000-1"} if "to" in one else one
+        assert TypeAdapter(Start).validate_python(named_backup).kind == one["kind"]

@@ -84,14 +84,11 @@ def test_a_job_whose_worker_had_ended_is_not_done_again(world: Callable[..., Wor
     assert (row["state"], row["outcome"], row["sentence"]) == ("done", "done", "All is well.")
 
 
-def test_a_run_that_was_kept_and_then_cut_off_counts_as_kept(world: Callable[..., World]) -> None:
-    here = world()
-    job = here.manager.submit("one", "run", "http")
-    here.manager.tick()
-    runs = here.configuration.runs
+def left_kept(runs: Path, job: str) -> Path:
+    """The folder of a run whose drive has kept the parameters, and which came no further."""
     jobs = runs / ".service" / "jobs"
     jobs.mkdir(parents=True)
-    (jobs / f"{job['id']}.begun.json").write_text(json.dumps({"process": 4711, "at": "2026-03-01T12:00:00"}))
+    (jobs / f"{job}.begun.json").write_text(json.dumps({"process": 4711, "at": "2026-03-01T12:00:00"}))
     left = runs / "20260301-120001-one"
     left.mkdir()
     journal = {
@@ -100,6 +97,14 @@ def test_a_run_that_was_kept_and_then_cut_off_counts_as_kept(world: Callable[...
         "written": {"feedforward.coulomb": 0.3, "feedforward.enabled": 1.0},
     }  # fmt: skip
     (left / "journal.json").write_text(json.dumps(journal))
+    return left
+
+
+def test_a_run_that_was_kept_and_then_cut_off_counts_as_kept(world: Callable[..., World]) -> None:
+    here = world()
+    job = here.manager.submit("one", "run", "http")
+    here.manager.tick()
+    left = left_kept(here.configuration.runs, job["id"])
     here.close()
     here.open()
     here.manager.tick()
@@ -109,6 +114,19 @@ def test_a_run_that_was_kept_and_then_cut_off_counts_as_kept(world: Callable[...
     assert run["outcome"] == "kept"
     assert json.loads(run["content"])["feedforward"] == {"feedforward.coulomb": 0.3}
     assert len(here.launcher.started) == 1
+
+
+def test_what_ended_the_worker_of_a_kept_run_is_told_with_it(world: Callable[..., World]) -> None:
+    here = world()
+    job = here.manager.submit("one", "run", "http")
+    here.manager.tick()
+    left = left_kept(here.configuration.runs, job["id"])
+    here.launcher.started[0].ended = Done("died", 5, "Unexpected TypeError, a defect of autotune: so it is")
+    here.manager.tick()
+    row = here.store.job(job["id"])
+    assert (row["outcome"], row["run"]) == ("kept", left.name)
+    assert row["sentence"].startswith("Kept: ")
+    assert row["sentence"].endswith("a defect of autotune: so it is")
 
 
 @pytest.mark.parametrize(("origin", "gain"), [("drift", 0.05), ("http", None)])

@@ -107,6 +107,22 @@ def test_a_record_that_cannot_be_written_does_not_change_what_is_told(
     assert "is not complete" in result.verdict
 
 
+def test_a_defect_of_the_report_is_a_sentence_in_the_verdict(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def defect(material: object) -> None:
+        raise TypeError("unsupported operand")
+
+    asked, _ = request(monkeypatch, tmp_path, nothing)
+    monkeypatch.setattr("autotune.tuning.documents.write_documents", defect)
+    result = tune(asked)
+    assert (result.outcome, result.exit_code) == (Outcome.KEPT, 0)
+    assert "Kept" in result.verdict
+    assert "a defect of autotune (TypeError: unsupported operand)" in result.verdict
+    assert any("a defect of autotune" in sentence for sentence in asked.reporter.said)  # type: ignore[attr-defined]
+    assert "Traceback" in (result.run_directory / "report-defect.txt").read_text()
+
+
 @pytest.mark.parametrize("where", ["stage", "closing"])
 def test_a_fault_after_a_kept_commit_is_told_with_it_and_ends_with_its_code(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, where: str

@@ -11,6 +11,7 @@ import socket
 import subprocess
 import sys
 import time
+import urllib.request
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -152,6 +153,21 @@ def test_another_program_on_the_port_is_not_taken_for_the_server(monkeypatch: py
         with pytest.raises(ConfigurationError, match="the viewer's server does not start"):
             server.start()
         assert not server.alive()
+
+
+def test_only_what_the_server_keeps_makes_it_too_large(monkeypatch: pytest.MonkeyPatch) -> None:
+    server = viewer_server.ViewerServer(free_port(), free_port(), memory_mb=2)
+    server.start()
+    try:
+        page = f"http://{viewer_server.HOST}:{server.web_port}/re_viewer_bg.wasm"
+        with urllib.request.urlopen(page, timeout=60) as viewer:
+            assert len(viewer.read()) > 20e6  # far beyond 3 × 2 MB, and a file's, which costs nothing
+        assert not server.too_large()
+        kept = viewer_server.own_memory_mb(server.pid)
+        monkeypatch.setattr(viewer_server, "own_memory_mb", lambda pid: kept + 10.0)
+        assert server.too_large()
+    finally:
+        server.kill()
 
 
 def test_a_missing_viewer_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,6 @@
-"""On a screen of 400 pixels nothing of a report is cut: no column, no legend, no name below a bar."""
+"""On a screen of 400 pixels nothing of a report is cut: no column, no legend, no name below a bar; on one of
+1200 pixels an arrow stands before the number that it points at.
+"""
 
 from __future__ import annotations
 
@@ -60,3 +62,25 @@ def test_at_400_pixels_nothing_is_cut(sampled, tmp_path: Path) -> None:
         assert [
             step.name for step in STEPS if not any(step.name.replace("_", " ") in one for one in names)
         ] == []
+
+
+HANGING = """
+return [...document.querySelectorAll('.arrow')].filter(arrow => {
+  const box = arrow.getBoundingClientRect();
+  const after = arrow.closest('.pair').querySelector('.after').getBoundingClientRect();
+  return box.right > after.left || box.top > after.bottom || box.bottom < after.top;
+}).length;
+"""
+
+
+@needs_browser
+@pytest.mark.long
+@pytest.mark.parametrize("width", [400, 768, 1200, 1600])
+def test_an_arrow_stands_before_what_it_points_at(tmp_path: Path, width: int) -> None:
+    names = ("Peak error, the drive by itself", "Rms error", "Largest single error")
+    changes = [Change(name, 12.04e-3, 1.497e-3, "rad", (-1.58e-3, -1.51e-3)) for name in names]
+    write_report(tmp_path / "report.html", Report("edm-vertical", "kept", "It is smaller.", changes=changes))
+    with browser(tmp_path, width=width, height=850) as driver:
+        driver.get((tmp_path / "report.html").as_uri())
+        assert driver.execute_script("return document.querySelectorAll('.arrow').length") == 3
+        assert driver.execute_script(HANGING) == 0

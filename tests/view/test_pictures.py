@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Iterator
+import time
+from collections.abc import Iterator, Mapping
 from datetime import datetime
 from pathlib import Path
 
@@ -18,12 +19,16 @@ from PIL import Image
 import autotune
 from autotune.core.axis import read_axis
 from autotune.core.errors import ConfigurationError
-from autotune.models.drive_model import DriveModel
-from autotune.models.model_file import read_model, write_model
+from autotune.diagnosis.fit_recordings import compared_or_none
+from autotune.diagnosis.fit_result import summary
 from autotune.recordings.files import read_recording
+from autotune.tuning.link_check import check_link
 from autotune.tuning.links import open_link
+from autotune.tuning.preparation import SessionRequest
 from autotune.tuning.progress import Silent
 from autotune.tuning.run import Request, tune
+from autotune.view.compared_pages import write_fit_rrd
+from autotune.view.live import LiveSettings, LiveView
 from autotune.view.snapshot import HeadlessViewer, headless_viewer
 from tests.view.rerun_contents import empty_views, views_of
 
@@ -50,40 +55,62 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         read_recording(done.run_directory / "recordings" / f"{name}.parquet")
         for name in ("experiment", "confirmation")
     ]
-    model = read_model(done.run_directory / "model.toml")
-    base = _without_effects(model, folder / "base.toml")
+    fitted = autotune.fit(recordings[0])
+    base = fitted.model
+    assert base is not None
+    shown = compared_or_none(recordings[:1], base)
+    write_fit_rrd(folder / "fit.rrd", recordings[:1], base, summary(fitted), shown)
     autotune.compare(recordings, base).write_rrd(folder / "compare.rrd", recordings)
     autotune.diagnose(recordings, base).write_rrd(folder / "diagnose.rrd", recordings)
     added = autotune.add_effect("torque_ripple", recordings, base)
     added.write_rrd(folder / "add.rrd", recordings, base)
-    names = ("compare", "diagnose", "add")
+    names = ("fit", "compare", "diagnose", "add")
     return {"run": done.run_directory / "run.rrd"} | {name: folder / f"{name}.rrd" for name in names}
 
 
-def _without_effects(model: DriveModel, path: Path) -> DriveModel:
-    base = autotune.fit(read_recording(path.parent.glob("2*/recordings/experiment.parquet").__next__())).model
-    assert base is not None
-    write_model(base, path)
-    return base
-
-
-@pytest.mark.parametrize("name", ["run", "compare", "diagnose", "add"])
+@pytest.mark.parametrize("name", ["run", "fit", "compare", "diagnose", "add"])
 def test_every_view_shows_something(viewer: HeadlessViewer, files: dict[str, Path], name: str) -> None:
     assert empty_views(files[name]) == []
     kinds = {view.name: view.kind for view in views_of(files[name])}
     viewer.open(files[name])
     try:
-        seen: dict[str, int] = {}
-        for number, tab in enumerate(viewer.tabs()):
-            _keep(f"{name}-{number}-{tab or 'page'}", viewer.picture())
-            for identity, title in viewer.views().items():
-                if picture := viewer.picture(identity, still=False):
-                    seen[title] = max(seen.get(title, 0), _painted(picture, kinds[title]))
-        assert set(seen) == set(kinds)
-        assert [title for title, count in seen.items() if count < 100] == []
-        assert viewer.problems() == []
+        assert set(_look(viewer, name, kinds)) == set(kinds)
     finally:
         viewer.close()
+
+
+def test_the_page_of_a_link_shows_something_while_it_is_measured(
+    viewer: HeadlessViewer, tmp_path: Path
+) -> None:
+    axis = read_axis(EXAMPLE).model_copy(update={"link": "sim://edm-vertical"})
+    with LiveView(LiveSettings(name=axis.name, period=axis.cycle, window=False, web=False)) as live:
+        viewer.open(live.url)
+        asked = SessionRequest(
+            axis, lambda: open_link(axis, tmp_path), tmp_path, Silent(), datetime.now, [live]
+        )
+        check_link(asked, None)
+        end = time.monotonic() + 60.0
+        while "Cycles" not in viewer.views().values() and time.monotonic() < end:
+            time.sleep(0.2)
+        try:
+            seen = _look(viewer, "link", {"Cycles": "TextDocument"})
+            assert {"Time between answers [ms]", "Round trip and jitter", "Cycles"} <= set(seen)
+        finally:
+            viewer.close()
+
+
+def _look(viewer: HeadlessViewer, name: str, kinds: Mapping[str, str]) -> list[str]:
+    """Keeps a picture of every tab; titles of the views, none of which is empty."""
+    seen: dict[str, int] = {}
+    for number, tab in enumerate(viewer.tabs()):
+        _keep(f"{name}-{number}-{tab or 'page'}", viewer.picture())
+        for identity, title in viewer.views().items():
+            if picture := viewer.picture(identity, still=False):
+                painted = _painted(picture, kinds.get(title, "TimeSeries"))
+                seen[title] = max(seen.get(title, 0), painted)
+    assert [title for title, count in seen.items() if count < 100] == []
+    assert viewer.problems() == []
+    return list(seen)
 
 
 def _painted(picture: bytes, kind: str) -> int:

@@ -6,24 +6,29 @@ import asyncio
 import json
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from fastapi import FastAPI
 from starlette.testclient import TestClient
 
+from autotune.core.axis import read_axis
 from autotune.recordings.files import write_recording
 from autotune.recordings.recording import Recording
 from autotune.service.access import AccessGuard, Rules
 from autotune.workbench.engine import Engine
 from autotune.workbench.files import Files
-from autotune.workbench.routes import make_app
+from autotune.workbench.routes import make_app, workbench_routes
 from tests.workbench.test_files import made
 
 TOKEN = "secret"
 HEADERS = {"Authorization": f"Bearer {TOKEN}"}
 SCRIPTS = (
-    "vendor/uPlot.iife.min.js", "workbench.js", "where.js", "overlay.js", "axes.js", "api.js", "plots.js", "numbers.js"
+    "vendor/uPlot.iife.min.js", "workbench.js", "where.js", "overlay.js", "axes.js", "api.js", "plots.js", "numbers.js",
+    "limits.js",
 )  # fmt: skip
 
 
@@ -77,6 +82,28 @@ def test_a_recording_is_fitted_and_compared(client: TestClient, short: Recording
     wrong = done(client, kind="add", recordings=[view["id"]], model=model, effects=["stribek"])
     assert wrong["state"] == "failed"
     assert "did you mean" in wrong["error"]
+
+
+def test_what_a_recording_used_stands_beside_the_limits_of_its_axis(short: Recording, tmp_path: Path) -> None:
+    axis = read_axis(Path(__file__).resolve().parents[2] / "config" / "axes" / "edm-vertical.toml")
+    engine = Engine()
+    try:
+        app = FastAPI()
+        app.include_router(workbench_routes(Files(tmp_path / "held"), engine, [axis]))
+        with TestClient(app) as client:
+            about = client.get("/api/workbench/about").json()
+            assert about["limits"] == {axis.name: {
+                "position_min": axis.limits.position_min, "position_max": axis.limits.position_max,
+                "speed": axis.limits.speed, "torque": axis.limits.torque, "fingerprint": axis.fingerprint,
+            }}  # fmt: skip
+            view = sent(client, short, tmp_path)
+            assert view["position"] == pytest.approx([short["position"].min(), short["position"].max()])
+            assert view["speed"] == pytest.approx(np.abs(short["velocity"]).max())
+            assert view["torque_limit"] == short.metadata.torque_limit
+            bare = replace(short, floats={name: v for name, v in short.floats.items() if name != "velocity"})
+            assert sent(client, bare, tmp_path)["speed"] is None
+    finally:
+        engine.close()
 
 
 def test_the_page_is_whole_and_asks_nobody_else(client: TestClient) -> None:

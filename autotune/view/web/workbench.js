@@ -2,6 +2,7 @@
 
 import { ask, compute, Gone, NoToken, post, send, setToken, takeToken } from "/web/api.js";
 import { jobOf, recordingsOf, sure } from "/web/axes.js";
+import { showUsed } from "/web/limits.js";
 import { canOverlay, layOver, newOverlay, overlaid } from "/web/overlay.js";
 import { quantity, range, scaleOf, significant } from "/web/numbers.js";
 import { bars, colour, plot } from "/web/plots.js";
@@ -92,6 +93,7 @@ function refreshButtons() {
   $("save").disabled = !model();
   $("decide-play").disabled = $("send-model").disabled = false;
   listAxes();
+  showUsed($("used"), $("used-about"), state.recordings.filter((one) => one.chosen), state.about.limits);
 }
 
 // ---------------------------------------------------------------- recordings
