@@ -31,6 +31,7 @@ from autotune.diagnosis.transmission import other_transmission_tried, without_ne
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.cross_validation import Explained, drift, explained, shared, still_explainable
 from autotune.estimation.data import TRAINING, VETO
+from autotune.estimation.parts import repeats_alike
 from autotune.estimation.problem import Problem
 from autotune.models.drive_model import Packed
 from autotune.models.transmission import has_load
@@ -297,7 +298,12 @@ def explained_beside(problem: Problem, before: ModelFit, after: ModelFit, role: 
 
 
 def again_explained(problem: Problem, before: ModelFit, after: ModelFit) -> float:
-    """By how much a model lowers what repeats share, or a level that drifts between them [(N m)²]."""
+    """By how much a model lowers what repeats share, or a level that drifts between them [(N m)²].
+
+    Infinite where repeats are at different places: what belongs to the place need not come again there.
+    """
+    if not repeats_alike(problem.data):
+        return math.inf
     left = [shared(problem, item.fitted, item.correction) for item in (before, after)]
     return left[0] - left[1]
 

@@ -60,6 +60,12 @@ def spread(data: Prepared, columns: Floats, on: Flags) -> None:
         part[:] = np.tile(part[: block.count], (block.repeats, 1))
 
 
+def repeats_alike(data: Prepared) -> bool:
+    """Whether every fitted repeat is the same motion at the same place."""
+    repeated = [block for block in data.blocks if block.role == TRAINING and block.repeats > 1]
+    return len(_alike(data)) == len(repeated)
+
+
 def _alike(data: Prepared) -> list[Block]:
     """Fitted blocks whose repeats are the same motion at the same place."""
     position = data.position[data.grid]

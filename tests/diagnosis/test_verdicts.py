@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+import autotune
 from autotune.core.errors import ConfigurationError, NotEnoughExcitation
 from autotune.diagnosis.compare import REGIMES, compare
 from autotune.diagnosis.fitting import add_effect
@@ -86,3 +87,11 @@ def test_a_wrong_sign_of_the_torque_is_said(recorded, nominal) -> None:
     wrong = Recording.from_columns(flipped, recording.metadata, recording.experiment, recording.repeat)
     with pytest.raises(NotEnoughExcitation, match="sign"):
         diagnose([wrong], nominal)
+
+
+def test_repeats_at_other_places_do_not_hide_what_belongs_to_the_place() -> None:
+    """Two legs that mirror each other: the imbalance comes again with the other sign, and "none" was said of it."""
+    played = autotune.simulate("sim://lugre?seed=3&effect=gravity_imbalance:0.05", programme="high-speed")
+    recording = played.with_metadata(axis="", fingerprint="")
+    found = autotune.diagnose([recording], autotune.fit([recording]).model)
+    assert (found.verdict, tuple(found.effects)) == ("named", ("gravity_imbalance",))
