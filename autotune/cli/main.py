@@ -60,9 +60,22 @@ def application(arguments: Sequence[str]) -> typer.Typer:
     if called in COMMANDS:
         _load(app, called)
     else:
+        if called and not called.startswith("-"):
+            _not_of_a_group(called)
         for name, line in COMMANDS.items():
             app.command(name, help=line)(_not_first)
     return app
+
+
+def _not_of_a_group(called: str) -> None:
+    """A group's command without its group, such as `autotune diagnose`, is answered with the whole name."""
+    for group in ("model", "data"):
+        app: typer.Typer = getattr(import_module(f"autotune.cli.{group}"), group)
+        if called in {one.name or getattr(one.callback, "__name__", "") for one in app.registered_commands}:
+            raise ConfigurationError(
+                f"{called!r} is a command of the group {group!r}: autotune {group} {called} …; "
+                f"see 'autotune {group} {called} --help'"
+            )
 
 
 def _load(app: typer.Typer, name: str) -> None:
@@ -110,7 +123,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         warnings.simplefilter("ignore")  # of libraries, with paths of their sources: nothing for a person
     given = with_values(list(sys.argv[1:] if arguments is None else arguments))
     try:
-        ended = application(given)(args=given, standalone_mode=False)
+        ended = application(given)(args=given, prog_name="autotune", standalone_mode=False)
         code = ended if isinstance(ended, int) else 0  # typer.Exit comes as its code
     except typer.Exit as ending:
         code = ending.exit_code
@@ -134,7 +147,8 @@ def _unexpected(error: Exception) -> int:
     """Usage errors of the parser answer 2; anything else is a defect and says where to look."""
     message = getattr(error, "format_message", None)
     if callable(message):
-        return complain(f"{message() or 'no command given'} (see 'autotune --help')", 2)
+        path = getattr(getattr(error, "ctx", None), "command_path", "autotune")
+        return complain(f"{message() or 'no command given'} (see '{path} --help')", 2)
     if os.environ.get("AUTOTUNE_TRACEBACK"):
         raise error
     return complain(

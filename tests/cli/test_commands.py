@@ -26,3 +26,21 @@ def test_without_a_command_the_answer_is_one_of_usage(
         main(arguments)
     assert ending.value.code == 2
     assert "Traceback" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["diagnose", "a.toml"], "autotune model diagnose …"),
+        (["import", "a.csv"], "autotune data import …"),
+        (["model", "fit", "a.csv"], "see 'autotune model fit --help'"),
+        (["gains"], "see 'autotune gains --help'"),
+    ],
+)
+def test_a_usage_error_names_the_command_whose_help_answers(
+    arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ending:
+        main(arguments)
+    assert ending.value.code == 2
+    assert said in capsys.readouterr().err
