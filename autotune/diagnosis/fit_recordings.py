@@ -20,10 +20,9 @@ from autotune.diagnosis.compare import Compared, compare, unseen_error
 from autotune.diagnosis.fit_result import FitResult
 from autotune.diagnosis.fitting import fit_model
 from autotune.identify.complexity import Complexity, judge_complexity
-from autotune.identify.estimate import Estimate, Quantity
+from autotune.identify.estimate import Estimate, Quantity, judge_model
 from autotune.identify.first_guess import OneDirection
 from autotune.identify.fit import STARTS, fit, joined
-from autotune.identify.plausible_axis import judge_model
 from autotune.identify.residuals import simulate_closed_loop, torque_residual
 from autotune.identify.run import EXPERIMENTS, identify_run
 from autotune.models.drive_model import DriveModel

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from autotune.core.errors import RecordingError
-from autotune.identify.plausible_axis import judge_model, model_sizes
+from autotune.identify.estimate import judge_model, model_sizes
 from autotune.models.drive_model import DriveModel, base_model
 from autotune.recordings.axis_sizes import Sizes, judged, refuse_unlike_axis, sizes_line
 from autotune.recordings.recording import Metadata, Recording

@@ -139,7 +139,7 @@ def _left_without(terms: Floats, work: Floats, index: int) -> float:
 
 
 def sizes_of_dynamics(recording: Recording) -> dict[str, float]:
-    """Those of `plausible_axis.RANGES` that inertia and friction tell; empty where the work does not show both."""
+    """Those of `axis_sizes.RANGES` that inertia and friction tell; empty where the work does not show both."""
     energy, speed = energy_balance(_parts(recording)), sizes(recording).speed
     if energy is None or not energy.sure or min(energy.inertia, energy.force, speed) <= 0.0:
         return {}
