@@ -15,7 +15,8 @@ from autotune.estimation.alignment import shifted, without_twin
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import as_rough, fitted_contact
 from autotune.estimation.controller import find_controller
-from autotune.estimation.controller_law import AS_MUCH, PositionController
+from autotune.estimation.controller_law import PositionController
+from autotune.estimation.controller_search import AS_MUCH
 from autotune.estimation.controller_torque import loop_note, refuse_answers
 from autotune.estimation.data import Prepared
 from autotune.estimation.disturbance_estimate import estimate_disturbance

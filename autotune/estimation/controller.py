@@ -1,6 +1,6 @@
 """The position controller of a recording: the file's if it explains the torque demand, else identified.
 
-How a law is found in the data: `controller_law`.
+The law: `controller_law`; how it is found in the data: `controller_search`.
 """
 
 from __future__ import annotations
@@ -15,21 +15,18 @@ import numpy as np
 
 from autotune.core.arrays import Flags, Floats
 from autotune.estimation.controller_law import (
-    EXACT,
     SHORTEST_RUN,
     LoopSamples,
     PositionController,
     between_terms,
     late_samples,
-    law_from_data,
     law_terms,
     less_run_means,
-    or_between,
-    plainly_better,
     regular_rows,
     share_explained,
     smeared_samples,
 )
+from autotune.estimation.controller_search import EXACT, law_from_data, or_between, plainly_better
 from autotune.estimation.data import Prepared, step_of, stretches_of
 from autotune.estimation.policy import POLICY, Policy
 from autotune.recordings.checks import at_limit, torque_of

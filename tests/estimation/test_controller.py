@@ -7,7 +7,8 @@ import pytest
 from scipy import signal
 
 from autotune.estimation.controller import controller_of, find_controller, identified
-from autotune.estimation.controller_law import LoopSamples, PositionController, delayed, or_between
+from autotune.estimation.controller_law import LoopSamples, PositionController, delayed
+from autotune.estimation.controller_search import or_between
 from autotune.estimation.data import prepare
 from autotune.estimation.disturbance import STILL
 from autotune.estimation.policy import POLICY
