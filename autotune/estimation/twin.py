@@ -7,7 +7,7 @@ demand, and the controller's sum is what makes the twin's first torque equal the
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -162,52 +162,68 @@ def simulate_stretch(
 ) -> tuple[Floats, Floats, bool]:
     """Position and torque as the drive would have logged them, shape (n,), and whether all stayed in bounds.
 
+    The torque of a drive whose loop works between the samples is its mean from each to the next.
+
     Args:
         limit: of the torque; infinite where unknown.
         resolution: of the encoder; 0 for none.
         disturbance, position_noise: torque after the demand, and position before it is quantised; shape (n,).
     """
-    if recorded.closed and controller.ticks > 1:
-        return _between(recorded, packed, controller, limit, resolution, disturbance, position_noise)
-    n = len(recorded.measured)
+    loop = _between_samples if recorded.closed and controller.ticks > 1 else _at_samples
+    given = loop(recorded, controller)
+    ticks, n = given.ticks, len(given.command)
+    period = recorded.period / ticks
     position, torque = np.zeros(n), np.zeros(n)
-    feedforward = recorded.feedforward * recorded.closed
-    reference = delayed(recorded.reference, controller.reference_delay, recorded.last_reference)
-    if recorded.closed:
-        feedforward = feedforward + controller.feedforward(
-            reference, recorded.last_reference, recorded.period
-        )
     done = simulate(
         packed.p,
         packed.on,
         start_state(recorded, packed),
-        controller.gains,
-        np.array([recorded.period, limit, resolution, *_memory(recorded, controller, float(feedforward[0]))]),
+        given.gains,
+        np.array([period, limit, resolution, *given.memory]),
         recorded.closed,
-        substeps_for(packed.p, recorded.period, packed.on),
-        reference if recorded.closed else recorded.torque,
-        feedforward,
-        disturbance,
-        position_noise,
+        substeps_for(packed.p, period, packed.on),
+        given.command,
+        given.feedforward,
+        np.repeat(disturbance, ticks),
+        np.repeat(position_noise, ticks),
         position,
         torque,
     )
-    return position, torque, done == n
+    return position[::ticks].copy(), torque.reshape(-1, ticks).mean(axis=1), done == n
 
 
-def _between(
-    recorded: Recorded,
-    packed: Packed,
-    controller: PositionController,
-    limit: float,
-    resolution: float,
-    disturbance: Floats,
-    position_noise: Floats,
-) -> tuple[Floats, Floats, bool]:
-    """As `simulate_stretch`, of a drive whose loop works between the samples; the torque is its mean from each to the
-    next."""
+@dataclass(frozen=True, slots=True)
+class _Loop:
+    """What the twin's loop is given; arrays of shape (n·ticks,).
+
+    Attributes:
+        command: the reference, or in torque mode the torque.
+        memory: the controller's sum, filtered derivative, reference and position before the first tick.
+    """
+
+    ticks: int
+    gains: Floats
+    command: Floats
+    feedforward: Floats
+    memory: tuple[float, float, float, float]
+
+
+def _at_samples(recorded: Recorded, controller: PositionController) -> _Loop:
+    """The loop of a drive that works at the samples, or none: torque mode."""
+    feedforward = recorded.feedforward * recorded.closed
+    if not recorded.closed:
+        before = 0.0, 0.0, recorded.last_reference, recorded.last_position
+        return _Loop(1, controller.gains, recorded.torque, feedforward, before)
+    reference = delayed(recorded.reference, controller.reference_delay, recorded.last_reference)
+    feedforward = feedforward + controller.feedforward(reference, recorded.last_reference, recorded.period)
+    memory = _memory(recorded, controller, float(feedforward[0]))
+    return _Loop(1, controller.gains, reference, feedforward, memory)
+
+
+def _between_samples(recorded: Recorded, controller: PositionController) -> _Loop:
+    """The loop of a drive that works between the samples, its reference on a straight line from each to the next."""
     ticks = controller.ticks
-    period, share = recorded.period / ticks, 1.0 - (1.0 - controller.derivative_filter) ** (1.0 / ticks)
+    share = 1.0 - (1.0 - controller.derivative_filter) ** (1.0 / ticks)
     reference = delayed(recorded.reference, controller.reference_delay, recorded.last_reference)
     fed = controller.continuous_feedforward(reference, recorded.period)
     fine, pushed = (_on_line(values, ticks) for values in (reference, fed + recorded.feedforward))
@@ -216,24 +232,8 @@ def _between(
     if controller.ki > 0:
         rest = recorded.torque[0] - pushed[0] - controller.kp * (fine[0] - recorded.measured[0])
         total = float(rest - controller.kd * rate) / controller.ki
-    n = len(fine)
-    position, torque = np.zeros(n), np.zeros(n)
-    done = simulate(
-        packed.p,
-        packed.on,
-        start_state(recorded, packed),
-        replace(controller, derivative_filter=share).gains,
-        np.array([period, limit, resolution, total, rate, fine[0], recorded.measured[0]]),
-        True,
-        substeps_for(packed.p, period, packed.on),
-        fine,
-        pushed,
-        np.repeat(disturbance, ticks),
-        np.repeat(position_noise, ticks),
-        position,
-        torque,
-    )
-    return position[::ticks].copy(), torque.reshape(-1, ticks).mean(axis=1), done == n
+    gains = replace(controller, derivative_filter=share).gains
+    return _Loop(ticks, gains, fine, pushed, (total, rate, fine[0], recorded.measured[0]))
 
 
 def _on_line(values: Floats, ticks: int) -> Floats:
@@ -266,9 +266,7 @@ def started_torque(packed: Packed, start: Floats, demand: float) -> Floats:
 def _memory(
     recorded: Recorded, controller: PositionController, feedforward: float
 ) -> tuple[float, float, float, float]:
-    """Sum, filtered derivative, reference and position before the first row."""
-    if not recorded.closed:
-        return 0.0, 0.0, recorded.last_reference, recorded.last_position
+    """Sum, filtered derivative, reference and position before the first row, in closed loop."""
     reference = recorded.last_reference if controller.reference_delay else recorded.reference[0]
     measured = recorded.last_position if controller.position_delay else recorded.measured[0]
     error = reference - measured
