@@ -19,7 +19,7 @@ import pyarrow.parquet
 from numpy.typing import NDArray
 
 from autotune.core.arrays import Floats
-from autotune.core.errors import AutotuneError, RecordingError
+from autotune.core.errors import AutotuneError
 from autotune.recordings.checksum import ContentDigest
 from autotune.recordings.file_parts import (
     CSV_TYPES,
@@ -28,13 +28,13 @@ from autotune.recordings.file_parts import (
     floats_of,
     integers_of,
     pairs_of,
-    reason,
+    reading,
     refuse_huge,
     spacing,
     texts_of,
     verified,
 )
-from autotune.recordings.files import BATCH, MOST_BYTES, MOST_ROWS, parse_metadata
+from autotune.recordings.files import BATCH, MOST_ROWS, parse_metadata
 from autotune.recordings.limits import refuse_column, refuse_missed, refuse_motion, refuse_names
 from autotune.recordings.recording import FLOAT_COLUMNS, Metadata, Segment
 
@@ -62,22 +62,12 @@ def walk_recording(path: Path, see: See) -> Outline:
     Raises:
         RecordingError: as `read_recording`.
     """
-    if not path.is_file():
-        raise RecordingError(f"there is no recording {path}; check the name")
-    try:
-        refuse_huge(path, path.stat().st_size, MOST_BYTES, "bytes")
+    with reading(path):
         if path.suffix == ".parquet":
             return _walked(_File(path, path), see)
         with NamedTemporaryFile(suffix=".parquet") as columns:
             pairs = _as_parquet(path, Path(columns.name))
             return _walked(_File(path, Path(columns.name), pairs), see)
-    except AutotuneError:
-        raise
-    except (pa.ArrowException, OSError, ValueError, OverflowError, MemoryError) as error:
-        raise RecordingError(
-            f"{path} cannot be read as a recording: {reason(error)}; import foreign files with 'autotune data "
-            "import'"
-        ) from error
 
 
 def _as_parquet(path: Path, columns: Path) -> Mapping[str, str]:

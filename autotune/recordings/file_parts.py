@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import codecs
 import difflib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -14,7 +15,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from autotune.core.arrays import Floats
-from autotune.core.errors import RecordingError, a_few
+from autotune.core.errors import AutotuneError, RecordingError, a_few
 from autotune.recordings.checksum import KEY as CHECKSUM
 from autotune.recordings.limits import refuse_names
 from autotune.recordings.recording import FLOAT_COLUMNS, REQUIRED_COLUMNS
@@ -23,6 +24,8 @@ PREFIX = b"autotune."
 CSV_TYPES = {name: pa.float64() for name in FLOAT_COLUMNS} | {
     "experiment": pa.string(), "repeat": pa.int64(), "missed": pa.int64()
 }  # fmt: skip
+MOST_BYTES = 2_000_000_000
+"""Of a file; a day of one axis at 1 kHz has less."""
 _AT_ONCE = 1 << 22
 """Bytes of a text that are looked at together."""
 
@@ -115,7 +118,28 @@ def texts_of(table: pa.Table, name: str) -> tuple[list[str], NDArray[np.int64]]:
     return texts or [""], encoded.indices.to_numpy().astype(np.int64)
 
 
-def reason(error: Exception) -> str:
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """The block reads a recording's file, which must be there and of a size that can be held.
+
+    Raises:
+        RecordingError: there is no such file, or it is too large; or whatever the libraries meet in the block.
+    """
+    if not path.is_file():
+        raise RecordingError(f"there is no recording {path}; check the name")
+    try:
+        refuse_huge(path, path.stat().st_size, MOST_BYTES, "bytes")
+        yield
+    except AutotuneError:
+        raise
+    except (pa.ArrowException, OSError, ValueError, OverflowError, MemoryError) as error:
+        raise RecordingError(
+            f"{path} cannot be read as a recording: {_reason(error)}; import foreign files with 'autotune data "
+            "import'"
+        ) from error
+
+
+def _reason(error: Exception) -> str:
     """The first line of what a library says; a damaged file may be quoted in it at any length."""
     text = next(iter(str(error).splitlines()), "") or type(error).__name__
     return "".join(letter if letter.isprintable() else "?" for letter in text[:200])

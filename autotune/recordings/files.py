@@ -30,7 +30,7 @@ from autotune.recordings.file_parts import (
     floats_of,
     integers_of,
     pairs_of,
-    reason,
+    reading,
     refuse_huge,
     spacing,
     texts_of,
@@ -47,8 +47,6 @@ from autotune.recordings.recording import (
     Recording,
 )
 
-MOST_BYTES = 2_000_000_000
-"""Of a file; a day of one axis at 1 kHz has less."""
 MOST_ROWS = 50_000_000
 """14 hours at 1 kHz, 4 GB in memory."""
 BATCH = 1 << 19
@@ -69,19 +67,9 @@ def read_recording(path: str | Path) -> Recording:
             values that cannot be.
     """
     path = Path(path)
-    if not path.is_file():
-        raise RecordingError(f"there is no recording {path}; check the name")
-    try:
-        refuse_huge(path, path.stat().st_size, MOST_BYTES, "bytes")
+    with reading(path):
         columns, pairs = _read_parquet(path) if path.suffix == ".parquet" else _read_csv(path)
         recording = _recording(path, columns, pairs)
-    except RecordingError:
-        raise
-    except (pa.ArrowException, OSError, ValueError, OverflowError, MemoryError) as error:
-        raise RecordingError(
-            f"{path} cannot be read as a recording: {reason(error)}; import foreign files with 'autotune data "
-            "import'"
-        ) from error
     refuse_impossible(recording, str(path))
     return recording
 
