@@ -6,7 +6,7 @@ The result is `check.json` in the run's folder, the same object that `autotune c
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
@@ -23,9 +23,8 @@ from autotune.recordings.recording import Recording
 from autotune.tuning.committed import Committed, InForce, in_force
 from autotune.tuning.files import finite, write_json
 from autotune.tuning.journal import Journal
-from autotune.tuning.preparation import SessionRequest, connected, prepared
+from autotune.tuning.preparation import SessionRequest, connected, own_run, prepared
 from autotune.tuning.recovery import recover
-from autotune.tuning.run_directory import Opening, axis_lock, discard_unused, make_run_directory
 from autotune.tuning.session import Session
 from autotune.tuning.stage_prove import ENABLED
 
@@ -101,29 +100,17 @@ def check_axis(request: CheckRequest) -> CheckResult:
     """
     axis = request.axis
     plan = plan_check(axis, request.seed)
-    with axis_lock(request.runs, axis.name):
-        started = request.clock()
-        directory = make_run_directory(request.runs, axis.name, started)
-        journal = Journal.begin(directory, axis.name, axis.fingerprint, started)
-        opening = Opening(request.open_loop)
-        try:
-            request.reporter.stage("connect", 3.0)
-            with connected(opening, journal, request.reporter) as loop:
-                notes = recover(loop, request.runs, journal)
-                parameters = loop.read_parameters()
-                present = _forgiving(axis.link, in_force(request.runs, axis, parameters))
-                own = bool(parameters.get(ENABLED, 0.0))
-                with prepared(request, loop, journal) as session:
-                    measured = _measure(session, plan, present, own)
-            result = _result(request, started, session, measured, present, notes)
-            write_json(directory / FILE_NAME, finite(result.as_json()))
-        except BaseException:
-            if opening.failed(journal):
-                discard_unused(directory)
-            else:
-                _close(journal, "aborted")
-            raise
-        _close(journal, "not_applied")
+    with own_run(request, _outcome) as run:
+        request.reporter.stage("connect", 3.0)
+        with connected(run.opening, run.journal, request.reporter) as loop:
+            notes = recover(loop, request.runs, run.journal)
+            parameters = loop.read_parameters()
+            present = _forgiving(axis.link, in_force(request.runs, axis, parameters))
+            own = bool(parameters.get(ENABLED, 0.0))
+            with prepared(request, loop, run.journal) as session:
+                measured = _measure(session, plan, present, own)
+        result = _result(request, run.started, session, measured, present, notes)
+        write_json(run.directory / FILE_NAME, finite(result.as_json()))
     return result
 
 
@@ -133,9 +120,8 @@ def _forgiving(link: str, present: InForce) -> InForce:
     return replace(present, held=None) if forgets and present.held is False else present
 
 
-def _close(journal: Journal, outcome: str) -> None:
-    if not journal.state.left_something:
-        journal.note(stage="look", outcome=outcome)
+def _outcome(journal: Journal, whole: bool) -> Mapping[str, str]:
+    return {"stage": "look", "outcome": "not_applied" if whole else "aborted"}
 
 
 def _measure(session: Session, plan: CheckPlan, present: InForce, own: bool) -> CheckFigures:

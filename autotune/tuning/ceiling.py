@@ -30,12 +30,10 @@ from autotune.models.model_file import read_model
 from autotune.tuning.ceiling_note import FILE
 from autotune.tuning.files import finite, write_json
 from autotune.tuning.findings import FILE_NAME, HOST_FILE, latest_run, load_findings
-from autotune.tuning.journal import Journal
 from autotune.tuning.motion_plan import MotionPlan, planned
-from autotune.tuning.preparation import SessionRequest, connected, prepared
+from autotune.tuning.preparation import SessionRequest, connected, own_run, prepared
 from autotune.tuning.proof import tracking_error
 from autotune.tuning.recovery import recover
-from autotune.tuning.run_directory import Opening, axis_lock, discard_unused, make_run_directory
 from autotune.tuning.session import Session
 from autotune.tuning.stage_adapt import REFINEMENT_PERIODS, measure_window, period_average, window_seconds
 from autotune.tuning.stage_prove import windows_of
@@ -161,26 +159,13 @@ def measure_ceiling(request: SessionRequest, law: FeedforwardLaw) -> Ceiling:
     Raises:
         AutotuneError, KeyboardInterrupt: after everything was put back; the axis is at rest.
     """
-    axis = request.axis
-    with axis_lock(request.runs, axis.name):
-        started = request.clock()
-        directory = make_run_directory(request.runs, axis.name, started)
-        journal = Journal.begin(directory, axis.name, axis.fingerprint, started)
-        opening = Opening(request.open_loop)
-        try:
-            request.reporter.stage("connect", 3.0)
-            with connected(opening, journal, request.reporter) as loop:
-                recover(loop, request.runs, journal)
-                with prepared(request, loop, journal) as session:
-                    found = _measured(session, law)
-        except BaseException:
-            if opening.failed(journal):
-                discard_unused(directory)
-            raise
-        finally:
-            if not journal.state.left_something and directory.is_dir():
-                journal.note(outcome="not_applied")
-        _keep(request, directory, started, found)
+    with own_run(request) as run:
+        request.reporter.stage("connect", 3.0)
+        with connected(run.opening, run.journal, request.reporter) as loop:
+            recover(loop, request.runs, run.journal)
+            with prepared(request, loop, run.journal) as session:
+                found = _measured(session, law)
+        _keep(request, run.directory, run.started, found)
     return found
 
 

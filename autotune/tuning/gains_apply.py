@@ -17,10 +17,9 @@ from autotune.experiments.standstill import standing
 from autotune.recordings.recording import Recording, concatenate
 from autotune.tuning.commit import commit, verify
 from autotune.tuning.journal import CommitPhase, Journal
-from autotune.tuning.preparation import SessionRequest, connected, prepared
+from autotune.tuning.preparation import SessionRequest, connected, own_run, prepared
 from autotune.tuning.proof import HeldOutError, Proof, prove
 from autotune.tuning.recovery import recover
-from autotune.tuning.run_directory import Opening, axis_lock, discard_unused, make_run_directory
 from autotune.tuning.session import Session, controller_of
 from autotune.tuning.stage_prove import (
     AFTER,
@@ -84,32 +83,17 @@ def apply_gains(request: GainsRequest) -> Applied:
     Raises:
         AutotuneError, KeyboardInterrupt: after everything was put back; the axis is at rest.
     """
-    axis = request.axis
-    with axis_lock(request.runs, axis.name):
-        started = request.clock()
-        directory = make_run_directory(request.runs, axis.name, started)
-        journal = Journal.begin(directory, axis.name, axis.fingerprint, started)
-        opening = Opening(request.open_loop)
-        applied = None
-        try:
-            request.reporter.stage("connect", 3.0)
-            with connected(opening, journal, request.reporter) as loop:
-                recover(loop, request.runs, journal)
-                with prepared(request, loop, journal) as session:
-                    applied = _proved_and_kept(request, session)
-        except BaseException:
-            if opening.failed(journal):
-                discard_unused(directory)
-            else:
-                _close(journal, journal.state.phase is CommitPhase.KEPT)
-            raise
-        _close(journal, applied.kept)
-    return applied
+    with own_run(request, _outcome) as run:
+        request.reporter.stage("connect", 3.0)
+        with connected(run.opening, run.journal, request.reporter) as loop:
+            recover(loop, request.runs, run.journal)
+            with prepared(request, loop, run.journal) as session:
+                return _proved_and_kept(request, session)
 
 
-def _close(journal: Journal, kept: bool) -> None:
-    if not journal.state.left_something:
-        journal.note(outcome="kept" if kept else "not_applied")
+def _outcome(journal: Journal, whole: bool) -> Mapping[str, str]:
+    """What was written stays, however the run ends after that."""
+    return {"outcome": "kept" if journal.state.phase is CommitPhase.KEPT else "not_applied"}
 
 
 def _proved_and_kept(request: GainsRequest, session: Session) -> Applied:

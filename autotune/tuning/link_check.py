@@ -16,11 +16,9 @@ from autotune.core.drive_recording import RecordingLoop
 from autotune.core.errors import AutotuneError, GuardStop, LinkError
 from autotune.core.loop import Loop
 from autotune.experiments.torque_semantics import Meaning, TorqueSemantics
-from autotune.tuning.journal import Journal
 from autotune.tuning.link_probe import LinkProbe, Timing
-from autotune.tuning.preparation import SessionRequest, connected, prepared
+from autotune.tuning.preparation import SessionRequest, connected, own_run, prepared
 from autotune.tuning.recovery import recover
-from autotune.tuning.run_directory import Opening, axis_lock, discard_unused, make_run_directory
 from autotune.tuning.session import Session
 from autotune.tuning.torque_check import INCLUDES, contradiction, must_be_found, torque_semantics
 from autotune.view.pages import Page
@@ -111,22 +109,14 @@ def check_link(request: SessionRequest, load: float | None, remarks: Sequence[st
     Raises:
         AutotuneError: nobody there, or the drive cannot be powered; everything is put back.
     """
-    axis = request.axis
-    with axis_lock(request.runs, axis.name):
-        directory = make_run_directory(request.runs, axis.name, request.clock())
-        journal = Journal.begin(directory, axis.name, axis.fingerprint, request.clock())
-        opening = Opening(request.open_loop)
-        try:
-            with connected(opening, journal, request.reporter) as loop:
-                for sentence in recover(loop, request.runs, journal):
-                    request.reporter.say(sentence)
-                with prepared(request, loop, journal) as session:
-                    return _measured(session, loop, load, remarks)
-        finally:
-            if opening.failed(journal):
-                discard_unused(directory)
-            elif not journal.state.left_something:
-                journal.note(outcome="not_applied")
+    with (
+        own_run(request) as run,
+        connected(run.opening, run.journal, request.reporter) as loop,
+    ):
+        for sentence in recover(loop, request.runs, run.journal):
+            request.reporter.say(sentence)
+        with prepared(request, loop, run.journal) as session:
+            return _measured(session, loop, load, remarks)
 
 
 def _measured(session: Session, loop: Loop, load: float | None, remarks: Sequence[str]) -> LinkReport:

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 from autotune.core.axis import Axis
 from autotune.core.errors import AutotuneError, DriveFault, Interrupted, LinkError
@@ -21,6 +22,7 @@ from autotune.tuning.commit import verify
 from autotune.tuning.journal import CommitPhase, Journal
 from autotune.tuning.observer import Observer
 from autotune.tuning.progress import Reporter
+from autotune.tuning.run_directory import Opening, axis_lock, discard_unused, make_run_directory
 from autotune.tuning.session import Session, controller_of
 from autotune.tuning.stage_prove import ENABLED
 
@@ -44,6 +46,49 @@ class SessionRequest:
     reporter: Reporter
     clock: Callable[[], datetime]
     observers: Sequence[Observer] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class OwnRun:
+    """A run under way: when it began, its folder and journal, and what opens the axis's link."""
+
+    started: datetime
+    directory: Path
+    journal: Journal
+    opening: Opening
+
+
+def _not_applied(journal: Journal, whole: bool) -> Mapping[str, Any]:
+    return {"outcome": "not_applied"}
+
+
+@contextmanager
+def own_run(
+    request: SessionRequest, last_note: Callable[[Journal, bool], Mapping[str, Any]] = _not_applied
+) -> Iterator[OwnRun]:
+    """The axis, a folder and a journal for a run. The folder goes again where the axis was never reached.
+
+    Args:
+        last_note: what the journal says at the end where nothing is left to put right; asked with whether the block
+            came to its end.
+
+    Raises:
+        ConfigurationError: another process has the axis, or the folder cannot be made.
+    """
+    axis = request.axis
+    with axis_lock(request.runs, axis.name):
+        started = request.clock()
+        directory = make_run_directory(request.runs, axis.name, started)
+        journal = Journal.begin(directory, axis.name, axis.fingerprint, started)
+        opening, whole = Opening(request.open_loop), False
+        try:
+            yield OwnRun(started, directory, journal, opening)
+            whole = True
+        finally:
+            if opening.failed(journal):
+                discard_unused(directory)
+            elif not journal.state.left_something:
+                journal.note(**last_note(journal, whole))
 
 
 @contextmanager

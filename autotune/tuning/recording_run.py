@@ -9,10 +9,8 @@ from autotune.experiments.programmes import Choices, build
 from autotune.recordings.files import write_recording
 from autotune.recordings.recording import Recording
 from autotune.tuning.drive_recorder import record_by_drive, recorder_fits
-from autotune.tuning.journal import Journal
-from autotune.tuning.preparation import SessionRequest, connected, prepared
+from autotune.tuning.preparation import SessionRequest, connected, own_run, prepared
 from autotune.tuning.recovery import recover
-from autotune.tuning.run_directory import Opening, axis_lock, discard_unused, make_run_directory
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,29 +41,21 @@ def play_programme(request: SessionRequest, programme: str, rivals: tuple[str, .
     """
     axis = request.axis
     experiments = build(programme, axis, Choices(rivals=rivals))
-    with axis_lock(request.runs, axis.name):
-        started = request.clock()
-        directory = make_run_directory(request.runs, axis.name, started)
-        journal = Journal.begin(directory, axis.name, axis.fingerprint, started)
-        opening = Opening(request.open_loop)
-        try:
-            with connected(opening, journal, request.reporter) as loop:
-                for sentence in recover(loop, request.runs, journal):
-                    request.reporter.say(sentence)
-                with prepared(request, loop, journal) as session:
-                    session.begin("record", sum(experiment.duration for experiment in experiments))
-                    if recorder_fits(loop, experiments):
-                        request.reporter.say("sampled by the drive's own recorder")
-                        recording = record_by_drive(session, programme, experiments)
-                    else:
-                        recording, _ = session.play(programme, experiments)
-        finally:
-            if opening.failed(journal):
-                discard_unused(directory)
-            elif not journal.state.left_something:
-                journal.note(outcome="not_applied")
-    kept = directory / "recordings" / f"{programme}.parquet"
+    with (
+        own_run(request) as run,
+        connected(run.opening, run.journal, request.reporter) as loop,
+    ):
+        for sentence in recover(loop, request.runs, run.journal):
+            request.reporter.say(sentence)
+        with prepared(request, loop, run.journal) as session:
+            session.begin("record", sum(experiment.duration for experiment in experiments))
+            if recorder_fits(loop, experiments):
+                request.reporter.say("sampled by the drive's own recorder")
+                recording = record_by_drive(session, programme, experiments)
+            else:
+                recording, _ = session.play(programme, experiments)
+    kept = run.directory / "recordings" / f"{programme}.parquet"
     if not kept.is_file():  # the drive's own recorder writes none
         kept.parent.mkdir(exist_ok=True)
         write_recording(recording, kept)
-    return Played(recording, directory)
+    return Played(recording, run.directory)

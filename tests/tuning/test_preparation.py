@@ -1,0 +1,63 @@
+"""A run of its own: its folder and its journal, however it ends."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from pathlib import Path
+
+import pytest
+
+from autotune.core.axis import read_axis
+from autotune.core.errors import LinkTimeout
+from autotune.core.loop import LocalLoop, Loop
+from autotune.tuning.journal import Journal
+from autotune.tuning.preparation import SessionRequest, own_run
+from autotune.tuning.progress import Silent
+from autotune_sim.inprocess import SimDrive
+from autotune_sim.presets import preset
+from tests.end_to_end.support import EXAMPLE
+
+
+def opened() -> Loop:
+    return LocalLoop(SimDrive(preset("edm-vertical")))
+
+
+def silent(loop: Loop | None = None) -> None:
+    """The link breaks, before or after it was open."""
+    if loop is not None:
+        loop.close()
+    raise LinkTimeout("silent")
+
+
+def said(journal: Journal, whole: bool) -> dict[str, str]:
+    return {"outcome": "not_applied" if whole else "aborted"}
+
+
+@pytest.fixture
+def request_of_a_run(tmp_path: Path) -> SessionRequest:
+    return SessionRequest(read_axis(EXAMPLE), opened, tmp_path, Silent(), datetime.now)
+
+
+def test_a_run_that_comes_to_its_end_says_so(request_of_a_run: SessionRequest) -> None:
+    with own_run(request_of_a_run, said) as run:
+        run.opening().close()
+    assert Journal.load(run.directory).state.outcome == "not_applied"
+
+
+def test_a_run_that_is_cut_off_says_so(request_of_a_run: SessionRequest) -> None:
+    with pytest.raises(LinkTimeout), own_run(request_of_a_run, said) as run:
+        silent(run.opening())
+    assert Journal.load(run.directory).state.outcome == "aborted"
+
+
+def test_what_is_left_in_the_drive_keeps_the_journal_open(request_of_a_run: SessionRequest) -> None:
+    with own_run(request_of_a_run, said) as run:
+        run.journal.note(changed={"limit.torque": 1.0})
+    state = Journal.load(run.directory).state
+    assert (state.outcome, state.left_something) == ("", True)
+
+
+def test_an_axis_that_was_never_reached_leaves_no_folder(request_of_a_run: SessionRequest) -> None:
+    with pytest.raises(LinkTimeout), own_run(request_of_a_run, said) as run:
+        silent()
+    assert not run.directory.exists()
