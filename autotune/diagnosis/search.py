@@ -176,22 +176,25 @@ class _Search:
         best = self.evidence.best(problem, fits)
         if best.named and problem.has_veto and best.gain < problem.policy.least_gain:
             best = replace(best, gain=gain_on_veto(problem, self._model_fit, best.model_fit))
-        worth = best.gain >= problem.policy.least_gain
+        return best if self._worth_having(best) else None
+
+    def _worth_having(self, best: FittedCandidate) -> bool:
+        """Whether a fit explains enough, by itself and beside what is chosen already."""
+        problem, policy, before = self.problem, self.problem.policy, self._model_fit
+        beside = explained_beside(problem, before, best.model_fit, TRAINING)
+        worth = best.gain >= policy.least_gain
         if self.evidence.repeats and self.chosen is None:
-            least = problem.policy.least_gain * problem.mean_square(self.root.fitted.error, TRAINING)
-            worth &= best.training.fall >= least
+            left = problem.mean_square(self.root.fitted.error, TRAINING)
+            worth &= best.training.fall >= policy.least_gain * left
         if self.evidence.repeats and problem.twin:
-            before = self.chosen.model_fit if self.chosen is not None else self.root
-            fall = explained_beside(problem, before, best.model_fit, TRAINING).fall
-            worth &= again_explained(problem, before, best.model_fit) >= LEAST_AGAIN * fall
+            again = again_explained(problem, before, best.model_fit)
+            worth &= again >= LEAST_AGAIN * beside.fall
         if self.chosen is not None:
-            before = self.chosen.model_fit
-            beside = explained_beside(problem, before, best.model_fit, TRAINING)
             worth &= beside.fall >= least_fall(problem, self.chosen)
-            worth &= not self.evidence.repeats or beside.share >= problem.policy.partly
+            worth &= not self.evidence.repeats or beside.share >= policy.partly
             if problem.has(VETO):
                 worth &= explained_beside(problem, before, best.model_fit, VETO).fall > 0.0
-        return best if worth else None
+        return worth
 
     def _take(self, best: FittedCandidate) -> FittedCandidate:
         """Makes it the chosen model, at its best."""
