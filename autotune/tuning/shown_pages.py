@@ -21,9 +21,10 @@ from autotune.tuning.stage_diagnose import Diagnosed
 from autotune.tuning.stage_prove import Proved
 from autotune.view import data
 from autotune.view.colours import BLUE_ON_DARK, GREEN_ON_DARK, ORANGE_ON_DARK
-from autotune.view.compared_pages import comparison_of, residuals_of
+from autotune.view.compared_pages import residuals_of
 from autotune.view.data import Rank, Step, Trace
 from autotune.view.identification_pictures import steady_state_data
+from autotune.view.model_pages import comparison_of
 from autotune.view.pages import Bar, Page
 from autotune.view.rerun_file import FinalValue, parameter_table
 from autotune.view.scale import multiple, quantity

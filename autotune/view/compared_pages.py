@@ -15,14 +15,13 @@ from autotune.diagnosis.fit_recordings import model_torque
 from autotune.diagnosis.verdict import Diagnosis
 from autotune.estimation.coordinates import coordinates
 from autotune.estimation.data import Prepared
-from autotune.estimation.residual import smoothed
 from autotune.models.drive_model import DriveModel
 from autotune.models.drive_model import staircase as stairs_of
 from autotune.models.table import effect_kind
 from autotune.recordings.recording import Recording, concatenate
 from autotune.view.colours import BLUE_ON_DARK
 from autotune.view.data import Comparison, Rank, Residual, Step
-from autotune.view.model_pages import COORDINATE_UNITS, verdict_words, worst_place
+from autotune.view.model_pages import comparison_of, known_floor, residual_of, verdict_words, worst_place
 from autotune.view.pages import Bar, Page
 from autotune.view.rerun_file import FinalValue, Shown, parameter_table, write_rrd
 from autotune.view.scale import quantity
@@ -107,7 +106,11 @@ def diagnosed_page(result: Diagnosis, model: DriveModel) -> Page:
     residuals: Residuals = []
     if result.problem is not None and result.root is not None:
         residuals = residuals_of(
-            result.problem.data, result.root.fitted.error, result.where, model, _floor(result.noise_floor_rms)
+            result.problem.data,
+            result.root.fitted.error,
+            result.where,
+            model,
+            known_floor(result.noise_floor_rms),
         )
     return diagnosis_page(ranks, (), residuals, _diagnosis_words(result), model.torque_symbol)
 
@@ -126,19 +129,11 @@ def _diagnosis_words(result: Diagnosis) -> str:
 
 
 def _told(result: Compared, model: DriveModel) -> tuple[Comparison, Residuals]:
-    data, floor = result.problem.data, _floor(result.noise_floor_rms)
+    data, floor = result.problem.data, known_floor(result.noise_floor_rms)
     return (
         comparison_of(data, result.error, model.torque_symbol, floor),
         residuals_of(data, result.error, result.where, model, floor),
     )
-
-
-def comparison_of(data: Prepared, error: Floats, unit: str, floor: float | None) -> Comparison:
-    """Measured and model in the order of time, which goes on over pauses and recordings."""
-    order = np.argsort(data.grid, kind="stable")
-    torque = smoothed(data, data.torque)
-    time = np.asarray(data.grid[order] * data.period, dtype=np.float64)
-    return Comparison(time, torque[order], (torque - error)[order], unit, noise_floor=floor)
 
 
 def residuals_of(
@@ -150,18 +145,7 @@ def residuals_of(
         (name for name in where if name not in ("direction", "time")), key=lambda name: -where[name]
     )
     return [
-        (
-            Residual(
-                name,
-                COORDINATE_UNITS[name].format(model.motion_unit),
-                values[name],
-                error,
-                floor,
-                where[name],
-                model.torque_symbol,
-            ),
-            values["direction"],
-        )
+        (residual_of(name, values, error, where[name], model, floor), values["direction"])
         for name in ranked[:MOST_COORDINATES]
     ]
 
@@ -191,10 +175,6 @@ def _compared_or_none(recordings: Sequence[Recording], model: DriveModel) -> Com
         return _told(compare(recordings, model), model)[0]
     except (AutotuneError, np.linalg.LinAlgError):
         return None
-
-
-def _floor(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _write(path: Path, recordings: Sequence[Recording], model: DriveModel, page: Page) -> None:

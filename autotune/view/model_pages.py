@@ -43,7 +43,7 @@ LEAST_SHARE = 0.02
 def write_comparison(path: Path, result: Compared, model: DriveModel) -> None:
     """Measured and model over time, and the residual where it lives."""
     unit = model.torque_symbol
-    floor = result.noise_floor_rms if math.isfinite(result.noise_floor_rms) else None
+    floor = known_floor(result.noise_floor_rms)
     text = f"The model misses the torque by {quantity(result.error_rms, unit)} rms, " + (
         f"{100 * result.relative_error:.1f} % of it."
     )
@@ -82,7 +82,7 @@ def worst_place(worst: Worst, model: DriveModel) -> str:
 
 def comparison_pictures(result: Compared, model: DriveModel) -> list[Picture]:
     """Measured and model over time, and the residual over what it follows most."""
-    floor = result.noise_floor_rms if math.isfinite(result.noise_floor_rms) else None
+    floor = known_floor(result.noise_floor_rms)
     return [
         _over_time(result.problem.data, result.error, result.problem.weight, model.torque_symbol, floor),
         *_over_coordinates(result.problem.data, result.error, result.where, model, floor),
@@ -97,7 +97,7 @@ def write_diagnosis(path: Path, result: Diagnosis, model: DriveModel) -> None:
         Picture("Candidates", "How far each effect lowers the squared error on unseen data.", ranking(ranks))
     ]
     if result.problem is not None and result.root is not None:
-        floor = result.noise_floor_rms if math.isfinite(result.noise_floor_rms) else None
+        floor = known_floor(result.noise_floor_rms)
         error, data = result.root.fitted.error, result.problem.data
         pictures += [
             _over_time(data, error, result.problem.weight, unit, floor),
@@ -149,21 +149,41 @@ def verdict_words(result: Diagnosis) -> str:
     return " ".join([text, *result.notes])
 
 
-def _over_time(data: Prepared, error: Floats, weight: Floats, unit: str, floor: float | None) -> Picture:
+def known_floor(value: float) -> float | None:
+    """A noise floor as pictures take it."""
+    return value if math.isfinite(value) else None
+
+
+def comparison_of(
+    data: Prepared, error: Floats, unit: str, floor: float | None, weight: Floats | None = None
+) -> Comparison:
+    """Measured and model in the order of time, which goes on over pauses and recordings.
+
+    Rows without `weight`, shape (m,), are told as left out.
+    """
     order = np.argsort(data.grid, kind="stable")
     torque = smoothed(data, data.torque)
-    # time goes on over pauses and recordings, so that one curve can be drawn
     time = np.asarray(data.grid[order] * data.period, dtype=np.float64)
-    figure = measured_and_model(
-        Comparison(
-            time,
-            torque[order],
-            (torque - error)[order],
-            unit,
-            noise_floor=floor,
-            left_out=left_out(time, weight[order] <= 0.0),
-        )
-    )
+    out = () if weight is None else left_out(time, weight[order] <= 0.0)
+    return Comparison(time, torque[order], (torque - error)[order], unit, noise_floor=floor, left_out=out)
+
+
+def residual_of(
+    name: str,
+    values: Mapping[str, Floats],
+    error: Floats,
+    share: float,
+    model: DriveModel,
+    floor: float | None,
+    direction: Floats | None = None,
+) -> Residual:
+    """What is left over one of the coordinates' `values`, which explains a share of it."""
+    unit = COORDINATE_UNITS[name].format(model.motion_unit)
+    return Residual(name, unit, values[name], error, floor, share, model.torque_symbol, direction)
+
+
+def _over_time(data: Prepared, error: Floats, weight: Floats, unit: str, floor: float | None) -> Picture:
+    figure = measured_and_model(comparison_of(data, error, unit, floor, weight))
     caption = "Torque, and below it what is left."
     if np.any(weight <= 0.0):
         share = 100.0 * float(np.mean(weight <= 0.0))
@@ -185,24 +205,13 @@ def _over_coordinates(
     chosen = [n for n in ranked if where[n] > LEAST_SHARE or n == ranked[0]][:SHOWN]
     pictures = []
     for name in chosen:
-        figure = residual_over_coordinate(
-            Residual(
-                name,
-                COORDINATE_UNITS[name].format(model.motion_unit),
-                values[name],
-                error,
-                floor,
-                where[name],
-                model.torque_symbol,
-                values["velocity"],
-            )
-        )
+        shown = residual_of(name, values, error, where[name], model, floor, values["velocity"])
         spoken = name.replace("_", " ")
         pictures.append(
             Picture(
                 f"Residual over {spoken}",
                 f"{100 * where[name]:.0f} % of the residual's variance follows {spoken}{_with_direction(name)}.",
-                figure,
+                residual_over_coordinate(shown),
             )
         )
     return pictures
