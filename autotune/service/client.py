@@ -108,21 +108,12 @@ class ServiceClient:
         Raises:
             ConfigurationError: refused; says why. LinkError: the service does not answer.
         """
-        try:
-            with self._connected() as (connection, headers):
-                connection.request("GET", f"/api/axes/{axis}/live", headers=headers)
-                answer = connection.getresponse()
-                if answer.status >= 400:
-                    raise self._refusal(answer.status, _json_or_none(answer.read(4096)))
-                yield answer
-        except ConnectionRefusedError:
-            raise NoService(
-                f"no service listens at {self.address}; look at it ('systemctl status autotune')"
-            ) from None
-        except (http.client.HTTPException, OSError) as error:
-            raise LinkError(
-                f"the service at {self.address} is silent ({clean_line(str(error)) or type(error).__name__})"
-            ) from None
+        with self._reached("is silent"), self._connected() as (connection, headers):
+            connection.request("GET", f"/api/axes/{axis}/live", headers=headers)
+            answer = connection.getresponse()
+            if answer.status >= 400:
+                raise self._refusal(answer.status, _json_or_none(answer.read(4096)))
+            yield answer
 
     def _look(self, job: dict[str, Any]) -> dict[str, Any]:
         """The job as it is now; a service that is restarted is waited for."""
@@ -174,8 +165,22 @@ class ServiceClient:
 
     def _answer(self, method: str, path: str, content: dict[str, Any] | None) -> Any:
         try:
-            status, text = self._exchange(method, path, content)
+            with self._reached("does not answer", "; look at it ('systemctl status autotune'), or stop it"):
+                status, text = self._exchange(method, path, content)
             found = _cleaned(json.loads(text))
+        except AutotuneError:
+            raise
+        except (ValueError, RecursionError):
+            raise self._garbled("no JSON") from None
+        if status >= 400:
+            raise self._refusal(status, found)
+        return found
+
+    @contextmanager
+    def _reached(self, fault: str, advice: str = "") -> Iterator[None]:
+        """The block speaks to the service; what comes between is an error of the link, with what it is said to be."""
+        try:
+            yield
         except AutotuneError:
             raise
         except ConnectionRefusedError:
@@ -183,15 +188,8 @@ class ServiceClient:
                 f"no service listens at {self.address}; look at it ('systemctl status autotune')"
             ) from None
         except (http.client.HTTPException, OSError) as error:
-            raise LinkError(
-                f"the service at {self.address} does not answer ({clean_line(str(error)) or type(error).__name__}); "
-                "look at it ('systemctl status autotune'), or stop it"
-            ) from None
-        except (ValueError, RecursionError):
-            raise self._garbled("no JSON") from None
-        if status >= 400:
-            raise self._refusal(status, found)
-        return found
+            why = clean_line(str(error)) or type(error).__name__
+            raise LinkError(f"the service at {self.address} {fault} ({why}){advice}") from None
 
     def _exchange(self, method: str, path: str, content: dict[str, Any] | None) -> tuple[int, bytes]:
         """One request and its answer, on the connection on which the other end has proved itself.

@@ -74,6 +74,17 @@ class Desk:
         self.driver.save_screenshot(str(self.pictures / f"service-{self.taken}-{name}.png"))
 
 
+def fitted(driver: Chrome, recording: Path) -> Page:
+    """The open workbench after a recording was dropped there and fitted."""
+    page = Page(driver)
+    until(lambda: "Drop a recording" in page.text("status"))
+    driver.find_element(By.ID, "choose").send_keys(str(recording))
+    until(lambda: "rows" in page.text("status"))
+    page.press("fit")
+    until(lambda: page.text("figures") and page.idle())
+    return page
+
+
 def kept_pictures(folder: Path) -> Path:
     """Where screenshots stay: AUTOTUNE_PICTURES, else with the test's other files."""
     pictures = Path(os.environ.get("AUTOTUNE_PICTURES", folder / "pictures"))
@@ -238,12 +249,7 @@ def test_the_workbench_loses_nothing_when_the_service_is_started_again(live: Liv
         token = (live.folder / "runs" / ".service" / "token").read_text().strip()
         until(driver.find_element(By.ID, "token-box").is_displayed)
         driver.find_element(By.ID, "token").send_keys(token + "\n")
-        page = Page(driver)
-        until(lambda: "Drop a recording" in page.text("status"))
-        driver.find_element(By.ID, "choose").send_keys(str(recording))
-        until(lambda: "rows" in page.text("status"))
-        page.press("fit")
-        until(lambda: page.text("figures") and page.idle())
+        page = fitted(driver, recording)
         live.end(signal.SIGTERM)
         live.start()
         assert live.address.endswith(f":{port}")
@@ -271,12 +277,7 @@ def test_a_doubt_is_decided_and_a_model_sent_to_the_axis_from_the_workbench(
     with browser(tmp_path / "browser") as driver:
         token = (live.folder / "runs" / ".service" / "token").read_text().strip()
         driver.get(f"{live.address}/workbench#token={token}")
-        page = Page(driver)
-        until(lambda: "Drop a recording" in page.text("status"))
-        driver.find_element(By.ID, "choose").send_keys(str(recording))
-        until(lambda: "rows" in page.text("status"))
-        page.press("fit")
-        until(lambda: page.text("figures") and page.idle())
+        page = fitted(driver, recording)
         assert not driver.find_element(By.ID, "decide").is_displayed()
         page.press("diagnose")
         until(lambda: "suspected" in page.text("verdict") and page.idle())
