@@ -31,16 +31,19 @@ def walked(path: Path) -> tuple[Outline, dict[str, Floats]]:
     return walk_recording(path, see), seen
 
 
-def same(path: Path) -> None:
-    """Both ways say the same of a file."""
+def differences(path: Path) -> list[str]:
+    """What of a file is not the same, read whole and column by column."""
     whole = read_recording(path)
     outline, seen = walked(path)
-    assert outline.metadata == whole.metadata
-    assert outline.metadata.remarks == whole.metadata.remarks
-    assert outline.rows == len(whole)
-    assert list(outline.segments) == whole.segments()
-    assert outline.columns == tuple(seen) == tuple(whole.floats)
-    assert all(np.array_equal(seen[name], whole[name], equal_nan=True) for name in seen)
+    alike = {
+        "metadata": outline.metadata == whole.metadata,
+        "remarks": outline.metadata.remarks == whole.metadata.remarks,
+        "rows": outline.rows == len(whole),
+        "segments": list(outline.segments) == whole.segments(),
+        "columns": outline.columns == tuple(seen) == tuple(whole.floats),
+        **{name: np.array_equal(seen[name], whole[name], equal_nan=True) for name in seen},
+    }
+    return [name for name, is_alike in alike.items() if not is_alike]
 
 
 @pytest.mark.parametrize("batch", [7, 200, 1 << 19])
@@ -48,15 +51,15 @@ def test_the_same_numbers_and_segments(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(columnwise, "BATCH", batch)
     path = tmp_path / "recording.parquet"
     write_recording(measured(), path)
-    same(path)
+    assert differences(path) == []
     table = pa.parquet.read_table(path)  # by somebody else: no metadata, no segments, no counts
     pa.parquet.write_table(table.select(["time", "torque", "position"]).replace_schema_metadata(None), path)
-    same(path)
+    assert differences(path) == []
 
 
 @pytest.mark.parametrize("path", sorted(CORPUS.glob("recording_*/*")), ids=lambda path: path.name)
 def test_the_same_of_a_csv(path: Path) -> None:
-    same(path)
+    assert differences(path) == []
 
 
 TABLE = "time,position,torque,what,experiment\n" + "".join(
@@ -94,7 +97,7 @@ def test_a_csv_is_read_or_refused_alike(
         with pytest.raises(RecordingError):
             walked(path)
     else:
-        same(path)
+        assert differences(path) == []
 
 
 @pytest.mark.parametrize("ending", [".parquet", ".csv"])
@@ -116,7 +119,7 @@ def test_what_is_damaged_or_impossible_is_refused_alike(tmp_path: Path, ending: 
             with pytest.raises(RecordingError):
                 walked(path)
         else:
-            same(path)
+            assert differences(path) == []
     assert refused > 100
 
 
