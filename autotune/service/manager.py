@@ -10,10 +10,9 @@ from __future__ import annotations
 
 import json
 import logging
-import math
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from typing import Any
@@ -25,39 +24,21 @@ from autotune.service.busy import axis_busy
 from autotune.service.cron import blacked_out
 from autotune.service.feed import Feed
 from autotune.service.follow_up import FollowUp, Notify, new_id
-from autotune.service.launcher import Handle, Launcher
+from autotune.service.launcher import Launcher
 from autotune.service.live_hub import LiveHubs
-from autotune.service.orders import Done, Order, read_done, salvage
+from autotune.service.orders import Done
 from autotune.service.schedule import DailyCheck, Schedule
 from autotune.service.settings import Configuration, WatchedAxis
 from autotune.service.store import Row, Store, moment, text
 from autotune.service.taking_up import absorb_check, absorb_run
+from autotune.service.under_way import STOPPING, Running, cut_off, most_seconds, order_of
 
 log = logging.getLogger("autotune.service")
-MOST_ATTEMPTS = 10
 MOST_DEATHS = 2
 STOP_SECONDS = 30.0
 JUMP_SECONDS = 90.0
-STOPPING = "stopping"
-ALLOWANCE = {"check": 600.0, "run": 3600.0, "commit": 1200.0, "rollback": 600.0, "decide": 600.0}
-"""What a job may take beside its machine time [s]: connecting, fits and writing, about ten times what they take on
-a host of two cores that does nothing else. A job that takes longer hangs."""
 BY_ITSELF = ("schedule", "drift")
 RETRY_IDLE = timedelta(minutes=5)
-
-
-@dataclass
-class Running:
-    """A job under way; `stage` and `fraction` as its worker last told. `until`: when its time is over."""
-
-    job: Row
-    axis: WatchedAxis
-    handle: Handle
-    stage: str = "start"
-    fraction: float = 0.0
-    stopping: float | None = None
-    until: float = math.inf
-    overdue: bool = False
 
 
 @dataclass
@@ -277,12 +258,7 @@ class Manager:
                 self._apart(row["id"], partial(self._settle, row, now))
 
     def _settle(self, row: Row, now: datetime) -> None:
-        runs = self.configuration.runs
-        done = read_done(runs, row["id"]) or salvage(runs, row["axis"], row["id"])
-        if done is None and row["outcome"] == STOPPING:
-            done = Done("aborted", 130, "Stopped, and cut off with the service; it is not done again.")
-        if done is None and row["attempts"] >= MOST_ATTEMPTS:
-            done = Done("died", 5, f"Given up after {row['attempts']} attempts.")
+        done = cut_off(row, self.configuration.runs)
         if done is not None:
             self._finish(row, done)
             return
@@ -309,17 +285,14 @@ class Manager:
 
     def _look_after(self, identifier: str, running: Running, now: datetime) -> None:
         for message in running.handle.messages():
-            self._hear(running, message)
+            running.hear(message)
+            self.feed.tell({**message, "job": identifier, "axis": running.axis.name})
         done = running.handle.done()
         if done is None:
             self._press(running)
             return
         del self._running[identifier]
-        if running.overdue and done.outcome in ("aborted", "died"):
-            done = _overdue(running)
-        if done.outcome == "died":
-            kept = salvage(self.configuration.runs, running.axis.name, identifier)
-            done = replace(kept, sentence=f"{kept.sentence} {done.sentence}") if kept else done
+        done = running.ended(done, self.configuration.runs)
         if done.outcome == "died" and running.job["attempts"] < MOST_DEATHS and running.stopping is None:
             self.store.change_job(identifier, state="queued")
         elif done.outcome == "not_idle":
@@ -336,13 +309,6 @@ class Manager:
             self.stop(running.job["id"])
         if running.stopping is not None and self._steady() - running.stopping > STOP_SECONDS:
             running.handle.kill()
-
-    def _hear(self, running: Running, message: dict[str, Any]) -> None:
-        if message.get("event") == "stage":
-            running.stage, running.fraction = str(message.get("stage", "")), 0.0
-        elif message.get("event") == "progress":
-            running.fraction = float(message.get("fraction", 0.0))
-        self.feed.tell({**message, "job": running.job["id"], "axis": running.axis.name})
 
     def _dispatch(self, now: datetime) -> None:
         for row in self.store.jobs_in("queued"):
@@ -386,17 +352,7 @@ class Manager:
         return until is not None and now < until
 
     def _start(self, row: Row, watched: WatchedAxis, now: datetime) -> None:
-        settings = watched.settings
-        wished = json.loads(row["options"])
-        options = wished | {
-            "drift": settings.drift.model_dump(),
-            "idle": settings.idle.model_dump(),
-            "automatic": wished.get("commit", settings.commit) == "automatic",
-            "gain": settings.drift.gain if row["origin"] == "drift" else None,
-        }
-        order = Order(
-            row["id"], watched.name, row["kind"], str(watched.file), str(self.configuration.runs), options
-        )
+        order = order_of(row, watched, self.configuration.runs)
         self.store.change_job(row["id"], state="running", started=text(now), attempts=row["attempts"] + 1)
         started = self.store.job(row["id"]) or row
         until = self._steady() + most_seconds(row["kind"], watched)
@@ -429,21 +385,6 @@ class Manager:
         }
         self.feed.tell(message)
         self._follow_up.after(row, done, self.configuration.axis(row["axis"]), now)
-
-
-def most_seconds(kind: str, watched: WatchedAxis) -> float:
-    """How long a job may take [s]: the axis's machine time, and what a slow host needs beside it."""
-    return watched.axis.limits.machine_seconds + ALLOWANCE[kind]
-
-
-def _overdue(running: Running) -> Done:
-    limit = most_seconds(running.job["kind"], running.axis)
-    return Done(
-        "fault", 5,
-        f"Ended by the service: not done after {limit:.0f} s (limits.machine_seconds and "
-        f"{ALLOWANCE[running.job['kind']]:.0f} s for fits and writing), stage {running.stage}. Look at the drive and "
-        "at the host's load; the next job puts back what this one had changed.",
-    )  # fmt: skip
 
 
 def plans_of(configuration: Configuration) -> list[DailyCheck]:

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from autotune.service.manager import ALLOWANCE, most_seconds
 from autotune.service.orders import Done, Order, read_done, write_done
+from autotune.service.under_way import ALLOWANCE, most_seconds
 from tests.service.conftest import ON_BOTH
 
 World = Any
