@@ -140,14 +140,15 @@ def _play(drive: SimDrive, motion: Callable[[float], float]) -> tuple[float, flo
     start = servo.position
     apart = []
     try:
-        for k in range(round(_SECONDS / h)):
-            target = start + motion(k * h)
-            apart.append((target - servo.true_position, target - servo.true_load_position))
-            drive.step(Command(position=target))
-    except Exception:  # noqa: BLE001 - a drive that stops on such a motion has the worst of all errors
+        try:
+            for k in range(round(_SECONDS / h)):
+                target = start + motion(k * h)
+                apart.append((target - servo.true_position, target - servo.true_load_position))
+                drive.step(Command(position=target))
+        finally:
+            drive.disable()
+    except Exception:  # noqa: BLE001 - a drive that stops on such a motion, or after it, has the worst of all errors
         return math.inf, math.inf
-    finally:
-        drive.disable()
     judged = np.array(apart[round(_WARM_UP / h) :])
     motor, load = np.sqrt(np.mean(judged**2, axis=0))
     return float(motor), float(load)
