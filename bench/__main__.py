@@ -29,6 +29,7 @@ LONG: dict[str, list[list[str]]] = {
     "service_kills": [[], ["--wire", "--kills", "20"]],
     "year": [[]],
     "live_view": [["cost"], ["suspended"], ["attach"], ["hour"]],
+    "tuning": [["--seed", "100"]],
     "gains": [["thesis"], ["identified"], ["boundary"], ["axes"]],
     "friction_scale": [[]],
     "fuzz": [["--inputs", "1000000"]],
