@@ -152,12 +152,11 @@ def _refined(recording: Recording, combined: Estimate, steady: SteadyState | Non
 def with_unknown_lag(joint: Estimate, lag: Quantity | None, recording: Recording) -> Estimate:
     """σ1 with what a lag of the torque path may have added to it, and a sentence.
 
-    In presliding u(t − τ) looks like a damping larger by σ0·τ (3.46). High speed tells τ within some
-    microseconds, but a small lag is no part of the model; so the interval is widened by what it may do, rather
-    than the value moved. No torque comes before its command: an estimate below zero is noise. One above is taken
-    as it is, as a standard error: its square is τ² and the square of its own error on average, so that the
-    interval holds the truth for every lag, and is hardly wider than it need be where there is none. Without high
-    speed the lag is not known: up to a tenth of a sample is allowed for.
+    In slow presliding u(t − τ) looks like a damping larger by σ0·τ (3.46), near the resonance by less: a bound.
+    High speed tells τ within some microseconds, but a small lag is no part of the model; so the interval is
+    widened by what it may do, rather than the value moved. No torque comes before its command: an estimate below
+    zero is noise. One above is a standard error as it is: its square is τ² and the square of its own error on
+    average. Without high speed the lag is not known: up to a tenth of a sample is allowed for.
     """
     if not joint.valid or "micro_damping" not in joint or "stiffness" not in joint:
         return joint
