@@ -1,7 +1,7 @@
 """Garbage is looked for seldom: loading a program makes a hundred thousand objects that all stay.
 
-Looked for after every 700 of them, as Python does, it takes a sixth of the time in which a command starts. Only a
-program that owns its process says so; a library leaves the process of others as it is.
+Looked for after every 700 of them, as Python does, it takes a sixth of the time in which a command starts, and half of
+that as it is done here. Only a program that owns its process says so; a library leaves the process of others as it is.
 """
 
 from __future__ import annotations
