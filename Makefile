@@ -27,7 +27,7 @@ HURT := node drivers experiments end_to_end tuning service faults fuzz
 # A real controller's; a target of their own.
 LINUXCNC := export/test_linuxcnc.py docs/test_export_pages.py
 
-.PHONY: install demo test quick check lint types layers unit computed wired bench faults long audit linuxcnc pictures clean
+.PHONY: install demo test quick check lint types layers unit computed wired quick-tests bench faults long audit linuxcnc pictures clean
 
 install: $(STAMP)
 
@@ -60,7 +60,10 @@ wired:
 computed:
 	nice -n 10 $(BIN)/pytest -n 2 --dist worksteal $(COMPUTED:%=tests/%) $(ALONE:%=tests/%)
 
-quick: install lint
+quick: install
+	@$(MAKE) --no-print-directory --jobs 2 --output-sync lint quick-tests
+
+quick-tests:
 	$(BIN)/pytest -n 2 --dist worksteal -m 'not slow and not long' $(QUICK:%=tests/%)
 
 lint:

@@ -30,7 +30,9 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 gc.disable()  # until all is imported
 
 
-def pytest_collection_finish() -> None:
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtestloop() -> None:
+    """What was loaded until now stays; this is called in the workers and in the process that hands out the tests."""
     gc.freeze()
     seldom_collected()
     gc.enable()
