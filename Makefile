@@ -17,14 +17,17 @@ unexport PYTHONDONTWRITEBYTECODE
 QUICK := core signals models recordings importing estimation control experiments sim face cli
 # Those whose tests wait for a wire or for other programs, and those that only compute.
 WIRED := docs drivers end_to_end faults fuzz node peer service tuning view workbench
+# Of the first kind's folders what waits for nobody: programs that compute, one after the other.
+ALONE := docs/test_walkthrough.py
 COMPUTED := $(filter-out $(WIRED) support %.py __pycache__,$(notdir $(wildcard tests/*)))
+ANNOUNCED := echo "the tests: about five minutes on two cores; they are told at the end of each half"
 
 # Everything between host and drive, and what stores, restores and survives.
 HURT := node drivers experiments end_to_end tuning service faults fuzz
 # A real controller's; a target of their own.
 LINUXCNC := export/test_linuxcnc.py docs/test_export_pages.py
 
-.PHONY: install demo test quick check lint types layers unit computed wired bench faults long audit linuxcnc pictures clean
+.PHONY: install demo test quick check lint types layers unit computed wired quick-tests bench faults long audit linuxcnc pictures clean
 
 install: $(STAMP)
 
@@ -42,21 +45,25 @@ test: install
 	@$(MAKE) --no-print-directory check
 
 check:
-	@$(MAKE) --no-print-directory --jobs 2 --output-sync lint types layers
-	@$(MAKE) --no-print-directory unit
+	@$(MAKE) --no-print-directory --jobs 2 --output-sync lint layers
+	@$(ANNOUNCED)
+	@$(MAKE) --no-print-directory --jobs 3 --output-sync types wired computed
 
 # What computes fills the time in which the others wait; it gives way to them, because a wire is played in real time.
 unit:
-	@echo "the tests: about five minutes on two cores; they are told at the end of each half"
+	@$(ANNOUNCED)
 	@$(MAKE) --no-print-directory --jobs 2 --output-sync wired computed
 
 wired:
-	$(BIN)/pytest -n 2 --dist worksteal $(WIRED:%=tests/%)
+	$(BIN)/pytest -n 2 --dist worksteal $(WIRED:%=tests/%) $(ALONE:%=--ignore=tests/%)
 
 computed:
-	nice -n 10 $(BIN)/pytest -n 2 --dist worksteal $(COMPUTED:%=tests/%)
+	nice -n 10 $(BIN)/pytest -n 2 --dist worksteal $(COMPUTED:%=tests/%) $(ALONE:%=tests/%)
 
-quick: install lint
+quick: install
+	@$(MAKE) --no-print-directory --jobs 2 --output-sync lint quick-tests
+
+quick-tests:
 	$(BIN)/pytest -n 2 --dist worksteal -m 'not slow and not long' $(QUICK:%=tests/%)
 
 lint:
@@ -65,7 +72,7 @@ lint:
 	$(BIN)/python -m bench.house_rules
 
 types:
-	$(BIN)/mypy
+	nice -n 10 $(BIN)/mypy
 
 layers:
 	$(BIN)/lint-imports

@@ -1,10 +1,16 @@
 """One thread of linear algebra a process, as in every program of autotune.
 
-Property tests see the same examples in every run; HYPOTHESIS_PROFILE=random looks for new ones.
+Property tests see the same examples in every run; HYPOTHESIS_PROFILE=random looks for new ones. None is held to a time
+of the wall clock: a loaded host would break it.
+
+Half of the time of the tests that write journals went into waiting for the disk, and a seventh of all processor time
+into looking for garbage among modules that stay: no test cuts the power of the host, so that nothing is gained by the
+first, and what was imported before the tests is left out of the second.
 """
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 from collections.abc import Iterator
@@ -12,12 +18,32 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import settings
 
+from autotune.core.garbage import seldom_collected
 from autotune.core.threads import one_thread
 
 one_thread()
-settings.register_profile("same", derandomize=True)
-settings.register_profile("random", print_blob=True)
+settings.register_profile("same", derandomize=True, deadline=None)
+settings.register_profile("random", print_blob=True, deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
+
+
+gc.disable()  # until all is imported
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtestloop() -> None:
+    """What was loaded until now stays; this is called in the workers and in the process that hands out the tests."""
+    gc.freeze()
+    seldom_collected()
+    gc.enable()
+
+
+@pytest.fixture(autouse=True, scope="session")
+def without_waiting_for_the_disk() -> Iterator[None]:
+    """Programs that a test starts do wait for it; a test of the order of what reaches the disk puts its own here."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(os, "fsync", lambda descriptor: None)
+        yield
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

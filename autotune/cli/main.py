@@ -20,6 +20,7 @@ import typer
 from autotune import __version__
 from autotune.cli.output import complain
 from autotune.core.errors import AutotuneError, ConfigurationError
+from autotune.core.garbage import seldom_collected
 from autotune.core.threads import one_thread
 
 NEWEST = "newest"
@@ -113,6 +114,8 @@ def _root(
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point: ends the process with the exit code of what happened."""
     one_thread()
+    if arguments is None:
+        seldom_collected()
     os.environ.setdefault(
         "PYTHONSAFEPATH", "1"
     )  # no process of ours takes a module from the working directory

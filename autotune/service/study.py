@@ -11,6 +11,7 @@ import json
 import sys
 
 from autotune.core.errors import AutotuneError
+from autotune.core.garbage import seldom_collected
 from autotune.core.text import clean
 from autotune.core.threads import one_thread
 
@@ -18,6 +19,7 @@ from autotune.core.threads import one_thread
 def main(what: str, recording: str, model: str) -> int:
     """Returns the exit code."""
     one_thread()
+    seldom_collected()
     import autotune
 
     try:

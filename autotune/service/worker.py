@@ -21,6 +21,7 @@ from types import FrameType
 from typing import Any
 
 from autotune.core.errors import Interrupted
+from autotune.core.garbage import seldom_collected
 from autotune.core.loop import Loop
 from autotune.service.live_pipe import told_to_service
 from autotune.service.orders import Done, Order, salvage, write_begun, write_done
@@ -142,4 +143,5 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 
 if __name__ == "__main__":
+    seldom_collected()
     sys.exit(main())

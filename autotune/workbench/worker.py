@@ -13,6 +13,7 @@ import sys
 from typing import Any, TextIO
 
 from autotune.core.errors import AutotuneError
+from autotune.core.garbage import seldom_collected
 from autotune.core.text import clean
 from autotune.core.threads import one_thread
 
@@ -20,6 +21,7 @@ from autotune.core.threads import one_thread
 def main() -> None:
     """Reads until the end of standard input; libraries that print do so on standard error."""
     one_thread()
+    seldom_collected()
     out = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     for line in sys.stdin:

@@ -8,6 +8,7 @@ import textwrap
 from collections.abc import Sequence
 
 from autotune.core.errors import AutotuneError
+from autotune.core.garbage import seldom_collected
 
 _EPILOG = (
     "Faults: silent[=SECONDS], unplugged[=SECONDS], power-loss, drive-fault[=CODE], enable-missing, "
@@ -100,4 +101,5 @@ def _log(text: str) -> None:
 
 
 if __name__ == "__main__":
+    seldom_collected()
     sys.exit(main())

@@ -5,6 +5,7 @@ Commands end with CR. Answers: CR for done, `z`/`Z` and CR for a frame sent, BEL
 
 from __future__ import annotations
 
+from binascii import hexlify
 from collections.abc import Callable
 
 BITRATES = {
@@ -83,11 +84,8 @@ class SlcanAdapter:
         prefix = self._prefixes.get(key)
         if prefix is None:
             prefix = self._prefixes[key] = b"t%03X%d" % key
-        self.output += prefix
-        self.output += data.hex().upper().encode()
-        if self._stamped:
-            self.output += b"%04X" % (int(self._clock() * 1e3) % 60_000)
-        self.output += OK
+        stamp = b"%04X" % (int(self._clock() * 1e3) % 60_000) if self._stamped else b""
+        self.output += b"%b%b%b\r" % (prefix, hexlify(data).upper(), stamp)
 
     def _handle(self, command: bytes) -> bytes:
         if not command:

@@ -114,7 +114,7 @@ def test_a_motion_that_repeats_itself_is_held_out_by_phase() -> None:
 
 
 def test_by_time_place_times_speed_would_be_learned_by_heart() -> None:
-    recording = _periodic()
+    recording = _periodic(seconds=12.0)
     model = fit_model([recording]).model
     by_phase = diagnose([recording], model)
     assert (by_phase.verdict, by_phase.effects) == ("unknown", ())

@@ -23,11 +23,18 @@ def recipe(target: str) -> str:
 
 
 def test_what_a_target_names_is_there() -> None:
-    for name in ("QUICK", "HURT", "LINUXCNC"):
+    for name in ("QUICK", "HURT", "LINUXCNC", "ALONE"):
         for path in listed(name):
             assert path.exists(), f"{name} names {path}"
     for word in re.findall(r"(?<![\w/=-])tests/[\w/.]+", MAKEFILE):
         assert (ROOT / word).exists(), word
+
+
+def test_what_one_half_leaves_out_the_other_runs() -> None:
+    assert "$(WIRED:%=tests/%) $(ALONE:%=--ignore=tests/%)" in recipe("wired")
+    assert "$(COMPUTED:%=tests/%) $(ALONE:%=tests/%)" in recipe("computed")
+    for path in listed("ALONE"):
+        assert (ROOT / "tests" / path.relative_to(ROOT / "tests").parts[0]) in listed("WIRED")
 
 
 def test_a_long_test_is_run_by_exactly_one_target() -> None:

@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
 
-from autotune.service.database import open_database
+from autotune.service import database
+from autotune.service.database import open_database, sqlite_file
 from autotune.service.manager import Manager, plans_of
 from autotune.service.orders import Done, Order
 from autotune.service.schedule import Schedule
@@ -21,6 +24,29 @@ from tests.service import postgres
 EXAMPLE = Path(__file__).resolve().parents[2] / "config" / "axes" / "edm-vertical.toml"
 WIRE = "canopen+slcan:edm-vertical.tty?bitrate=1000000&node=5"
 START = datetime(2026, 3, 1, 12, tzinfo=UTC)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def without_waiting_for_the_history() -> Iterator[None]:
+    """SQLite does not wait for the disk: no test cuts the power of the host."""
+    durable = database._durable
+
+    def hasty(connection: Any, record: Any) -> None:
+        durable(connection, record)
+        connection.execute("PRAGMA synchronous=OFF").close()
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(database, "_durable", hasty)
+        yield
+
+
+@cache
+def empty_history() -> bytes:
+    """A history as a service makes it on its first start; `test_database` makes them step by step."""
+    with TemporaryDirectory() as folder:
+        file = Path(folder, "history.sqlite")
+        open_database(f"sqlite:///{file}", Path(folder), START).engine.dispose()
+        return file.read_bytes()
 
 
 @pytest.fixture(autouse=True)
@@ -109,6 +135,10 @@ class World:
         self.configuration: Configuration = read_service(
             write_service(self.folder, self.axes, self.extra, head)
         )
+        file = sqlite_file(self.configuration.history_url)
+        if file is not None and not file.exists():
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(empty_history())
         opened = open_database(self.configuration.history_url, self.configuration.state / "backups", self.now)
         self.store = Store(opened.engine)
         self.schedule = Schedule(opened.engine, plans_of(self.configuration), self.now)

@@ -45,6 +45,7 @@ class SlcanBus(slcanBus):  # type: ignore[misc]
         self.answers = 0
         self.errors = 0
         self.garbled = 0
+        self._heads: dict[bytes, tuple[int, int]] = {}
         super().__init__(channel, bitrate=bitrate, sleep_after_open=0)
         self._descriptor: int = self.serialPortOrig.fileno()
         self._poll = select.poll()
@@ -98,13 +99,25 @@ class SlcanBus(slcanBus):  # type: ignore[misc]
     def _decode(self, line: bytes) -> Frame | None:
         try:
             if line[0] == _DATA_FRAME:
-                identifier, length = int.from_bytes(unhexlify(b"0" + line[1:4])), line[4] - 48
+                identifier, length = self._heads.get(line[:5]) or self._head(line)
                 data = unhexlify(line[5:])
-                if identifier <= _HIGHEST and 0 <= length <= 8 and len(data) - length in _AFTER_DATA:
+                if len(data) - length in _AFTER_DATA:
                     return identifier, data[:length]
         except (IndexError, ValueError, HexError):
             pass
         return self._other(line)
+
+    def _head(self, line: bytes) -> tuple[int, int]:
+        """Identifier and length of a data frame, kept for the next one alike.
+
+        Raises:
+            IndexError, ValueError: there is no such frame.
+        """
+        head = int.from_bytes(unhexlify(b"0" + line[1:4])), line[4] - 48
+        if head[0] > _HIGHEST or not 0 <= head[1] <= 8:
+            raise ValueError(line)
+        self._heads[line[:5]] = head
+        return head
 
     def _other(self, line: bytes) -> Frame | None:
         """Answers to commands, error bells, extended frames, garbage: counted, not frames for us."""

@@ -20,6 +20,7 @@ from typing import Any
 
 from autotune.core.drive import Command, CutsPower, Drive, Mode, Sample, Standing
 from autotune.core.errors import AutotuneError, ConfigurationError, Interrupted, LinkError
+from autotune.core.garbage import seldom_collected
 from autotune.core.loop import Publish, Routine, power_in_words
 from autotune_drivers.cyclic.messages import (
     ANSWERS_WITHIN,
@@ -315,6 +316,7 @@ def _tell(connection: Connection, reply: Reply) -> None:
 
 def main(arguments: Sequence[str]) -> None:
     """Entry point of the process."""
+    seldom_collected()
     descriptor, memory, owner = map(int, arguments)
     ring = Ring(memory)
     os.close(memory)
