@@ -19,9 +19,11 @@ from pathlib import Path
 
 import numpy as np
 
+from autotune.control.feedforward import FeedforwardLaw
 from autotune.control.gains.loop import LoopTiming
 from autotune.core.axis import read_axis
 from autotune.core.errors import AutotuneError
+from autotune.experiments.path import Motion
 from autotune.models.drive_model import DriveModel
 from autotune.models.model_file import read_model
 from autotune.tuning.ceiling import Ceiling, fixed_law, measure_ceiling
@@ -42,11 +44,14 @@ Row = tuple[bool, bool, float, float]
 
 @dataclass(frozen=True)
 class Tuned:
-    """One axis after its run: the plant, the model that the run left, and what learning found; None where it failed."""
+    """One axis after its run: the plant, the model that the run left, its feedforward along the benchmark's motion, and
+    what learning found; None where it failed."""
 
     axis: DrawnAxis
     model: DriveModel
     timing: LoopTiming
+    law: FeedforwardLaw
+    motion: Motion
     ceiling: Ceiling | None
 
 
@@ -62,9 +67,9 @@ def tuned(seed: int, number: int) -> Tuned:
         model = read_model(result.run_directory / "model.toml")
         shaken = disturbance_of(result.run_directory) or 0.0
         request = SessionRequest(axis, lambda: open_link(axis, Path(folder)), runs, Silent(), datetime.now)
-        ceiling = None
+        ceiling, law = None, fixed_law(axis, runs)
         try:
-            ceiling = measure_ceiling(request, fixed_law(axis, runs))
+            ceiling = measure_ceiling(request, law)
         except AutotuneError as error:
             print(kind, vary, "ceiling:", error, flush=True)
     drawn = DrawnAxis(preset(kind, vary).plant, 0.0, 0.2, 1.26)
@@ -72,7 +77,7 @@ def tuned(seed: int, number: int) -> Tuned:
     timing = LoopTiming(
         PERIOD, plant.resolution, plant.torque_limit, reference_filter=0.8, disturbance=shaken
     )
-    return Tuned(drawn, model, timing, ceiling)
+    return Tuned(drawn, model, timing, law, Motion.of(axis), ceiling)
 
 
 def predictions(one: Tuned, seed: int, number: int, each: int) -> list[Row]:

@@ -81,13 +81,17 @@ class Unseen:
 
 @dataclass(frozen=True, slots=True)
 class Ceiling:
-    """Peak errors of the averaged benchmark [motion unit]; `trials` of each trial of learning, the start first."""
+    """Peak errors of the averaged benchmark [motion unit]; `trials` of each trial of learning, the start first.
+
+    `torque`: one period of what was learnt [N m or N], along `Motion.of` the axis.
+    """
 
     fixed: float
     learnt: float
     neither: float
     trials: tuple[float, ...]
     unseen: tuple[Unseen, ...]
+    torque: tuple[float, ...] = ()
 
     def as_json(self) -> dict[str, object]:
         return {
@@ -185,7 +189,7 @@ def _measured(session: Session, law: FeedforwardLaw) -> Ceiling:
     laws: dict[str, FeedforwardLaw | None] = {FIXED: law, LEARNT: LearntFeedforward(best), NEITHER: None}
     peaks = _compared(session, laws)
     unseen = [found for number in range(len(UNSEEN)) if (found := _elsewhere(session, number, law, best))]
-    return Ceiling(peaks[FIXED], peaks[LEARNT], peaks[NEITHER], trials, tuple(unseen))
+    return Ceiling(peaks[FIXED], peaks[LEARNT], peaks[NEITHER], trials, tuple(unseen), tuple(best.tolist()))
 
 
 def _learn(session: Session, law: FeedforwardLaw) -> tuple[Floats, tuple[float, ...]]:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from autotune.control.gains import propose as proposing
 from autotune.control.gains.judge import Task, judge
 from autotune.control.gains.loop import Gains, cascade
-from autotune.control.gains.members import ASSUMED, family
-from autotune.control.gains.propose import Requirements, corners_of, propose, shortfall
+from autotune.control.gains.members import ASSUMED, LEAST, drawn, family
+from autotune.control.gains.propose import Requirements, corners_of, expected_settling, propose, shortfall
 from autotune.control.gains.steps import step_sizes
 from autotune.control.gains.words import advice
 from autotune.core.errors import ConfigurationError
@@ -30,7 +31,9 @@ def task(model: DriveModel) -> Task:
 
 
 @pytest.mark.parametrize("current", [THESIS, cascade(60.0, 0.15, 2.0)], ids=["pid", "p_pi"])
-def test_a_proposal_keeps_its_margins_over_the_intervals(current: Gains) -> None:
+def test_a_proposal_keeps_its_margins_over_the_intervals_and_settles_on_axes_drawn_from_them(
+    current: Gains,
+) -> None:
     model = vertical()
     kin = family(model, TIMING)
     found = propose(kin, task(model), current)
@@ -40,6 +43,21 @@ def test_a_proposal_keeps_its_margins_over_the_intervals(current: Gains) -> None
     assert shortfall(corners_of(kin), found.verdict.gains, Requirements()) < 0.05
     assert found.verdict.settling < judge(current, kin, task(model)).settling * 1.5
     assert found.limited_by
+    others = drawn(model, TIMING, 10, 2)
+    expected = expected_settling(others, found.verdict.gains, task(model).steps.large)
+    assert expected < 1.3 * found.verdict.large_settling
+
+
+def test_the_axes_drawn_lie_in_the_intervals() -> None:
+    model = vertical()
+    timing = replace(TIMING, dead_time=1e-3, dead_time_error=1e-4)
+    members = drawn(model, timing, 40, 1)
+    part = np.array([one.model["inertia"] / model["inertia"] - 1.0 for one in members])
+    assert np.all(np.abs(part) <= LEAST + 1e-12)  # two standard errors of an interval that is the least one
+    assert 0.3 * LEAST < part.std() < 0.7 * LEAST
+    assert len({one.timing.dead_time for one in members}) == 40
+    friction = np.array([one.model["coulomb"] / model["coulomb"] - 1.0 for one in members])
+    assert abs(np.corrcoef(part, friction)[0, 1]) < 0.5
 
 
 def test_a_bandwidth_asked_for_is_met() -> None:

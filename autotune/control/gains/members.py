@@ -10,6 +10,8 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from autotune.control.gains.loop import LoopTiming
 from autotune.control.gains.regimes import COMPLIANT
 from autotune.core.errors import ConfigurationError
@@ -80,6 +82,27 @@ def family(model: DriveModel, timing: LoopTiming) -> Family:
             factor = 1.0 + sign * part
             members.append(Member(f"{name} {end}", _scaled(model, present, factor), timing))
     return Family((*members, *_late(model, timing), *_damped(model, timing)), tuple(assumed))
+
+
+def drawn(model: DriveModel, timing: LoopTiming, count: int, seed: int) -> tuple[Member, ...]:
+    """Axes as likely as the intervals say, shape (count,): each group of parameters and the dead time drawn by itself.
+
+    For what is expected of the axis, where `family` is for what may happen at worst.
+    """
+    random = np.random.default_rng([seed, count])
+    groups = [
+        [one for one in model.parameters if _in_group(one, keys) and model[one] > 0.0] for _, keys in _GROUPS
+    ]
+    parts = [_spread(model, present)[0] / ERRORS if present else 0.0 for present in groups]
+    found = []
+    for number in range(count):
+        factors = 1.0 + np.array(parts) * np.clip(random.normal(size=len(parts)), -ERRORS, ERRORS)
+        own = model
+        for present, factor in zip(groups, factors, strict=True):
+            own = _scaled(own, present, float(factor)) if present else own
+        late = max(timing.dead_time + timing.dead_time_error * random.normal(), 0.0)
+        found.append(Member(f"drawn {number}", own, replace(timing, dead_time=late)))
+    return tuple(found)
 
 
 def _in_group(name: str, keys: Iterable[str]) -> bool:

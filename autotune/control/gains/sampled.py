@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 import scipy
@@ -99,6 +99,7 @@ def axis_response(axis: SampledAxis, period: float) -> Complexes:
     return np.asarray((solved[..., 0] @ axis.c) * z ** (-axis.delay))
 
 
+@lru_cache(maxsize=8)
 def controller_response(gains: Gains, period: float) -> Complexes:
     """C(z)·N(z) from −y to u at `frequencies`, shape (POINTS,)."""
     back = np.exp(-2j * np.pi * frequencies(period) * period)
