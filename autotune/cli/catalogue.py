@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from datetime import datetime
 from functools import partial
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -63,7 +64,7 @@ def catalogue(
         return
     for entry in shown.found.entries:
         answer(_line(entry, axis.motion_unit))
-    answer(f"Recommended: {shown.found.why}")
+    answer(f"Recommended: {shown.found.why}" if shown.found.recommended else shown.found.why)
     if shown.ceiling is not None:
         answer(_ceiling(shown.ceiling, axis.motion_unit))
     if measured is not None:
@@ -96,11 +97,20 @@ def _ceiling(found: TwinCeiling, unit: str) -> str:
 
 def _line(entry: Entry, unit: str) -> str:
     """One structure, a line."""
+    from autotune.control.gains.steps import HORIZON
+    from autotune.control.structures.structure import EFFORTS
+
+    if not isfinite(entry.sine_peak_error):
+        return f"{entry.structure.name}: runs away on the twin"
+    torque, most = "N m" if unit == "rad" else "N", HORIZON
     swings = ", oscillates" if entry.oscillates else ""
-    where = ", on the twin only" if entry.structure.in_host else ""
+    where = "; on the twin only" if entry.structure.in_host else ""
+    slow = entry.step_settling >= most
+    steps = f"steps not within {most:g} s" if slow else f"steps within {1e3 * entry.step_settling:.0f} ms"
+    effort = "nothing" if entry.structure.effort == EFFORTS[0] else entry.structure.effort
+    more = "1 cycle" if entry.dead_time == 1.0 else f"{entry.dead_time:g} cycles"
     return (
-        f"{entry.structure.name}: sine {1e3 * entry.sine_peak_error:.3g} m{unit}, steps within "
-        f"{1e3 * entry.step_settling:.0f} ms, robust on {100 * entry.robustness:.0f} %, torque noise "
-        f"{entry.torque_noise:.2g}, bears {entry.dead_time:g} cycles more{swings}; needs "
-        f"{entry.structure.effort}{where}"
+        f"{entry.structure.name}: sine {1e3 * entry.sine_peak_error:.3g} m{unit}, {steps}, "
+        f"as good on {100 * entry.robustness:.0f} % of the axes within the intervals, torque noise "
+        f"{entry.torque_noise:.2g} {torque}, bears {more} of dead time more{swings}; needs {effort}{where}"
     )

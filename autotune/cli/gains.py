@@ -16,6 +16,7 @@ from autotune.core.errors import ConfigurationError, LinkError
 from autotune.view.console import Stage
 
 if TYPE_CHECKING:
+    from autotune.control.gains.loop import Gains
     from autotune.tuning.gains import Judged
     from autotune.tuning.gains_apply import Applied
 
@@ -41,6 +42,14 @@ def gains(
             help="From sample to torque, as the drive's data sheet says; beside what the model knows.",
         ),
     ] = 0.0,
+    controller: Annotated[
+        str | None,
+        typer.Option(
+            metavar="'pid kp=… kd=… ki=…'",
+            help="Judge these gains (SI, motor side) instead of the drive's; 'p_pi position_gain=… velocity_gain=… "
+            "integral_gain=…' and 'pi_velocity velocity_gain=… integral_gain=…' as well.",
+        ),
+    ] = None,
     yes: Annotated[
         bool, typer.Option("--yes", help="With --apply: move the axis and keep what is proved, unasked.")
     ] = False,
@@ -55,9 +64,10 @@ def gains(
 
     checked_dead_time(dead_time)
     need_folder(html)
+    asked = _asked(controller, apply)
     axis = read_axis(axis_file)
     held = held_by_drive(axis, axis_file, runs, needed=apply)
-    judged = judge_axis(axis, runs, held, bandwidth, dead_time)
+    judged = judge_axis(axis, runs, held, bandwidth, dead_time, asked)
     if html is not None:
         from autotune.view.gains_page import write_gains
 
@@ -75,6 +85,21 @@ def checked_dead_time(seconds: float) -> None:
     """Raises ConfigurationError where no servo loop has such a dead time."""
     if not 0.0 <= seconds <= LONGEST:
         raise ConfigurationError(f"--dead-time is {seconds:g} s; it must be 0 to {LONGEST:g} s")
+
+
+def _asked(controller: str | None, apply: bool) -> Gains | None:
+    """The gains named on the command line.
+
+    Raises:
+        ConfigurationError: not understood, or to be compared with the drive's own.
+    """
+    from autotune.control.gains.loop import parse_gains
+
+    if controller is not None and apply:
+        raise ConfigurationError(
+            "--apply compares the proposal with the gains that the drive has; leave --controller out"
+        )
+    return parse_gains(controller) if controller is not None else None
 
 
 def need_folder(path: Path | None) -> None:
@@ -128,7 +153,7 @@ def _applied(axis: Axis, axis_file: Path, runs: Path, judged: Judged, yes: bool)
 
 
 def _show(judged: Judged, applied: Applied | None, as_json: bool) -> None:
-    more = (applied.sentence,) if applied else ()
+    more = (applied.sentence,) if applied else judged.next_step
     content: dict[str, Any] = judged.as_json(bool(applied and applied.kept), more)
     if as_json:
         answer_json(content)

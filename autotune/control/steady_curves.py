@@ -26,7 +26,8 @@ SLOWEST = 1e-3
 """Of the fastest speed shown: below it the axis sticks."""
 FALLS = 2e-3
 """Of the friction level: a curve that falls by less is flat."""
-SURE = 0.95
+MOST_SURE = 0.995
+"""As much as a few hundred draws can tell."""
 BAND = (2.5, 97.5)
 VARIED = ("coulomb", "viscous", "break_away", "stribeck_velocity")
 
@@ -40,6 +41,7 @@ class Characteristic:
         monotonic: it rises (or stays) everywhere; `confidence`: the part of the draws that say the same.
         falls: speeds between which it falls, None where it does not.
         least_gain: velocity gain that damps it at every speed, its viscous friction counted [N m s/rad].
+        falling_term: the model can fall with speed at all.
     """
 
     name: str
@@ -52,6 +54,7 @@ class Characteristic:
     falls: tuple[float, float] | None
     least_gain: float
     intervals: bool
+    falling_term: bool = True
 
     def as_json(self) -> dict[str, object]:
         return {
@@ -68,18 +71,30 @@ class Characteristic:
 
     def sentence(self, unit: str) -> str:
         """What it means for slow motion."""
-        sure = f" ({100 * self.confidence:.0f} % sure)" if self.intervals else " (how sure is not known)"
         if self.monotonic:
-            return f"{self.name}: friction rises with speed everywhere{sure}; slow motion is smooth with any gains."
-        between = f" between {self.falls[0]:.2g} and {self.falls[1]:.2g} {unit}/s" if self.falls else ""
-        if self.least_gain <= 0.0:
             return (
-                f"{self.name}: friction falls with speed{between}{sure}; its own viscous friction damps that."
+                f"{self.name}: friction rises with speed everywhere{self._sure()}; it makes no stick-slip by itself, "
+                "whatever the gains."
             )
+        per_speed = "N m s/rad" if unit == "rad" else "N s/m"
+        between = f" between {self.falls[0]:.2g} and {self.falls[1]:.2g} {unit}/s" if self.falls else ""
+        falls = f"{self.name}: friction falls with speed{between}{self._sure()}"
+        if self.least_gain <= 0.0:
+            return f"{falls}; its own viscous friction damps that."
         return (
-            f"{self.name}: friction falls with speed{between}{sure}; motion there needs a velocity gain of at least "
-            f"{self.least_gain:.3g}, or it stick-slips."
+            f"{falls}; motion there needs a velocity gain (kd) of at least {self.least_gain:.3g} {per_speed}, or it "
+            "stick-slips."
         )
+
+    def _sure(self) -> str:
+        if not self.falling_term and self.monotonic:
+            return (
+                " (the model has no term that falls; whether one is missing, 'autotune model diagnose' tells)"
+            )
+        if not self.intervals:
+            return " (how sure is not known, the model has no standard errors)"
+        sure = f"{100 * self.confidence:.0f}" if self.confidence < MOST_SURE else "more than 99"
+        return f" ({sure} % sure)"
 
 
 def characteristic(name: str, model: DriveModel, fastest: float) -> Characteristic:
@@ -108,6 +123,7 @@ def characteristic(name: str, model: DriveModel, fastest: float) -> Characterist
         None if rises else _falling(speed, torque),
         max(least_damping(axis, fastest) - axis.viscous, 0.0),
         bool(drawn),
+        STRIBECK.name in model,
     )
 
 

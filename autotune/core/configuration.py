@@ -14,6 +14,12 @@ from autotune.core.errors import ConfigurationError
 Model = TypeVar("Model", bound=BaseModel)
 MOST_BYTES = 4_000_000
 """Of a TOML file; the longest, a model with every effect and a long history, has 200 kB."""
+_KINDS = {
+    "axis file": {"link", "mechanics", "limits"},
+    "model": {"inertia", "coulomb", "stiffness"},
+    "service file": {"runs", "axes"},
+}
+"""Keys by which a file is seen to be of another kind than the one asked for."""
 _SHOWN = 80
 _MOST_PROBLEMS = 20
 
@@ -28,17 +34,35 @@ def read_toml(path: str | Path, kind: str) -> dict[str, Any]:
     """Reads a TOML file; `kind` says in errors what it should have been.
 
     Raises:
-        ConfigurationError: no such file, not TOML, too large, too deep, or with numbers that are not finite.
+        ConfigurationError: no such file, of another kind, not TOML, too large, too deep, or with numbers that are
+            not finite.
     """
     path = Path(path)
     try:
-        return parse_toml(read_limited(path, MOST_BYTES))
+        data = parse_toml(read_limited(path, MOST_BYTES))
     except FileNotFoundError:
         raise ConfigurationError(f"there is no {kind} {path}; check the name{_neighbours(path)}") from None
+    except IsADirectoryError:
+        raise ConfigurationError(f"{path} is a folder; name the {kind} itself") from None
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigurationError(f"{kind} {path} cannot be read: {error}") from error
     except ValueError as error:
         raise ConfigurationError(f"{kind} {path} is not valid TOML: {_shortened(str(error), 200)}") from error
+    return _of_kind(data, kind, path)
+
+
+def _of_kind(data: dict[str, Any], kind: str, path: Path) -> dict[str, Any]:
+    """The data, unless they are plainly of another kind."""
+    own = _KINDS.get(kind)
+    if own is None or own & data.keys():
+        return data
+    for other, marks in _KINDS.items():
+        if marks <= data.keys():
+            article = "an" if other.startswith("a") else "a"
+            raise ConfigurationError(
+                f"{path} is {article} {other}, as its keys {', '.join(sorted(marks))} say; name the {kind} here"
+            )
+    return data
 
 
 def validate(model: type[Model], data: dict[str, Any], where: str) -> Model:

@@ -18,7 +18,7 @@ from autotune.control.gains.members import Family, family
 from autotune.control.gains.propose import Proposal, propose
 from autotune.control.gains.recorded import held_set_points
 from autotune.control.gains.steps import step_sizes
-from autotune.control.gains.words import advice, cycle_in_words
+from autotune.control.gains.words import TODAY, advice, cycle_in_words
 from autotune.core.axis import Axis
 from autotune.core.errors import ConfigurationError, RecordingError
 from autotune.estimation.controller import controller_of
@@ -32,6 +32,7 @@ from autotune.tuning.session import controller_of as controller_in_drive
 
 MODEL, EXPERIMENT, RUN = "model.toml", "recordings/experiment.parquet", "run.json"
 NAMES = ("kp", "kd", "ki", "derivative_filter")
+NAMED = "The gains named"
 CASCADED = 0.05
 """Part of the reference's rate in the derivative: with less the loops are cascaded."""
 
@@ -52,7 +53,7 @@ class Known:
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """The answer; `words` as `advice` in the JSON."""
+    """The answer; `words` as `advice` in the JSON, and `next_step` where nothing was applied."""
 
     known: Known
     kin: Family
@@ -60,6 +61,7 @@ class Judged:
     current: Verdict
     proposal: Proposal
     words: tuple[str, ...]
+    next_step: tuple[str, ...] = ()
 
     def as_json(self, applied: bool = False, more: tuple[str, ...] = ()) -> dict[str, Any]:
         proposed = self.proposal.verdict
@@ -73,11 +75,12 @@ class Judged:
         }
 
 
-def known_of(axis: Axis, runs: Path, held: Mapping[str, float] | None) -> Known:
+def known_of(axis: Axis, runs: Path, held: Mapping[str, float] | None, asked: Gains | None = None) -> Known:
     """Model and gains of an axis.
 
     Args:
         held: the drive's parameters, None where it was not asked.
+        asked: gains to judge instead of today's.
 
     Raises:
         ConfigurationError: no model, the model of another axis, or no way to tell the gains.
@@ -90,6 +93,8 @@ def known_of(axis: Axis, runs: Path, held: Mapping[str, float] | None) -> Known:
             f"{axis.fingerprint}: name, unit, profile or mechanics were changed since. Run 'autotune run' again"
         )
     controller, disturbance = controller_in_drive(held or {}), disturbance_of(directory)
+    if asked is not None:
+        return Known(model, directory / MODEL, asked, "the command line", disturbance)
     if controller is not None:
         return Known(model, directory / MODEL, of_controller(controller), "drive", disturbance)
     found = _recorded(directory, axis)
@@ -141,6 +146,23 @@ def _unshaken(known: Known) -> tuple[str, ...]:
     )
 
 
+def _next_step(axis: Axis, held: Mapping[str, float] | None, proposal: Proposal) -> tuple[str, ...]:
+    """What to do with a proposal."""
+    verdict = proposal.verdict
+    if verdict is None:
+        return ()
+    if held is not None and controller_in_drive(held) is None:
+        return (
+            f"The profile {axis.profile} maps no gains: enter them by hand, in the drive's own units, and run "
+            "'autotune run' again.",
+        )
+    if verdict.gains.structure == "pid" and verdict.gains.notch is None:
+        return (
+            "Nothing is written yet: with --apply the proposal is proved on the axis, and kept if it is better.",
+        )
+    return ("Nothing is written: only PID gains without a notch can be, by --apply. Enter these by hand.",)
+
+
 def seen_in_words(directory: Path, axis: Axis) -> str:
     """What the run's recording shows at held set points."""
     try:
@@ -183,21 +205,22 @@ def judge_axis(
     held: Mapping[str, float] | None,
     bandwidth: float | None = None,
     dead_time: float = 0.0,
+    asked: Gains | None = None,
 ) -> Judged:
-    """Judges today's gains and proposes better ones; some seconds of work, nothing moves.
+    """Judges today's gains, or those `asked` about, and proposes better ones; some seconds of work, nothing moves.
 
     Raises:
         ConfigurationError: as `known_of`, or a bandwidth that cannot be.
     """
-    known = known_of(axis, runs, held)
+    known = known_of(axis, runs, held, asked)
     timing = timing_of(axis, held, dead_time, known.disturbance)
     kin, task = family(known.model, timing), task_of(axis, known.model, timing)
     proposal = propose(kin, task, known.gains, bandwidth)
     current = judge(known.gains, kin, task)
     words = (
         f"Gains from: {known.gains_from}.",
-        *advice(kin, current, proposal, axis.motion_unit),
+        *advice(kin, current, proposal, axis.motion_unit, NAMED if asked else TODAY),
         *_unshaken(known),
         seen_in_words(known.source.parent, axis),
     )
-    return Judged(known, kin, task, current, proposal, words)
+    return Judged(known, kin, task, current, proposal, words, _next_step(axis, held, proposal))

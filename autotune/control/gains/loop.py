@@ -128,6 +128,43 @@ class Gains:
         return replace(self, kp=kp, kd=kd, ki=ki)
 
 
+_NEEDED: Mapping[Structure, tuple[str, ...]] = {
+    "pid": ("kp", "kd", "ki"),
+    "p_pi": ("position_gain", "velocity_gain", "integral_gain"),
+    "pi_velocity": ("velocity_gain", "integral_gain"),
+}
+
+
+def parse_gains(text: str) -> Gains:
+    """Reads `pid kp=60 kd=0.15 ki=6000`, `p_pi position_gain=…` or `pi_velocity velocity_gain=…`, as `named` has them.
+
+    Raises:
+        ConfigurationError: another structure, a gain that is missing, unknown, no number or below 0.
+    """
+    kind, *pairs = text.split() or [""]
+    structure = next((one for one in STRUCTURES if one == kind), None)
+    needed = _NEEDED[structure] if structure else ()
+    values = dict(pair.partition("=")[::2] for pair in pairs)
+    if structure is None or not set(needed) <= set(values) <= {*needed, "derivative_filter"}:
+        forms = "; ".join(
+            f"'{one} {' '.join(f'{name}=…' for name in names)}'" for one, names in _NEEDED.items()
+        )
+        raise ConfigurationError(
+            f"the controller {text!r} is not understood; write {forms}, each with derivative_filter=… where it has one"
+        )
+    try:
+        numbers = {name: float(value) for name, value in values.items()}
+    except ValueError as error:
+        raise ConfigurationError(f"the controller {text!r}: {error}; every gain must be a number") from error
+    smooth = numbers.pop("derivative_filter", 1.0)
+    own = [numbers[name] for name in needed]
+    if structure == "pid":
+        return Gains(*own, derivative_filter=smooth)
+    if structure == "p_pi":
+        return cascade(*own, derivative_filter=smooth)
+    return Gains(own[1], own[0], 0.0, smooth, structure="pi_velocity")
+
+
 def of_controller(controller: Controller) -> Gains:
     """The gains of a drive with PID control."""
     return Gains(controller.kp, controller.kd, controller.ki, controller.derivative_filter)

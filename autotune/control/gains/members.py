@@ -17,6 +17,7 @@ from autotune.control.gains.regimes import COMPLIANT
 from autotune.core.errors import ConfigurationError
 from autotune.models.drive_model import DriveModel
 from autotune.models.reversal_memory import REVERSAL_MEMORY
+from autotune.models.torque_lag import TORQUE_LAG
 
 ERRORS = 2.0
 """Standard errors to either side: 95 %."""
@@ -55,6 +56,7 @@ _GROUPS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("friction", ("coulomb", "break_away", REVERSAL_MEMORY.surface("torque_"))),
     ("stiffness", ("stiffness", REVERSAL_MEMORY.surface("displacement_"))),
     ("damping", ("micro_damping", "viscous")),
+    ("torque lag", (TORQUE_LAG.surface("time_constant"),)),
     ("compliance", tuple(kind.surface(name) for kind, name in COMPLIANT)),
 )
 

@@ -115,7 +115,7 @@ def propose(
     for _ in range(ROUNDS):
         found = _searched(kin, corners, task, current, bandwidth, wanted)
         if found is None:
-            return Proposal(None, wanted, _limit(corners, current, kin, wanted, bandwidth), resonance)
+            return Proposal(None, wanted, _none_found(corners, current, kin, wanted, bandwidth), resonance)
         verdict = judge(found, kin, task)
         if _is_held(verdict):
             return Proposal(None, wanted, _held(_limit(corners, found, kin, wanted, bandwidth)), resonance)
@@ -200,7 +200,7 @@ def _searched(
     wanted: Requirements,
 ) -> Gains | None:
     """The best of the search; None where nothing keeps the requirements."""
-    search = _Search(kin, corners, task, current, wanted)
+    search = _Search(kin, corners, task, current, wanted, bandwidth)
     edges = _edges(kin.nominal.timing.period, bandwidth)
     result = scipy.optimize.differential_evolution(
         search.cost,
@@ -219,13 +219,20 @@ class _Search:
     """What the search minimises, and the choice among what it ends with."""
 
     def __init__(
-        self, kin: Family, corners: tuple[Corner, ...], task: Task, current: Gains, wanted: Requirements
+        self,
+        kin: Family,
+        corners: tuple[Corner, ...],
+        task: Task,
+        current: Gains,
+        wanted: Requirements,
+        bandwidth: float | None,
     ) -> None:
         self._nominal, self._task, self._current, self._wanted = kin.nominal, task, current, wanted
         self._corners, self._few = corners, _binding(corners)
         model, timing = kin.nominal.model, kin.nominal.timing
         self._sought = drawn(model, timing, *SOUGHT)
         self._compared = drawn(model, timing, *COMPARED)
+        self._parts = (1.0,) if bandwidth is not None else (1.0, 0.95, 0.9, 0.8, 0.7, 0.6)
         self._best = math.inf
 
     def cost(self, point: Floats) -> float:
@@ -247,14 +254,16 @@ class _Search:
         kept: list[Gains] = []
         for point in points:
             if len(kept) < FINALISTS and self.cost(point) < 100.0:
-                gains = _backed_off(self._corners, self._current, point, self._wanted)
+                gains = _backed_off(self._corners, self._current, point, self._wanted, self._parts)
                 kept += [gains] if gains is not None else []
         return min(kept, key=lambda gains: self._time(gains, self._compared), default=None)
 
     def _time(self, gains: Gains, members: tuple[Member, ...]) -> float:
         """Seconds to settle, the longer of both steps, with a little of the shorter; more where it hunts."""
         task, nominal = self._task, self._nominal
-        times = [expected_settling(members, gains, size) for size in (task.steps.small, task.steps.large)]
+        # a velocity loop does not bring a small step home against friction; that is the position loop's business
+        small = () if gains.structure == "pi_velocity" else (task.steps.small,)
+        times = [expected_settling(members, gains, size) for size in (*small, task.steps.large)]
         if (
             max(times) < HORIZON
             and after_step(nominal.model, gains, nominal.timing, task.steps.large, 2.0) is not None
@@ -285,15 +294,27 @@ def _edges(period: float, bandwidth: float | None) -> Floats:
 
 def _binding(corners: tuple[Corner, ...]) -> tuple[Corner, ...]:
     """The corners that usually bind; all are looked at in the end."""
-    keys = ("nominal", "inertia low", "inertia high", "damping low", "compliance", "dead time")
+    keys = (
+        "nominal",
+        "inertia low",
+        "inertia high",
+        "damping low",
+        "compliance",
+        "dead time",
+        "torque lag high",
+    )
     return tuple(one for one in corners if any(key in one.what for key in keys))
 
 
 def _backed_off(
-    corners: tuple[Corner, ...], current: Gains, point: Floats, wanted: Requirements
+    corners: tuple[Corner, ...],
+    current: Gains,
+    point: Floats,
+    wanted: Requirements,
+    parts: tuple[float, ...],
 ) -> Gains | None:
-    """Less crossover at the same shape until every corner keeps the requirements."""
-    for part in (1.0, 0.95, 0.9, 0.8, 0.7, 0.6):
+    """Less crossover at the same shape, that many times, until every corner keeps the requirements."""
+    for part in parts:
         gains = shaped(corners, current, point + np.array([math.log(part), 0.0, 0.0]))
         if shortfall(corners, gains, wanted) < 0.02:
             return gains
@@ -316,6 +337,18 @@ def _held(limit: str) -> str:
         f"slow motion stands still. More gain is limited by {limit}; less dead time, or a stiffer transmission, "
         "would allow it"
     )
+
+
+def _none_found(
+    corners: tuple[Corner, ...], current: Gains, kin: Family, wanted: Requirements, bandwidth: float | None
+) -> str:
+    missed = (
+        f"no gains {{at}}keep the requirements; in the way: {_limit(corners, current, kin, wanted, None)}"
+    )
+    if bandwidth is None:
+        return missed.format(at="")
+    asked = missed.format(at=f"with a crossover of {bandwidth:g} Hz ")
+    return f"{asked}. Leave --bandwidth out to have the largest robust one"
 
 
 def _limit(

@@ -13,18 +13,28 @@ from autotune.control.gains.propose import Proposal, Requirements
 from autotune.control.gains.routh import passivity_margin, pid_conditions
 from autotune.control.gains.steps import HORIZON
 
+TODAY = "Today's gains"
+HARDLY = 1.1
+"""Times the proposal's time to settle: who is that quick is not slower to speak of."""
+NEARLY = 0.98
+"""Of a margin: the rest is rounding of what was sought on a grid of frequencies."""
+NEVER = 0.95
+"""Of the horizon: who is still outside by then does not settle."""
 
-def advice(kin: Family, current: Verdict | None, proposal: Proposal, unit: str) -> list[str]:
-    """All that is to be said, a sentence each."""
+
+def advice(
+    kin: Family, current: Verdict | None, proposal: Proposal, unit: str, who: str = TODAY
+) -> list[str]:
+    """All that is to be said, a sentence each; `who`: whose the gains are that were judged."""
     said = assumptions(kin)
     if current is not None:
-        said += about(kin, current, unit, "Today's gains", proposal.requirements)
+        said += about(kin, current, unit, who, proposal.requirements)
     if proposal.verdict is not None:
-        said.append(_proposed(current, proposal, unit))
+        said += _proposed(kin, current, proposal, unit, who)
     else:
         said.append(f"No better gains can be proposed: {proposal.limited_by}.")
     said += resonance_advice(proposal)
-    said.append(passivity_in_words(kin))
+    said.append(passivity_in_words(kin, unit))
     return said
 
 
@@ -92,14 +102,28 @@ def _margins_in_words(verdict: Verdict, wanted: Requirements) -> str:
             parts.append(f"{regime}, unstable ({what})")
         else:
             room = min(found.gain, found.gain_down)
-            parts.append(f"{regime}, {found.phase:.0f}° and {room:.3g} dB ({what})")
+            most = 1.0 / max(found.modulus, 1e-9)
+            parts.append(
+                f"{regime}, {found.phase:.0f}° and {room:.3g} dB with a sensitivity of {most:.2g} ({what})"
+            )
     less = wanted.scaled(wanted.corners)
-    good = all(
-        one.stable and one.modulus >= 0.98 * less.modulus and one.phase >= 0.98 * less.phase
+    told = (
+        "that is robust"
+        if _robust(verdict, less)
+        else f"that is too little, {less.phase:.0f}°, {less.gain:.2g} dB and a sensitivity of at most "
+        f"{1.0 / less.modulus:.2g} are wanted"
+    )
+    return f"crossover at {verdict.bandwidth:.3g} Hz; least margins over the intervals: {'; '.join(parts)}; {told}."
+
+
+def _robust(verdict: Verdict, least: Requirements) -> bool:
+    return all(
+        one.stable
+        and one.modulus >= NEARLY * least.modulus
+        and one.phase >= NEARLY * least.phase
+        and min(one.gain, one.gain_down) >= NEARLY * least.gain
         for one, _ in verdict.worst.values()
     )
-    told = "that is robust" if good else f"at least {less.phase:.0f}° and {less.gain:.2g} dB are wanted"
-    return f"crossover at {verdict.bandwidth:.3g} Hz; least margins over the intervals: {'; '.join(parts)}; {told}."
 
 
 def conditions_in_words(kin: Family, gains: Gains) -> str:
@@ -112,31 +136,69 @@ def conditions_in_words(kin: Family, gains: Gains) -> str:
     )
     routh = "holds" if found.sliding_stable else "fails"
     return (
-        f"for information, without sampling: {theorem} (kp {found.position[0]:.3g} of {found.position[1]:.3g}, damping "
-        f"{found.damping[0]:.3g} of {found.damping[1]:.3g}); Routh's condition of the sliding regime {routh} "
-        f"({found.routh[0]:.3g} against {found.routh[1]:.3g})."
+        f"for information, without sampling: {theorem} (kp {found.position[0]:.3g} where more than "
+        f"{found.position[1]:.3g} is asked for, damping {found.damping[0]:.3g} where more than {found.damping[1]:.3g} "
+        f"is); Routh's condition of the sliding regime {routh} ({found.routh[0]:.3g}, more than {found.routh[1]:.3g} "
+        "is asked for)."
     )
 
 
-def _proposed(current: Verdict | None, proposal: Proposal, unit: str) -> str:
+def _proposed(kin: Family, current: Verdict | None, proposal: Proposal, unit: str, who: str) -> list[str]:
     verdict = proposal.verdict
     if verdict is None:
-        return ""
-    named = ", ".join(f"{name} {value:.4g}" for name, value in verdict.gains.named().items())
-    before = ""
-    if current is not None:
-        was = "do not settle" if current.settling >= HORIZON else f"need {1e3 * current.settling:.0f} ms"
-        before = f" (today's {was})"
-    settles = (
-        f"steps do not all settle to ±10 % within {HORIZON:g} s"
-        if verdict.settling >= HORIZON
-        else f"steps settle to ±10 % within {1e3 * verdict.settling:.0f} ms"
-    )
-    return (
-        f"Proposed for {STRUCTURES[verdict.gains.structure]}: {named}. Crossover {verdict.bandwidth:.3g} Hz; "
-        f"on the twin {settles}{before}, {hunting_in_words(verdict, unit)} In slow motion: "
-        f"{stick_slip_in_words(verdict, unit)} More is limited by {proposal.limited_by}."
-    )
+        return []
+    before = f" ({_lowered(who)} {_settles(current)})" if current is not None else ""
+    count = f"One count of the encoder makes a {'torque' if unit == 'rad' else 'force'} of {_count(kin, verdict, unit)}"
+    beside = f", and of {_count(kin, current, unit)} with {_lowered(who)}" if current is not None else ""
+    said = [
+        f"Proposed for {STRUCTURES[verdict.gains.structure]}, in SI at the motor: "
+        f"{gains_in_words(verdict.gains, unit)}. Crossover {verdict.bandwidth:.3g} Hz; on the twin steps "
+        f"{_settles(verdict)}{before}, {hunting_in_words(verdict, unit)} "
+        f"In slow motion: {stick_slip_in_words(verdict, unit)} More is limited by {proposal.limited_by}.",
+        f"{count} with them{beside}.",
+    ]
+    if current is not None and _as_good(current, verdict, proposal.requirements):
+        said.append(f"{who} are robust and hardly slower: there is little to gain by others.")
+    return said
+
+
+def _as_good(current: Verdict, proposed: Verdict, wanted: Requirements) -> bool:
+    quick = current.settling <= HARDLY * proposed.settling and current.settling < HORIZON
+    still = not current.hunting_members and current.stick_slip_below <= proposed.stick_slip_below
+    return quick and still and _robust(current, wanted.scaled(wanted.corners))
+
+
+def _settles(verdict: Verdict) -> str:
+    if verdict.gains.structure == "pi_velocity":
+        return "are left to the position loop"
+    if verdict.settling >= NEVER * HORIZON:
+        return f"do not all settle to ±10 % within {HORIZON:g} s"
+    return f"settle to ±10 % within {1e3 * verdict.settling:.0f} ms"
+
+
+def _count(kin: Family, verdict: Verdict, unit: str) -> str:
+    torque = "N m" if unit == "rad" else "N"
+    part = 100.0 * verdict.noise / kin.nominal.timing.torque_limit
+    return f"{verdict.noise:.2g} {torque} ({part:.2g} % of the limit)"
+
+
+def gains_in_words(gains: Gains, unit: str) -> str:
+    """Every gain with its unit."""
+    torque = "N m" if unit == "rad" else "N"
+    units = {
+        "kp": f" {torque}/{unit}",
+        "kd": f" {torque} s/{unit}",
+        "ki": f" {torque}/({unit} s)",
+        "position_gain": " 1/s",
+        "velocity_gain": f" {torque} s/{unit}",
+        "integral_gain": f" {torque}/{unit}",
+        "notch_frequency": " Hz",
+    }
+    return ", ".join(f"{name} {value:.4g}{units.get(name, '')}" for name, value in gains.named().items())
+
+
+def _lowered(who: str) -> str:
+    return who[0].lower() + who[1:]
 
 
 def assumptions(kin: Family) -> list[str]:
@@ -166,15 +228,18 @@ def resonance_advice(proposal: Proposal) -> list[str]:
     ]
 
 
-def passivity_in_words(kin: Family) -> str:
+def passivity_in_words(kin: Family, unit: str) -> str:
     """(3.13), (3.14) as a sentence about the identified parameters."""
+    per_speed = "N m s/rad" if unit == "rad" else "N s/m"
     margin = passivity_margin(kin.nominal.model)
     if margin >= 0.0:
-        return f"The axis by itself is passive: its viscous friction exceeds what (3.14) asks for by {margin:.2g}."
+        return (
+            "The axis by itself is passive: its viscous friction exceeds what (3.14) asks for by "
+            f"{margin:.2g} {per_speed}."
+        )
     return (
         "The axis by itself is not passive (3.14): its friction falls with speed, and a velocity gain of "
-        f"{-margin:.2g} "
-        "would make it so."
+        f"{-margin:.2g} {per_speed} would make it so."
     )
 
 

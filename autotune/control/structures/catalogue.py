@@ -269,6 +269,10 @@ def recommended(entries: Sequence[Entry]) -> tuple[str, str]:
         if host
         else ""
     )
+    if chosen is plain:
+        return chosen.structure.name, (
+            f"PID as it is: nothing else that is offered tracks the benchmark's sine closer by a tenth.{beside}"
+        )
     return chosen.structure.name, (
         f"{chosen.structure.name}: {gain:.1f} times closer than PID on the benchmark's sine, on every axis within the "
         f"intervals; it needs {chosen.structure.effort}.{beside}"

@@ -18,6 +18,7 @@ from autotune.models import layout
 from autotune.models.drive_model import DriveModel
 from autotune.models.layout import POSITION
 from autotune.models.plant import substeps_for
+from autotune.models.reversal_memory import share_damping
 from autotune.models.stribeck import STRIBECK
 from autotune.models.total_friction import stiffness_at_rest, total_friction
 
@@ -137,6 +138,8 @@ def run(
     values[1] *= 0.0 if observed else 1.0
     values[2] *= 1.0 if structure.integral else 0.0
     packed = twin.pack()
+    if timing.shared_damping:  # as in `gains.twin.follow`
+        share_damping(packed.p, packed.on)
     state = np.zeros(layout.STATES)
     state[POSITION] = reference[0]
     loop = np.array(
