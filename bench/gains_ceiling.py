@@ -10,6 +10,9 @@ simulator's servo, each under several noises, and judged
 - by the true position, with the noise averaged away;
 - by the true position with an encoder a hundred times finer and no noise: what is left is the model's own error.
 
+Beside them stands what is learnt from nothing, to see that learning comes as far, and what is learnt on the axis with
+that encoder and no noise: the ceiling that the real encoder hides.
+
 On the ten sines that neither has seen, also what the plant's inverse reaches: no feedforward can be better there.
 """
 
@@ -23,8 +26,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autotune.control.feedforward import FeedforwardLaw
-from autotune.control.learning import LearntFeedforward, by_phase
+from autotune.control.learning import LearntFeedforward, by_phase, next_torque
 from autotune.control.model_feedforward import ModelFeedforward
+from autotune.control.refinement import smooth_peak
 from autotune.experiments.path import Motion
 from autotune.experiments.sines import BENCHMARK, BenchmarkSine, period_samples
 from autotune.tuning.ceiling import UNSEEN, unseen_motion
@@ -39,14 +43,17 @@ NOISES, AS_MEASURED, LONG, FEW = 8, 6, 24, 2
 """Repeats under other noises; periods as the tool averages, to average noise away, and where there is none."""
 REST = 600
 FINER = 100
+TRIALS = 25
 
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors along whole periods by the encoder and by the true position, shape (periods, n) [rad]."""
+    """Errors along whole periods by the encoder and by the true position, shape (periods, n) [rad]; `feedback`: the
+    controller's own torque [N m]."""
 
     seen: Floats
     true: Floats
+    feedback: Floats
 
     @property
     def peaks(self) -> tuple[float, float]:
@@ -69,13 +76,26 @@ def played(axis: Preset, motion: Motion, law: FeedforwardLaw | None, periods: in
         servo.cycle(motion.centre)
     window = BenchmarkSine(motion, 1, periods)
     first = next(at for at, label, _ in window.plan.marks if label == BENCHMARK)
-    seen, true = [], []
+    seen, true, feedback = [], [], []
     for place, speed, change, gain in window.rows:
         torque = gain * own.step(place, speed, change, None) if own is not None else 0.0
         true.append(place - servo.true_position)
-        seen.append(place - servo.cycle(place, torque_offset=torque).position)
+        sample = servo.cycle(place, torque_offset=torque)
+        seen.append(place - sample.position)
+        feedback.append(sample.torque_demand - sample.torque_offset)
     rows, n = slice(first, first + periods * period_samples(motion)), period_samples(motion)
-    return Errors(np.reshape(seen[rows], (periods, n)), np.reshape(true[rows], (periods, n)))
+    return Errors(*(np.reshape(column[rows], (periods, n)) for column in (seen, true, feedback)))
+
+
+def learnt_anew(axis: Preset, motion: Motion, start: Floats, trials: int) -> Floats:
+    """The torque of the best of so many trials of learning, by what the encoder shows; shape (n,)."""
+    torque, best, least = start, start, np.inf
+    for number in range(trials):
+        found = played(axis, motion, LearntFeedforward(torque), AS_MEASURED // 2, 200 + number)
+        peak = smooth_peak(found.seen.mean(axis=0))
+        best, least = (torque, peak) if peak < least else (best, least)
+        torque = next_torque(torque, found.feedback.mean(axis=0), axis.period)
+    return best
 
 
 def quiet(axis: Preset) -> Preset:
@@ -148,6 +168,9 @@ def one(seed: int, number: int) -> list[list[float]]:
     laws: dict[str, FeedforwardLaw | None] = {
         "fixed": found.law, "learnt": LearntFeedforward(learnt), "inverse": inverse_of(axis), "neither": None,
     }  # fmt: skip
+    nothing = np.zeros(len(learnt))
+    laws["learnt from nothing"] = LearntFeedforward(learnt_anew(axis, found.motion, nothing, TRIALS))
+    laws["learnt without noise"] = LearntFeedforward(learnt_anew(quiet(axis), found.motion, learnt, TRIALS))
     on_learnt(axis, found.motion, laws)
     rows = on_unseen(axis, found.motion, found.law, learnt)
     for row in rows:

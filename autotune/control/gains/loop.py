@@ -157,12 +157,11 @@ def parse_gains(text: str) -> Gains:
     except ValueError as error:
         raise ConfigurationError(f"the controller {text!r}: {error}; every gain must be a number") from error
     smooth = numbers.pop("derivative_filter", 1.0)
-    own = [numbers[name] for name in needed]
     if structure == "pid":
-        return Gains(*own, derivative_filter=smooth)
+        return Gains(numbers["kp"], numbers["kd"], numbers["ki"], smooth)
     if structure == "p_pi":
-        return cascade(*own, derivative_filter=smooth)
-    return Gains(own[1], own[0], 0.0, smooth, structure="pi_velocity")
+        return cascade(numbers["position_gain"], numbers["velocity_gain"], numbers["integral_gain"], smooth)
+    return Gains(numbers["integral_gain"], numbers["velocity_gain"], 0.0, smooth, structure="pi_velocity")
 
 
 def of_controller(controller: Controller) -> Gains:
