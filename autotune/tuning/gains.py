@@ -33,6 +33,7 @@ from autotune.tuning.session import controller_of as controller_in_drive
 MODEL, EXPERIMENT, RUN = "model.toml", "recordings/experiment.parquet", "run.json"
 NAMES = ("kp", "kd", "ki", "derivative_filter")
 NAMED = "The gains named"
+ASKED = "command line"
 CASCADED = 0.05
 """Part of the reference's rate in the derivative: with less the loops are cascaded."""
 
@@ -94,7 +95,7 @@ def known_of(axis: Axis, runs: Path, held: Mapping[str, float] | None, asked: Ga
         )
     controller, disturbance = controller_in_drive(held or {}), disturbance_of(directory)
     if asked is not None:
-        return Known(model, directory / MODEL, asked, "the command line", disturbance)
+        return Known(model, directory / MODEL, asked, ASKED, disturbance)
     if controller is not None:
         return Known(model, directory / MODEL, of_controller(controller), "drive", disturbance)
     found = _recorded(directory, axis)
@@ -119,14 +120,14 @@ def _recorded(directory: Path, axis: Axis) -> PositionController:
         raise ConfigurationError(
             f"the profile {axis.profile} does not map the gains of axis {axis.name}, and {path} is not there "
             "to find them "
-            "in: run 'autotune run' again, which records it"
+            "in: name them with --controller, or run 'autotune run' again, which records it"
         )
     found = controller_of(read_recording(path))
     if not found.usable:
         raise ConfigurationError(
-            f"the gains of axis {axis.name} are in neither its profile nor its recording: {found.why} Nothing "
-            "can be said "
-            "about gains that nobody knows; record motion under position control with its set points (column reference)"
+            f"the gains of axis {axis.name} are in neither its profile nor its recording: {found.why} Nothing can be "
+            "said about gains that nobody knows: name them with --controller, or record motion under position control "
+            "with its set points (column reference)"
         )
     return found
 
@@ -135,6 +136,17 @@ def _gains_of(found: PositionController) -> Gains:
     if found.reference_rate < CASCADED and found.kd > 0.0:
         return cascaded_from(found.kp, found.kd, found.ki, found.derivative_filter)
     return Gains(max(found.kp, 0.0), max(found.kd, 0.0), max(found.ki, 0.0), found.derivative_filter)
+
+
+def _from_in_words(known: Known) -> str:
+    where = {
+        "drive": "the drive",
+        ASKED: "the command line; where today's are meant, leave --controller out",
+        "metadata": "the recording of the last run, which names them",
+        "trusted": "the recording of the last run, which names them; its data cannot tell",
+        "identified": "the recording of the last run: reference and position explain its torque demand with them",
+    }
+    return f"Gains from {where.get(known.gains_from.split(' (')[0], known.gains_from)}."
 
 
 def _unshaken(known: Known) -> tuple[str, ...]:
@@ -218,7 +230,7 @@ def judge_axis(
     proposal = propose(kin, task, known.gains, bandwidth)
     current = judge(known.gains, kin, task)
     words = (
-        f"Gains from: {known.gains_from}.",
+        _from_in_words(known),
         *advice(kin, current, proposal, axis.motion_unit, NAMED if asked else TODAY),
         *_unshaken(known),
         seen_in_words(known.source.parent, axis),

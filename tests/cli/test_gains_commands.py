@@ -123,6 +123,11 @@ def test_the_catalogue_is_the_thesis_s(folder: Path, capsys: pytest.CaptureFixtu
         (["gains", "axis.toml", "--runs", "empty"], "run 'autotune run'"),
         (["catalogue", "axis.toml", "--runs", "empty"], "run 'autotune run'"),
         (["model", "curves", "nothing.toml"], "nothing.toml"),
+        (["gains", "axis.toml", "--controller", "pi kp=3"], "is not understood"),
+        (["gains", "axis.toml", "--controller", "pid kp=1 kd=1 ki=1", "--apply"], "leave --controller out"),
+        (["gains", "before.toml"], "before.toml is a model"),
+        (["catalogue", "runs"], "runs is a folder"),
+        (["model", "curves", "axis.toml"], "axis.toml is an axis file"),
     ],
 )
 def test_what_cannot_be_answered_is_said_in_words(
@@ -139,3 +144,26 @@ def test_curves_tell_falling_friction_from_rising(folder: Path, capsys: pytest.C
     assert content[1]["monotonic"] is False
     assert content[1]["least_velocity_gain"] > content[0]["least_velocity_gain"]
     assert content[1]["falls_between"][0] < content[1]["falls_between"][1]
+    assert called(["model", "curves", "after.toml"]) == 0
+    assert "motion there needs a velocity gain (kd) of at least" in capsys.readouterr().out
+    run = next(folder.glob("runs/*/model.toml"))
+    assert called(["model", "curves", str(run)]) == 0
+    assert "the model has no term that falls" in capsys.readouterr().out
+
+
+def test_named_gains_are_judged_instead_of_the_drive_s(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The thesis's pair: ki 2000 hunts at 26 Hz, told before it is tried; a velocity loop is judged as one."""
+    assert called(["gains", "axis.toml", "--controller", "pid kp=16.4 kd=0.02 ki=2000", "--json"]) == 0
+    content = json.loads(capsys.readouterr().out)
+    assert content["gains_from"] == "command line"
+    assert content["current"]["hunts"] is True
+    assert content["current"]["hunting_frequency_hz"] == pytest.approx(26.5, rel=0.1)
+    assert content["current"]["hunting_amplitude"] == pytest.approx(0.09, rel=0.25)
+    loop = "pi_velocity velocity_gain=0.15 integral_gain=60"
+    assert called(["gains", "axis.toml", "--controller", loop]) == 0
+    out = capsys.readouterr().out
+    assert "Proposed for PI velocity control" in out
+    assert "The gains named: the axis does not hunt" in out
+    assert "Enter these by hand" in out

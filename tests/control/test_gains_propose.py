@@ -67,6 +67,14 @@ def test_a_bandwidth_asked_for_is_met() -> None:
     assert found.verdict.bandwidth == pytest.approx(30.0, rel=0.05)
 
 
+def test_a_bandwidth_that_no_margins_bear_is_told_with_what_to_do() -> None:
+    model = vertical()
+    found = propose(family(model, TIMING), task(model), THESIS, 200.0)
+    assert found.verdict is None
+    assert "no gains with a crossover of 200 Hz keep the requirements" in found.limited_by
+    assert "Leave --bandwidth out" in found.limited_by
+
+
 def test_a_bandwidth_beyond_the_cycle_or_a_resonance_is_refused() -> None:
     model = lugre()
     with pytest.raises(ConfigurationError, match="it can be 0"):
@@ -90,6 +98,19 @@ def test_the_verdict_in_words_names_what_was_assumed() -> None:
     assert "no standard error for inertia, damping" in said
     assert "hunts after a step" in said
     assert "Hz" in said
+
+
+def test_gains_as_good_as_the_proposal_are_said_to_be_so() -> None:
+    model = vertical()
+    kin = family(model, TIMING)
+    verdict = judge(cascade(80.0, 0.2, 4.0), kin, task(model))
+    proposal = proposing.Proposal(verdict, Requirements(), "something", 0.0)
+    same = " ".join(advice(kin, verdict, proposal, "rad"))
+    assert "Today's gains are robust and hardly slower" in same
+    assert "velocity_gain 0.2 N m s/rad" in same
+    weak = " ".join(advice(kin, judge(HUNTS, kin, task(model)), proposal, "rad"))
+    assert "there is little to gain" not in weak
+    assert "that is too little" in weak
 
 
 def test_holding_by_friction_alone_is_said() -> None:
