@@ -43,7 +43,7 @@ def catalogue_of(axis: Axis, runs: Path, held: Mapping[str, float] | None, dead_
         raise NotEnoughExcitation(
             f"the model {known.source} has no friction: there is nothing that these structures could compensate"
         )
-    timing = timing_of(axis, held, dead_time, known.disturbance)
+    timing = timing_of(axis, held, dead_time + known.late, known.disturbance)
     task = task_of(axis, known.model, timing)
     trials = Trials(axis.benchmark.amplitude, axis.benchmark.frequency, task.steps)
     found = catalogue(family(known.model, timing), known.gains, trials)

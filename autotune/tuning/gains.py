@@ -32,6 +32,8 @@ from autotune.tuning.session import controller_of as controller_in_drive
 
 MODEL, EXPERIMENT, RUN = "model.toml", "recordings/experiment.parquet", "run.json"
 NAMES = ("kp", "kd", "ki", "derivative_filter")
+TOLD_LATE = 0.05
+"""Of the cycle: from so much on it is said that the torque is late."""
 NAMED = "The gains named"
 ASKED = "command line"
 CASCADED = 0.05
@@ -42,7 +44,8 @@ CASCADED = 0.05
 class Known:
     """What the answer rests on: the model's file, the gains and where they were found.
 
-    `disturbance` is what shakes the axis by the model's own run [N m or N]; None where that could not be told.
+    By the model's own run `disturbance` is what shakes the axis [N m or N], None where that could not be told, and
+    `late` how much later than it is held the torque comes, beside a lag of the model [s].
     """
 
     model: DriveModel
@@ -50,6 +53,7 @@ class Known:
     gains: Gains
     gains_from: str
     disturbance: float | None = None
+    late: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,24 +97,30 @@ def known_of(axis: Axis, runs: Path, held: Mapping[str, float] | None, asked: Ga
             f"the model {directory / MODEL} is of an axis with the fingerprint {model.fingerprint}, {axis.name} has "
             f"{axis.fingerprint}: name, unit, profile or mechanics were changed since. Run 'autotune run' again"
         )
-    controller, disturbance = controller_in_drive(held or {}), disturbance_of(directory)
+    controller = controller_in_drive(held or {})
+    disturbance, late = disturbance_of(directory), _of_diagnosis(directory, "torque_late") or 0.0
     if asked is not None:
-        return Known(model, directory / MODEL, asked, ASKED, disturbance)
+        return Known(model, directory / MODEL, asked, ASKED, disturbance, late)
     if controller is not None:
-        return Known(model, directory / MODEL, of_controller(controller), "drive", disturbance)
+        return Known(model, directory / MODEL, of_controller(controller), "drive", disturbance, late)
     found = _recorded(directory, axis)
     return Known(
-        model, directory / MODEL, _gains_of(found), f"{found.source} ({directory.name})", disturbance
+        model, directory / MODEL, _gains_of(found), f"{found.source} ({directory.name})", disturbance, late
     )
 
 
 def disturbance_of(directory: Path) -> float | None:
     """What shakes the axis, as the run in `directory` found it [N m or N]; None where it does not say."""
+    return _of_diagnosis(directory, "disturbance")
+
+
+def _of_diagnosis(directory: Path, name: str) -> float | None:
+    """A number that is not below 0 of a run's diagnosis; None where there is none."""
     try:
         found = read_json(directory / RUN, "run file").get("diagnosis") or {}
     except ConfigurationError:
         return None
-    level = found.get("disturbance")
+    level = found.get(name)
     return float(level) if isinstance(level, (int, float)) and 0.0 <= level < inf else None
 
 
@@ -147,6 +157,15 @@ def _from_in_words(known: Known) -> str:
         "identified": "the recording of the last run: reference and position explain its torque demand with them",
     }
     return f"Gains from {where.get(known.gains_from.split(' (')[0], known.gains_from)}."
+
+
+def _late(known: Known, axis: Axis) -> tuple[str, ...]:
+    if known.late < TOLD_LATE * axis.cycle:
+        return ()
+    return (
+        f"The torque comes {1e3 * known.late:.2g} ms after its demand, by the last run's recordings: that is in all "
+        "margins.",
+    )
 
 
 def _unshaken(known: Known) -> tuple[str, ...]:
@@ -225,13 +244,14 @@ def judge_axis(
         ConfigurationError: as `known_of`, or a bandwidth that cannot be.
     """
     known = known_of(axis, runs, held, asked)
-    timing = timing_of(axis, held, dead_time, known.disturbance)
+    timing = timing_of(axis, held, dead_time + known.late, known.disturbance)
     kin, task = family(known.model, timing), task_of(axis, known.model, timing)
     proposal = propose(kin, task, known.gains, bandwidth)
     current = judge(known.gains, kin, task)
     words = (
         _from_in_words(known),
         *advice(kin, current, proposal, axis.motion_unit, NAMED if asked else TODAY),
+        *_late(known, axis),
         *_unshaken(known),
         seen_in_words(known.source.parent, axis),
     )

@@ -18,10 +18,11 @@ from autotune.tuning.session import Session
 MORE = "'autotune gains' says more, and proposes others."
 
 
-def hunting_note(session: Session, model: DriveModel, disturbance: float = 0.0) -> str:
+def hunting_note(session: Session, model: DriveModel, disturbance: float = 0.0, late: float = 0.0) -> str:
     """One or two sentences; "" where the drive does not tell its gains, or nothing can be said.
 
-    `disturbance` is what shakes the axis [N m or N], 0 where it is not known.
+    `disturbance` is what shakes the axis [N m or N], `late` by how much the torque is late beside what the model
+    knows [s]; 0 where it is not known.
     """
     if session.controller is None or model.torque_unit:
         return ""
@@ -30,6 +31,7 @@ def hunting_note(session: Session, model: DriveModel, disturbance: float = 0.0) 
         axis.cycle,
         axis.position_resolution,
         session.limits.torque,
+        late,
         reference_filter=axis.reference.filter,
         disturbance=disturbance,
     )

@@ -51,6 +51,8 @@ class Diagnosed:
         error_rms, relative_error: of the identified model on the experiments, as `model compare` finds them.
         error_before, error_after, noise_floor_rms: torque, on data not used for the fit [N m or N].
         disturbance: what shakes the axis, as white noise from sample to sample [N m or N]; None without a twin.
+        torque_late: by how much the torque follows its demand later than it is held [s]; None where the recordings may
+            be late themselves, or without a twin. A lag that the model names is beside it.
         unseen: in words, which data those are.
         candidates: list of {effect, gain, accepted, why}.
         confusable: sets of effects that these data cannot tell apart.
@@ -68,6 +70,7 @@ class Diagnosed:
     error_after: float | None = None
     noise_floor_rms: float | None = None
     disturbance: float | None = None
+    torque_late: float | None = None
     unseen: str = ""
     candidates: tuple[Mapping[str, Any], ...] = ()
     confusable: tuple[tuple[str, ...], ...] = ()
@@ -210,6 +213,7 @@ def found_in(recordings: Sequence[Recording], model: DriveModel, when: str, sour
         diagnosis.confidence,
         noise_floor_rms=floor if math.isfinite(floor) else None,
         disturbance=_disturbance(diagnosis),
+        torque_late=torque_late(diagnosis),
         candidates=candidates,
         confusable=tuple(tuple(rivals) for rivals in diagnosis.confusable),
         next_experiment=diagnosis.next_experiment,
@@ -225,6 +229,13 @@ def _disturbance(diagnosis: Diagnosis) -> float | None:
     if problem is None or not problem.twin:
         return None
     return problem.disturbance.level_at(SHAKEN_AT, problem.data.period)
+
+
+def torque_late(diagnosis: Diagnosis) -> float | None:
+    problem = diagnosis.problem
+    if problem is None or not problem.twin or problem.controller is None or not problem.controller.exact:
+        return None
+    return max(-0.5 * problem.data.shift * problem.data.period, 0.0)
 
 
 def _with_model(diagnosed: Diagnosed, found: FoundModel, model: DriveModel) -> Diagnosed:

@@ -160,7 +160,8 @@ def _diagnose(request: Request, session: Session, state: RunState) -> bool:
     refuse_two_masses(found.joint, alone.get("high_speed"), alone.get("presliding"), diagnosed.effects, kp)
     refuse_resonance(diagnosed.model, kp)
     refuse_resonance(state.findings.model, kp)
-    if note := hunting_note(session, diagnosed.model or found.model, diagnosed.disturbance or 0.0):
+    shaken, late = diagnosed.disturbance or 0.0, diagnosed.torque_late or 0.0
+    if note := hunting_note(session, diagnosed.model or found.model, shaken, late):
         state.notes.append(note)
     return True
 

@@ -124,6 +124,7 @@ def diagnosis(found: Diagnosed, modelled: ModelAdapted | None) -> dict[str, Any]
         "error_after": found.error_after,
         "noise_floor_rms": found.noise_floor_rms,
         "disturbance": found.disturbance,
+        "torque_late": found.torque_late,
         "unseen": found.unseen,
         "twin": found.twin,
         "candidates": [dict(candidate) for candidate in found.candidates],

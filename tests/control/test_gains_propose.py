@@ -56,6 +56,8 @@ def test_the_axes_drawn_lie_in_the_intervals() -> None:
     assert np.all(np.abs(part) <= LEAST + 1e-12)  # two standard errors of an interval that is the least one
     assert 0.3 * LEAST < part.std() < 0.7 * LEAST
     assert len({one.timing.dead_time for one in members}) == 40
+    ends = [one.what for one in family(model, timing).members if "dead time" in one.what]
+    assert ends == ["dead time high"]
     friction = np.array([one.model["coulomb"] / model["coulomb"] - 1.0 for one in members])
     assert abs(np.corrcoef(part, friction)[0, 1]) < 0.5
 
@@ -81,6 +83,11 @@ def test_a_bandwidth_beyond_the_cycle_or_a_resonance_is_refused() -> None:
         propose(family(model, TIMING), task(model), THESIS, 400.0)
     coupled = {"compliance": 1.0 / 30.0, "load_inertia": 0.4, "load_friction": 0.4, "damping": 0.05}
     elastic = model.with_effect(EFFECTS["elastic_transmission"].make(coupled, {}))
+    late = replace(TIMING, dead_time=2e-3, dead_time_error=2e-4)
+    ends = {
+        one.what: one.timing.dead_time for one in family(elastic, late).members if "dead time" in one.what
+    }
+    assert ends == pytest.approx({"dead time high": 2.4e-3, "dead time low": 1.6e-3})
     with pytest.raises(ConfigurationError, match="lies below the bandwidth"):
         propose(family(elastic, TIMING), task(elastic), THESIS, 200.0)
 

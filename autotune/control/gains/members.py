@@ -132,11 +132,13 @@ def _scaled(model: DriveModel, names: list[str], factor: float) -> DriveModel:
 
 
 def _late(model: DriveModel, timing: LoopTiming) -> list[Member]:
-    """A loop that is later, where its dead time is uncertain; an earlier one is no risk."""
+    """A later loop, where its dead time is uncertain; beside a resonance, whose phase it turns, an earlier one too."""
     if timing.dead_time_error <= 0.0:
         return []
-    later = timing.dead_time + ERRORS * timing.dead_time_error
-    return [Member("dead time high", model, replace(timing, dead_time=later))]
+    ends = {"high": timing.dead_time + ERRORS * timing.dead_time_error}
+    if any(kind.name in model for kind, _ in COMPLIANT):
+        ends["low"] = max(timing.dead_time - ERRORS * timing.dead_time_error, 0.0)
+    return [Member(f"dead time {end}", model, replace(timing, dead_time=late)) for end, late in ends.items()]
 
 
 def _damped(model: DriveModel, timing: LoopTiming) -> list[Member]:
