@@ -6,6 +6,8 @@ from autotune.models.drive_model import DriveModel
 from autotune.models.table import effect_kind
 from autotune.models.total_friction import total_in_words
 from autotune.tuning.findings import Findings
+from autotune.tuning.given_model import Given
+from autotune.tuning.given_model import table as given_table
 from autotune.tuning.stage_diagnose import Diagnosed
 from autotune.view.data import Rank, Step, torque_unit
 from autotune.view.report import Picture, Table
@@ -13,6 +15,9 @@ from autotune.view.scale import quantity
 
 SHOWN = 8
 HARMFUL = -0.05  # candidates that make it worse than this are left out of the picture
+_NOT_GIVEN = (
+    " The run found this about the model that it identified itself, not about the one that was given."
+)
 _VERDICTS = {
     "none": "Nothing is missing in the identified model that this run could show.",
     "unknown": "Something repeatable is missing that is none of the known effects.",
@@ -30,9 +35,12 @@ def diagnosis_pictures(findings: Findings, motion_unit: str) -> list[Picture]:
         return []
     judged = sorted(found.candidates, key=lambda c: -float(c["gain"]))[:SHOWN]
     ranks = [Rank(c["effect"], c["gain"], c["accepted"], c["why"]) for c in judged if c["gain"] > HARMFUL]
-    caption = "How far each effect lowers the squared torque error on experiments that its fit has not seen."
+    caption = (
+        "How far each effect lowers the squared torque error on experiments that its fit has not seen."
+        f"{_NOT_GIVEN if findings.given else ''}"
+    )
     pictures = [Picture("What the identified model lacks", caption, figures.ranking(ranks))]
-    if found.model is not None and found.model.history:
+    if findings.given is None and found.model is not None and found.model.history:
         pictures.append(_staircase(found.model, found, motion_unit))
     return pictures
 
@@ -55,10 +63,13 @@ def diagnosis_tables(findings: Findings, motion_unit: str) -> list[Table]:
     found = findings.diagnosed
     if found is None:
         return []
-    tables = [_verdict(found, motion_unit)]
+    tables = [_verdict(found, motion_unit, findings.given)]
+    if findings.given is not None:
+        tables.insert(0, given_table(findings.given, findings.modelled, findings.adapted is not None))
     if found.effects:
         rows = [[effect.replace("_", " "), *_words(effect)] for effect in found.effects]
-        tables.append(Table("Effects", ("effect", "looks like", "cause", "what can be done"), rows))
+        title = "Effects" if findings.given is None else "Effects that the run named"
+        tables.append(Table(title, ("effect", "looks like", "cause", "what can be done"), rows))
     if findings.modelled is not None and findings.adapted is not None:
         tables.append(_candidates(findings, motion_unit))
     return tables
@@ -69,7 +80,7 @@ def _words(effect: str) -> tuple[str, str, str]:
     return kind.looks_like, kind.cause, kind.remedy
 
 
-def _verdict(found: Diagnosed, motion_unit: str) -> Table:
+def _verdict(found: Diagnosed, motion_unit: str, given: Given | None) -> Table:
     names = ", ".join(effect.replace("_", " ") for effect in found.effects)
     unit = torque_unit(motion_unit)
     rows = [["verdict", _VERDICTS.get(found.verdict, f"missing: {names} ({found.confidence})")]]
@@ -89,6 +100,8 @@ def _verdict(found: Diagnosed, motion_unit: str) -> Table:
     ]
     if found.next_experiment:
         rows.append(["next experiment", found.next_experiment])
+    if given is not None:
+        return Table("Diagnosis of the identified model", ("", ""), rows, _NOT_GIVEN.strip())
     return Table("Diagnosis", ("", ""), rows)
 
 
@@ -99,11 +112,10 @@ def _candidates(findings: Findings, motion_unit: str) -> Table:
         rows.append(["the thesis's laws", quantity(adapted.steps[0].peak_error, motion_unit)])
         rows.append(["LuGre, refined", quantity(adapted.best.peak_error, motion_unit)])
     if modelled is not None:
-        rows.append(["diagnosed model", quantity(modelled.steps[0].measured.peak_error, motion_unit)])
+        name = "diagnosed model" if findings.given is None else "model that was given"
+        rows.append([name, quantity(modelled.steps[0].measured.peak_error, motion_unit)])
         if len(modelled.steps) > 1:
-            rows.append(
-                ["diagnosed model, best window", quantity(modelled.best.measured.peak_error, motion_unit)]
-            )
+            rows.append([f"{name}, best window", quantity(modelled.best.measured.peak_error, motion_unit)])
     note = modelled.reason if modelled is not None else ""
     return Table(
         "Feedforward candidates", ("feedforward", "peak error on the benchmark"), rows, note, frozenset({1})

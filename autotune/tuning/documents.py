@@ -244,8 +244,9 @@ def _pictures(material: Material) -> list[Picture]:
             )
         )
     pictures += final_model_pictures(
-        material.recordings, result_model(material.result), material.axis.benchmark
-    )
+        material.recordings, result_model(material.result), material.axis.benchmark,
+        diagnosed=material.findings.diagnosed is not None, given=material.findings.given is not None,
+    )  # fmt: skip
     if traces := _traces(material):
         pictures.append(
             Picture(
@@ -366,7 +367,7 @@ def _pages(material: Material) -> list[Page]:
         recording = read_recording(experiments)
         pages.append(fit_shown(axis, found, recording))
         if findings.diagnosed is not None:
-            pages.append(diagnosis_shown(axis, findings.diagnosed, found.model, recording))
+            pages.append(diagnosis_shown(axis, findings.diagnosed, found.model, recording, findings.given))
     if findings.adapted is not None:
         bounds = findings.start.stiffness_range if findings.start else None
         pages.append(adaptation_shown(axis, findings.adapted, bounds))

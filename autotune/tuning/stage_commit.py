@@ -250,8 +250,9 @@ def _kept(session: Session, state: RunState, yardstick: Yardstick) -> str:
     if not reduces(reduction.values) and not reduction.lost:
         return f"{sentence} Proved beyond doubt was {milli(after)}, with the whole feedforward played by the host."
     if not reduces(reduction.values):
+        whose = "diagnosed" if findings.given is None else "given"
         return (
-            f"{sentence} {predicted}. The feedforward of the diagnosed model ({', '.join(reduction.lost)}) gives "
+            f"{sentence} {predicted}. The feedforward of the {whose} model ({', '.join(reduction.lost)}) gives "
             f"{milli(after)}, {times_less(before, after)}, only while a host plays {HOST_FILE}."
         )
     return (
