@@ -16,6 +16,7 @@ from typing import Any
 
 from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError, RecordingError
+from autotune.core.units import torque_symbol
 from autotune.recordings.columnwise import Outline, walk_recording
 from autotune.recordings.files import write_recording
 from autotune.recordings.importing import FORMATS
@@ -236,7 +237,7 @@ def _about(outline: Outline, traces: Traces, writer: TraceWriter) -> dict[str, A
         "seconds": traces.ends[1] - traces.ends[0],
         "period": metadata.sample_period,
         "motion_unit": metadata.motion_unit,
-        "torque_unit": "N m" if metadata.motion_unit == "rad" else "N",
+        "torque_unit": torque_symbol(metadata.motion_unit, metadata.torque_unit),
         "axis": metadata.axis,
         "fingerprint": metadata.fingerprint,
         "controller": str(metadata.controller) if metadata.controller else None,

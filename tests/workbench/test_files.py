@@ -103,6 +103,10 @@ def test_a_foreign_file_is_imported_as_asked(files: Files) -> None:
     held = sent(files, content, "scope.csv", options)
     assert held.about["rows"] == 2000
     assert held.about["largest_torque"] == pytest.approx(0.02)
+    assert held.about["torque_unit"] == "N m"
+    amperes = {"columns": ["time=s", "position=angle", "torque=current"], "unit": "rad", "torque_unit": "A"}
+    held = sent(files, content, "scope.csv", amperes)
+    assert (held.about["torque_unit"], held.about["largest_torque"]) == ("A", pytest.approx(0.4))
 
 
 def test_every_slot_has_the_least_and_the_greatest_of_its_rows(files: Files, path: Path) -> None:

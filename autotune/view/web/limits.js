@@ -4,7 +4,7 @@ import { quantity, significant } from "/web/numbers.js";
 
 // `limits` by axis, of the service: they hold for recordings of that axis as its file is now.
 export function showUsed(box, about, recordings, limits) {
-  const alike = new Set(recordings.map((one) => one.motion_unit)).size === 1;
+  const alike = new Set(recordings.map((one) => `${one.motion_unit}, ${one.torque_unit}`)).size === 1;
   const known = alike ? limits?.[recordings[0].axis] : null;
   const held = known && recordings.every((one) => one.axis === recordings[0].axis && one.fingerprint === known.fingerprint) ? known : null;
   box.replaceChildren(...(alike ? rowsOf(recordings, held) : []).map(line));
@@ -16,7 +16,8 @@ function rowsOf(recordings, known) {
   const low = Math.min(...recordings.map((one) => one.position[0])), high = Math.max(...recordings.map((one) => one.position[1]));
   const speeds = recordings.map((one) => one.speed).filter((speed) => speed !== null);
   const speed = speeds.length ? Math.max(...speeds) : null, torque = Math.max(...recordings.map((one) => one.largest_torque));
-  const own = recordings.map((one) => one.torque_limit), limit = known?.torque ?? (own.includes(null) ? null : Math.min(...own));
+  const own = recordings.map((one) => one.torque_limit), of = force === "A" || force === "V" ? null : known?.torque; // an axis file's is in N m or N
+  const limit = of ?? (own.includes(null) ? null : Math.min(...own));
   return [
     travel(low, high, known, motion),
     share("speed", speed, known?.speed ?? null, `${motion}/s`),

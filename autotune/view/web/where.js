@@ -120,9 +120,14 @@ function drawRegimes(rows) {
   bars($("regimes"), list, view.compared.noise_floor_rms);
 }
 
+export function coordinateUnit(name, motion = view.motion) {
+  const units = { position: motion, velocity: `${motion}/s`, acceleration: `${motion}/s²`, time: "s", temperature: "°C", travel_since_reversal: `log10 ${motion}`, time_since_reversal: "log10 s" };
+  return units[name] || "";
+}
+
 export function coordinateLabel(name, motion = view.motion) {
-  const units = { position: motion, velocity: `${motion}/s`, acceleration: `${motion}/s²`, time: "s", temperature: "°C", travel_since_reversal: `log10 ${view.motion}`, time_since_reversal: "log10 s" };
-  return `${spoken(name)} [${units[name] || ""}]`;
+  const unit = coordinateUnit(name, motion);
+  return unit ? `${spoken(name)} [${unit}]` : spoken(name);
 }
 
 export function byDirection(rows, name, low, high, kept, values = rows.error) {
@@ -145,7 +150,7 @@ function drawCoordinate(rows) {
   const other = view.beside?.compared.rows;
   if (other?.[name]) for (const { label, ink, mean } of byDirection(other, name, low, high, () => true))
     series.push({ label: `${label}, ${view.beside.label}`, values: mean.map((m) => (m === null ? null : m * force.factor)), colour: colour(ink), width: 1.2, dash: [8, 4] });
-  const within = (from, to, also) => select((k) => x[k] >= from && x[k] <= to, `${spoken(name)} from ${significant(from)} to ${significant(to)}`, also);
+  const within = (from, to, also) => select((k) => x[k] >= from && x[k] <= to, `${spoken(name)} from ${significant(from)} to ${significant(to)} ${coordinateUnit(name)}`, also);
   const pick = (value, also) => {
     const bin = Math.min(BINS - 1, Math.max(0, Math.floor((value - low) / width)));
     within(low + bin * width, low + (bin + 1) * width, also);
@@ -182,7 +187,7 @@ function drawMap(rows) {
   const [us, vs] = [trimmed(rows.velocity), trimmed(rows.acceleration)];
   const { cell, values, largest } = field((k) => rows.velocity[k], (k) => rows.acceleration[k], us, vs, columns, lines, rows.error);
   const labels = { left: significant(us[0]), right: significant(us[1]), x: `velocity [${view.motion}/s], up to ${quantity(largest, view.torque)} rms`, top: significant(vs[1]), bottom: significant(vs[0]), y: `acceleration [${view.motion}/s²]` };
-  const onCell = (i, j, also) => select((k) => cell(k) === j * columns + i, `velocity from ${significant(us[0] + (i * (us[1] - us[0])) / columns)} and acceleration from ${significant(vs[0] + (j * (vs[1] - vs[0])) / lines)}, one field`, also);
+  const onCell = (i, j, also) => select((k) => cell(k) === j * columns + i, `velocity from ${significant(us[0] + (i * (us[1] - us[0])) / columns)} ${view.motion}/s and acceleration from ${significant(vs[0] + (j * (vs[1] - vs[0])) / lines)} ${view.motion}/s², one field`, also);
   heat($("map"), { values, columns, rows: lines, labels, largest, onCell });
 }
 
@@ -190,7 +195,7 @@ function drawPlaces(rows) {
   const columns = 40, us = range(rows.position);
   const { cell, values, largest } = field((k) => rows.position[k], (k) => (rows.velocity[k] > 0 ? 1 : rows.velocity[k] < 0 ? 0 : NaN), us, [0, 1.5], columns, 2, rows.error);
   const labels = { left: significant(us[0]), right: significant(us[1]), x: `position [${view.motion}], up to ${quantity(largest, view.torque)} rms`, top: "forw.", bottom: "backw.", y: "" };
-  const onCell = (i, j, also) => select((k) => cell(k) === j * columns + i, `position from ${significant(us[0] + (i * (us[1] - us[0])) / columns)}, ${j ? "forwards" : "backwards"}`, also);
+  const onCell = (i, j, also) => select((k) => cell(k) === j * columns + i, `position from ${significant(us[0] + (i * (us[1] - us[0])) / columns)} ${view.motion}, ${j ? "forwards" : "backwards"}`, also);
   heat($("places"), { values, columns, rows: 2, labels, largest, onCell });
 }
 
