@@ -14,6 +14,7 @@ from autotune.view.report import Picture, Table
 from autotune.view.scale import quantity
 
 SHOWN = 8
+WORTH = 0.005  # of the squared error: candidates that take less away stand in no table
 HARMFUL = -0.05  # candidates that make it worse than this are left out of the picture
 _NOT_GIVEN = (
     " The run found this about the model that it identified itself, not about the one that was given."
@@ -53,7 +54,7 @@ def _staircase(model: DriveModel, found: Diagnosed, motion_unit: str) -> Picture
     steps += [Step(entry.action, entry.error_after or 0.0) for entry in entries]
     return Picture(
         "How the model's error fell",
-        f"Rms torque error on data not used for the fit ({found.unseen}) with each effect that was added.",
+        f"Rms torque error on data not used for the fit ({_unseen(found)}) with each effect that was added.",
         figures.staircase(steps, found.noise_floor_rms, torque_unit(motion_unit)),
     )
 
@@ -70,6 +71,8 @@ def diagnosis_tables(findings: Findings, motion_unit: str) -> list[Table]:
         rows = [[effect.replace("_", " "), *_words(effect)] for effect in found.effects]
         title = "Effects" if findings.given is None else "Effects that the run named"
         tables.append(Table(title, ("effect", "looks like", "cause", "what can be done"), rows))
+    if len((rivals := _rivals(found)).rows):
+        tables.append(rivals)
     if findings.modelled is not None and findings.adapted is not None:
         tables.append(_candidates(findings, motion_unit))
     return tables
@@ -86,7 +89,7 @@ def _verdict(found: Diagnosed, motion_unit: str, given: Given | None) -> Table:
     rows = [["verdict", _VERDICTS.get(found.verdict, f"missing: {names} ({found.confidence})")]]
     if found.error_before is not None and found.error_after is not None:
         fall = f"{quantity(found.error_before, unit)} → {quantity(found.error_after, unit)}"
-        rows.append([f"torque error on unseen data ({found.unseen})", fall])
+        rows.append([f"torque error on unseen data ({_unseen(found)})", fall])
     if found.noise_floor_rms is not None:
         rows.append(["noise floor", quantity(found.noise_floor_rms, unit)])
     total = total_in_words(found.model) if found.model is not None else ""
@@ -103,6 +106,29 @@ def _verdict(found: Diagnosed, motion_unit: str, given: Given | None) -> Table:
     if given is not None:
         return Table("Diagnosis of the identified model", ("", ""), rows, _NOT_GIVEN.strip())
     return Table("Diagnosis", ("", ""), rows)
+
+
+def _unseen(found: Diagnosed) -> str:
+    """In a run the trajectory that may only veto a name is the confirming one."""
+    return found.unseen.replace("veto", "the confirming trajectory")
+
+
+def _rivals(found: Diagnosed) -> Table:
+    """Every candidate that takes something away, and why it was or was not accepted."""
+    judged = sorted(found.candidates, key=lambda one: -float(one["gain"]))
+    rows = [
+        [
+            one["effect"].replace("_", " "),
+            f"{100 * one['gain']:.1f} %",
+            "yes" if one["accepted"] else "no",
+            one["why"],
+        ]
+        for one in judged[:SHOWN]
+        if one["accepted"] or one["gain"] > WORTH
+    ]
+    return Table(
+        "Candidates", ("effect", "of the squared error", "accepted", "why"), rows, numeric=frozenset({1})
+    )
 
 
 def _candidates(findings: Findings, motion_unit: str) -> Table:

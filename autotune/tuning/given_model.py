@@ -12,7 +12,7 @@ from typing import Any
 
 from autotune.control.model_feedforward import left_out
 from autotune.models.drive_model import DriveModel
-from autotune.models.total_friction import total_in_words
+from autotune.models.total_friction import total_friction
 from autotune.recordings.recording import Recording
 from autotune.tuning.stage_diagnose import Diagnosed, error_as_given
 from autotune.tuning.stage_model import ModelAdapted
@@ -89,8 +89,7 @@ def table(given: Given, modelled: ModelAdapted | None, adapted: bool) -> Table:
     ]
     if given.diagnosed is not None:
         rows.append(["the same of the model that this run diagnosed", _or(given.diagnosed, unit)])
-    if total := total_in_words(model):
-        rows.append(["friction of the model", total])
+    rows.append(["its friction in all, viscous part left out", quantity(total_friction(model).value, unit)])
     rows += [[f"not fed forward: {name.replace('_', ' ')}", why] for name, why in left_out(model).items()]
     if adapted:
         why = not_proved(modelled)

@@ -78,7 +78,7 @@ def commit_stage(session: Session, state: RunState, approve: Callable[[str], boo
     findings.planned = PlannedValues(planned, plan.host is not None, zero, plan.reduction)
     if not approve(_question(plan, session)):
         save_findings(session, findings, state.whole)
-        state.verdict = "Proved, but not written: it was not approved."
+        state.verdict = _not_approved(session, plan, findings.yardstick)
         return False
     return _written(session, state, plan, findings.yardstick)
 
@@ -214,6 +214,18 @@ def _question(plan: Plan, session: Session) -> str:
     if not sentence:
         return "Write the proved parameters to the drive for good?"
     return f"{sentence[0].upper()}{sentence[1:]}. Write it to the drive for good?"
+
+
+def _not_approved(session: Session, plan: Plan, yardstick: Yardstick) -> str:
+    """True also where it is approved later: the commit is a run of its own then."""
+    before, after = yardstick.before.peak_error, yardstick.after.peak_error
+    if plan.reduction is not None:
+        after = plan.reduction.predicted_peak
+    return (
+        "Proved; nothing is written, as it was not approved while the run lasted. With what would be written the "
+        f"peak error on the benchmark goes from {session.milli(before)} to {session.milli(after)}, "
+        f"{times_less(before, after)}."
+    )
 
 
 def _kept(session: Session, state: RunState, yardstick: Yardstick) -> str:

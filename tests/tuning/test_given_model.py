@@ -66,7 +66,7 @@ def test_the_given_model_stands_first_and_under_its_own_name() -> None:
 
 def test_without_one_nothing_is_said_of_it() -> None:
     tables = texts(findings(None))
-    assert list(tables) == ["Diagnosis", "Effects", "Feedforward candidates"]
+    assert list(tables) == ["Diagnosis", "Effects", "Candidates", "Feedforward candidates"]
     assert "diagnosed model; 200 µrad" in tables["Feedforward candidates"]
     assert "given" not in " ".join(tables.values())
     assert summary.given(findings(None)) == {}

@@ -22,7 +22,7 @@ from autotune.workbench.engine import Engine
 from autotune.workbench.files import Files
 from autotune.workbench.routes import page_routes, workbench_routes
 from tests.workbench.browser import browser, needs_browser, serious
-from tests.workbench.test_page import Page, until
+from tests.workbench.test_page import TOO_WIDE, Page, until
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "config" / "axes" / "edm-vertical.toml"
 SHARES = """
@@ -31,7 +31,6 @@ return [...document.querySelectorAll('#used .row')].map(row => {
   return fill ? fill.getBoundingClientRect().width / track.getBoundingClientRect().width : null;
 });
 """
-TOO_WIDE = "return document.documentElement.scrollWidth - innerWidth"
 
 
 @contextmanager

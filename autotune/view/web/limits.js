@@ -2,6 +2,8 @@
 
 import { quantity, significant } from "/web/numbers.js";
 
+const AT = 1e-3; // of what is allowed: a drive that clamps its torque records the limit itself, rounded
+
 // `limits` by axis, of the service: they hold for recordings of that axis as its file is now.
 export function showUsed(box, about, recordings, limits) {
   const alike = new Set(recordings.map((one) => `${one.motion_unit}, ${one.torque_unit}`)).size === 1;
@@ -44,11 +46,12 @@ function line({ name, text, from, to }) {
   const row = document.createElement("div"), parts = [name, "", text].map(() => document.createElement("span"));
   row.className = "row";
   parts[0].textContent = name;
-  parts[2].textContent = to !== null && (from < 0 || to > 1) ? `${text}: beyond the limit` : text;
+  const over = to !== null && Math.max(to - 1, -from) > AT, at = to !== null && !over && Math.max(to - 1, -from) > -AT;
+  parts[2].textContent = over ? `${text}: beyond the limit` : at ? `${text}: at the limit` : text;
   if (to !== null) {
     const fill = document.createElement("div"), [first, last] = [from, to].map((part) => Math.min(1, Math.max(0, part)));
     parts[1].className = "track";
-    fill.className = from < 0 || to > 1 ? "fill over" : "fill";
+    fill.className = over || at ? "fill over" : "fill";
     Object.assign(fill.style, { marginLeft: `${100 * first}%`, width: `${100 * (last - first)}%` });
     parts[1].append(fill);
   }

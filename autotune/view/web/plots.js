@@ -25,11 +25,11 @@ export function plot(box, old, { x, series, xLabel, yLabel, rightLabel, height =
       cursor: { drag: { x: Boolean(onZoom || onBrush), y: false, setScale: false }, sync: shared ? { key: shared } : undefined },
       scales: { x: { time: false } },
       axes: [
-        { ...axis, label: xLabel }, { ...axis, label: yLabel, size: 70 },
+        { ...axis, label: xLabel || undefined }, { ...axis, label: yLabel, size: 70 },
         ...(rightLabel ? [{ ...axis, label: rightLabel, size: 70, side: 1, scale: "right", grid: { show: false } }] : []),
       ],
       series: [
-        { label: xLabel, value: told(units[0], 5) },
+        { label: xLabel.replace(/ \[.*/, "") || "time", value: told(units[0], 5) },
         ...series.map((one) => ({
           label: one.label, value: told(units[1], 4), scale: one.right ? "right" : "y", stroke: one.colour, width: one.width || thin, dash: one.dash,
           paths: one.points ? () => null : undefined, points: { show: Boolean(one.points), size: 5, fill: one.colour },

@@ -7,6 +7,7 @@ import { bars, colour, heat, plot } from "/web/plots.js";
 const $ = (id) => document.getElementById(id);
 export const BINS = 40;
 const CREST = 0.5; // cos above it: a third of every period
+const LOW = 50; // orders that are shown at first, and whatever the largest wave is at
 const NOT_A_COORDINATE = new Set(["torque", "error", "kind"]);
 const view = { compared: null, beside: null, selections: [], place: null, motion: "rad", torque: "N m", changed: () => {} };
 const plots = {};
@@ -219,9 +220,10 @@ function drawOrders() {
   plots.orders = plot($("orders"), plots.orders, {
     x: order.map((one) => one * turn), height: 240, legend: false, series,
     xLabel: view.motion === "rad" ? "order [cycles per revolution]" : "order [cycles per metre]", yLabel: `error [${force.unit}]`,
-    onZoom: (start, end) => { if (start === null) drawOrders(); else plots.orders.setScale("x", { min: start, max: end }); },
+    onZoom: (start, end) => plots.orders.setScale("x", start === null ? { min: 0, max: order[order.length - 1] * turn } : { min: start, max: end }),
     onClick: order.length ? pick : undefined,
   });
+  if (order.length) plots.orders.setScale("x", { min: 0, max: Math.min(order[order.length - 1] * turn, Math.max(LOW, 1.2 * turn * order[amplitude.indexOf(Math.max(...amplitude))])) });
   $("orders").onkeydown = (event) => {
     const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
     if (!step || !order.length) return;

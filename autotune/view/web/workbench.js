@@ -11,6 +11,7 @@ import { drawWhere, selectAll, selectedStretches, selection, selectTime, showWhe
 const $ = (id) => document.getElementById(id);
 const KEPT = "autotune-workbench";
 const MOST_GAP = 0.1; // s, between compared rows: over more no line is drawn
+const WORTH = 0.005; // of the squared error: a candidate that takes less away stands in the list of the others
 
 const state = {
   recordings: [], // {id, name, …, chosen, leftOut: [[first, last]], file}
@@ -89,7 +90,7 @@ function refreshButtons() {
   const some = state.recordings.some((one) => one.chosen);
   $("fit").disabled = !some;
   $("compare").disabled = $("diagnose").disabled = !some || !model();
-  $("add").disabled = !some || !model() || !document.querySelector("#candidates input:checked");
+  $("add").disabled = !some || !model() || !document.querySelector("#missing input:checked");
   $("undo").disabled = state.at < 1;
   $("redo").disabled = state.at + 1 >= state.versions.length;
   $("save").disabled = !model();
@@ -211,15 +212,15 @@ async function draw() {
   const trace = await ask(`/api/workbench/recordings/${id}/trace?columns=reference,position,torque&points=${points}${limits}`);
   if (state.shown.id !== id) return;
   state.shown.whole = trace.whole;
-  const common = { xLabel: "time [s]", shared: "time", onZoom: zoom, onClick: setCursor };
+  const common = { shared: "time", onZoom: zoom, onClick: setCursor };
   const where = scaleOf(trace.position, one.motion_unit);
   const motions = [["reference", "grey", [5, 4]], ["position", "blue"]]
     .filter(([name]) => trace[name])
     .map(([name, ink, dash]) => ({ label: name, values: trace[name].map((v) => (v === null ? null : v * where.factor)), colour: colour(ink), dash }));
-  plots.motion = plot($("trace-motion"), plots.motion, { ...common, x: trace.time, series: motions, yLabel: `position [${where.unit}]`, units: ["s", where.unit] });
+  plots.motion = plot($("trace-motion"), plots.motion, { ...common, x: trace.time, xLabel: "", series: motions, yLabel: `position [${where.unit}]`, units: ["s", where.unit] });
   const force = scaleOf(trace.torque, one.torque_unit);
   const series = [{ label: "torque", values: trace.torque.map((v) => (v === null ? null : v * force.factor)), colour: colour("grey") }];
-  plots.torque = plot($("trace-torque"), plots.torque, { ...common, x: trace.time, series: [...series, ...modelSeries(trace.time, force.factor)], yLabel: `torque [${force.unit}]`, units: ["s", force.unit] });
+  plots.torque = plot($("trace-torque"), plots.torque, { ...common, x: trace.time, xLabel: "time [s]", height: 280, series: [...series, ...modelSeries(trace.time, force.factor)], yLabel: `torque [${force.unit}]`, units: ["s", force.unit] });
   state.shown.unit = force.unit;
   showCursors();
 }
@@ -353,7 +354,7 @@ async function compare() {
 }
 
 async function addChosen() {
-  const effects = [...document.querySelectorAll("#candidates input:checked")].map((box) => box.value);
+  const effects = [...document.querySelectorAll("#missing input:checked")].map((box) => box.value);
   const found = await attempt(() => again(() => work("add", { ...chosen(), model: model().text, effects })));
   if (!found) return;
   const first = found.steps[0];
@@ -505,7 +506,12 @@ function showDiagnosis() {
   newOverlay(found?.overlay || null, { motion: motion(), torque: found?.torque_unit || unit(), changed: () => attempt(draw) });
   listAxes();
   const list = found ? [...found.candidates].sort((a, b) => b.gain - a.gain) : [];
-  $("candidates").replaceChildren(...list.map((one) => candidateRow(one, found)));
+  const helps = (one) => one.accepted || one.gain > WORTH || found.effects.includes(one.effect);
+  const [some, none] = [list.filter(helps), list.filter((one) => !helps(one))];
+  $("candidates").replaceChildren(...some.map((one) => candidateRow(one, found)));
+  $("others").hidden = !none.length;
+  $("others-title").textContent = `${none.length} ${some.length ? "more candidates" : "candidates"} that take nothing away`;
+  $("others-list").replaceChildren(...none.map((one) => candidateRow(one, found)));
   refreshButtons();
 }
 
@@ -567,7 +573,7 @@ function candidateRow(one, found) {
   box.onchange = refreshButtons;
   const strong = document.createElement("strong");
   strong.textContent = one.effect.replaceAll("_", " ");
-  label.append(box, " ", strong, ` takes ${significant(100 * one.gain)} % of the squared error away${one.accepted ? "" : ", not accepted"}: ${one.why}`);
+  label.append(box, " ", strong, one.gain > WORTH ? ` takes ${significant(100 * one.gain)} % of the squared error away${one.accepted ? "" : ", not accepted"}: ${one.why}` : `: ${one.why.replace(/-(?=\d)/g, "−")}`);
   const more = document.createElement("details"), head = document.createElement("summary");
   head.textContent = "What it is";
   more.append(head);
