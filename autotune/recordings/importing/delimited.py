@@ -84,7 +84,7 @@ def _load(path: Path, dialect: Dialect, indices: Sequence[int], normalise: bool)
         stream: BinaryIO = raw
         if normalise:
             stream = io.BufferedReader(_Normalised(raw, dialect), _BLOCK)
-        table = pyarrow.csv.read_csv(
+        batches = pyarrow.csv.open_csv(
             stream,
             read_options=pyarrow.csv.ReadOptions(
                 column_names=names, skip_rows=dialect.skip, block_size=_BLOCK, use_threads=not normalise
@@ -99,9 +99,28 @@ def _load(path: Path, dialect: Dialect, indices: Sequence[int], normalise: bool)
                 decimal_point=dialect.decimal,
             ),
         )
-    if not table.num_rows:
+        parts = _parts(batches, wanted)
+    if not any(len(part) for part in parts[0]):
         raise RecordingError(f"{path} has no rows of numbers")
-    return Loaded([_floats(table.column(name)) for name in wanted], _skipped(bad))
+    return Loaded([_whole(parts, number) for number in range(len(wanted))], _skipped(bad))
+
+
+def _parts(batches: pyarrow.csv.CSVStreamingReader, wanted: Sequence[str]) -> list[list[Any]]:
+    """The parts of each column: numbers as arrays, so that what they were read from can go; dates as they are."""
+    parts: list[list[Any]] = [[] for _ in wanted]
+    for batch in batches:
+        for into, name in zip(parts, wanted, strict=True):
+            column = batch.column(name)
+            into.append(column if pa.types.is_temporal(column.type) else _floats(column))
+    return parts
+
+
+def _whole(parts: list[list[Any]], number: int) -> Floats:
+    """One column, its parts let go."""
+    found, parts[number] = parts[number], []
+    if isinstance(found[0], np.ndarray):
+        return np.concatenate(found)
+    return seconds(pa.chunked_array(found))
 
 
 def _skipped(bad: list[str]) -> list[str]:
@@ -112,16 +131,8 @@ def _skipped(bad: list[str]) -> list[str]:
 
 
 def _floats(column: Any) -> Floats:
-    """Filled chunk by chunk, so that no second copy of the whole is made; dates in seconds since the first."""
-    if pa.types.is_temporal(column.type):
-        return seconds(column)
-    values = np.empty(len(column))
-    start = 0
-    for chunk in column.chunks:
-        part = chunk.fill_null(float("nan")).to_numpy(zero_copy_only=False)
-        values[start : start + len(part)] = part
-        start += len(part)
-    return values
+    """A copy of its own; NaN where a value is missing."""
+    return np.array(column.fill_null(float("nan")).to_numpy(zero_copy_only=False), dtype=np.float64)
 
 
 def _sentence(path: Path, error: Exception) -> RecordingError:
