@@ -280,7 +280,7 @@ class Layout(NamedTuple):
 
 
 TRACES = "Traces"
-SHARES = {"traces/error": 2.7, "traces/position": 2.3, "traces/torque": 3.8}
+SHARES = {"traces/error": 2.6, "traces/position": 2.2, "traces/torque": 3.6}
 """Heights of the plots over time: the torque has room for the six names of its lines."""
 
 
@@ -325,12 +325,12 @@ def _traces(layout: Layout) -> rrb.Vertical:
         )
         for plot in layout.shown
     ]
-    shares = [SHARES.get(plot.entity, 1.4) for plot in layout.shown]
+    shares = [SHARES.get(plot.entity, 1.6) for plot in layout.shown]
     if layout.shown:
         views.append(
             rrb.StateTimelineView(origin="stage", name="Experiment", time_view=axis, time_ranges=ranges)
         )
-        shares.append(1.9)
+        shares.append(1.7)
     else:
         views, shares = [rrb.TextDocumentView(origin="waiting", name="Waiting")], [1.0]
     return rrb.Vertical(*views, row_shares=shares)

@@ -20,6 +20,7 @@ from autotune.recordings.importing.source import Loaded, Source, foreign_bytes, 
 
 _BAD_LINES = 100
 _BLOCK = 1 << 22
+_LEAST = 1 << 16
 _TYPES = {"number": pa.float64(), "date": pa.timestamp("ns"), "clock": pa.time64("ns"), "": pa.string()}
 _ASCII = bytes(code if code < 128 else ord("?") for code in range(256))
 
@@ -99,28 +100,40 @@ def _load(path: Path, dialect: Dialect, indices: Sequence[int], normalise: bool)
                 decimal_point=dialect.decimal,
             ),
         )
-        parts = _parts(batches, wanted)
-    if not any(len(part) for part in parts[0]):
+        columns = [_Growing() for _ in wanted]
+        for batch in batches:
+            for column, name in zip(columns, wanted, strict=True):
+                column.add(batch.column(name))
+    if not any(column.rows for column in columns):
         raise RecordingError(f"{path} has no rows of numbers")
-    return Loaded([_whole(parts, number) for number in range(len(wanted))], _skipped(bad))
+    return Loaded([column.whole() for column in columns], _skipped(bad))
 
 
-def _parts(batches: pyarrow.csv.CSVStreamingReader, wanted: Sequence[str]) -> list[list[Any]]:
-    """The parts of each column: numbers as arrays, so that what they were read from can go; dates as they are."""
-    parts: list[list[Any]] = [[] for _ in wanted]
-    for batch in batches:
-        for into, name in zip(parts, wanted, strict=True):
-            column = batch.column(name)
-            into.append(column if pa.types.is_temporal(column.type) else _floats(column))
-    return parts
+class _Growing:
+    """One column, as it comes: what it was read from can go. Thousands of small parts would leave holes in memory."""
 
+    def __init__(self) -> None:
+        self.rows = 0
+        self._values = np.empty(0)
+        self._dates: list[Any] = []
 
-def _whole(parts: list[list[Any]], number: int) -> Floats:
-    """One column, its parts let go."""
-    found, parts[number] = parts[number], []
-    if isinstance(found[0], np.ndarray):
-        return np.concatenate(found)
-    return seconds(pa.chunked_array(found))
+    def add(self, part: Any) -> None:
+        """The next rows, of Arrow; dates stay as they are until the first one is known."""
+        if pa.types.is_temporal(part.type):
+            self._dates.append(part)
+            self.rows += len(part)
+            return
+        first, self.rows = self.rows, self.rows + len(part)
+        if self.rows > len(self._values):
+            self._values.resize(max(_LEAST, int(1.25 * self.rows)), refcheck=False)
+        self._values[first : self.rows] = part.fill_null(float("nan")).to_numpy(zero_copy_only=False)
+
+    def whole(self) -> Floats:
+        """All rows; nothing can be added after that."""
+        if self._dates:
+            return seconds(pa.chunked_array(self._dates))
+        self._values.resize(self.rows, refcheck=False)
+        return self._values
 
 
 def _skipped(bad: list[str]) -> list[str]:
@@ -128,11 +141,6 @@ def _skipped(bad: list[str]) -> list[str]:
     if not odd:
         return []
     return [f"{len(odd)} lines with another number of fields are left out, the first is {odd[0]!r}"]
-
-
-def _floats(column: Any) -> Floats:
-    """A copy of its own; NaN where a value is missing."""
-    return np.array(column.fill_null(float("nan")).to_numpy(zero_copy_only=False), dtype=np.float64)
 
 
 def _sentence(path: Path, error: Exception) -> RecordingError:
