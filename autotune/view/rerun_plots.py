@@ -280,7 +280,7 @@ class Layout(NamedTuple):
 
 
 TRACES = "Traces"
-SHARES = {"traces/error": 2.6, "traces/position": 2.2, "traces/torque": 3.6}
+SHARES = {"traces/error": 2.3, "traces/position": 2.1, "traces/torque": 4.1}
 """Heights of the plots over time: the torque has room for the six names of its lines."""
 
 
