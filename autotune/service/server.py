@@ -24,18 +24,35 @@ MOST_CONNECTIONS = 1000
 
 
 class _Protocol(H11Protocol):
-    """Cuts off who connects, or keeps a connection, and does not send a request's head in time."""
+    """Cuts off who connects, or keeps a connection, and does not send a request's head in time.
+
+    One timer at a time, none after the end: a timer holds its connection with all that the last request left.
+    """
+
+    _timer: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: Any) -> None:
         super().connection_made(transport)
-        self._expect(HEADER_SECONDS)
+        self._expect(HEADER_SECONDS, self.cycle)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        super().connection_lost(exc)
+        self._forget()
 
     def on_response_complete(self) -> None:
-        super().on_response_complete()
-        self._expect(KEPT_SECONDS + HEADER_SECONDS)
+        ended = self.cycle
+        super().on_response_complete()  # may begin what was sent ahead
+        if not self.transport.is_closing():
+            self._expect(KEPT_SECONDS + HEADER_SECONDS, ended)
 
-    def _expect(self, seconds: float) -> None:
-        asyncio.get_running_loop().call_later(seconds, self._cut_if_still, self.cycle)
+    def _expect(self, seconds: float, before: object) -> None:
+        self._forget()
+        self._timer = asyncio.get_running_loop().call_later(seconds, self._cut_if_still, before)
+
+    def _forget(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
 
     def _cut_if_still(self, before: object) -> None:
         now: object = self.cycle

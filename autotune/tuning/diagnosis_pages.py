@@ -6,13 +6,19 @@ from autotune.models.drive_model import DriveModel
 from autotune.models.table import effect_kind
 from autotune.models.total_friction import total_in_words
 from autotune.tuning.findings import Findings
+from autotune.tuning.given_model import Given
+from autotune.tuning.given_model import table as given_table
 from autotune.tuning.stage_diagnose import Diagnosed
 from autotune.view.data import Rank, Step, torque_unit
 from autotune.view.report import Picture, Table
 from autotune.view.scale import quantity
 
 SHOWN = 8
+WORTH = 0.005  # of the squared error: candidates that take less away stand in no table
 HARMFUL = -0.05  # candidates that make it worse than this are left out of the picture
+_NOT_GIVEN = (
+    " The run found this about the model that it identified itself, not about the one that was given."
+)
 _VERDICTS = {
     "none": "Nothing is missing in the identified model that this run could show.",
     "unknown": "Something repeatable is missing that is none of the known effects.",
@@ -30,9 +36,12 @@ def diagnosis_pictures(findings: Findings, motion_unit: str) -> list[Picture]:
         return []
     judged = sorted(found.candidates, key=lambda c: -float(c["gain"]))[:SHOWN]
     ranks = [Rank(c["effect"], c["gain"], c["accepted"], c["why"]) for c in judged if c["gain"] > HARMFUL]
-    caption = "How far each effect lowers the squared torque error on experiments that its fit has not seen."
+    caption = (
+        "How far each effect lowers the squared torque error on experiments that its fit has not seen."
+        f"{_NOT_GIVEN if findings.given else ''}"
+    )
     pictures = [Picture("What the identified model lacks", caption, figures.ranking(ranks))]
-    if found.model is not None and found.model.history:
+    if findings.given is None and found.model is not None and found.model.history:
         pictures.append(_staircase(found.model, found, motion_unit))
     return pictures
 
@@ -45,7 +54,7 @@ def _staircase(model: DriveModel, found: Diagnosed, motion_unit: str) -> Picture
     steps += [Step(entry.action, entry.error_after or 0.0) for entry in entries]
     return Picture(
         "How the model's error fell",
-        f"Rms torque error on data not used for the fit ({found.unseen}) with each effect that was added.",
+        f"Rms torque error on data not used for the fit ({_unseen(found)}) with each effect that was added.",
         figures.staircase(steps, found.noise_floor_rms, torque_unit(motion_unit)),
     )
 
@@ -55,10 +64,15 @@ def diagnosis_tables(findings: Findings, motion_unit: str) -> list[Table]:
     found = findings.diagnosed
     if found is None:
         return []
-    tables = [_verdict(found, motion_unit)]
+    tables = [_verdict(found, motion_unit, findings.given)]
+    if findings.given is not None:
+        tables.insert(0, given_table(findings.given, findings.modelled, findings.adapted is not None))
     if found.effects:
         rows = [[effect.replace("_", " "), *_words(effect)] for effect in found.effects]
-        tables.append(Table("Effects", ("effect", "looks like", "cause", "what can be done"), rows))
+        title = "Effects" if findings.given is None else "Effects that the run named"
+        tables.append(Table(title, ("effect", "looks like", "cause", "what can be done"), rows))
+    if len((rivals := _rivals(found)).rows):
+        tables.append(rivals)
     if findings.modelled is not None and findings.adapted is not None:
         tables.append(_candidates(findings, motion_unit))
     return tables
@@ -69,13 +83,13 @@ def _words(effect: str) -> tuple[str, str, str]:
     return kind.looks_like, kind.cause, kind.remedy
 
 
-def _verdict(found: Diagnosed, motion_unit: str) -> Table:
+def _verdict(found: Diagnosed, motion_unit: str, given: Given | None) -> Table:
     names = ", ".join(effect.replace("_", " ") for effect in found.effects)
     unit = torque_unit(motion_unit)
     rows = [["verdict", _VERDICTS.get(found.verdict, f"missing: {names} ({found.confidence})")]]
     if found.error_before is not None and found.error_after is not None:
         fall = f"{quantity(found.error_before, unit)} → {quantity(found.error_after, unit)}"
-        rows.append([f"torque error on unseen data ({found.unseen})", fall])
+        rows.append([f"torque error on unseen data ({_unseen(found)})", fall])
     if found.noise_floor_rms is not None:
         rows.append(["noise floor", quantity(found.noise_floor_rms, unit)])
     total = total_in_words(found.model) if found.model is not None else ""
@@ -89,7 +103,32 @@ def _verdict(found: Diagnosed, motion_unit: str) -> Table:
     ]
     if found.next_experiment:
         rows.append(["next experiment", found.next_experiment])
+    if given is not None:
+        return Table("Diagnosis of the identified model", ("", ""), rows, _NOT_GIVEN.strip())
     return Table("Diagnosis", ("", ""), rows)
+
+
+def _unseen(found: Diagnosed) -> str:
+    """In a run the trajectory that may only veto a name is the confirming one."""
+    return found.unseen.replace("veto", "the confirming trajectory")
+
+
+def _rivals(found: Diagnosed) -> Table:
+    """Every candidate that takes something away, and why it was or was not accepted."""
+    judged = sorted(found.candidates, key=lambda one: -float(one["gain"]))
+    rows = [
+        [
+            one["effect"].replace("_", " "),
+            f"{100 * one['gain']:.1f} %",
+            "yes" if one["accepted"] else "no",
+            one["why"],
+        ]
+        for one in judged[:SHOWN]
+        if one["accepted"] or one["gain"] > WORTH
+    ]
+    return Table(
+        "Candidates", ("effect", "of the squared error", "accepted", "why"), rows, numeric=frozenset({1})
+    )
 
 
 def _candidates(findings: Findings, motion_unit: str) -> Table:
@@ -99,11 +138,10 @@ def _candidates(findings: Findings, motion_unit: str) -> Table:
         rows.append(["the thesis's laws", quantity(adapted.steps[0].peak_error, motion_unit)])
         rows.append(["LuGre, refined", quantity(adapted.best.peak_error, motion_unit)])
     if modelled is not None:
-        rows.append(["diagnosed model", quantity(modelled.steps[0].measured.peak_error, motion_unit)])
+        name = "diagnosed model" if findings.given is None else "model that was given"
+        rows.append([name, quantity(modelled.steps[0].measured.peak_error, motion_unit)])
         if len(modelled.steps) > 1:
-            rows.append(
-                ["diagnosed model, best window", quantity(modelled.best.measured.peak_error, motion_unit)]
-            )
+            rows.append([f"{name}, best window", quantity(modelled.best.measured.peak_error, motion_unit)])
     note = modelled.reason if modelled is not None else ""
     return Table(
         "Feedforward candidates", ("feedforward", "peak error on the benchmark"), rows, note, frozenset({1})

@@ -72,6 +72,10 @@ NEXT_STEPS = {
     ),
     Outcome.ABORTED: ("Clear the cause named above, then run again.",),
 }
+PROVED_STEPS = (
+    "The drive is as it was. What is proved is written, and measured again, once it is approved at the service that "
+    "has the axis, or by 'autotune run' with --only commit.",
+)
 RESUME = "--resume"
 STAGE_STEPS = {
     "check": ("Nothing has moved and nothing was written. 'autotune run' without --only does the rest.",),
@@ -127,7 +131,7 @@ def build_report(material: Material) -> Report:
     result, unit = material.result, material.axis.motion_unit
     return Report(
         title=f"Axis {material.axis.name}",
-        outcome=_shown_outcome(result),
+        outcome=_shown_outcome(material),
         verdict=result.verdict,
         subtitle=f"Tuning run of {result.started.replace('T', ' ')}, {result.machine_seconds:.0f} s of machine time, "
         f"autotune {__version__}",
@@ -141,20 +145,33 @@ def build_report(material: Material) -> Report:
             "program": f"autotune {__version__}",
         },
         limits=_limits(material.limits or material.axis.limits, unit),
-        next_steps=(*_next_steps(result), *_way_to_traces(material)),
+        next_steps=(*_next_steps(material), *_way_to_traces(material)),
         data=result.as_json(),
         sign_off=result.outcome is Outcome.KEPT,
     )
 
 
-def _shown_outcome(result: RunResult) -> ReportOutcome:
-    """A stage that did what was asked of it is no run that found nothing to apply."""
+def _shown_outcome(material: Material) -> ReportOutcome:
+    """A stage that did what was asked of it is no run that found nothing to apply, nor is one that nobody approved."""
+    result = material.result
+    if _waits(material):
+        return "proved"
     if result.stage_done:
         return "checked" if result.only == "check" else "stage"
     return result.outcome.value
 
 
-def _next_steps(result: RunResult) -> tuple[str, ...]:
+def _waits(material: Material) -> bool:
+    """Something is proved and ready to be written, and was not approved while the run lasted."""
+    result, findings = material.result, material.findings
+    ready = findings.better and findings.planned is not None
+    return ready and result.outcome is Outcome.NOT_APPLIED and not result.refused and result.only is None
+
+
+def _next_steps(material: Material) -> tuple[str, ...]:
+    result = material.result
+    if _waits(material):
+        return PROVED_STEPS
     if result.stage_done:
         return STAGE_STEPS.get(
             str(result.only), ("The drive is as it was. Go on with the next stage, or run all of them.",)
@@ -244,8 +261,9 @@ def _pictures(material: Material) -> list[Picture]:
             )
         )
     pictures += final_model_pictures(
-        material.recordings, result_model(material.result), material.axis.benchmark
-    )
+        material.recordings, result_model(material.result), material.axis.benchmark,
+        diagnosed=material.findings.diagnosed is not None, given=material.findings.given is not None,
+    )  # fmt: skip
     if traces := _traces(material):
         pictures.append(
             Picture(
@@ -366,7 +384,7 @@ def _pages(material: Material) -> list[Page]:
         recording = read_recording(experiments)
         pages.append(fit_shown(axis, found, recording))
         if findings.diagnosed is not None:
-            pages.append(diagnosis_shown(axis, findings.diagnosed, found.model, recording))
+            pages.append(diagnosis_shown(axis, findings.diagnosed, found.model, recording, findings.given))
     if findings.adapted is not None:
         bounds = findings.start.stiffness_range if findings.start else None
         pages.append(adaptation_shown(axis, findings.adapted, bounds))

@@ -36,11 +36,16 @@ def result_model(result: RunResult) -> DriveModel | None:
 
 
 def final_model_pictures(
-    recordings: Sequence[Path], model: DriveModel | None, benchmark: Benchmark, *, diagnosed: bool = True
+    recordings: Sequence[Path],
+    model: DriveModel | None,
+    benchmark: Benchmark,
+    *,
+    diagnosed: bool = True,
+    given: bool = False,
 ) -> list[Picture]:
     """Model against measurement on the benchmark; empty where either is missing, or the loop cannot be simulated.
 
-    `diagnosed`: the run has come so far that its model is the final one.
+    `diagnosed`: the run has come so far that its model is the final one; `given`: that is one that it was given.
     """
     from autotune.view import figures
 
@@ -54,13 +59,17 @@ def final_model_pictures(
     if shown is None:
         return []
     left = float(np.sqrt(np.mean((shown.error.mean(axis=0) - shown.model_error) ** 2)))
-    which = "final model" if diagnosed else "model as identified (the run did not come to its diagnosis)"
+    which, title = "final model", "Final model and measurement"
+    if given:
+        which, title = "model that was given", "The model that was given, and measurement"
+    elif not diagnosed:
+        which = "model as identified (the run did not come to its diagnosis)"
+        title = "Model as identified, and measurement"
     caption = (
         "The benchmark before anything was changed: measured (mean, with the spread of its periods) and as the "
         f"{which} does it in the same loop. Below, the error round both reversals. The simulated error "
         f"differs from the measured one by {quantity(left, shown.motion_unit)} rms."
     )
-    title = "Final model and measurement" if diagnosed else "Model as identified, and measurement"
     return [Picture(title, caption, figures.as_simulated(shown))]
 
 

@@ -18,6 +18,7 @@ from autotune.core.errors import ConfigurationError
 from autotune.models.drive_model import DriveModel
 from autotune.models.model_file import read_model
 from autotune.tuning.files import read_json, write_json
+from autotune.tuning.given_model import Given
 from autotune.tuning.journal import Journal
 from autotune.tuning.proof import HeldOutError, TrackingError
 from autotune.tuning.results import run_folders
@@ -103,15 +104,17 @@ class Yardstick:
 class Findings:
     """Filled stage by stage. `held_out`: as the drive runs the held-out motion by itself with what was written.
 
-    `model` is the diagnosed one. `proposed` is what a drive's block can hold; `proposed_model` goes to the
-    proof in its place where it is better beyond doubt. `better` is the verdict; `planned` goes into the drive,
-    where that is not just what is proposed; `held` is in the drive then, `held_before` was before. `ripple` is what
-    the drive takes of it, `ripple_removed` the share that was gone when it was measured after writing.
+    `model` is the diagnosed one, or the one that the run was `given`. `proposed` is what a drive's block can hold;
+    `proposed_model` goes to the proof in its place where it is better beyond doubt. `better` is the verdict;
+    `planned` goes into the drive, where that is not just what is proposed; `held` is in the drive then,
+    `held_before` was before. `ripple` is what the drive takes of it, `ripple_removed` the share that was gone when
+    it was measured after writing.
     """
 
     start: AdaptationStart | None = None
     diagnosed: Diagnosed | None = None
     model: DriveModel | None = None
+    given: Given | None = None
     proposed: LugreParameters | None = None
     proposed_model: DriveModel | None = None
     modelled: ModelAdapted | None = None

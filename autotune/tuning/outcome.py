@@ -45,6 +45,8 @@ class RunResult:
         feedforward: what was proved, as the drive's block names it.
         adaptation: the thesis's laws alone (`thesis`) and the refinement (`refined`).
         diagnosis: verdict, effects, confidence, error before, after and floor; what the model's feedforward gave.
+        given: the model that the run was given: its error beside those of the run's own, what its feedforward gave;
+            empty where none was. `diagnosis` is then that of the model that the run identified.
         reduction: what the drive cannot hold: predicted and measured loss; empty where it holds all.
         committed: what the drive does by itself with what was written; None where nothing was.
         with_host: with what the host plays beside it, where the drive holds a part only.
@@ -71,6 +73,7 @@ class RunResult:
     feedforward: Mapping[str, float] = field(default_factory=dict)
     adaptation: Mapping[str, Any] = field(default_factory=dict)
     diagnosis: Mapping[str, Any] = field(default_factory=dict)
+    given: Mapping[str, Any] = field(default_factory=dict)
     reduction: Mapping[str, Any] = field(default_factory=dict)
     committed: TrackingError | None = None
     with_host: TrackingError | None = None

@@ -15,6 +15,7 @@ from autotune.identify.run import Identification
 from autotune.models.drive_model import DriveModel, surface_parameter
 from autotune.models.table import effect_kind
 from autotune.recordings.recording import Recording
+from autotune.tuning.given_model import Given, sentence
 from autotune.tuning.proof import TrackingError, fold
 from autotune.tuning.stage_adapt import Adapted
 from autotune.tuning.stage_diagnose import Diagnosed
@@ -70,8 +71,13 @@ def fit_shown(axis: Axis, found: Identification, recording: Recording) -> Page:
     )
 
 
-def diagnosis_shown(axis: Axis, told: Diagnosed, model: DriveModel | None, recording: Recording) -> Page:
-    """What the identified model lacks. `model`: as identified; `recording`: of the experiments."""
+def diagnosis_shown(
+    axis: Axis, told: Diagnosed, model: DriveModel | None, recording: Recording, given: Given | None = None
+) -> Page:
+    """What the identified model lacks. `model`: as identified; `recording`: of the experiments.
+
+    `given`: the model that goes to the proof instead; nothing here is found about it.
+    """
     ranks = [
         Rank(one["effect"], one["gain"], one["accepted"], one["why"])
         for one in told.candidates
@@ -83,7 +89,10 @@ def diagnosis_shown(axis: Axis, told: Diagnosed, model: DriveModel | None, recor
         floor = _finite(compared.noise_floor_rms)
         residuals = residuals_of(compared.problem.data, compared.error, compared.where, model, floor)
     unit = data.torque_unit(axis.motion_unit)
-    return diagnosis_page(ranks, _steps(told), residuals, _meaning(told, unit), unit, told.noise_floor_rms)
+    words = _meaning(told, unit)
+    if given is not None:
+        words = f"{sentence(given)} What is shown here is the run's own, of the model that it identified.\n\n{words}"
+    return diagnosis_page(ranks, _steps(told), residuals, words, unit, told.noise_floor_rms)
 
 
 def adaptation_shown(axis: Axis, adapted: Adapted, stiffness_range: tuple[float, float] | None) -> Page:

@@ -78,7 +78,7 @@ def commit_stage(session: Session, state: RunState, approve: Callable[[str], boo
     findings.planned = PlannedValues(planned, plan.host is not None, zero, plan.reduction)
     if not approve(_question(plan, session)):
         save_findings(session, findings, state.whole)
-        state.verdict = "Proved, but not written: it was not approved."
+        state.verdict = _not_approved(session, plan, findings.yardstick)
         return False
     return _written(session, state, plan, findings.yardstick)
 
@@ -216,6 +216,18 @@ def _question(plan: Plan, session: Session) -> str:
     return f"{sentence[0].upper()}{sentence[1:]}. Write it to the drive for good?"
 
 
+def _not_approved(session: Session, plan: Plan, yardstick: Yardstick) -> str:
+    """True also where it is approved later: the commit is a run of its own then."""
+    before, after = yardstick.before.peak_error, yardstick.after.peak_error
+    if plan.reduction is not None:
+        after = plan.reduction.predicted_peak
+    return (
+        "Proved; nothing is written, as it was not approved while the run lasted. With what would be written the "
+        f"peak error on the benchmark goes from {session.milli(before)} to {session.milli(after)}, "
+        f"{times_less(before, after)}."
+    )
+
+
 def _kept(session: Session, state: RunState, yardstick: Yardstick) -> str:
     """What the drive does by itself comes first; what needs a host after it, and as such."""
     findings, milli = state.findings, session.milli
@@ -250,8 +262,9 @@ def _kept(session: Session, state: RunState, yardstick: Yardstick) -> str:
     if not reduces(reduction.values) and not reduction.lost:
         return f"{sentence} Proved beyond doubt was {milli(after)}, with the whole feedforward played by the host."
     if not reduces(reduction.values):
+        whose = "diagnosed" if findings.given is None else "given"
         return (
-            f"{sentence} {predicted}. The feedforward of the diagnosed model ({', '.join(reduction.lost)}) gives "
+            f"{sentence} {predicted}. The feedforward of the {whose} model ({', '.join(reduction.lost)}) gives "
             f"{milli(after)}, {times_less(before, after)}, only while a host plays {HOST_FILE}."
         )
     return (

@@ -31,8 +31,6 @@ from autotune.recordings.files import read_recording
 from autotune.recordings.recording import Recording
 from autotune.tuning.question import rivals_of
 from autotune.tuning.session import Session
-from autotune.view.data import torque_unit
-from autotune.view.scale import quantity
 
 SECONDS = 8.0  # of the confirming trajectory, at most
 SEED = 7
@@ -155,20 +153,6 @@ def error_as_given(recording: Recording, model: DriveModel) -> tuple[float | Non
     except (AutotuneError, np.linalg.LinAlgError):
         return None, None
     return compared.error_rms, compared.relative_error
-
-
-def given_model(session: Session, recording: Recording, given: DriveModel, own: DriveModel) -> str:
-    """Puts the model that the run was given in the place of the diagnosed one; a sentence on how both do here."""
-    write_model(given, session.directory / "model.toml")
-    unit = torque_unit(session.axis.motion_unit)
-    told = [
-        "not comparable" if rms is None else quantity(rms, unit)
-        for rms, _ in (error_as_given(recording, given), error_as_given(recording, own))
-    ]
-    return (
-        f"The model that was given stands in place of the diagnosed one: its torque error on this run's experiments "
-        f"is {told[0]}, that of the identified one {told[1]}."
-    )
 
 
 def confirming(session: Session, reserve: float) -> tuple[Experiment, ...]:

@@ -18,6 +18,7 @@ from autotune.recordings.files import read_recording
 from autotune.tuning.ceiling_note import ceiling_note
 from autotune.tuning.commit import feedforward_parameters
 from autotune.tuning.findings import HOST_FILE, Yardstick, latest_run, load_findings, save_findings
+from autotune.tuning.given_model import compared, not_proved, sentence
 from autotune.tuning.holdings import nothing_kept
 from autotune.tuning.hunting_note import hunting_note
 from autotune.tuning.motion_plan import sweeps_of
@@ -29,7 +30,7 @@ from autotune.tuning.session import Session
 from autotune.tuning.shown_pages import adaptation_shown, diagnosis_shown, fit_shown, proof_shown
 from autotune.tuning.stage_adapt import LEAST_SECONDS, adapt, window_seconds
 from autotune.tuning.stage_commit import commit_stage, times_less
-from autotune.tuning.stage_diagnose import diagnose_stage, given_model
+from autotune.tuning.stage_diagnose import diagnose_stage
 from autotune.tuning.stage_identify import baseline, experiment, fit, start_of
 from autotune.tuning.stage_model import adapt_model
 from autotune.tuning.stage_prove import (
@@ -46,9 +47,6 @@ from autotune.tuning.two_masses import refuse_loose_load, refuse_resonance, refu
 from autotune.tuning.unfit_axes import NotTunable
 
 SPARE_SECONDS = 6.0  # of machine time, for ways between windows
-NOT_PLAYED = (
-    "it has nothing that the identified feedforward lacks, or is too far from it, or no time was left"
-)
 MOVING = ("experiment", "diagnose", "adapt", "prove", "commit")
 
 
@@ -152,8 +150,12 @@ def _diagnose(request: Request, session: Session, state: RunState) -> bool:
     state.notes += diagnosed.notes
     if request.model is not None:
         state.findings.model = request.model
-        state.notes.append(given_model(session, recording, request.model, found.model))
-    session.show(lambda: diagnosis_shown(session.axis, diagnosed, found.model, recording))
+        state.findings.given = given = compared(recording, request.model, diagnosed)
+        write_model(request.model, session.directory / "model.toml")
+        state.notes.append(sentence(given))
+    session.show(
+        lambda: diagnosis_shown(session.axis, diagnosed, found.model, recording, state.findings.given)
+    )
     kp = session.controller.kp if session.controller is not None else None
     alone = found.estimates
     refuse_loose_load(recording, kp)
@@ -187,8 +189,7 @@ def _adapt(request: Request, session: Session, state: RunState) -> bool:
     if findings.model is None:
         return True
     findings.modelled = adapt_model(session, findings.model, findings.adapted.best, later)
-    if request.model is not None and (findings.modelled is None or not findings.modelled.chosen):
-        why = findings.modelled.reason if findings.modelled is not None else NOT_PLAYED
+    if request.model is not None and (why := not_proved(findings.modelled)):
         state.notes.append(f"The model that was given did not go to the proof: {why}.")
     if findings.modelled is not None and findings.modelled.chosen:
         findings.proposed_model = findings.modelled.best.model

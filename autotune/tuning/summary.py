@@ -14,9 +14,9 @@ from autotune.models.drive_model import DriveModel, surface_parameter
 from autotune.models.torque_ripple import TORQUE_RIPPLE
 from autotune.models.total_friction import total_friction
 from autotune.tuning.findings import HOST_FILE, Findings
+from autotune.tuning.given_model import as_json
 from autotune.tuning.proof import HeldOutError, Proof
 from autotune.tuning.stage_adapt import Adapted
-from autotune.tuning.stage_diagnose import Diagnosed
 from autotune.tuning.stage_model import ModelAdapted
 from autotune.tuning.stage_prove import Proved
 
@@ -111,9 +111,12 @@ def adaptation(adapted: Adapted) -> dict[str, Any]:
     }
 
 
-def diagnosis(found: Diagnosed, modelled: ModelAdapted | None) -> dict[str, Any]:
-    """The verdict, what became of the model, and what its feedforward gave on the benchmark."""
-    model = found.model
+def diagnosis(findings: Findings) -> dict[str, Any]:
+    """The verdict, what became of the model, and what its feedforward gave on the benchmark; {} without a diagnosis."""
+    found = findings.diagnosed
+    if found is None:
+        return {}
+    model, modelled = found.model, findings.modelled if findings.given is None else None
     return {
         "verdict": found.verdict,
         "effects": list(found.effects),
@@ -140,6 +143,14 @@ def diagnosis(found: Diagnosed, modelled: ModelAdapted | None) -> dict[str, Any]
         "total_friction": _total_friction(model) if model is not None else None,
         "feedforward": _modelled(modelled) if modelled is not None else None,
     }
+
+
+def given(findings: Findings) -> dict[str, Any]:
+    """The model that the run was given; {} without one."""
+    if findings.given is None:
+        return {}
+    modelled = findings.modelled
+    return as_json(findings.given, modelled, _modelled(modelled) if modelled is not None else None)
 
 
 def _total_friction(model: DriveModel) -> dict[str, Any]:

@@ -119,7 +119,10 @@ def methods_table(comparison: Mapping[str, tuple[LinearFit, ...]], motion_unit: 
         f"σ1 + σ2 [{torque} s/{motion_unit}]",
         f"stiffness [{torque}/{motion_unit}]",
     )
-    note = "Mean ± standard deviation over the sets; a method without a stable system in a set leaves it out."
+    note = (
+        "Mean ± standard deviation over the sets; a method without a stable system in a set leaves it out. LS: least "
+        "squares, IV: instrumental variables, dv: with the means taken out, BJ: Box-Jenkins."
+    )
     return Table("Presliding: methods compared", columns, rows, note, frozenset({2, 3, 4}))
 
 

@@ -77,7 +77,8 @@ def worst_place(worst: Worst, model: DriveModel) -> str:
     """A stretch of a coordinate in words, with its part of the squared error."""
     unit = COORDINATE_UNITS[worst.coordinate].format(model.motion_unit).removeprefix("log10 ")
     spoken = worst.coordinate.replace("_", " ")
-    return f"{spoken} is {worst.low:.4g} to {worst.high:.4g} {unit}: {100 * worst.share:.0f} % of the squared error"
+    low, high = quantity(worst.low, unit), quantity(worst.high, unit)
+    return f"{spoken} is {low} to {high}: {100 * worst.share:.0f} % of the squared error"
 
 
 def comparison_pictures(result: Compared, model: DriveModel) -> list[Picture]:
@@ -103,7 +104,7 @@ def write_diagnosis(path: Path, result: Diagnosis, model: DriveModel) -> None:
             _over_time(data, error, result.problem.weight, unit, floor),
             *_over_coordinates(data, error, result.where, model, floor),
         ]
-    steps = [effect_kind(effect).remedy for effect in result.effects]
+    steps = [f"{effect.replace('_', ' ')}: {effect_kind(effect).remedy}" for effect in result.effects]
     if result.next_experiment:
         steps.append(result.next_experiment)
     tables = [candidates_table(result, unit), where_table(result.where, result.noise_floor_rms, unit)]

@@ -41,10 +41,14 @@ def error_table(result: Compared, unit: str, motion_unit: str) -> Table:
 
 def worst_table(result: Compared, units: Mapping[str, str], motion_unit: str) -> Table:
     """Stretches with more than their part of the error."""
+
+    def unit_of(coordinate: str) -> str:
+        return units[coordinate].format(motion_unit).removeprefix("log10 ")
+
     rows = [
         [
             worst.coordinate.replace("_", " "),
-            f"{worst.low:.4g} to {worst.high:.4g} {units[worst.coordinate].format(motion_unit).removeprefix('log10 ')}",
+            " to ".join(quantity(edge, unit_of(worst.coordinate)) for edge in (worst.low, worst.high)),
             f"{100.0 * worst.share:.0f} %",
         ]
         for worst in result.worst

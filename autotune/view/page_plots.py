@@ -10,13 +10,18 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from autotune.core.arrays import Floats
-from autotune.view.pages import Bars, Chart, Curve, Page, Panel, TimePlot, Words
+from autotune.view.pages import Bar, Bars, Chart, Curve, Page, Panel, TimePlot, Words
 from autotune.view.plane import HEIGHT, WIDTH, Plane, round_range
 from autotune.view.rerun_plots import nanoseconds, rgba, send_labels, send_plane, time_column, whole_axis
 from autotune.view.scale import peak
 
 NAMES = 0.72
 """Part of the box that the names of bars take."""
+LEFT = 0.16
+"""Of the box, shown left of it at least (`Plane.bounds`)."""
+LETTER = 0.045
+"""Width of a letter, in the box's unit, where the view is as small as a page has it."""
+MOST_ROOM = 0.45
 GRID, AXES, FLOOR = "#2b3238", "#7c8794", "#1d765c"
 STROKE = 0.004
 """Half the width of a bar's lines, in the box's unit."""
@@ -62,6 +67,8 @@ def _view(entity: str, panel: Panel) -> rrb.View:
             plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop, visible=len(panel.curves) > 1),
         )
     low, high = (plane_of(panel) if isinstance(panel, Chart) else _bars_plane(panel)).bounds()
+    if isinstance(panel, Bars):
+        low = low[0] - _more_room(panel), low[1]
     return rrb.Spatial2DView(
         origin=entity,
         name=panel.title,
@@ -129,7 +136,7 @@ def _send_band(stream: rr.RecordingStream, entity: str, plane: Plane, half: floa
 def _send_legend(stream: rr.RecordingStream, entity: str, chart: Chart) -> None:
     """The names of the curves in their colours, above the box."""
     named = [(curve.name, curve.colour) for curve in chart.curves if curve.name]
-    named += [("noise floor", FLOOR)] if chart.band is not None else []
+    named += [("noise", FLOOR)] if chart.band is not None else []
     if not named:
         return
     x = WIDTH * (0.35 + 0.65 * (np.arange(len(named)) + 0.5) / len(named))
@@ -162,11 +169,21 @@ def _send_bars(stream: rr.RecordingStream, entity: str, bars: Bars) -> None:
 def _send_bar_labels(stream: rr.RecordingStream, entity: str, bars: Bars, plane: Plane) -> None:
     y = _places(bars)
     middle = plane.place(np.zeros(len(y)), y)[:, 1] - LABEL_BELOW
-    names = np.column_stack([np.full(len(y), NAMES / 2 - 0.05), middle])
-    send_labels(stream, f"{entity}/names", names, [f"{bar.name}  {bar.text}".strip() for bar in bars.bars])
+    names = np.column_stack([np.full(len(y), (NAMES - LEFT - _more_room(bars)) / 2), middle])
+    send_labels(stream, f"{entity}/names", names, [_label(bar) for bar in bars.bars])
     places, ticks = plane.labels()
     under = [k for k, text in enumerate(ticks) if text and places[k, 1] > HEIGHT]
     send_labels(stream, f"{entity}/labels", places[under], [ticks[k] for k in under])
+
+
+def _label(bar: Bar) -> str:
+    return f"{bar.name}  {bar.text}".strip()
+
+
+def _more_room(bars: Bars) -> float:
+    """What the longest name needs left of the box, so that it does not lie on its bar in a small view."""
+    longest = max(len(_label(bar)) for bar in bars.bars)
+    return min(MOST_ROOM, max(0.0, LETTER * longest - NAMES - LEFT))
 
 
 def _hatch(plane: Plane, value: float, at: float) -> list[Floats]:

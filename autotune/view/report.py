@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import plotly.graph_objects as go
 
 Outcome = Literal[
-    "kept", "host_only", "rolled_back", "not_applied", "aborted", "checked", "stage", "information"
+    "kept", "host_only", "rolled_back", "not_applied", "proved", "aborted", "checked", "stage", "information"
 ]
 
 
@@ -167,8 +167,10 @@ def _change(change: Change) -> page.Shown:
     note = change.note
     if change.interval is not None:
         low, high = (significant(edge * factor) for edge in change.interval)
-        level = f"{100 * change.confidence:g} %"
-        note = f"Difference {low} to {high} {unit} with {level} confidence. {note}".strip()
+        level = f"{100 * change.confidence:g}\u00a0%"
+        note = (
+            f"Difference {low} to {high} {unit} with {level} confidence. {note[:1].upper()}{note[1:]}".strip()
+        )
     return page.Shown(change.name, before, after, unit, _factor(change), note)
 
 

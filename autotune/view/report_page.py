@@ -13,6 +13,7 @@ _BADGES = {
     "stage": ("info", "Stage done, nothing written"),
     "rolled_back": ("warn", "Rolled back"),
     "not_applied": ("warn", "Nothing applied"),
+    "proved": ("info", "Proved, not written"),
     "aborted": ("bad", "Stopped"),
     "information": ("info", "For information"),
 }
@@ -159,7 +160,7 @@ font-weight:600;font-size:.9rem}
 .good{border-left-color:var(--good)}.good .badge{background:var(--good)}
 .warn{border-left-color:var(--warn)}.warn .badge{background:var(--warn)}
 .bad{border-left-color:var(--bad)}.bad .badge{background:var(--bad)}
-.changes{display:grid;grid-template-columns:repeat(auto-fit,minmax(290px,1fr));gap:20px}
+.changes{display:grid;grid-template-columns:repeat(auto-fit,minmax(340px,1fr));gap:20px}
 .pair{display:flex;align-items:flex-end;gap:10px;flex-wrap:wrap}.then{display:flex;align-items:flex-end;gap:10px}
 .pair small{display:block;color:var(--muted);font-size:.8rem}
 .value{font-size:2rem;font-weight:700;line-height:1.1;font-variant-numeric:tabular-nums}
@@ -191,7 +192,8 @@ pre{white-space:pre-wrap;overflow-wrap:anywhere}.modebar-container{display:none}
 section,figure{border:0;border-radius:0;padding:0;margin:0 0 7mm;break-inside:avoid}
 .scroll{overflow:visible}table{font-size:9pt}th,td{padding:3px 7px 3px 0}
 th.number,td.number{white-space:normal}td:not(.number){min-width:24mm}
-.value{font-size:1.7rem}.table{break-inside:auto}tr,dl div{break-inside:avoid}h2{break-after:avoid}
+.changes{grid-template-columns:1fr 1fr}.value{font-size:1.6rem}
+.table{break-inside:auto}tr,dl div{break-inside:avoid}h2{break-after:avoid}
 figure>div,.plotly-graph-div{height:auto!important}
 .verdict{padding:2mm 4mm;border-left-style:solid;
 border-left-width:6px}.machine,.modebar-container{display:none}

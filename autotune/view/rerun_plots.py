@@ -280,6 +280,8 @@ class Layout(NamedTuple):
 
 
 TRACES = "Traces"
+SHARES = {"traces/error": 2.3, "traces/position": 2.1, "traces/torque": 4.1}
+"""Heights of the plots over time: the torque has room for the six names of its lines."""
 
 
 def blueprint(layout: Layout) -> rrb.Blueprint:
@@ -323,12 +325,12 @@ def _traces(layout: Layout) -> rrb.Vertical:
         )
         for plot in layout.shown
     ]
-    shares = [3.0 if i < 3 else 1.6 for i in range(len(views))]
+    shares = [SHARES.get(plot.entity, 1.6) for plot in layout.shown]
     if layout.shown:
         views.append(
             rrb.StateTimelineView(origin="stage", name="Experiment", time_view=axis, time_ranges=ranges)
         )
-        shares.append(1.4)
+        shares.append(1.7)
     else:
         views, shares = [rrb.TextDocumentView(origin="waiting", name="Waiting")], [1.0]
     return rrb.Vertical(*views, row_shares=shares)

@@ -17,25 +17,32 @@ from autotune.core.errors import ConfigurationError
 
 MOST_JOBS = 50
 MOST_WAITING = 8
+MOST_ANSWERS = 30_000_000
+"""Characters of all answers that are kept; the oldest go first, with their jobs: a page reads its own at once."""
+_ANSWER = '{"answer": '
 LONGEST = 1800.0
 """s, of one computation: a diagnosis of hours of data takes minutes."""
 
 
 @dataclass
 class Job:
-    """One computation: `state` is queued, running, done, failed or stopped."""
+    """One computation: `state` is queued, running, done, failed or stopped; `answer`: as JSON."""
 
     id: str
     wish: dict[str, Any]
     state: str = "queued"
     progress: list[str] = field(default_factory=list)
-    answer: dict[str, Any] | None = None
+    answer: str | None = None
     error: str | None = None
     began: float = 0.0
     ended: float = 0.0
 
+    def text(self) -> str:
+        """As a page is told it, JSON; an answer of a million numbers is passed on as it came."""
+        return f'{json.dumps(self.view())[:-1]}, "answer": {self.answer or "null"}}}'
+
     def view(self) -> dict[str, Any]:
-        """As a page is told it."""
+        """How it is, without its answer."""
         end = self.ended or time.monotonic()
         return {
             "id": self.id,
@@ -44,7 +51,6 @@ class Job:
             "steps": len(self.progress),
             "message": self.progress[-1] if self.progress else "",
             "seconds": round(end - self.began, 1) if self.began else 0.0,
-            "answer": self.answer,
             "error": self.error,
         }
 
@@ -130,21 +136,31 @@ class Engine:
         limit.start()
         try:
             for line in answers:
+                if line.startswith(_ANSWER):
+                    self._done(job, line[len(_ANSWER) :].rstrip()[:-1])
+                    return
                 message = json.loads(line)
-                if "progress" in message:
-                    job.progress.append(message["progress"])
-                    continue
-                with self._change:
-                    if job.state == "running":
-                        job.answer, job.error = message.get("answer"), message.get("error")
-                        job.state = "failed" if job.error else "done"
-                return
+                if "error" in message:
+                    self._failed(job, message["error"])
+                    return
+                job.progress.append(message["progress"])
         finally:
             limit.cancel()
         self._let_go()
         self._failed(
             job, "the computation ended before it had a result: out of memory or time? Ask again with less"
         )
+
+    def _done(self, job: Job, answer: str) -> None:
+        with self._change:
+            if job.state != "running":
+                return
+            job.answer, job.state = answer, "done"
+            kept = sum(len(one.answer or "") for one in self._jobs.values())
+            for one in list(self._jobs.values()):
+                if kept > MOST_ANSWERS and one.answer is not None and one is not job:
+                    kept -= len(one.answer)
+                    del self._jobs[one.id]
 
     def _failed(self, job: Job, sentence: str) -> None:
         with self._change:

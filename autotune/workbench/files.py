@@ -16,9 +16,10 @@ from typing import Any
 
 from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError, RecordingError
+from autotune.core.units import torque_symbol
 from autotune.recordings.columnwise import Outline, walk_recording
-from autotune.recordings.files import write_recording
 from autotune.recordings.importing import FORMATS
+from autotune.workbench.import_child import import_apart
 from autotune.workbench.traces import Traces, TraceWriter
 
 MOST_SENT = 1_000_000_000
@@ -144,14 +145,15 @@ class Files:
         Raises:
             RecordingError, ConfigurationError: what is wrong with it, or what has to be said about it.
         """
-        from autotune.api.files import import_recording
-
         digest = hashlib.sha256((given.end() + repr(sorted(options.items()))).encode()).hexdigest()[:32]
         foreign = given.path.with_suffix(Path(name).suffix.lower() or ".csv")
         path = self.folder / f"{digest}.parquet"
         os.replace(given.path, foreign)
         try:
-            write_recording(import_recording(str(foreign), **options), path)
+            import_apart(foreign, _plain(name), path, options)
+        except BaseException:
+            path.unlink(missing_ok=True)
+            raise
         finally:
             foreign.unlink(missing_ok=True)
         return self._keep(digest, _plain(name), path, sent=True)
@@ -236,7 +238,7 @@ def _about(outline: Outline, traces: Traces, writer: TraceWriter) -> dict[str, A
         "seconds": traces.ends[1] - traces.ends[0],
         "period": metadata.sample_period,
         "motion_unit": metadata.motion_unit,
-        "torque_unit": "N m" if metadata.motion_unit == "rad" else "N",
+        "torque_unit": torque_symbol(metadata.motion_unit, metadata.torque_unit),
         "axis": metadata.axis,
         "fingerprint": metadata.fingerprint,
         "controller": str(metadata.controller) if metadata.controller else None,

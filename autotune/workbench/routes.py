@@ -23,7 +23,7 @@ from autotune.core.errors import AutotuneError
 from autotune.models.table import EFFECTS
 from autotune.view.web_files import HEADERS, web_file
 from autotune.workbench.answers import about
-from autotune.workbench.engine import Engine
+from autotune.workbench.engine import Engine, Job
 from autotune.workbench.files import MOST_SENT, Files, Held, Incoming, known_formats
 
 Id = Annotated[str, Path(pattern=r"^[0-9a-f]{32}$")]
@@ -144,26 +144,26 @@ def _recordings(routes: APIRouter, files: Files, axes: Sequence[Axis]) -> None:
 
 
 def _jobs(routes: APIRouter, files: Files, engine: Engine) -> None:
-    @routes.post("/api/workbench/jobs", status_code=202)
-    def start(wish: Wish) -> dict[str, Any]:
+    @routes.post("/api/workbench/jobs", status_code=202, response_model=dict[str, Any])
+    def start(wish: Wish) -> Response:
         """Begins a computation."""
         content = wish.model_dump()
         content["paths"] = [str(_known(files, id).path) for id in content.pop("recordings")]
         left_out = content["left_out"]
         if left_out is not None and len(left_out) != len(content["paths"]):
             raise HTTPException(422, "left_out needs one list for each recording")
-        return engine.submit(content).view()
+        return _told(engine.submit(content), 202)
 
     @routes.get("/api/workbench/jobs/{job}", response_model=dict[str, Any])
     def state(job: Id) -> Response:
         """How far it is, and what it has found."""
-        return Response(json.dumps(_job(engine, job), allow_nan=False), media_type="application/json")
+        return _told(_job(engine, job))
 
-    @routes.post("/api/workbench/jobs/{job}/stop")
-    def stop(job: Id) -> dict[str, Any]:
+    @routes.post("/api/workbench/jobs/{job}/stop", response_model=dict[str, Any])
+    def stop(job: Id) -> Response:
         """Ends it."""
         _job(engine, job)
-        return engine.stop(job).view()
+        return _told(engine.stop(job))
 
 
 async def _receive(request: Request, given: Incoming) -> None:
@@ -192,9 +192,13 @@ def _gone() -> HTTPException:
     return HTTPException(404, "this recording is not here any more; drop the file again")
 
 
-def _job(engine: Engine, id: str) -> dict[str, Any]:
+def _told(job: Job, status: int = 200) -> Response:
+    return Response(job.text(), status, media_type="application/json")
+
+
+def _job(engine: Engine, id: str) -> Job:
     try:
-        return engine.get(id).view()
+        return engine.get(id)
     except KeyError:
         raise HTTPException(404, "this computation is not known any more; ask again") from None
 

@@ -111,12 +111,16 @@ def test_a_tuning_is_started_watched_approved_and_rolled_back(live: Live, tmp_pa
         until(lambda: "waits for a person" in desk.text("#first"))
         desk.picture("approve")
         assert "mrad" in desk.text("#axes article")
+        desk.wait("#jobs", "tuning: proved, waits for a person")
+        assert "not applied" not in desk.text("#status")
         desk.press("Approve")
+        desk.agree()
         desk.wait("#status", "Approved")
         until(lambda: [job["state"] for job in live.get("/api/jobs") if job["kind"] == "commit"] == ["done"])
         (commit,) = [job for job in live.get("/api/jobs") if job["kind"] == "commit"]
         assert commit["outcome"] == "kept"
         until(lambda: "Nothing waits" in desk.text("#first"))
+        desk.wait("#jobs", "tuning: proved, approved")
         desk.picture("kept")
         desk.press("Roll back")
         desk.agree()
@@ -130,6 +134,7 @@ def test_a_tuning_is_started_watched_approved_and_rolled_back(live: Live, tmp_pa
         link = until(lambda: driver.find_elements(By.CSS_SELECTOR, "#reports a"))[-1]  # of the tuning itself
         driver.get(str(link.get_attribute("href")))
         until(lambda: driver.find_elements(By.CSS_SELECTOR, ".js-plotly-plot"))
+        assert "Proved, not written" in desk.text(".badge")
         desk.picture("report")
         assert not [one for one in driver.get_log("browser") if one["level"] == "SEVERE"]
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import gc
 import json
 import socket
 import time
@@ -168,3 +170,38 @@ def test_every_change_in_the_openapi_needs_the_token(address: tuple[World, str, 
     here.manager.tick()
     assert not here.launcher.started
     assert get(host, port, "/api/jobs") == []
+
+
+def test_a_connection_that_has_ended_leaves_nothing_in_memory(
+    address: tuple[World, str, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A timer for each request kept its connection for half a minute: 160 MB beside pages that ask all the time."""
+    monkeypatch.setattr(server, "HEADER_SECONDS", 3600.0)
+    _, host, port = address
+
+    def kept() -> int:
+        gc.collect()
+        return sum(isinstance(one, server._Protocol) for one in gc.get_objects())
+
+    before = kept()
+    for _ in range(100):
+        get(host, port, "/healthz")
+    wait_for(lambda: kept() <= before + 3)
+    assert kept() <= before + 3, "of a hundred"
+
+
+def test_one_that_asks_again_and_again_on_one_connection_has_one_timer(
+    address: tuple[World, str, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server, "HEADER_SECONDS", 3600.0)
+    _, host, port = address
+    with socket.create_connection((host, port), timeout=PATIENCE) as connection:
+        ahead = b"GET /healthz HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n" * 50
+        connection.sendall(ahead)
+        found = b""
+        while found.count(b"HTTP/1.1 200") < 50:
+            found += connection.recv(65536)
+        gc.collect()
+        timers = [one for one in gc.get_objects() if isinstance(one, asyncio.TimerHandle)]
+        ours = [one for one in timers if "_cut_if_still" in repr(one) and not one.cancelled()]
+    assert len(ours) <= 1, "of fifty requests"

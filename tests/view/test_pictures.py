@@ -33,7 +33,7 @@ from autotune.view.snapshot import HeadlessViewer, headless_viewer
 from tests.view.rerun_contents import empty_views, views_of
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "config" / "axes" / "edm-vertical.toml"
-pytestmark = pytest.mark.long
+pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]
 
 
 @pytest.fixture(scope="module")

@@ -139,7 +139,7 @@ def test_numbers_are_in_readable_units_with_their_interval(text: str) -> None:
     assert '<span class="value">2.04</span> <span class="unit">mrad</span>' in text
     assert '<span class="value">0.497</span>' in text
     assert "4.1 times smaller" in text
-    assert "Difference −1.58 to −1.51 mrad with 99 % confidence" in text
+    assert "Difference −1.58 to −1.51 mrad with 99\u00a0% confidence" in text
 
 
 def test_text_from_outside_is_escaped(text: str) -> None:
@@ -190,7 +190,17 @@ def test_what_is_in_the_drive_has_a_curve_of_its_own(sampled) -> None:
 
 @pytest.mark.parametrize(
     "outcome",
-    ["kept", "host_only", "rolled_back", "not_applied", "aborted", "checked", "stage", "information"],
+    [
+        "kept",
+        "host_only",
+        "rolled_back",
+        "not_applied",
+        "proved",
+        "aborted",
+        "checked",
+        "stage",
+        "information",
+    ],
 )
 def test_report_without_anything_measured(outcome) -> None:
     text = render(Report("x", outcome, "Stopped by the guard.", sign_off=False))

@@ -13,6 +13,7 @@ from autotune.recordings.files import write_recording
 from autotune.recordings.recording import Metadata, Recording
 from autotune.workbench import files as files_module
 from autotune.workbench.files import Files, Held
+from autotune.workbench.import_child import import_apart, imported
 from autotune.workbench.traces import STEPS, TraceWriter
 
 
@@ -99,10 +100,28 @@ def test_a_foreign_file_is_imported_as_asked(files: Files) -> None:
     content = ("s,angle,current\n" + "\n".join(lines)).encode()
     with pytest.raises(RecordingError):
         sent(files, content, "scope.csv")
-    options = {"columns": ["time=s", "position=angle", "torque=current*0.05"], "unit": "rad"}
-    held = sent(files, content, "scope.csv", options)
+    columns = ["time=s", "position=angle", "torque=current"]
+    held = sent(files, content, "scope.csv", {"columns": columns, "unit": "rad", "torque_unit": "A"})
     assert held.about["rows"] == 2000
-    assert held.about["largest_torque"] == pytest.approx(0.02)
+    assert held.about["largest_torque"] == pytest.approx(0.4)
+    assert held.about["torque_unit"] == "A"
+
+
+def test_what_is_in_doubt_about_a_foreign_file_is_asked(tmp_path: Path) -> None:
+    given = tmp_path / "given.csv"
+    given.write_text("s,angle,current\n" + "0.1,0.2,0.3\n" * 10)
+    wish = {"file": str(given), "out": str(tmp_path / "out.parquet"), "options": {"columns": ["time=s"]}}
+    assert "torque" in imported(wish)
+    assert not (tmp_path / "out.parquet").exists()
+
+
+def test_a_foreign_file_that_takes_too_much_memory_ends_in_a_sentence(tmp_path: Path) -> None:
+    """It is read in a process of its own, which takes the memory with it."""
+    given, out = tmp_path / "given.csv", tmp_path / "out.parquet"
+    given.write_text("time [s],position [rad],torque [Nm]\n" + "0.1,0.2,0.3\n" * 10)
+    with pytest.raises(RecordingError, match=r"mine\.csv: it takes more than 0\.05 GB"):
+        import_apart(given, "mine.csv", out, {}, most_memory=50_000_000)
+    assert not out.exists()
 
 
 def test_every_slot_has_the_least_and_the_greatest_of_its_rows(files: Files, path: Path) -> None:

@@ -22,7 +22,7 @@ from autotune.workbench.engine import Engine
 from autotune.workbench.files import Files
 from autotune.workbench.routes import page_routes, workbench_routes
 from tests.workbench.browser import browser, needs_browser, serious
-from tests.workbench.test_page import Page, until
+from tests.workbench.test_page import TOO_WIDE, Page, until
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "config" / "axes" / "edm-vertical.toml"
 SHARES = """
@@ -31,7 +31,6 @@ return [...document.querySelectorAll('#used .row')].map(row => {
   return fill ? fill.getBoundingClientRect().width / track.getBoundingClientRect().width : null;
 });
 """
-TOO_WIDE = "return document.documentElement.scrollWidth - innerWidth"
 
 
 @contextmanager
@@ -77,10 +76,13 @@ def test_what_was_used_of_the_limits_is_on_the_page(short: Recording, tmp_path: 
         shares = driver.execute_script(SHARES)
         assert shares == pytest.approx(np.clip(expected, 0.0, 1.0), abs=0.01)  # a bar has some hundred pixels
         assert "%" in page.text("used")
-        for width, height in ((1366, 768), (820, 1180), (400, 850)):
-            driver.set_window_size(width, height)
-            until(lambda: driver.execute_script(TOO_WIDE) <= 0)  # plots are drawn anew a moment later
-            assert not serious(driver)
+        for theme in ("light", "dark"):
+            wanted = {"features": [{"name": "prefers-color-scheme", "value": theme}]}
+            driver.execute_cdp_cmd("Emulation.setEmulatedMedia", wanted)
+            for width, height in ((1366, 768), (820, 1180), (400, 850)):
+                driver.set_window_size(width, height)
+                until(lambda: driver.execute_script(TOO_WIDE) <= 0)  # plots are drawn anew a moment later
+                assert not serious(driver), (theme, width)
         driver.find_element(By.ID, "choose").send_keys(str(tmp_path / "unknown.parquet"))
         until(lambda: "not compared" in page.text("used-about"))
         assert driver.execute_script(SHARES)[:2] == [

@@ -8,11 +8,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
 import pytest
 from selenium.webdriver import Chrome
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.support.select import Select
 
 import autotune
 from tests.support.axes import plain_axis
@@ -21,6 +23,7 @@ from tests.workbench.browser import browser, needs_browser, serious, workbench
 
 T = TypeVar("T")
 PATIENCE = 240.0
+TOO_WIDE = "return document.documentElement.scrollWidth - innerWidth"
 
 
 def until(asked: Callable[[], T], seconds: float = PATIENCE) -> T:
@@ -129,6 +132,10 @@ def test_a_hidden_effect_is_found_added_and_saved(keyboard: bool, hidden: Path, 
             float(value.text.split()[0]) for value in driver.find_elements(By.CSS_SELECTOR, "#figures b")[::2]
         )
         assert error <= 1.1 * floor
+        assert not serious(driver)
+        driver.set_window_size(400, 850)
+        until(lambda: driver.execute_script(TOO_WIDE) <= 0)  # plots are drawn anew a moment later
+        driver.set_window_size(1366, 900)
         page.press("save")
         saved = until(lambda: list(tmp_path.glob("model*.toml")))
         assert "gravity_imbalance" in saved[0].read_text()
@@ -165,8 +172,7 @@ def test_nothing_serious_for_who_sees_or_moves_badly(
         page = Page(driver)
         until(lambda: "rows" in page.text("status"))
         assert not serious(driver)
-        wide = driver.execute_script("return document.documentElement.scrollWidth - innerWidth")
-        assert wide <= 0
+        assert driver.execute_script(TOO_WIDE) <= 0
 
 
 @needs_browser
@@ -238,3 +244,42 @@ def test_bad_input_is_told_on_the_page(hidden: Path, tmp_path: Path) -> None:
         driver.switch_to.window(first)
         until(lambda: "Another tab" in page.text("status"))
         assert "wrong.toml" in page.text("stairs") or driver.find_element(By.ID, "save").is_enabled()
+
+
+@needs_browser
+@pytest.mark.long
+def test_a_recording_in_amperes_is_shown_in_amperes_everywhere(hidden: Path, tmp_path: Path) -> None:
+    foreign = tmp_path / "amperes.csv"
+    recording = autotune.read_recording(hidden)
+    columns = [recording[name] for name in ("time", "reference", "position")] + [7.5 * recording["torque"]]
+    np.savetxt(foreign, np.column_stack(columns), "%.7g", ",", header="t,ref,pos,cur", comments="")
+    with workbench() as address, browser(tmp_path / "browser") as driver:
+        driver.get(address)
+        page = Page(driver)
+        until(lambda: "Drop a recording" in page.text("status"))
+        driver.find_element(By.ID, "choose").send_keys(str(foreign))
+        until(driver.find_element(By.ID, "import").is_displayed)
+        fields = driver.find_element(By.ID, "import")
+        told = {"columns": "time=t reference=ref position=pos torque=cur", "resolution": "1e-5",
+                "controller": str(recording.metadata.controller)}  # fmt: skip
+        for name, text in told.items():
+            fields.find_element(By.NAME, name).send_keys(text)
+        for name, text in {"unit": "rad", "torque_unit": "A (current)"}.items():
+            Select(fields.find_element(By.NAME, name)).select_by_visible_text(text)
+        fields.submit()
+        until(lambda: "amperes.csv" in page.text("list"))
+        page.press("fit")
+        until(lambda: page.text("figures") and page.idle())
+        page.choose("trace-torque")
+        until(lambda: " A" in page.text("cursors"))
+        page.choose("by-coordinate")
+        page.press("diagnose")
+        until(lambda: page.text("verdict") and page.idle())
+        body = driver.find_element(By.TAG_NAME, "body").text
+        assert "mA" in page.text("figures")
+        assert "N m" not in body.replace(fields.text, "")
+        labels = driver.execute_script(
+            "return [...document.querySelectorAll('.u-label')].map(one => one.textContent)"
+        )
+        assert not [text for text in labels if "N m" in text]
+        assert not [one for one in page.complaints() if "status of 422" not in one]

@@ -19,7 +19,8 @@ from autotune.core.axis import read_axis
 from autotune.recordings.files import write_recording
 from autotune.recordings.recording import Recording
 from autotune.service.access import AccessGuard, Rules
-from autotune.workbench.engine import Engine
+from autotune.workbench import engine as engine_module
+from autotune.workbench.engine import Engine, Job
 from autotune.workbench.files import Files
 from autotune.workbench.routes import make_app, workbench_routes
 from tests.workbench.test_files import made
@@ -217,3 +218,17 @@ def test_a_page_that_goes_away_leaves_nothing(tmp_path: Path) -> None:
     status, said, _ = upload([b"time,position,torque", None], tmp_path / "held", 1000)
     assert (status, said["detail"]) == (400, "the connection was closed before the file was here")
     assert not list((tmp_path / "held").iterdir())
+
+
+def test_answers_are_kept_within_a_bound_and_passed_on_as_they_came(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fifty comparisons as lists of numbers took the service 400 MB."""
+    monkeypatch.setattr(engine_module, "MOST_ANSWERS", 100)
+    engine = Engine()
+    jobs = [Job(str(number), {"kind": "compare"}, state="running") for number in range(3)]
+    for job in jobs:
+        engine._jobs[job.id] = job
+        engine._done(job, json.dumps({"rows": "x" * 60}))
+    assert list(engine._jobs) == ["2"], "the newest is there, whatever its size"
+    told = json.loads(engine.get("2").text())
+    assert (told["state"], told["answer"]) == ("done", {"rows": "x" * 60})
+    assert json.loads(Job("3", {"kind": "fit"}).text())["answer"] is None

@@ -20,6 +20,7 @@ from autotune.recordings.importing.source import Loaded, Source, foreign_bytes, 
 
 _BAD_LINES = 100
 _BLOCK = 1 << 22
+_LEAST = 1 << 16
 _TYPES = {"number": pa.float64(), "date": pa.timestamp("ns"), "clock": pa.time64("ns"), "": pa.string()}
 _ASCII = bytes(code if code < 128 else ord("?") for code in range(256))
 
@@ -84,7 +85,7 @@ def _load(path: Path, dialect: Dialect, indices: Sequence[int], normalise: bool)
         stream: BinaryIO = raw
         if normalise:
             stream = io.BufferedReader(_Normalised(raw, dialect), _BLOCK)
-        table = pyarrow.csv.read_csv(
+        batches = pyarrow.csv.open_csv(
             stream,
             read_options=pyarrow.csv.ReadOptions(
                 column_names=names, skip_rows=dialect.skip, block_size=_BLOCK, use_threads=not normalise
@@ -99,9 +100,40 @@ def _load(path: Path, dialect: Dialect, indices: Sequence[int], normalise: bool)
                 decimal_point=dialect.decimal,
             ),
         )
-    if not table.num_rows:
+        columns = [_Growing() for _ in wanted]
+        for batch in batches:
+            for column, name in zip(columns, wanted, strict=True):
+                column.add(batch.column(name))
+    if not any(column.rows for column in columns):
         raise RecordingError(f"{path} has no rows of numbers")
-    return Loaded([_floats(table.column(name)) for name in wanted], _skipped(bad))
+    return Loaded([column.whole() for column in columns], _skipped(bad))
+
+
+class _Growing:
+    """One column, as it comes: what it was read from can go. Thousands of small parts would leave holes in memory."""
+
+    def __init__(self) -> None:
+        self.rows = 0
+        self._values = np.empty(0)
+        self._dates: list[Any] = []
+
+    def add(self, part: Any) -> None:
+        """The next rows, of Arrow; dates stay as they are until the first one is known."""
+        if pa.types.is_temporal(part.type):
+            self._dates.append(part)
+            self.rows += len(part)
+            return
+        first, self.rows = self.rows, self.rows + len(part)
+        if self.rows > len(self._values):
+            self._values.resize(max(_LEAST, int(1.25 * self.rows)), refcheck=False)
+        self._values[first : self.rows] = part.fill_null(float("nan")).to_numpy(zero_copy_only=False)
+
+    def whole(self) -> Floats:
+        """All rows; nothing can be added after that."""
+        if self._dates:
+            return seconds(pa.chunked_array(self._dates))
+        self._values.resize(self.rows, refcheck=False)
+        return self._values
 
 
 def _skipped(bad: list[str]) -> list[str]:
@@ -109,19 +141,6 @@ def _skipped(bad: list[str]) -> list[str]:
     if not odd:
         return []
     return [f"{len(odd)} lines with another number of fields are left out, the first is {odd[0]!r}"]
-
-
-def _floats(column: Any) -> Floats:
-    """Filled chunk by chunk, so that no second copy of the whole is made; dates in seconds since the first."""
-    if pa.types.is_temporal(column.type):
-        return seconds(column)
-    values = np.empty(len(column))
-    start = 0
-    for chunk in column.chunks:
-        part = chunk.fill_null(float("nan")).to_numpy(zero_copy_only=False)
-        values[start : start + len(part)] = part
-        start += len(part)
-    return values
 
 
 def _sentence(path: Path, error: Exception) -> RecordingError:

@@ -89,10 +89,10 @@ def steps_of(pieces: Sequence[RegularPiece], path: Path, period: float) -> Steps
 def _along(step: Floats) -> Floats:
     """How far the rows beside each step go on in its direction, shape (n,)."""
     direction = np.sign(step)
-    beside = np.zeros((2, len(step)))
-    beside[0, 1:] = step[:-1]
-    beside[1, :-1] = step[1:]
-    return np.asarray(np.maximum(np.max(beside * direction, axis=0), 0.0))
+    along = np.zeros(len(step))
+    along[1:] = step[:-1] * direction[1:]
+    np.maximum(along[:-1], step[1:] * direction[:-1], out=along[:-1])
+    return np.maximum(along, 0.0, out=along)
 
 
 def _alone(piece: RegularPiece, step: Floats, along: Floats) -> list[Leap]:

@@ -147,7 +147,7 @@ def ranking(ranks: Sequence[Rank]) -> go.Figure:
             go.Bar(
                 y=[_spaced(rank.name) for rank in chosen],
                 x=[100 * rank.gain for rank in chosen],
-                text=[f"{100 * rank.gain:.1f} %".replace("-", "−") for rank in chosen],
+                text=[f"{round(100 * rank.gain, 1) + 0.0:.1f} %".replace("-", "−") for rank in chosen],
                 textposition="outside",
                 cliponaxis=False,
                 hovertext=[plain(rank.why) for rank in chosen],

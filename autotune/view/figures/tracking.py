@@ -55,9 +55,12 @@ def convergence(traces: Sequence[Trace]) -> go.Figure:
     figure = make_subplots(
         rows=rows,
         cols=1,
+        shared_xaxes=True,
         subplot_titles=[_subtitle(trace) for trace in traces],
-        vertical_spacing=0.3 / rows if rows > 1 else 0.1,
+        vertical_spacing=0.22 / rows if rows > 1 else 0.1,
     )
+    for title in figure.layout.annotations:  # in the middle they look like labels of the axis above
+        title.update(x=0.0, xanchor="left")
     for index, trace in enumerate(traces):
         _converging(figure, trace, index + 1, 1, first=index == 0)
     figure.update_xaxes(title=titled("time", "s"), row=rows, col=1)

@@ -5,8 +5,9 @@ import { ask, NoToken, post } from "/web/api.js";
 const $ = (id) => document.getElementById(id);
 const SECONDS = 0.5;
 
-export function sure(why) {
+export function sure(why, title = "The axis will move") {
   return new Promise((done) => {
+    $("sure-title").textContent = title;
     $("sure-why").textContent = why;
     $("sure-box").onclose = () => done($("sure-box").returnValue === "yes");
     $("sure-box").returnValue = "";

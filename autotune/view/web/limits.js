@@ -2,9 +2,11 @@
 
 import { quantity, significant } from "/web/numbers.js";
 
+const AT = 1e-3; // of what is allowed: a drive that clamps its torque records the limit itself, rounded
+
 // `limits` by axis, of the service: they hold for recordings of that axis as its file is now.
 export function showUsed(box, about, recordings, limits) {
-  const alike = new Set(recordings.map((one) => one.motion_unit)).size === 1;
+  const alike = new Set(recordings.map((one) => `${one.motion_unit}, ${one.torque_unit}`)).size === 1;
   const known = alike ? limits?.[recordings[0].axis] : null;
   const held = known && recordings.every((one) => one.axis === recordings[0].axis && one.fingerprint === known.fingerprint) ? known : null;
   box.replaceChildren(...(alike ? rowsOf(recordings, held) : []).map(line));
@@ -16,7 +18,8 @@ function rowsOf(recordings, known) {
   const low = Math.min(...recordings.map((one) => one.position[0])), high = Math.max(...recordings.map((one) => one.position[1]));
   const speeds = recordings.map((one) => one.speed).filter((speed) => speed !== null);
   const speed = speeds.length ? Math.max(...speeds) : null, torque = Math.max(...recordings.map((one) => one.largest_torque));
-  const own = recordings.map((one) => one.torque_limit), limit = known?.torque ?? (own.includes(null) ? null : Math.min(...own));
+  const own = recordings.map((one) => one.torque_limit), of = force === "A" || force === "V" ? null : known?.torque; // an axis file's is in N m or N
+  const limit = of ?? (own.includes(null) ? null : Math.min(...own));
   return [
     travel(low, high, known, motion),
     share("speed", speed, known?.speed ?? null, `${motion}/s`),
@@ -43,11 +46,12 @@ function line({ name, text, from, to }) {
   const row = document.createElement("div"), parts = [name, "", text].map(() => document.createElement("span"));
   row.className = "row";
   parts[0].textContent = name;
-  parts[2].textContent = to !== null && (from < 0 || to > 1) ? `${text}: beyond the limit` : text;
+  const over = to !== null && Math.max(to - 1, -from) > AT, at = to !== null && !over && Math.max(to - 1, -from) > -AT;
+  parts[2].textContent = over ? `${text}: beyond the limit` : at ? `${text}: at the limit` : text;
   if (to !== null) {
     const fill = document.createElement("div"), [first, last] = [from, to].map((part) => Math.min(1, Math.max(0, part)));
     parts[1].className = "track";
-    fill.className = from < 0 || to > 1 ? "fill over" : "fill";
+    fill.className = over || at ? "fill over" : "fill";
     Object.assign(fill.style, { marginLeft: `${100 * first}%`, width: `${100 * (last - first)}%` });
     parts[1].append(fill);
   }

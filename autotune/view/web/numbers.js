@@ -12,7 +12,7 @@ export function significant(value, digits = 3) {
 
 export function quantity(value, unit) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
-  const plain = ["N m", "N", "rad", "m", "rad/s", "m/s", "s"].includes(unit);
+  const plain = ["N m", "N", "A", "V", "rad", "m", "rad/s", "m/s", "s"].includes(unit);
   const [size, prefix] = plain && value !== 0 ? PREFIXES.find(([s]) => Math.abs(value) >= 0.999 * s) || PREFIXES[3] : PREFIXES[0];
   return `${significant(value / size)} ${prefix}${unit}`.trim();
 }

@@ -2,7 +2,7 @@
 
 import { quantity, range, rms, scaleOf } from "/web/numbers.js";
 import { colour, plot } from "/web/plots.js";
-import { BINS, byDirection, coordinateLabel } from "/web/where.js";
+import { BINS, byDirection, coordinateLabel, coordinateUnit } from "/web/where.js";
 
 const $ = (id) => document.getElementById(id);
 const view = { found: null, effect: null, motion: "rad", torque: "N m", changed: () => {} };
@@ -47,7 +47,7 @@ function draw() {
     { label: `${one.label}, missed`, values: scaled(one.mean), colour: colour(one.ink), width: 2 },
     { label: `${one.label}, ${spoken(view.effect)}`, values: scaled(explained[i].mean), colour: colour(one.ink), width: 2, dash: [6, 4] },
   ]);
-  picture = plot($("overlay-plot"), picture, { x: centre, series, xLabel: coordinateLabel(name, view.motion), yLabel: `torque [${force.unit}]`, height: 260 });
+  picture = plot($("overlay-plot"), picture, { x: centre, series, xLabel: coordinateLabel(name, view.motion), yLabel: `torque [${force.unit}]`, units: [coordinateUnit(name, view.motion), force.unit], height: 260 });
   const left = rows.error.map((one, k) => one - values[k]);
   $("overlay-caption").textContent = `What the model misses (solid) and what ${spoken(view.effect)} would explain of it (dashed), mean by direction; rms ${quantity(rms(rows.error), view.torque)} without, ${quantity(rms(left), view.torque)} with it, on the rows that were fitted. It is in the torque over time, too.`;
 }

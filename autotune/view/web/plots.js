@@ -1,10 +1,13 @@
 // Pictures: traces with uPlot, maps on a canvas. Colours come from the page's theme.
 
+import { significant } from "/web/numbers.js";
+
 export const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 
 // `series`: [{label, values, colour, dash, points, right}], all over the same x; those on the `right` have an axis of
-// their own, `rightLabel`. `marks`: [{x, label}], as lines across. Returns the plot; the old one goes.
-export function plot(box, old, { x, series, xLabel, yLabel, rightLabel, height = 220, legend = true, onZoom, onBrush, onClick, bands, shared, marks = [] }) {
+// their own, `rightLabel`. `marks`: [{x, label}], as lines across; `units`: of x and of the values, for the numbers under
+// the cursor. Returns the plot; the old one goes.
+export function plot(box, old, { x, series, xLabel, yLabel, rightLabel, height = 220, legend = true, onZoom, onBrush, onClick, bands, shared, marks = [], units = ["", ""] }) {
   const width = Math.max(box.clientWidth, 260);
   const on = { onZoom, onBrush, onClick, marks };
   const thin = x.length > width ? 1 / devicePixelRatio : 1.4; // dense traces as hairlines: painted ten times as fast
@@ -22,13 +25,13 @@ export function plot(box, old, { x, series, xLabel, yLabel, rightLabel, height =
       cursor: { drag: { x: Boolean(onZoom || onBrush), y: false, setScale: false }, sync: shared ? { key: shared } : undefined },
       scales: { x: { time: false } },
       axes: [
-        { ...axis, label: xLabel }, { ...axis, label: yLabel, size: 70 },
+        { ...axis, label: xLabel || undefined }, { ...axis, label: yLabel, size: 70 },
         ...(rightLabel ? [{ ...axis, label: rightLabel, size: 70, side: 1, scale: "right", grid: { show: false } }] : []),
       ],
       series: [
-        { label: xLabel },
+        { label: xLabel.replace(/ \[.*/, "") || "time", value: told(units[0], 5) },
         ...series.map((one) => ({
-          label: one.label, scale: one.right ? "right" : "y", stroke: one.colour, width: one.width || thin, dash: one.dash,
+          label: one.label, value: told(units[1], 4), scale: one.right ? "right" : "y", stroke: one.colour, width: one.width || thin, dash: one.dash,
           paths: one.points ? () => null : undefined, points: { show: Boolean(one.points), size: 5, fill: one.colour },
           spanGaps: false,
         })),
@@ -61,6 +64,8 @@ export function plot(box, old, { x, series, xLabel, yLabel, rightLabel, height =
   );
   return Object.assign(made, { key, on });
 }
+
+const told = (unit, digits) => (u, value) => (value === null || value === undefined ? "–" : `${significant(value, digits)} ${unit}`.trim());
 
 // Lines across a plot, with a word on those that leave room for one.
 function drawMarks(u, marks) {

@@ -2,7 +2,7 @@
 
 import { ask, NoToken, post, setToken, takeToken } from "/web/api.js";
 import { sure } from "/web/axes.js";
-import { significant } from "/web/numbers.js";
+import { quantity } from "/web/numbers.js";
 import { colour, plot } from "/web/plots.js";
 
 const $ = (id) => document.getElementById(id);
@@ -10,6 +10,8 @@ const SECONDS = 2;
 const plots = {};
 let shown = ""; // axis of the history
 let known = ""; // what the lists were made of
+let newest = ""; // job that had ended last when the history was drawn
+let units = {}; // of motion, by axis
 
 const say = (text, problem = false) => { $("status").textContent = text; $("status").classList.toggle("problem", problem); };
 const element = (name, text, attributes = {}) => Object.assign(document.createElement(name), { textContent: text, ...attributes });
@@ -38,7 +40,7 @@ async function doing(path, body, told) {
 const MOVES = {
   check: ["Check", "A gentle look: the axis moves a little, for a minute at most."],
   run: ["Tune", "The axis is tuned: it moves within its limits for minutes. Nobody is asked at the machine."],
-  rollback: ["Roll back", "What the drive held before the last commit is written to it again. The axis does not move."],
+  rollback: ["Roll back", "What the drive held before the last commit is written to it again. The axis does not move.", "The drive will be written to"],
 };
 
 function card(axis, proposals) {
@@ -51,10 +53,10 @@ function card(axis, proposals) {
   if (axis.last_check) box.append(element("p", `Last check ${when(axis.last_check.at)}: ${axis.last_check.sentence || ""}`, { className: "quiet" }));
   box.append(element("p", `Next check ${when(axis.next_check)}. ${axis.held ? "" : "Another program has the link."}`, { className: "quiet" }));
   const tools = element("div", "", { className: "tools" });
-  for (const [kind, [name, why]] of Object.entries(MOVES)) {
+  for (const [kind, [name, why, title]] of Object.entries(MOVES)) {
     const button = element("button", name, { type: "button", disabled: Boolean(job) });
     button.dataset.kind = kind;
-    button.onclick = async () => { if (await sure(`${axis.name}: ${why}`)) doing(`/api/axes/${axis.name}/jobs`, { kind }, `${name} of ${axis.name} begins.`); };
+    button.onclick = async () => { if (await sure(`${axis.name}: ${why}`, title)) doing(`/api/axes/${axis.name}/jobs`, { kind }, `${name} of ${axis.name} begins.`); };
     tools.append(button);
   }
   if (job) {
@@ -65,7 +67,7 @@ function card(axis, proposals) {
   for (const one of proposals.filter((p) => p.axis === axis.name && p.state === "open")) {
     box.append(element("p", one.sentence));
     const yes = element("button", "Approve", { type: "button", className: "primary" });
-    yes.onclick = () => doing(`/api/proposals/${one.id}/approve`, {}, `Approved: it is written to ${axis.name}.`);
+    yes.onclick = async () => { if (await sure(`${axis.name}: it is written to the drive for good, and the axis moves to measure it again. Nobody is asked at the machine.`)) doing(`/api/proposals/${one.id}/approve`, {}, `Approved: it is written to ${axis.name}.`); };
     const no = element("button", "Reject", { type: "button" });
     no.onclick = () => doing(`/api/proposals/${one.id}/reject`, {}, `Rejected: ${axis.name} stays as it is.`);
     tools.append(yes, no);
@@ -85,13 +87,15 @@ async function refresh() {
       $("axes").replaceChildren(...axes.map((axis) => card(axis, proposals)));
       for (const button of document.querySelectorAll("#axes button")) if (focus && button.closest("article").querySelector("h3").textContent + button.dataset.kind === focus) button.focus();
       firstThings(axes, proposals, health);
-      listReports(reports, jobs);
+      listReports(reports, jobs, proposals);
       listJobs(jobs, proposals);
-      tellEnded(axes, jobs);
+      tellEnded(axes, jobs, proposals);
+      units = Object.fromEntries(axes.map((axis) => [axis.name, axis.motion_unit]));
       $("history-of").replaceChildren(...axes.map((axis) => new Option(axis.name, axis.name, false, axis.name === shown)));
       known = made;
     }
-    if (!shown && axes.length) { shown = axes[0].name; await history(); }
+    if (!shown && axes.length) shown = axes[0].name;
+    if (shown && newest !== (jobs[0]?.id || "none")) { newest = jobs[0]?.id || "none"; await history(); }
     if ($("status").textContent === "Loading …") say(`${axes.length} ${axes.length === 1 ? "axis" : "axes"}.`);
     if ($("status").textContent.startsWith("The program does not answer")) say("The service answers again.");
   } catch (error) {
@@ -114,11 +118,18 @@ function firstThings(axes, proposals, health) {
 
 const WORDS = { run: "tuning", check: "check", rollback: "roll-back", commit: "commit", decide: "deciding experiment" };
 
+const DECIDED = { open: "proved, waits for a person", approved: "proved, approved", rejected: "proved, rejected", superseded: "proved, superseded by a later one" };
+
+// How a job ended; a tuning that was proved and left to a person goes by what became of that.
+function came(job, proposals) {
+  const own = job.kind === "run" ? proposals.find((one) => one.run === job.run) : null;
+  return DECIDED[own?.state] || String(job.outcome || "").replaceAll("_", " ");
+}
+
 function listJobs(jobs, proposals) {
-  const waits = (job) => job.kind === "run" && proposals.some((one) => one.state === "open" && one.run === job.run);
   $("jobs").replaceChildren(...jobs.map((one) => {
-    const item = element("li", ""), came = waits(one) ? "proved, waits for a person" : String(one.outcome || "").replaceAll("_", " ");
-    item.append(element("strong", `${one.axis}, ${WORDS[one.kind] || one.kind}: ${came}`), ` ${when(one.finished)}${waits(one) ? "" : `. ${one.sentence || ""}`}`);
+    const item = element("li", "");
+    item.append(element("strong", `${one.axis}, ${WORDS[one.kind] || one.kind}: ${came(one, proposals)}`), ` ${when(one.finished)}. ${one.sentence || ""}`);
     return item;
   }));
   if (!jobs.length) $("jobs").replaceChildren(element("li", "No job has ended yet."));
@@ -126,20 +137,20 @@ function listJobs(jobs, proposals) {
 
 let under = new Map(); // jobs that were under way, and their axes
 
-function tellEnded(axes, jobs) {
+function tellEnded(axes, jobs, proposals) {
   for (const [id, axis] of under) {
     const ended = jobs.find((one) => one.id === id);
-    if (ended) say(`${axis}, ${WORDS[ended.kind] || ended.kind}: ${String(ended.outcome || "").replaceAll("_", " ")}. ${ended.sentence || ""}`, Boolean(ended.exit_code));
+    if (ended) say(`${axis}, ${WORDS[ended.kind] || ended.kind}: ${came(ended, proposals)}. ${ended.sentence || ""}`, Boolean(ended.exit_code) && ended.outcome !== "not_applied");
   }
   under = new Map(axes.filter((axis) => axis.job).map((axis) => [axis.job.id, axis.name]));
 }
 
-function listReports(reports, jobs) {
+function listReports(reports, jobs, proposals) {
   $("reports").replaceChildren(
     ...reports.slice(0, 50).map((one) => {
       const item = element("li", ""), job = jobs.find((other) => other.run === one.run);
       const link = element("a", `${one.axis}, ${one.run}`, { href: `/api/reports/${one.id}`, target: "_blank", rel: "noopener" });
-      item.append(link, job ? ` ${WORDS[job.kind] || job.kind}: ${String(job.outcome || "").replaceAll("_", " ")}` : "");
+      item.append(link, job ? ` ${WORDS[job.kind] || job.kind}: ${came(job, proposals)}` : "");
       return item;
     }),
   );
@@ -149,6 +160,7 @@ function listReports(reports, jobs) {
 const NO_MEASURE = new Set(["id", "exit_code", "temperature", "missed", "samples", "change"]);
 
 const MEASURES = { level: "friction", uncompensated: "peak error without feedforward" };
+const unitOf = (name) => (name.startsWith("level") ? { rad: "N m", m: "N" } : { rad: "rad", m: "m" })[units[shown]] || "";
 
 async function history() {
   const found = await ask(`/api/axes/${shown}/history`);
@@ -164,10 +176,11 @@ async function history() {
   const measured = (one, name) => typeof one[name] === "number" && !NO_MEASURE.has(name) && !(name.endsWith("_error") && name.slice(0, -6) in one);
   const names = [...new Set(checks.flatMap((one) => Object.keys(one).filter((name) => measured(one, name))))];
   const inks = ["blue", "orange", "grey"];
-  const series = names.slice(0, 3).map((name, i) => { const { first, values } = relative(name); return { label: `${MEASURES[name] || name.replaceAll("_", " ")} (100 % is ${significant(first)})`, values, colour: colour(inks[i]), width: 2 }; });
+  const series = names.slice(0, 3).map((name, i) => { const { first, values } = relative(name); return { label: `${MEASURES[name] || name.replaceAll("_", " ")} (100 % is ${quantity(first, unitOf(name))})`, values, colour: colour(inks[i]), width: 2 }; });
   const warm = checks.some((one) => typeof one.temperature === "number");
   if (warm) series.push({ label: "temperature [°C]", values: checks.map((one) => one.temperature ?? null), colour: colour("green"), width: 1.4, dash: [6, 4], right: true });
-  if (time.length < 2 || !series.length) { if (plots.history) plots.history.destroy(); plots.history = null; return; }
+  $("history").hidden = time.length < 2 || !series.length;
+  if ($("history").hidden) { if (plots.history) plots.history.destroy(); plots.history = null; return; }
   const last = time[time.length - 1];
   const marks = found.events.map((one) => ({ x: new Date(one.at).getTime() / 86400e3 - last, label: one.kind.replaceAll("_", " ") })).sort((a, b) => a.x - b.x);
   const x = time.map((t) => t - last), latest = marks.length ? marks[marks.length - 1].x : 0;
@@ -185,4 +198,5 @@ $("history-of").onchange = (event) => { shown = event.target.value; history().ca
 takeToken();
 refresh();
 setInterval(() => { if (!document.hidden) refresh(); }, SECONDS * 1000);
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { if (shown) history().catch(() => {}); });
 document.addEventListener("visibilitychange", () => { if (!document.hidden) { known = ""; refresh(); } });

@@ -7,6 +7,7 @@ import { bars, colour, heat, plot } from "/web/plots.js";
 const $ = (id) => document.getElementById(id);
 export const BINS = 40;
 const CREST = 0.5; // cos above it: a third of every period
+const LOW = 50; // orders that are shown at first, and whatever the largest wave is at
 const NOT_A_COORDINATE = new Set(["torque", "error", "kind"]);
 const view = { compared: null, beside: null, selections: [], place: null, motion: "rad", torque: "N m", changed: () => {} };
 const plots = {};
@@ -120,9 +121,14 @@ function drawRegimes(rows) {
   bars($("regimes"), list, view.compared.noise_floor_rms);
 }
 
+export function coordinateUnit(name, motion = view.motion) {
+  const units = { position: motion, velocity: `${motion}/s`, acceleration: `${motion}/s²`, time: "s", temperature: "°C", travel_since_reversal: `log10 ${motion}`, time_since_reversal: "log10 s" };
+  return units[name] || "";
+}
+
 export function coordinateLabel(name, motion = view.motion) {
-  const units = { position: motion, velocity: `${motion}/s`, acceleration: `${motion}/s²`, time: "s", temperature: "°C", travel_since_reversal: `log10 ${view.motion}`, time_since_reversal: "log10 s" };
-  return `${spoken(name)} [${units[name] || ""}]`;
+  const unit = coordinateUnit(name, motion);
+  return unit ? `${spoken(name)} [${unit}]` : spoken(name);
 }
 
 export function byDirection(rows, name, low, high, kept, values = rows.error) {
@@ -145,7 +151,7 @@ function drawCoordinate(rows) {
   const other = view.beside?.compared.rows;
   if (other?.[name]) for (const { label, ink, mean } of byDirection(other, name, low, high, () => true))
     series.push({ label: `${label}, ${view.beside.label}`, values: mean.map((m) => (m === null ? null : m * force.factor)), colour: colour(ink), width: 1.2, dash: [8, 4] });
-  const within = (from, to, also) => select((k) => x[k] >= from && x[k] <= to, `${spoken(name)} from ${significant(from)} to ${significant(to)}`, also);
+  const within = (from, to, also) => select((k) => x[k] >= from && x[k] <= to, `${spoken(name)} from ${significant(from)} to ${significant(to)} ${coordinateUnit(name)}`, also);
   const pick = (value, also) => {
     const bin = Math.min(BINS - 1, Math.max(0, Math.floor((value - low) / width)));
     within(low + bin * width, low + (bin + 1) * width, also);
@@ -182,7 +188,7 @@ function drawMap(rows) {
   const [us, vs] = [trimmed(rows.velocity), trimmed(rows.acceleration)];
   const { cell, values, largest } = field((k) => rows.velocity[k], (k) => rows.acceleration[k], us, vs, columns, lines, rows.error);
   const labels = { left: significant(us[0]), right: significant(us[1]), x: `velocity [${view.motion}/s], up to ${quantity(largest, view.torque)} rms`, top: significant(vs[1]), bottom: significant(vs[0]), y: `acceleration [${view.motion}/s²]` };
-  const onCell = (i, j, also) => select((k) => cell(k) === j * columns + i, `velocity from ${significant(us[0] + (i * (us[1] - us[0])) / columns)} and acceleration from ${significant(vs[0] + (j * (vs[1] - vs[0])) / lines)}, one field`, also);
+  const onCell = (i, j, also) => select((k) => cell(k) === j * columns + i, `velocity from ${significant(us[0] + (i * (us[1] - us[0])) / columns)} ${view.motion}/s and acceleration from ${significant(vs[0] + (j * (vs[1] - vs[0])) / lines)} ${view.motion}/s², one field`, also);
   heat($("map"), { values, columns, rows: lines, labels, largest, onCell });
 }
 
@@ -190,7 +196,7 @@ function drawPlaces(rows) {
   const columns = 40, us = range(rows.position);
   const { cell, values, largest } = field((k) => rows.position[k], (k) => (rows.velocity[k] > 0 ? 1 : rows.velocity[k] < 0 ? 0 : NaN), us, [0, 1.5], columns, 2, rows.error);
   const labels = { left: significant(us[0]), right: significant(us[1]), x: `position [${view.motion}], up to ${quantity(largest, view.torque)} rms`, top: "forw.", bottom: "backw.", y: "" };
-  const onCell = (i, j, also) => select((k) => cell(k) === j * columns + i, `position from ${significant(us[0] + (i * (us[1] - us[0])) / columns)}, ${j ? "forwards" : "backwards"}`, also);
+  const onCell = (i, j, also) => select((k) => cell(k) === j * columns + i, `position from ${significant(us[0] + (i * (us[1] - us[0])) / columns)} ${view.motion}, ${j ? "forwards" : "backwards"}`, also);
   heat($("places"), { values, columns, rows: 2, labels, largest, onCell });
 }
 
@@ -214,9 +220,10 @@ function drawOrders() {
   plots.orders = plot($("orders"), plots.orders, {
     x: order.map((one) => one * turn), height: 240, legend: false, series,
     xLabel: view.motion === "rad" ? "order [cycles per revolution]" : "order [cycles per metre]", yLabel: `error [${force.unit}]`,
-    onZoom: (start, end) => { if (start === null) drawOrders(); else plots.orders.setScale("x", { min: start, max: end }); },
+    onZoom: (start, end) => plots.orders.setScale("x", start === null ? { min: 0, max: order[order.length - 1] * turn } : { min: start, max: end }),
     onClick: order.length ? pick : undefined,
   });
+  if (order.length) plots.orders.setScale("x", { min: 0, max: Math.min(order[order.length - 1] * turn, Math.max(LOW, 1.2 * turn * order[amplitude.indexOf(Math.max(...amplitude))])) });
   $("orders").onkeydown = (event) => {
     const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
     if (!step || !order.length) return;

@@ -11,6 +11,7 @@ import { drawWhere, selectAll, selectedStretches, selection, selectTime, showWhe
 const $ = (id) => document.getElementById(id);
 const KEPT = "autotune-workbench";
 const MOST_GAP = 0.1; // s, between compared rows: over more no line is drawn
+const WORTH = 0.005; // of the squared error: a candidate that takes less away stands in the list of the others
 
 const state = {
   recordings: [], // {id, name, …, chosen, leftOut: [[first, last]], file}
@@ -80,14 +81,16 @@ function chosen() {
 }
 
 const model = () => (state.at >= 0 ? state.versions[state.at] : null);
-const unit = () => state.recordings[0]?.torque_unit || "N m";
-const motion = () => state.recordings[0]?.motion_unit || "rad";
+// Units are those of what is shown: of the comparison, else of the recordings that are chosen.
+const first = () => state.recordings.find((one) => one.chosen) || state.recordings[0];
+const unit = () => state.compared?.torque_unit || model()?.unit || first()?.torque_unit || "N m";
+const motion = () => first()?.motion_unit || "rad";
 
 function refreshButtons() {
   const some = state.recordings.some((one) => one.chosen);
   $("fit").disabled = !some;
   $("compare").disabled = $("diagnose").disabled = !some || !model();
-  $("add").disabled = !some || !model() || !document.querySelector("#candidates input:checked");
+  $("add").disabled = !some || !model() || !document.querySelector("#missing input:checked");
   $("undo").disabled = state.at < 1;
   $("redo").disabled = state.at + 1 >= state.versions.length;
   $("save").disabled = !model();
@@ -116,9 +119,10 @@ async function take(fileList) {
   }
 }
 
-function adopt(view, file = null) {
+// `address`: where its file is sent again to a program that was started anew.
+function adopt(view, file = null, address = `/api/workbench/recordings?name=${encodeURIComponent(view.name)}`) {
   const known = state.recordings.find((one) => one.id === view.id);
-  if (!known) state.recordings.push({ ...view, chosen: true, leftOut: [], file });
+  if (!known) state.recordings.push({ ...view, chosen: true, leftOut: [], file, address });
   say(`${view.name}: ${view.rows} rows, ${significant(view.seconds)} s${view.remarks.length ? `. ${view.remarks.join(" ")}` : ""}`);
   listRecordings();
   if (!state.shown.id) show(view.id);
@@ -163,11 +167,11 @@ function askAbout(file, why) {
     event.preventDefault();
     const given = new FormData(form);
     const options = { format: given.get("format"), columns: String(given.get("columns")).split(/\s+/).filter(Boolean) };
-    for (const name of ["unit", "controller"]) if (given.get(name)) options[name] = given.get(name);
-    for (const name of ["period", "torque_limit"]) if (given.get(name)) options[name] = Number(given.get(name));
+    for (const name of ["unit", "torque_unit", "controller"]) if (given.get(name)) options[name] = given.get(name);
+    for (const name of ["period", "torque_limit", "resolution"]) if (given.get(name)) options[name] = Number(given.get(name));
+    const address = `/api/workbench/import?name=${encodeURIComponent(file.name)}&options=${encodeURIComponent(JSON.stringify(options))}`;
     try {
-      const query = `name=${encodeURIComponent(file.name)}&options=${encodeURIComponent(JSON.stringify(options))}`;
-      adopt(await send(`/api/workbench/import?${query}`, file), file);
+      adopt(await send(address, file), file, address);
       form.hidden = true;
     } catch (error) {
       $("import-why").textContent = error.message;
@@ -185,7 +189,7 @@ async function again(work) {
     for (const one of state.recordings) {
       if (!one.file && !one.source) throw error;
       if (one.source) await post(one.source, {});
-      else await send(`/api/workbench/recordings?name=${encodeURIComponent(one.name)}`, one.file);
+      else await send(one.address, one.file);
     }
     return work();
   }
@@ -208,15 +212,16 @@ async function draw() {
   const trace = await ask(`/api/workbench/recordings/${id}/trace?columns=reference,position,torque&points=${points}${limits}`);
   if (state.shown.id !== id) return;
   state.shown.whole = trace.whole;
-  const common = { xLabel: "time [s]", shared: "time", onZoom: zoom, onClick: setCursor };
+  const common = { shared: "time", onZoom: zoom, onClick: setCursor };
   const where = scaleOf(trace.position, one.motion_unit);
   const motions = [["reference", "grey", [5, 4]], ["position", "blue"]]
     .filter(([name]) => trace[name])
     .map(([name, ink, dash]) => ({ label: name, values: trace[name].map((v) => (v === null ? null : v * where.factor)), colour: colour(ink), dash }));
-  plots.motion = plot($("trace-motion"), plots.motion, { ...common, x: trace.time, series: motions, yLabel: `position [${where.unit}]` });
+  plots.motion = plot($("trace-motion"), plots.motion, { ...common, x: trace.time, xLabel: "", series: motions, yLabel: `position [${where.unit}]`, units: ["s", where.unit] });
   const force = scaleOf(trace.torque, one.torque_unit);
   const series = [{ label: "torque", values: trace.torque.map((v) => (v === null ? null : v * force.factor)), colour: colour("grey") }];
-  plots.torque = plot($("trace-torque"), plots.torque, { ...common, x: trace.time, series: [...series, ...modelSeries(trace.time, force.factor)], yLabel: `torque [${force.unit}]` });
+  plots.torque = plot($("trace-torque"), plots.torque, { ...common, x: trace.time, xLabel: "time [s]", height: 280, series: [...series, ...modelSeries(trace.time, force.factor)], yLabel: `torque [${force.unit}]`, units: ["s", force.unit] });
+  state.shown.unit = force.unit;
   showCursors();
 }
 
@@ -290,8 +295,9 @@ function showCursors() {
   };
   const [at, bt] = [read(a), read(b)];
   const names = plots.torque.series.slice(1).map((one) => one.label);
-  const tell = (letter, one) => one && `${letter} ${significant(one.time, 5)} s: ${names.map((name, i) => `${name} ${significant(one.values[i])}`).join(", ")}`;
-  const apart = at && bt ? `B − A ${significant(bt.time - at.time, 4)} s: ${names.map((name, i) => `${name} ${significant(bt.values[i] - at.values[i])}`).join(", ")}` : null;
+  const each = (value) => names.map((name, i) => `${name} ${significant(value(i))} ${state.shown.unit}`).join(", ");
+  const tell = (letter, one) => one && `${letter} ${significant(one.time, 5)} s: ${each((i) => one.values[i])}`;
+  const apart = at && bt ? `B − A ${significant(bt.time - at.time, 4)} s: ${each((i) => (at.values[i] === null || bt.values[i] === null ? null : bt.values[i] - at.values[i]))}` : null;
   $("cursors").textContent = [tell("A", at), tell("B", bt), apart].filter(Boolean).join(" · ");
 }
 
@@ -326,7 +332,7 @@ async function fit() {
   const found = await attempt(() => again(() => work("fit", chosen())));
   if (!found) return;
   if (!found.model) return say(`No model: ${found.reason}`, true);
-  adoptModel({ text: found.model, label: "base model", error: null, floor: null, parameters: found.parameters, previous: {} });
+  adoptModel({ text: found.model, label: "base model", unit: found.torque_unit, error: null, floor: null, parameters: found.parameters, previous: {} });
   say(`Fitted: misses the torque by ${significant(100 * found.relative_error)} %. ${found.notes.join(" ")}`);
   await compare();
 }
@@ -338,6 +344,7 @@ async function compare() {
   found.of = wish.recordings.length === 1 ? wish.recordings[0] : null;
   state.beside = null;
   state.compared = found;
+  model().unit = found.torque_unit;
   if (model().error === null) { model().error = found.error_rms; model().floor = found.noise_floor_rms; remember(); }
   $("beside").value = "";
   $("beside-legend").textContent = "";
@@ -347,13 +354,13 @@ async function compare() {
 }
 
 async function addChosen() {
-  const effects = [...document.querySelectorAll("#candidates input:checked")].map((box) => box.value);
+  const effects = [...document.querySelectorAll("#missing input:checked")].map((box) => box.value);
   const found = await attempt(() => again(() => work("add", { ...chosen(), model: model().text, effects })));
   if (!found) return;
   const first = found.steps[0];
   if (model().unseen === undefined) Object.assign(model(), { error: first.error_before, unseen: found.unseen });
   adoptModel({
-    text: found.model, label: `+ ${effects.join(", ").replaceAll("_", " ")}`, error: found.error_after,
+    text: found.model, label: `+ ${effects.join(", ").replaceAll("_", " ")}`, unit: found.torque_unit, error: found.error_after,
     floor: found.noise_floor_rms, parameters: found.parameters, previous: found.previous, unseen: found.unseen,
   });
   const fall = 100 * (1 - found.error_after / first.error_before);
@@ -381,7 +388,7 @@ function showModel() {
     }),
   );
   const rows = state.versions.slice(0, state.at + 1).filter((one) => one.error !== null)
-    .map((one) => ({ name: one.label, value: one.error, text: quantity(one.error, unit()) }));
+    .map((one) => ({ name: one.label, value: one.error, text: quantity(one.error, one.unit || unit()) }));
   bars($("stairs"), rows, now?.floor || null);
   showParameters(now);
   listBeside();
@@ -496,10 +503,15 @@ function showDiagnosis() {
   const found = state.diagnosis;
   $("verdict").textContent = found ? found.sentence : "";
   $("next").textContent = found?.next_experiment ? `Next: ${found.next_experiment}` : "";
-  newOverlay(found?.overlay || null, { motion: motion(), torque: unit(), changed: () => attempt(draw) });
+  newOverlay(found?.overlay || null, { motion: motion(), torque: found?.torque_unit || unit(), changed: () => attempt(draw) });
   listAxes();
   const list = found ? [...found.candidates].sort((a, b) => b.gain - a.gain) : [];
-  $("candidates").replaceChildren(...list.map((one) => candidateRow(one, found)));
+  const helps = (one) => one.accepted || one.gain > WORTH || found.effects.includes(one.effect);
+  const [some, none] = [list.filter(helps), list.filter((one) => !helps(one))];
+  $("candidates").replaceChildren(...some.map((one) => candidateRow(one, found)));
+  $("others").hidden = !none.length;
+  $("others-title").textContent = `${none.length} ${some.length ? "more candidates" : "candidates"} that take nothing away`;
+  $("others-list").replaceChildren(...none.map((one) => candidateRow(one, found)));
   refreshButtons();
 }
 
@@ -561,7 +573,7 @@ function candidateRow(one, found) {
   box.onchange = refreshButtons;
   const strong = document.createElement("strong");
   strong.textContent = one.effect.replaceAll("_", " ");
-  label.append(box, " ", strong, ` takes ${significant(100 * one.gain)} % of the squared error away${one.accepted ? "" : ", not accepted"}: ${one.why}`);
+  label.append(box, " ", strong, one.gain > WORTH ? ` takes ${significant(100 * one.gain)} % of the squared error away${one.accepted ? "" : ", not accepted"}: ${one.why}` : `: ${one.why.replace(/-(?=\d)/g, "−")}`);
   const more = document.createElement("details"), head = document.createElement("summary");
   head.textContent = "What it is";
   more.append(head);
