@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from autotune.diagnosis.candidates import FittedCandidate, Progress, ScreenedCandidate, error_left
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence
+from autotune.diagnosis.free_shape import with_free_shape
 from autotune.diagnosis.refits import (
     REFINED,
     best_refined,
@@ -57,6 +58,7 @@ class Found:
         chosen: the model with all effects that were found; None where there are none.
         first: all candidates beside the root; `tried`: the best of them, fitted inside the twin.
         generic: gain of free functions of each coordinate.
+        freed: effects whose course is free, as their law differs.
     """
 
     problem: Problem
@@ -65,6 +67,7 @@ class Found:
     first: Sequence[ScreenedCandidate]
     tried: Sequence[FittedCandidate]
     generic: Mapping[str, float]
+    freed: frozenset[str] = frozenset()
 
 
 def search(problem: Problem, root: ModelFit, nominal: Packed, progress: Progress) -> Found:
@@ -89,6 +92,7 @@ class _Search:
     first: Sequence[ScreenedCandidate] = ()
     tried: Sequence[FittedCandidate] = ()
     generic: Mapping[str, float] = field(default_factory=dict)
+    freed: set[str] = field(default_factory=set)
 
     def found(self) -> Found:
         for number in range(MOST_EFFECTS):
@@ -99,7 +103,9 @@ class _Search:
             if not self._more_to_explain(chosen.model_fit):
                 break
         self._tidy()
-        return Found(self.problem, self.root, self.chosen, self.first, self.tried, self.generic)
+        return Found(
+            self.problem, self.root, self.chosen, self.first, self.tried, self.generic, self._still_freed()
+        )
 
     @property
     def _model_fit(self) -> ModelFit:
@@ -208,9 +214,41 @@ class _Search:
         if self.evidence.repeats and self._unsettled(best):
             best = refined(self.problem, self.root, best, self.progress)
             best = self._begun_anew(best)
+        if self.evidence.repeats and (best.share < REFINED or self._more_to_explain(best.model_fit)):
+            best = self._freed(best)
         self.chosen = best
         self.seen.append(best.model_fit)
         return best
+
+    def _freed(self, chosen: FittedCandidate) -> FittedCandidate:
+        """The model with the course of its last effect free, where its own law leaves a part unexplained.
+
+        Where that effect cannot be named by its own law, others that came near it get the same chance.
+        """
+        best = self._shaped(chosen) or chosen
+        if self.chosen is not None or chosen.named:
+            return best
+        least = self.problem.policy.rival_gain * chosen.gain
+        for item in self.tried:
+            if item.effect == chosen.effect or item.gain < least or item.share < self.problem.policy.partly:
+                continue
+            shaped = self._shaped(item)
+            if shaped is None:
+                continue
+            self.tried = [shaped if one is item else one for one in self.tried]
+            if error_left(self.problem, shaped.model_fit) < error_left(self.problem, best.model_fit):
+                best = shaped
+        return best
+
+    def _shaped(self, item: FittedCandidate) -> FittedCandidate | None:
+        self.progress(f"another law of {item.effect}")
+        shaped = with_free_shape(self.problem, self.root, self.nominal, item, item.effect)
+        if shaped is not None:
+            self.freed.add(item.effect)
+        return shaped
+
+    def _still_freed(self) -> frozenset[str]:
+        return frozenset(self.freed & set(self._model_fit.effects))
 
     def _unsettled(self, chosen: FittedCandidate) -> bool:
         return self.problem.policy.partly < chosen.share < REFINED

@@ -128,7 +128,7 @@ class Facts:
     Attributes:
         carried: what other trajectories said of the effects; `line`: a disturbance that follows the clock.
         coordinate, generic: the free function that gains most, and its gain.
-        rivals: effects that explain as much as the chosen one.
+        rivals: effects that explain as much as the chosen one; `freed`: those whose course was fitted freely.
     """
 
     problem: Problem
@@ -143,6 +143,7 @@ class Facts:
     rivals: tuple[str, ...]
     first: Sequence[ScreenedCandidate] = ()
     tried: Sequence[FittedCandidate] = ()
+    freed: frozenset[str] = frozenset()
 
     @property
     def drowned(self) -> bool:
@@ -240,6 +241,13 @@ def _outdone(facts: Facts) -> str:
     )
 
 
+def _its_course(facts: Facts) -> str:
+    if not facts.freed:
+        return ""
+    names = " and ".join(sorted(facts.freed)).replace("_", " ")
+    return f"Its law differs: the course of {names} was fitted freely, beside the law that the library has for it."
+
+
 def _another_law(facts: Facts) -> str:
     chosen = facts.chosen
     if chosen is None:
@@ -255,7 +263,7 @@ CASES: tuple[Case, ...] = (
     Case("a free function explains more than any physics", lambda f: f.structured, UNKNOWN, _unknown),
     Case("what is not named explains far more", lambda f: bool(f.outdone), UNKNOWN, _outdone),
     Case("other effects do as well", lambda f: f.accepted and bool(f.rivals), AMBIGUOUS, _nothing_to_say),
-    Case("an effect explains it", lambda f: f.accepted, NAMED, _nothing_to_say),
+    Case("an effect explains it", lambda f: f.accepted, NAMED, _its_course),
     Case("an effect explains most, by another law", lambda f: f.law_differs, NAMED, _another_law),
     Case("an effect explains too little", lambda f: f.chosen is not None, UNKNOWN, _unknown),
     Case("another trajectory refutes it", lambda f: bool(f.carried), UNKNOWN, _unknown),
@@ -322,6 +330,7 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
         rivals,
         found.first,
         found.tried,
+        found.freed,
     )
 
 

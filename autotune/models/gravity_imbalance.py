@@ -24,13 +24,21 @@ _SCALE = scale_slot()
 def imbalance_torque(p: Floats, position: float) -> float:
     """Torque that the imbalance needs [N m]."""
     angle = p[_AT + 2] * p[_SCALE] * position
-    return float(p[_AT] * math.sin(angle) + p[_AT + 1] * math.cos(angle))
+    torque = p[_AT] * math.sin(angle) + p[_AT + 1] * math.cos(angle)
+    if p[_AT + 3] != 0.0 or p[_AT + 4] != 0.0:
+        torque += p[_AT + 3] * math.sin(2.0 * angle) + p[_AT + 4] * math.cos(2.0 * angle)
+    return float(torque)
 
 
 def starts(c: StartContext) -> Iterator[StartValues]:
     """One is enough: the torque is linear in both parts."""
     if c.angle == 1.0:
         yield StartValues({}, {"sin": Vary(0.1 * c.coulomb), "cos": Vary(0.1 * c.coulomb)})
+
+
+def free_shape(c: StartContext) -> StartValues:
+    """A lever that changes over the turn: two waves in place of one."""
+    return StartValues({}, {"sin_2": Vary(0.1 * c.coulomb), "cos_2": Vary(0.1 * c.coulomb)})
 
 
 GRAVITY_IMBALANCE = Kind(
@@ -49,6 +57,8 @@ GRAVITY_IMBALANCE = Kind(
             True,
             True,
         ),
+        Parameter("sin_2", "N m", 0.0, -1e6, 1e6, "sine part of two waves a turn", _AT + 3, True),
+        Parameter("cos_2", "N m", 0.0, -1e6, 1e6, "cosine part of two waves a turn", _AT + 4, True),
     ),
     looks_like="The holding torque follows one sine over a turn of the load, in both directions alike.",
     cause="An unbalanced arm, table, chuck or workpiece, a missing counterweight.",
@@ -56,6 +66,7 @@ GRAVITY_IMBALANCE = Kind(
     look_alikes=(IN_PLACE,),
     kernels=Kernels(torque=imbalance_torque),
     starts=starts,
+    free_shape=free_shape,
     of_place=True,
     rotary_only=True,
 )

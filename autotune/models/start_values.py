@@ -59,6 +59,14 @@ class StartContext(Protocol):
         ...
 
     @property
+    def left(self) -> float:
+        """Rms of what the fit without the effect leaves [N m].
+
+        An effect that begins far larger than that begins in a place from which no linear model leads back.
+        """
+        ...
+
+    @property
     def reach(self) -> float:
         """Travel over which the bristle bends [motion unit]."""
         ...

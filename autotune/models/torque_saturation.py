@@ -48,7 +48,11 @@ def starts(c: StartContext) -> Iterator[StartValues]:
     """A small and a large loss at the largest torque that was recorded, with and without a knee."""
     for loss, exponent in ((0.05, 2.0), (0.05, 5.0), (0.35, 5.0)):
         yield StartValues(
-            {"loss": loss, "torque": c.largest_torque, "exponent": exponent},
+            {
+                "loss": loss if loss > 0.1 else min(loss, c.left / c.torque),
+                "torque": c.largest_torque,
+                "exponent": exponent,
+            },
             {"loss": Vary(0.2, 0.3), "exponent": Vary(2.0, 2.0)},
         )
 
