@@ -243,9 +243,10 @@ class _Search:
     def _shaped(self, item: FittedCandidate) -> FittedCandidate | None:
         self.progress(f"another law of {item.effect}")
         shaped = with_free_shape(self.problem, self.root, self.nominal, item, item.effect)
-        if shaped is not None:
-            self.freed.add(item.effect)
-        return shaped
+        if shaped is None:
+            return None
+        self.freed.add(item.effect)
+        return refined(self.problem, self.root, shaped, self.progress) if self._unsettled(shaped) else shaped
 
     def _still_freed(self) -> frozenset[str]:
         return frozenset(self.freed & set(self._model_fit.effects))

@@ -1,7 +1,8 @@
 """Friction that grows with the torque transmitted: level + factor·|J·q'' + load + share·friction|.
 
 The transmitted torque presses the contacts; it is smoothed over a millisecond. `friction_share` says on
-which side of the friction the pressed contact sits: 0 at the load, 1 at the motor, which drives friction too.
+which side of the friction the pressed contact sits: 0 at the load, 1 at the motor, which drives friction too; below 0
+friction is higher while braking than while driving.
 
 By another law it grows with a power of that torque, and from a preload on: factor·typical·((T − preload)/typical)ⁿ.
 """
@@ -44,16 +45,17 @@ def starts(c: StartContext) -> Iterator[StartValues]:
     for share in (0.0, 1.0):
         yield StartValues(
             {"factor": min(0.03, c.left / c.torque), "friction_share": share},
-            {"factor": Vary(0.1, 0.2), "friction_share": Vary(0.3, 0.4)},
+            {"factor": Vary(0.1, 0.2), "friction_share": Vary(0.3, 0.4, lower=0.0)},
         )
 
 
 def free_shape(c: StartContext) -> StartValues:
-    """Any power of the torque, from any preload on."""
+    """Any power of the torque, from any preload on, and friction that is higher where the load drives."""
     return StartValues(
         {"typical": 0.5 * c.largest_torque, "exponent": 1.001},
         {
             "exponent": Vary(0.3, 0.3),
+            "friction_share": Vary(0.3, 0.4),
             "preload": Vary(0.05 * c.largest_torque, 0.1 * c.largest_torque, upper=0.7 * c.largest_torque),
         },
     )
@@ -63,7 +65,7 @@ LOAD_DEPENDENT_FRICTION = Kind(
     name="load_dependent_friction",
     parameters=(
         Parameter("factor", "1", 0.0, 0.0, 5.0, "friction torque per torque transmitted", _AT),
-        Parameter("friction_share", "1", 0.0, 0.0, 1.0, "of the friction that is transmitted too", _AT + 1),
+        Parameter("friction_share", "1", 0.0, -1.0, 1.0, "of the friction that is transmitted too", _AT + 1),
         Parameter("exponent", "1", 1.0, 0.3, 4.0, "power of the torque transmitted", _AT + 2, True),
         Parameter(
             "typical", "N m", 1.0, 1e-9, 1e9, "torque at which the factor holds", _AT + 3, True, held=True
