@@ -58,8 +58,13 @@ class _Element:
 def with_free_shape(
     problem: Problem, root: ModelFit, nominal: Packed, chosen: FittedCandidate, effect: str
 ) -> FittedCandidate | None:
-    """The model with one effect's course free; None where that does not explain clearly more."""
+    """The model with one effect's course free; None where that does not explain clearly more.
+
+    By its own law the effect must explain most of the error: a free course alone would explain what is none of it.
+    """
     before = chosen.model_fit
+    if chosen.share < problem.policy.partly:
+        return None
     if effect == EFFECT:
         settled = resolved(problem, before)
     else:
@@ -67,6 +72,8 @@ def with_free_shape(
         if kind.free_shape is None:
             return None
         start = kind.free_shape(Context(problem, before.fitted, nominal))
+        if start is None:
+            return None
         p = before.fitted.packed.p.copy()
         for name, value in start.values.items():
             p[kind.slot(name)] = value

@@ -164,7 +164,7 @@ class Kind:
     starts: Callable[[StartContext], Iterator[StartValues]] = no_start
     why_no_start: str = "there is nothing in the motion to start a fit from"
     freed_later: Callable[[Floats], Mapping[str, Vary]] | None = None
-    free_shape: Callable[[StartContext], StartValues] | None = None
+    free_shape: Callable[[StartContext], StartValues | None] | None = None
     terms: Terms | None = None
     may_grow: bool = False
     extent: Measure | None = None

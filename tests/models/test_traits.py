@@ -34,9 +34,9 @@ class _Rows:
 def context() -> StartContext:
     """An axis that turned twice, with two orders left in its residual."""
     known: dict[str, Any] = {
-        "p": base_model(NUMBERS).pack().p, "coulomb": 0.3, "reach": 5e-3, "angle": 1.0, "torque": 0.5, "speed": 5.0,
-        "travel": 12.0, "mean_speed": 2.0, "largest_torque": 1.3, "resolution": 1e-4, "period": 1e-3,
-        "constant_speeds": False, "position": lambda: np.linspace(0.0, 12.0, 50), "thinned": _Rows,
+        "p": base_model(NUMBERS).pack().p, "coulomb": 0.3, "left": 0.01, "reach": 5e-3, "angle": 1.0, "torque": 0.5,
+        "speed": 5.0, "travel": 20.0, "mean_speed": 2.0, "largest_torque": 1.3, "resolution": 1e-4, "period": 1e-3,
+        "constant_speeds": False, "position": lambda: np.linspace(0.0, 20.0, 50), "thinned": _Rows,
         "sensitivity": lambda name: np.ones(50), "orders_in_residual": lambda most: [4.0, 12.0][:most],
     }  # fmt: skip
     return cast(StartContext, SimpleNamespace(**known))
@@ -54,6 +54,37 @@ def test_a_fit_begins_at_values_that_the_effect_can_have(kind: Kind) -> None:
             assert vary.scale > 0.0
             assert vary.step > 0.0
             assert max(parameter.lower, vary.lower) < min(parameter.upper, vary.upper)
+
+
+def test_no_start_is_far_larger_than_what_is_left() -> None:
+    """On a quiet axis an effect that begins at a tenth of all friction drowns what it is to explain."""
+    for kind in EFFECTS.values():
+        if kind.in_transmission or kind.name == "reversal_memory":  # these are led to their size
+            continue
+        start = next(iter(kind.starts(context())))
+        sizes = {"rise": 0.02, "height": 0.04, "factor": 0.04, "loss": 0.04, "break_away": 0.33}
+        for name, most in sizes.items():
+            if name in start.values:
+                assert start.values[name] <= most
+
+
+@pytest.mark.parametrize(
+    "kind", [kind for kind in EFFECTS.values() if kind.free_shape], ids=lambda kind: kind.name
+)
+def test_a_free_shape_begins_beside_the_effects_own_law(kind: Kind) -> None:
+    """Nothing of what the law has is set anew, and what is free begins inside its bounds."""
+    assert kind.free_shape is not None
+    start = kind.free_shape(context())
+    assert start is not None
+    plain = {p.name: p.neutral for p in kind.parameters if not p.optional}
+    assert start.free
+    assert not set(start.values) & set(plain)
+    kind.make(plain | dict(start.values))
+    for name, vary in start.free.items():
+        parameter = kind.parameter(name)
+        begins = start.values.get(name, parameter.neutral)
+        assert vary.scale > 0.0
+        assert max(parameter.lower, vary.lower) <= begins <= min(parameter.upper, vary.upper)
 
 
 @pytest.mark.parametrize("kind", EFFECTS.values(), ids=list(EFFECTS))
