@@ -173,7 +173,19 @@ class Facts:
             chosen is not None
             and self.evidence.accepts(policy, chosen)
             and not hardly_a_gap(policy, chosen.model_fit)
+            and (not self.freed or self.leads)
         )
+
+    @property
+    def leads(self) -> bool:
+        """No other effect gains nearly as much as the chosen one by its own law; several together always lead."""
+        chosen = self.chosen
+        if chosen is None or len(chosen.model_fit.effects) > 1:
+            return chosen is not None
+        others = [item.gain for item in self.first if item.effect != chosen.effect]
+        others += [item.gain for item in self.tried if item.effect != chosen.effect]
+        own = next((item.gain for item in self.first if item.effect == chosen.effect), chosen.gain)
+        return max(others, default=0.0) <= LAW_LEAD * max(own, chosen.gain)
 
     @property
     def outdone(self) -> str:
@@ -199,11 +211,7 @@ class Facts:
             return False
         if EFFECTS[chosen.effect].in_transmission:
             return False
-        others = [item.gain for item in self.first if item.effect != chosen.effect]
-        others += [item.gain for item in self.tried if item.effect != chosen.effect]
-        own = next((item.gain for item in self.first if item.effect == chosen.effect), chosen.gain)
-        alone = max(others, default=0.0) <= LAW_LEAD * max(own, chosen.gain)
-        return chosen.share >= LAW_DIFFERS and alone
+        return chosen.share >= LAW_DIFFERS and self.leads
 
     @property
     def structure_left(self) -> bool:

@@ -116,6 +116,8 @@ class RepeatedProgramme(Evidence):
         noise = problem.noise_variance(model_fit.fitted.error, TRAINING)
         policy = problem.policy
         least = policy.structure_part * noise if _exact(problem) else _of_the_chain(problem, noise)
+        if problem.controller is None or not problem.controller.exact:
+            least = max(least, (policy.least_part * problem.scales.torque) ** 2)
         counts, scatter = problem.comes_by_counts(TRAINING)
         error = math.sqrt(max(scatter**2, PAIRS * error**2) - (PAIRS - 1.0) * error**2)
         beyond = variance - counts > policy.structure_errors * error and variance > least
