@@ -349,9 +349,13 @@ def _rivals(
     chosen: FittedCandidate,
     tried: Sequence[FittedCandidate],
 ) -> list[str]:
-    """Single effects that explain as much as the chosen single one; hardly a gap is no rival of a spring."""
+    """Single effects that explain as much as the chosen single one; hardly a gap is no rival of a spring.
+
+    What need not be excused in the chosen one is not excused in a rival.
+    """
     if len(chosen.model_fit.effects) != 1:
         return []
+    strict = chosen.plain_share >= problem.policy.named
     best = error_left(problem, chosen.model_fit)
     near = evidence.alike(problem) * (error_left(problem, root) - best)
     return [
@@ -359,6 +363,7 @@ def _rivals(
         for item in tried
         if item.effect != chosen.effect
         and item.named
+        and (not strict or item.plain_share >= problem.policy.named)
         and not (
             chosen.effect == SPRING.name
             and item.effect == GAP.name

@@ -61,12 +61,19 @@ def gain_and_z(before: Unseen, after: Unseen) -> tuple[float, float]:
 class Explained:
     """What a model explains of one role's residual: X the fall, U what is still explainable [(N m)²].
 
-    `certain`: what is left repeats beyond doubt, so that the model cannot be all of the truth.
+    `certain`: what is left repeats beyond doubt, so that the model cannot be all of the truth. `excused`: what is left
+    beside U, but is put down to the measurement chain or to chance.
     """
 
     fall: float
     left: float
     certain: bool = False
+    excused: float = 0.0
+
+    @property
+    def plain_share(self) -> float:
+        """The share with nothing excused."""
+        return self.fall / (self.fall + self.left + self.excused) if self.fall > 0 else 0.0
 
     @property
     def share(self) -> float:
@@ -153,14 +160,15 @@ def explained(
         and variance > problem.policy.rest_errors * error
         and variance > max(problem.policy.rest_part * noise, counts)
     )
-    left = still_explainable(problem, after, correction, role)
+    left = whole = still_explainable(problem, after, correction, role)
     if (
         role == VETO and not certain
     ):  # too short to tell a rest from none: training tells how much is explained
         left = max(left - (problem.policy.rest_errors - 1.0) * error, 0.0)
     of_chain = max(COMES_AGAIN * problem.chain_variance, counts)
     of_chain = min(of_chain, MOST_OF_THE_FALL * max(fall, 0.0))
-    return Explained(fall, max(left - of_chain, 0.0), certain)
+    still = max(left - of_chain, 0.0)
+    return Explained(fall, still, certain, whole - still)
 
 
 def bins(values: Floats, count: int, chosen: Flags) -> Floats:
