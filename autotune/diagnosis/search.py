@@ -214,7 +214,7 @@ class _Search:
         if self.evidence.repeats and self._unsettled(best):
             best = refined(self.problem, self.root, best, self.progress)
             best = self._begun_anew(best)
-        if self.evidence.repeats and (best.share < REFINED or self._more_to_explain(best.model_fit)):
+        if self.evidence.repeats and (best.plain_share < REFINED or self._more_to_explain(best.model_fit)):
             best = self._freed(best)
         self.chosen = best
         self.seen.append(best.model_fit)

@@ -58,8 +58,8 @@ def starts(c: StartContext) -> Iterator[StartValues]:
         )
 
 
-FASTER, SLOWER, SHORTEST = 0.1, 10.0, 0.01
-"""Time constants of further contacts, over that of the first; and the shortest [s]."""
+FASTER, SLOWER = 0.1, 10.0
+"""Time constants of further contacts, over that of the first; none shorter than `LEAST_AGE`."""
 
 
 def free_shape(c: StartContext) -> StartValues:
@@ -67,7 +67,7 @@ def free_shape(c: StartContext) -> StartValues:
     seconds = float(c.p[_AT + 1])
     values = {
         "rise_2": 0.0,
-        "time_constant_2": max(FASTER * seconds, SHORTEST),
+        "time_constant_2": max(FASTER * seconds, LEAST_AGE),
         "rise_3": 0.0,
         "time_constant_3": SLOWER * seconds,
     }
