@@ -28,7 +28,6 @@ from autotune.estimation.problem import (
     by_steadiness,
     new_problem,
     refit,
-    with_counts,
     with_expected_noise,
 )
 from autotune.estimation.residual import measured_motion, smoothed
@@ -80,7 +79,6 @@ def begin(
         )
     problem, settled = _aligned(*model_fit)
     problem, settled, said = _late_record(problem, settled)
-    problem = with_counts(problem, settled.fitted.packed)
     notes = (*notes, *said)
     _refuse_misfit(problem, settled)
     dropped = 1.0 - float(np.mean(problem.weight > 0))
