@@ -35,6 +35,7 @@ from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.parts import repeats_alike
 from autotune.estimation.problem import Problem
 from autotune.models.drive_model import Packed
+from autotune.models.table import EFFECTS
 from autotune.models.transmission import has_load
 
 MOST_EFFECTS, MOST_FITS = 3, 4
@@ -58,7 +59,7 @@ class Found:
         chosen: the model with all effects that were found; None where there are none.
         first: all candidates beside the root; `tried`: the best of them, fitted inside the twin.
         generic: gain of free functions of each coordinate.
-        freed: effects whose course is free, as their law differs.
+        freed: effects whose course is free, as their law differs; whether their own law would have named them too.
     """
 
     problem: Problem
@@ -67,7 +68,7 @@ class Found:
     first: Sequence[ScreenedCandidate]
     tried: Sequence[FittedCandidate]
     generic: Mapping[str, float]
-    freed: frozenset[str] = frozenset()
+    freed: Mapping[str, bool] = field(default_factory=dict)
 
 
 def search(problem: Problem, root: ModelFit, nominal: Packed, progress: Progress) -> Found:
@@ -92,7 +93,7 @@ class _Search:
     first: Sequence[ScreenedCandidate] = ()
     tried: Sequence[FittedCandidate] = ()
     generic: Mapping[str, float] = field(default_factory=dict)
-    freed: set[str] = field(default_factory=set)
+    freed: dict[str, bool] = field(default_factory=dict)
 
     def found(self) -> Found:
         for number in range(MOST_EFFECTS):
@@ -245,11 +246,12 @@ class _Search:
         shaped = with_free_shape(self.problem, self.root, self.nominal, item, item.effect)
         if shaped is None:
             return None
-        self.freed.add(item.effect)
+        if not EFFECTS[item.effect].approximate:  # elements are its own law, however many
+            self.freed[item.effect] = item.named
         return refined(self.problem, self.root, shaped, self.progress) if self._unsettled(shaped) else shaped
 
-    def _still_freed(self) -> frozenset[str]:
-        return frozenset(self.freed & set(self._model_fit.effects))
+    def _still_freed(self) -> dict[str, bool]:
+        return {effect: named for effect, named in self.freed.items() if effect in self._model_fit.effects}
 
     def _unsettled(self, chosen: FittedCandidate) -> bool:
         return self.problem.policy.partly < chosen.share < REFINED

@@ -129,7 +129,8 @@ class Facts:
     Attributes:
         carried: what other trajectories said of the effects; `line`: a disturbance that follows the clock.
         coordinate, generic: the free function that gains most, and its gain.
-        rivals: effects that explain as much as the chosen one; `freed`: those whose course was fitted freely.
+        rivals: effects that explain as much as the chosen one.
+        freed: those whose course was fitted freely, and whether their own law would have named them too.
     """
 
     problem: Problem
@@ -144,7 +145,7 @@ class Facts:
     rivals: tuple[str, ...]
     first: Sequence[ScreenedCandidate] = ()
     tried: Sequence[FittedCandidate] = ()
-    freed: frozenset[str] = frozenset()
+    freed: Mapping[str, bool] = field(default_factory=dict)
 
     @property
     def drowned(self) -> bool:
@@ -174,7 +175,7 @@ class Facts:
             chosen is not None
             and self.evidence.accepts(policy, chosen)
             and not hardly_a_gap(policy, chosen.model_fit)
-            and (not self.freed or self.leads)
+            and (all(self.freed.values()) or self.leads)
         )
 
     @property
