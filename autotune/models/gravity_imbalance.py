@@ -27,7 +27,7 @@ def imbalance_torque(p: Floats, position: float) -> float:
     """Torque that the imbalance needs [N m]."""
     angle = p[_AT + 2] * p[_SCALE] * position
     torque = p[_AT] * math.sin(angle) + p[_AT + 1] * math.cos(angle)
-    if p[_AT + 3] != 0.0 or p[_AT + 4] != 0.0:
+    if abs(p[_AT + 3]) + abs(p[_AT + 4]) > 0.0:
         torque += p[_AT + 3] * math.sin(2.0 * angle) + p[_AT + 4] * math.cos(2.0 * angle)
     return float(torque)
 
