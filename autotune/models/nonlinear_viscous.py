@@ -17,7 +17,7 @@ from autotune.models.compiled import compiled
 from autotune.models.effect import Kernels, Kind, Parameter
 from autotune.models.layout import block
 from autotune.models.look_alikes import IN_SPEED
-from autotune.models.start_values import StartContext, StartValues, Vary
+from autotune.models.start_values import AT_MOST, StartContext, StartValues, Vary
 
 _AT = block("nonlinear_viscous")
 FILMS, FANS = 3, 2
@@ -49,7 +49,11 @@ def starts(c: StartContext) -> Iterator[StartValues]:
     for exponent, share in ((0.5, 0.1), (2.0, 0.05)):
         torque = share * c.coulomb / c.speed**exponent
         yield StartValues(
-            {"torque": min(torque, c.left / c.speed**exponent), "exponent": exponent, "knee": 2e-3 * c.speed},
+            {
+                "torque": min(torque, AT_MOST * c.left / c.speed**exponent),
+                "exponent": exponent,
+                "knee": 2e-3 * c.speed,
+            },
             {"torque": Vary(torque, 5.0 * torque), "exponent": Vary(0.3, 0.4)},
         )
 

@@ -14,6 +14,9 @@ from typing import Protocol
 
 from autotune.core.arrays import Floats, Integers
 
+AT_MOST = 5.0
+"""Times what is left: how large an effect begins. From ten times no linear model leads back."""
+
 
 @dataclass(frozen=True, slots=True)
 class Vary:
