@@ -216,6 +216,12 @@ class Facts:
         return chosen.share >= LAW_DIFFERS and self.leads
 
     @property
+    def veto_silent(self) -> bool:
+        """On the veto trajectory less than half is explained unless what is left there is excused: it tells nothing."""
+        veto = self.chosen.veto if self.chosen is not None else None
+        return veto is not None and veto.plain_share < self.problem.policy.partly
+
+    @property
     def structure_left(self) -> bool:
         return self.evidence.structure_left(self.problem, self.root)
 
@@ -292,6 +298,7 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
     if facts.chosen is not None and case.verdict in (NAMED, AMBIGUOUS):
         effects = facts.chosen.model_fit.effects
         sure = case.verdict == NAMED and facts.evidence.confirms(facts.problem, effects, carried)
+        sure = sure and not facts.veto_silent
         confidence = CONFIRMED if sure else SUSPECTED
     confusable = _confusable(facts, case.verdict, effects, confidence, found)
     said = [line_note(facts.line) if facts.line is not None else "", case.sentence(facts)]
