@@ -14,7 +14,7 @@ from autotune.models.compiled import compiled
 from autotune.models.effect import Kernels, Kind, Parameter
 from autotune.models.layout import block, flag, state_block
 from autotune.models.look_alikes import AT_STARTS, IN_TIME
-from autotune.models.start_values import AT_MOST, StartContext, StartValues, Vary
+from autotune.models.start_values import StartContext, StartValues, Vary, at_first
 
 _AT = block("dwell_time_break_away")
 AGE = state_block("dwell_time_break_away")
@@ -49,7 +49,7 @@ def starts(c: StartContext) -> Iterator[StartValues]:
     """A contact that is young again within the bristle's reach, and one that takes longer."""
     for slip in (0.3 * c.reach, 2.0 * c.reach):
         yield StartValues(
-            {"rise": min(0.1 * c.coulomb, AT_MOST * c.left), "time_constant": 1.0, "slip": slip},
+            {"rise": at_first(0.1 * c.coulomb, c.left), "time_constant": 1.0, "slip": slip},
             {
                 "rise": Vary(0.2 * c.coulomb, 0.4 * c.coulomb),
                 "time_constant": Vary(0.5, 0.8, lower=LEAST_AGE),

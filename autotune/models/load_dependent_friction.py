@@ -16,7 +16,7 @@ from autotune.models.compiled import compiled
 from autotune.models.effect import Kernels, Kind, Parameter
 from autotune.models.layout import block, flag, state_block
 from autotune.models.look_alikes import IN_TORQUE
-from autotune.models.start_values import AT_MOST, StartContext, StartValues, Vary
+from autotune.models.start_values import StartContext, StartValues, Vary, at_first
 
 _AT = block("load_dependent_friction")
 PRESSED = state_block("load_dependent_friction")
@@ -44,7 +44,7 @@ def starts(c: StartContext) -> Iterator[StartValues]:
     """The contact at the load, and at the motor."""
     for share in (0.0, 1.0):
         yield StartValues(
-            {"factor": min(0.03, AT_MOST * c.left / c.torque), "friction_share": share},
+            {"factor": at_first(0.03, c.left / c.torque), "friction_share": share},
             {"factor": Vary(0.1, 0.2), "friction_share": Vary(0.3, 0.4, lower=0.0)},
         )
 

@@ -17,7 +17,7 @@ from autotune.models.compiled import compiled
 from autotune.models.effect import Kernels, Kind, Parameter
 from autotune.models.layout import block
 from autotune.models.look_alikes import IN_SPEED
-from autotune.models.start_values import AT_MOST, StartContext, StartValues, Vary
+from autotune.models.start_values import StartContext, StartValues, Vary, at_first
 
 _AT = block("nonlinear_viscous")
 FILMS, FANS = 3, 2
@@ -50,7 +50,7 @@ def starts(c: StartContext) -> Iterator[StartValues]:
         torque = share * c.coulomb / c.speed**exponent
         yield StartValues(
             {
-                "torque": min(torque, AT_MOST * c.left / c.speed**exponent),
+                "torque": at_first(torque, c.left / c.speed**exponent),
                 "exponent": exponent,
                 "knee": 2e-3 * c.speed,
             },

@@ -16,7 +16,7 @@ from autotune.models.compiled import compiled
 from autotune.models.effect import Kernels, Kind, Parameter
 from autotune.models.layout import block
 from autotune.models.look_alikes import IN_PLACE
-from autotune.models.start_values import AT_MOST, StartContext, StartValues, Vary
+from autotune.models.start_values import StartContext, StartValues, Vary, at_first
 from autotune.models.torque_ripple import scale_slot
 
 _AT = block("position_dependent_friction")
@@ -48,7 +48,7 @@ def starts(c: StartContext) -> Iterator[StartValues]:
     low, high = (float(edge) for edge in np.percentile(c.position(), [1, 99]))
     centre, width = _likeliest_spot(c, low, high)
     yield StartValues(
-        {"height": min(0.02, AT_MOST * c.left / c.coulomb), "centre": centre, "width": width},
+        {"height": at_first(0.02, c.left / c.coulomb), "centre": centre, "width": width},
         {
             "height": Vary(0.2, 0.5),
             "centre": Vary(0.5 * width, 0.7 * width),

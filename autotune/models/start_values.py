@@ -14,8 +14,13 @@ from typing import Protocol
 
 from autotune.core.arrays import Floats, Integers
 
-AT_MOST = 5.0
-"""Times what is left: how large an effect begins. From ten times no linear model leads back."""
+FAR, NEAR = 10.0, 2.0
+"""Times what is left: from the first no linear model leads back; at the second an effect begins then."""
+
+
+def at_first(usual: float, left: float) -> float:
+    """How large an effect begins: as usual, unless that drowns what is left; both in one unit."""
+    return usual if usual <= FAR * left else NEAR * left
 
 
 @dataclass(frozen=True, slots=True)

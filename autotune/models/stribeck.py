@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from autotune.models.effect import Kind, Parameter
 from autotune.models.layout import BREAK_AWAY, STRIBECK_VELOCITY, block, flag
 from autotune.models.look_alikes import AT_STARTS, IN_SPEED, IN_TIME
-from autotune.models.start_values import AT_MOST, StartContext, StartValues, Vary
+from autotune.models.start_values import StartContext, StartValues, Vary, at_first
 
 EXPONENT = block("stribeck")
 FALLS = flag("stribeck")
@@ -19,7 +19,7 @@ def starts(c: StartContext) -> Iterator[StartValues]:
         speed = share * c.speed if not c.constant_speeds else 5.0 * share * c.speed
         yield StartValues(
             {
-                "break_away": c.coulomb + min(0.1 * c.coulomb, AT_MOST * c.left),
+                "break_away": c.coulomb + at_first(0.1 * c.coulomb, c.left),
                 "stribeck_velocity": speed,
                 "stribeck_exponent": exponent,
             },

@@ -15,7 +15,7 @@ from autotune.models.compiled import compiled
 from autotune.models.effect import Kind, Parameter
 from autotune.models.layout import block, flag
 from autotune.models.look_alikes import AT_REVERSALS, IN_TORQUE
-from autotune.models.start_values import AT_MOST, StartContext, StartValues, Vary
+from autotune.models.start_values import StartContext, StartValues, Vary, at_first
 
 _AT = block("torque_saturation")
 SATURATES = flag("torque_saturation")
@@ -49,7 +49,7 @@ def starts(c: StartContext) -> Iterator[StartValues]:
     for loss, exponent in ((0.05, 2.0), (0.05, 5.0), (0.35, 5.0)):
         yield StartValues(
             {
-                "loss": loss if loss > 0.1 else min(loss, AT_MOST * c.left / c.torque),
+                "loss": loss if loss > 0.1 else at_first(loss, c.left / c.torque),
                 "torque": c.largest_torque,
                 "exponent": exponent,
             },
