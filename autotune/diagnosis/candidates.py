@@ -67,6 +67,11 @@ class FittedCandidate:
         """Of what can be explained: the lesser of training and veto."""
         return min(self.training.share, self.veto.share if self.veto else 1.0)
 
+    @property
+    def plain_share(self) -> float:
+        """The same with nothing of what is left put down to the measurement chain."""
+        return min(self.training.plain_share, self.veto.plain_share if self.veto else 1.0)
+
 
 def error_left(problem: Problem, model_fit: ModelFit) -> float:
     """Error on training and veto together, each by its own share of the rows [(N m)²]."""

@@ -10,8 +10,8 @@ import math
 from dataclasses import dataclass
 
 from autotune.diagnosis.fitting import held_out_errors, updated_model
+from autotune.diagnosis.free_shape import resolved
 from autotune.diagnosis.refits import without_effect
-from autotune.diagnosis.resolved_memory import resolved
 from autotune.diagnosis.verdict import Diagnosis
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.problem import Problem

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from autotune.diagnosis.candidates import FittedCandidate, Progress, ScreenedCandidate, error_left
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence
+from autotune.diagnosis.free_shape import with_free_shape
 from autotune.diagnosis.refits import (
     REFINED,
     best_refined,
@@ -34,6 +35,7 @@ from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.parts import repeats_alike
 from autotune.estimation.problem import Problem
 from autotune.models.drive_model import Packed
+from autotune.models.table import EFFECTS
 from autotune.models.transmission import has_load
 
 MOST_EFFECTS, MOST_FITS = 3, 4
@@ -57,6 +59,7 @@ class Found:
         chosen: the model with all effects that were found; None where there are none.
         first: all candidates beside the root; `tried`: the best of them, fitted inside the twin.
         generic: gain of free functions of each coordinate.
+        freed: effects whose course is free, as their law differs; whether their own law would have named them too.
     """
 
     problem: Problem
@@ -65,6 +68,7 @@ class Found:
     first: Sequence[ScreenedCandidate]
     tried: Sequence[FittedCandidate]
     generic: Mapping[str, float]
+    freed: Mapping[str, bool] = field(default_factory=dict)
 
 
 def search(problem: Problem, root: ModelFit, nominal: Packed, progress: Progress) -> Found:
@@ -89,6 +93,7 @@ class _Search:
     first: Sequence[ScreenedCandidate] = ()
     tried: Sequence[FittedCandidate] = ()
     generic: Mapping[str, float] = field(default_factory=dict)
+    freed: dict[str, bool] = field(default_factory=dict)
 
     def found(self) -> Found:
         for number in range(MOST_EFFECTS):
@@ -99,7 +104,9 @@ class _Search:
             if not self._more_to_explain(chosen.model_fit):
                 break
         self._tidy()
-        return Found(self.problem, self.root, self.chosen, self.first, self.tried, self.generic)
+        return Found(
+            self.problem, self.root, self.chosen, self.first, self.tried, self.generic, self._still_freed()
+        )
 
     @property
     def _model_fit(self) -> ModelFit:
@@ -208,9 +215,43 @@ class _Search:
         if self.evidence.repeats and self._unsettled(best):
             best = refined(self.problem, self.root, best, self.progress)
             best = self._begun_anew(best)
+        if self.evidence.repeats and (best.plain_share < REFINED or self._more_to_explain(best.model_fit)):
+            best = self._freed(best)
         self.chosen = best
         self.seen.append(best.model_fit)
         return best
+
+    def _freed(self, chosen: FittedCandidate) -> FittedCandidate:
+        """The model with the course of its last effect free, where its own law leaves a part unexplained.
+
+        Where that effect cannot be named by its own law, others that came near it get the same chance.
+        """
+        best = self._shaped(chosen) or chosen
+        if self.chosen is not None or chosen.named:
+            return best
+        least = self.problem.policy.rival_gain * chosen.gain
+        for item in self.tried:
+            if item.effect == chosen.effect or item.gain < least or item.share < self.problem.policy.partly:
+                continue
+            shaped = self._shaped(item)
+            if shaped is None:
+                continue
+            self.tried = [shaped if one is item else one for one in self.tried]
+            if error_left(self.problem, shaped.model_fit) < error_left(self.problem, best.model_fit):
+                best = shaped
+        return best
+
+    def _shaped(self, item: FittedCandidate) -> FittedCandidate | None:
+        self.progress(f"another law of {item.effect}")
+        shaped = with_free_shape(self.problem, self.root, self.nominal, item, item.effect)
+        if shaped is None:
+            return None
+        if not EFFECTS[item.effect].approximate:  # elements are its own law, however many
+            self.freed[item.effect] = item.named
+        return refined(self.problem, self.root, shaped, self.progress) if self._unsettled(shaped) else shaped
+
+    def _still_freed(self) -> dict[str, bool]:
+        return {effect: named for effect, named in self.freed.items() if effect in self._model_fit.effects}
 
     def _unsettled(self, chosen: FittedCandidate) -> bool:
         return self.problem.policy.partly < chosen.share < REFINED

@@ -70,6 +70,10 @@ class Context:
         return max(float(self.p[layout.COULOMB]), 0.02 * self.problem.scales.torque)
 
     @property
+    def left(self) -> float:
+        return math.sqrt(self.fitted.cost)
+
+    @property
     def reach(self) -> float:
         """Travel over which the bristle bends [motion unit]."""
         return self.coulomb / float(self.p[layout.STIFFNESS])

@@ -41,7 +41,7 @@ from autotune.estimation.cross_validation import gain_and_z
 from autotune.estimation.data import TEST, TRAINING
 from autotune.estimation.model_error import model_error
 from autotune.estimation.policy import POLICY, Policy
-from autotune.estimation.problem import Problem
+from autotune.estimation.problem import Problem, with_counts
 from autotune.models.drive_model import DriveModel
 from autotune.models.effect import Kind
 from autotune.models.table import EFFECTS
@@ -106,6 +106,7 @@ def diagnose(
     check_same_axis(model, recordings)
     data = prepared_to_fit(recordings, policy)
     problem, root, nominal, notes = begin(data, model, progress, policy=policy)
+    problem = with_counts(problem, root.fitted.packed)
     if candidates is not None:
         problem = replace(problem, candidates=tuple(candidates))
     given = model_error(prepared_for(recordings, policy), model, policy)
@@ -129,6 +130,7 @@ class Facts:
         carried: what other trajectories said of the effects; `line`: a disturbance that follows the clock.
         coordinate, generic: the free function that gains most, and its gain.
         rivals: effects that explain as much as the chosen one.
+        freed: those whose course was fitted freely, and whether their own law would have named them too.
     """
 
     problem: Problem
@@ -143,6 +145,7 @@ class Facts:
     rivals: tuple[str, ...]
     first: Sequence[ScreenedCandidate] = ()
     tried: Sequence[FittedCandidate] = ()
+    freed: Mapping[str, bool] = field(default_factory=dict)
 
     @property
     def drowned(self) -> bool:
@@ -172,7 +175,19 @@ class Facts:
             chosen is not None
             and self.evidence.accepts(policy, chosen)
             and not hardly_a_gap(policy, chosen.model_fit)
+            and (all(self.freed.values()) or self.leads)
         )
+
+    @property
+    def leads(self) -> bool:
+        """No other effect gains nearly as much as the chosen one by its own law; several together always lead."""
+        chosen = self.chosen
+        if chosen is None or len(chosen.model_fit.effects) > 1:
+            return chosen is not None
+        others = [item.gain for item in self.first if item.effect != chosen.effect]
+        others += [item.gain for item in self.tried if item.effect != chosen.effect]
+        own = next((item.gain for item in self.first if item.effect == chosen.effect), chosen.gain)
+        return max(others, default=0.0) <= LAW_LEAD * max(own, chosen.gain)
 
     @property
     def outdone(self) -> str:
@@ -198,11 +213,13 @@ class Facts:
             return False
         if EFFECTS[chosen.effect].in_transmission:
             return False
-        others = [item.gain for item in self.first if item.effect != chosen.effect]
-        others += [item.gain for item in self.tried if item.effect != chosen.effect]
-        own = next((item.gain for item in self.first if item.effect == chosen.effect), chosen.gain)
-        alone = max(others, default=0.0) <= LAW_LEAD * max(own, chosen.gain)
-        return chosen.share >= LAW_DIFFERS and alone
+        return chosen.share >= LAW_DIFFERS and self.leads
+
+    @property
+    def veto_silent(self) -> bool:
+        """On the veto trajectory less than half is explained unless what is left there is excused: it tells nothing."""
+        veto = self.chosen.veto if self.chosen is not None else None
+        return veto is not None and veto.plain_share < self.problem.policy.partly
 
     @property
     def structure_left(self) -> bool:
@@ -240,6 +257,13 @@ def _outdone(facts: Facts) -> str:
     )
 
 
+def _its_course(facts: Facts) -> str:
+    if not facts.freed:
+        return ""
+    names = " and ".join(sorted(facts.freed)).replace("_", " ")
+    return f"Its law differs: the course of {names} was fitted freely, beside the law that the library has for it."
+
+
 def _another_law(facts: Facts) -> str:
     chosen = facts.chosen
     if chosen is None:
@@ -255,7 +279,7 @@ CASES: tuple[Case, ...] = (
     Case("a free function explains more than any physics", lambda f: f.structured, UNKNOWN, _unknown),
     Case("what is not named explains far more", lambda f: bool(f.outdone), UNKNOWN, _outdone),
     Case("other effects do as well", lambda f: f.accepted and bool(f.rivals), AMBIGUOUS, _nothing_to_say),
-    Case("an effect explains it", lambda f: f.accepted, NAMED, _nothing_to_say),
+    Case("an effect explains it", lambda f: f.accepted, NAMED, _its_course),
     Case("an effect explains most, by another law", lambda f: f.law_differs, NAMED, _another_law),
     Case("an effect explains too little", lambda f: f.chosen is not None, UNKNOWN, _unknown),
     Case("another trajectory refutes it", lambda f: bool(f.carried), UNKNOWN, _unknown),
@@ -274,6 +298,7 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
     if facts.chosen is not None and case.verdict in (NAMED, AMBIGUOUS):
         effects = facts.chosen.model_fit.effects
         sure = case.verdict == NAMED and facts.evidence.confirms(facts.problem, effects, carried)
+        sure = sure and not facts.veto_silent
         confidence = CONFIRMED if sure else SUSPECTED
     confusable = _confusable(facts, case.verdict, effects, confidence, found)
     said = [line_note(facts.line) if facts.line is not None else "", case.sentence(facts)]
@@ -322,6 +347,7 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
         rivals,
         found.first,
         found.tried,
+        found.freed,
     )
 
 
@@ -332,9 +358,13 @@ def _rivals(
     chosen: FittedCandidate,
     tried: Sequence[FittedCandidate],
 ) -> list[str]:
-    """Single effects that explain as much as the chosen single one; hardly a gap is no rival of a spring."""
+    """Single effects that explain as much as the chosen single one; hardly a gap is no rival of a spring.
+
+    What need not be excused in the chosen one is not excused in a rival.
+    """
     if len(chosen.model_fit.effects) != 1:
         return []
+    strict = chosen.plain_share >= problem.policy.named
     best = error_left(problem, chosen.model_fit)
     near = evidence.alike(problem) * (error_left(problem, root) - best)
     return [
@@ -342,6 +372,7 @@ def _rivals(
         for item in tried
         if item.effect != chosen.effect
         and item.named
+        and (not strict or item.plain_share >= problem.policy.named)
         and not (
             chosen.effect == SPRING.name
             and item.effect == GAP.name

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from autotune.core.arrays import Flags, Floats
-from autotune.estimation.data import TRAINING
+from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.least_squares import DIFFERENCE, Fitted
 from autotune.estimation.problem import CHUNK, Correction, Problem
 from autotune.estimation.residual import residual
@@ -61,12 +61,19 @@ def gain_and_z(before: Unseen, after: Unseen) -> tuple[float, float]:
 class Explained:
     """What a model explains of one role's residual: X the fall, U what is still explainable [(N m)²].
 
-    `certain`: what is left repeats beyond doubt, so that the model cannot be all of the truth.
+    `certain`: what is left repeats beyond doubt, so that the model cannot be all of the truth. `excused`: what is left
+    beside U, but is put down to the measurement chain or to chance.
     """
 
     fall: float
     left: float
     certain: bool = False
+    excused: float = 0.0
+
+    @property
+    def plain_share(self) -> float:
+        """The share with nothing excused."""
+        return self.fall / (self.fall + self.left + self.excused) if self.fall > 0 else 0.0
 
     @property
     def share(self) -> float:
@@ -143,6 +150,7 @@ def explained(
     """
     fall = problem.mean_square(before.error, role) - problem.mean_square(after.error, role)
     variance, error = problem.repeatable(after.error, correction, role)
+    counts, _ = problem.comes_by_counts(role)
     noise = problem.noise_variance(after.error, role)
     if math.isfinite(noise):
         quieter = problem.noise_variance(before.error, role) - noise
@@ -150,11 +158,17 @@ def explained(
     certain = (
         math.isfinite(variance)
         and variance > problem.policy.rest_errors * error
-        and variance > problem.policy.rest_part * noise
+        and variance > max(problem.policy.rest_part * noise, counts)
     )
-    left = still_explainable(problem, after, correction, role)
-    of_chain = min(COMES_AGAIN * problem.chain_variance, MOST_OF_THE_FALL * max(fall, 0.0))
-    return Explained(fall, max(left - of_chain, 0.0), certain)
+    left = whole = still_explainable(problem, after, correction, role)
+    if (
+        role == VETO and not certain
+    ):  # too short to tell a rest from none: training tells how much is explained
+        left = max(left - (problem.policy.rest_errors - 1.0) * error, 0.0)
+    of_chain = max(COMES_AGAIN * problem.chain_variance, counts)
+    of_chain = min(of_chain, MOST_OF_THE_FALL * max(fall, 0.0))
+    still = max(left - of_chain, 0.0)
+    return Explained(fall, still, certain, whole - still)
 
 
 def bins(values: Floats, count: int, chosen: Flags) -> Floats:

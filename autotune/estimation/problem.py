@@ -45,6 +45,8 @@ LEAST_WEIGHT = 0.1
 LEAST_COULOMB = 0.005  # of the torque
 LONGEST_REACH = 0.1  # of the travel
 KNOWN_RUNS = 12  # models
+NUDGE, NUDGED = 0.01, 4
+"""Relative change of base parameters by which twins are set apart, and how many of them: what a good fit is off by."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +126,9 @@ class Problem:
     Attributes:
         candidates: effects that may be what is missing.
         expected: variance between repeats of each block that the disturbance alone makes [(N m)²], shape (blocks,).
+        by_counts: variance that comes again in repeats though no model lacks anything [(N m)²], of pairs of twins by
+            block, shape (pairs, blocks): where the encoder's counts turn over, the loop answers alike in every repeat,
+            and otherwise in a twin that is off by a little.
         runs: of the twin, as far as they are known.
     """
 
@@ -137,6 +142,7 @@ class Problem:
     policy: Policy = POLICY
     candidates: tuple[Kind, ...] = tuple(EFFECTS.values())
     expected: Floats | None = None
+    by_counts: Floats | None = None
     runs: KnownRuns = field(default_factory=lambda: KnownRuns(), repr=False, compare=False)
 
     @property
@@ -170,8 +176,7 @@ class Problem:
             if block.role != role or block.repeats < 2:
                 continue
             table = _table(error, block)
-            k = block.repeats
-            product = (table.sum(axis=0) ** 2 - (table**2).sum(axis=0)) / (k * (k - 1)) - spare
+            product = _shared(table) - spare
             means = _chunk_means(product)
             means[:, 1] *= self._steadiness(block)
             chunks.append(means)
@@ -228,6 +233,17 @@ class Problem:
         shaken = self.disturbance.sensor if math.isfinite(self.disturbance.sensor) else 0.0
         white = shaken**2 * float(np.sum(np.convolve(data.taps, [0.5, 0.5]) ** 2))
         return max(white, (1.0 - law.explained) * float(np.var(smoothed(data, data.torque))))
+
+    def comes_by_counts(self, role: str) -> tuple[float, float]:
+        """Of what repeats of a role share, what the encoder's counts make, and by how much that varies [(N m)²]."""
+        blocks = [
+            b.count * self._steadiness(b) if b.role == role and b.repeats > 1 else 0.0
+            for b in self.data.blocks
+        ]
+        if self.by_counts is None or sum(blocks) <= 0.0:
+            return 0.0, 0.0
+        levels = np.average(self.by_counts, axis=1, weights=blocks)
+        return max(float(levels.mean()), 0.0), float(levels.std(ddof=1)) if len(levels) > 1 else 0.0
 
     def mean_square(self, error: Floats, role: str) -> float:
         """Of the rows of a role, by their weight [(N m)²]; nan without any."""
@@ -342,6 +358,34 @@ def with_expected_noise(problem: Problem, packed: Packed) -> Problem:
     return replace(problem, expected=expected)
 
 
+def with_counts(problem: Problem, packed: Packed) -> Problem:
+    """The problem, knowing what twins of this model share in their repeats, and not with each other.
+
+    Their parameters are apart by what a good fit is off by. That is nothing where the encoder is fine; where it is
+    coarse, or the axis sticks and slips, each twin has a course of its own that comes again in its repeats.
+    """
+    data = problem.data
+    if problem.controller is None or not data.repeated or problem.two_masses(packed):
+        return replace(problem, by_counts=None)
+    random = np.random.default_rng([SEED, 2])
+    errors: list[Floats] = []
+    for _ in range(NUDGED):
+        p = packed.p.copy()
+        p[: len(BASE)] *= 1.0 + NUDGE * random.standard_normal(len(BASE))
+        nudged = Packed(p, packed.on)
+        run = run_twin(data, nudged, problem.controller, problem.disturbance, random)
+        if run.stable:
+            errors.append(smoothed(data, raw_residual(data, nudged, simulated_motion(data, run))))
+    if len(errors) < 2:
+        return replace(problem, by_counts=None)
+    pairs = [one - other for i, one in enumerate(errors) for other in errors[:i]]
+    level = np.zeros((len(pairs), len(data.blocks)))
+    for i, block in enumerate(data.blocks):
+        if block.repeats > 1:
+            level[:, i] = [_shared(_table(pair, block)).mean() for pair in pairs]
+    return replace(problem, by_counts=level)
+
+
 def by_steadiness(problem: Problem, error: Floats) -> Problem:
     """The problem with every experiment weighted by how well its repeats agree.
 
@@ -435,6 +479,12 @@ def _averaged(data: Prepared, runs: Floats) -> Correction:
 
 def _table(error: Floats, block: Block) -> Floats:
     return error[block.rows].reshape(block.repeats, block.count)
+
+
+def _shared(table: Floats) -> Floats:
+    """Mean product of two repeats, row by row, of a table of shape (repeats, count)."""
+    k = len(table)
+    return np.asarray((table.sum(axis=0) ** 2 - (table**2).sum(axis=0)) / (k * (k - 1)))
 
 
 def _chunk_means(values: Floats) -> Floats:

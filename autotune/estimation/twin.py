@@ -20,7 +20,7 @@ from autotune.models.contact import additive, friction_limit, viscous_coefficien
 from autotune.models.drive_model import Packed
 from autotune.models.layout import MICRO_DAMPING, STIFFNESS
 from autotune.models.plant import simulate, substeps_for
-from autotune.models.torque_lag import MOTOR_TORQUE
+from autotune.models.torque_lag import MOTOR_TORQUE, STAGES
 from autotune.models.torque_saturation import saturated
 
 START_SECONDS = 0.02
@@ -259,7 +259,7 @@ def start_state(recorded: Recorded, packed: Packed) -> Floats:
 def started_torque(packed: Packed, start: Floats, demand: float) -> Floats:
     """The start with the torque behind lag and saturation settled at a demand."""
     state = start.copy()
-    state[MOTOR_TORQUE] = saturated(packed.p, packed.on, demand)
+    state[MOTOR_TORQUE : MOTOR_TORQUE + 1 + STAGES] = saturated(packed.p, packed.on, demand)
     return state
 
 

@@ -1,7 +1,8 @@
 """Break-away torque that grows while the axis rests.
 
 The contact ages: a' = (1 − a)/time_constant − a·|slip'|/slip, and the friction level is higher by rise·a
-(after Rabinowicz 1958; Dieterich and Kilgore 1994).
+(after Rabinowicz 1958; Dieterich and Kilgore 1994). Contacts that age slower and faster beside it, `rise_2` and
+`rise_3` with time constants of their own, make a rise that never ends: a logarithm or a root of the rest.
 """
 
 from __future__ import annotations
@@ -13,24 +14,31 @@ from autotune.models.compiled import compiled
 from autotune.models.effect import Kernels, Kind, Parameter
 from autotune.models.layout import block, flag, state_block
 from autotune.models.look_alikes import AT_STARTS, IN_TIME
-from autotune.models.start_values import StartContext, StartValues, Vary
+from autotune.models.start_values import StartContext, StartValues, Vary, at_first
 
 _AT = block("dwell_time_break_away")
 AGE = state_block("dwell_time_break_away")
 AGES = flag("dwell_time_break_away")
+AGES_MOST = 3
+"""Contacts of different age in one axis."""
 
 
 @compiled
 def age_level(p: Floats, state: Floats, velocity: float) -> float:
     """What is added to the friction level [N m]."""
-    return float(p[_AT] * state[AGE])
+    return float(p[_AT] * state[AGE] + p[_AT + 3] * state[AGE + 1] + p[_AT + 5] * state[AGE + 2])
 
 
 @compiled
 def grow_older(p: Floats, state: Floats, slip: float, duration: float) -> None:
     """Lets the contact rest for `duration` [s] and slip by `slip` [rad]."""
     gain = duration / p[_AT + 1]
-    state[AGE] = (state[AGE] + gain) / (1.0 + gain + slip / p[_AT + 2])
+    lost = slip / p[_AT + 2]
+    state[AGE] = (state[AGE] + gain) / (1.0 + gain + lost)
+    for i in range(1, AGES_MOST):
+        if p[_AT + 2 + 2 * i] > 0.0:
+            gain = duration / p[_AT + 2 + 2 * i]
+            state[AGE + i] = (state[AGE + i] + gain) / (1.0 + gain + lost)
 
 
 LEAST_AGE = 0.1
@@ -41,7 +49,7 @@ def starts(c: StartContext) -> Iterator[StartValues]:
     """A contact that is young again within the bristle's reach, and one that takes longer."""
     for slip in (0.3 * c.reach, 2.0 * c.reach):
         yield StartValues(
-            {"rise": 0.1 * c.coulomb, "time_constant": 1.0, "slip": slip},
+            {"rise": at_first(0.1 * c.coulomb, c.left), "time_constant": 1.0, "slip": slip},
             {
                 "rise": Vary(0.2 * c.coulomb, 0.4 * c.coulomb),
                 "time_constant": Vary(0.5, 0.8, lower=LEAST_AGE),
@@ -50,12 +58,33 @@ def starts(c: StartContext) -> Iterator[StartValues]:
         )
 
 
+FASTER, SLOWER = 0.1, 10.0
+"""Time constants of further contacts, over that of the first; none shorter than `LEAST_AGE`."""
+
+
+def free_shape(c: StartContext) -> StartValues:
+    """A contact that ages ten times as fast, and one that takes ten times as long."""
+    seconds = float(c.p[_AT + 1])
+    values = {
+        "rise_2": 0.0,
+        "time_constant_2": max(FASTER * seconds, LEAST_AGE),
+        "rise_3": 0.0,
+        "time_constant_3": SLOWER * seconds,
+    }
+    rises = Vary(0.2 * c.coulomb, 0.4 * c.coulomb)
+    return StartValues(values, {"rise_2": rises, "rise_3": rises})
+
+
 DWELL_TIME_BREAK_AWAY = Kind(
     name="dwell_time_break_away",
     parameters=(
         Parameter("rise", "N m", 0.0, 0.0, 1e6, "more friction after a long rest", _AT),
         Parameter("time_constant", "s", 1.0, 1e-2, 1e4, "of the rise while resting", _AT + 1),
         Parameter("slip", "rad", 1e-3, 1e-9, 1e3, "travel in which it is lost", _AT + 2),
+        Parameter("rise_2", "N m", 0.0, 0.0, 1e6, "of a contact that ages faster", _AT + 3, True),
+        Parameter("time_constant_2", "s", 0.0, 0.0, 1e4, "of that one", _AT + 4, True, held=True),
+        Parameter("rise_3", "N m", 0.0, 0.0, 1e6, "of a contact that ages slower", _AT + 5, True),
+        Parameter("time_constant_3", "s", 0.0, 0.0, 1e5, "of that one", _AT + 6, True, held=True),
     ),
     looks_like="The longer the axis has rested, the higher the peak of torque at the next start.",
     cause="Lubricant squeezed out of the contact at rest, seals that stick, slideways without a film.",
@@ -64,6 +93,7 @@ DWELL_TIME_BREAK_AWAY = Kind(
     not_fed_forward="it depends on how long the axis has rested, and on every small motion then",
     kernels=Kernels(level=age_level),
     starts=starts,
+    free_shape=free_shape,
     needs_rests=True,
     quick=True,
 )

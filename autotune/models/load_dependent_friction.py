@@ -1,7 +1,10 @@
 """Friction that grows with the torque transmitted: level + factor·|J·q'' + load + share·friction|.
 
 The transmitted torque presses the contacts; it is smoothed over a millisecond. `friction_share` says on
-which side of the friction the pressed contact sits: 0 at the load, 1 at the motor, which drives friction too.
+which side of the friction the pressed contact sits: 0 at the load, 1 at the motor, which drives friction too; below 0
+friction is higher while braking than while driving.
+
+By another law it grows with a power of that torque, and from a preload on: factor·typical·((T − preload)/typical)ⁿ.
 """
 
 from __future__ import annotations
@@ -13,7 +16,7 @@ from autotune.models.compiled import compiled
 from autotune.models.effect import Kernels, Kind, Parameter
 from autotune.models.layout import block, flag, state_block
 from autotune.models.look_alikes import IN_TORQUE
-from autotune.models.start_values import StartContext, StartValues, Vary
+from autotune.models.start_values import StartContext, StartValues, Vary, at_first
 
 _AT = block("load_dependent_friction")
 PRESSED = state_block("load_dependent_friction")
@@ -24,7 +27,10 @@ SMOOTHING = 1e-3  # s
 @compiled
 def load_level(p: Floats, state: Floats, velocity: float) -> float:
     """What is added to the friction level [N m]."""
-    return float(p[_AT] * state[PRESSED])
+    over = max(state[PRESSED] - p[_AT + 4], 0.0)
+    if p[_AT + 2] != 1.0:
+        over = p[_AT + 3] * (over / p[_AT + 3]) ** p[_AT + 2]
+    return float(p[_AT] * over)
 
 
 @compiled
@@ -38,16 +44,33 @@ def starts(c: StartContext) -> Iterator[StartValues]:
     """The contact at the load, and at the motor."""
     for share in (0.0, 1.0):
         yield StartValues(
-            {"factor": 0.03, "friction_share": share},
-            {"factor": Vary(0.1, 0.2), "friction_share": Vary(0.3, 0.4)},
+            {"factor": at_first(0.03, c.left / c.torque), "friction_share": share},
+            {"factor": Vary(0.1, 0.2), "friction_share": Vary(0.3, 0.4, lower=0.0)},
         )
+
+
+def free_shape(c: StartContext) -> StartValues:
+    """Any power of the torque, from any preload on, and friction that is higher where the load drives."""
+    return StartValues(
+        {"typical": 0.5 * c.largest_torque, "exponent": 1.001},
+        {
+            "exponent": Vary(0.3, 0.3),
+            "friction_share": Vary(0.3, 0.4),
+            "preload": Vary(0.05 * c.largest_torque, 0.1 * c.largest_torque, upper=0.7 * c.largest_torque),
+        },
+    )
 
 
 LOAD_DEPENDENT_FRICTION = Kind(
     name="load_dependent_friction",
     parameters=(
         Parameter("factor", "1", 0.0, 0.0, 5.0, "friction torque per torque transmitted", _AT),
-        Parameter("friction_share", "1", 0.0, 0.0, 1.0, "of the friction that is transmitted too", _AT + 1),
+        Parameter("friction_share", "1", 0.0, -1.0, 1.0, "of the friction that is transmitted too", _AT + 1),
+        Parameter("exponent", "1", 1.0, 0.3, 4.0, "power of the torque transmitted", _AT + 2, True),
+        Parameter(
+            "typical", "N m", 1.0, 1e-9, 1e9, "torque at which the factor holds", _AT + 3, True, held=True
+        ),
+        Parameter("preload", "N m", 0.0, 0.0, 1e9, "torque from which on it grows", _AT + 4, True),
     ),
     looks_like="Friction is higher while the axis accelerates, brakes or carries a load.",
     cause="Worm and screw drives, gears and nuts whose flanks are pressed by what they transmit.",
@@ -56,5 +79,6 @@ LOAD_DEPENDENT_FRICTION = Kind(
     not_fed_forward="it depends on the load of the moment",
     kernels=Kernels(level=load_level),
     starts=starts,
+    free_shape=free_shape,
     quick=True,
 )

@@ -1,6 +1,7 @@
 """Friction that depends on the place: a tight spot, a worn stretch, a bearing that runs untrue.
 
-The friction level is multiplied by 1 + height·exp(−((q − centre)/width)²) + sin·sin(N·q) + cos·cos(N·q).
+The friction level is multiplied by 1 + height·exp(−((q − centre)/width)²) + sin·sin(N·q) + cos·cos(N·q), and by a
+line through `rise_1` … at places that are evenly spaced, where its course is another.
 """
 
 from __future__ import annotations
@@ -15,12 +16,14 @@ from autotune.models.compiled import compiled
 from autotune.models.effect import Kernels, Kind, Parameter
 from autotune.models.layout import block
 from autotune.models.look_alikes import IN_PLACE
-from autotune.models.start_values import StartContext, StartValues, Vary
+from autotune.models.start_values import StartContext, StartValues, Vary, at_first
 from autotune.models.torque_ripple import scale_slot
 
 _AT = block("position_dependent_friction")
 _SCALE = scale_slot()
 LEAST_FACTOR = 0.05
+KNOTS = 9
+"""Places of a course that is neither spot nor wave."""
 
 
 @compiled
@@ -33,6 +36,10 @@ def place_factor(p: Floats, state: Floats, position: float) -> float:
     if p[_AT + 3] > 0.0:
         angle = p[_AT + 3] * p[_SCALE] * position
         factor += p[_AT + 4] * math.sin(angle) + p[_AT + 5] * math.cos(angle)
+    if p[_AT + 7] > 0.0:
+        place = (position - p[_AT + 6]) / p[_AT + 7]
+        for i in range(KNOTS):
+            factor += p[_AT + 8 + i] * max(1.0 - abs(place - i), 0.0)
     return float(max(factor, LEAST_FACTOR))
 
 
@@ -41,7 +48,7 @@ def starts(c: StartContext) -> Iterator[StartValues]:
     low, high = (float(edge) for edge in np.percentile(c.position(), [1, 99]))
     centre, width = _likeliest_spot(c, low, high)
     yield StartValues(
-        {"height": 0.02, "centre": centre, "width": width},
+        {"height": at_first(0.02, c.left / c.coulomb), "centre": centre, "width": width},
         {
             "height": Vary(0.2, 0.5),
             "centre": Vary(0.5 * width, 0.7 * width),
@@ -52,6 +59,14 @@ def starts(c: StartContext) -> Iterator[StartValues]:
     order = 1.0 if c.angle == 1.0 else 1.0 / span
     if span * order * c.angle >= 1.2 * math.pi:
         yield StartValues({"order": order}, {"sin": Vary(0.1, 0.4), "cos": Vary(0.1, 0.4)})
+
+
+def free_shape(c: StartContext) -> StartValues:
+    """A line through places that are evenly spaced over the travel."""
+    low, high = float(np.min(c.position())), float(np.max(c.position()))
+    values = {"from": low, "step": (high - low) / (KNOTS - 1)}
+    rises = {f"rise_{i}": 0.0 for i in range(1, KNOTS + 1)}
+    return StartValues(values | rises, {name: Vary(0.2, 0.5) for name in rises})
 
 
 def _likeliest_spot(c: StartContext, low: float, high: float) -> tuple[float, float]:
@@ -77,6 +92,12 @@ POSITION_DEPENDENT_FRICTION = Kind(
         Parameter("order", "cycles/rev", 0.0, 0.0, 1e6, "periods per revolution", _AT + 3, True, held=True),
         Parameter("sin", "1", 0.0, -0.95, 0.95, "sine part, relative", _AT + 4, True),
         Parameter("cos", "1", 0.0, -0.95, 0.95, "cosine part, relative", _AT + 5, True),
+        Parameter("from", "rad", 0.0, -1e6, 1e6, "first place of the line", _AT + 6, True, held=True),
+        Parameter("step", "rad", 0.0, 0.0, 1e6, "from place to place", _AT + 7, True, held=True),
+        *(
+            Parameter(f"rise_{i}", "1", 0.0, -0.95, 20.0, "relative rise there", _AT + 7 + i, True)
+            for i in range(1, KNOTS + 1)
+        ),
     ),
     looks_like="Friction is higher (or lower) at some places, in both directions: the band between "
     "forward and backward torque widens there.",
@@ -85,5 +106,6 @@ POSITION_DEPENDENT_FRICTION = Kind(
     look_alikes=(IN_PLACE,),
     kernels=Kernels(level_factor=place_factor),
     starts=starts,
+    free_shape=free_shape,
     of_place=True,
 )

@@ -106,14 +106,14 @@ IN_USE = 0.05
 
 
 def starts(c: StartContext) -> Iterator[StartValues]:
-    """Elements on a raster of displacements: what they carry enters linearly."""
+    """Elements on a raster of displacements: what they carry enters linearly, from nothing where the bristle stays."""
     reach = min(c.reach, 0.01 * c.travel)
     for stiffer in (1.0, 3.0, 9.0):
         values: dict[str, float] = {}
         free: dict[str, Vary] = {}
         for i, factor in enumerate(STEPS, 1):
             values[f"displacement_{i}"] = factor * reach / stiffer
-            values[f"torque_{i}"] = 0.01 * c.coulomb
+            values[f"torque_{i}"] = 0.0 if stiffer == 1.0 else 0.01 * c.coulomb
             free[f"torque_{i}"] = Vary(0.1 * c.coulomb, 0.5 * c.coulomb)
         yield StartValues(values, free, {STIFFNESS: float(c.p[STIFFNESS]) * stiffer})
 

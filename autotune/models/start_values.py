@@ -14,6 +14,14 @@ from typing import Protocol
 
 from autotune.core.arrays import Floats, Integers
 
+FAR, NEAR = 10.0, 2.0
+"""Times what is left: from the first no linear model leads back; at the second an effect begins then."""
+
+
+def at_first(usual: float, left: float) -> float:
+    """How large an effect begins: as usual, unless that drowns what is left; both in one unit."""
+    return usual if usual <= FAR * left else NEAR * left
+
 
 @dataclass(frozen=True, slots=True)
 class Vary:
@@ -56,6 +64,14 @@ class StartContext(Protocol):
     @property
     def coulomb(self) -> float:
         """Level of dry friction, never next to nothing [N m]."""
+        ...
+
+    @property
+    def left(self) -> float:
+        """Rms of what the fit without the effect leaves [N m].
+
+        An effect that begins far larger than that begins in a place from which no linear model leads back.
+        """
         ...
 
     @property

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from autotune.models.effect import Kind, Parameter
 from autotune.models.layout import BREAK_AWAY, STRIBECK_VELOCITY, block, flag
 from autotune.models.look_alikes import AT_STARTS, IN_SPEED, IN_TIME
-from autotune.models.start_values import StartContext, StartValues, Vary
+from autotune.models.start_values import StartContext, StartValues, Vary, at_first
 
 EXPONENT = block("stribeck")
 FALLS = flag("stribeck")
@@ -18,12 +18,21 @@ def starts(c: StartContext) -> Iterator[StartValues]:
     for share, exponent in ((0.01, 2.0), (0.05, 2.0), (0.03, 1.0)):
         speed = share * c.speed if not c.constant_speeds else 5.0 * share * c.speed
         yield StartValues(
-            {"break_away": 1.1 * c.coulomb, "stribeck_velocity": speed, "stribeck_exponent": exponent},
+            {
+                "break_away": c.coulomb + at_first(0.1 * c.coulomb, c.left),
+                "stribeck_velocity": speed,
+                "stribeck_exponent": exponent,
+            },
             {
                 "break_away": Vary(0.1 * c.coulomb, 0.4 * c.coulomb),
                 "stribeck_velocity": Vary(0.3 * speed, 0.6 * speed),
             },
         )
+
+
+def free_shape(c: StartContext) -> StartValues:
+    """The exponent free: below 1 friction falls on far beyond the velocity, as a hyperbola does."""
+    return StartValues({}, {"stribeck_exponent": Vary(0.5, 0.5)})
 
 
 STRIBECK = Kind(
@@ -43,6 +52,7 @@ STRIBECK = Kind(
     surface_prefix=False,
     look_alikes=(IN_SPEED, AT_STARTS, IN_TIME),
     starts=starts,
+    free_shape=free_shape,
     at_constant_speed=True,
     in_lugre=True,
 )

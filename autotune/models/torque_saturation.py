@@ -15,7 +15,7 @@ from autotune.models.compiled import compiled
 from autotune.models.effect import Kind, Parameter
 from autotune.models.layout import block, flag
 from autotune.models.look_alikes import AT_REVERSALS, IN_TORQUE
-from autotune.models.start_values import StartContext, StartValues, Vary
+from autotune.models.start_values import StartContext, StartValues, Vary, at_first
 
 _AT = block("torque_saturation")
 SATURATES = flag("torque_saturation")
@@ -48,7 +48,11 @@ def starts(c: StartContext) -> Iterator[StartValues]:
     """A small and a large loss at the largest torque that was recorded, with and without a knee."""
     for loss, exponent in ((0.05, 2.0), (0.05, 5.0), (0.35, 5.0)):
         yield StartValues(
-            {"loss": loss, "torque": c.largest_torque, "exponent": exponent},
+            {
+                "loss": loss if loss > 0.1 else at_first(loss, c.left / c.torque),
+                "torque": c.largest_torque,
+                "exponent": exponent,
+            },
             {"loss": Vary(0.2, 0.3), "exponent": Vary(2.0, 2.0)},
         )
 

@@ -14,8 +14,9 @@ from autotune.diagnosis.search import again_explained
 from autotune.estimation.alignment import shifted
 from autotune.estimation.bandwidth import prepared_to_fit
 from autotune.estimation.bias_corrected_fit import ModelFit
-from autotune.estimation.cross_validation import Explained
-from autotune.estimation.problem import Problem, refit
+from autotune.estimation.cross_validation import Explained, explained
+from autotune.estimation.data import TRAINING
+from autotune.estimation.problem import Problem, refit, with_counts
 from autotune.estimation.residual import measured_motion
 from autotune.models.drive_model import base_model
 from autotune.models.torque_lag import TIME_CONSTANT
@@ -82,3 +83,34 @@ def test_noise_that_is_swallowed_explains_nothing_again(begun: Begun) -> None:
     together[block.rows] += 0.1
     common = replace(before, fitted=replace(before.fitted, error=together))
     assert again_explained(problem, common, before) > 0.0
+
+
+def test_counts_that_are_coarse_come_again_in_each_twin_and_differ_between_twins(begun: Begun) -> None:
+    """Of a fine encoder next to nothing, of one with twenty times the count far more than of that."""
+    problem, packed = begun[0], begun[1].fitted.packed
+    coarse = replace(problem, data=replace(problem.data, resolution=20.0 * problem.data.resolution))
+    fine, much = (with_counts(one, packed).comes_by_counts(TRAINING)[0] for one in (problem, coarse))
+    noise = problem.noise_variance(begun[1].fitted.error, TRAINING)
+    assert fine < 0.15 * noise
+    assert much > 5.0 * fine
+
+
+def test_what_counts_make_come_again_is_no_structure_and_is_excused_in_part(begun: Begun) -> None:
+    problem, model_fit = begun
+    missing = 0.02 * np.sin(np.arange(len(model_fit.fitted.error)) / 15.0)
+    wave = np.zeros_like(missing)
+    for block in problem.data.blocks:
+        wave[block.rows] = np.tile(missing[: block.count], block.repeats)
+    spoilt = replace(model_fit, fitted=replace(model_fit.fitted, error=model_fit.fitted.error + wave))
+    known = replace(problem, by_counts=np.full((3, len(problem.data.blocks)), 4e-4))
+    unknown = replace(problem, by_counts=None)
+    assert RepeatedProgramme().structure_left(unknown, spoilt)
+    assert not RepeatedProgramme().structure_left(known, spoilt)
+    worse = replace(model_fit.fitted, error=model_fit.fitted.error + 2.0 * wave)
+    shares = [
+        explained(one, worse, spoilt.fitted, model_fit.correction, TRAINING) for one in (unknown, known)
+    ]
+    assert shares[0].excused == 0.0
+    assert shares[1].share > shares[0].share
+    assert shares[1].plain_share == pytest.approx(shares[0].share)
+    assert shares[1].excused <= 0.25 * shares[1].fall * (1.0 + 1e-9)

@@ -105,3 +105,24 @@ def test_a_law_differs_where_most_is_explained_and_no_other_comes_near(
     problem = SimpleNamespace(policy=POLICY, has_veto=True)
     facts = Facts(problem, fit, chosen, RepeatedProgramme(), (), None, "", 0.0, 0.4, (), first)
     assert facts.law_differs == named
+
+
+@pytest.mark.parametrize(
+    ("freed", "other", "named"),
+    [
+        ({}, 0.9, True),
+        ({"spring": True}, 0.9, True),
+        ({"spring": False}, 0.5, True),
+        ({"spring": False}, 0.9, False),
+    ],
+)
+def test_a_free_course_names_only_what_no_other_effect_comes_near(
+    freed: dict[str, bool], other: float, named: bool
+) -> None:
+    """By its own law an effect that explains enough is named; with a course of its own it must lead as well."""
+    fit = SimpleNamespace(effects=("spring",), fitted=SimpleNamespace(packed=base_model(NOMINAL).pack()))
+    chosen = SimpleNamespace(effect="spring", gain=0.4, share=0.97, named=True, model_fit=fit)
+    first = [SimpleNamespace(effect="spring", gain=0.4), SimpleNamespace(effect="stribeck", gain=0.4 * other)]
+    problem = SimpleNamespace(policy=POLICY, has_veto=True)
+    known = (problem, fit, chosen, RepeatedProgramme(), (), None, "", 0.0, 0.4, (), first)
+    assert Facts(*known, freed=freed).accepted == named

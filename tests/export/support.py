@@ -43,6 +43,14 @@ VALUES: Mapping[str, Mapping[str, float]] = {
     "thermal_drift": {"softening": 0.3, "time_constant": 5.0, "idle": 0.2},
     "torque_lag": {"time_constant": 8e-4},
 }  # fmt: skip
+SHAPES: Mapping[str, Mapping[str, float]] = {
+    "direction_asymmetry": {"width": 0.05, "fast": 0.02, "fast_width": 1.0},
+    "nonlinear_viscous": {"film_1": 0.03, "film_speed_1": 0.2, "fan_1": 0.002, "fan_speed_1": 2.0},
+    "position_dependent_friction": {"from": -1.0, "step": 1.0, "rise_1": 0.2, "rise_3": -0.1},
+    "gravity_imbalance": {"sin_2": 0.02, "cos_2": 0.01},
+    "spring": {"from": -0.5, "step": 0.5, "ramp_1": 0.02, "ramp_3": 0.05},
+}
+"""What an effect by another law has beside its own."""
 COMPILERS = [name for name in ("gcc", "clang") if shutil.which(name)]
 WARNINGS = [
     "-std=c99",
@@ -85,6 +93,14 @@ def with_effects(*names: str, motion_unit: str = "rad") -> DriveModel:
 def everything(motion_unit: str = "rad") -> DriveModel:
     """A model with every effect that is fed forward."""
     return with_effects(*FED_FORWARD, motion_unit=motion_unit)
+
+
+def shaped() -> DriveModel:
+    """A model of effects by laws of their own course."""
+    model = base_model(NUMBERS)
+    for name, shape in SHAPES.items():
+        model = model.with_effect(EFFECTS[name].make({**VALUES[name], **shape}))
+    return model
 
 
 def proved(seed: int) -> DriveModel:

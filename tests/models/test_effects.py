@@ -45,11 +45,45 @@ VALUES: dict[str, dict[str, float]] = {
     "load_dependent_friction": {"factor": 0.2, "friction_share": 0.3},
     "encoder_eccentricity": {"sin": 5e-3, "cos": -3e-3},
 }  # fmt: skip
+SHAPED: dict[str, dict[str, float]] = {
+    "direction_asymmetry": {"coulomb": 0.04, "viscous": 0.0, "width": 0.05, "fast": 0.02, "fast_width": 1.0},
+    "nonlinear_viscous": {
+        "torque": 0.01, "exponent": 0.66, "knee": 0.05, "film_1": 0.03, "film_speed_1": 0.2, "fan_1": 0.002,
+        "fan_speed_1": 2.0,
+    },
+    "position_dependent_friction": {
+        "height": 0.1, "centre": 0.5, "width": 0.8, "from": -1.0, "step": 1.0, "rise_1": 0.2, "rise_3": -0.1,
+    },
+    "gravity_imbalance": {"sin": 0.05, "cos": -0.03, "sin_2": 0.02, "cos_2": 0.01},
+    "spring": {"stiffness": 0.01, "from": -0.5, "step": 0.5, "ramp_1": 0.02, "ramp_3": 0.05},
+    "torque_lag": {"time_constant": 2e-2, "steepness": 0.6},
+    "dwell_time_break_away": {
+        "rise": 0.1, "time_constant": 0.1, "slip": 2e-3, "rise_2": 0.1, "time_constant_2": 0.01, "rise_3": 0.2,
+        "time_constant_3": 1.0,
+    },
+    "load_dependent_friction": {
+        "factor": 0.2, "friction_share": -0.5, "exponent": 1.4, "typical": 0.5, "preload": 0.05,
+    },
+}  # fmt: skip
+"""Effects by a law of their own shape."""
 CHAOTIC = {"backlash", "elastic_transmission"}
 
 
 def _model(effect: str) -> DriveModel:
     return base_model(NUMBERS).with_effect(EFFECTS[effect].make(VALUES[effect]))
+
+
+@pytest.mark.parametrize("effect", list(SHAPED))
+def test_the_inverse_gives_back_the_torque_of_a_free_shape(effect: str) -> None:
+    """As close as with the effect's own law, and the shape matters."""
+    model = base_model(NUMBERS).with_effect(EFFECTS[effect].make(SHAPED[effect]))
+    own = {p.name: SHAPED[effect][p.name] for p in EFFECTS[effect].parameters if not p.optional}
+    plain = base_model(NUMBERS).with_effect(EFFECTS[effect].make(own))
+    torque = _drive()
+    position = _forward(model, torque)
+    right = np.sqrt(np.mean(_residual(model, torque, position) ** 2))
+    assert right < 2.5e-3
+    assert np.sqrt(np.mean(_residual(plain, torque, position) ** 2)) > max(1.5 * right, 1e-4)
 
 
 def _forward(model: DriveModel, torque: np.ndarray) -> np.ndarray:

@@ -31,12 +31,12 @@ class _Rows:
         return float(np.mean(columns**2))
 
 
-def context() -> StartContext:
-    """An axis that turned twice, with two orders left in its residual."""
+def context(left: float = 0.01) -> StartContext:
+    """An axis that turned three times, with two orders left in its residual."""
     known: dict[str, Any] = {
-        "p": base_model(NUMBERS).pack().p, "coulomb": 0.3, "reach": 5e-3, "angle": 1.0, "torque": 0.5, "speed": 5.0,
-        "travel": 12.0, "mean_speed": 2.0, "largest_torque": 1.3, "resolution": 1e-4, "period": 1e-3,
-        "constant_speeds": False, "position": lambda: np.linspace(0.0, 12.0, 50), "thinned": _Rows,
+        "p": base_model(NUMBERS).pack().p, "coulomb": 0.3, "left": left, "reach": 5e-3, "angle": 1.0, "torque": 0.5,
+        "speed": 5.0, "travel": 20.0, "mean_speed": 2.0, "largest_torque": 1.3, "resolution": 1e-4, "period": 1e-3,
+        "constant_speeds": False, "position": lambda: np.linspace(0.0, 20.0, 50), "thinned": _Rows,
         "sensitivity": lambda name: np.ones(50), "orders_in_residual": lambda most: [4.0, 12.0][:most],
     }  # fmt: skip
     return cast(StartContext, SimpleNamespace(**known))
@@ -54,6 +54,40 @@ def test_a_fit_begins_at_values_that_the_effect_can_have(kind: Kind) -> None:
             assert vary.scale > 0.0
             assert vary.step > 0.0
             assert max(parameter.lower, vary.lower) < min(parameter.upper, vary.upper)
+
+
+def test_no_start_is_far_larger_than_what_is_left() -> None:
+    """On a quiet axis an effect that begins at a tenth of all friction drowns what it is to explain."""
+    quiet = context(left=1e-4)
+    starts = {kind.name: [dict(start.values) for start in kind.starts(quiet)] for kind in EFFECTS.values()}
+    most = 6e-4
+    assert all(one["rise"] <= most for one in starts["dwell_time_break_away"])
+    assert all(one["break_away"] - 0.3 <= most for one in starts["stribeck"])
+    assert all(0.5 * one["factor"] <= most for one in starts["load_dependent_friction"])
+    assert all(one["torque"] * 5.0 ** one["exponent"] <= most for one in starts["nonlinear_viscous"])
+    assert 0.3 * starts["position_dependent_friction"][0]["height"] <= most
+    assert 0.5 * min(one["loss"] for one in starts["torque_saturation"]) <= most
+    memory = starts["reversal_memory"][0]
+    assert sum(value for name, value in memory.items() if name.startswith("torque")) == 0.0
+
+
+@pytest.mark.parametrize(
+    "kind", [kind for kind in EFFECTS.values() if kind.free_shape], ids=lambda kind: kind.name
+)
+def test_a_free_shape_begins_beside_the_effects_own_law(kind: Kind) -> None:
+    """Nothing of what the law has is set anew, and what is free begins inside its bounds."""
+    assert kind.free_shape is not None
+    start = kind.free_shape(context())
+    assert start is not None
+    plain = {p.name: p.neutral for p in kind.parameters if not p.optional}
+    assert start.free
+    assert not set(start.values) & set(plain)
+    kind.make(plain | dict(start.values))
+    for name, vary in start.free.items():
+        parameter = kind.parameter(name)
+        begins = start.values.get(name, parameter.neutral)
+        assert vary.scale > 0.0
+        assert max(parameter.lower, vary.lower) <= begins <= min(parameter.upper, vary.upper)
 
 
 @pytest.mark.parametrize("kind", EFFECTS.values(), ids=list(EFFECTS))

@@ -27,6 +27,8 @@ from autotune.models.torque_lag import TORQUE_LAG
 STRUCTURE_WITHOUT_TWIN = 1.0
 """Of the noise: the least rest where no twin takes out the bias of the measurement chain, a third of the noise, or
 where the drive's loop works between the samples, so that half of what it makes of counts comes again in a repeat."""
+PAIRS = 4.0
+"""Times the variance of an error: that of the same from the difference of two twins, by noise alone."""
 STANDS_OUT = 3.0
 """Times the noise of one experiment: what comes again there says something is missing, though it be next to nothing in
 the mean of all. Where nothing is missing chance reaches 0.8 once in fifty experiments (a count that turns over alike in
@@ -98,7 +100,8 @@ class RepeatedProgramme(Evidence):
         return float(seconds.mean()) > problem.policy.apart_z * error
 
     def rest_that_is_none(self, problem: Problem, noise: float) -> float:
-        return problem.policy.rest_part * noise if _exact(problem) else _of_the_chain(problem, noise)
+        least = problem.policy.rest_part * noise if _exact(problem) else _of_the_chain(problem, noise)
+        return max(least, problem.comes_by_counts(TRAINING)[0])
 
     def of_the_chain(self, candidate: FittedCandidate) -> bool:
         """A lag that any current loop has."""
@@ -113,13 +116,23 @@ class RepeatedProgramme(Evidence):
         noise = problem.noise_variance(model_fit.fitted.error, TRAINING)
         policy = problem.policy
         least = policy.structure_part * noise if _exact(problem) else _of_the_chain(problem, noise)
-        beyond = variance > policy.structure_errors * error and variance > least
+        if problem.controller is None or not problem.controller.exact:
+            least = max(least, (policy.least_part * problem.scales.torque) ** 2)
+        counts, scatter = problem.comes_by_counts(TRAINING)
+        error = math.sqrt(max(scatter**2, PAIRS * error**2) - (PAIRS - 1.0) * error**2)
+        beyond = variance - counts > policy.structure_errors * error and variance > least
         return math.isfinite(variance) and (beyond or self._stands_out(problem, model_fit, least))
 
     def _stands_out(self, problem: Problem, model_fit: ModelFit, least: float) -> bool:
         """Whether one experiment holds far more that comes again than noise: too few seconds for the mean of all."""
         table = problem.repeatable_by_block(model_fit.fitted.error, model_fit.correction, TRAINING)
-        return bool(np.any(table[:, 0] > STANDS_OUT * np.maximum(table[:, 1], least)))
+        usual = np.maximum(table[:, 1], least)
+        if problem.by_counts is not None:
+            blocks = problem.data.blocks
+            levels = problem.by_counts.mean(axis=0)
+            known = [v for v, b in zip(levels, blocks, strict=True) if b.role == TRAINING and b.repeats > 1]
+            usual = np.maximum(usual, known)
+        return bool(np.any(table[:, 0] > STANDS_OUT * usual))
 
     def confirms(self, problem: Problem, effects: Sequence[str], carried: Sequence[HoldoutResult]) -> bool:
         """By the veto trajectory, which was never fitted; without a twin not at all."""

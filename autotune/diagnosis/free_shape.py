@@ -1,4 +1,10 @@
-"""Reversal memory resolved down to the first contacts that let go.
+"""An effect whose law is not the library's: the same place, and any course that the data ask for.
+
+Where an effect explains the place of the error but not all of it, what its `Kind` names as `free_shape` is fitted
+beside its own law, inside the twin: ramps, films, further contacts. Such a shape is taken where it predicts held-out
+experiments better and lowers the error on the veto trajectory.
+
+Reversal memory is resolved down to the first contacts that let go.
 
 A search adds a few elements beside the single bristle, which then stands for all short ones at once: an
 exponential F·(1 − e^(−x/g)) where the axis has a chain of straight pieces. That names the effect, but a
@@ -16,13 +22,18 @@ import numpy as np
 import scipy
 
 from autotune.core.arrays import Floats
+from autotune.diagnosis.candidates import FittedCandidate
+from autotune.diagnosis.refits import gain_on_veto, judged
+from autotune.diagnosis.starts import Context, varying
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
+from autotune.estimation.cross_validation import gain_and_z
 from autotune.estimation.data import VETO
 from autotune.estimation.least_squares import Free
 from autotune.estimation.problem import Problem
 from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.reversal_memory import ELEMENTS, REVERSAL_MEMORY
+from autotune.models.table import EFFECTS
 
 EFFECT = REVERSAL_MEMORY.name
 NEW_ELEMENTS = 3
@@ -42,6 +53,50 @@ class _Element:
 
     displacement: float
     torque: float
+
+
+def with_free_shape(
+    problem: Problem, root: ModelFit, nominal: Packed, chosen: FittedCandidate, effect: str
+) -> FittedCandidate | None:
+    """The model with one effect's course free; None where that does not explain clearly more.
+
+    By its own law the effect must explain most of the error: a free course alone would explain what is none of it.
+    """
+    before = chosen.model_fit
+    if chosen.share < problem.policy.partly:
+        return None
+    if effect == EFFECT:
+        settled = resolved(problem, before)
+    else:
+        kind = EFFECTS[effect]
+        if kind.free_shape is None:
+            return None
+        start = kind.free_shape(Context(problem, before.fitted, nominal))
+        if start is None:
+            return None
+        p = before.fitted.packed.p.copy()
+        for name, value in start.values.items():
+            p[kind.slot(name)] = value
+        shape = [varying(kind, name, vary) for name, vary in start.free.items()]
+        slots = {one.slot for one in shape}
+        free = [one for one in before.free if one.slot not in slots]
+        settled = fit_inside_twin(
+            problem, Packed(p, before.fitted.packed.on), [*free, *shape], ROUNDS + 1, before.effects
+        )
+    if settled is None or not _predicts_better(problem, before, settled):
+        return None
+    return replace(judged(problem, root, settled, chosen.effect), gain=chosen.gain)
+
+
+def _predicts_better(problem: Problem, before: ModelFit, after: ModelFit) -> bool:
+    """Whether held-out experiments and the veto trajectory are explained better, beyond chance."""
+    policy = problem.policy
+    gain, z = gain_and_z(before.unseen, after.unseen)
+    if gain < policy.least_gain:
+        return False
+    if problem.has_veto:
+        return gain_on_veto(problem, before, after) >= policy.least_gain
+    return z >= policy.least_z or gain >= policy.clear_gain
 
 
 def resolved(problem: Problem, model_fit: ModelFit) -> ModelFit | None:

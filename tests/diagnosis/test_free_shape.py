@@ -12,7 +12,7 @@ from autotune.core.axis import read_axis
 from autotune.core.loop import LocalLoop
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.fitting import updated_model
-from autotune.diagnosis.resolved_memory import resolved
+from autotune.diagnosis.free_shape import resolved
 from autotune.estimation.bandwidth import prepared_for
 from autotune.experiments.diagnosis import confirmation
 from autotune.experiments.path import Motion
