@@ -28,6 +28,8 @@ from autotune.signals.filters import low_pass
 TRIALS = 12
 MOST_WAVES, WAVE_ROWS, MOST_PERIODS = 8, 6000, 4000
 """Waves beside a model, rows in which they are looked for, and periods in the travel."""
+MATTERS = 0.05
+"""Of inertia or Coulomb friction: terms of the place that change them by less are left to the diagnosis."""
 PASSED = 0.8
 """Of the cut-off: waves that are faster at usual speeds are filtered away."""
 LONGEST, SHORTEST = 0.1, 2e-5
@@ -136,12 +138,19 @@ def _beside(
 ) -> tuple[PlaceTerms, list[_Trial]]:
     """What belongs to the place, and the trials with it: gravity or a spring, waves, and gravity again under waves."""
     terms = PlaceTerms(scale, SPRING.name in wanted, (1.0,) if GRAVITY_IMBALANCE.name in wanted else ())
-    trials = _with_place(plain, pieces, bands, terms)
+    asked = terms, _with_place(plain, pieces, bands, terms)
+    terms, trials = asked
     for look in (_slow, _waves, _slow):
         found = look(terms, trials, plain, pieces, bands)
         if found is not None:
             terms, trials = found
-    return terms, trials
+    return (terms, trials) if _matters(_best(asked[1]), _best(trials)) else asked
+
+
+def _matters(without: _Trial, beside: _Trial) -> bool:
+    """Whether inertia or friction would be another without the terms, or none at all."""
+    alone, found = without.solution[_SHARED], beside.solution[_SHARED]
+    return bool(np.any(alone <= 0.0) or np.any(np.abs(alone - found) > MATTERS * np.abs(found)))
 
 
 _Found = tuple[PlaceTerms, list[_Trial]]
