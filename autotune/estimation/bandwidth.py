@@ -22,7 +22,16 @@ from autotune.core.arrays import Floats, Integers
 from autotune.estimation.alignment import aligned, linear_terms, needed, upsampled
 from autotune.estimation.controller import find_controller
 from autotune.estimation.coordinates import travel_since_reversal
-from autotune.estimation.data import CUTOFF, MOTION_CUTOFF, TRAINING, Block, Prepared, prepare
+from autotune.estimation.data import (
+    CUTOFF,
+    FASTEST,
+    MOTION_CUTOFF,
+    TRAINING,
+    Block,
+    Prepared,
+    compared_below,
+    prepare,
+)
 from autotune.estimation.parts import fitted_part
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.speed_points import as_steady_recordings, speed_points
@@ -47,8 +56,6 @@ CANDIDATES = (
 )
 COHERENT = 0.7
 LOUD = 0.02
-FASTEST = 0.09
-"""Of the sampling rate: faster motion cannot be had from central differences."""
 LEAST = 15.0  # Hz
 ABOVE = 1.2
 MOST_POWER = 0.99
@@ -270,9 +277,10 @@ def prepared_for(recordings: Sequence[Recording], policy: Policy = POLICY) -> Pr
     longest = max(recordings, key=len)
     bands = Bands.of(longest)
     pace = min(1.0, bands.pace)
-    data = prepare(recordings, max(CUTOFF, bands.error), max(MOTION_CUTOFF, bands.motion), pace=pace)
+    most = max(compared_below(longest.period), bands.error)
+    data = prepare(recordings, most, MOTION_CUTOFF / CUTOFF * most, pace=pace)
     if data.repeated:
-        cutoff = quiet_cutoff(recordings, data, max(CUTOFF, bands.error), pace)
+        cutoff = quiet_cutoff(recordings, data, most, pace)
         return data if cutoff is None else prepare(recordings, cutoff, 2.5 * cutoff, pace=pace)
     known = data.recorded_reference and find_controller(data, policy).usable
     cutoff = coherent_cutoff(longest, known)
