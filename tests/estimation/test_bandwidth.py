@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from autotune.estimation.bandwidth import prepared_for
-from autotune.estimation.data import MOTION_CUTOFF
+from autotune.estimation.data import CUTOFF, compared_below
 from autotune.recordings.recording import Metadata, Recording
 
 PERIOD, ROWS, INERTIA = 2e-3, 8000, 0.02
@@ -25,8 +25,9 @@ def twice(resolution: float) -> Recording:
     return Recording.from_columns(columns, metadata, "moves", np.repeat([0, 1], ROWS))
 
 
-def test_a_fine_encoder_leaves_the_usual_cut_off() -> None:
-    assert prepared_for([twice(1e-7)]).motion_cutoff == MOTION_CUTOFF
+def test_a_fine_encoder_leaves_the_band_as_it_is() -> None:
+    assert prepared_for([twice(1e-7)]).motion_cutoff == pytest.approx(2.5 * 0.09 / PERIOD)
+    assert compared_below(1e-3) == CUTOFF
 
 
 @pytest.mark.parametrize("resolution", [3e-4, 1e-3])
@@ -37,3 +38,13 @@ def test_counts_are_no_louder_than_what_repeats_do_not_share(resolution: float) 
     white = resolution / np.sqrt(12.0) * np.sqrt(2.0 * PERIOD * cutoff / 5.0)
     assert 15.0 <= cutoff < 60.0
     assert INERTIA * white * (2.0 * np.pi * cutoff) ** 2 < 6e-3
+
+
+def test_slow_sampling_is_compared_below_a_tenth_of_its_rate() -> None:
+    """Central differences at 60 Hz of 4 ms are short by a third."""
+    fast = twice(1e-7)
+    slow = fast.rows(slice(None, None, 2))
+    columns = dict(slow.floats)
+    metadata = Metadata(sample_period=2.0 * PERIOD, position_resolution=1e-7)
+    thinned = Recording.from_columns(columns, metadata, slow.experiment, slow.repeat)
+    assert prepared_for([thinned]).motion_cutoff == pytest.approx(2.5 * 0.09 / (2.0 * PERIOD))
