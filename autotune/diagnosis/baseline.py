@@ -11,6 +11,8 @@ from autotune.core.errors import NotEnoughExcitation
 from autotune.diagnosis.candidates import Progress, free_of_model, no_progress
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence
+from autotune.diagnosis.ripple_orders import MOST_LINES
+from autotune.diagnosis.starts import Context
 from autotune.estimation.alignment import shifted, without_twin
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import as_rough, fitted_contact
@@ -31,7 +33,9 @@ from autotune.estimation.problem import (
     with_expected_noise,
 )
 from autotune.estimation.residual import measured_motion, smoothed
+from autotune.identify.ripple_lines import columns
 from autotune.models.drive_model import DriveModel, Packed
+from autotune.models.torque_ripple import TORQUE_RIPPLE
 from autotune.signals.filters import low_pass
 
 CLEARLY_LESS = 0.98
@@ -80,7 +84,7 @@ def begin(
     problem, settled = _aligned(*model_fit)
     problem, settled, said = _late_record(problem, settled)
     notes = (*notes, *said)
-    _refuse_misfit(problem, settled)
+    notes = (*notes, *_refuse_misfit(problem, settled))
     dropped = 1.0 - float(np.mean(problem.weight > 0))
     if dropped > 0.0:
         notes = (*notes, f"{100 * dropped:.1f} % of the rows were left out: starts, stops or disturbances.")
@@ -195,13 +199,29 @@ def _late_record(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelF
     return again, other, (LATE_RECORD,)
 
 
-def _refuse_misfit(problem: Problem, model_fit: ModelFit) -> None:
+def _refuse_misfit(problem: Problem, model_fit: ModelFit) -> tuple[str, ...]:
+    """A sentence on waves over position where they are most of what the model leaves.
+
+    Raises:
+        NotEnoughExcitation: the model leaves nearly all of the torque, and the place does not explain it either.
+    """
     rows = problem.training > 0
     torque = smoothed(problem.data, problem.data.torque)[rows]
     share = float(np.var(model_fit.fitted.error[rows])) / max(float(np.var(torque)), 1e-300)
-    if share > problem.policy.misfit:
+    if share <= problem.policy.misfit:
+        return ()
+    context = Context(problem, model_fit.fitted, model_fit.fitted.packed)
+    thin, orders = context.thinned(), context.orders_in_residual(MOST_LINES)
+    waves = columns(problem.data.position[problem.data.grid[thin.rows]], orders, context.angle)
+    explained = thin.share(waves) if orders else 0.0
+    if share * (1.0 - explained) > problem.policy.misfit:
         raise NotEnoughExcitation(
             f"the model explains only {100 * max(1 - share, 0.0):.0f} % of the torque even after refitting; is the "
             "sign or the unit of the torque wrong, or the model of another axis? Fit a new model with "
             "'autotune model fit', or import the file again with another torque factor"
         )
+    found = ", ".join(f"{order:.4g}" for order in orders)
+    return (
+        f"The model explains {100 * max(1 - share, 0.0):.0f} % of the torque; waves over position, as cogging makes "
+        f"them, {100 * explained:.0f} % of the rest (orders {found}): 'autotune model add {TORQUE_RIPPLE.name}'.",
+    )

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from autotune.core.arrays import Flags, Floats
 from autotune.core.errors import NotEnoughExcitation
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.candidates import Progress, model_from, no_progress
@@ -20,7 +21,7 @@ from autotune.diagnosis.compare import EACH_IN_TURN, check_same_axis, floor_of_u
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.free_shape import resolved
 from autotune.diagnosis.refits import inside_twin, is_chance, without_insignificant_terms
-from autotune.diagnosis.ripple_orders import with_whole_orders
+from autotune.diagnosis.ripple_orders import MOST_LINES, with_whole_orders
 from autotune.diagnosis.screening import screen
 from autotune.estimation.bandwidth import prepared_for, prepared_to_fit
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
@@ -29,11 +30,14 @@ from autotune.estimation.least_squares import Fitted, covariance, standard_error
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import Problem, new_problem
 from autotune.estimation.residual import residual, smoothed
+from autotune.identify.ripple_lines import LEAST_GAIN, columns, find_lines, held_out_error
 from autotune.models.drive_model import DriveModel, HistoryEntry, Packed, base_model
 from autotune.models.table import effect_kind
 from autotune.models.total_friction import friction_parts
 from autotune.recordings.recording import Recording
 
+WAVE_ROWS, MOST_ORDER = 6000, 400.0
+"""Rows in which waves over position are looked for before anything is fitted, and the largest order."""
 POOR = 0.2
 """Relative error above which a user is told of it."""
 REACHES = (1e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2)  # of the travel
@@ -139,7 +143,7 @@ def _least_squares(data: Prepared, one_way: bool, policy: Policy) -> dict[str, f
         size, 1e-300
     )
     values = dict(zip(parts, found.tolist(), strict=True))
-    if values["inertia"] <= 0.0:
+    if values["inertia"] <= 0.0 and not _waves_instead(data, moving, table, target):
         part = float(np.std(values["inertia"] * table[:, 0]) / max(float(np.std(target)), 1e-300))
         if part > policy.wrong_sign:
             raise NotEnoughExcitation(
@@ -154,6 +158,20 @@ def _least_squares(data: Prepared, one_way: bool, policy: Policy) -> dict[str, f
         values["coulomb"] = max(values["coulomb"] + values["offset"], 1e-2 * scale)
         values["offset"] = 0.0
     return values
+
+
+def _waves_instead(data: Prepared, rows: Flags, table: Floats, target: Floats) -> bool:
+    """Whether waves over position are why the torque falls where the axis accelerates: cogging at constant speed."""
+    scale = 1.0 if data.metadata.motion_unit == "rad" else 2.0 * math.pi
+    position, every = data.position[data.grid[rows]], math.ceil(len(target) / WAVE_ROWS)
+    friction = table[::every, 2:]
+    lines = find_lines(position[::every], target[::every], friction, scale, MOST_LINES, MOST_ORDER)
+    if not lines:
+        return False
+    waves = columns(position, [line.order for line in lines], scale)
+    parts = [(table[:, 2:], target), (np.hstack([table[:, 2:], waves]), target)]
+    without, beside = (held_out_error([part]) for part in parts)
+    return beside <= (1.0 - LEAST_GAIN) * without
 
 
 def _reason(model: DriveModel, policy: Policy) -> str:

@@ -16,6 +16,7 @@ from autotune.estimation.coordinates import generic_columns
 from autotune.estimation.cross_validation import gain_and_z, held_out
 from autotune.estimation.least_squares import Fitted, fit
 from autotune.estimation.problem import Problem, refit
+from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.effect import Kind
 from autotune.models.layout import flag
@@ -97,9 +98,11 @@ def _short_fits(problem: Problem, model_fit: ModelFit, nominal: Packed, kind: Ki
 
 def _short_fit(problem: Problem, model_fit: ModelFit, start: FitStart) -> Fitted | None:
     """Two steps from a start, with the sensitivities of what is already in the model taken from there."""
+    same = start.packed.p[layout.INERTIA] == model_fit.fitted.packed.p[layout.INERTIA]
+    known = (model_fit.fitted.jacobian, model_fit.fitted.scales) if same else None
     fitted = fit(
         problem.data, problem.moved, start.packed, [*model_fit.free, *start.free], model_fit.correction.bias,
-        problem.training, 2, known=(model_fit.fitted.jacobian, model_fit.fitted.scales),
+        problem.training, 2, known=known,
         hopeful=(1.0 - HOPEFUL) * model_fit.fitted.cost, whole=False,
     )  # fmt: skip
     return fitted if math.isfinite(fitted.cost) else None

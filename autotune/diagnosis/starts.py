@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
 
@@ -41,6 +41,11 @@ PROMISED = 0.995
 """Of the cost without the effect: what probing must get below."""
 ENOUGH = 1e-2
 """Relative difference of the cost below which a valley's floor is reached."""
+GIVEN = (
+    layout.INERTIA, layout.VISCOUS, layout.COULOMB, layout.STIFFNESS, layout.MICRO_DAMPING, layout.OFFSET,
+)  # fmt: skip
+FELT, FAR = (layout.INERTIA, layout.COULOMB), 1.5
+"""What must have gone how far from the model that was given, for a fit to begin there too."""
 FIRST_STEP = 0.5
 """Of the longest step of a parameter."""
 
@@ -82,6 +87,12 @@ class Context:
     def angle(self) -> float:
         """Radians per motion unit and cycle: 1 on rotary axes, 2π on linear ones."""
         return float(self.p[scale_slot()])
+
+    def given_base(self) -> dict[int, float]:
+        """The base before the fit without the effect, by place; empty where the fit is near it."""
+        given = {place: float(self.nominal.p[place]) for place in GIVEN}
+        ratios = [self.p[place] / max(value, 1e-300) for place, value in given.items() if place in FELT]
+        return given if any(max(ratio, 1.0 / max(ratio, 1e-300)) > FAR for ratio in ratios) else {}
 
     def sensitivity(self, name: str) -> Floats:
         """d(residual)/d(parameter) on the grid."""
@@ -197,9 +208,16 @@ def varying(kind: Kind, name: str, vary: Vary) -> Free:
 
 
 def starts_of(kind: Kind, context: Context) -> Iterator[FitStart]:
-    """Where fits of an effect begin in these data."""
+    """Where fits of an effect begin in these data.
+
+    What belongs to the place drives the fit without it far away: gravity looks like inertia and like a bristle as long
+    as the way. So it begins from the base that was given too, where that is another.
+    """
+    given = context.given_base() if kind.of_place else {}
     for start in kind.starts(context):
         yield begun(context, kind, start)
+        if given:
+            yield begun(context, kind, replace(start, base={**given, **start.base}))
 
 
 def shapes(effect: str, packed: Packed) -> tuple[Free, ...]:

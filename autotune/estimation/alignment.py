@@ -137,6 +137,14 @@ def away_from_reversals(data: Prepared) -> Flags:
 
 def linear_misfit(data: Prepared, rows: Flags) -> float:
     """Share of the torque's variance that inertia, friction and offset leave on some grid rows."""
+    table, target = linear_terms(data, rows)
+    table = table / np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+    left = target - table @ np.linalg.lstsq(table, target, rcond=1e-10)[0]
+    return float(np.sum(left**2)) / max(float(np.sum((target - target.mean()) ** 2)), 1e-300)
+
+
+def linear_terms(data: Prepared, rows: Flags) -> tuple[Floats, Floats]:
+    """Acceleration, velocity, its sign and 1 on some grid rows, shape (r, 4), and the torque there."""
     torque = data.torque
     acted = np.concatenate([torque[:1], 0.5 * (torque[1:] + torque[:-1])])
     table = np.column_stack(
@@ -147,10 +155,7 @@ def linear_misfit(data: Prepared, rows: Flags) -> float:
             np.ones(len(data.grid)),
         ]
     )
-    target, table = smoothed(data, np.ascontiguousarray(acted))[rows], table[rows]
-    table = table / np.maximum(np.linalg.norm(table, axis=0), 1e-300)
-    left = target - table @ np.linalg.lstsq(table, target, rcond=1e-10)[0]
-    return float(np.sum(left**2)) / max(float(np.sum((target - target.mean()) ** 2)), 1e-300)
+    return table[rows], smoothed(data, np.ascontiguousarray(acted))[rows]
 
 
 SAMPLES = (2.0, 4.0, 8.0, 16.0)

@@ -11,6 +11,7 @@ encoder does not resolve, are left out.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -18,10 +19,19 @@ import numpy as np
 import scipy
 
 from autotune.core.arrays import Floats, Integers
-from autotune.estimation.alignment import aligned, needed, upsampled
+from autotune.estimation.alignment import aligned, linear_terms, needed, upsampled
 from autotune.estimation.controller import find_controller
 from autotune.estimation.coordinates import travel_since_reversal
-from autotune.estimation.data import CUTOFF, MOTION_CUTOFF, Block, Prepared, prepare
+from autotune.estimation.data import (
+    CUTOFF,
+    FASTEST,
+    MOTION_CUTOFF,
+    TRAINING,
+    Block,
+    Prepared,
+    compared_below,
+    prepare,
+)
 from autotune.estimation.parts import fitted_part
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.speed_points import as_steady_recordings, speed_points
@@ -46,8 +56,6 @@ CANDIDATES = (
 )
 COHERENT = 0.7
 LOUD = 0.02
-FASTEST = 0.09
-"""Of the sampling rate: faster motion cannot be had from central differences."""
 LEAST = 15.0  # Hz
 ABOVE = 1.2
 MOST_POWER = 0.99
@@ -66,6 +74,8 @@ MOST = 0.9
 HARMONICS = 2.5
 """The cut-off over the frequency below which nearly all of such a torque lies: friction that reverses has more."""
 SPECTRUM_ROWS = 4096
+QUIET, QUIET_ROUNDS = 0.5, 4
+"""Of the noise between repeats: what counts may come to by way of the inertia; and cut-offs tried in turn."""
 HEARD = 0.3
 """Coherence above which torque moves the axis: by chance one frequency of seventy has it."""
 
@@ -206,6 +216,44 @@ def without_rest(data: Prepared) -> Prepared:
     return replace(data, grid=np.concatenate(rows), blocks=tuple(blocks))
 
 
+def quiet_cutoff(recordings: Sequence[Recording], data: Prepared, cutoff: float, pace: float) -> float | None:
+    """Cut-off [Hz] at which the encoder's counts, by way of the inertia, are below what repeats do not share.
+
+    None where they are at the usual one. Repeats have the same counts at the same places, a twin has not: above that
+    they look like structure, and a load behind a spring swallows them.
+    """
+    found: float | None = None
+    for _ in range(QUIET_ROUNDS):
+        loud = _counts_over_noise(data, found or cutoff)
+        if loud <= 1.0:
+            break
+        # what counts make grows with the frequency to the power of 2.5, noise with its root
+        found = max((found or cutoff) / math.sqrt(loud), LEAST / pace)
+        data = prepare(recordings, found, 2.5 * found, pace=pace)
+        if found == LEAST / pace:
+            break
+    return found
+
+
+def _counts_over_noise(data: Prepared, cutoff: float) -> float:
+    """Torque that rounding to counts seems to need, over `QUIET` of the noise between repeats; 0 without repeats."""
+    rows = data.role(TRAINING)
+    table, target = linear_terms(data, rows)
+    size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+    gains = np.linalg.lstsq(table / size, target, rcond=1e-10)[0] / size
+    rest = np.zeros(len(data.grid))
+    rest[rows] = target - table @ gains
+    blocks = [block for block in data.blocks if block.role == TRAINING and block.repeats > 1]
+    noise = [rest[b.rows].reshape(b.repeats, b.count).var(axis=0, ddof=1).mean() for b in blocks]
+    if not blocks or data.resolution <= 0.0:
+        return 0.0
+    power = float(np.average(noise, weights=[block.count for block in blocks]))
+    white = data.resolution / math.sqrt(12.0) * math.sqrt(2.0 * data.period * cutoff / 5.0)
+    return (
+        abs(float(gains[0])) * white * (2.0 * math.pi * cutoff) ** 2 / max(QUIET * math.sqrt(power), 1e-300)
+    )
+
+
 def prepared_to_fit(recordings: Sequence[Recording], policy: Policy = POLICY) -> Prepared:
     """The same for a fit: of the standard programme that part which can be fitted in one twin.
 
@@ -229,9 +277,11 @@ def prepared_for(recordings: Sequence[Recording], policy: Policy = POLICY) -> Pr
     longest = max(recordings, key=len)
     bands = Bands.of(longest)
     pace = min(1.0, bands.pace)
-    data = prepare(recordings, max(CUTOFF, bands.error), max(MOTION_CUTOFF, bands.motion), pace=pace)
+    most = max(compared_below(longest.period), bands.error)
+    data = prepare(recordings, most, MOTION_CUTOFF / CUTOFF * most, pace=pace)
     if data.repeated:
-        return data
+        cutoff = quiet_cutoff(recordings, data, most, pace)
+        return data if cutoff is None else prepare(recordings, cutoff, 2.5 * cutoff, pace=pace)
     known = data.recorded_reference and find_controller(data, policy).usable
     cutoff = coherent_cutoff(longest, known)
     if known:

@@ -29,7 +29,7 @@ from autotune.estimation.controller_law import (
     law_terms,
     smeared_samples,
 )
-from autotune.estimation.data import CUTOFF
+from autotune.estimation.data import compared_below
 from autotune.signals.filters import low_pass
 
 PIECE_SECONDS = 3.0
@@ -48,7 +48,7 @@ NEARLY_EXACT, WORTH_DELAYS = 1e-5, 0.5
 """Share of the demand left from which laws with delays are looked for, and of what is left, to be taken."""
 HARDLY_MORE = 1.01
 """Times the share left by a late law with all terms of the reference: a plainer one that leaves no more is taken."""
-IN_BAND = f"It was found below {CUTOFF:.0f} Hz: what the drive does between the samples is left out."
+IN_BAND = "It was found below {:.0f} Hz: what the drive does between the samples is left out."
 TICK = 250e-6
 """s, at which a drive's loop is simulated: its bandwidth is far below."""
 BETWEEN_RATES = tuple(100.0 * 1.7**i for i in range(9))
@@ -83,7 +83,9 @@ def law_from_data(samples: LoopSamples) -> PositionController:
         return found
     banded = _searched_late(_in_band(wandering))
     if banded.explained > samples.policy.controller_explains_in_band and banded.kp > 0.0:
-        return replace(banded, why=f"{banded.why} {IN_BAND}", in_band=True)
+        return replace(
+            banded, why=f"{banded.why} {IN_BAND.format(compared_below(samples.period))}", in_band=True
+        )
     return replace(found, source="none")
 
 
@@ -228,11 +230,12 @@ def _in_band(samples: LoopSamples) -> LoopSamples:
     What a drive makes of counts between the samples, and the noise of a torque sensor, lie above it. Low-passes and
     the law may change places: both are linear, but for the clamped sum.
     """
+    cutoff = compared_below(samples.period)
     banded = [samples.reference.copy(), samples.position.copy(), samples.demand.copy()]
     for rows in samples.stretches:
         for values in banded:
-            values[rows] = low_pass(values[rows], CUTOFF, samples.period)
-    reach = 2 * round(0.5 / (CUTOFF * samples.period)) + 1
+            values[rows] = low_pass(values[rows], cutoff, samples.period)
+    reach = 2 * round(0.5 / (cutoff * samples.period)) + 1
     near = scipy.ndimage.maximum_filter1d(samples.clamped, reach)
     return replace(samples, reference=banded[0], position=banded[1], demand=banded[2], clamped=near)
 

@@ -24,6 +24,8 @@ from autotune.signals.filters import motion
 
 MOTION_CUTOFF = 150.0  # Hz, of position, velocity and acceleration
 CUTOFF = 60.0  # Hz, of everything that is compared
+FASTEST = 0.09
+"""Of the sampling rate: faster motion cannot be had from central differences."""
 GRID = 200.0  # Hz
 STANDSTILL_COUNTS = 2.1
 STANDSTILL_SECONDS = 0.01
@@ -139,6 +141,11 @@ class Prepared:
     @property
     def closed(self) -> bool:
         return self.recorded_reference and all(stretch.closed for stretch in self.stretches)
+
+
+def compared_below(period: float) -> float:
+    """Frequency [Hz] below which repeated recordings are compared: the usual one, lower where sampling is slow."""
+    return min(CUTOFF, FASTEST / period)
 
 
 def prepare(

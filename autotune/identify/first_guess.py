@@ -3,14 +3,14 @@
 With the bristle driven by the measured velocity and its reach x_s = F_c/σ0 given, torque is linear in
 inertia, viscous and Coulomb friction, σ1 and offset (inverse dynamics): least squares for each of
 several reaches. Of those that leave nearly the least error the shortest wins: a long one takes up whatever
-lags.
+lags. Gravity, a spring and waves over position are fitted beside them where the data show them (`ripple_lines`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,19 +18,29 @@ from autotune.core.arrays import Floats
 from autotune.core.errors import NotEnoughExcitation, RecordingError
 from autotune.estimation.bandwidth import Bands
 from autotune.estimation.pieces import Piece
+from autotune.identify.ripple_lines import ALIKE, LEAST_GAIN, PlaceTerms, find_lines, held_out_error
 from autotune.models.compiled import compiled
+from autotune.models.gravity_imbalance import GRAVITY_IMBALANCE
 from autotune.models.lugre import bristle_rate, bristle_step
+from autotune.models.spring import SPRING
 from autotune.signals.filters import low_pass
 
 TRIALS = 12
+MOST_WAVES, WAVE_ROWS, MOST_PERIODS = 8, 6000, 4000
+"""Waves beside a model, rows in which they are looked for, and periods in the travel."""
+MATTERS = 0.05
+"""Of inertia or Coulomb friction: terms of the place that change them by less are left to the diagnosis."""
+PASSED = 0.8
+"""Of the cut-off: waves that are faster at usual speeds are filtered away."""
 LONGEST, SHORTEST = 0.1, 2e-5
 """Reaches that are tried, as shares of the longest travel."""
 CLEARLY = 1.03
 """A longer reach must leave an error smaller than by this factor."""
 _TWO_AXES = 1.5
-_J, _COULOMB = 0, 2
+_J, _COULOMB, _BASE = 0, 2, 5
 _SURE = [0, 2, 4]
 _SHARED = [0, 2]
+_FRICTION = [2, 4]
 _NOT_TOGETHER = 0.02
 """Of the torque's power: what a fit of one axis, or of two stretches of it, leaves at most."""
 """Columns that every recording must tell apart: inertia, Coulomb friction, offset."""
@@ -42,10 +52,18 @@ class OneDirection(NotEnoughExcitation):
 
 @dataclass(frozen=True, slots=True)
 class Guess:
-    """Base parameters by name, and the share of the torque they leave unexplained."""
+    """Base parameters by name, and the share of the torque they leave unexplained.
+
+    Attributes:
+        place: what was fitted beside them, and `sizes`: of its columns [N m].
+        place_gain: of the mean square on stretches left out, what those terms took away.
+    """
 
     values: dict[str, float]
     relative_error: float
+    place: PlaceTerms
+    sizes: Floats
+    place_gain: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,9 +83,18 @@ class _Trial:
     def target(self) -> Floats:
         return np.concatenate([part[1] for part in self.parts])
 
+    @property
+    def rest(self) -> Floats:
+        return np.asarray(self.target - self.design @ self.solution)
 
-def guess(pieces: Sequence[Piece], bands: Bands) -> Guess:
+
+def guess(
+    pieces: Sequence[Piece], bands: Bands, motion_unit: str = "rad", wanted: Collection[str] = ()
+) -> Guess:
     """Start values.
+
+    Args:
+        wanted: effects that will be fitted; gravity or a spring among them is one of the place's terms.
 
     Raises:
         NotEnoughExcitation: one direction only, no acceleration, or friction that cannot be seen.
@@ -76,15 +103,14 @@ def guess(pieces: Sequence[Piece], bands: Bands) -> Guess:
     _refuse_one_direction(pieces)
     travel = max(float(np.ptp(piece.position)) for piece in pieces)
     reaches = np.geomspace(SHORTEST * travel, LONGEST * travel, TRIALS).tolist()
-    trials = [_trial(pieces, bands, reach) for reach in reaches]
-    physical = [trial for trial in trials if trial.solution[_J] > 0 and trial.solution[_COULOMB] > 0]
-    least = min(trial.error for trial in physical or trials)
-    best = next(trial for trial in physical or trials if trial.error <= CLEARLY * least)
+    plain = [_solved(reach, [_regressors(piece, bands, reach) for piece in pieces]) for reach in reaches]
+    terms, trials = _beside(plain, pieces, bands, 1.0 if motion_unit == "rad" else 2.0 * math.pi, wanted)
+    best = _best(trials)
     if best.error**2 > _NOT_TOGETHER:
         for trial in trials:
             refuse_two_axes(trial.parts)
     _refuse(best)
-    inertia, viscous, coulomb, damping, offset = (float(x) for x in best.solution)
+    inertia, viscous, coulomb, damping, offset = (float(x) for x in best.solution[:_BASE])
     speed = max(float(np.max(np.abs(piece.velocity))) for piece in pieces)
     stiffness = coulomb / best.reach
     usual = 0.4 * math.sqrt(stiffness * inertia)
@@ -96,11 +122,108 @@ def guess(pieces: Sequence[Piece], bands: Bands) -> Guess:
         "micro_damping": min(max(damping, 0.1 * usual), 5.0 * usual),
         "offset": offset,
     }
-    return Guess(values, best.error)
+    gain = 1.0 - held_out_error(best.parts) / max(held_out_error(_best(plain).parts), 1e-300)
+    return Guess(values, best.error, terms, best.solution[_BASE:], gain if terms.count else 0.0)
 
 
-def _trial(pieces: Sequence[Piece], bands: Bands, reach: float) -> _Trial:
-    parts = [_regressors(piece, bands, reach) for piece in pieces]
+def _best(trials: Sequence[_Trial]) -> _Trial:
+    """The shortest reach of those that leave nearly the least error."""
+    physical = [trial for trial in trials if trial.solution[_J] > 0 and trial.solution[_COULOMB] > 0]
+    least = min(trial.error for trial in physical or trials)
+    return next(trial for trial in physical or trials if trial.error <= CLEARLY * least)
+
+
+def _beside(
+    plain: list[_Trial], pieces: Sequence[Piece], bands: Bands, scale: float, wanted: Collection[str]
+) -> tuple[PlaceTerms, list[_Trial]]:
+    """What belongs to the place, and the trials with it: gravity or a spring, waves, and gravity again under waves."""
+    terms = PlaceTerms(scale, SPRING.name in wanted, (1.0,) if GRAVITY_IMBALANCE.name in wanted else ())
+    asked = terms, _with_place(plain, pieces, bands, terms)
+    terms, trials = asked
+    for look in (_slow, _waves, _slow):
+        found = look(terms, trials, plain, pieces, bands)
+        if found is not None:
+            terms, trials = found
+    return (terms, trials) if _matters(_best(asked[1]), _best(trials)) else asked
+
+
+def _matters(without: _Trial, beside: _Trial) -> bool:
+    """Whether inertia or friction would be another without the terms, or none at all."""
+    alone, found = without.solution[_SHARED], beside.solution[_SHARED]
+    return bool(np.any(alone <= 0.0) or np.any(np.abs(alone - found) > MATTERS * np.abs(found)))
+
+
+_Found = tuple[PlaceTerms, list[_Trial]]
+
+
+def _slow(
+    terms: PlaceTerms, trials: list[_Trial], plain: list[_Trial], pieces: Sequence[Piece], bands: Bands
+) -> _Found | None:
+    """The terms with gravity or a spring, where the data show either."""
+    if terms.spring or terms.gravity:
+        return None
+    kinds = [replace(terms, spring=True)]
+    if terms.scale == 1.0:
+        kinds.insert(0, replace(terms, orders=(1.0, *terms.orders)))
+    looked = [(kind, _with_place(plain, pieces, bands, kind)) for kind in kinds]
+    left = [held_out_error(_best(found).parts) for _, found in looked]
+    chosen = int(np.argmin(left))
+    if left[chosen] > (1.0 - LEAST_GAIN) * held_out_error(_best(trials).parts):
+        return None
+    alike = len(left) > 1 and max(left) <= ALIKE * min(left)
+    return replace(looked[chosen][0], spring_like=alike), looked[chosen][1]
+
+
+def _waves(
+    terms: PlaceTerms, trials: list[_Trial], plain: list[_Trial], pieces: Sequence[Piece], bands: Bands
+) -> _Found | None:
+    """The terms with waves that stand out of what the best trial leaves.
+
+    At constant speed a wave makes the axis speed up and slow down, and inertia takes it: then they are looked for in
+    what friction alone leaves.
+    """
+    best = _best(trials)
+    position = np.concatenate([_reduced(piece.position, piece, bands) for piece in pieces])
+    speed = np.concatenate([_reduced(np.abs(piece.velocity), piece, bands) for piece in pieces])
+    every = math.ceil(len(position) / WAVE_ROWS)
+    slow = terms.scale * max(float(np.percentile(speed, 25)), 1e-3 * float(np.max(speed)))
+    most = MOST_PERIODS * 2.0 * math.pi / max(float(np.ptp(position)) * terms.scale, 1e-300)
+    highest = min(most, 2.0 * math.pi * PASSED * bands.error / slow)
+    for fixed in (best.design, best.design[:, _FRICTION]):
+        rows, torque = position[::every], best.target[::every]
+        lines = find_lines(rows, torque, fixed[::every], terms.scale, MOST_WAVES, highest)
+        more = replace(terms, orders=(*terms.orders, *(line.order for line in lines)))
+        found = _with_place(plain, pieces, bands, more)
+        if held_out_error(_best(found).parts) <= (1.0 - LEAST_GAIN) * held_out_error(best.parts):
+            return more, found
+    return None
+
+
+def _with_place(
+    plain: list[_Trial], pieces: Sequence[Piece], bands: Bands, terms: PlaceTerms
+) -> list[_Trial]:
+    """The trials with columns of the place, filtered as the others are."""
+    if not terms.count:
+        return plain
+    place = []
+    for piece in pieces:
+        table = low_pass(terms.columns(piece.position).T, bands.error, piece.period)
+        place.append(table[:, :: bands.decimation][:, piece.use].T)
+    return [
+        _solved(
+            trial.reach,
+            [(np.hstack([part[0], more]), part[1]) for part, more in zip(trial.parts, place, strict=True)],
+        )
+        for trial in plain
+    ]
+
+
+def _reduced(values: Floats, piece: Piece, bands: Bands) -> Floats:
+    """Of the rows that are compared."""
+    return np.asarray(values[:: bands.decimation][piece.use])
+
+
+def _solved(reach: float, parts: list[tuple[Floats, Floats]]) -> _Trial:
     design, target = np.vstack([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
     scale = np.maximum(np.sqrt(np.mean(design**2, axis=0)), 1e-300)
     solution = np.linalg.lstsq(design / scale, target, rcond=1e-9)[0] / scale
@@ -248,15 +371,17 @@ def _refuse(best: _Trial) -> None:
     inertia, coulomb = float(best.solution[_J]), float(best.solution[_COULOMB])
     variance = float(error @ error) / max(len(target) - 5, 1)
     spread = math.sqrt(float(np.linalg.pinv(design.T @ design)[_J, _J]) * variance)
-    if coulomb < 0.0 and (inertia < 0.0 or float(np.mean(varying * design[:, _COULOMB])) < 0.0):
+    moved = varying - design[:, _BASE:] @ best.solution[_BASE:]
+    if coulomb < 0.0 and (inertia < 0.0 or float(np.mean(moved * design[:, _COULOMB])) < 0.0):
         raise RecordingError(
             f"inertia ({inertia:.3g}) and Coulomb friction ({coulomb:.3g}) come out negative: the torque has the "
             "wrong sign. Import it again with a factor of −1"
         )
     if inertia <= 3.0 * spread:
         raise NotEnoughExcitation(
-            f"inertia comes out as {inertia:.3g} ± {spread:.2g}: the motion accelerates too little, or the "
-            "torque is delayed. Record faster changes of speed"
+            f"inertia comes out as {inertia:.3g} ± {spread:.2g}: the motion accelerates too little, the torque is "
+            "delayed, or gravity stands for inertia, as in a swing of one frequency and size. Record faster changes "
+            "of speed, swings of several sizes"
         )
     if coulomb <= 0.0:
         raise NotEnoughExcitation(

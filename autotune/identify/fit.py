@@ -18,22 +18,26 @@ from autotune.estimation.bandwidth import Bands
 from autotune.estimation.controller import controller_of
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.pieces import UNFITTED, Piece, cut, torque_error
+from autotune.estimation.policy import POLICY
 from autotune.identify.estimate import Estimate
-from autotune.identify.first_guess import guess
-from autotune.identify.refinement import Joint, free_parameters, refine_recording
-from autotune.identify.ripple_lines import find_lines
+from autotune.identify.first_guess import Guess, guess
+from autotune.identify.refinement import Joint, free_parameters, missing, refine_recording
+from autotune.identify.ripple_lines import Line, find_lines
 from autotune.identify.steady_state import SteadyState, fit_speed_curve, holds_constant_speeds_only
 from autotune.models.direction_asymmetry import DIRECTION_ASYMMETRY
 from autotune.models.drive_model import DriveModel, base_model, surface_parameter
-from autotune.models.effect import Kind
+from autotune.models.effect import Effect, Kind
+from autotune.models.gravity_imbalance import GRAVITY_IMBALANCE
+from autotune.models.spring import SPRING
 from autotune.models.stribeck import STRIBECK
 from autotune.models.table import effect_kind
-from autotune.models.torque_ripple import TORQUE_RIPPLE
+from autotune.models.torque_ripple import LINES, TORQUE_RIPPLE
 from autotune.recordings.checks import check_recording, refuse_clipping
 from autotune.recordings.recording import Recording, concatenate
 
 MOST_ROWS, STRETCH = 600_000, 20_000
 VAGUE = 0.1
+TWIN_WORSE = "a simulation of the model with this controller explains less than none"
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,8 +88,8 @@ def fit(recordings: Sequence[Recording] | Recording, effects: Sequence[str] = ()
     if holds_constant_speeds_only(recording):
         speeds = fit_speed_curve(recording, effects)
         return FitResult(speeds.model, speeds.estimate, controller, speeds.steady_state)
-    start = guess(pieces, bands)
     metadata = recording.metadata
+    start = guess(pieces, bands, metadata.motion_unit, effects)
     model = base_model(
         start.values,
         motion_unit=metadata.motion_unit,
@@ -93,13 +97,74 @@ def fit(recordings: Sequence[Recording] | Recording, effects: Sequence[str] = ()
         fingerprint=metadata.fingerprint,
         torque_unit=metadata.torque_unit,
     )
-    joint = refine_recording(model, recording, seed=seed)
+    for effect in place_effects(start):
+        model = model.with_effect(effect)
+    joint = refine_recording(model, recording, seed=seed, controller=controller)
+    if joint.controller.usable and _twin_misleads(joint, start):
+        controller = replace(controller, source="none", why=TWIN_WORSE)
+        joint = refine_recording(model, recording, seed=seed, controller=controller)
     for kind in kinds:
+        if kind.name in joint.model:
+            continue
         model = STARTS[kind.name](joint.model, pieces, bands)
-        joint = refine_recording(model, recording, seed=seed)
+        joint = refine_recording(model, recording, seed=seed, controller=controller)
         for name in _vague(kind, joint):
-            joint = _held(name, model, recording, seed)
-    return _result(joint)
+            joint = _held(name, model, recording, seed, controller)
+    return _result(_without_beside(joint, start, effects))
+
+
+def _twin_misleads(joint: Joint, start: Guess) -> bool:
+    """Whether the refinement in the twin left more than the guess, which had none."""
+    return joint.refined.relative_error > math.sqrt(POLICY.twin_worse) * start.relative_error
+
+
+def place_effects(start: Guess) -> list[Effect]:
+    """What the guess fitted beside the model, as effects of their own."""
+    terms, sizes = start.place, start.sizes.tolist()
+    effects = [SPRING.make({"stiffness": sizes.pop(0)})] if terms.spring else []
+    pairs = dict(zip(terms.orders, zip(sizes[::2], sizes[1::2], strict=True), strict=True))
+    if terms.gravity:
+        effects.append(GRAVITY_IMBALANCE.make(dict(zip(("sin", "cos"), pairs[1.0], strict=True))))
+    if terms.waves:
+        lines = [Line(order, *pairs[order]) for order in terms.waves]
+        effects.append(TORQUE_RIPPLE.make(_ripple_values(lines)))
+    return effects
+
+
+def _without_beside(joint: Joint, start: Guess, wanted: Sequence[str]) -> Joint:
+    """The base model with the effects that were asked for, and a sentence on what was fitted beside them."""
+    model, notes = joint.model, list(joint.estimate.notes)
+    beside = [effect for effect in model.effects if effect.name not in wanted]
+    for effect in beside:
+        notes.insert(0, _beside_note(effect, start, model.unit("offset")))
+        model = model.without_effect(effect.name)
+    known = {name: q for name, q in joint.estimate.parameters.items() if name in model.parameters}
+    if not joint.controller.usable and joint.controller.why == TWIN_WORSE:
+        notes.append(f"No twin: {TWIN_WORSE}.")
+    estimate = replace(joint.estimate, parameters=known, reason=missing(known), notes=tuple(notes))
+    return replace(joint, model=model, estimate=estimate)
+
+
+def _beside_note(effect: Effect, start: Guess, unit: str) -> str:
+    """What belongs to the place, how large it is, and how it is taken into the model."""
+    value = {name: one.value for name, one in effect.values.items()}
+    if effect.name == TORQUE_RIPPLE.name:
+        orders = [i for i in range(1, LINES + 1) if value.get(f"order_{i}", 0.0) > 0.0]
+        waves = (
+            f"{value[f'order_{i}']:.5g} ({math.hypot(value[f'sin_{i}'], value[f'cos_{i}']):.3g} {unit})"
+            for i in orders
+        )
+        said = f"waves over position, as cogging makes them: orders {', '.join(waves)}"
+    elif effect.name == GRAVITY_IMBALANCE.name:
+        said = f"one sine a turn, as gravity makes it, of {math.hypot(value['sin'], value['cos']):.3g} {unit}"
+    else:
+        said = f"a torque in proportion to position, as a spring makes it, of {value['stiffness']:.3g} a unit of way"
+    alike = " (over this travel gravity and a spring look alike)" if start.place.spring_like else ""
+    return (
+        f"The torque holds {said}{alike}. It was fitted beside the model, which does not hold it; without it the model "
+        f"is wrong by as much: 'autotune model fit --effects {effect.name}' takes it in, 'autotune model diagnose' "
+        "judges it"
+    )
 
 
 def _vague(kind: Kind, joint: Joint) -> list[str]:
@@ -110,10 +175,10 @@ def _vague(kind: Kind, joint: Joint) -> list[str]:
     return [name for name in alike if not known or joint.refined.standard_errors[name] > least]
 
 
-def _held(held: str, model: DriveModel, recording: Recording, seed: int) -> Joint:
+def _held(held: str, model: DriveModel, recording: Recording, seed: int, law: PositionController) -> Joint:
     """Sliding alone cannot tell a difference of levels from the offset: it stays as it is then."""
     free = [name for name in free_parameters(model) if name != held]
-    joint = refine_recording(model, recording, free, seed)
+    joint = refine_recording(model, recording, free, seed, controller=law)
     note = f"{held} is held at zero: these recordings cannot tell it from the offset; presliding would"
     return replace(joint, estimate=replace(joint.estimate, notes=(*joint.estimate.notes, note)))
 
@@ -203,10 +268,23 @@ def _started_ripple(model: DriveModel, pieces: Sequence[Piece], bands: Bands) ->
         raise ConfigurationError(
             "no torque ripple stands out of the noise in these recordings; leave torque_ripple out"
         )
+    return model.with_effect(TORQUE_RIPPLE.make(_ripple_values(lines)))
+
+
+def _ripple_values(lines: Sequence[Line]) -> dict[str, float]:
+    """Parameters of ripple, the largest wave first."""
     values: dict[str, float] = {}
     for number, line in enumerate(sorted(lines, key=lambda one: -one.amplitude), 1):
         values |= {f"order_{number}": line.order, f"sin_{number}": line.sine, f"cos_{number}": line.cosine}
-    return model.with_effect(TORQUE_RIPPLE.make(values))
+    return values
+
+
+def _started_gravity(model: DriveModel, pieces: Sequence[Piece], bands: Bands) -> DriveModel:
+    return model.with_effect(GRAVITY_IMBALANCE.make({"sin": 0.0, "cos": 0.0}))
+
+
+def _started_spring(model: DriveModel, pieces: Sequence[Piece], bands: Bands) -> DriveModel:
+    return model.with_effect(SPRING.make({"stiffness": 0.0}))
 
 
 def _started_asymmetry(model: DriveModel, pieces: Sequence[Piece], bands: Bands) -> DriveModel:
@@ -217,5 +295,7 @@ STARTS: Mapping[str, Callable[[DriveModel, Sequence[Piece], Bands], DriveModel]]
     STRIBECK.name: _started_stribeck,
     DIRECTION_ASYMMETRY.name: _started_asymmetry,
     TORQUE_RIPPLE.name: _started_ripple,
+    GRAVITY_IMBALANCE.name: _started_gravity,
+    SPRING.name: _started_spring,
 }
 """The model with an effect at values from which the refinement finds its way."""

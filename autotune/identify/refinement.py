@@ -54,14 +54,18 @@ def refine_recording(
     free: Sequence[str] | None = None,
     seed: int = 0,
     unfitted: tuple[str, ...] = UNFITTED,
+    controller: PositionController | None = None,
 ) -> Joint:
     """Refines a model on a recording; by default all its parameters but ripple orders.
+
+    Args:
+        controller: of the twin; by default the recording's.
 
     Raises:
         NotEnoughExcitation: nothing in the recording is long enough.
     """
     names = free if free is not None else free_parameters(model)
-    controller = controller_of(recording)
+    controller = controller if controller is not None else controller_of(recording)
     bands = Bands.of(recording)
     pieces = cut(recording, bands, controller, unfitted)
     displacement = max(model["coulomb"], 1e-12) / model["stiffness"]
@@ -105,7 +109,7 @@ def _estimate(refined: Refined) -> Estimate:
     if refined.twin < 1.0:
         share = f"{100 * (1 - refined.twin):.0f} %"
         notes.append(f"no closed loop twin for {share} of the data; biases of filters remain there")
-    reason = _missing(quantities)
+    reason = missing(quantities)
     usable = all(quantities[name].identified for name in NEEDED if name in quantities)
     return Estimate(
         "joint",
@@ -153,7 +157,8 @@ def _directions(refined: Refined) -> list[str]:
     return texts
 
 
-def _missing(quantities: Mapping[str, Quantity]) -> str:
+def missing(quantities: Mapping[str, Quantity]) -> str:
+    """What is not identified, and what would tell it; "" where all is known."""
     unknown = [name for name, quantity in quantities.items() if not quantity.identified]
     if not unknown:
         return ""

@@ -14,7 +14,8 @@ import scipy
 
 from autotune.core.arrays import Floats
 from autotune.diagnosis.candidates import ScreenedCandidate
-from autotune.estimation.bandwidth import FASTEST, loud_below
+from autotune.estimation.bandwidth import loud_below
+from autotune.estimation.data import FASTEST
 from autotune.estimation.problem import Problem
 from autotune.models.effect import Kind
 from autotune.models.table import EFFECTS

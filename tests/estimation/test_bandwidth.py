@@ -1,0 +1,50 @@
+"""Up to which frequency repeated recordings are compared."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from autotune.estimation.bandwidth import prepared_for
+from autotune.estimation.data import CUTOFF, compared_below
+from autotune.recordings.recording import Metadata, Recording
+
+PERIOD, ROWS, INERTIA = 2e-3, 8000, 0.02
+
+
+def twice(resolution: float) -> Recording:
+    """A sum of sines, played twice, with 5 mN m of noise that the repeats do not share."""
+    time = np.arange(ROWS) * PERIOD
+    parts = [(1.0, 0.3), (0.2, 1.1), (0.02, 4.0)]
+    position = sum(size * np.sin(2 * np.pi * rate * time) for size, rate in parts)
+    bend = sum(-size * (2 * np.pi * rate) ** 2 * np.sin(2 * np.pi * rate * time) for size, rate in parts)
+    told = resolution * np.round(np.tile(position, 2) / resolution)
+    torque = np.tile(INERTIA * bend, 2) + 5e-3 * np.random.default_rng(1).normal(size=2 * ROWS)
+    columns = {"time": np.arange(2 * ROWS) * PERIOD, "position": told, "torque": torque}
+    metadata = Metadata(sample_period=PERIOD, position_resolution=resolution)
+    return Recording.from_columns(columns, metadata, "moves", np.repeat([0, 1], ROWS))
+
+
+def test_a_fine_encoder_leaves_the_band_as_it_is() -> None:
+    assert prepared_for([twice(1e-7)]).motion_cutoff == pytest.approx(2.5 * 0.09 / PERIOD)
+    assert compared_below(1e-3) == CUTOFF
+
+
+@pytest.mark.parametrize("resolution", [3e-4, 1e-3])
+def test_counts_are_no_louder_than_what_repeats_do_not_share(resolution: float) -> None:
+    """1e-3 rad at 60 Hz come to 0.18 N m by way of the inertia, 40 times the noise; they grow as f to the 2.5."""
+    data = prepared_for([twice(resolution)])
+    cutoff = data.motion_cutoff / 2.5
+    white = resolution / np.sqrt(12.0) * np.sqrt(2.0 * PERIOD * cutoff / 5.0)
+    assert 15.0 <= cutoff < 60.0
+    assert INERTIA * white * (2.0 * np.pi * cutoff) ** 2 < 6e-3
+
+
+def test_slow_sampling_is_compared_below_a_tenth_of_its_rate() -> None:
+    """Central differences at 60 Hz of 4 ms are short by a third."""
+    fast = twice(1e-7)
+    slow = fast.rows(slice(None, None, 2))
+    columns = dict(slow.floats)
+    metadata = Metadata(sample_period=2.0 * PERIOD, position_resolution=1e-7)
+    thinned = Recording.from_columns(columns, metadata, slow.experiment, slow.repeat)
+    assert prepared_for([thinned]).motion_cutoff == pytest.approx(2.5 * 0.09 / (2.0 * PERIOD))

@@ -1,0 +1,130 @@
+"""Gravity, a spring and waves over position beside a model that does not hold them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import autotune
+from autotune.core.errors import RecordingError
+from autotune.diagnosis.fit_recordings import fit_recordings
+from autotune.diagnosis.fit_result import FitResult
+from autotune.identify.ripple_lines import find_lines, held_out_error
+from autotune.recordings.recording import Metadata, Recording
+
+PERIOD, SECONDS = 2e-3, 16.0
+INERTIA, COULOMB, VISCOUS, OFFSET = 0.4, 2.0, 0.3, 0.5
+
+
+def arm(gravity: float = 0.0, spring: float = 0.0, sign: float = 1.0) -> Recording:
+    """A joint on four sines, without a reference: friction reverses over a milliradian, noise of 0.02 N m."""
+    time = np.arange(round(SECONDS / PERIOD)) * PERIOD
+    position, velocity, acceleration = np.full(len(time), 0.4), np.zeros(len(time)), np.zeros(len(time))
+    for size, rate, phase in ((0.7, 0.13, 0.0), (0.3, 0.41, 1.0), (0.12, 0.97, 2.0), (0.03, 2.3, 3.0)):
+        angle, turn = 2.0 * math.pi * rate * time + phase, 2.0 * math.pi * rate
+        position += size * np.sin(angle)
+        velocity += size * turn * np.cos(angle)
+        acceleration -= size * turn**2 * np.sin(angle)
+    bent = np.zeros(len(time))
+    for k in range(1, len(time)):
+        way = (position[k] - position[k - 1]) / 1e-3
+        bent[k] = math.copysign(1.0, way) + (bent[k - 1] - math.copysign(1.0, way)) * math.exp(-abs(way))
+    torque = INERTIA * acceleration + VISCOUS * velocity + COULOMB * bent + OFFSET
+    torque += gravity * np.sin(position + 0.6) + spring * position
+    # what acts until the next sample is logged at the sample, and noise beside it
+    torque = 0.5 * (torque + np.append(torque[1:], torque[-1]))
+    torque = sign * torque + 0.02 * np.random.default_rng(3).normal(size=len(time))
+    return Recording.from_columns(
+        {"time": time, "position": position, "torque": torque}, Metadata(sample_period=PERIOD), "moves"
+    )
+
+
+def said(result: FitResult) -> str:
+    return " ".join(result.notes)
+
+
+def test_an_arm_under_gravity_has_the_inertia_that_it_has() -> None:
+    """Two thirds of the torque is gravity's; without the sine beside it inertia came out at several times its value."""
+    found = fit_recordings([arm(gravity=8.0)])
+    assert found.valid, found.reason
+    assert found.model is not None
+    assert found.model["inertia"] == pytest.approx(INERTIA, rel=0.03)
+    assert found.model["coulomb"] == pytest.approx(COULOMB, rel=0.02)
+    assert found.model["offset"] == pytest.approx(OFFSET, abs=0.1)
+    assert not found.model.effects
+    assert "as gravity makes it, of 8" in said(found)
+    assert "--effects gravity_imbalance" in said(found)
+
+
+def test_gravity_that_is_asked_for_is_in_the_model() -> None:
+    found = fit_recordings([arm(gravity=8.0)], effects=["gravity_imbalance"])
+    assert found.model is not None
+    size = math.hypot(found.model["gravity_imbalance.sin"], found.model["gravity_imbalance.cos"])
+    assert size == pytest.approx(8.0, rel=0.02)
+    assert found.relative_error < 0.03
+    assert "beside the model" not in said(found)
+
+
+def test_a_joint_without_gravity_has_nothing_beside_its_model() -> None:
+    found = fit_recordings([arm()])
+    assert found.model is not None
+    assert found.model["inertia"] == pytest.approx(INERTIA, rel=0.03)
+    assert "beside the model" not in said(found)
+
+
+@pytest.mark.parametrize("gravity", [0.0, 8.0])
+def test_a_wrong_sign_is_found_under_gravity_too(gravity: float) -> None:
+    with pytest.raises(RecordingError, match="wrong sign"):
+        fit_recordings([arm(gravity, sign=-1.0)])
+
+
+@pytest.mark.long
+def test_a_spring_is_no_bristle_as_long_as_the_way() -> None:
+    """At constant speeds it was, with Coulomb friction eight times too large, and was named an elastic transmission."""
+    played = autotune.simulate("sim://lugre?seed=3&effect=spring:0.01", programme="high-speed")
+    recording = played.with_metadata(axis="", fingerprint="")
+    fitted = autotune.fit([recording])
+    assert fitted.model is not None
+    assert fitted.model["coulomb"] < 0.4
+    assert "--effects spring" in said(fitted)
+    assert autotune.diagnose([recording], fitted.model).effects == ("spring",)
+
+
+def test_a_motor_that_rolls_over_its_cogging_is_not_refused() -> None:
+    """At one constant speed friction explains none of the torque's changes: the waves do, and are said."""
+    time = np.arange(15_000) * 1e-3
+    position = 2.0 * time + 1e-4 * np.random.default_rng(1).normal(size=len(time))
+    torque = 0.1 + sum(
+        size * np.sin(order * 2.0 * time) for order, size in ((12, 0.03), (36, 0.05), (72, 0.2))
+    )
+    torque = torque + 0.005 * np.random.default_rng(2).normal(size=len(time))
+    found = autotune.fit(
+        [
+            Recording.from_columns(
+                {"time": time, "position": position, "torque": torque}, Metadata(), "rolling"
+            )
+        ]
+    )
+    assert not found.valid
+    assert "waves over position, as cogging makes them" in said(found)
+    assert "orders 12" in said(found)
+    assert "model add torque_ripple" in said(found)
+
+
+def test_waves_are_found_over_hundreds_of_turns() -> None:
+    random = np.random.default_rng(4)
+    position = np.sort(random.uniform(0.0, 600.0, 6000))
+    torque = (
+        0.2 * np.sin(72.0 * position + 1.0) + 0.1 * np.cos(20.64 * position) + 0.05 * random.normal(size=6000)
+    )
+    found = find_lines(position, torque, np.ones((6000, 1)), 1.0, most=4, highest=100.0)
+    assert [line.order for line in found] == pytest.approx([72.0, 20.64], abs=2e-3)
+    assert [line.amplitude for line in found] == pytest.approx([0.2, 0.1], rel=0.05)
+
+
+def test_what_is_left_on_stretches_left_out_grows_with_terms_that_mean_nothing() -> None:
+    random = np.random.default_rng(5)
+    target, useful, useless = random.normal(size=400), np.ones((400, 1)), random.normal(size=(400, 20))
+    assert held_out_error([(useful, target)]) < held_out_error([(np.hstack([useful, useless]), target)])
