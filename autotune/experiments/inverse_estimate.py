@@ -25,6 +25,7 @@ NARROW = 0.998  # a window: what slides the axis here may differ from what slid 
 LEAST_WINDOWS = 8
 EVERY = 4  # windows, between two solutions
 BEYOND_REVERSAL = 0.25  # of the longest stroke: friction has built up then
+FIRST_STROKES = 6  # in which a direction that has hardly been gone in has only bent the junctions
 SHORTER = 0.9  # a reversal: the longest stroke is forgotten
 NOISE = 2e-3  # of limits.torque, least standard deviation of a window
 PRIOR = (1.0, 1.0, 0.3, 1.0)  # standard deviations of J, F, B, G in units of the limits
@@ -68,6 +69,7 @@ class InverseEstimate:
         "_information",
         "_least",
         "_power",
+        "_reaches",
         "_reversals",
         "_scales",
         "_seconds",
@@ -93,6 +95,7 @@ class InverseEstimate:
         self._power = self._weight = self._stroke = self._strokes = 0.0
         self._up: float | None = None
         self._down: float | None = None
+        self._reaches = [0.0, 0.0]  # longest strokes in which up and down were found
         self._windows = self._since = self._reversals = 0
         self._window: tuple[float, float, float] | None = None  # velocity, seconds, mean torque
         self._start = self._sum = self._seconds = 0.0
@@ -147,13 +150,25 @@ class InverseEstimate:
         if 0.0 < two[0] <= one[0]:
             up = torque if up is None else max(up, torque)
             fast_up = max(fast_up, two[0])
+            self._reaches[0] = max(self._reaches[0], self._stroke)
         elif 0.0 > two[0] >= one[0]:
             down = torque if down is None else min(down, torque)
             fast_down = max(fast_down, -two[0])
+            self._reaches[1] = max(self._reaches[1], -self._stroke)
         self._up, self._down = up, down
         self.inverse = replace(
-            last, up=up, down=down, strokes=self._reversals, fast_up=fast_up, fast_down=fast_down
+            last,
+            up=up if self._slid(0) else None,
+            down=down if self._slid(1) else None,
+            strokes=self._reversals,
+            fast_up=fast_up,
+            fast_down=fast_down,
         )
+
+    def _slid(self, way: int) -> bool:
+        """Whether the axis has slid that way, and not only bent its junctions: so far against the longest stroke."""
+        longest = max(self._strokes, abs(self._stroke))
+        return self._reversals > FIRST_STROKES or self._reaches[way] > BEYOND_REVERSAL * longest
 
     def _take(self, one: tuple[float, float, float], two: tuple[float, float, float]) -> None:
         deceleration, speed, limit = self._scales

@@ -105,11 +105,9 @@ class MotionWatch:
         "_limits",
         "_mode",
         "_momentum",
-        "_moved",
         "_order",
         "_period",
         "_position",
-        "_reference",
         "_silence",
         "_sticks",
         "_swing",
@@ -163,10 +161,8 @@ class MotionWatch:
         """Power came on; what is known of the axis stays."""
         self._mode = mode
         self._position = position
-        self._reference = reference
         self._first = self._torque = torque
         self._silence = 0.0
-        self._moved = mode is not Mode.POSITION
         self._up.still()
         self._down.still()
         self._estimate.restart(position)
@@ -199,24 +195,26 @@ class MotionWatch:
                 return self._swings(heavy)
         moved, count = position - self._position, self._count
         if moved > ALIVE_COUNTS * count or moved < -ALIVE_COUNTS * count:
-            self._alive(position, reference, acting, cycle)
+            self._alive(position, acting, cycle)
+            if self._mode is Mode.POSITION:
+                self._up.idle()
+                self._down.idle()
+                return ""
         else:
             self._silence += cycle
-            if not self._moved and abs(reference - self._reference) > 2.0 * count:
-                self._moved = True
         up, down = self._up, self._down
         why = ""
-        if self._moved and (acting > up.may or up.run > 0.0):
+        if acting > up.may or up.run > 0.0:
             why = self._push(up, 1.0, acting, position, cycle)
         else:
             up.idle()
-        if self._moved and (-acting > down.may or down.run > 0.0):
+        if -acting > down.may or down.run > 0.0:
             why = why or self._push(down, -1.0, acting, position, cycle)
         else:
             down.idle()
         return why
 
-    def _alive(self, position: float, reference: float, torque: float, cycle: float) -> None:
+    def _alive(self, position: float, torque: float, cycle: float) -> None:
         """A count has come: everything that was assumed meanwhile is known now."""
         moved, count = position - self._position, self._count
         silence = self._silence + cycle
@@ -224,8 +222,7 @@ class MotionWatch:
             self._stuck(torque)
         self._up.live((moved - ALIVE_COUNTS * count) / silence)
         self._down.live((-moved - ALIVE_COUNTS * count) / silence)
-        self._position, self._reference, self._silence = position, reference, 0.0
-        self._moved = self._mode is not Mode.POSITION
+        self._position, self._silence = position, 0.0
 
     def _stuck(self, torque: float) -> None:
         """It has broken loose: so much torque can hold it."""
@@ -310,8 +307,9 @@ class MotionWatch:
         inverse, friction = self._estimate.inverse, self._estimate.inverse.friction
         if inverse.inertia is None or friction is None or inverse.lightest <= 0.0:
             return ""
-        able = (self._limits.torque + friction) / inverse.lightest
-        sure = inverse.strokes > STROKES or self._fine.inertia > inverse.lightest
+        fine = self._fine.inertia
+        able = (self._limits.torque + friction) / (min(inverse.lightest, fine) or inverse.lightest)
+        sure = inverse.strokes > STROKES or fine > inverse.lightest
         if sure and able * OVERSTATED < self._limits.deceleration:
             return (
                 f"by torque and motion this axis brakes with {able:.4g} at most, but limits.deceleration says "
