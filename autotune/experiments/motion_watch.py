@@ -20,7 +20,8 @@ could have become too fast, or could stop only outside the travel, while the enc
 the axis is stopped: it may be running. This bound is kept whatever the encoder does; an axis that truly
 sticks under so much torque for so long cannot be told from one that runs, and is stopped too.
 
-A loop that swings is told by `swing_watch`.
+It does not matter whether the reference moves: an integrator pushes an axis that holds, against an error that
+an encoder dead there keeps as it is. A loop that swings is told by `swing_watch`.
 
 `must` and `may` come from the axis's own inverse (`inverse_estimate`), see `_levels`; before that is
 known, from the limits: J = torque/deceleration, no friction, and a motion that was asked for.
@@ -302,7 +303,8 @@ class MotionWatch:
     def _overstated(self) -> str:
         """The guard stops in time only if the axis brakes as its file says.
 
-        In the first strokes friction that still builds up looks like inertia: then small motion must say the same.
+        Friction that builds up over every stroke looks like inertia, however often: where small motion shows one, both
+        must say the same.
         """
         inverse, friction = self._estimate.inverse, self._estimate.inverse.friction
         if inverse.inertia is None or friction is None or inverse.lightest <= 0.0:

@@ -14,7 +14,8 @@ Each such half counts by its height, at most twice. At `ENOUGH` its inertia is t
     ∫T dt = J·v + c·t + d,
 
 within some 30 % where the torque swings so far. An axis that swings and is as heavy as it was (`fine_inertia`) is let
-be, however badly its loop swings: that is no danger to its limits, which are watched. Where the loop was so quiet
+be, however badly its loop swings: that is no danger to its limits, which are watched. So is one that sticks for half
+of the time: what its torque does meanwhile is friction's. Where the loop was so quiet
 that it showed nothing, a large swing is news enough, unless the reference speeds up just then.
 """
 

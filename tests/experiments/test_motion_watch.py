@@ -91,7 +91,7 @@ def test_sets_of_an_encoder_that_tells_a_tenth_of_them_are_not_kept(at: float) -
 
 @pytest.mark.parametrize("rate", [0.4, 0.8, 8.0])
 def test_an_encoder_that_dies_while_the_axis_holds_is_caught_below_the_speed_limit(rate: float) -> None:
-    """50.7 rad/s before: only a reference that moves was thought to ask for motion, but an integrator asks by itself."""
+    """50.7 rad/s before: a reference that rests asks for no motion, but the controller's integrator does."""
     programme = Programme((*build("high-speed", AXIS), SINE), AXIS.limits, 900.0)
     learnt = programme(HurtDrive(AXIS), lambda sample, label, repeat: None).learnt
     mass, guard = Mass(), Guard(AXIS.limits, H, COUNT, learnt=learnt)
