@@ -20,8 +20,9 @@ could have become too fast, or could stop only outside the travel, while the enc
 the axis is stopped: it may be running. This bound is kept whatever the encoder does; an axis that truly
 sticks under so much torque for so long cannot be told from one that runs, and is stopped too.
 
-It does not matter whether the reference moves: an integrator pushes an axis that holds, against an error that
-an encoder dead there keeps as it is. A loop that swings is told by `swing_watch`.
+A reference that rests asks for no motion, but an integrator pushes an axis that holds, against an error that
+an encoder dead there keeps as it is: there the lightest axis moves where it is pushed, and does not coast. A
+loop that swings is told by `swing_watch`.
 
 `must` and `may` come from the axis's own inverse (`inverse_estimate`), see `_levels`; before that is
 known, from the limits: J = torque/deceleration, no friction, and a motion that was asked for.
@@ -106,9 +107,11 @@ class MotionWatch:
         "_limits",
         "_mode",
         "_momentum",
+        "_moved",
         "_order",
         "_period",
         "_position",
+        "_reference",
         "_silence",
         "_sticks",
         "_swing",
@@ -162,8 +165,10 @@ class MotionWatch:
         """Power came on; what is known of the axis stays."""
         self._mode = mode
         self._position = position
+        self._reference = reference
         self._first = self._torque = torque
         self._silence = 0.0
+        self._moved = mode is not Mode.POSITION
         self._up.still()
         self._down.still()
         self._estimate.restart(position)
@@ -196,26 +201,27 @@ class MotionWatch:
                 return self._swings(heavy)
         moved, count = position - self._position, self._count
         if moved > ALIVE_COUNTS * count or moved < -ALIVE_COUNTS * count:
-            self._alive(position, acting, cycle)
+            self._alive(position, reference, acting, cycle)
             if self._mode is Mode.POSITION:
                 self._up.idle()
                 self._down.idle()
                 return ""
         else:
             self._silence += cycle
+            self._moved |= abs(reference - self._reference) > 2.0 * count
         up, down = self._up, self._down
         why = ""
-        if acting > up.may or up.run > 0.0:
+        if acting > up.may or (up.run > 0.0 and (up.pushed or self._moved)):
             why = self._push(up, 1.0, acting, position, cycle)
         else:
             up.idle()
-        if -acting > down.may or down.run > 0.0:
+        if -acting > down.may or (down.run > 0.0 and (down.pushed or self._moved)):
             why = why or self._push(down, -1.0, acting, position, cycle)
         else:
             down.idle()
         return why
 
-    def _alive(self, position: float, torque: float, cycle: float) -> None:
+    def _alive(self, position: float, reference: float, torque: float, cycle: float) -> None:
         """A count has come: everything that was assumed meanwhile is known now."""
         moved, count = position - self._position, self._count
         silence = self._silence + cycle
@@ -223,7 +229,8 @@ class MotionWatch:
             self._stuck(torque)
         self._up.live((moved - ALIVE_COUNTS * count) / silence)
         self._down.live((-moved - ALIVE_COUNTS * count) / silence)
-        self._position, self._silence = position, 0.0
+        self._position, self._reference, self._silence = position, reference, 0.0
+        self._moved = self._mode is not Mode.POSITION
 
     def _stuck(self, torque: float) -> None:
         """It has broken loose: so much torque can hold it."""
