@@ -5,7 +5,7 @@
 Windows of steady direction give mean torque, velocity and, from two neighbours, acceleration. The torque
 that slides the axis is the largest of those in which it does not speed up; so neither inertia nor the
 torque that builds up after a reversal (presliding) counts. In the first strokes a direction that has hardly been
-gone in, beside the longest stroke, has not slid. J is fitted by recursive least squares with
+gone in, beside the longest stroke, has not slid; later, what moves under less than half of friction is bent. J is fitted by recursive least squares with
 forgetting (Åström and Wittenmark, Adaptive Control, chapter 2), only well after a reversal. Everything is
 scaled with the limits; J is claimed only where its standard error is small.
 """
@@ -23,6 +23,7 @@ LEAST_CYCLES = 4
 LEAST_COUNTS = 6.0  # of travel in a window: direction and velocity are then beyond the encoder's steps
 FORGET = 0.995  # a window: about 3 s of motion
 NARROW = 0.998  # a window: what slides the axis here may differ from what slid it there
+BENDS = 0.5  # friction levels from the middle: where less torque moves the axis, it only bends its junctions
 LEAST_WINDOWS = 8
 EVERY = 4  # windows, between two solutions
 BEYOND_REVERSAL = 0.25  # of the longest stroke: friction has built up then
@@ -138,9 +139,11 @@ class InverseEstimate:
         return True
 
     def _slide(self, one: tuple[float, float, float], two: tuple[float, float, float]) -> None:
-        """A window in which the axis does not speed up tells how much torque slides it."""
+        """A window in which the axis does not speed up tells how much torque slides it, but for one that bends it."""
         up, down, torque = self._up, self._down, two[2]
         if up is not None and down is not None:
+            if abs(2.0 * torque - up - down) < BENDS * (up - down):
+                return
             narrow = 0.5 * (1.0 - NARROW) * (up - down)
             up, down = up - narrow, down + narrow
         last = self.inverse

@@ -146,6 +146,22 @@ def test_a_direction_that_has_only_bent_its_junctions_has_not_slid() -> None:
     assert estimate.inverse.down == pytest.approx(-0.4, abs=0.05)
 
 
+def test_what_slides_the_axis_is_not_forgotten_while_it_is_only_bent() -> None:
+    """Regression: 1 300 reversals in presliding made the torque that slides a sound axis next to nothing."""
+    estimate = InverseEstimate(AXIS.limits, H, COUNT)
+    position = 0.0
+    for k in range(4000):
+        way = 1.0 if k // 400 % 2 else -1.0
+        position += 1e-3 * way
+        estimate.add(position, 0.3 * way, H)
+    for k in range(20_000):
+        way = 1.0 if k // 40 % 2 else -1.0
+        position += 5e-5 * way
+        estimate.add(position, 0.02 * way, H)
+    assert estimate.inverse.up == pytest.approx(0.3, rel=0.1)
+    assert estimate.inverse.down == pytest.approx(-0.3, rel=0.1)
+
+
 def test_a_lazy_axis_that_is_no_longer_pushed_begins_anew() -> None:
     """Regression: the push of a loop that swung was held against where an earlier push had begun."""
     way = VirtualAxes()
