@@ -5,9 +5,10 @@
 Windows of steady direction give mean torque, velocity and, from two neighbours, acceleration. The torque
 that slides the axis is the largest of those in which it does not speed up; so neither inertia nor the
 torque that builds up after a reversal (presliding) counts. In the first strokes a direction that has hardly been
-gone in, beside the longest stroke, has not slid; later, what moves under less than half of friction is bent. J is fitted by recursive least squares with
-forgetting (Åström and Wittenmark, Adaptive Control, chapter 2), only well after a reversal. Everything is
-scaled with the limits; J is claimed only where its standard error is small.
+gone in, beside the longest stroke, has not slid; later, what moves under less than half of friction is bent.
+
+J is fitted by recursive least squares with forgetting (Åström and Wittenmark, Adaptive Control, chapter 2), only
+well after a reversal. Everything is scaled with the limits; J is claimed only where its standard error is small.
 """
 
 from __future__ import annotations
