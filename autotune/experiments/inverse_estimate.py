@@ -4,9 +4,11 @@
 
 Windows of steady direction give mean torque, velocity and, from two neighbours, acceleration. The torque
 that slides the axis is the largest of those in which it does not speed up; so neither inertia nor the
-torque that builds up after a reversal (presliding) counts. J is fitted by recursive least squares with
-forgetting (Åström and Wittenmark, Adaptive Control, chapter 2), only well after a reversal. Everything is
-scaled with the limits; J is claimed only where its standard error is small.
+torque that builds up after a reversal (presliding) counts. In the first strokes a direction that has hardly been
+gone in, beside the longest stroke, has not slid; later, what moves under less than half of friction is bent.
+
+J is fitted by recursive least squares with forgetting (Åström and Wittenmark, Adaptive Control, chapter 2), only
+well after a reversal. Everything is scaled with the limits; J is claimed only where its standard error is small.
 """
 
 from __future__ import annotations
@@ -22,9 +24,11 @@ LEAST_CYCLES = 4
 LEAST_COUNTS = 6.0  # of travel in a window: direction and velocity are then beyond the encoder's steps
 FORGET = 0.995  # a window: about 3 s of motion
 NARROW = 0.998  # a window: what slides the axis here may differ from what slid it there
+BENDS = 0.5  # friction levels from the middle: where less torque moves the axis, it only bends its junctions
 LEAST_WINDOWS = 8
 EVERY = 4  # windows, between two solutions
 BEYOND_REVERSAL = 0.25  # of the longest stroke: friction has built up then
+FIRST_STROKES = 6  # in which a direction that has hardly been gone in has only bent the junctions
 SHORTER = 0.9  # a reversal: the longest stroke is forgotten
 NOISE = 2e-3  # of limits.torque, least standard deviation of a window
 PRIOR = (1.0, 1.0, 0.3, 1.0)  # standard deviations of J, F, B, G in units of the limits
@@ -68,6 +72,7 @@ class InverseEstimate:
         "_information",
         "_least",
         "_power",
+        "_reaches",
         "_reversals",
         "_scales",
         "_seconds",
@@ -93,6 +98,7 @@ class InverseEstimate:
         self._power = self._weight = self._stroke = self._strokes = 0.0
         self._up: float | None = None
         self._down: float | None = None
+        self._reaches = [0.0, 0.0]  # longest strokes in which up and down were found
         self._windows = self._since = self._reversals = 0
         self._window: tuple[float, float, float] | None = None  # velocity, seconds, mean torque
         self._start = self._sum = self._seconds = 0.0
@@ -134,9 +140,11 @@ class InverseEstimate:
         return True
 
     def _slide(self, one: tuple[float, float, float], two: tuple[float, float, float]) -> None:
-        """A window in which the axis does not speed up tells how much torque slides it."""
+        """A window in which the axis does not speed up tells how much torque slides it, but for one that bends it."""
         up, down, torque = self._up, self._down, two[2]
         if up is not None and down is not None:
+            if abs(2.0 * torque - up - down) < BENDS * (up - down):
+                return
             narrow = 0.5 * (1.0 - NARROW) * (up - down)
             up, down = up - narrow, down + narrow
         last = self.inverse
@@ -147,13 +155,25 @@ class InverseEstimate:
         if 0.0 < two[0] <= one[0]:
             up = torque if up is None else max(up, torque)
             fast_up = max(fast_up, two[0])
+            self._reaches[0] = max(self._reaches[0], self._stroke)
         elif 0.0 > two[0] >= one[0]:
             down = torque if down is None else min(down, torque)
             fast_down = max(fast_down, -two[0])
+            self._reaches[1] = max(self._reaches[1], -self._stroke)
         self._up, self._down = up, down
         self.inverse = replace(
-            last, up=up, down=down, strokes=self._reversals, fast_up=fast_up, fast_down=fast_down
+            last,
+            up=up if self._slid(0) else None,
+            down=down if self._slid(1) else None,
+            strokes=self._reversals,
+            fast_up=fast_up,
+            fast_down=fast_down,
         )
+
+    def _slid(self, way: int) -> bool:
+        """Whether the axis has slid that way, and not only bent its junctions: so far against the longest stroke."""
+        longest = max(self._strokes, abs(self._stroke))
+        return self._reversals > FIRST_STROKES or self._reaches[way] > BEYOND_REVERSAL * longest
 
     def _take(self, one: tuple[float, float, float], two: tuple[float, float, float]) -> None:
         deceleration, speed, limit = self._scales

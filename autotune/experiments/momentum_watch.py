@@ -12,6 +12,10 @@ below zero, with a leak) while the encoder shows motion, in that direction or ag
 a part only (lost pulses, a coupling that slips), or something has stopped the axis. A velocity that leaps by what
 no axis of this file could brake in one cycle is the same, and needs nothing to be known.
 
+Where the torque has risen by a level of friction within `SUDDEN_SECONDS`, as in a loop that swings and under no push
+of a person or a process, less must be missing (`HINT`), if the lightest axis held by no more than what slides or sticks
+it could already be unseen at the speed limit, ∫ (T − may)/J⁻ > limits.speed.
+
 Against the torque friction helps it, so that the bound holds at any speed, and needs less to be known: until the
 inverse is, J⁺ is infinite. An encoder that gains against such a torque counts the wrong way, or something stronger
 than the motor drives the axis; braking by it is no braking (`doubtful`).
@@ -24,11 +28,15 @@ that can brake as its file says, for longer than `EXCESS_SECONDS`.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from autotune.core.axis import Limits
 from autotune.experiments.inverse_estimate import Inverse
 
 SHORT = 0.15  # of limits.speed
+HINT = 0.05  # the same where the torque has risen suddenly and the lightest axis may run at limits.speed
+SUDDEN_SECONDS = 0.032  # for a rise by a level of friction
+SURER = 0.75  # of the heaviest axis, for the same
 FEIGNED = 2.5  # counts a cycle
 LEAKS = 0.05  # s, in which the sum forgets: a load that comes slowly is no loss
 LATE = 3  # cycles that a torque may take to act
@@ -50,6 +58,51 @@ FADES = 0.98  # a cycle: what the reference asked for still acts
 OLD_SECONDS = 0.5  # a loop that swings must not teach what it needs
 
 
+class _Way:
+    """What is missing in one direction; torque and velocity are counted along it.
+
+    Attributes:
+        must: torque that is more than slides or sticks the axis; fast: velocity up to which that is known.
+        missing: velocity that the encoder does not show; hinted: the same of a lighter axis.
+        run: velocity of the lightest axis beyond what the encoder shows.
+    """
+
+    __slots__ = ("fast", "hinted", "missing", "must", "run")
+
+    def __init__(self) -> None:
+        self.must, self.fast = math.inf, -math.inf
+        self.missing = self.hinted = self.run = 0.0
+
+    def begin(self) -> None:
+        """Nothing is missing."""
+        self.missing = self.hinted = self.run = 0.0
+
+    def add(self, torque: float, gained: float, keeps: float, axis: _Axis, cycle: float) -> None:
+        """One cycle under at least `torque`, in which the encoder has gained so much velocity."""
+        net = torque - self.must
+        gains = (net / axis.heavy if net > 0.0 else net / axis.light) * cycle
+        self.missing = keeps * self.missing + gains - gained
+        self.hinted = keeps * self.hinted + (gains / SURER if net > 0.0 else gains) - gained
+        self.run = max(keeps * self.run + (net + axis.margin) / axis.light * cycle - gained, 0.0)
+
+    def rests(self, moving: bool) -> None:
+        """Where it does not show motion, or nothing is missing, the sums begin anew."""
+        if not (moving and self.missing > 0.0):
+            self.missing = 0.0
+        if not (moving and self.hinted > 0.0):
+            self.hinted = 0.0
+
+
+@dataclass(slots=True)
+class _Axis:
+    """What the axis can be: its inertias, its friction, and the torque by which `must` exceeds what holds it."""
+
+    light: float
+    heavy: float = math.inf
+    friction: float = math.inf
+    margin: float = 0.0
+
+
 class MomentumWatch:
     """Watches one axis; knows next to nothing until `know` is told.
 
@@ -59,21 +112,20 @@ class MomentumWatch:
 
     __slots__ = (
         "_allowed",
+        "_axis",
+        "_before",
         "_cycle",
         "_doubt",
         "_down",
-        "_fast_down",
-        "_fast_up",
         "_faster",
-        "_heavy",
+        "_hint",
         "_known",
         "_leap",
-        "_light",
         "_more",
         "_moving",
-        "_must_down",
-        "_must_up",
         "_positions",
+        "_speed",
+        "_sudden",
         "_torques",
         "_up",
         "_velocity",
@@ -81,31 +133,35 @@ class MomentumWatch:
     )
 
     def __init__(self, limits: Limits, period: float, resolution: float) -> None:
-        self._allowed = SHORT * limits.speed + FEIGNED * resolution / period
+        feigned = FEIGNED * resolution / period
+        self._allowed, self._hint = SHORT * limits.speed + feigned, HINT * limits.speed + feigned
+        self._speed = limits.speed
+        self._sudden = max(round(SUDDEN_SECONDS / period), LATE)
         self._moving = MOVING_COUNTS * resolution
         self._more = MORE_TORQUE * limits.torque
         self._doubt = 0
         self._leap = (LEAP * limits.deceleration, (FEIGNED + 0.5) * resolution / period)
         self._faster = FASTER[1] * limits.speed
-        self._fast_up = self._fast_down = -math.inf
         self._known = False
-        self._must_up = self._must_down = math.inf
-        self._light, self._heavy = UNKNOWN * limits.torque / limits.deceleration, math.inf
+        self._axis = _Axis(UNKNOWN * limits.torque / limits.deceleration)
+        self._up, self._down = _Way(), _Way()
         self.begin(0.0)
 
     def begin(self, position: float) -> None:
         """The axis stands at `position`."""
         self._positions = [position] * MOVING
         self._torques = [0.0] * LATE
+        self._before = [0.0] * self._sudden
         self._velocity = math.nan
         self.way = 0.0
-        self._up = self._down = 0.0
+        self._up.begin()
+        self._down.begin()
         self._cycle = 0
 
     def suppose(self, up: float, down: float) -> None:
         """More torque than has ever slid or held the axis, as long as nothing better is known of it."""
         if not self._known:
-            self._must_up, self._must_down = up, down
+            self._up.must, self._down.must = up, down
 
     def know(self, inverse: Inverse, sticks: float) -> None:
         """What the axis is; `sticks`: torque beyond what slides it that was seen to hold it."""
@@ -113,60 +169,66 @@ class MomentumWatch:
         self._known = inverse.inertia is not None and friction is not None
         if inverse.inertia is None or friction is None or inverse.up is None or inverse.down is None:
             return
-        beyond = sticks + MORE * friction + self._more
-        self._fast_up = FASTER[0] * inverse.fast_up + self._faster
-        self._fast_down = FASTER[0] * inverse.fast_down + self._faster
-        self._must_up, self._must_down = inverse.up + beyond, beyond - inverse.down
-        self._heavy = min(HEAVIER * inverse.heaviest, REMEMBERS * self._heavy)
-        self._light = LIGHTER * inverse.inertia
+        margin = MORE * friction + self._more
+        self._up.fast = FASTER[0] * inverse.fast_up + self._faster
+        self._down.fast = FASTER[0] * inverse.fast_down + self._faster
+        self._up.must, self._down.must = inverse.up + sticks + margin, sticks + margin - inverse.down
+        heavy = min(HEAVIER * inverse.heaviest, REMEMBERS * self._axis.heavy)
+        self._axis = _Axis(LIGHTER * inverse.inertia, heavy, friction, margin)
 
     def check(self, position: float, torque: float, cycle: float, missed: bool) -> float:
         """One cycle that ended at `position` under `torque`.
 
         Returns the velocity that is missing, with the sign of its direction; 0 where it may be as it is.
         """
-        at = self._cycle % MOVING
+        at, long_ago = self._cycle % MOVING, self._cycle % self._sudden
         way = self.way = position - self._positions[at]
         last = self._positions[at - 1]
         self._positions[at] = position
+        rise, self._before[long_ago] = torque - self._before[long_ago], torque
         self._torques[self._cycle % LATE] = torque
         self._cycle += 1
         velocity = (position - last) / cycle
         gained, self._velocity = velocity - self._velocity, velocity
+        if self._leaps(gained, cycle, missed):
+            return gained
+        up, down = self._up, self._down
+        if missed or gained != gained:
+            up.begin()
+            down.begin()
+            return 0.0
+        keeps = 1.0 - cycle / LEAKS
+        up.add(min(self._torques), gained, keeps, self._axis, cycle)
+        down.add(-max(self._torques), -gained, keeps, self._axis, cycle)
+        if self._short(up, rise):
+            return max(up.missing, up.hinted)
+        if self._short(down, -rise):
+            return -max(down.missing, down.hinted)
+        if max(up.missing, down.missing) > DOUBTFUL * self._allowed:
+            self._doubt = DOUBT_CYCLES
+        up.rests(way < -self._moving or (way > self._moving and velocity <= up.fast))
+        down.rests(way > self._moving or (way < -self._moving and -velocity <= down.fast))
+        return 0.0
+
+    def _leaps(self, gained: float, cycle: float, missed: bool) -> bool:
+        """A velocity that no axis of this file can have gained in a cycle."""
         slope, feigned = self._leap
         self._doubt -= self._doubt > 0
         if not missed and abs(gained) > DOUBT / LEAP * slope * cycle + feigned:
             self._doubt = DOUBT_CYCLES
-            if abs(gained) > slope * cycle + feigned:
-                return gained
-        if missed or gained != gained:
-            self._up = self._down = 0.0
-            return 0.0
-        keeps = 1.0 - cycle / LEAKS
-        self._up = keeps * self._up + self._least(min(self._torques) - self._must_up) * cycle - gained
-        self._down = keeps * self._down + self._least(-max(self._torques) - self._must_down) * cycle + gained
-        if self._up > self._allowed:
-            return self._up
-        if self._down > self._allowed:
-            return -self._down
-        if max(self._up, self._down) > DOUBTFUL * self._allowed:
-            self._doubt = DOUBT_CYCLES
-        up = way < -self._moving or (way > self._moving and velocity <= self._fast_up)
-        down = way > self._moving or (way < -self._moving and -velocity <= self._fast_down)
-        if not (self._up > 0.0 and up):
-            self._up = 0.0
-        if not (self._down > 0.0 and down):
-            self._down = 0.0
-        return 0.0
+            return abs(gained) > slope * cycle + feigned
+        return False
+
+    def _short(self, way: _Way, rise: float) -> bool:
+        """Whether too much is missing."""
+        if way.missing > self._allowed:
+            return True
+        return way.hinted > self._hint and way.run > self._speed and rise > self._axis.friction
 
     @property
     def doubtful(self) -> bool:
         """Whether the velocity has leapt a moment ago, or a quarter of what stops the axis was missing."""
         return self._doubt > 0
-
-    def _least(self, net: float) -> float:
-        """Acceleration that there must be at least."""
-        return net / self._heavy if net > 0.0 else net / self._light
 
 
 class ExcessWatch:

@@ -20,7 +20,9 @@ could have become too fast, or could stop only outside the travel, while the enc
 the axis is stopped: it may be running. This bound is kept whatever the encoder does; an axis that truly
 sticks under so much torque for so long cannot be told from one that runs, and is stopped too.
 
-A loop that swings is told by `swing_watch`.
+A reference that rests asks for no motion, but an integrator pushes an axis that holds, against an error that
+an encoder dead there keeps as it is: there the lightest axis moves where it is pushed, and does not coast. A
+loop that swings is told by `swing_watch`.
 
 `must` and `may` come from the axis's own inverse (`inverse_estimate`), see `_levels`; before that is
 known, from the limits: J = torque/deceleration, no friction, and a motion that was asked for.
@@ -200,17 +202,20 @@ class MotionWatch:
         moved, count = position - self._position, self._count
         if moved > ALIVE_COUNTS * count or moved < -ALIVE_COUNTS * count:
             self._alive(position, reference, acting, cycle)
+            if self._mode is Mode.POSITION:
+                self._up.idle()
+                self._down.idle()
+                return ""
         else:
             self._silence += cycle
-            if not self._moved and abs(reference - self._reference) > 2.0 * count:
-                self._moved = True
+            self._moved |= abs(reference - self._reference) > 2.0 * count
         up, down = self._up, self._down
         why = ""
-        if self._moved and (acting > up.may or up.run > 0.0):
+        if acting > up.may or (up.run > 0.0 and (up.pushed or self._moved)):
             why = self._push(up, 1.0, acting, position, cycle)
         else:
             up.idle()
-        if self._moved and (-acting > down.may or down.run > 0.0):
+        if -acting > down.may or (down.run > 0.0 and (down.pushed or self._moved)):
             why = why or self._push(down, -1.0, acting, position, cycle)
         else:
             down.idle()
@@ -305,13 +310,15 @@ class MotionWatch:
     def _overstated(self) -> str:
         """The guard stops in time only if the axis brakes as its file says.
 
-        In the first strokes friction that still builds up looks like inertia: then small motion must say the same.
+        Friction that builds up over every stroke looks like inertia, however often: where small motion shows one, both
+        must say the same.
         """
         inverse, friction = self._estimate.inverse, self._estimate.inverse.friction
         if inverse.inertia is None or friction is None or inverse.lightest <= 0.0:
             return ""
-        able = (self._limits.torque + friction) / inverse.lightest
-        sure = inverse.strokes > STROKES or self._fine.inertia > inverse.lightest
+        fine = self._fine.inertia
+        able = (self._limits.torque + friction) / (min(inverse.lightest, fine) or inverse.lightest)
+        sure = inverse.strokes > STROKES or fine > inverse.lightest
         if sure and able * OVERSTATED < self._limits.deceleration:
             return (
                 f"by torque and motion this axis brakes with {able:.4g} at most, but limits.deceleration says "

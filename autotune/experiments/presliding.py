@@ -6,7 +6,7 @@ to torque mode and u(t) = u₀ + u_s(t) is played with |u_s| < 0.1·min(F_c, F_s
 mode gets u_s as torque offset round a constant reference, and what counts is the total torque demand.
 u_s is a multisine: the slow, large swings of a PRBS walk through hysteresis, which looks like damping.
 
-Where the encoder told nothing at the end of a set, or one set gave way to its torque much more or less than another
+Where the encoder told nothing for a while in a set, or one set gave way to its torque much more or less than another
 (Σu_s·q/Σu_s², the junctions' compliance, is the axis's own), the axis is moved afterwards: sets of an encoder that
 died or changed meanwhile, or of a torque that turned round, are not kept, as the guard does not let it move.
 
@@ -47,7 +47,7 @@ LEAST_COUNTS = 16
 ALIKE = (
     0.5  # of the set that gave way most: junctions are as stiff in the next set, but for where the axis rests
 )
-SILENT_SECONDS = 0.5  # at the end of a set, two periods of the slowest line and more
+SILENT_SECONDS = 0.5  # in a set, two periods of the slowest line and more
 TRIES = 3
 WEAKER = 0.7
 
@@ -55,8 +55,8 @@ Walk = Generator[Item, Sample, tuple[Sample, float]]
 
 
 class _Swing(NamedTuple):
-    """One stretch of excitation: last sample, distance from its beginning, way walked in all, how long the encoder has
-    been silent at its end, and how far the axis gave way per torque."""
+    """One stretch of excitation: last sample, distance from its beginning, way walked in all, how long the encoder was
+    silent at a stretch, and how far the axis gave way per torque."""
 
     sample: Sample
     drift: float
@@ -201,19 +201,20 @@ class Presliding(Experiment):
     def _excite(self, sample: Sample, offset: float, signal: Floats) -> Generator[Item, Sample, _Swing]:
         """Plays `signal` round u₀, or round the reference held; ends where the axis drifts away."""
         home, reference, drift = sample.position, sample.reference, self.drift
-        before, travel, quiet = home, 0.0, 0
+        before, travel, quiet, longest = home, 0.0, 0, 0
         product = 0.0
         for value in signal.tolist():
             sample = yield self._command(reference, offset, value)
             position = sample.position
             quiet = quiet + 1 if position == before else 0
+            longest = max(longest, quiet)
             travel += abs(position - before)
             product += value * (position - home)
             before = position
             if abs(position - home) > drift:
                 return _Swing(sample, position - home, travel, False, 0.0)
         gave = product / float(signal @ signal)
-        return _Swing(sample, before - home, travel, True, quiet * self.motion.period, gave)
+        return _Swing(sample, before - home, travel, True, longest * self.motion.period, gave)
 
     def prepare(self) -> None:
         """The excitation takes a third of a second to design: longer than a powered axis may wait."""

@@ -14,7 +14,8 @@ Each such half counts by its height, at most twice. At `ENOUGH` its inertia is t
     ∫T dt = J·v + c·t + d,
 
 within some 30 % where the torque swings so far. An axis that swings and is as heavy as it was (`fine_inertia`) is let
-be, however badly its loop swings: that is no danger to its limits, which are watched. Where the loop was so quiet
+be, however badly its loop swings: that is no danger to its limits, which are watched. So is one that sticks for half
+of the time: what its torque does meanwhile is friction's. Where the loop was so quiet
 that it showed nothing, a large swing is news enough, unless the reference speeds up just then.
 """
 
@@ -44,6 +45,7 @@ CALM = 1.25  # heights of friction alone: the reference asks for nothing
 NEWS = 0.4  # of limits.torque: height of a swing that tells by itself
 KEPT = 256  # cycles to find the inertia from
 FEWEST = 12  # the same
+STICKS = 0.1  # of its fastest, that an axis goes half of the time where it sticks and slips
 REMEMBERS = 1.01  # by which a bound on the inertia may rise, each time it is told
 
 
@@ -121,7 +123,8 @@ class SwingWatch:
 
     def _judged(self) -> float:
         """The inertia of the swing; it is only told where it is more than it can be, and else forgotten."""
-        inertia = shown_inertia(np.array([one for one in self._kept if one[0] >= self._began]))
+        samples = np.array([one for one in self._kept if one[0] >= self._began])
+        inertia = 0.0 if sticks(samples) else shown_inertia(samples)
         news = self._highest > NEWS * self._limit and self._height < CALM * self._least
         self._forget()
         return inertia if inertia > (0.0 if self._quiet and news else self._known) else 0.0
@@ -156,6 +159,18 @@ class SwingWatch:
             self._forget()
         self._pivot, self._extreme = ended, (torque, position, self._time)
         self._sign = -self._sign
+
+
+def sticks(samples: np.ndarray) -> bool:
+    """Whether the axis hardly moves for half of the time: it hunts, and friction tells nothing of its inertia.
+
+    Args:
+        samples: as for `shown_inertia`.
+    """
+    if len(samples) < FEWEST:
+        return False
+    speed = np.abs((samples[2:, 2] - samples[:-2, 2]) / (samples[2:, 0] - samples[:-2, 0]))
+    return bool(np.median(speed) < STICKS * np.max(speed))
 
 
 def shown_inertia(samples: np.ndarray) -> float:

@@ -16,25 +16,28 @@ class VirtualAxes:
     Attributes:
         may, must: torque that holds the lightest and the laziest; lightest, heaviest: their inertias.
         run, way: speed of the lightest, and how far it is from where the encoder last told where it was.
+        pushed: more torque than `may` has acted since then.
     """
 
-    __slots__ = ("_from", "_impulse", "_lazy", "_start", "heaviest", "lightest", "may", "must", "run", "way")
+    __slots__ = (
+        "_from", "_impulse", "_lazy", "_start", "heaviest", "lightest", "may", "must", "pushed", "run", "way",
+    )  # fmt: skip
 
     def __init__(self) -> None:
         self.may = self.must = math.inf
         self.lightest = self.heaviest = 1.0
         self.run = self.way = 0.0  # of the lightest
-        self._lazy = False
+        self.pushed = self._lazy = False
         self._from = self._impulse = self._start = 0.0
 
     def live(self, speed: float) -> None:
         """The encoder has moved: what the lightest axis has become is known again."""
-        self.run, self.way = max(speed, 0.0), 0.0
+        self.run, self.way, self.pushed = max(speed, 0.0), 0.0, False
 
     def still(self) -> None:
         """Neither axis has anything to show."""
         self.run = self.way = 0.0
-        self._lazy = False
+        self.pushed = self._lazy = False
 
     def idle(self) -> None:
         """Nothing pushes this way: the laziest axis begins anew where it is pushed again."""
@@ -42,6 +45,7 @@ class VirtualAxes:
 
     def light(self, torque: float, cycle: float) -> None:
         """The lightest axis moves for one cycle."""
+        self.pushed |= torque > self.may
         self.run = max(self.run + (torque - self.may) / self.lightest * cycle, 0.0)
         self.way += self.run * cycle
 

@@ -12,6 +12,7 @@ Seeds 1000 to 1999 are for development; what is reported is drawn afresh.
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import os
 import sys
@@ -32,6 +33,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--seed", type=int, default=1000, help="of the first case (default: %(default)s)")
     parser.add_argument("--runs", type=int, default=100, help="number of cases (default: %(default)s)")
     parser.add_argument("--kind", choices=list(KINDS), help="only this kind (default: the mix)")
+    parser.add_argument(
+        "--fault", metavar="NAME", help="only cases with a fault whose name begins so (encoder)"
+    )
     parser.add_argument("--case", type=int, nargs="+", metavar="SEED", help="these cases alone, one by one")
     parser.add_argument("--keep", type=Path, help="with --case: folder for all that the cases leave")
     parser.add_argument("--workers", type=int, default=2, help="(default: %(default)s)")
@@ -51,9 +55,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _say(table(read_results(options.table)))
         return 0
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    seeds = options.case or range(options.seed, options.seed + options.runs)
     known = {one.seed for one in read_results(options.out)}
-    cases = [draw(seed, options.kind) for seed in seeds if seed not in known]
+    cases = [case for case in _drawn(options) if case.seed not in known]
     from bench.faults.here import make_template, warm
 
     warm()
@@ -71,6 +74,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if len(results) > 1:
         _say("\n" + table(results))
     return int(any(result.findings for result in results))
+
+
+def _drawn(options: argparse.Namespace) -> list[Case]:
+    """Single cases, or so many from the first seed on; with `--fault` those without it are passed over."""
+    seeds = options.case or itertools.count(options.seed)
+    cases = (draw(seed, options.kind) for seed in seeds)
+    wanted = (
+        case for case in cases if any(name.startswith(options.fault or "") for name in (*case.faults, ""))
+    )
+    return list(itertools.islice(wanted, None if options.case else options.runs))
 
 
 def _played(options: argparse.Namespace, cases: Sequence[Case], template: Path | None) -> Iterator[Result]:

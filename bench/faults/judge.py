@@ -307,7 +307,7 @@ def _silence(evidence: Evidence, policy: Policy) -> list[str]:
 def _had_effect(evidence: Evidence, name: str, since: float) -> bool:
     if name in SENSORS:
         rows = evidence.truth.rows
-        powered = (rows["mode"] >= 0) & (rows["time"] > since)
+        powered = (rows["mode"] >= 0) & (rows["time"] > since) & (rows["time"] <= _replaced(evidence, since))
         return bool(np.any(_unseen(evidence, since)[powered] > 0.05))
     if name in ("rpdo-lost", "second-master"):
         rows = evidence.truth.rows
@@ -320,6 +320,12 @@ def _had_effect(evidence: Evidence, name: str, since: float) -> bool:
     if name == "blocked":
         return True
     return name not in ("missed-cycles", "status-word")
+
+
+def _replaced(evidence: Evidence, since: float) -> float:
+    """When the next fault of the sensor took the place of one; each is judged by what it hid itself [s]."""
+    later = [event.time for event in evidence.put_in if event.details.get("name") in SENSORS]
+    return min((time for time in later if time > since), default=np.inf)
 
 
 def _settings(evidence: Evidence) -> list[str]:

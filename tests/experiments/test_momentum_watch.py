@@ -8,6 +8,7 @@ import pytest
 
 from autotune.core.drive import Command, Mode
 from autotune.core.errors import GuardStop
+from autotune.experiments import momentum_watch
 from autotune.experiments.guard import Guard
 from autotune.experiments.inverse_estimate import Inverse
 from autotune.experiments.momentum_watch import EXCESS_SECONDS, ExcessWatch, MomentumWatch
@@ -183,3 +184,26 @@ def test_a_torque_limit_met_in_the_cycle_in_which_the_encoder_died_is_a_blind_st
     with pytest.raises(GuardStop, match="torque demand") as stop:
         guard.check(dead, Command(position=place))
     assert stop.value.blind
+
+
+def test_a_torque_that_rises_suddenly_needs_less_missing_than_a_push_that_comes_slowly(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """An encoder of a tenth lets its loop swing; who leans on the table gets more torque too, but slowly."""
+    must = 1.25 * FRICTION + 0.03 * LIMITS.torque
+
+    def stopped(rise: float) -> int:
+        """Cycles until a torque that comes in so many seconds, without the speed that belongs to it, is told."""
+        watch = MomentumWatch(LIMITS, H, COUNT)
+        watch.know(Inverse(FRICTION, -FRICTION, 20, INERTIA, 0.5 * INERTIA, 2.4 * INERTIA, 5.0, 5.0), 0.0)
+        for k in range(600):
+            torque = 0.5 * FRICTION + min(max(k * H - 0.1, 0.0) / rise, 1.0) * (must + 0.3 - 0.5 * FRICTION)
+            if watch.check(0.3 * k * H, torque, H, False):
+                return k
+        return 600
+
+    suddenly, slowly = stopped(0.016), stopped(0.3)
+    monkeypatch.setattr(momentum_watch, "HINT", momentum_watch.SHORT)
+    assert suddenly < 140  # 40 ms after it began
+    assert suddenly < stopped(0.016)
+    assert slowly == stopped(0.3)

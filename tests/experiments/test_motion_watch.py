@@ -18,8 +18,10 @@ from autotune.core.axis import Axis
 from autotune.core.drive import Command, Mode
 from autotune.core.errors import GuardStop
 from autotune.experiments.experiment import Experiment
+from autotune.experiments.fine_inertia import FineInertia
 from autotune.experiments.guard import Guard
-from autotune.experiments.motion_watch import FIRST_MAY, LIGHT
+from autotune.experiments.inverse_estimate import Inverse, InverseEstimate
+from autotune.experiments.motion_watch import FIRST_MAY, LIGHT, Learnt, MotionWatch
 from autotune.experiments.path import Motion
 from autotune.experiments.presliding import Presliding
 from autotune.experiments.programmes import build
@@ -85,6 +87,79 @@ def test_sets_of_an_encoder_that_tells_a_tenth_of_them_are_not_kept(at: float) -
     drive = HurtDrive(AXIS, hurt=Hurt("scaled", at, 0.1))
     assert "encoder" in stopped(drive, SETS)
     assert drive.fastest < AXIS.limits.speed
+
+
+@pytest.mark.parametrize("rate", [0.4, 0.8, 8.0])
+def test_an_encoder_that_dies_while_the_axis_holds_is_caught_below_the_speed_limit(rate: float) -> None:
+    """50.7 rad/s before: a reference that rests asks for no motion, but the controller's integrator does."""
+    programme = Programme((*build("high-speed", AXIS), SINE), AXIS.limits, 900.0)
+    learnt = programme(HurtDrive(AXIS), lambda sample, label, repeat: None).learnt
+    mass, guard = Mass(), Guard(AXIS.limits, H, COUNT, learnt=learnt)
+    guard.begin(Mode.POSITION, sample(torque_command=0.1))
+
+    def hold() -> None:
+        for k in range(3000):
+            torque = min(0.1 + rate * k * H, AXIS.limits.torque)
+            guard.check(sample(time=k * H, torque_command=torque), Command())
+            mass.advance(torque, k * H, H)
+
+    with pytest.raises(GuardStop, match="encoder") as stop:
+        hold()
+    assert stop.value.blind
+    assert abs(mass.velocity) < AXIS.limits.speed
+
+
+def test_an_axis_is_called_too_heavy_only_where_large_and_small_motion_say_so() -> None:
+    """Friction that builds up over every stroke looks like inertia, as often as it is played."""
+    limits, order = AXIS.limits, AXIS.limits.torque / AXIS.limits.deceleration
+
+    class Large(InverseEstimate):
+        """Says the same whatever it sees."""
+
+        def add(self, position: float, torque: float, cycle: float) -> bool:
+            self.inverse = Inverse(0.3, -0.3, 20, 4.0 * order, 3.0 * order, 5.0 * order, 1.0, 1.0)
+            return True
+
+    def heavy(fine: float) -> str:
+        small = FineInertia(limits.torque, H, COUNT)
+        small.inertia = fine
+        learnt = Learnt((limits, H, COUNT), Large(limits, H, COUNT), 0.0, small)
+        watch = MotionWatch(limits, H, COUNT, learnt)
+        return next((why for k in range(20) if (why := watch.check(1e-3 * k, 1e-3 * k, 0.3, H))), "")
+
+    assert "brakes with" in heavy(3.5 * order)
+    assert heavy(0.8 * order) == ""
+
+
+def test_a_direction_that_has_only_bent_its_junctions_has_not_slid() -> None:
+    """Regression: 0.46 s after its first motion a sound axis was held to a torque that had only bent it."""
+    estimate = InverseEstimate(AXIS.limits, H, COUNT)
+    position = 0.0
+    for k in range(600):
+        position += -5e-5 if k < 100 else 1e-3
+        estimate.add(position, -0.02 if k < 100 else 0.5, H)
+    assert estimate.inverse.up == pytest.approx(0.5)
+    assert estimate.inverse.down is None
+    for _ in range(600):
+        position -= 1e-3
+        estimate.add(position, -0.4, H)
+    assert estimate.inverse.down == pytest.approx(-0.4, abs=0.05)
+
+
+def test_what_slides_the_axis_is_not_forgotten_while_it_is_only_bent() -> None:
+    """Regression: 1 300 reversals in presliding made the torque that slides a sound axis next to nothing."""
+    estimate = InverseEstimate(AXIS.limits, H, COUNT)
+    position = 0.0
+    for k in range(4000):
+        way = 1.0 if k // 400 % 2 else -1.0
+        position += 1e-3 * way
+        estimate.add(position, 0.3 * way, H)
+    for k in range(20_000):
+        way = 1.0 if k // 40 % 2 else -1.0
+        position += 5e-5 * way
+        estimate.add(position, 0.02 * way, H)
+    assert estimate.inverse.up == pytest.approx(0.3, rel=0.1)
+    assert estimate.inverse.down == pytest.approx(-0.3, rel=0.1)
 
 
 def test_a_lazy_axis_that_is_no_longer_pushed_begins_anew() -> None:

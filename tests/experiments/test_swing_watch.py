@@ -11,7 +11,7 @@ from autotune.core.drive import Command, Mode
 from autotune.core.errors import GuardStop
 from autotune.experiments.fine_inertia import FineInertia
 from autotune.experiments.guard import Guard
-from autotune.experiments.swing_watch import SwingWatch, shown_inertia
+from autotune.experiments.swing_watch import SwingWatch, shown_inertia, sticks
 from tests.experiments.hurt_axis import Hurt, HurtDrive, Mass
 from tests.experiments.support import axis
 
@@ -118,3 +118,13 @@ def test_the_slope_of_impulse_over_velocity_is_the_inertia_whatever_friction_doe
     samples = np.column_stack(([t for t, _, _ in rows], impulse, [q for _, q, _ in rows]))
     assert shown_inertia(samples) == pytest.approx(INERTIA, rel=0.05)
     assert shown_inertia(samples[:5]) == 0.0
+
+
+def test_an_axis_that_sticks_and_slips_is_told_from_one_that_swings() -> None:
+    """Regression: friction that holds a sound axis most of the time was weighed as its inertia."""
+    time = np.arange(0.0, 0.2, H)
+    swings = np.column_stack((time, 0.0 * time, 0.01 * np.sin(2.0 * np.pi * 10.0 * time)))
+    slips = swings.copy()
+    slips[:, 2] = 0.02 * np.clip((time - 0.1) / 0.015, 0.0, 1.0) + 0.01 * time
+    assert not sticks(swings)
+    assert sticks(slips)

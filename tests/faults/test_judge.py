@@ -98,6 +98,16 @@ def test_a_loud_fault_must_not_end_with_0() -> None:
     found = judge(evidence(rows, ["encoder-frozen@0.5"], code=0))
     assert "unnoticed" in found.kinds
     assert "unnoticed" not in judge(evidence(rows, ["encoder-frozen@0.5"], code=4)).kinds
+    replaced = rows.copy()  # 0.1 s of a tenth, then a gain like another load
+    there = float(rows["position"][500])
+    replaced["reading"] = rows["position"]
+    replaced["reading"][500:600] = there + 0.1 * (rows["position"][500:600] - there)
+    replaced["reading"][600:] = replaced["reading"][599] + 2.0 * (
+        rows["position"][600:] - rows["position"][599]
+    )
+    orders = ["encoder-scale=0.1@0.5", "encoder-scale=2@0.6"]
+    assert "unnoticed" not in judge(evidence(replaced, orders, code=0)).kinds
+    assert "unnoticed" in judge(evidence(replaced, orders[:1], code=0)).kinds
     rows["reading"] = 0.5 * rows["position"]  # like another load: nobody can tell
     assert "unnoticed" not in judge(evidence(rows, ["encoder-scale=0.5@0.5"], code=0)).kinds
 
