@@ -140,6 +140,12 @@ def _of_friction(problem: Problem, fitted: Fitted, correction: Correction, role:
     return np.asarray((moved - fitted.error - correction.bias) / DIFFERENCE)
 
 
+def _tells_nothing(problem: Problem, before: Fitted, correction: Correction, counts: float) -> bool:
+    """Whether on the veto trajectory not even what is missing is beyond doubt: training tells what is explained."""
+    missing, error = problem.repeatable(before.error, correction, VETO)
+    return missing - counts <= problem.policy.rest_errors * error
+
+
 def explained(
     problem: Problem, before: Fitted, after: Fitted, correction: Correction, role: str
 ) -> Explained:
@@ -161,9 +167,7 @@ def explained(
         and variance > max(problem.policy.rest_part * noise, counts)
     )
     left = whole = still_explainable(problem, after, correction, role)
-    if (
-        role == VETO and not certain
-    ):  # too short to tell a rest from none: training tells how much is explained
+    if role == VETO and not certain and _tells_nothing(problem, before, correction, counts):
         left = max(left - (problem.policy.rest_errors - 1.0) * error, 0.0)
     of_chain = max(COMES_AGAIN * problem.chain_variance, counts)
     of_chain = min(of_chain, MOST_OF_THE_FALL * max(fall, 0.0))
