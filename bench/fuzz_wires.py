@@ -52,6 +52,7 @@ def _slcan_strict(line: bytes) -> tuple[int, bytes] | None:
 def read_slcan(data: bytes, folder: Path) -> bool:
     bus: Any = object.__new__(SlcanBus)
     bus.answers = bus.errors = bus.garbled = 0
+    bus._heads = {}
     some = False
     for line in data.split(b"\r"):
         frame = bus._decode(line)

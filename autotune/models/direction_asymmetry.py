@@ -22,12 +22,11 @@ _AT = block("direction_asymmetry")
 @compiled
 def level_difference(p: Floats, state: Floats, velocity: float) -> float:
     """What is added to the friction level [N m]."""
-    size = abs(velocity)
     difference = p[_AT]
     if p[_AT + 2] > 0.0:
-        difference = difference * (1.0 - math.exp(-size / p[_AT + 2]))
+        difference = difference * (1.0 - math.exp(-abs(velocity) / p[_AT + 2]))
     if p[_AT + 4] > 0.0:
-        difference = difference + p[_AT + 3] * (1.0 - math.exp(-size / p[_AT + 4]))
+        difference = difference + p[_AT + 3] * (1.0 - math.exp(-abs(velocity) / p[_AT + 4]))
     return float(difference) if velocity >= 0.0 else -float(difference)
 
 

@@ -49,7 +49,7 @@ def write_comparison(path: Path, result: Compared, model: DriveModel) -> None:
     )
     if floor is not None:
         text += f" Noise is about {quantity(floor, unit)}{floor_range(result.noise_floor_interval, unit)}."
-    text += "".join(f" Worst where {worst_place(worst, model)}." for worst in result.worst[:2])
+    text += "".join(f" Worst where {worst_place(worst, model)}." for worst in result.worst[:3])
     text += "".join(f" {note}" for note in result.notes)
     pictures = comparison_pictures(result, model)
     tables = [
@@ -77,8 +77,7 @@ def worst_place(worst: Worst, model: DriveModel) -> str:
     """A stretch of a coordinate in words, with its part of the squared error."""
     unit = COORDINATE_UNITS[worst.coordinate].format(model.motion_unit).removeprefix("log10 ")
     spoken = worst.coordinate.replace("_", " ")
-    low, high = quantity(worst.low, unit), quantity(worst.high, unit)
-    return f"{spoken} is {low} to {high}: {100 * worst.share:.0f} % of the squared error"
+    return f"{spoken} is {worst.low:.4g} to {worst.high:.4g} {unit}: {100 * worst.share:.0f} % of the squared error"
 
 
 def comparison_pictures(result: Compared, model: DriveModel) -> list[Picture]:
