@@ -17,8 +17,8 @@ from autotune.core.arrays import Floats
 from autotune.estimation.controller import asked
 from autotune.estimation.disturbance import STILL
 from autotune.estimation.least_squares import Fitted, Free, standard_errors
-from autotune.estimation.problem import SEED, Correction, Problem, refit
-from autotune.estimation.residual import residual, run_twin
+from autotune.estimation.problem import Correction, Problem, refit
+from autotune.estimation.residual import SEED, residual, run_twin
 from autotune.models import layout
 from autotune.models.drive_model import Packed
 

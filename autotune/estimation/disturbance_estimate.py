@@ -21,8 +21,8 @@ from autotune.core.arrays import Floats
 from autotune.estimation.controller import asked
 from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.disturbance import STILL, Disturbance, coloured_power
-from autotune.estimation.problem import SEED, Problem
-from autotune.estimation.residual import raw_residual, residual, run_twin, simulated_motion
+from autotune.estimation.problem import Problem
+from autotune.estimation.residual import SEED, raw_residual, residual, run_twin, simulated_motion
 from autotune.models import layout
 from autotune.models.drive_model import Packed
 

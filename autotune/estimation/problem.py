@@ -19,9 +19,11 @@ from autotune.estimation.disturbance import STILL, Disturbance
 from autotune.estimation.least_squares import Fitted, Free, fit
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.residual import (
+    SEED,
+    KnownRuns,
     Motion,
     measured_motion,
-    raw_residual,
+    residual,
     run_twin,
     simulated_motion,
     smoothed,
@@ -35,7 +37,6 @@ from autotune.models.transmission import has_load
 
 CHUNK = 200  # grid rows, about a second
 NOISE_CHUNK = 60
-SEED = 20_240
 OUTLYING, OUTLYING_SECONDS = 12.0, 0.25
 """Times the median power: a piece of so many seconds with more is left out."""
 OUTLYING_SIZE, FEW = 6.0, 0.02
@@ -44,7 +45,6 @@ LEAST_WEIGHT = 0.1
 """Of the steadiest experiment: an unsteady one is never left out."""
 LEAST_COULOMB = 0.005  # of the torque
 LONGEST_REACH = 0.1  # of the travel
-KNOWN_RUNS = 12  # models
 NUDGE, NUDGED = 0.01, 4
 """Relative change of base parameters by which twins are set apart, and how many of them: what a good fit is off by."""
 
@@ -72,51 +72,6 @@ class Scales:
     seconds: float
     one_way: bool = False
     steady: bool = False
-
-
-@dataclass(slots=True)
-class TwinRuns:
-    """Biases that runs of the twin give one after another, each with noise of its own, at one model."""
-
-    data: Prepared
-    packed: Packed
-    controller: PositionController
-    disturbance: Disturbance
-    random: np.random.Generator = field(default_factory=lambda: np.random.default_rng(SEED))
-    biases: list[Floats] = field(default_factory=list)
-    stable: bool = True
-
-    def add(self) -> None:
-        """One run more; where the twin leaves all bounds there is none, now and later."""
-        data = self.data
-        run = run_twin(data, self.packed, self.controller, self.disturbance, self.random)
-        self.stable = run.stable
-        if run.stable:
-            raw = raw_residual(data, self.packed, simulated_motion(data, run))
-            raw[1:] += 0.5 * (run.disturbance[1:] + run.disturbance[:-1])
-            self.biases.append(smoothed(data, raw))
-
-
-class KnownRuns:
-    """Runs of the twin at the models that were asked for last: half of all questions come again."""
-
-    def __init__(self) -> None:
-        self._runs: dict[tuple[bytes, bytes], TwinRuns] = {}
-
-    def of(
-        self, data: Prepared, packed: Packed, controller: PositionController, disturbance: Disturbance
-    ) -> TwinRuns:
-        """Runs at a model as far as they are known; none of those of other data, controllers or disturbances."""
-        key = packed.p.tobytes(), packed.on.tobytes()
-        known = self._runs.pop(key, None)
-        same = known is not None and known.data is data and known.controller is controller
-        if known is None or not same or known.disturbance is not disturbance:
-            own = Packed(packed.p.copy(), packed.on.copy())
-            known = TwinRuns(data, own, controller, disturbance)
-        self._runs[key] = known
-        while len(self._runs) > KNOWN_RUNS:
-            del self._runs[next(iter(self._runs))]
-        return known
 
 
 @dataclass(frozen=True, slots=True)
@@ -349,7 +304,7 @@ def with_expected_noise(problem: Problem, packed: Packed) -> Problem:
     run = run_twin(data, packed, problem.controller, disturbance, np.random.default_rng([SEED, 1]))
     if not run.stable:
         return replace(problem, expected=None)
-    error = smoothed(data, raw_residual(data, packed, simulated_motion(data, run)))
+    error = residual(data, packed, simulated_motion(data, run))
     heard = disturbance.sensor**2 * float(np.sum(np.convolve(data.taps, [0.5, 0.5]) ** 2))
     expected = np.full(len(data.blocks), heard)
     for i, block in enumerate(data.blocks):
@@ -375,7 +330,7 @@ def with_counts(problem: Problem, packed: Packed) -> Problem:
         nudged = Packed(p, packed.on)
         run = run_twin(data, nudged, problem.controller, problem.disturbance, random)
         if run.stable:
-            errors.append(smoothed(data, raw_residual(data, nudged, simulated_motion(data, run))))
+            errors.append(residual(data, nudged, simulated_motion(data, run)))
     if len(errors) < 2:
         return replace(problem, by_counts=None)
     pairs = [one - other for i, one in enumerate(errors) for other in errors[:i]]

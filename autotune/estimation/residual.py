@@ -8,7 +8,7 @@ effects visible. The injected noise is known, so that its own part is taken out 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from autotune.models.compiled import compiled
 from autotune.models.drive_model import Packed
 from autotune.models.inverse import applied_torque, load_substeps, required
 from autotune.models.torque_saturation import torque_slope
+
+SEED = 20_240
+KNOWN_RUNS = 12  # models
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,19 +151,49 @@ def run_twin(
     return Simulated(position, torque, disturbance, stable)
 
 
-def bias(data: Prepared, packed: Packed, run: Simulated) -> Floats:
-    """What the measurement chain adds to the residual of a perfect model, shape (m,).
+@dataclass(slots=True)
+class TwinRuns:
+    """Biases that runs of the twin give one after another, each with noise of its own, at one model."""
 
-    Averaged over repeats, which share it.
-    """
-    raw = raw_residual(data, packed, simulated_motion(data, run))
-    noise = run.disturbance
-    raw[1:] += 0.5 * (noise[1:] + noise[:-1])
-    rest = smoothed(data, raw)
-    for block in data.blocks:
-        table = rest[block.rows].reshape(block.repeats, block.count)
-        table[:] = table.mean(axis=0)
-    return rest
+    data: Prepared
+    packed: Packed
+    controller: PositionController
+    disturbance: Disturbance
+    random: np.random.Generator = field(default_factory=lambda: np.random.default_rng(SEED))
+    biases: list[Floats] = field(default_factory=list)
+    stable: bool = True
+
+    def add(self) -> None:
+        """One run more; where the twin leaves all bounds there is none, now and later."""
+        data = self.data
+        run = run_twin(data, self.packed, self.controller, self.disturbance, self.random)
+        self.stable = run.stable
+        if run.stable:
+            raw = raw_residual(data, self.packed, simulated_motion(data, run))
+            raw[1:] += 0.5 * (run.disturbance[1:] + run.disturbance[:-1])
+            self.biases.append(smoothed(data, raw))
+
+
+class KnownRuns:
+    """Runs of the twin at the models that were asked for last: half of all questions come again."""
+
+    def __init__(self) -> None:
+        self._runs: dict[tuple[bytes, bytes], TwinRuns] = {}
+
+    def of(
+        self, data: Prepared, packed: Packed, controller: PositionController, disturbance: Disturbance
+    ) -> TwinRuns:
+        """Runs at a model as far as they are known; none of those of other data, controllers or disturbances."""
+        key = packed.p.tobytes(), packed.on.tobytes()
+        known = self._runs.pop(key, None)
+        same = known is not None and known.data is data and known.controller is controller
+        if known is None or not same or known.disturbance is not disturbance:
+            own = Packed(packed.p.copy(), packed.on.copy())
+            known = TwinRuns(data, own, controller, disturbance)
+        self._runs[key] = known
+        while len(self._runs) > KNOWN_RUNS:
+            del self._runs[next(iter(self._runs))]
+        return known
 
 
 @dataclass(frozen=True, slots=True)

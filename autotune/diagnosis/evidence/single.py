@@ -30,8 +30,8 @@ from autotune.estimation.cross_validation import gain_and_z, held_out
 from autotune.estimation.data import VETO
 from autotune.estimation.least_squares import Fitted
 from autotune.estimation.policy import Policy
-from autotune.estimation.problem import CHUNK, SEED, Problem, refit, without_outlying
-from autotune.estimation.residual import measured_motion
+from autotune.estimation.problem import CHUNK, Problem, refit, without_outlying
+from autotune.estimation.residual import SEED, measured_motion
 from autotune.models.effect import Kind
 
 LEAST_ROWS = 60
