@@ -137,14 +137,15 @@ def away_from_reversals(data: Prepared) -> Flags:
 
 def linear_misfit(data: Prepared, rows: Flags) -> float:
     """Share of the torque's variance that inertia, friction and offset leave on some grid rows."""
-    table, target = linear_terms(data, rows)
-    table = table / np.maximum(np.linalg.norm(table, axis=0), 1e-300)
-    left = target - table @ np.linalg.lstsq(table, target, rcond=1e-10)[0]
+    _, target, left = linear_fit(data, rows)
     return float(np.sum(left**2)) / max(float(np.sum((target - target.mean()) ** 2)), 1e-300)
 
 
-def linear_terms(data: Prepared, rows: Flags) -> tuple[Floats, Floats]:
-    """Acceleration, velocity, its sign and 1 on some grid rows, shape (r, 4), and the torque there."""
+def linear_fit(data: Prepared, rows: Flags) -> tuple[Floats, Floats, Floats]:
+    """Gains of acceleration, velocity, its sign and 1 on some grid rows, the torque there, and what they leave of it.
+
+    Shapes (4,), (r,), (r,).
+    """
     torque = data.torque
     acted = np.concatenate([torque[:1], 0.5 * (torque[1:] + torque[:-1])])
     table = np.column_stack(
@@ -155,7 +156,11 @@ def linear_terms(data: Prepared, rows: Flags) -> tuple[Floats, Floats]:
             np.ones(len(data.grid)),
         ]
     )
-    return table[rows], smoothed(data, np.ascontiguousarray(acted))[rows]
+    target, table = smoothed(data, np.ascontiguousarray(acted))[rows], table[rows]
+    size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+    table = table / size
+    gains = np.linalg.lstsq(table, target, rcond=1e-10)[0]
+    return gains / size, target, target - table @ gains
 
 
 SAMPLES = (2.0, 4.0, 8.0, 16.0)

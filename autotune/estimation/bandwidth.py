@@ -19,7 +19,7 @@ import numpy as np
 import scipy
 
 from autotune.core.arrays import Floats, Integers
-from autotune.estimation.alignment import aligned, linear_terms, needed, upsampled
+from autotune.estimation.alignment import aligned, linear_fit, needed, upsampled
 from autotune.estimation.controller import find_controller
 from autotune.estimation.coordinates import travel_since_reversal
 from autotune.estimation.data import (
@@ -216,37 +216,33 @@ def without_rest(data: Prepared) -> Prepared:
     return replace(data, grid=np.concatenate(rows), blocks=tuple(blocks))
 
 
-def quiet_cutoff(recordings: Sequence[Recording], data: Prepared, cutoff: float, pace: float) -> float | None:
-    """Cut-off [Hz] at which the encoder's counts, by way of the inertia, are below what repeats do not share.
+def _quiet(recordings: Sequence[Recording], cutoff: float, pace: float) -> Prepared:
+    """Recordings prepared with the cut-off [Hz] at which encoder's counts are below what repeats do not share.
 
-    None where they are at the usual one. Repeats have the same counts at the same places, a twin has not: above that
-    they look like structure, and a load behind a spring swallows them.
+    That is the one given where they are below it there, by way of the inertia. Repeats have the same counts at the
+    same places, a twin has not: above that they look like structure, and a load behind a spring swallows them.
     """
-    found: float | None = None
+    data = prepare(recordings, cutoff, MOTION_CUTOFF / CUTOFF * cutoff, pace=pace)
     for _ in range(QUIET_ROUNDS):
-        loud = _counts_over_noise(data, found or cutoff)
+        loud = _counts_over_noise(data, cutoff) if data.repeated else 0.0
         if loud <= 1.0:
             break
         # what counts make grows with the frequency to the power of 2.5, noise with its root
-        found = max((found or cutoff) / math.sqrt(loud), LEAST / pace)
-        data = prepare(recordings, found, 2.5 * found, pace=pace)
-        if found == LEAST / pace:
+        cutoff = max(cutoff / math.sqrt(loud), LEAST / pace)
+        data = prepare(recordings, cutoff, MOTION_CUTOFF / CUTOFF * cutoff, pace=pace)
+        if cutoff == LEAST / pace:
             break
-    return found
+    return data
 
 
 def _counts_over_noise(data: Prepared, cutoff: float) -> float:
     """Torque that rounding to counts seems to need, over `QUIET` of the noise between repeats; 0 without repeats."""
-    rows = data.role(TRAINING)
-    table, target = linear_terms(data, rows)
-    size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
-    gains = np.linalg.lstsq(table / size, target, rcond=1e-10)[0] / size
-    rest = np.zeros(len(data.grid))
-    rest[rows] = target - table @ gains
     blocks = [block for block in data.blocks if block.role == TRAINING and block.repeats > 1]
-    noise = [rest[b.rows].reshape(b.repeats, b.count).var(axis=0, ddof=1).mean() for b in blocks]
     if not blocks or data.resolution <= 0.0:
         return 0.0
+    rows, rest = data.role(TRAINING), np.zeros(len(data.grid))
+    gains, _, rest[rows] = linear_fit(data, rows)
+    noise = [rest[b.rows].reshape(b.repeats, b.count).var(axis=0, ddof=1).mean() for b in blocks]
     power = float(np.average(noise, weights=[block.count for block in blocks]))
     white = data.resolution / math.sqrt(12.0) * math.sqrt(2.0 * data.period * cutoff / 5.0)
     return (
@@ -278,10 +274,9 @@ def prepared_for(recordings: Sequence[Recording], policy: Policy = POLICY) -> Pr
     bands = Bands.of(longest)
     pace = min(1.0, bands.pace)
     most = max(compared_below(longest.period), bands.error)
-    data = prepare(recordings, most, MOTION_CUTOFF / CUTOFF * most, pace=pace)
+    data = _quiet(recordings, most, pace)
     if data.repeated:
-        cutoff = quiet_cutoff(recordings, data, most, pace)
-        return data if cutoff is None else prepare(recordings, cutoff, 2.5 * cutoff, pace=pace)
+        return data
     known = data.recorded_reference and find_controller(data, policy).usable
     cutoff = coherent_cutoff(longest, known)
     if known:
