@@ -16,6 +16,7 @@ from autotune.cli.output import answer, answer_json, say
 from autotune.cli.owned import holding
 from autotune.cli.run import confirmation, reporting
 from autotune.core.axis import Axis, read_axis
+from autotune.core.units import torque_symbol
 from autotune.view.console import Stage
 
 if TYPE_CHECKING:
@@ -102,7 +103,7 @@ def _line(entry: Entry, unit: str) -> str:
 
     if not isfinite(entry.sine_peak_error):
         return f"{entry.structure.name}: runs away on the twin"
-    torque, most = "N m" if unit == "rad" else "N", HORIZON
+    torque, most = torque_symbol(unit), HORIZON
     swings = ", oscillates" if entry.oscillates else ""
     where = "; on the twin only" if entry.structure.in_host else ""
     slow = entry.step_settling >= most

@@ -14,6 +14,7 @@ import numpy as np
 from autotune.control.gains.routh import bristle_of, least_damping
 from autotune.core.arrays import Floats
 from autotune.core.errors import AutotuneError, ConfigurationError
+from autotune.core.units import damping_symbol
 from autotune.models import layout
 from autotune.models.contact import friction_limit, viscous_coefficient
 from autotune.models.drive_model import DriveModel
@@ -76,14 +77,13 @@ class Characteristic:
                 f"{self.name}: friction rises with speed everywhere{self._sure()}; it makes no stick-slip by itself, "
                 "whatever the gains."
             )
-        per_speed = "N m s/rad" if unit == "rad" else "N s/m"
         between = f" between {self.falls[0]:.2g} and {self.falls[1]:.2g} {unit}/s" if self.falls else ""
         falls = f"{self.name}: friction falls with speed{between}{self._sure()}"
         if self.least_gain <= 0.0:
             return f"{falls}; its own viscous friction damps that."
         return (
-            f"{falls}; motion there needs a velocity gain (kd) of at least {self.least_gain:.3g} {per_speed}, or it "
-            "stick-slips."
+            f"{falls}; motion there needs a velocity gain (kd) of at least {self.least_gain:.3g} "
+            f"{damping_symbol(unit)}, or it stick-slips."
         )
 
     def _sure(self) -> str:

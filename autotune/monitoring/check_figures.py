@@ -9,6 +9,7 @@ import numpy as np
 
 from autotune.core.arrays import Floats
 from autotune.core.errors import NotEnoughExcitation
+from autotune.core.units import torque_symbol
 from autotune.identify.characteristic import Points
 from autotune.identify.steady_state import steady_points
 from autotune.models.drive_model import DriveModel
@@ -86,7 +87,7 @@ def figures(
     """
     moving = legs.select("steady_state")
     points = steady_points(moving)
-    torque = "N m" if legs.metadata.motion_unit == "rad" else "N"
+    torque = torque_symbol(legs.metadata.motion_unit)
     level = friction_level(points)
     whole = concatenate([legs, compensated, uncompensated])
     units = {"coulomb": torque, "offset": torque, "viscous": torque + " s/" + legs.metadata.motion_unit}

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from autotune.control.velocity_table import Points, is_point
 from autotune.core.ripple_parameters import is_ripple
+from autotune.core.units import torque_symbol
 from autotune.models.drive_model import surface_parameter
 from autotune.tuning.findings import Findings
 from autotune.tuning.outcome import Outcome, RunResult
@@ -128,7 +129,7 @@ def friction_table(result: RunResult) -> Table | None:
         return None
     unit = result.motion_unit
     rows = [
-        [quantity(float(v), f"{unit}/s"), quantity(float(t), "N m" if unit == "rad" else "N")]
+        [quantity(float(v), f"{unit}/s"), quantity(float(t), torque_symbol(unit))]
         for v, t in zip(points.velocity[1:], points.torque[1:], strict=True)
     ]
     kept = "In the drive now" if result.outcome is Outcome.KEPT else "Proposed; none of it is in the drive"

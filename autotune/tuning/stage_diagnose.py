@@ -16,6 +16,7 @@ import numpy as np
 
 from autotune.control.model_feedforward import left_out
 from autotune.core.errors import AutotuneError, ConfigurationError
+from autotune.core.units import torque_symbol
 from autotune.diagnosis.compare import compare
 from autotune.diagnosis.found_model import FoundModel, found_model
 from autotune.diagnosis.verdict import Diagnosis, diagnose
@@ -239,7 +240,7 @@ def _with_model(diagnosed: Diagnosed, found: FoundModel, model: DriveModel) -> D
 
 
 def _told(found: Diagnosed, before: float, after: float, stiffness: float, motion_unit: str) -> str:
-    torque = "N m" if motion_unit == "rad" else "N"
+    torque = torque_symbol(motion_unit)
     text = (
         f"Missing in the identified model: {', '.join(found.effects)} ({found.confidence}). With it the torque error "
         f"on data not used for the fit falls from {before:.3g} to {after:.3g} {torque}"

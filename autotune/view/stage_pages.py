@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from autotune.core.arrays import Floats
+from autotune.core.units import torque_symbol
 from autotune.view.colours import (
     BLUE_ON_DARK,
     GREEN_ON_DARK,
@@ -215,7 +216,7 @@ def over(shown: Residual, direction: Floats) -> Chart | None:
 
 def characteristic(shown: SteadyState) -> Chart:
     """Torque at constant velocity, measured and model."""
-    torque = shown.torque_unit or ("N m" if shown.motion_unit == "rad" else "N")
+    torque = torque_symbol(shown.motion_unit, shown.torque_unit)
     order = np.argsort(shown.model_velocity)
     x, y = shown.model_velocity[order], shown.model_torque[order].astype(np.float64).copy()
     breaks = np.flatnonzero(np.diff(np.sign(x)) != 0)

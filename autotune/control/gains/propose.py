@@ -342,13 +342,9 @@ def _held(limit: str) -> str:
 def _none_found(
     corners: tuple[Corner, ...], current: Gains, kin: Family, wanted: Requirements, bandwidth: float | None
 ) -> str:
-    missed = (
-        f"no gains {{at}}keep the requirements; in the way: {_limit(corners, current, kin, wanted, None)}"
-    )
-    if bandwidth is None:
-        return missed.format(at="")
-    asked = missed.format(at=f"with a crossover of {bandwidth:g} Hz ")
-    return f"{asked}. Leave --bandwidth out to have the largest robust one"
+    at = "" if bandwidth is None else f"with a crossover of {bandwidth:g} Hz "
+    missed = f"no gains {at}keep the requirements; in the way: {_limit(corners, current, kin, wanted, None)}"
+    return missed if bandwidth is None else f"{missed}. Leave --bandwidth out to have the largest robust one"
 
 
 def _limit(

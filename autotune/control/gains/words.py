@@ -12,6 +12,7 @@ from autotune.control.gains.members import ASSUMED, Family
 from autotune.control.gains.propose import Proposal, Requirements
 from autotune.control.gains.routh import passivity_margin, pid_conditions
 from autotune.control.gains.steps import HORIZON
+from autotune.core.units import damping_symbol, torque_symbol
 
 TODAY = "Today's gains"
 HARDLY = 1.1
@@ -177,20 +178,20 @@ def _settles(verdict: Verdict) -> str:
 
 
 def _count(kin: Family, verdict: Verdict, unit: str) -> str:
-    torque = "N m" if unit == "rad" else "N"
+    torque = torque_symbol(unit)
     part = 100.0 * verdict.noise / kin.nominal.timing.torque_limit
     return f"{verdict.noise:.2g} {torque} ({part:.2g} % of the limit)"
 
 
 def gains_in_words(gains: Gains, unit: str) -> str:
     """Every gain with its unit."""
-    torque = "N m" if unit == "rad" else "N"
+    torque = torque_symbol(unit)
     units = {
         "kp": f" {torque}/{unit}",
-        "kd": f" {torque} s/{unit}",
+        "kd": f" {damping_symbol(unit)}",
         "ki": f" {torque}/({unit} s)",
         "position_gain": " 1/s",
-        "velocity_gain": f" {torque} s/{unit}",
+        "velocity_gain": f" {damping_symbol(unit)}",
         "integral_gain": f" {torque}/{unit}",
         "notch_frequency": " Hz",
     }
@@ -230,7 +231,7 @@ def resonance_advice(proposal: Proposal) -> list[str]:
 
 def passivity_in_words(kin: Family, unit: str) -> str:
     """(3.13), (3.14) as a sentence about the identified parameters."""
-    per_speed = "N m s/rad" if unit == "rad" else "N s/m"
+    per_speed = damping_symbol(unit)
     margin = passivity_margin(kin.nominal.model)
     if margin >= 0.0:
         return (
