@@ -56,19 +56,19 @@ class _Element:
 
 
 def with_free_shape(
-    problem: Problem, root: ModelFit, nominal: Packed, chosen: FittedCandidate, effect: str
+    problem: Problem, root: ModelFit, nominal: Packed, chosen: FittedCandidate
 ) -> FittedCandidate | None:
-    """The model with one effect's course free; None where that does not explain clearly more.
+    """The model with the course of its last effect free; None where that does not explain clearly more.
 
     By its own law the effect must explain most of the error: a free course alone would explain what is none of it.
     """
     before = chosen.model_fit
     if chosen.share < problem.policy.partly:
         return None
-    if effect == EFFECT:
+    if chosen.effect == EFFECT:
         settled = resolved(problem, before)
     else:
-        kind = EFFECTS[effect]
+        kind = EFFECTS[chosen.effect]
         if kind.free_shape is None:
             return None
         start = kind.free_shape(Context(problem, before.fitted, nominal))

@@ -243,7 +243,7 @@ class _Search:
 
     def _shaped(self, item: FittedCandidate) -> FittedCandidate | None:
         self.progress(f"another law of {item.effect}")
-        shaped = with_free_shape(self.problem, self.root, self.nominal, item, item.effect)
+        shaped = with_free_shape(self.problem, self.root, self.nominal, item)
         if shaped is None:
             return None
         if not EFFECTS[item.effect].approximate:  # elements are its own law, however many

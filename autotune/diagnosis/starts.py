@@ -41,9 +41,6 @@ PROMISED = 0.995
 """Of the cost without the effect: what probing must get below."""
 ENOUGH = 1e-2
 """Relative difference of the cost below which a valley's floor is reached."""
-GIVEN = (
-    layout.INERTIA, layout.VISCOUS, layout.COULOMB, layout.STIFFNESS, layout.MICRO_DAMPING, layout.OFFSET,
-)  # fmt: skip
 FELT, FAR = (layout.INERTIA, layout.COULOMB), 1.5
 """What must have gone how far from the model that was given, for a fit to begin there too."""
 FIRST_STEP = 0.5
@@ -90,7 +87,7 @@ class Context:
 
     def given_base(self) -> dict[int, float]:
         """The base before the fit without the effect, by place; empty where the fit is near it."""
-        given = {place: float(self.nominal.p[place]) for place in GIVEN}
+        given = {place: float(self.nominal.p[place]) for place in range(len(layout.BASE))}
         ratios = [self.p[place] / max(value, 1e-300) for place, value in given.items() if place in FELT]
         return given if any(max(ratio, 1.0 / max(ratio, 1e-300)) > FAR for ratio in ratios) else {}
 

@@ -56,14 +56,12 @@ class Guess:
 
     Attributes:
         place: what was fitted beside them, and `sizes`: of its columns [N m].
-        place_gain: of the mean square on stretches left out, what those terms took away.
     """
 
     values: dict[str, float]
     relative_error: float
     place: PlaceTerms
     sizes: Floats
-    place_gain: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,8 +120,7 @@ def guess(
         "micro_damping": min(max(damping, 0.1 * usual), 5.0 * usual),
         "offset": offset,
     }
-    gain = 1.0 - held_out_error(best.parts) / max(held_out_error(_best(plain).parts), 1e-300)
-    return Guess(values, best.error, terms, best.solution[_BASE:], gain if terms.count else 0.0)
+    return Guess(values, best.error, terms, best.solution[_BASE:])
 
 
 def _best(trials: Sequence[_Trial]) -> _Trial:
