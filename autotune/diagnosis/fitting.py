@@ -220,7 +220,7 @@ def add_effect(
         ConfigurationError: no such effect, or a model of another axis.
         NotEnoughExcitation: these data cannot say anything about the effect.
     """
-    effect_kind(effect)
+    effect_kind(effect).refuse_unit(model.motion_unit)
     check_same_axis(model, recordings)
     problem, root, nominal, notes = begin(prepared_to_fit(recordings, policy), model, progress, policy=policy)
     progress(f"refit with {effect}")
@@ -268,7 +268,7 @@ def _with_effect(
     screened = screen(problem, evidence_of(problem.data), root, nominal, effect)
     if screened is None:
         raise NotEnoughExcitation(
-            f"these recordings cannot say anything about {effect}: {_why_not(effect, model)}. "
+            f"these recordings cannot say anything about {effect}: {effect_kind(effect).why_no_start}. "
             f"It would look like this: {effect_kind(effect).looks_like}"
         )
     refitted = inside_twin(problem, root, root, screened)
@@ -301,10 +301,3 @@ def held_out_errors(problem: Problem, before: ModelFit, after: ModelFit) -> tupl
     count = max(float(problem.training.sum()), 1.0)
     errors = [math.sqrt(x.unseen.total / count) for x in (before, after)]
     return errors[0], errors[1], noise, EACH_IN_TURN
-
-
-def _why_not(effect: str, model: DriveModel) -> str:
-    kind = effect_kind(effect)
-    if model.motion_unit != "rad" and kind.rotary_only:
-        return "it belongs to axes that turn"
-    return kind.why_no_start

@@ -41,9 +41,9 @@ _J, _COULOMB, _BASE = 0, 2, 5
 _SURE = [0, 2, 4]
 _SHARED = [0, 2]
 _FRICTION = [2, 4]
+"""Columns that every recording must tell apart: inertia, Coulomb friction, offset; and two groups of them."""
 _NOT_TOGETHER = 0.02
 """Of the torque's power: what a fit of one axis, or of two stretches of it, leaves at most."""
-"""Columns that every recording must tell apart: inertia, Coulomb friction, offset."""
 
 
 class OneDirection(NotEnoughExcitation):

@@ -82,6 +82,8 @@ def fit(recordings: Sequence[Recording] | Recording, effects: Sequence[str] = ()
     """
     kinds = [_startable(name) for name in effects]
     recording = joined(recordings)
+    for kind in kinds:
+        kind.refuse_unit(recording.metadata.motion_unit)
     controller = controller_of(recording)
     bands = Bands.of(recording)
     pieces = cut(recording, bands, controller, UNFITTED)
@@ -136,7 +138,7 @@ def _without_beside(joint: Joint, start: Guess, wanted: Sequence[str]) -> Joint:
     model, notes = joint.model, list(joint.estimate.notes)
     beside = [effect for effect in model.effects if effect.name not in wanted]
     for effect in beside:
-        notes.insert(0, _beside_note(effect, start, model.unit("offset")))
+        notes.insert(0, _beside_note(effect, start, model))
         model = model.without_effect(effect.name)
     known = {name: q for name, q in joint.estimate.parameters.items() if name in model.parameters}
     if not joint.controller.usable and joint.controller.why == TWIN_WORSE:
@@ -145,9 +147,9 @@ def _without_beside(joint: Joint, start: Guess, wanted: Sequence[str]) -> Joint:
     return replace(joint, model=model, estimate=estimate)
 
 
-def _beside_note(effect: Effect, start: Guess, unit: str) -> str:
+def _beside_note(effect: Effect, start: Guess, model: DriveModel) -> str:
     """What belongs to the place, how large it is, and how it is taken into the model."""
-    value = {name: one.value for name, one in effect.values.items()}
+    value, unit = {name: one.value for name, one in effect.values.items()}, model.unit("offset")
     if effect.name == TORQUE_RIPPLE.name:
         orders = [i for i in range(1, LINES + 1) if value.get(f"order_{i}", 0.0) > 0.0]
         waves = (
@@ -158,7 +160,8 @@ def _beside_note(effect: Effect, start: Guess, unit: str) -> str:
     elif effect.name == GRAVITY_IMBALANCE.name:
         said = f"one sine a turn, as gravity makes it, of {math.hypot(value['sin'], value['cos']):.3g} {unit}"
     else:
-        said = f"a torque in proportion to position, as a spring makes it, of {value['stiffness']:.3g} a unit of way"
+        size = f"{value['stiffness']:.3g} {model.unit(SPRING.surface('stiffness'))}"
+        said = f"a torque in proportion to position, as a spring makes it, of {size}"
     alike = " (over this travel gravity and a spring look alike)" if start.place.spring_like else ""
     return (
         f"The torque holds {said}{alike}. It was fitted beside the model, which does not hold it; without it the model "

@@ -15,7 +15,7 @@ from types import MappingProxyType
 from typing import TypeAlias
 
 from autotune.core.arrays import Floats
-from autotune.core.errors import ConfigurationError
+from autotune.core.errors import ConfigurationError, NotEnoughExcitation
 from autotune.models.look_alikes import LookAlikes
 from autotune.models.start_values import StartContext, StartValues, Vary
 
@@ -187,6 +187,14 @@ class Kind:
     def fed_forward(self) -> bool:
         """Whether a feedforward plays it."""
         return not self.not_fed_forward
+
+    def refuse_unit(self, motion_unit: str) -> None:
+        """Raises NotEnoughExcitation where an axis that moves in this unit cannot have the effect."""
+        if self.rotary_only and motion_unit != "rad":
+            raise NotEnoughExcitation(
+                f"these recordings cannot say anything about {self.name}: it belongs to axes that turn, and this one "
+                f"moves in {motion_unit}. It would look like this: {self.looks_like}"
+            )
 
     def surface(self, parameter: str) -> str:
         """The parameter's name in files, tables and JSON."""

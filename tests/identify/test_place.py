@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import autotune
-from autotune.core.errors import RecordingError
+from autotune.core.errors import NotEnoughExcitation, RecordingError
 from autotune.diagnosis.fit_recordings import fit_recordings
 from autotune.diagnosis.fit_result import FitResult
 from autotune.identify.ripple_lines import find_lines, held_out_error
@@ -65,6 +66,19 @@ def test_gravity_that_is_asked_for_is_in_the_model() -> None:
     assert size == pytest.approx(8.0, rel=0.02)
     assert found.relative_error < 0.03
     assert "beside the model" not in said(found)
+
+
+def test_gravity_over_a_turn_is_no_effect_of_an_axis_that_slides() -> None:
+    """Over a quarter of a metre it was a wave like the offset, and the fit was four times as bad as without."""
+    turning = arm(spring=5.0)
+    sliding = replace(turning, metadata=replace(turning.metadata, motion_unit="m"))
+    model = fit_recordings([sliding], effects=["spring"]).model
+    assert model is not None
+    assert model["spring.stiffness"] == pytest.approx(5.0, rel=0.05)
+    with pytest.raises(NotEnoughExcitation, match=r"axes that turn, and this one moves in m\."):
+        fit_recordings([sliding], effects=["gravity_imbalance"])
+    with pytest.raises(NotEnoughExcitation, match="axes that turn"):
+        autotune.add_effect("gravity_imbalance", sliding, model=model)
 
 
 def test_a_joint_without_gravity_has_nothing_beside_its_model() -> None:
