@@ -9,6 +9,8 @@ gone in, beside the longest stroke, has not slid; later, what moves under less t
 
 J is fitted by recursive least squares with forgetting (Åström and Wittenmark, Adaptive Control, chapter 2), only
 well after a reversal. Everything is scaled with the limits; J is claimed only where its standard error is small.
+The first window far beyond the speeds that were seen is explained by J and B alike, where friction falls with speed:
+the least that the axis weighs is what two solutions in a row say.
 """
 
 from __future__ import annotations
@@ -43,7 +45,8 @@ class Inverse:
         up, down: torque at which the axis slides upwards, and downwards.
         fast_up, fast_down: fastest windows that these torques were found in [rad/s or m/s].
         strokes: in either direction, since the beginning.
-        inertia: estimate; `heaviest` and `lightest` are three standard errors away.
+        inertia: estimate; `heaviest` and `lightest` are three standard errors away, `lightest` in the solution before
+            too.
     """
 
     up: float | None = None
@@ -71,6 +74,7 @@ class InverseEstimate:
         "_down",
         "_information",
         "_least",
+        "_lightest",
         "_power",
         "_reaches",
         "_reversals",
@@ -95,7 +99,7 @@ class InverseEstimate:
         self._least = LEAST_COUNTS * resolution
         self._information = np.zeros((4, 4))
         self._correlation = np.zeros(4)
-        self._power = self._weight = self._stroke = self._strokes = 0.0
+        self._power = self._weight = self._stroke = self._strokes = self._lightest = 0.0
         self._up: float | None = None
         self._down: float | None = None
         self._reaches = [0.0, 0.0]  # longest strokes in which up and down were found
@@ -201,10 +205,11 @@ class InverseEstimate:
         inertia, error = float(found[0]), float(np.sqrt(noise * spread[0, 0]))
         scale = limit / deceleration
         known = 0.0 < error < CERTAIN * inertia
+        before, self._lightest = self._lightest, max(inertia - 3.0 * error, 0.0) * scale
         self.inverse = replace(
             self.inverse,
             strokes=self._reversals,
             inertia=inertia * scale if known else None,
-            lightest=max(inertia - 3.0 * error, 0.0) * scale,
+            lightest=min(before, self._lightest),
             heaviest=(inertia + 3.0 * error) * scale,
         )

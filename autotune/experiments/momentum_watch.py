@@ -14,7 +14,8 @@ no axis of this file could brake in one cycle is the same, and needs nothing to 
 
 Where the torque has risen by a level of friction within `SUDDEN_SECONDS`, as in a loop that swings and under no push
 of a person or a process, less must be missing (`HINT`), if the lightest axis held by no more than what slides or sticks
-it could already be unseen at the speed limit, ∫ (T − may)/J⁻ > limits.speed.
+it could already be unseen at the speed limit, ∫ (T − may)/J⁻ > limits.speed. What slides it is there what it was half
+a second to a second ago: a loop that swings must not teach what its swing needs.
 
 Against the torque friction helps it, so that the bound holds at any speed, and needs less to be known: until the
 inverse is, J⁺ is infinite. An encoder that gains against such a torque counts the wrong way, or something stronger
@@ -63,14 +64,17 @@ class _Way:
 
     Attributes:
         must: torque that is more than slides or sticks the axis; fast: velocity up to which that is known.
+        sure, sure_fast: the same for a torque that has risen suddenly.
         missing: velocity that the encoder does not show; hinted: the same of a lighter axis.
         run: velocity of the lightest axis beyond what the encoder shows.
     """
 
-    __slots__ = ("fast", "hinted", "missing", "must", "run")
+    __slots__ = ("_before", "_since", "fast", "hinted", "missing", "must", "run", "sure", "sure_fast")
 
     def __init__(self) -> None:
         self.must, self.fast = math.inf, -math.inf
+        self.sure, self.sure_fast = math.inf, -math.inf
+        self._before = self._since = (math.inf, -math.inf)  # must and fast as they were
         self.missing = self.hinted = self.run = 0.0
 
     def begin(self) -> None:
@@ -82,14 +86,29 @@ class _Way:
         net = torque - self.must
         gains = (net / axis.heavy if net > 0.0 else net / axis.light) * cycle
         self.missing = keeps * self.missing + gains - gained
-        self.hinted = keeps * self.hinted + (gains / SURER if net > 0.0 else gains) - gained
+        net = torque - self.sure
+        gains = (net / (SURER * axis.heavy) if net > 0.0 else net / axis.light) * cycle
+        self.hinted = keeps * self.hinted + gains - gained
         self.run = max(keeps * self.run + (net + axis.margin) / axis.light * cycle - gained, 0.0)
 
-    def rests(self, moving: bool) -> None:
-        """Where it does not show motion, or nothing is missing, the sums begin anew."""
-        if not (moving and self.missing > 0.0):
+    def know(self, must: float, fast: float) -> None:
+        """What slides or sticks it; more than before counts later where the torque rises suddenly."""
+        self.must, self.fast = must, fast
+        self.sure, self.sure_fast = (must, fast) if must <= self._before[0] else self._before
+
+    def older(self) -> None:
+        """Some time has passed: what was known when this was last said counts."""
+        self._before, self._since = self._since, (self.must, self.fast)
+        self.know(self.must, self.fast)
+
+    def rests(self, against: bool, along: bool, velocity: float) -> None:
+        """Where it does not show motion against or along this direction, or nothing is missing, the sums begin anew.
+
+        Along it nothing is known beyond the speeds that were seen.
+        """
+        if self.missing <= 0.0 or not (against or (along and velocity <= self.fast)):
             self.missing = 0.0
-        if not (moving and self.hinted > 0.0):
+        if self.hinted <= 0.0 or not (against or (along and velocity <= self.sure_fast)):
             self.hinted = 0.0
 
 
@@ -124,6 +143,7 @@ class MomentumWatch:
         "_more",
         "_moving",
         "_positions",
+        "_seconds",
         "_speed",
         "_sudden",
         "_torques",
@@ -145,6 +165,7 @@ class MomentumWatch:
         self._known = False
         self._axis = _Axis(UNKNOWN * limits.torque / limits.deceleration)
         self._up, self._down = _Way(), _Way()
+        self._seconds = 0.0
         self.begin(0.0)
 
     def begin(self, position: float) -> None:
@@ -161,7 +182,8 @@ class MomentumWatch:
     def suppose(self, up: float, down: float) -> None:
         """More torque than has ever slid or held the axis, as long as nothing better is known of it."""
         if not self._known:
-            self._up.must, self._down.must = up, down
+            self._up.know(up, self._up.fast)
+            self._down.know(down, self._down.fast)
 
     def know(self, inverse: Inverse, sticks: float) -> None:
         """What the axis is; `sticks`: torque beyond what slides it that was seen to hold it."""
@@ -170,9 +192,8 @@ class MomentumWatch:
         if inverse.inertia is None or friction is None or inverse.up is None or inverse.down is None:
             return
         margin = MORE * friction + self._more
-        self._up.fast = FASTER[0] * inverse.fast_up + self._faster
-        self._down.fast = FASTER[0] * inverse.fast_down + self._faster
-        self._up.must, self._down.must = inverse.up + sticks + margin, sticks + margin - inverse.down
+        self._up.know(inverse.up + sticks + margin, FASTER[0] * inverse.fast_up + self._faster)
+        self._down.know(sticks + margin - inverse.down, FASTER[0] * inverse.fast_down + self._faster)
         heavy = min(HEAVIER * inverse.heaviest, REMEMBERS * self._axis.heavy)
         self._axis = _Axis(LIGHTER * inverse.inertia, heavy, friction, margin)
 
@@ -197,6 +218,7 @@ class MomentumWatch:
             up.begin()
             down.begin()
             return 0.0
+        self._age(cycle)
         keeps = 1.0 - cycle / LEAKS
         up.add(min(self._torques), gained, keeps, self._axis, cycle)
         down.add(-max(self._torques), -gained, keeps, self._axis, cycle)
@@ -206,9 +228,18 @@ class MomentumWatch:
             return -max(down.missing, down.hinted)
         if max(up.missing, down.missing) > DOUBTFUL * self._allowed:
             self._doubt = DOUBT_CYCLES
-        up.rests(way < -self._moving or (way > self._moving and velocity <= up.fast))
-        down.rests(way > self._moving or (way < -self._moving and -velocity <= down.fast))
+        upwards, downwards = way > self._moving, way < -self._moving
+        up.rests(downwards, upwards, velocity)
+        down.rests(upwards, downwards, -velocity)
         return 0.0
+
+    def _age(self, cycle: float) -> None:
+        """What was known a while ago counts."""
+        self._seconds += cycle
+        if self._seconds > OLD_SECONDS:
+            self._seconds = 0.0
+            self._up.older()
+            self._down.older()
 
     def _leaps(self, gained: float, cycle: float, missed: bool) -> bool:
         """A velocity that no axis of this file can have gained in a cycle."""

@@ -97,6 +97,7 @@ class MotionWatch:
 
     __slots__ = (
         "_blind",
+        "_broke",
         "_count",
         "_down",
         "_estimate",
@@ -137,6 +138,10 @@ class MotionWatch:
         self._excess = ExcessWatch(self._order)
         self._swing = SwingWatch(limits.torque, self._order, resolution)
         self._sticks = STICKS_SECONDS
+        self._broke = (
+            0.0,
+            0.0,
+        )  # torques that it broke loose at upwards and downwards, before anything slid it there
         self._up, self._down = VirtualAxes(), VirtualAxes()
         self._mode = Mode.POSITION
         self._first = self._torque = 0.0
@@ -226,16 +231,19 @@ class MotionWatch:
         moved, count = position - self._position, self._count
         silence = self._silence + cycle
         if silence > self._sticks and self._mode is not Mode.TORQUE:
-            self._stuck(torque)
+            self._stuck(torque, moved)
         self._up.live((moved - ALIVE_COUNTS * count) / silence)
         self._down.live((-moved - ALIVE_COUNTS * count) / silence)
         self._position, self._reference, self._silence = position, reference, 0.0
         self._moved = self._mode is not Mode.POSITION
 
-    def _stuck(self, torque: float) -> None:
+    def _stuck(self, torque: float, moved: float) -> None:
         """It has broken loose: so much torque can hold it."""
-        inverse = self._estimate.inverse
+        inverse, (up, down) = self._estimate.inverse, self._broke
         if inverse.up is None or inverse.down is None:
+            if torque * moved > 0.0 and (torque > up or -torque > down):
+                self._broke = max(torque, up), max(-torque, down)
+                self._levels()
             return
         beyond = max(torque - inverse.up, inverse.down - torque, 0.0)
         if beyond > self._held:
@@ -273,11 +281,12 @@ class MotionWatch:
             told = replace(inverse, inertia=bounds[0], heaviest=bounds[1])
             self._momentum.know(told, max(STICKS_BEYOND * self._held, share * friction))
         self._swing.know(friction)
-        for way, sign, level in ((self._up, 1.0, inverse.up), (self._down, -1.0, inverse.down)):
+        ways = ((self._up, 1.0, inverse.up, self._broke[0]), (self._down, -1.0, inverse.down, self._broke[1]))
+        for way, sign, level, broke in ways:
             way.lightest, way.heaviest = lightest, heaviest
             first = sign * self._first
             if level is None or friction is None:
-                slides = first if level is None else max(first, sign * level)
+                slides = max(first, broke if level is None else sign * level)
                 way.may = slides + FIRST_MAY * limit
                 way.must = min(
                     max(first + FIRST_MUST * limit, slides + LATER_MUST * limit), MOST_MUST * limit

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 
 import pytest
 
@@ -207,3 +208,24 @@ def test_a_torque_that_rises_suddenly_needs_less_missing_than_a_push_that_comes_
     assert suddenly < 140  # 40 ms after it began
     assert suddenly < stopped(0.016)
     assert slowly == stopped(0.3)
+
+
+def test_a_swing_does_not_teach_what_it_needs() -> None:
+    """Regression: 18.8 rad/s of 12.9, as the first window of a swing raised what slides the axis (seed 9089892)."""
+    knows = Inverse(FRICTION, -FRICTION, 20, INERTIA, 0.5 * INERTIA, 2.4 * INERTIA, 5.0, 5.0)
+    learns = replace(knows, up=2.0 * FRICTION)
+
+    def stopped(taught: int) -> int:
+        """Cycles until a swing is told that begins at 1200, where more was seen to slide the axis in cycle `taught`."""
+        watch = MomentumWatch(LIMITS, H, COUNT)
+        for k in range(1400):
+            watch.know(knows if k < taught else learns, 0.0)
+            rise = min(max(k - 1200, 0) / 16.0, 1.0)
+            if watch.check(0.3 * k * H, 0.5 * FRICTION + 1.7 * FRICTION * rise, H, False):
+                return k
+        return 1400
+
+    never, swing, before = stopped(2000), stopped(1212), stopped(10)
+    assert never < 1240
+    assert swing <= never
+    assert before == 1400
