@@ -18,6 +18,8 @@ from typing import Any
 
 import pytest
 
+from tests.support.commands import called
+
 EXAMPLE = Path(__file__).resolve().parents[2] / "config" / "axes" / "edm-vertical.toml"
 CLI = [sys.executable, "-m", "autotune.cli.main"]
 PATIENCE = 120.0  # s; a loaded host is slow, a broken service never comes
@@ -71,10 +73,8 @@ class Live:
             time.sleep(0.05)
 
     def call(self, *arguments: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [*CLI, *arguments], cwd=self.folder, capture_output=True, text=True, timeout=PATIENCE, check=False,
-            env=self.environment,
-        )  # fmt: skip
+        """The command line beside it, which finds it by the locks of the environment."""
+        return called(*arguments, folder=self.folder)
 
 
 @pytest.fixture
