@@ -17,6 +17,7 @@ from typing import Any
 from autotune.core.axis import read_axis
 from autotune_drivers import open_loop
 from tests.support.commands import called
+from tests.support.forked import AUTOTUNE, PIPE, Program
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "config" / "axes" / "edm-vertical.toml"
 CLI = [sys.executable, "-m", "autotune.cli.main"]
@@ -29,7 +30,7 @@ class Bench:
 
     folder: Path
     axis: Path
-    drive: subprocess.Popen[str] | None = None
+    drive: Program | None = None
     log: Path = field(init=False)
 
     def __post_init__(self) -> None:
@@ -47,19 +48,14 @@ class Bench:
     def start(self, *options: str) -> None:
         """Starts `autotune sim` and waits until its port can be opened."""
         with self.log.open("w") as log:
-            self.drive = subprocess.Popen(
-                [*CLI, "sim", str(self.axis), *options], stdout=subprocess.PIPE, stderr=log, text=True
-            )
+            self.drive = Program(AUTOTUNE, "sim", str(self.axis), *options, stderr=log)
         assert self.drive.stdout is not None
         assert "is simulated at" in self.drive.stdout.readline()
-
-    def command(self, *arguments: str) -> list[str]:
-        return [*CLI, *arguments]
 
     def call(self, *arguments: str, timeout: float = 280.0) -> subprocess.CompletedProcess[str]:
         """A command in a process of its own, as a user has it."""
         return subprocess.run(
-            self.command(*arguments), capture_output=True, text=True, timeout=timeout, check=False
+            [*CLI, *arguments], capture_output=True, text=True, timeout=timeout, check=False
         )
 
     def whole_run(self, *options: str) -> tuple[str, ...]:
@@ -70,11 +66,9 @@ class Bench:
         """A run asked for in this process, where everything is imported already; the cyclic process is its own."""
         return called(*self.whole_run(*options))
 
-    def popen(self, *options: str) -> subprocess.Popen[str]:
+    def popen(self, *options: str) -> Program:
         """A run in a process of its own, to be interrupted or killed."""
-        return subprocess.Popen(
-            self.command(*self.whole_run(*options)), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-        )
+        return Program(AUTOTUNE, *self.whole_run(*options), stderr=PIPE)
 
     def wait_for(self, seen: Callable[[], bool], seconds: float = 120.0) -> None:
         end = time.monotonic() + seconds
@@ -116,7 +110,7 @@ def read_drive(bench: Bench) -> dict[str, float]:
         return dict(loop.read_parameters())
 
 
-def kill_hard(process: subprocess.Popen[str]) -> float:
+def kill_hard(process: Program) -> float:
     """kill -9; returns the monotonic time of it."""
     when = time.monotonic()
     os.kill(process.pid, signal.SIGKILL)
