@@ -149,7 +149,7 @@ class Program:
         return self.returncode
 
     def communicate(self, timeout: float | None = None) -> tuple[str, str]:
-        """What it says until it has ended."""
+        """What it says until it has ended; nothing where that was read before."""
         if self.stdin is not None:
             self.stdin.close()
         texts = ["", ""]
@@ -158,7 +158,8 @@ class Program:
             with stream:
                 texts[place] = stream.read()
 
-        streams = [stream for stream in enumerate((self.stdout, self.stderr)) if stream[1] is not None]
+        both = enumerate((self.stdout, self.stderr))
+        streams = [(place, stream) for place, stream in both if stream is not None and not stream.closed]
         readers = [threading.Thread(target=read, args=stream, daemon=True) for stream in streams]
         for reader in readers:
             reader.start()
