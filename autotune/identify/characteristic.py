@@ -22,6 +22,8 @@ from autotune.models.lugre import SHAPES, Shape, level
 
 LEAST_RISE = 0.03
 """Break-away within this share of Coulomb friction counts as equal to it."""
+RELATIVE_STEP = 1e-7
+"""Of the differences that stand for a derivative: between what rounding and what curvature allows."""
 DIFFERENCE_OF_LEVELS = DIRECTION_ASYMMETRY.surface("coulomb")
 DIFFERENCE_OF_SLOPES = DIRECTION_ASYMMETRY.surface("viscous")
 
@@ -173,18 +175,45 @@ def _solve(points: Points, shape: Shape, asymmetric: bool) -> tuple[list[str], s
         values = dict(zip(names, x.tolist(), strict=True))
         return (predict(shape, values, points.velocity) - points.torque) / points.standard_error
 
+    def slopes(x: Floats) -> Floats:
+        values = dict(zip(names, x.tolist(), strict=True))
+        return _derivatives(shape, names, values, points.velocity) / points.standard_error[:, np.newaxis]
+
     best: scipy.optimize.OptimizeResult | None = None
     for stribeck in _stribeck_starts(points) if shape != "linear" else [1.0]:
         begin = np.array([stribeck if name == "stribeck_velocity" else start[name] for name in names])
         begin = np.clip(begin, lower + 1e-9 * (upper - lower), upper - 1e-9 * (upper - lower))
         result = scipy.optimize.least_squares(
-            error, begin, bounds=(lower, upper), x_scale=np.maximum(abs(begin), 1e-6)
+            error, begin, slopes, bounds=(lower, upper), x_scale=np.maximum(abs(begin), 1e-6)
         )
         if best is None or result.cost < best.cost:
             best = result
     if best is None:
         raise ValueError("no start for the fit of the characteristic")
     return names, best
+
+
+def _derivatives(shape: Shape, names: list[str], values: Mapping[str, float], velocity: Floats) -> Floats:
+    """Of `predict` by each parameter, shape (n, p); only Stribeck velocity and exponent are not linear in it."""
+    direction = np.sign(velocity)
+
+    def share(at: Mapping[str, float]) -> Floats:
+        """What is left of the rise from Coulomb friction to break-away."""
+        return level(shape, velocity, 0.0, 1.0, at.get("stribeck_velocity", 1.0), at.get("exponent", 2.0))
+
+    left = share(values)
+    rise = values.get("break_away", values["coulomb"]) - values["coulomb"]
+    columns = {
+        "coulomb": direction * (1.0 - left),
+        "break_away": direction * left,
+        "viscous": velocity,
+        "offset": np.ones_like(velocity),
+        DIFFERENCE_OF_SLOPES: direction * velocity,
+    }
+    for name in {"stribeck_velocity", "exponent"} & set(names):
+        step = RELATIVE_STEP * values[name]
+        columns[name] = direction * rise * (share({**values, name: values[name] + step}) - left) / step
+    return np.stack([columns[name] for name in names], axis=1)
 
 
 def _stribeck_starts(points: Points) -> list[float]:

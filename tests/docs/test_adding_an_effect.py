@@ -73,10 +73,10 @@ def text_of(path: str) -> str:
 
 @pytest.fixture(scope="module")
 def copied(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of the program with the page's effect in it."""
+    """A copy of the program, its byte code but not its compiled kernels, with the page's effect in it."""
     folder = tmp_path_factory.mktemp("copy")
     for part in ("autotune", "drivers", "sim", "config"):
-        shutil.copytree(ROOT / part, folder / part, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(ROOT / part, folder / part, ignore=shutil.ignore_patterns("*.nb?"))
     (shown,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
     (folder / f"autotune/models/{NAME}.py").write_text(shown, encoding="utf-8")
     layout = folder / "autotune/models/layout.py"

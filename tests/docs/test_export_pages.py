@@ -18,6 +18,7 @@ from autotune.export.structured_text import export_st
 from autotune.export.targets import TARGETS
 from autotune.models.model_file import read_model
 from tests.export.linuxcnc_rig import MODULES, alone, end_realtime, needs_linuxcnc
+from tests.support.commands import called
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = ROOT / "docs/export"
@@ -36,12 +37,11 @@ def commands(page: str) -> list[list[str]]:
 
 def run(folder: Path, command: list[str]) -> str:
     """Runs one command of a page as a person in that folder would."""
-    called = {"autotune": [sys.executable, "-m", "autotune.cli.main"], "sudo": []}.get(
-        command[0], command[:1]
-    )
-    done = subprocess.run(
-        [*called, *command[1:]], cwd=folder, capture_output=True, text=True, timeout=120, check=False
-    )
+    if command[0] == "autotune":
+        done = called(*command[1:], folder=folder)
+    else:
+        line = command[1:] if command[0] == "sudo" else command
+        done = subprocess.run(line, cwd=folder, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout + done.stderr
 

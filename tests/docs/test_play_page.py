@@ -13,6 +13,7 @@ from pathlib import Path
 from autotune.control.torque_offset import FADE_IN, FADE_OUT, SCALE, STEP
 from autotune_drivers.canopen.sidecar import TIME_OUT
 from autotune_drivers.profile import read_profile
+from tests.support.commands import called
 from tests.tuning.play_rig import axis_file
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -21,13 +22,10 @@ UNIT = (ROOT / "config/systemd/autotune-play@.service").read_text(encoding="utf-
 SCREEN = 50  # lines
 
 
-def called(folder: Path, line: str) -> subprocess.CompletedProcess[str]:
+def typed(folder: Path, line: str) -> subprocess.CompletedProcess[str]:
     program, *rest = shlex.split(line)
     assert program == "autotune"
-    return subprocess.run(
-        [sys.executable, "-m", "autotune.cli.main", *rest],
-        cwd=folder, capture_output=True, text=True, timeout=120, check=False,
-    )  # fmt: skip
+    return called(*rest, folder=folder)
 
 
 def test_the_page_is_a_screen_and_its_numbers_are_the_programs() -> None:
@@ -45,7 +43,7 @@ def test_the_page_is_a_screen_and_its_numbers_are_the_programs() -> None:
 def test_its_commands_answer_without_a_bus(tmp_path: Path) -> None:
     axis_file(tmp_path).rename(tmp_path / "my-axis.toml")
     (block,) = re.findall(r"```sh\n(.*?)```", PAGE, re.DOTALL)
-    told, *plays = [called(tmp_path, line) for line in block.splitlines()]
+    told, *plays = [typed(tmp_path, line) for line in block.splitlines()]
     assert told.returncode == 0
     assert "AXIS.toml" in told.stdout
     for play in plays:  # no adapter is there

@@ -5,12 +5,12 @@ from __future__ import annotations
 import re
 import shlex
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from autotune.core.axis import Limits, read_axis
+from tests.support.commands import called
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -33,17 +33,6 @@ def shown_axis(folder: Path, link: str) -> Path:
     return path
 
 
-def autotune(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "autotune.cli.main", *arguments],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=250,
-        check=False,
-    )
-
-
 def test_the_axis_file_shown_is_valid_and_shows_every_limit(tmp_path: Path) -> None:
     path = tmp_path / "my-axis.toml"
     path.write_text(blocks("toml")[0], encoding="utf-8")
@@ -60,7 +49,7 @@ def test_the_commands_on_an_axis_work_as_shown(count: int, tmp_path: Path) -> No
     mine = [arguments for arguments in commands("autotune") if "my-axis.toml" in arguments]
     assert [arguments[0] for arguments in mine] == ["run", "run", "rollback"]
     for arguments in mine[:count]:
-        done = autotune(tmp_path, *arguments)
+        done = called(*arguments, folder=tmp_path)
         assert done.returncode == 0, (arguments, done.stderr)
     run = max(path for path in (tmp_path / "runs").glob("2*-my-axis") if (path / "report.html").exists())
     for name in ("model.toml", "run.rrd", "run.json", "recordings") if count > 1 else ("run.json",):
@@ -82,10 +71,8 @@ def test_what_the_readme_points_to_is_there() -> None:
     ("command", "options"),
     [("run", ("--yes", "--view", "--only")), ("sim", ("--seed", "--effect", "--fault"))],
 )
-def test_the_options_named_are_those_of_the_program(
-    tmp_path: Path, command: str, options: tuple[str, ...]
-) -> None:
-    known = autotune(tmp_path, command, "--help").stdout
+def test_the_options_named_are_those_of_the_program(command: str, options: tuple[str, ...]) -> None:
+    known = called(command, "--help").stdout
     for option in options:
         assert option in known, option
         assert option in README, option

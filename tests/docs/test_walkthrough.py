@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+
+from tests.support.commands import called
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXT = (ROOT / "docs/walkthrough.md").read_text(encoding="utf-8")
@@ -24,14 +24,7 @@ def _blocks(language: str) -> list[str]:
 
 
 def _autotune(folder: Path, *arguments: str) -> str:
-    done = subprocess.run(
-        [sys.executable, "-m", "autotune.cli.main", *arguments],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=280,
-        check=False,
-    )
+    done = called(*arguments, folder=folder)
     assert done.returncode == 0, done.stderr
     return done.stdout
 

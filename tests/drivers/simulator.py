@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -14,6 +12,7 @@ from typing import IO
 
 from autotune.core.axis import Axis, read_axis
 from autotune.core.paths import config_directory
+from tests.support.forked import PIPE, SIMULATOR, STDOUT, Program
 
 STARTS_WITHIN = 60.0
 
@@ -28,7 +27,7 @@ def axis_of(link: str = "canopen+slcan:edm.tty?bitrate=1000000&node=5", **change
 class Simulator:
     """The process and what it has said."""
 
-    process: subprocess.Popen[str]
+    process: Program
     directory: Path
     lines: list[str] = field(default_factory=list)
 
@@ -66,10 +65,8 @@ class Simulator:
 @contextmanager
 def simulator(directory: Path, *arguments: str) -> Iterator[Simulator]:
     """Runs `python -m autotune_sim` with its port in `directory`."""
-    command = [sys.executable, "-m", "autotune_sim", str(directory / "edm.tty"), "--commands", *arguments]
-    process = subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-    )
+    port = str(directory / "edm.tty")
+    process = Program(SIMULATOR, port, "--commands", *arguments, stdin=PIPE, stdout=PIPE, stderr=STDOUT)
     running = Simulator(process, directory)
     stdout = process.stdout
     assert stdout is not None

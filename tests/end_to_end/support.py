@@ -9,13 +9,15 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import pytest
-
-from autotune.cli.main import main
+from autotune.core.axis import read_axis
+from autotune_drivers import open_loop
+from tests.support.commands import called
+from tests.support.forked import AUTOTUNE, PIPE, Program
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "config" / "axes" / "edm-vertical.toml"
 CLI = [sys.executable, "-m", "autotune.cli.main"]
@@ -28,7 +30,7 @@ class Bench:
 
     folder: Path
     axis: Path
-    drive: subprocess.Popen[str] | None = None
+    drive: Program | None = None
     log: Path = field(init=False)
 
     def __post_init__(self) -> None:
@@ -46,28 +48,27 @@ class Bench:
     def start(self, *options: str) -> None:
         """Starts `autotune sim` and waits until its port can be opened."""
         with self.log.open("w") as log:
-            self.drive = subprocess.Popen(
-                [*CLI, "sim", str(self.axis), *options], stdout=subprocess.PIPE, stderr=log, text=True
-            )
+            self.drive = Program(AUTOTUNE, "sim", str(self.axis), *options, stderr=log)
         assert self.drive.stdout is not None
         assert "is simulated at" in self.drive.stdout.readline()
 
-    def command(self, *arguments: str) -> list[str]:
-        return [*CLI, *arguments]
-
     def call(self, *arguments: str, timeout: float = 280.0) -> subprocess.CompletedProcess[str]:
+        """A command in a process of its own, as a user has it."""
         return subprocess.run(
-            self.command(*arguments), capture_output=True, text=True, timeout=timeout, check=False
+            [*CLI, *arguments], capture_output=True, text=True, timeout=timeout, check=False
         )
+
+    def whole_run(self, *options: str) -> tuple[str, ...]:
+        """The arguments of a run that asks nobody."""
+        return ("run", str(self.axis), "--yes", "--json", "--runs", str(self.runs), *options)
 
     def run(self, *options: str) -> subprocess.CompletedProcess[str]:
-        return self.call("run", str(self.axis), "--yes", "--json", "--runs", str(self.runs), *options)
+        """A run asked for in this process, where everything is imported already; the cyclic process is its own."""
+        return called(*self.whole_run(*options))
 
-    def popen(self, *options: str) -> subprocess.Popen[str]:
-        arguments = ("run", str(self.axis), "--yes", "--json", "--runs", str(self.runs), *options)
-        return subprocess.Popen(
-            self.command(*arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-        )
+    def popen(self, *options: str) -> Program:
+        """A run in a process of its own, to be interrupted or killed."""
+        return Program(AUTOTUNE, *self.whole_run(*options), stderr=PIPE)
 
     def wait_for(self, seen: Callable[[], bool], seconds: float = 120.0) -> None:
         end = time.monotonic() + seconds
@@ -103,37 +104,13 @@ class Bench:
             self.drive.stdout.close()
 
 
-def called(bench: Bench) -> int:
-    """A run asked for in this process, for what ends before anything is started; its exit code."""
-    with pytest.raises(SystemExit) as ending:
-        main(["run", str(bench.axis), "--yes", "--runs", str(bench.runs)])
-    return int(ending.value.code or 0)
-
-
 def read_drive(bench: Bench) -> dict[str, float]:
     """All parameters that the drive holds now, read by a master of its own."""
-    code = (
-        "import json, sys; from pathlib import Path\n"
-        "from autotune.core.axis import read_axis\n"
-        "from autotune_drivers import open_loop\n"
-        "if __name__ == '__main__':\n"
-        "    path = Path(sys.argv[1]); loop = open_loop(read_axis(path), path.parent)\n"
-        "    print(json.dumps(loop.read_parameters())); loop.close()\n"
-    )
-    script = bench.folder / "read_drive.py"
-    script.write_text(code)
-    found = subprocess.run(
-        [sys.executable, str(script), str(bench.axis)],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    assert found.returncode == 0, found.stderr
-    return dict(json.loads(found.stdout))
+    with closing(open_loop(read_axis(bench.axis), bench.folder)) as loop:
+        return dict(loop.read_parameters())
 
 
-def kill_hard(process: subprocess.Popen[str]) -> float:
+def kill_hard(process: Program) -> float:
     """kill -9; returns the monotonic time of it."""
     when = time.monotonic()
     os.kill(process.pid, signal.SIGKILL)

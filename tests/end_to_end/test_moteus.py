@@ -11,7 +11,8 @@ import pytest
 
 from autotune.recordings.files import read_recording
 from autotune.tuning.journal import Journal
-from tests.end_to_end.support import Bench, called, kill_hard, read_drive
+from tests.end_to_end.support import Bench, kill_hard, read_drive
+from tests.support.commands import called
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "config" / "axes" / "edm-vertical-moteus.toml"
 WITHIN_SECONDS = 0.2
@@ -48,8 +49,7 @@ def stops_after(bench: Bench, when: float) -> list[float]:
 def test_a_run_over_the_line_is_kept_and_can_be_rolled_back(bench: Bench) -> None:
     bench.start("--link", "moteus")
     before = read_drive(bench)
-    arguments = ("run", str(bench.axis), "--yes", "--json", "--runs", str(bench.runs))
-    done = bench.call(*arguments, timeout=PATIENCE)
+    done = bench.call(*bench.whole_run(), timeout=PATIENCE)
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     assert result["outcome"] == "kept"
@@ -94,10 +94,10 @@ def test_a_killed_run_is_stopped_by_the_watchdog_and_put_right_by_the_next(bench
 
 
 def test_a_wrong_id_and_a_wrong_kind_of_link_are_said(bench: Bench) -> None:
-    wrong = bench.call("sim", str(bench.axis), "--link", "canopen")
+    wrong = called("sim", str(bench.axis), "--link", "canopen")
     assert wrong.returncode == 2
     assert "moteus+serial" in wrong.stderr
-    unknown = bench.call("sim", str(bench.axis), "--link", "profibus")
+    unknown = called("sim", str(bench.axis), "--link", "profibus")
     assert unknown.returncode == 2
     assert "canopen and moteus" in unknown.stderr
     bench.start()
@@ -119,12 +119,12 @@ def test_a_wrong_id_and_a_wrong_kind_of_link_are_said(bench: Bench) -> None:
     ],
 )
 def test_a_mistyped_axis_file_is_named_with_the_nearest_right_key(
-    bench: Bench, capsys: pytest.CaptureFixture[str], old: str, new: str, message: str
+    bench: Bench, old: str, new: str, message: str
 ) -> None:
     bench.change(old, new)
-    assert called(bench) == 2
-    said = capsys.readouterr().err
-    assert re.search(message, said), said
+    done = bench.run()
+    assert done.returncode == 2
+    assert re.search(message, done.stderr), done.stderr
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from tests.end_to_end.support import Bench, read_drive
 def test_a_run_on_the_wire_is_kept_leaves_everything_and_can_be_rolled_back(bench: Bench) -> None:
     bench.start()
     present = read_drive(bench)
-    done = bench.run()
+    done = bench.call(*bench.whole_run())
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     assert result["outcome"] == "kept"

@@ -5,8 +5,6 @@ from __future__ import annotations
 import os
 import select
 import struct
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -15,6 +13,7 @@ from autotune_sim.device import Device
 from autotune_sim.memory import Memory
 from autotune_sim.presets import preset
 from autotune_sim.servo import Servo
+from tests.support.forked import PIPE, SIMULATOR, STDOUT, Program
 
 EDS = config_directory() / "eds" / "autotune-sim.eds"
 NODE = 5
@@ -158,12 +157,8 @@ class Simulator:
     def __init__(self, port: Path, *options: str) -> None:
         self.port = port
         self.lines: list[str] = []
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "autotune_sim", str(port), "--commands", *options],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            env=os.environ | {"PYTHONUNBUFFERED": "1"},
+        self.process = Program(
+            SIMULATOR, str(port), "--commands", *options, stdin=PIPE, stdout=PIPE, stderr=STDOUT
         )
         self._rest = b""
 
@@ -190,7 +185,7 @@ class Simulator:
 
     def command(self, text: str) -> None:
         assert self.process.stdin is not None
-        self.process.stdin.write(text.encode() + b"\n")
+        self.process.stdin.write(text + "\n")
         self.process.stdin.flush()
 
     def close(self) -> int:

@@ -18,6 +18,9 @@ from typing import Any
 
 import pytest
 
+from tests.support.commands import called
+from tests.support.forked import AUTOTUNE, Program
+
 EXAMPLE = Path(__file__).resolve().parents[2] / "config" / "axes" / "edm-vertical.toml"
 CLI = [sys.executable, "-m", "autotune.cli.main"]
 PATIENCE = 120.0  # s; a loaded host is slow, a broken service never comes
@@ -28,16 +31,15 @@ class Live:
     """A service in a process of its own."""
 
     folder: Path
-    process: subprocess.Popen[str] | None = None
+    process: Program | None = None
     address: str = ""
     environment: dict[str, str] = field(default_factory=dict)
 
     def start(self) -> None:
         log = (self.folder / "log").open("a")
-        self.process = subprocess.Popen(
-            [*CLI, "serve", "service.toml"], cwd=self.folder, stdout=subprocess.PIPE, stderr=log, text=True,
-            env=self.environment,
-        )  # fmt: skip
+        self.process = Program(
+            AUTOTUNE, "serve", "service.toml", cwd=self.folder, stderr=log, env=self.environment
+        )
         log.close()
         assert self.process.stdout is not None
         self.address = self.process.stdout.readline().strip()
@@ -71,10 +73,8 @@ class Live:
             time.sleep(0.05)
 
     def call(self, *arguments: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [*CLI, *arguments], cwd=self.folder, capture_output=True, text=True, timeout=PATIENCE, check=False,
-            env=self.environment,
-        )  # fmt: skip
+        """The command line beside it, which finds it by the locks of the environment."""
+        return called(*arguments, folder=self.folder)
 
 
 @pytest.fixture
@@ -222,9 +222,7 @@ def starved(row: dict[str, Any]) -> bool:
 def test_kill_9_with_the_drive_behind_a_wire_loses_no_job(live: Live) -> None:
     axis = live.folder / "one.toml"
     axis.write_text(EXAMPLE.read_text().replace('name = "edm-vertical"', 'name = "one"'))
-    drive = subprocess.Popen(
-        [*CLI, "sim", str(axis)], stdout=subprocess.PIPE, text=True, env=live.environment
-    )
+    drive = Program(AUTOTUNE, "sim", str(axis), env=live.environment)
     try:
         assert drive.stdout is not None
         assert "is simulated at" in drive.stdout.readline()

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +14,7 @@ from autotune.tuning.link_probe import Timing
 from autotune.tuning.link_words import lines, recommendation
 from autotune_drivers.canopen.bus_load import bus_load, cycle_frames, frame_bits
 from autotune_drivers.profile import read_profile
+from tests.support.commands import called
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "config" / "axes" / "edm-vertical.toml"
 QUIET = Spread(1e-3, 2e-3, 3e-3)
@@ -103,17 +102,7 @@ def test_the_command_on_the_simulated_axis(tmp_path: Path) -> None:
     link = 'link = "canopen+slcan:edm-vertical.tty?bitrate=1000000&node=5"'
     assert link in text
     axis.write_text(text.replace(link, 'link = "sim://edm-vertical"'))
-    command = [
-        sys.executable,
-        "-m",
-        "autotune.cli.main",
-        "link",
-        str(axis),
-        "--json",
-        "--runs",
-        str(tmp_path / "runs"),
-    ]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    done = called("link", str(axis), "--json", "--runs", str(tmp_path / "runs"))
     assert done.returncode == 0, done.stderr
     said = json.loads(done.stdout)
     assert said["figures"]["cycles"] == 4000

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +11,8 @@ import pytest
 from selenium import webdriver
 from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
+
+from tests.support.forked import AUTOTUNE, Program
 
 BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 needs_browser = pytest.mark.skipif(
@@ -47,8 +47,7 @@ def browser(
 @contextmanager
 def workbench(*files: Path) -> Iterator[str]:
     """`autotune workbench` in a process of its own; the address that it prints."""
-    command = [sys.executable, "-m", "autotune.cli.main", "workbench", "--no-open", *map(str, files)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    process = Program(AUTOTUNE, "workbench", "--no-open", *map(str, files))
     try:
         assert process.stdout is not None
         yield process.stdout.readline().strip()
