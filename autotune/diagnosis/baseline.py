@@ -16,7 +16,7 @@ from autotune.estimation.alignment import shifted, without_twin
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import as_rough, fitted_contact
 from autotune.estimation.controller import find_controller, quieter
-from autotune.estimation.controller_law import BEFORE, MOMENT, PositionController
+from autotune.estimation.controller_law import BEFORE, MOMENT, NEXT, PositionController
 from autotune.estimation.controller_search import AS_MUCH
 from autotune.estimation.controller_torque import loop_note, refuse_answers
 from autotune.estimation.data import Prepared
@@ -38,6 +38,8 @@ from autotune.models.torque_ripple import TORQUE_RIPPLE
 
 CLEARLY_LESS = 0.98
 """Of the cost: the chance of a twin's bias."""
+RECORDED_LATE = {MOMENT: 1.0, NEXT: 0.0, BEFORE: 2.0}
+"""Half samples by which a torque is recorded late that acts from each sample to the next."""
 LATE_RECORD = "The torque is taken as recorded a sample late: so the axis answers to it."
 
 
@@ -92,7 +94,7 @@ def begin(
 def as_recorded(data: Prepared, found: PositionController) -> Prepared:
     """Data with the torque that tells most, where a drive's loop works between the samples, from each to the next."""
     quiet = quieter_torque(data, found)
-    late = {MOMENT: 1.0, BEFORE: 2.0}.get(found.taken, 0.0)
+    late = RECORDED_LATE[found.taken]
     return shifted(quiet, late) if late else quiet
 
 

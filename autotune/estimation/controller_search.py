@@ -59,6 +59,8 @@ TICK = 250e-6
 """s, at which a drive's loop is simulated: its bandwidth is far below."""
 BETWEEN_RATES = tuple(100.0 * 1.7**i for i in range(9))
 """1/s, of the filter of its velocity."""
+RATE_STEP, FINER_FILTER = math.log(1.7), 1.5
+"""Between two of them, in the logarithm; and times the least share left that a finer one can make up for."""
 BETWEEN = "The drive's loop works between the samples, and is simulated so."
 FASTEST = 25.0
 """Time constants of that filter in a sample: beyond, nothing is left to filter."""
@@ -202,15 +204,32 @@ def _searched_between(samples: LoopSamples) -> PositionController:
     trials = [trial for rate in BETWEEN_RATES for trial in _between_trials(coarse, rate, ticks)]
     most = (1.0 - max(trial.explained for trial in trials)) * HARDLY_MORE
     near = [trial for trial in trials if 1.0 - trial.explained <= most]
-    best = min(near, key=lambda trial: abs(trial.position_feedforward) / max(abs(trial.ki), 1e-300))
-    rate = -math.log(1.0 - best.derivative_filter) / samples.period
-
-    def unexplained(logarithm: float) -> float:
-        return 1.0 - _fitted_between(coarse, best, math.exp(logarithm)).explained
-
-    rate = math.exp(_lowest(unexplained, (math.log(0.5 * rate), math.log(2.0 * rate)), 0.02))
+    plain = min(near, key=lambda trial: abs(trial.position_feedforward) / max(abs(trial.ki), 1e-300))
+    alike = [trial for trial in near if trial.reference_delay == plain.reference_delay]
+    best = max(alike, key=lambda trial: trial.explained)
+    forms: dict[tuple[bool, str], PositionController] = {}
+    for trial in sorted(trials, key=lambda trial: trial.explained):
+        if trial.reference_delay == best.reference_delay and 1.0 - trial.explained <= FINER_FILTER * most:
+            forms[trial.cubic, trial.taken] = trial
+    refined = [_best_rate(coarse, form) for form in forms.values()]
+    best = max(refined, key=lambda trial: trial.explained)
     why = f"{_how_late(samples.period)} {BETWEEN}"
-    return replace(_fitted_between(samples, best, rate), in_band=True, why=why)
+    return replace(_fitted_between(samples, best, _rate_of(best, samples.period)), in_band=True, why=why)
+
+
+def _best_rate(samples: LoopSamples, form: PositionController) -> PositionController:
+    """A law of this form with the filter that leaves least."""
+
+    def law(logarithm: float) -> PositionController:
+        return _fitted_between(samples, form, math.exp(logarithm))
+
+    near = math.log(_rate_of(form, samples.period))
+    bounds = near - RATE_STEP, near + RATE_STEP
+    return law(_lowest(lambda logarithm: 1.0 - law(logarithm).explained, bounds, 0.05))
+
+
+def _rate_of(law: PositionController, period: float) -> float:
+    return -math.log(1.0 - law.derivative_filter) / period
 
 
 def _between_trials(samples: LoopSamples, rate: float, ticks: int) -> Iterator[PositionController]:
