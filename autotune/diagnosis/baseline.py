@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from autotune.core.arrays import Floats
 from autotune.core.errors import NotEnoughExcitation
 from autotune.diagnosis.candidates import Progress, free_of_model, no_progress
 from autotune.diagnosis.evidence import evidence_of
@@ -16,8 +15,8 @@ from autotune.diagnosis.starts import Context
 from autotune.estimation.alignment import shifted, without_twin
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import as_rough, fitted_contact
-from autotune.estimation.controller import find_controller
-from autotune.estimation.controller_law import PositionController
+from autotune.estimation.controller import find_controller, quieter
+from autotune.estimation.controller_law import BEFORE, MOMENT, NEXT, PositionController
 from autotune.estimation.controller_search import AS_MUCH
 from autotune.estimation.controller_torque import loop_note, refuse_answers
 from autotune.estimation.data import Prepared
@@ -36,10 +35,11 @@ from autotune.estimation.residual import measured_motion, smoothed
 from autotune.identify.ripple_lines import columns
 from autotune.models.drive_model import DriveModel, Packed
 from autotune.models.torque_ripple import TORQUE_RIPPLE
-from autotune.signals.filters import low_pass
 
 CLEARLY_LESS = 0.98
 """Of the cost: the chance of a twin's bias."""
+RECORDED_LATE = {MOMENT: 1.0, NEXT: 0.0, BEFORE: 2.0}
+"""Half samples by which a torque is recorded late that acts from each sample to the next."""
 LATE_RECORD = "The torque is taken as recorded a sample late: so the axis answers to it."
 
 
@@ -62,7 +62,7 @@ def begin(
     if not found.usable:
         data, said = without_twin(data)
         notes = (f"No twin: {found.why}. Confidence is lower.", *said, *loop_note(data, policy))
-    data = quieter_torque(data, found)
+    data = as_recorded(data, found)
     problem = new_problem(data, found, policy)
     progress("fit of the model as it is")
     free = [
@@ -91,26 +91,16 @@ def begin(
     return problem, settled, packed, (*notes, *evidence_of(problem.data).limits(problem))
 
 
+def as_recorded(data: Prepared, found: PositionController) -> Prepared:
+    """Data with the torque that tells most, where a drive's loop works between the samples, from each to the next."""
+    quiet = quieter_torque(data, found)
+    late = RECORDED_LATE[found.taken]
+    return shifted(quiet, late) if late else quiet
+
+
 def quieter_torque(data: Prepared, found: PositionController) -> Prepared:
-    """The data with the torque by its sensor, where a drive's loop works between the samples and shakes it.
-
-    What such a loop makes of counts changes within a sample, and its value at a sample is not what acted until the
-    next: noise that repeats as the counts do. The column with less above the compared frequency has less below it.
-    """
-    if not found.in_band or data.sensed is None:
-        return data
-    demand, sensed = (_roughness(data, values) for values in (data.recorded_torque, data.sensed))
-    return replace(data, torque=data.sensed, recorded_torque=data.sensed) if sensed < demand else data
-
-
-def _roughness(data: Prepared, torque: Floats) -> float:
-    """Variance beyond the motion's cut-off [(N m)²]."""
-    return float(
-        sum(
-            np.sum((torque[s.rows] - low_pass(torque[s.rows], data.motion_cutoff, data.period)) ** 2)
-            for s in data.stretches
-        )
-    )
+    """The data with the torque by its sensor, where a drive's loop works between the samples and shakes it."""
+    return quieter(data) if found.in_band else data
 
 
 def _first_fit(problem: Problem, packed: Packed, free: list[Free]) -> tuple[Problem, ModelFit] | None:

@@ -27,6 +27,9 @@ MOST_LINES = 7
 LINE_CONTRAST = 6.0
 """Times what its neighbours explain beside it: so much, and more than the chance of all orders that are tried."""
 CHANCE = 0.01
+AHEAD, MANY = 2, 6.0
+"""Lines beside which one is judged that does not stand out alone, and periods over the travel that it must have then:
+with fewer, some together are any smooth function of the place."""
 SPACING = 0.35
 """Of what the travel can tell apart: distance of the orders that are tried."""
 SAME = 0.7
@@ -58,7 +61,8 @@ def find_orders(
     """Orders that stand out of the residual, strongest first; `angle`: radians per motion unit and cycle.
 
     A line must stand out of what its neighbours explain beside it: over a short travel a strong line leaks into
-    them, and what they seem to explain without it is its own.
+    them, and what they seem to explain without it is its own. Waves near each other hide one another: of many periods
+    each is judged beside up to two more.
     """
     orders = candidate_orders(problem, angle)
     if len(orders) == 0:
@@ -76,23 +80,38 @@ def find_orders(
     surprising = scipy.stats.chi2.ppf(1.0 - CHANCE / len(orders), 2) / scipy.stats.chi2.median(2)
     contrast = max(LINE_CONTRAST, float(surprising))
     found: list[float] = []
+    trial: list[float] = []
     left, beside_found = error, basis
     gains = np.where(far, _gains(table, basis, error), 0.0)
-    while len(found) < min(most, MOST_LINES) and np.max(gains) >= LEAST_LINE_GAIN:
+    while len(trial) < min(most, MOST_LINES) and np.max(gains) >= LEAST_LINE_GAIN:
         order = waves.refined(float(orders[int(np.argmax(gains))]), SPACING * tells, beside_found, left)
-        trial, beside_found, rest = waves.together([*found, order], SPACING * tells, basis, error)
-        strength = 1.0 - float(rest @ rest) / max(float(left @ left), 1e-300)
-        left, order = rest, trial[-1]
+        before = float(left @ left)
+        trial, beside_found, left = waves.together([*trial, order], SPACING * tells, basis, error)
+        order, rest = trial[-1], float(left @ left)
         beside = np.where(far, _gains(table, beside_found, left), 0.0)
-        near = (orders > 0.6 * order - 1.0) & (orders < 1.7 * order + 1.0)
-        if order < orders[0] or not near.any():  # a wave that slides below is the imbalance's
+        if order < orders[0]:  # a wave that slides below is the imbalance's
             break
-        if strength < contrast * (1.0 - strength) * float(np.median(beside[near])):
+        fallen = [
+            before,
+            *(waves.left_without(i, trial, basis, error) for i in range(len(found), len(trial) - 1)),
+        ]
+        new = [order, *trial[len(found) : -1]]
+        if all(
+            one - rest >= contrast * rest * _usual(orders, beside, line)
+            for one, line in zip(fallen, new, strict=True)
+        ):
+            found = trial
+        elif len(trial) - len(found) > AHEAD or min(new) < MANY * tells:
             break
-        found = trial
         far &= np.abs(orders - order) > SAME * tells
         gains = np.where(far, beside, 0.0)
     return found
+
+
+def _usual(orders: Floats, gains: Floats, order: float) -> float:
+    """What the neighbours of an order gain; infinite where it has none."""
+    near = (orders > 0.6 * order - 1.0) & (orders < 1.7 * order + 1.0)
+    return float(np.median(gains[near])) if near.any() else math.inf
 
 
 def candidate_orders(problem: Problem, angle: float) -> Floats:
@@ -160,6 +179,12 @@ class _Waves:
             found = np.asarray(found + np.clip(change, -step, step), dtype=np.float64)
         extra = np.linalg.qr(self._beside(self.table(found), basis))[0]
         return found.tolist(), np.hstack([basis, extra]), np.asarray(error - extra @ (extra.T @ error))
+
+    def left_without(self, number: int, orders: list[float], basis: Floats, error: Floats) -> float:
+        """Sum of squares that all orders but one leave, the others where they are."""
+        columns = self._beside(self.table(np.delete(np.array(orders), number)), basis)
+        rest = error - columns @ np.linalg.lstsq(columns, error, rcond=None)[0]
+        return float(rest @ rest)
 
     def _slopes(self, orders: Floats, sizes: Floats) -> Floats:
         """What waves of these sizes change by with their orders, shape (rows, orders)."""

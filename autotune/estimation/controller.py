@@ -15,9 +15,12 @@ import numpy as np
 
 from autotune.core.arrays import Flags, Floats
 from autotune.estimation.controller_law import (
+    MOMENT,
+    NEXT,
     SHORTEST_RUN,
     LoopSamples,
     PositionController,
+    between_moments,
     between_terms,
     late_samples,
     law_terms,
@@ -31,6 +34,7 @@ from autotune.estimation.data import Prepared, step_of, stretches_of
 from autotune.estimation.policy import POLICY, Policy
 from autotune.recordings.checks import at_limit, torque_of
 from autotune.recordings.recording import Controller, Recording
+from autotune.signals.filters import low_pass
 
 IMPORT_REFERENCE = "import it with one if there is: autotune data import FILE --column reference=FIELD"
 NAME_GAINS = (
@@ -58,7 +62,43 @@ def find_controller(data: Prepared, policy: Policy = POLICY) -> PositionControll
         return _none(f"the recording has no column 'reference'; {IMPORT_REFERENCE}")
     if not all(stretch.closed for stretch in data.stretches):
         return _none("parts were recorded without position control")
-    samples = LoopSamples(
+    samples = loop_samples(data, policy)
+    found = identified(samples)
+    if found.in_band and not data.repeated:
+        # without repeats nothing tells what such a drive makes of counts from what a model lacks
+        return replace(found, source="none", why=_unexplained(found.explained, policy.controller_explains))
+    # a law that sees the position at once, but needs what its reference does by itself: the drive interpolates
+    between = found.in_band or (found.position_delay == 0 and found.acceleration_feedforward != 0.0)
+    if found.usable and between and data.repeated and not found.exact:
+        quiet = quieter(data)
+        heard = samples if quiet is data else loop_samples(quiet, policy)
+        return _remembered(b"between", heard, lambda: or_between(heard, found, heard is not samples))
+    return found
+
+
+def quieter(data: Prepared) -> Prepared:
+    """The data with the torque by its sensor, where that has less above the compared frequency than the demand has.
+
+    What a loop between the samples makes of counts changes within a sample, and its value at a sample is not what acted
+    until the next: noise that repeats as the counts do. The column with less of it above has less of it below.
+    """
+    if data.sensed is None:
+        return data
+    demand, sensed = (_roughness(data, values) for values in (data.recorded_torque, data.sensed))
+    return replace(data, torque=data.sensed, recorded_torque=data.sensed) if sensed < demand else data
+
+
+def _roughness(data: Prepared, torque: Floats) -> float:
+    """Variance beyond the motion's cut-off [(N m)²]."""
+    beyond = [
+        torque[s.rows] - low_pass(torque[s.rows], data.motion_cutoff, data.period) for s in data.stretches
+    ]
+    return float(sum(np.sum(part**2) for part in beyond))
+
+
+def loop_samples(data: Prepared, policy: Policy = POLICY) -> LoopSamples:
+    """What the controller of prepared data is found in."""
+    return LoopSamples(
         data.period,
         data.reference,
         data.measured,
@@ -68,15 +108,6 @@ def find_controller(data: Prepared, policy: Policy = POLICY) -> PositionControll
         data.metadata.controller,
         policy,
     )
-    found = identified(samples)
-    if found.in_band and not data.repeated:
-        # without repeats nothing tells what such a drive makes of counts from what a model lacks
-        return replace(found, source="none", why=_unexplained(found.explained, policy.controller_explains))
-    # a law that sees the position at once, but needs what its reference does by itself: the drive interpolates
-    between = found.in_band or (found.position_delay == 0 and found.acceleration_feedforward != 0.0)
-    if found.usable and between and data.repeated and not found.exact:
-        return _remembered(b"between", samples, lambda: or_between(samples, found))
-    return found
 
 
 def asked(data: Prepared, controller: PositionController) -> Floats:
@@ -91,18 +122,21 @@ def asked(data: Prepared, controller: PositionController) -> Floats:
         controller.reference_delay,
         controller.position_delay,
     )
-    kd, filtered = controller.kd, controller.derivative_filter
-    law = [controller.kp, kd, controller.ki, kd * controller.reference_rate, controller.velocity_feedforward]
-    law += [controller.position_feedforward, controller.acceleration_feedforward]
-    smeared = smeared_samples(samples, controller.smeared)
     if controller.ticks > 1:
-        rate = -math.log(1.0 - filtered) / data.period
-        return np.asarray(
-            between_terms(samples, rate) @ np.array(law) + controller.constant + data.feedforward
-        )
-    demand = law_terms(smeared, filtered) @ np.array(law) + controller.constant + data.feedforward
+        return _asked_between(samples, controller) + controller.constant + data.feedforward
+    terms = law_terms(smeared_samples(samples, controller.smeared), controller.derivative_filter)
+    demand = terms @ controller.terms_gains + controller.constant + data.feedforward
     limit = data.metadata.torque_limit or np.inf
     return np.asarray(np.where(held, np.clip(data.torque, -limit, limit), demand))
+
+
+def _asked_between(late: LoopSamples, law: PositionController) -> Floats:
+    """The same of a law that works between the samples, from each to the next as its torque is recorded."""
+    rate = -math.log(1.0 - law.derivative_filter) / late.period
+    by_moment = law.taken == MOMENT
+    now = replace(law, reference_delay=0, taken=MOMENT if by_moment else NEXT)
+    demand = np.asarray(between_terms(late, now, rate) @ law.terms_gains)
+    return between_moments(demand) if by_moment else demand
 
 
 def controller_of(recording: Recording) -> PositionController:

@@ -9,8 +9,10 @@ Reference and position may come late by whole samples (a host with dead time; a 
 and is at r[k−1] when row k is written), and the reference may act by itself: g·r + a·r̈, where a cascade integrates
 the error of the velocity with a feedforward, and accelerates by the reference.
 
-A drive's loop may work many times from one sample to the next. Below the frequency that models are compared at the
-continuous form of its law can be computed from the samples; a twin then has its ticks between them.
+A drive's loop may work many times from one sample to the next, on set points that it interpolates. Below the frequency
+that models are compared at what it makes of them can be computed from the samples; a twin has its ticks between them.
+A torque that is recorded as at the sample is no mean: where set points are on straight lines, the loop answers to the
+change of their speed after each, and a sample sees always the same moment of that.
 
 Which of these laws it is: `controller_search`.
 """
@@ -29,6 +31,9 @@ from autotune.recordings.recording import Controller
 SHORTEST_RUN = 50  # samples between two clamps
 SHORTEST_STRETCH = 100  # samples
 MOST_ROWS = 40_000
+MOMENT, NEXT, BEFORE = "moment", "next", "before"
+TAKEN = (MOMENT, NEXT, BEFORE)
+"""A recorded torque is that of the sample's moment, or the mean until the next, or since the one before."""
 ALIKE = 1e-10
 """Of the largest singular value: terms that differ by less are one, and share its gain."""
 
@@ -47,8 +52,9 @@ class PositionController:
         explained: share of the variance of the torque demand, R²; nan where it could not be checked.
         in_band: found below the frequency that models are compared at; `explained` is the share there.
         smeared: share of the sample before in a recorded torque: a current loop's lag, read by the torque's own sensor.
-        ticks: times that the law works from one sample to the next, its reference on a straight line between them;
-            `derivative_filter` is of a whole sample all the same.
+        ticks: times that the law works from one sample to the next; `derivative_filter` is of a whole sample all the
+            same. `cubic`: its reference is on cubics between them, else on straight lines.
+        taken: how the torque of such a law was recorded, one of `TAKEN`.
         exact: leaves no more than rounding of numbers, or of the recorded torque: the law works at the samples.
         source: `metadata` (the file's, verified), `identified`, `trusted` (the file's, which these data
             cannot verify) or `none`.
@@ -73,6 +79,8 @@ class PositionController:
     smeared: float = 0.0
     exact: bool = False
     ticks: int = 1
+    cubic: bool = False
+    taken: str = "next"
 
     @property
     def usable(self) -> bool:
@@ -94,6 +102,13 @@ class PositionController:
         )
 
     @property
+    def terms_gains(self) -> Floats:
+        """Gains of `law_terms` or `between_table`, shape (7,)."""
+        kd = self.kd
+        law = [self.kp, kd, self.ki, kd * self.reference_rate, self.velocity_feedforward]
+        return np.array([*law, self.position_feedforward, self.acceleration_feedforward])
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """What a user should know of a controller that is used."""
         return (self.why,) if self.usable and self.why else ()
@@ -105,11 +120,11 @@ class PositionController:
         moved = self.velocity_feedforward * rate + self.acceleration_feedforward * change
         return np.asarray(moved + self.position_feedforward * reference + self.constant)
 
-    def continuous_feedforward(self, reference: Floats, period: float) -> Floats:
-        """The same of a law that works between the samples, as `between_terms` has it."""
-        rate = np.gradient(reference, period)
-        moved = self.velocity_feedforward * rate + self.acceleration_feedforward * np.gradient(rate, period)
-        return np.asarray(moved + self.position_feedforward * reference + self.constant)
+    def feedforward_between(self, reference: Floats, fine: Floats, period: float) -> Floats:
+        """The same of a law that works between the samples, shape (n·ticks,), as `between_table` has it."""
+        bend = np.repeat(held_bend(reference, period), self.ticks)
+        moved = self.position_feedforward * fine + self.acceleration_feedforward * bend
+        return np.asarray(moved + self.constant)
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,14 +153,18 @@ class LoopSamples:
 
 def late_samples(samples: LoopSamples, reference_delay: int, position_delay: int) -> LoopSamples:
     """The same with reference and position as a law sees them that is late by whole samples."""
-    reference, position = samples.reference.copy(), samples.position.copy()
-    for late, values, source in (
-        (reference_delay, reference, samples.reference),
-        (position_delay, position, samples.position),
-    ):
-        for rows in samples.stretches if late else ():
-            values[rows] = delayed(source[rows], late, float(source[rows.start]))
-    return replace(samples, reference=reference, position=position)
+    reference = late_rows(samples.reference, samples, reference_delay)
+    return replace(
+        samples, reference=reference, position=late_rows(samples.position, samples, position_delay)
+    )
+
+
+def late_rows(values: Floats, samples: LoopSamples, late: int) -> Floats:
+    """Values of shape (n,) some samples ago, in each stretch."""
+    shown = values.copy()
+    for rows in samples.stretches if late else ():
+        shown[rows] = delayed(values[rows], late, float(values[rows.start]))
+    return shown
 
 
 def delayed(values: Floats, late: int, before: float) -> Floats:
@@ -226,7 +245,8 @@ def _least_squares(samples: LoopSamples, terms: Floats, smoothing: float) -> _Fi
     table, demand = terms[chosen], samples.demand[chosen]
     centred = less_run_means(np.column_stack([table, demand]), run[every])
     size = np.maximum(np.linalg.norm(centred[:, :-1], axis=0), 1e-300)
-    gains = np.linalg.lstsq(centred[:, :-1] / size, centred[:, -1], rcond=ALIKE)[0] / size
+    told = size > 1e-300
+    gains = np.linalg.lstsq(centred[:, :-1] / size, centred[:, -1], rcond=ALIKE)[0] / size * told
     kp, ki = float(gains[0]), float(gains[2])
     held = abs(ki) >= 1e-9 * abs(kp) and ki > 0.0
     return _Fitted(
@@ -259,23 +279,92 @@ def law_terms(samples: LoopSamples, smoothing: float) -> Floats:
     return terms
 
 
-def between_terms(samples: LoopSamples, rate: float) -> Floats:
-    """As `law_terms`, of the continuous law with its filter at `rate` [1/s], shape (n, 7)."""
-    h = samples.period
-    error = samples.reference - samples.position
-    terms = np.zeros((len(error), 7))
-    w = 0.5 * rate * h
-    coefficients = [w, w], [1.0 + w, w - 1.0]
+def finer(values: Floats, ticks: int, cubic: bool) -> Floats:
+    """Values of shape (n,) on the way from each to the next, shape (n·ticks,); beyond the last as before it.
+
+    On straight lines, or on the cubics whose slopes at the samples are those of their neighbours (Catmull and Rom).
+    """
+    beyond = 2.0 * values[-1:] - values[-2:-1]
+    known = np.concatenate([values[:1], values, beyond, beyond])
+    zero, one, two, three = (known[i : i + len(values), None] for i in range(4))
+    parts = np.arange(ticks)[None, :] / ticks
+    if not cubic:
+        return np.asarray(one + parts * (two - one)).ravel()
+    bend = 2.0 * zero - 5.0 * one + 4.0 * two - three + parts * (3.0 * (one - two) + three - zero)
+    return np.asarray(one + 0.5 * parts * (two - zero + parts * bend)).ravel()
+
+
+def held_bend(reference: Floats, period: float) -> Floats:
+    """Second difference of set points of shape (n,) around each: a drive on its way to one knows it already."""
+    rate = np.diff(reference) / period
+    return np.asarray(np.diff(rate, prepend=rate[:1], append=rate[-1:]) / period)
+
+
+def taken_at(fine: Floats, ticks: int, taken: str) -> Floats:
+    """Rows of values of shape (n·ticks,) as a torque is recorded, shape (n,)."""
+    table = fine.reshape(-1, ticks)
+    if taken == MOMENT:
+        return table[:, 0].copy()
+    mean = table.mean(axis=1)
+    return np.asarray(np.concatenate([mean[:1], mean[:-1]]) if taken == BEFORE else mean)
+
+
+def between_moments(values: Floats) -> Floats:
+    """Mean of each of the values, recorded as at the samples, and the next; shape (n,)."""
+    return np.asarray(0.5 * (values + np.concatenate([values[1:], values[-1:]])))
+
+
+def position_terms(samples: LoopSamples, rate: float, ticks: int) -> Floats:
+    """Position, its sum, and its rate through a filter at `rate` [1/s], between the samples; shape (3, n·ticks)."""
+    step = samples.period / ticks
+    terms = np.zeros((3, len(samples.position) * ticks))
     for rows in samples.stretches:
-        moved, wanted = (np.gradient(values[rows], h) for values in (samples.position, samples.reference))
-        held = error[rows] * ~samples.clamped[rows] * h
-        terms[rows, 1] = -scipy.signal.lfilter(*coefficients, moved)
-        terms[rows, 2] = np.cumsum(held) - 0.5 * held
-        terms[rows, 3] = scipy.signal.lfilter(*coefficients, wanted)
-        terms[rows, 4] = wanted
-        terms[rows, 6] = np.gradient(wanted, h)
-    terms[:, 0], terms[:, 5] = error, samples.reference
+        inside = slice(rows.start * ticks, rows.stop * ticks)
+        values = samples.position[rows]
+        fine = finer(values, ticks, cubic=False)
+        at = np.arange((len(values) - 1) * ticks) / ticks
+        fine[: len(at)] = scipy.interpolate.make_interp_spline(np.arange(len(values)), values, 3)(at)
+        terms[:, inside] = fine, step * np.cumsum(fine - fine[0]), _filtered_rate(fine, step, rate)
     return terms
+
+
+def reference_terms(samples: LoopSamples, rate: float, ticks: int, cubic: bool) -> Floats:
+    """The same of the reference, and its second difference, shape (4, n·ticks)."""
+    step = samples.period / ticks
+    terms = np.zeros((4, len(samples.reference) * ticks))
+    for rows in samples.stretches:
+        inside = slice(rows.start * ticks, rows.stop * ticks)
+        fine = finer(samples.reference[rows], ticks, cubic)
+        summed = step * np.cumsum(fine - samples.position[rows.start])
+        bend = np.repeat(held_bend(samples.reference[rows], samples.period), ticks)
+        terms[:, inside] = fine, summed, _filtered_rate(fine, step, rate), bend
+    return terms
+
+
+def _filtered_rate(fine: Floats, step: float, rate: float) -> Floats:
+    share = 1.0 - np.exp(-rate * step)
+    moved = np.diff(fine, prepend=fine[:1]) / step
+    return np.asarray(scipy.signal.lfilter([share], [1.0, share - 1.0], moved))
+
+
+def between_terms(samples: LoopSamples, law: PositionController, rate: float) -> Floats:
+    """Regressors of a law that works between the samples, as its torque is recorded, shape (n, 7)."""
+    late = late_samples(samples, law.reference_delay, 0)
+    parts = (reference_terms(late, rate, law.ticks, law.cubic), position_terms(samples, rate, law.ticks))
+    wanted, moved = (np.array([taken_at(row, law.ticks, law.taken) for row in terms]) for terms in parts)
+    return between_table(wanted, moved)
+
+
+def between_table(wanted: Floats, moved: Floats) -> Floats:
+    """Regressors as in `law_terms`, shape (n, 7), but for the rate of r by itself, which is the filtered one's twin.
+
+    Args:
+        wanted, moved: `reference_terms` and `position_terms`, shape (4, n) and (3, n).
+    """
+    table = np.zeros((wanted.shape[1], 7))
+    table[:, 0], table[:, 1], table[:, 2] = wanted[0] - moved[0], -moved[2], wanted[1] - moved[1]
+    table[:, 3], table[:, 5], table[:, 6] = wanted[2], wanted[0], wanted[3]
+    return table
 
 
 def regular_rows(samples: LoopSamples, smoothing: float) -> tuple[Flags, Integers]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -20,14 +20,20 @@ import scipy
 from autotune.core.arrays import Floats
 from autotune.estimation.controller_law import (
     SHORTEST_STRETCH,
+    TAKEN,
     LoopSamples,
     PositionController,
+    between_table,
     between_terms,
     fitted_pid,
     fitted_whole,
+    late_rows,
     late_samples,
     law_terms,
+    position_terms,
+    reference_terms,
     smeared_samples,
+    taken_at,
 )
 from autotune.estimation.data import compared_below
 from autotune.signals.filters import low_pass
@@ -53,8 +59,11 @@ TICK = 250e-6
 """s, at which a drive's loop is simulated: its bandwidth is far below."""
 BETWEEN_RATES = tuple(100.0 * 1.7**i for i in range(9))
 """1/s, of the filter of its velocity."""
-BETWEEN_MOMENTS = (-0.5, 0.0, 0.5)
+RATE_STEP, FINER_FILTER = math.log(1.7), 1.5
+"""Between two of them, in the logarithm; and times the least share left that a finer one can make up for."""
 BETWEEN = "The drive's loop works between the samples, and is simulated so."
+FASTEST = 25.0
+"""Time constants of that filter in a sample: beyond, nothing is left to filter."""
 AS_MUCH = 1.1
 """Times the share that another law leaves: as much, within what counts and rounding make."""
 _ROUGH_FILTERS = (0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0)
@@ -89,15 +98,16 @@ def law_from_data(samples: LoopSamples) -> PositionController:
     return replace(found, source="none")
 
 
-def or_between(samples: LoopSamples, found: PositionController) -> PositionController:
+def or_between(samples: LoopSamples, found: PositionController, other: bool = False) -> PositionController:
     """The law, or that of a drive that works between the samples, where it leaves no more in the band.
 
     What works from sample to sample would tell itself by an exact law; where both explain alike, it is the drive's.
+    `other`: the samples hold another torque than the one the law was found in.
     """
     banded = _in_band(replace(samples, piece=PIECE_SECONDS))
     between = _searched_between(banded)
     rate = found
-    if not found.in_band and found.explained > samples.policy.controller_explains:
+    if other or (not found.in_band and found.explained > samples.policy.controller_explains):
         rate = _searched_late(banded)
     no_more = 1.0 - between.explained < AS_MUCH * (1.0 - rate.explained)
     enough = between.explained > samples.policy.controller_explains_in_band
@@ -185,43 +195,73 @@ def _searched_smeared(samples: LoopSamples, near: PositionController) -> Positio
 def _searched_between(samples: LoopSamples) -> PositionController:
     """The best law of a drive whose loop works between the samples, on columns below the compared frequency.
 
-    There its continuous form can be computed from the samples: u = kp·e + kd·λ/(s + λ)·(b·ṙ − ẏ) + ki∫e and what the
-    reference adds. The reference is late by whole samples; the torque is of a sample's moment, or a mean around it.
+    There what it makes of its set points can be computed from the samples: u = kp·e + kd·λ/(s + λ)·(b·ṙ − ẏ) + ki∫e and
+    what the reference adds. Set points are late by whole samples. Of laws that explain alike the one whose reference
+    does least by itself is taken: a law with another delay makes up for it with the reference's derivatives.
     """
-    coarse = _first_look(samples)
-    trials = []
-    for r in range(MOST_LATE + 2):
-        late = late_samples(coarse, r, 0)
-        for rate in BETWEEN_RATES:
-            terms = between_terms(late, rate)
-            for moment in BETWEEN_MOMENTS:
-                trials.append((_fitted_between(late, rate, moment, terms).explained, r, rate, moment))
-    most = (1.0 - max(trials)[0]) * HARDLY_MORE
-    _, r, rate, moment = max(t for t in trials if t[1] == min(t[1] for t in trials if 1.0 - t[0] <= most))
-    late = late_samples(samples, r, 0)
-
-    def unexplained(logarithm: float) -> float:
-        return 1.0 - _fitted_between(late, math.exp(logarithm), moment).explained
-
-    rate = math.exp(_lowest(unexplained, (math.log(0.5 * rate), math.log(2.0 * rate)), 0.01))
-    found = _fitted_between(late, rate, moment)
     ticks = max(2, round(samples.period / TICK))
-    share = 1.0 - math.exp(-rate * samples.period)
+    coarse = _first_look(samples)
+    trials = [trial for rate in BETWEEN_RATES for trial in _between_trials(coarse, rate, ticks)]
+    most = (1.0 - max(trial.explained for trial in trials)) * HARDLY_MORE
+    near = [trial for trial in trials if 1.0 - trial.explained <= most]
+    plain = min(near, key=lambda trial: abs(trial.position_feedforward) / max(abs(trial.ki), 1e-300))
+    alike = [trial for trial in near if trial.reference_delay == plain.reference_delay]
+    best = max(alike, key=lambda trial: trial.explained)
+    forms: dict[tuple[bool, str], PositionController] = {}
+    for trial in sorted(trials, key=lambda trial: trial.explained):
+        if trial.reference_delay == best.reference_delay and 1.0 - trial.explained <= FINER_FILTER * most:
+            forms[trial.cubic, trial.taken] = trial
+    refined = [_best_rate(coarse, form) for form in forms.values()]
+    best = max(refined, key=lambda trial: trial.explained)
     why = f"{_how_late(samples.period)} {BETWEEN}"
-    return replace(found, reference_delay=r, derivative_filter=share, ticks=ticks, in_band=True, why=why)
+    return replace(_fitted_between(samples, best, _rate_of(best, samples.period)), in_band=True, why=why)
 
 
-def _fitted_between(
-    samples: LoopSamples, rate: float, moment: float, terms: Floats | None = None
+def _best_rate(samples: LoopSamples, form: PositionController) -> PositionController:
+    """A law of this form with the filter that leaves least."""
+
+    def law(logarithm: float) -> PositionController:
+        return _fitted_between(samples, form, math.exp(logarithm))
+
+    near = math.log(_rate_of(form, samples.period))
+    bounds = near - RATE_STEP, near + RATE_STEP
+    return law(_lowest(lambda logarithm: 1.0 - law(logarithm).explained, bounds, 0.05))
+
+
+def _rate_of(law: PositionController, period: float) -> float:
+    return -math.log(1.0 - law.derivative_filter) / period
+
+
+def _between_trials(samples: LoopSamples, rate: float, ticks: int) -> Iterator[PositionController]:
+    """Laws with one filter: all delays, both kinds of interpolation, all ways of recording a torque."""
+    moved = position_terms(samples, rate, ticks)
+    for cubic in (False, True):
+        wanted = reference_terms(samples, rate, ticks, cubic)
+        for taken in TAKEN:
+            at_rows = [np.array([taken_at(row, ticks, taken) for row in terms]) for terms in (wanted, moved)]
+            for late in range(MOST_LATE + 2):
+                delayed_rows = np.array([late_rows(row, samples, late) for row in at_rows[0]])
+                form = PositionController(reference_delay=late, ticks=ticks, cubic=cubic, taken=taken)
+                yield _with_gains(samples, form, rate, between_table(delayed_rows, at_rows[1]))
+
+
+def _fitted_between(samples: LoopSamples, form: PositionController, rate: float) -> PositionController:
+    """A law of the same form with another filter, by least squares."""
+    return _with_gains(samples, form, rate, between_terms(samples, form, rate))
+
+
+def _with_gains(
+    samples: LoopSamples, form: PositionController, rate: float, table: Floats
 ) -> PositionController:
-    """Gains of the continuous law by least squares; `moment` in samples after a row."""
-    terms = between_terms(samples, rate) if terms is None else terms
-    demand = samples.demand
-    if moment != 0.0:
-        demand = demand.copy()
-        for rows in samples.stretches:
-            demand[rows] = scipy.ndimage.shift(samples.demand[rows], moment, order=3, mode="nearest")
-    return fitted_whole(replace(samples, demand=demand), terms, min(1.0, rate * samples.period))
+    fitted = fitted_whole(samples, table, min(1.0, rate * samples.period))
+    return replace(
+        fitted,
+        reference_delay=form.reference_delay,
+        derivative_filter=1.0 - math.exp(-min(rate * samples.period, FASTEST)),
+        ticks=form.ticks,
+        cubic=form.cubic,
+        taken=form.taken,
+    )
 
 
 def _in_band(samples: LoopSamples) -> LoopSamples:

@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from autotune.core.arrays import Flags, Floats
-from autotune.estimation.controller_law import PositionController, delayed
+from autotune.estimation.controller_law import MOMENT, PositionController, between_moments, delayed, finer
 from autotune.models import layout
 from autotune.models.compiled import compiled
 from autotune.models.contact import additive, friction_limit, viscous_coefficient
@@ -162,7 +162,7 @@ def simulate_stretch(
 ) -> tuple[Floats, Floats, bool]:
     """Position and torque as the drive would have logged them, shape (n,), and whether all stayed in bounds.
 
-    The torque of a drive whose loop works between the samples is its mean from each to the next.
+    The torque of a drive whose loop works between the samples is its mean from each to the next, as recorded.
 
     Args:
         limit: of the torque; infinite where unknown.
@@ -189,7 +189,17 @@ def simulate_stretch(
         position,
         torque,
     )
-    return position[::ticks].copy(), torque.reshape(-1, ticks).mean(axis=1), done == n
+    return position[::ticks].copy(), _recorded_torque(torque, ticks, controller.taken), done == n
+
+
+def _recorded_torque(fine: Floats, ticks: int, taken: str) -> Floats:
+    """What a torque comes to from each sample to the next by its record, shape (n,).
+
+    Of a torque as at the samples that is the mean of two, which is not what acted between them.
+    """
+    if ticks == 1 or taken != MOMENT:
+        return np.asarray(fine.reshape(-1, ticks).mean(axis=1))
+    return between_moments(fine[::ticks])
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,12 +231,13 @@ def _at_samples(recorded: Recorded, controller: PositionController) -> _Loop:
 
 
 def _between_samples(recorded: Recorded, controller: PositionController) -> _Loop:
-    """The loop of a drive that works between the samples, its reference on a straight line from each to the next."""
+    """The loop of a drive that works between the samples."""
     ticks = controller.ticks
     share = 1.0 - (1.0 - controller.derivative_filter) ** (1.0 / ticks)
     reference = delayed(recorded.reference, controller.reference_delay, recorded.last_reference)
-    fed = controller.continuous_feedforward(reference, recorded.period)
-    fine, pushed = (_on_line(values, ticks) for values in (reference, fed + recorded.feedforward))
+    fine = finer(reference, ticks, controller.cubic)
+    pushed = controller.feedforward_between(reference, fine, recorded.period)
+    pushed = pushed + np.repeat(recorded.feedforward, ticks)
     rate = controller.reference_rate * (fine[ticks] - fine[0]) / recorded.period - float(recorded.velocity[0])
     total = 0.0
     if controller.ki > 0:
@@ -234,12 +245,6 @@ def _between_samples(recorded: Recorded, controller: PositionController) -> _Loo
         total = float(rest - controller.kd * rate) / controller.ki
     gains = replace(controller, derivative_filter=share).gains
     return _Loop(ticks, gains, fine, pushed, (total, rate, fine[0], recorded.measured[0]))
-
-
-def _on_line(values: Floats, ticks: int) -> Floats:
-    """Values of shape (n,) on the way from each to the next, shape (n·ticks,)."""
-    rows = np.arange(len(values) * ticks) / ticks
-    return np.asarray(np.interp(rows, np.arange(len(values)), values))
 
 
 def start_state(recorded: Recorded, packed: Packed) -> Floats:

@@ -14,11 +14,13 @@ import multiprocessing
 import os
 import sys
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from bench.worlds.cases import Case, batch_hash, draw_batch
+from bench.worlds.cases import Case, Wanted, batch_hash, draw_batch
 from bench.worlds.judge import judged
+from bench.worlds.names import LOOPS
 from bench.worlds.table import table
 
 PLURALS = {
@@ -42,6 +44,11 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--table", type=Path)
     parser.add_argument("--hash", action="store_true", help="print the batch's hash and stop")
     parser.add_argument("--only", nargs="*", default=[], metavar="EFFECT", help="of the singles, these only")
+    parser.add_argument(
+        "--loops", nargs="*", default=LOOPS, choices=LOOPS, help="worlds with these loops only"
+    )
+    parser.add_argument("--cycle", nargs=2, type=float, default=(0.0, 1.0), metavar=("LEAST", "MOST"),
+                        help="worlds recorded at these periods only [s]")  # fmt: skip
     return parser.parse_args()
 
 
@@ -62,12 +69,13 @@ def lines_of(path: Path) -> list[dict[str, Any]]:
     return out
 
 
-def results(cases: list[Case], workers: int) -> Iterator[dict[str, Any]]:
+def results(cases: list[Case], workers: int, wanted: Wanted) -> Iterator[dict[str, Any]]:
+    judge = partial(judged, wanted=wanted)
     if workers <= 1:
-        yield from map(judged, cases)
+        yield from map(judge, cases)
         return
     with multiprocessing.get_context("spawn").Pool(workers, maxtasksperchild=20) as pool:
-        yield from pool.imap_unordered(judged, cases)
+        yield from pool.imap_unordered(judge, cases)
 
 
 def main() -> int:
@@ -75,13 +83,14 @@ def main() -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     given = arguments()
     cases = chosen(given)
+    wanted = Wanted(tuple(LOOPS.index(loop) for loop in given.loops), *given.cycle)
     head = f"{len(cases)} cases, seed {given.seed}, sha256 {batch_hash(cases)}"
     sys.stdout.write(head + "\n")
     if given.hash:
         return 0
     done = {line["key"] for line in lines_of(given.out)}
     with given.out.open("a") as file:
-        for line in results([case for case in cases if case.key not in done], given.workers):
+        for line in results([case for case in cases if case.key not in done], given.workers, wanted):
             file.write(json.dumps(line) + "\n")
             file.flush()
     wanted = {case.key for case in cases}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import itertools
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,7 +20,8 @@ KINDS = ("single", "half", "null", "alien", "pair", "removed", "lone", "second")
 """Of `lone` and `second` files there is one trajectory, without repeats; three in ten have nothing planted."""
 STRIDE = 6  # worlds of the first six kinds alternate
 NULL_SHARE = 0.3
-TRIES = 12
+TRIES, MOST_WORLDS = 12, 100
+"""Worlds of a case that are tried, and that are drawn where only some loops or cycles are wanted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +53,22 @@ class Ready:
     passed: int
 
 
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """Which worlds are wanted: loops by number, and cycles of `least` to `most` seconds."""
+
+    loops: tuple[int, ...] = (0, 1, 2)
+    least: float = 0.0
+    most: float = 1.0
+
+    def has(self, world: World) -> bool:
+        loop = world.loop
+        return loop.kind in self.loops and self.least - 1e-9 < loop.period < self.most + 1e-9
+
+
+ANY = Wanted()
+
+
 def draw_case(kind: str, seed: int) -> Case:
     """Effects go round by seed, so that a batch holds each about as often."""
     rng = np.random.default_rng([seed, KINDS.index(kind), 1402])
@@ -80,13 +98,16 @@ def batch_hash(cases: list[Case]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def ready(case: Case) -> Ready:
+def ready(case: Case, wanted: Wanted = ANY) -> Ready:
     """The case's world: drawn again where the axis cannot show the effect, or the loop does not hold it.
 
     Raises:
         RanAway: no world in a dozen.
     """
-    for attempt in range(TRIES):
+    suiting = (
+        i for i in range(MOST_WORLDS) if wanted is ANY or wanted.has(draw_world(_world_seed(case) + i))
+    )
+    for attempt in itertools.islice(suiting, TRIES):
         try:
             made = _attempt(case, attempt)
         except RanAway:

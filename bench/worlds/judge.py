@@ -12,7 +12,7 @@ import numpy as np
 import autotune
 from autotune.models.table import EFFECTS
 from bench.worlds import sizes
-from bench.worlds.cases import Case, Ready, ready
+from bench.worlds.cases import ANY, Case, Ready, Wanted, ready
 from bench.worlds.lone import CHANGES, TRAJECTORIES, alone, second_file
 from bench.worlds.names import LOOPS
 from bench.worlds.play import RanAway, recording, whole
@@ -22,13 +22,13 @@ from bench.worlds.world import Floats, World
 Line = dict[str, Any]
 
 
-def judged(case: Case) -> Line:
+def judged(case: Case, wanted: Wanted = ANY) -> Line:
     """Runs a case; a refusal or a failure is a result too."""
     warnings.simplefilter("ignore")
     line: Line = {"key": case.key, "kind": case.kind, "seed": case.seed, "truth": list(case.truth)}
     line |= {"laws": [law for _, law in case.effects], "asked_ratio": round(case.ratio, 3)}
     try:
-        made = ready(case)
+        made = ready(case, wanted)
     except RanAway as reason:
         return line | {"verdict": "no world", "why": str(reason)}
     line |= _surroundings(made)

@@ -47,6 +47,20 @@ def test_orders_that_are_no_whole_numbers_are_found(problem, waves) -> None:
     assert len(found) == 2
 
 
+def test_waves_that_hide_one_another_are_found_beside_each_other(problem) -> None:
+    """Two as strong as each other, 1.4 of what the travel tells apart from each other, and a third further off."""
+    waves = ((20.3, 10e-3), (21.2, 9e-3), (47.6, 7e-3))
+    found = find_orders(problem, _rest(problem, waves), 1.0, [], 7)
+    assert sorted(found) == pytest.approx([order for order, _ in waves], abs=0.05)
+
+
+def test_a_hump_is_no_sum_of_waves(problem) -> None:
+    rest = _rest(problem, ())
+    place = problem.data.position[problem.data.grid[rest.rows]]
+    error = rest.error + 20e-3 * np.exp(-((place - 1.0) ** 2) / 0.5)
+    assert find_orders(problem, replace(rest, error=error - error.mean()), 1.0, [], 7) == []
+
+
 def test_noise_holds_no_orders(problem) -> None:
     assert find_orders(problem, _rest(problem, ()), 1.0, [], 7) == []
 
