@@ -11,7 +11,15 @@ from autotune.control.gains import propose as proposing
 from autotune.control.gains.judge import Task, judge
 from autotune.control.gains.loop import Gains, cascade
 from autotune.control.gains.members import ASSUMED, LEAST, drawn, family
-from autotune.control.gains.propose import Requirements, corners_of, expected_settling, propose, shortfall
+from autotune.control.gains.propose import (
+    Corner,
+    Requirements,
+    corners_of,
+    expected_settling,
+    propose,
+    shortfall,
+)
+from autotune.control.gains.sampled import Margins, margins
 from autotune.control.gains.steps import step_sizes
 from autotune.control.gains.words import advice
 from autotune.core.errors import ConfigurationError
@@ -24,6 +32,7 @@ from tests.control.gains_axis import HOLDS, HUNTS, THESIS, TIMING, lugre, vertic
 def _short_search(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(proposing, "POPULATION", 6)
     monkeypatch.setattr(proposing, "GENERATIONS", 4)
+    monkeypatch.setattr(proposing, "POLISHED", 8)
 
 
 def task(model: DriveModel) -> Task:
@@ -60,6 +69,35 @@ def test_the_axes_drawn_lie_in_the_intervals() -> None:
     assert ends == ["dead time high"]
     friction = np.array([one.model["coulomb"] / model["coulomb"] - 1.0 for one in members])
     assert abs(np.corrcoef(part, friction)[0, 1]) < 0.5
+
+
+def test_whether_a_lag_is_a_dead_time_is_an_end_of_the_intervals() -> None:
+    """What a run finds of it does not tell; the loop in question is the worse for a dead time."""
+    lag = EFFECTS["torque_lag"].make({"time_constant": 2e-3}, {"time_constant": 1e-5})
+    kin = family(vertical().with_effect(lag), TIMING)
+    gains = Gains(30.0, 0.15, 800.0)
+    found = {one.what: margins_of(one, gains) for one in corners_of(kin)}
+    assert found["sliding, torque lag as dead time"].gain < found["sliding, nominal"].gain - 2.0
+    known = EFFECTS["torque_lag"].make({"time_constant": 2e-3, "steepness": 0.8})
+    members = family(vertical().with_effect(known), TIMING).members
+    assert "torque lag as dead time" not in [one.what for one in members]
+
+
+def margins_of(corner: Corner, gains: Gains) -> Margins:
+    return margins(corner.axis, gains, corner.period, corner.response)
+
+
+def test_polishing_takes_the_search_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = vertical()
+    kin = family(model, TIMING)
+    expected = []
+    for more in (4, 60):
+        monkeypatch.setattr(proposing, "POLISHED", more)
+        found = propose(kin, task(model), THESIS)
+        assert found.verdict is not None
+        others = drawn(model, TIMING, 10, 2)
+        expected.append(expected_settling(others, found.verdict.gains, task(model).steps.large))
+    assert expected[1] <= 1.02 * expected[0]
 
 
 def test_a_bandwidth_asked_for_is_met() -> None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from autotune.control.gains.loop import LoopTiming
-from autotune.control.gains.regimes import COMPLIANT
+from autotune.control.gains.regimes import COMPLIANT, steepness_of
 from autotune.core.errors import ConfigurationError
 from autotune.models.drive_model import DriveModel
 from autotune.models.reversal_memory import REVERSAL_MEMORY
@@ -25,6 +25,8 @@ LEAST = 0.05
 """Relative, of an interval: friction and inertia of one machine differ by as much from day to day."""
 ASSUMED = 0.2
 """Relative, where the model has no standard error: the reproducibility of Table 6.2."""
+AS_A_WHOLE = 0.75
+"""Steepness of a lag whose four stages are alike: nearly a delay."""
 NOMINAL = "nominal"
 MOST = 0.6
 """Relative: a parameter that nothing was said about may not turn its sign."""
@@ -83,7 +85,8 @@ def family(model: DriveModel, timing: LoopTiming) -> Family:
         for sign, end in ((-1.0, "low"), (1.0, "high")):
             factor = 1.0 + sign * part
             members.append(Member(f"{name} {end}", _scaled(model, present, factor), timing))
-    return Family((*members, *_late(model, timing), *_damped(model, timing)), tuple(assumed))
+    ends = (*_late(model, timing), *_late_as_a_whole(model, timing), *_damped(model, timing))
+    return Family((*members, *ends), tuple(assumed))
 
 
 def drawn(model: DriveModel, timing: LoopTiming, count: int, seed: int) -> tuple[Member, ...]:
@@ -139,6 +142,15 @@ def _late(model: DriveModel, timing: LoopTiming) -> list[Member]:
     if any(kind.name in model for kind, _ in COMPLIANT):
         ends["low"] = max(timing.dead_time - ERRORS * timing.dead_time_error, 0.0)
     return [Member(f"dead time {end}", model, replace(timing, dead_time=late)) for end, late in ends.items()]
+
+
+def _late_as_a_whole(model: DriveModel, timing: LoopTiming) -> list[Member]:
+    """A lag that is a delay: motion as slow as it is identified by does not tell, and beyond the crossover it matters."""
+    if TORQUE_LAG.name not in model or steepness_of(model) >= AS_A_WHOLE:
+        return []
+    held = model[TORQUE_LAG.surface("time_constant")]
+    whole = TORQUE_LAG.make({"time_constant": held, "steepness": AS_A_WHOLE})
+    return [Member("torque lag as dead time", model.with_effect(whole), timing)]
 
 
 def _damped(model: DriveModel, timing: LoopTiming) -> list[Member]:

@@ -37,6 +37,7 @@ from autotune.core.errors import ConfigurationError
 
 SEED = 20
 POPULATION, GENERATIONS = 12, 18
+POLISHED = 80
 ROUNDS = 3
 TIGHTER = 1.15
 LEAST_BANDWIDTH = 0.5  # Hz
@@ -212,7 +213,23 @@ def _searched(
         polish=False,
         init="sobol",
     )
-    return search.best_of(result.population[np.argsort(result.population_energies)])
+    ranked = result.population[np.argsort(result.population_energies)]
+    return search.best_of(np.vstack([_polished(search, ranked, edges), ranked]))
+
+
+def _polished(search: _Search, ranked: Floats, edges: Floats) -> Floats:
+    """The end of the search taken further by a simplex from its best points (Nelder and Mead, 1965), shape (3,).
+
+    The best gains lie in a corner between margins, which evolution alone comes near but slowly.
+    """
+    found = scipy.optimize.minimize(
+        search.cost,
+        ranked[0],
+        method="Nelder-Mead",
+        bounds=scipy.optimize.Bounds(edges[:, 0], edges[:, 1]),
+        options={"initial_simplex": ranked[:4], "maxfev": POLISHED, "xatol": 1e-3, "fatol": 1e-4},
+    )
+    return np.asarray(found.x, dtype=np.float64)
 
 
 class _Search:
