@@ -10,6 +10,7 @@ requirements are drawn tighter and it is sought again.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,6 +39,7 @@ from autotune.core.errors import ConfigurationError
 SEED = 20
 POPULATION, GENERATIONS = 12, 18
 POLISHED = 80
+"""Gains tried by the simplex that ends the search."""
 ROUNDS = 3
 TIGHTER = 1.15
 LEAST_BANDWIDTH = 0.5  # Hz
@@ -214,16 +216,16 @@ def _searched(
         init="sobol",
     )
     ranked = result.population[np.argsort(result.population_energies)]
-    return search.best_of(np.vstack([_polished(search, ranked, edges), ranked]))
+    return search.best_of(np.vstack([_polished(search.cost, ranked, edges), ranked]))
 
 
-def _polished(search: _Search, ranked: Floats, edges: Floats) -> Floats:
+def _polished(cost: Callable[[Floats], float], ranked: Floats, edges: Floats) -> Floats:
     """The end of the search taken further by a simplex from its best points (Nelder and Mead, 1965), shape (3,).
 
     The best gains lie in a corner between margins, which evolution alone comes near but slowly.
     """
     found = scipy.optimize.minimize(
-        search.cost,
+        cost,
         ranked[0],
         method="Nelder-Mead",
         bounds=scipy.optimize.Bounds(edges[:, 0], edges[:, 1]),
