@@ -379,4 +379,13 @@ def _limit(
             f"{100 * wanted.noise:g} % of the torque limit are allowed"
         )
     worst = min(corners, key=lambda one: margins(one.axis, gains, one.period, one.response).modulus)
-    return f"the margins on the axis with {worst.what.split(', ')[1]}, {worst.what.split(', ')[0]}"
+    regime, _, what = worst.what.partition(", ")
+    return f"the margins while the axis is {regime}, {_end_in_words(what)}"
+
+
+def _end_in_words(what: str) -> str:
+    """Which axis of the family it is."""
+    group, _, end = what.rpartition(" ")
+    if what == NOMINAL:
+        return "with its nominal parameters"
+    return f"with {group} at the {end} end of its interval" if end in ("low", "high") else f"with {what}"
