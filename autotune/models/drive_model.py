@@ -20,6 +20,7 @@ from autotune.models import layout
 from autotune.models.effect import Effect, Parameter, Value, check
 from autotune.models.inverse import load_substeps, required
 from autotune.models.stribeck import STRIBECK
+from autotune.models.reversal_memory import REVERSAL_MEMORY
 from autotune.models.table import EFFECTS, effect_kind
 from autotune.models.torque_ripple import scale_slot
 
@@ -88,7 +89,7 @@ def staircase(history: Sequence[HistoryEntry]) -> list[Stair]:
     return stairs
 
 
-_OF_SUMS = ("coulomb", "stiffness", "reversal_memory.")
+_OF_SUMS = ("coulomb", "stiffness", REVERSAL_MEMORY.surface(""))
 """How the parts of total friction and of the stiffness at rest are named."""
 
 
