@@ -91,8 +91,8 @@ def _ceiling(found: TwinCeiling, unit: str) -> str:
     """What could be learnt on the twin, a line."""
     learnt, fixed, neither = (1e3 * value for value in (found.learnt, found.fixed, found.neither))
     return (
-        f"Ceiling on the twin: learning takes the sine to {learnt:.3g} m{unit}, the model's own feedforward to "
-        f"{fixed:.3g} m{unit}, neither to {neither:.3g} m{unit}"
+        f"Ceiling on the twin: iterative learning leaves {learnt:.3g} m{unit} on the sine, the model's own feedforward "
+        f"{fixed:.3g} m{unit}; without either it is {neither:.3g} m{unit}"
     )
 
 
@@ -107,11 +107,12 @@ def _line(entry: Entry, unit: str) -> str:
     swings = ", oscillates" if entry.oscillates else ""
     where = "; on the twin only" if entry.structure.in_host else ""
     slow = entry.step_settling >= most
-    steps = f"steps not within {most:g} s" if slow else f"steps within {1e3 * entry.step_settling:.0f} ms"
+    steps = "steps do not settle within" if slow else "steps settle within"
+    steps += f" {most:g} s" if slow else f" {1e3 * entry.step_settling:.0f} ms"
     effort = "nothing" if entry.structure.effort == EFFORTS[0] else entry.structure.effort
-    more = "1 cycle" if entry.dead_time == 1.0 else f"{entry.dead_time:g} cycles"
+    more = "1 more cycle" if entry.dead_time == 1.0 else f"{entry.dead_time:g} more cycles"
     return (
         f"{entry.structure.name}: sine {1e3 * entry.sine_peak_error:.3g} m{unit}, {steps}, "
         f"as good on {100 * entry.robustness:.0f} % of the axes within the intervals, torque noise "
-        f"{entry.torque_noise:.2g} {torque}, bears {more} of dead time more{swings}; needs {effort}{where}"
+        f"{entry.torque_noise:.2g} {torque}, tolerates {more} of dead time{swings}; needs {effort}{where}"
     )

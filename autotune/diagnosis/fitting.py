@@ -8,7 +8,7 @@ the error before and after on data that no fit ever saw.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,7 +33,7 @@ from autotune.estimation.residual import residual, smoothed
 from autotune.identify.ripple_lines import LEAST_GAIN, columns, find_lines, held_out_error
 from autotune.models.drive_model import DriveModel, HistoryEntry, Packed, base_model
 from autotune.models.table import effect_kind
-from autotune.models.total_friction import friction_parts
+from autotune.models.total_friction import friction_parts, stiffness_parts
 from autotune.recordings.recording import Recording
 
 WAVE_ROWS, MOST_ORDER = 6000, 400.0
@@ -281,13 +281,31 @@ def _with_effect(
 
 
 def updated_model(model: DriveModel, problem: Problem, fitted: Fitted) -> DriveModel:
-    """The model with fitted values, effects and standard errors, that of the total friction too."""
+    """The model with fitted values, effects and standard errors, those of its sums too."""
     spread = covariance(fitted, problem.training)
     found = model_from(model, fitted.packed, fitted.free, np.sqrt(np.maximum(np.diag(spread), 0.0)))
-    parts = friction_parts(found)
-    carrying = [i for i, one in enumerate(fitted.free) if one.name in parts]
-    variance = float(spread[np.ix_(carrying, carrying)].sum())
-    return replace(found, friction_error=math.sqrt(max(variance, 0.0))) if carrying else found
+    spread = _within_bounds(spread, fitted)
+    return replace(
+        found,
+        friction_error=_error_of_sum(spread, fitted, dict.fromkeys(friction_parts(found), 1.0)),
+        stiffness_error=_error_of_sum(spread, fitted, stiffness_parts(found)),
+    )
+
+
+def _within_bounds(spread: Floats, fitted: Fitted) -> Floats:
+    """A covariance (k, k) beside what the bounds say: an element's torque is not below 0, so it is not less known than
+    by its own size. Linearised, elements that lie close together trade far more than they carry.
+    """
+    lower = np.array([one.lower for one in fitted.free])
+    room = np.maximum(fitted.values - lower, 1e-6 * fitted.scales)
+    known = spread / np.outer(room, room)
+    return np.asarray(np.linalg.solve(np.eye(len(room)) + known, known) * np.outer(room, room))
+
+
+def _error_of_sum(spread: Floats, fitted: Fitted, slopes: Mapping[str, float]) -> float | None:
+    """Standard error of what changes by so much with each free parameter; None where none of them was free."""
+    along = np.array([slopes.get(one.name, 0.0) for one in fitted.free])
+    return math.sqrt(max(float(along @ spread @ along), 0.0)) if np.any(along) else None
 
 
 def held_out_errors(problem: Problem, before: ModelFit, after: ModelFit) -> tuple[float, float, float, str]:

@@ -7,7 +7,7 @@ the bristle σ1 (`micro_damping`) and offset F_g. Everything else is an effect.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
@@ -20,6 +20,7 @@ from autotune.models import layout
 from autotune.models.effect import Effect, Parameter, Value, check
 from autotune.models.inverse import load_substeps, required
 from autotune.models.stribeck import STRIBECK
+from autotune.models.reversal_memory import REVERSAL_MEMORY
 from autotune.models.table import EFFECTS, effect_kind
 from autotune.models.torque_ripple import scale_slot
 
@@ -88,6 +89,10 @@ def staircase(history: Sequence[HistoryEntry]) -> list[Stair]:
     return stairs
 
 
+_OF_SUMS = ("coulomb", "stiffness", REVERSAL_MEMORY.surface(""))
+"""How the parts of total friction and of the stiffness at rest are named."""
+
+
 @dataclass(frozen=True, slots=True)
 class Packed:
     """A model as the compiled routine takes it: `p` of shape (PARAMETERS,), `on` (effects,)."""
@@ -100,8 +105,9 @@ class Packed:
 class DriveModel:
     """Base values by name and effects, in the order in which they were added.
 
-    `torque_unit` is A or V where the torque of its recordings was; else empty: N m or N. `friction_error`: standard
-    error of the total friction, with what its parts have in common; None once anything is changed, and in files.
+    `torque_unit` is A or V where the torque of its recordings was; else empty: N m or N. `friction_error` and
+    `stiffness_error`: standard errors of the total friction and of the stiffness at rest, with what their parts have in
+    common; None where no fit has said it, and once such a part is changed.
 
     Raises:
         ConfigurationError: a base parameter missing, unknown or out of bounds, an effect twice.
@@ -115,6 +121,7 @@ class DriveModel:
     history: tuple[HistoryEntry, ...] = field(default=())
     torque_unit: str = ""
     friction_error: float | None = field(default=None, compare=False)
+    stiffness_error: float | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         wrong = set(self.base) ^ set(_BASE_BY_NAME)
@@ -187,16 +194,22 @@ class DriveModel:
             for effect in self.effects
         )
         base = MappingProxyType({parameter.name: table[parameter.name] for parameter in BASE})
-        return replace(self, base=base, effects=effects, friction_error=None)
+        return replace(self, base=base, effects=effects)._after_change(values)
 
     def with_effect(self, effect: Effect) -> DriveModel:
         """The model with an effect added, or replaced if it is there."""
         kept = tuple(present for present in self.effects if present.name != effect.name)
-        return replace(self, effects=(*kept, effect), friction_error=None)
+        return replace(self, effects=(*kept, effect))._after_change((f"{effect.name}.",))
 
     def without_effect(self, name: str) -> DriveModel:
         kept = tuple(effect for effect in self.effects if effect.name != name)
-        return replace(self, effects=kept, friction_error=None)
+        return replace(self, effects=kept)._after_change((f"{name}.",))
+
+    def _after_change(self, surfaces: Iterable[str]) -> DriveModel:
+        """Without the errors of sums where one of their parts, by surface name, was changed."""
+        if not any(name.startswith(_OF_SUMS) for name in surfaces):
+            return self
+        return replace(self, friction_error=None, stiffness_error=None)
 
     def with_history(self, entry: HistoryEntry) -> DriveModel:
         return replace(self, history=(*self.history, entry))

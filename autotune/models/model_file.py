@@ -36,8 +36,11 @@ from autotune.core.configuration import Strict, read_toml, validate
 from autotune.core.errors import ConfigurationError
 from autotune.models.drive_model import BASE, SCHEMA_VERSION, DriveModel, HistoryEntry
 from autotune.models.effect import Parameter, Value
+from autotune.models.reversal_memory import REVERSAL_MEMORY
 from autotune.models.table import effect_kind
 from autotune.models.total_friction import total_in_words
+
+_MEMORY = REVERSAL_MEMORY.name
 
 
 class _Number(Strict):
@@ -45,6 +48,11 @@ class _Number(Strict):
     standard_error: Annotated[float, Field(ge=0)] | None = None
     unit: str | None = None
     about: str | None = None
+
+
+class _Sums(Strict):
+    total_friction: Annotated[float, Field(ge=0)] | None = None
+    stiffness_at_rest: Annotated[float, Field(ge=0)] | None = None
 
 
 class _History(Strict):
@@ -69,6 +77,7 @@ class _File(Strict):
     stiffness: _Number
     micro_damping: _Number
     offset: _Number
+    standard_errors: _Sums = Field(default_factory=_Sums)
     effects: dict[str, dict[str, _Number]] = Field(default_factory=dict)
     history: list[_History] = Field(default_factory=list)
 
@@ -131,6 +140,8 @@ def model_text(model: DriveModel) -> str:
         document["torque_unit"] = model.torque_unit
     for parameter in BASE:
         document[parameter.name] = _number(model, parameter, model.base[parameter.name])
+    if _MEMORY in model and (sums := _sums(model)):
+        document["standard_errors"] = sums
     if model.effects:
         document["effects"] = _effects(model)
     if model.history:
@@ -139,6 +150,18 @@ def model_text(model: DriveModel) -> str:
             entries.append(_entry(entry))
         document["history"] = entries
     return tomlkit.dumps(document)
+
+
+def _sums(model: DriveModel) -> Table:
+    """Errors of sums whose parts trade with each other; empty where no fit has said them."""
+    table = tomlkit.table()
+    errors = {"total_friction": model.friction_error, "stiffness_at_rest": model.stiffness_error}
+    for name, error in errors.items():
+        if error is not None:
+            table[name] = float(error)
+    if table:
+        table.comment("of sums, whose parts are less well known")
+    return table
 
 
 def _effects(model: DriveModel) -> Table:
@@ -193,6 +216,8 @@ def _model(file: _File) -> DriveModel:
         file.fingerprint,
         history,
         file.torque_unit,
+        file.standard_errors.total_friction,
+        file.standard_errors.stiffness_at_rest,
     )
 
 

@@ -4,8 +4,9 @@ Several elastic elements take over what the single bristle carried, so that the 
 with `reversal_memory` may be next to nothing on an axis with plenty of friction. A person who compares
 models, or looks for wear, wants the sum: F = F_c + Σ W_i, once all elements slide.
 
-The parts trade friction with each other in a fit (their errors are correlated negatively). A fit says how well
-the sum is known (`DriveModel.friction_error`); a file does not, and the root of the sum of squares is an upper bound.
+The parts trade friction with each other in a fit (their errors are correlated negatively), and so they do stiffness
+at rest. A fit says how well the sums are known (`DriveModel.friction_error`, `stiffness_error`); where none has, the
+root of the sum of squares is an upper bound.
 """
 
 from __future__ import annotations
@@ -42,18 +43,41 @@ def total_friction(model: DriveModel) -> Value:
     return Value(sum(part.value for part in parts), spread)
 
 
+def stiffness_parts(model: DriveModel) -> dict[str, float]:
+    """By how much the stiffness at rest changes with each parameter that it rests on, by surface name."""
+    slopes = {"stiffness": 1.0} if model["coulomb"] > 0.0 else {}
+    for travel, torque in _pairs(model):
+        across, along = model[torque], model[travel]
+        slopes |= {torque: 1.0 / along, travel: -across / along**2}
+    return slopes
+
+
+def stiffness_spread(model: DriveModel) -> float | None:
+    """Standard error of the stiffness at rest [N m/rad or N/m]; None where that of a part is not known."""
+    if model.stiffness_error is not None:
+        return model.stiffness_error
+    errors = {name: model.parameters[name].standard_error for name in stiffness_parts(model)}
+    known = [
+        slope * error for name, slope in stiffness_parts(model).items() if (error := errors[name]) is not None
+    ]
+    return math.hypot(*known) if known and len(known) == len(errors) else None
+
+
 def stiffness_of_elements(model: DriveModel) -> float:
     """Stiffness at rest of all elements of the memory together [N m/rad or N/m]; 0 without them."""
+    return sum(model[torque] / model[travel] for travel, torque in _pairs(model))
+
+
+def _pairs(model: DriveModel) -> list[tuple[str, str]]:
+    """Surface names of displacement and torque of each element that there is."""
     effect = next((one for one in model.effects if one.kind is REVERSAL_MEMORY), None)
     if effect is None:
-        return 0.0
-    values = {name: value.value for name, value in effect.values.items()}
-    pairs = [
-        (values[f"torque_{name.rpartition('_')[2]}"], travel)
-        for name, travel in values.items()
-        if name.startswith("displacement_") and travel > 0.0
+        return []
+    return [
+        (REVERSAL_MEMORY.surface(name), REVERSAL_MEMORY.surface(f"torque_{name.rpartition('_')[2]}"))
+        for name, travel in effect.values.items()
+        if name.startswith("displacement_") and travel.value > 0.0
     ]
-    return sum(torque / travel for torque, travel in pairs)
 
 
 def stiffness_at_rest(model: DriveModel) -> float:

@@ -38,6 +38,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(propose, "POPULATION", 5)
     monkeypatch.setattr(propose, "GENERATIONS", 2)
+    monkeypatch.setattr(propose, "POLISHED", 4)
     monkeypatch.setattr(members, "_GROUPS", (("inertia", ("inertia",)),))
     monkeypatch.setattr(tuning_catalogue, "catalogue", once)
     monkeypatch.setattr(ceiling, "TRIALS", 1)

@@ -10,13 +10,23 @@ import pytest
 from autotune.control.gains import propose as proposing
 from autotune.control.gains.judge import Task, judge
 from autotune.control.gains.loop import Gains, cascade
-from autotune.control.gains.members import ASSUMED, LEAST, drawn, family
-from autotune.control.gains.propose import Requirements, corners_of, expected_settling, propose, shortfall
+from autotune.control.gains.members import ASSUMED, LEAST, MOST, drawn, family
+from autotune.control.gains.propose import (
+    Corner,
+    Requirements,
+    corners_of,
+    expected_settling,
+    propose,
+    shortfall,
+)
+from autotune.control.gains.sampled import Margins, margins
 from autotune.control.gains.steps import step_sizes
 from autotune.control.gains.words import advice
+from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError
 from autotune.models.drive_model import DriveModel, base_model
 from autotune.models.table import EFFECTS
+from autotune.models.total_friction import stiffness_at_rest, total_friction
 from tests.control.gains_axis import HOLDS, HUNTS, THESIS, TIMING, lugre, vertical
 
 
@@ -24,6 +34,7 @@ from tests.control.gains_axis import HOLDS, HUNTS, THESIS, TIMING, lugre, vertic
 def _short_search(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(proposing, "POPULATION", 6)
     monkeypatch.setattr(proposing, "GENERATIONS", 4)
+    monkeypatch.setattr(proposing, "POLISHED", 8)
 
 
 def task(model: DriveModel) -> Task:
@@ -60,6 +71,51 @@ def test_the_axes_drawn_lie_in_the_intervals() -> None:
     assert ends == ["dead time high"]
     friction = np.array([one.model["coulomb"] / model["coulomb"] - 1.0 for one in members])
     assert abs(np.corrcoef(part, friction)[0, 1]) < 0.5
+
+
+def test_what_elements_trade_with_each_other_widens_no_interval() -> None:
+    """Their own errors say little; the interval is that of the sum, where a fit has said it."""
+    model = vertical()
+    memory = next(one for one in model.effects if one.name == "reversal_memory")
+    loose = {name: value.value for name, value in memory.values.items()}
+    model = model.with_effect(EFFECTS["reversal_memory"].make(loose, loose))
+    whole = stiffness_at_rest(model)
+    told = replace(model, friction_error=0.002, stiffness_error=0.05 * whole)
+    for one, end in ((model, 1.0 + MOST), (told, 1.1)):
+        stiff = next(m.model for m in family(one, TIMING).members if m.what == "stiffness high")
+        assert stiffness_at_rest(stiff) == pytest.approx(end * whole)
+    rough = next(m.model for m in family(told, TIMING).members if m.what == "friction high")
+    assert total_friction(rough).value == pytest.approx((1.0 + LEAST) * total_friction(model).value)
+
+
+def test_whether_a_lag_is_a_dead_time_is_an_end_of_the_intervals() -> None:
+    """What a run finds of it does not tell; the loop in question is the worse for a dead time."""
+    lag = EFFECTS["torque_lag"].make({"time_constant": 2e-3}, {"time_constant": 1e-5})
+    kin = family(vertical().with_effect(lag), TIMING)
+    gains = Gains(30.0, 0.15, 800.0)
+    found = {one.what: margins_of(one, gains) for one in corners_of(kin)}
+    assert found["sliding, torque lag as dead time"].gain < found["sliding, nominal"].gain - 2.0
+    known = EFFECTS["torque_lag"].make({"time_constant": 2e-3, "steepness": 0.8})
+    members = family(vertical().with_effect(known), TIMING).members
+    assert "torque lag as dead time" not in [one.what for one in members]
+
+
+def margins_of(corner: Corner, gains: Gains) -> Margins:
+    return margins(corner.axis, gains, corner.period, corner.response)
+
+
+def test_the_end_of_the_search_is_taken_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From evolution's best points, with the cost of a search: never worse, and into the corner of a simple one."""
+
+    def cost(point: Floats) -> float:
+        kept = point[0] + point[1] <= 1.0
+        return float(3.0 - point[0] - 2.0 * point[1] + (point[2] - 1.0) ** 2) if kept else 100.0
+
+    monkeypatch.setattr(proposing, "POLISHED", 200)
+    ranked = np.array([(0.2, 0.5, 0.8), (0.3, 0.4, 1.2), (0.1, 0.5, 1.0), (0.3, 0.5, 0.9)])
+    edges = np.array([(0.0, 1.0), (0.0, 0.8), (0.0, 2.0)])
+    found = proposing._polished(cost, ranked, edges)
+    assert found == pytest.approx([0.2, 0.8, 1.0], abs=0.05)
 
 
 def test_a_bandwidth_asked_for_is_met() -> None:

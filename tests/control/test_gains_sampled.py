@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from scipy.signal import cont2discrete
 
 from autotune.control.gains.loop import Gains, LoopTiming, Notch, cascade, cascade_of, cascaded_from
-from autotune.control.gains.regimes import LinearAxis, characteristic_space, linear_axis
+from autotune.control.gains.regimes import LinearAxis, characteristic_space, linear_axis, torque_stages
 from autotune.control.gains.sampled import (
     axis_response,
     closed_loop_radius,
@@ -21,6 +22,7 @@ from autotune.control.gains.sampled import (
     torque_noise,
 )
 from autotune.control.gains.twin import follow
+from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError
 from autotune.models.table import EFFECTS
 from autotune.models.total_friction import stiffness_at_rest
@@ -98,6 +100,26 @@ def test_theorem_42_asks_for_what_a_cycle_of_1_ms_cannot_bear() -> None:
     axis = sampled_axis(linear_axis(vertical(), "sliding"), TIMING)
     assert margins(axis, Gains(60.0, 1.25), H).stable
     assert not margins(axis, Gains(60.0, 1.29), H).stable
+
+
+def test_a_lag_of_several_stages_turns_the_phase_like_a_dead_time() -> None:
+    axis, where = replace(linear_axis(vertical(), "sliding"), lags=()), frequencies(H)
+    near = where < 80.0
+
+    def turned(stages: tuple[float, ...]) -> Floats:
+        lagged = sampled_axis(replace(axis, lags=stages), TIMING)
+        return np.angle(axis_response(lagged, H) / axis_response(sampled_axis(axis, TIMING), H))[near]
+
+    dead = -2.0 * math.pi * where[near] * 2e-3
+    assert turned((5e-4,) * 4) == pytest.approx(dead, abs=0.05 * abs(dead[-1]))
+    assert turned((2e-3,))[-1] > 0.8 * dead[-1]
+
+
+def test_a_lag_in_a_model_is_that_of_its_stages() -> None:
+    for steepness, stages in ((0.0, (2e-3,)), (0.6, (8e-4, 4e-4, 4e-4, 4e-4)), (1.0, (2e-3 / 3.0,) * 3)):
+        lag = EFFECTS["torque_lag"].make({"time_constant": 2e-3, "steepness": steepness})
+        assert torque_stages(vertical().with_effect(lag)) == pytest.approx(stages)
+    assert torque_stages(vertical()) == ()
 
 
 def test_a_resonance_is_in_the_response() -> None:

@@ -13,7 +13,13 @@ from autotune.models.drive_model import DriveModel, base_model
 from autotune.models.effect import Value
 from autotune.models.model_file import model_text, read_model, write_model
 from autotune.models.table import EFFECTS
-from autotune.models.total_friction import stiffness_at_rest, total_friction, total_in_words
+from autotune.models.total_friction import (
+    stiffness_at_rest,
+    stiffness_parts,
+    stiffness_spread,
+    total_friction,
+    total_in_words,
+)
 
 BASE = {"inertia": 6.66e-4, "viscous": 0.0, "coulomb": 0.0093, "stiffness": 50.0, "micro_damping": 0.05,
         "offset": 0.048}  # fmt: skip
@@ -43,9 +49,34 @@ def test_a_fit_that_knows_what_the_parts_have_in_common_says_so_until_something_
     fitted = replace(moved(), friction_error=0.002)
     assert total_friction(fitted).standard_error == 0.002
     assert "0.3293 N m (± 0.002), 97 % of it" in total_in_words(fitted)
-    for changed in (fitted.with_values({"coulomb": 0.02}), fitted.without_effect("spring")):
+    for changed in (fitted.with_values({"coulomb": 0.02}), fitted.without_effect("reversal_memory")):
         assert changed.friction_error is None
+    for kept in (fitted.with_values({"inertia": 1e-3}), fitted.without_effect("torque_ripple")):
+        assert kept.friction_error == 0.002
     assert fitted == moved()
+
+
+def test_the_stiffness_at_rest_has_the_error_of_a_sum() -> None:
+    model = moved()
+    parts = stiffness_parts(model)
+    assert sum(
+        slope * model[name] for name, slope in parts.items() if "displacement" not in name
+    ) == pytest.approx(stiffness_at_rest(model))
+    for name, slope in parts.items():
+        step = 1e-4 * model[name]
+        changed = stiffness_at_rest(model.with_values({name: model[name] + step})) - stiffness_at_rest(model)
+        assert changed == pytest.approx(slope * step, rel=1e-3)
+    assert stiffness_spread(model) is None  # no error of a displacement is known
+    assert stiffness_spread(replace(model, stiffness_error=3.0)) == 3.0
+
+
+def test_errors_of_sums_are_in_the_model_file(tmp_path: Path) -> None:
+    path = tmp_path / "model.toml"
+    write_model(replace(moved(), friction_error=0.002, stiffness_error=3.0), path)
+    assert read_model(path).friction_error == 0.002
+    assert read_model(path).stiffness_error == 3.0
+    write_model(moved(), path)
+    assert "standard_errors" not in path.read_text(encoding="utf-8")
 
 
 def test_without_elements_the_total_is_coulomb_and_nothing_is_said() -> None:

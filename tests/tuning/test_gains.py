@@ -8,6 +8,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
+import numpy as np
 import pytest
 
 from autotune.control.gains.loop import Gains
@@ -16,6 +17,8 @@ from autotune.core.axis import Axis, read_axis
 from autotune.core.errors import ConfigurationError
 from autotune.core.paths import config_directory
 from autotune.models.model_file import write_model
+from autotune.recordings.files import write_recording
+from autotune.recordings.recording import Metadata, Recording
 from autotune.tuning.catalogue import catalogue_of
 from autotune.tuning.gains import judge_axis, known_of
 from autotune.tuning.stage_diagnose import torque_late
@@ -53,6 +56,22 @@ def test_what_the_run_found_is_known_and_gains_may_be_named(axis: Axis, tmp_path
     assert (named.gains.kd, named.gains_from) == (2.0, "command line")
     with pytest.raises(ConfigurationError, match="name them with --controller"):
         known_of(axis, runs, {})
+
+
+def test_gains_that_the_recording_does_not_show_are_asked_for(axis: Axis, tmp_path: Path) -> None:
+    """Position and torque alone: nothing can be said, and what to record is."""
+    recordings = next(tmp_path.glob("runs/*")) / "recordings"
+    recordings.mkdir()
+    count = 2000
+    columns = {"time": 1e-3 * np.arange(count), "position": np.sin(1e-2 * np.arange(count))}
+    columns["torque"] = np.random.default_rng(1).normal(size=count)
+    metadata = Metadata(sample_period=1e-3, position_resolution=axis.position_resolution)
+    write_recording(Recording.from_columns(columns, metadata), recordings / "experiment.parquet")
+    with pytest.raises(
+        ConfigurationError, match=r"gains that nobody knows.*record motion under position control"
+    ):
+        known_of(axis, tmp_path / "runs", {})
+    assert known_of(axis, tmp_path / "runs", {}, Gains(1.0, 2.0, 3.0)).gains.kp == 1.0
 
 
 def test_a_late_torque_is_in_the_margins_and_said(

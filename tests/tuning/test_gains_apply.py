@@ -86,6 +86,13 @@ def test_what_a_drive_cannot_hold_is_refused() -> None:
         written_as(Gains(1.0, 1.0, notch=Notch(100.0)), OLD)
 
 
+def test_gains_beyond_the_drives_range_are_refused_before_any_is_written(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match=r"controller\.kp .*cannot be 20000.*allowed is 0 to 10000"):
+        apply_gains(request(tmp_path, Gains(20_000.0, 0.15, 6000.0)))
+    assert held(tmp_path) == pytest.approx(OLD, rel=1e-6)
+    assert not unfinished(tmp_path / "runs", axis_in(tmp_path).name)
+
+
 class GainsDrive(MemoryDrive):
     """Holds gains and a feedforward that is switched off for the run."""
 

@@ -13,11 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from autotune.control.gains.loop import LoopTiming
-from autotune.control.gains.regimes import COMPLIANT
+from autotune.control.gains.regimes import COMPLIANT, steepness_of
 from autotune.core.errors import ConfigurationError
 from autotune.models.drive_model import DriveModel
 from autotune.models.reversal_memory import REVERSAL_MEMORY
 from autotune.models.torque_lag import TORQUE_LAG
+from autotune.models.total_friction import stiffness_at_rest, stiffness_spread, total_friction
 
 ERRORS = 2.0
 """Standard errors to either side: 95 %."""
@@ -25,6 +26,8 @@ LEAST = 0.05
 """Relative, of an interval: friction and inertia of one machine differ by as much from day to day."""
 ASSUMED = 0.2
 """Relative, where the model has no standard error: the reproducibility of Table 6.2."""
+AS_A_WHOLE = 0.75
+"""Steepness of a lag whose four stages are alike: nearly a delay."""
 NOMINAL = "nominal"
 MOST = 0.6
 """Relative: a parameter that nothing was said about may not turn its sign."""
@@ -61,6 +64,19 @@ _GROUPS: tuple[tuple[str, tuple[str, ...]], ...] = (
 )
 
 
+def _friction(model: DriveModel) -> tuple[float, float | None]:
+    total = total_friction(model)
+    return total.value, total.standard_error
+
+
+def _stiffness(model: DriveModel) -> tuple[float, float | None]:
+    return stiffness_at_rest(model), stiffness_spread(model)
+
+
+SUMS = {"friction": _friction, "stiffness": _stiffness}
+"""Groups that are a sum where friction is of several elements: the sum and its standard error."""
+
+
 def family(model: DriveModel, timing: LoopTiming) -> Family:
     """The nominal axis and both ends of each group.
 
@@ -78,12 +94,13 @@ def family(model: DriveModel, timing: LoopTiming) -> Family:
         present = [one for one in model.parameters if _in_group(one, keys) and model[one] > 0.0]
         if not present:
             continue
-        part, known = _spread(model, present)
+        part, known = _spread(model, name, present)
         assumed += [] if known else [name]
         for sign, end in ((-1.0, "low"), (1.0, "high")):
             factor = 1.0 + sign * part
             members.append(Member(f"{name} {end}", _scaled(model, present, factor), timing))
-    return Family((*members, *_late(model, timing), *_damped(model, timing)), tuple(assumed))
+    ends = (*_late(model, timing), *_late_as_a_whole(model, timing), *_damped(model, timing))
+    return Family((*members, *ends), tuple(assumed))
 
 
 def drawn(model: DriveModel, timing: LoopTiming, count: int, seed: int) -> tuple[Member, ...]:
@@ -95,7 +112,11 @@ def drawn(model: DriveModel, timing: LoopTiming, count: int, seed: int) -> tuple
     groups = [
         [one for one in model.parameters if _in_group(one, keys) and model[one] > 0.0] for _, keys in _GROUPS
     ]
-    parts = [_spread(model, present)[0] / ERRORS if present else 0.0 for present in groups]
+    names = [name for name, _ in _GROUPS]
+    parts = [
+        _spread(model, name, present)[0] / ERRORS if present else 0.0
+        for name, present in zip(names, groups, strict=True)
+    ]
     found = []
     for number in range(count):
         factors = 1.0 + np.array(parts) * np.clip(random.normal(size=len(parts)), -ERRORS, ERRORS)
@@ -111,11 +132,18 @@ def _in_group(name: str, keys: Iterable[str]) -> bool:
     return any(name.startswith(key) if key.endswith("_") else name == key for key in keys)
 
 
-def _spread(model: DriveModel, names: list[str]) -> tuple[float, bool]:
-    """Relative half width of a group's interval, and whether it rests on standard errors."""
+def _spread(model: DriveModel, group: str, names: list[str]) -> tuple[float, bool]:
+    """Relative half width of a group's interval, and whether it rests on standard errors.
+
+    Parts of friction and of the stiffness at rest trade with each other; what counts is how well the sum is known.
+    """
     table = model.parameters
-    total = sum(table[name].value for name in names)
-    errors = [table[name].standard_error for name in names]
+    if REVERSAL_MEMORY.name in model and group in SUMS:
+        total, error = SUMS[group](model)
+        errors = [error]
+    else:
+        total = sum(table[name].value for name in names)
+        errors = [table[name].standard_error for name in names]
     known = [error for error in errors if error is not None and math.isfinite(error)]
     if not known or (len(known) < len(names) and len(names) == 1):
         return ASSUMED, False
@@ -139,6 +167,15 @@ def _late(model: DriveModel, timing: LoopTiming) -> list[Member]:
     if any(kind.name in model for kind, _ in COMPLIANT):
         ends["low"] = max(timing.dead_time - ERRORS * timing.dead_time_error, 0.0)
     return [Member(f"dead time {end}", model, replace(timing, dead_time=late)) for end, late in ends.items()]
+
+
+def _late_as_a_whole(model: DriveModel, timing: LoopTiming) -> list[Member]:
+    """A lag that is a dead time: motion at the frequencies of a run does not tell; beyond the crossover it counts."""
+    if TORQUE_LAG.name not in model or steepness_of(model) >= AS_A_WHOLE:
+        return []
+    held = model[TORQUE_LAG.surface("time_constant")]
+    whole = TORQUE_LAG.make({"time_constant": held, "steepness": AS_A_WHOLE})
+    return [Member("torque lag as dead time", model.with_effect(whole), timing)]
 
 
 def _damped(model: DriveModel, timing: LoopTiming) -> list[Member]:

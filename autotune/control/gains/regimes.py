@@ -3,7 +3,7 @@
 Sliding (4.68): J·q'' + σ2·q' = u. Sticking, in presliding (4.69): J·q'' + (σ1 + σ2)·q' + σ0·q = u, where σ0 is the
 stiffness at rest of all that is elastic: the bristle, the elements of reversal memory, a spring. Where the
 transmission is elastic, motor and load are two masses and friction is shared between them. A drive's torque lag
-is one state more.
+is one state more for each of its stages.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from autotune.models.backlash import BACKLASH
 from autotune.models.drive_model import DriveModel
 from autotune.models.elastic_transmission import ELASTIC_TRANSMISSION
 from autotune.models.spring import SPRING
-from autotune.models.torque_lag import TORQUE_LAG
+from autotune.models.torque_lag import STAGES, TORQUE_LAG
 from autotune.models.total_friction import stiffness_at_rest, total_friction
 
 Regime = Literal["sticking", "sliding"]
@@ -37,7 +37,7 @@ class LinearAxis:
         inertia, damping, stiffness: J, all damping and all stiffness to the ground.
         coupling, coupling_damping: spring and damper between motor and load; 0 for one mass.
         load_share, load_friction: parts of inertia and of friction beyond the spring.
-        lag: time constant of the torque [s].
+        lags: time constants of the torque's stages [s].
     """
 
     inertia: float
@@ -47,7 +47,7 @@ class LinearAxis:
     coupling_damping: float = 0.0
     load_share: float = 0.0
     load_friction: float = 0.0
-    lag: float = 0.0
+    lags: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.inertia > 0.0:
@@ -68,7 +68,9 @@ class LinearAxis:
         a, b = self._two_masses() if self.coupling > 0.0 else self._one_mass()
         c = np.zeros(len(b))
         c[0] = 1.0
-        return (a, b, c) if self.lag <= 0.0 else _lagged(a, b, c, self.lag)
+        for lag in self.lags:
+            a, b, c = _lagged(a, b, c, lag)
+        return a, b, c
 
     def _one_mass(self) -> tuple[Floats, Floats]:
         a = np.array([[0.0, 1.0], [-self.stiffness / self.inertia, -self.damping / self.inertia]])
@@ -92,6 +94,7 @@ class LinearAxis:
 
 
 def _lagged(a: Floats, b: Floats, c: Floats, lag: float) -> tuple[Floats, Floats, Floats]:
+    """The same behind one stage more."""
     n = len(b)
     wide = np.zeros((n + 1, n + 1))
     wide[:n, :n], wide[:n, n], wide[n, n] = a, b, -1.0 / lag
@@ -107,10 +110,10 @@ def linear_axis(model: DriveModel, regime: Regime) -> LinearAxis:
     stiffness = stiffness_at_rest(model) if sticks else 0.0
     if SPRING.name in model:
         stiffness += model[SPRING.surface("stiffness")]
-    lag = model[TORQUE_LAG.surface("time_constant")] if TORQUE_LAG.name in model else 0.0
+    lags = torque_stages(model)
     found = next(((kind, name) for kind, name in COMPLIANT if kind.name in model), None)
     if found is None:
-        return LinearAxis(model["inertia"], damping, stiffness, lag=lag)
+        return LinearAxis(model["inertia"], damping, stiffness, lags=lags)
     kind, compliance = found[0], model[found[0].surface(found[1])]
     share = model[kind.surface("load_inertia")]
     coupling = 1.0 / max(compliance, 1e-12)
@@ -123,8 +126,23 @@ def linear_axis(model: DriveModel, regime: Regime) -> LinearAxis:
         2.0 * model[kind.surface("damping")] * math.sqrt(coupling * reduced),
         share,
         model[kind.surface("load_friction")],
-        lag,
+        lags,
     )
+
+
+def torque_stages(model: DriveModel) -> tuple[float, ...]:
+    """Time constants of the stages that the torque goes through [s], those that are not 0."""
+    if TORQUE_LAG.name not in model:
+        return ()
+    whole = model[TORQUE_LAG.surface("time_constant")]
+    further = whole * steepness_of(model)
+    return tuple(one for one in (whole - further, *STAGES * (further / STAGES,)) if one > 0.0)
+
+
+def steepness_of(model: DriveModel) -> float:
+    """Share of the torque's lag in further stages; 0 where the model does not say it."""
+    found = model.parameters.get(TORQUE_LAG.surface("steepness"))
+    return found.value if found is not None else 0.0
 
 
 def characteristic_space(model: DriveModel) -> float:

@@ -73,18 +73,18 @@ def stick_slip_in_words(verdict: Verdict, unit: str) -> str:
         return f"no stick-slip between {slow.speeds[0]:.2g} and {slow.speeds[-1]:.2g} {unit}/s."
     if slow.below <= 0.0:
         return (
-            f"the nominal axis moves evenly from {slow.speeds[0]:.2g} {unit}/s on, but within the intervals it can "
-            f"come to stand again and again up to {verdict.stick_slip_below:.2g} {unit}/s (with "
+            f"no stick-slip of the nominal axis from {slow.speeds[0]:.2g} {unit}/s on, but within the intervals of its "
+            f"parameters it can stick and slip below {verdict.stick_slip_below:.2g} {unit}/s (with "
             f"{', '.join(verdict.sticking_members)})."
         )
     if verdict.stick_slip_below >= slow.speeds[-1]:
         return (
-            f"the axis stands, or comes to stand again and again, up to {slow.speeds[-1]:.2g} {unit}/s at least; "
-            "no speed that was looked at is free of it."
+            f"stick-slip at every speed that was looked at, up to {slow.speeds[-1]:.2g} {unit}/s: the axis stands, or "
+            "comes to stand again and again."
         )
     return (
-        "in slow motion the axis comes to stand again and again, below about "
-        f"{verdict.stick_slip_below:.2g} {unit}/s."
+        f"stick-slip below about {verdict.stick_slip_below:.2g} {unit}/s: in slow motion the axis comes to stand again "
+        "and again."
     )
 
 
@@ -131,9 +131,9 @@ def conditions_in_words(kin: Family, gains: Gains) -> str:
     """Theorem 4.2 and Routh with their margins, as information."""
     found = pid_conditions(kin.nominal.model, gains)
     theorem = (
-        "Theorem 4.2 guarantees that it does not hunt"
+        "Theorem 4.2 of the thesis guarantees that it does not hunt"
         if found.sufficient
-        else "Theorem 4.2, which is sufficient and not necessary, does not tell"
+        else "Theorem 4.2 of the thesis, sufficient but not necessary, leaves it open"
     )
     routh = "holds" if found.sliding_stable else "fails"
     return (
@@ -154,8 +154,8 @@ def _proposed(kin: Family, current: Verdict | None, proposal: Proposal, unit: st
     said = [
         f"Proposed for {STRUCTURES[verdict.gains.structure]}, in SI at the motor: "
         f"{gains_in_words(verdict.gains, unit)}. Crossover {verdict.bandwidth:.3g} Hz; on the twin steps "
-        f"{_settles(verdict)}{before}, {hunting_in_words(verdict, unit)} "
-        f"In slow motion: {stick_slip_in_words(verdict, unit)} More is limited by {proposal.limited_by}.",
+        f"{_settles(verdict)}{before}; {hunting_in_words(verdict, unit)} "
+        f"In slow motion: {stick_slip_in_words(verdict, unit)} Higher gains are limited by {proposal.limited_by}.",
         f"{count} with them{beside}.",
     ]
     if current is not None and _as_good(current, verdict, proposal.requirements):
@@ -235,11 +235,11 @@ def passivity_in_words(kin: Family, unit: str) -> str:
     margin = passivity_margin(kin.nominal.model)
     if margin >= 0.0:
         return (
-            "The axis by itself is passive: its viscous friction exceeds what (3.14) asks for by "
+            "The axis by itself is passive: its viscous friction exceeds what (3.14) of the thesis asks for by "
             f"{margin:.2g} {per_speed}."
         )
     return (
-        "The axis by itself is not passive (3.14): its friction falls with speed, and a velocity gain of "
+        "The axis by itself is not passive by (3.14) of the thesis: its friction falls with speed; a velocity gain of "
         f"{-margin:.2g} {per_speed} would make it so."
     )
 
