@@ -19,8 +19,8 @@ from autotune.core.units import torque_symbol
 from autotune.models import layout
 from autotune.models.effect import Effect, Parameter, Value, check
 from autotune.models.inverse import load_substeps, required
-from autotune.models.stribeck import STRIBECK
 from autotune.models.reversal_memory import REVERSAL_MEMORY
+from autotune.models.stribeck import STRIBECK
 from autotune.models.table import EFFECTS, effect_kind
 from autotune.models.torque_ripple import scale_slot
 
