@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
-from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
@@ -229,7 +228,8 @@ class Path:
         self.mark(CONDITIONING).dwell(tail * self.motion.period)
         raw = self.positions()
         steps = ((1.0 - alpha) * (raw - self._start)).tolist()
-        smooth = np.array(list(accumulate(steps, lambda before, step: alpha * before + step)))
+        last = 0.0
+        smooth = np.array([last := alpha * last + step for step in steps])
         return Plan(
             np.asarray(self._start + smooth),
             np.concatenate(self._torques),

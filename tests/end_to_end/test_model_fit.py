@@ -180,7 +180,8 @@ def _unrelated(c: Columns) -> Columns:
         (_back, 2, "time"),
         (_clipped, 3, "clipped at 0.25"),
         (_two_axes, 2, "two axes"),
-        (_one_after_the_other, 2, "mixes axes"),
+        # that it is found, and found to be this: tests/identify/test_joint.py
+        pytest.param(_one_after_the_other, 2, "mixes axes", marks=pytest.mark.long),
         (_unrelated, 3, ""),
     ],
 )

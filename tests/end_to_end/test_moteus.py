@@ -63,7 +63,7 @@ def test_a_run_over_the_line_is_kept_and_can_be_rolled_back(bench: Bench) -> Non
     assert kept["feedforward.enabled"] == 1.0
     limits = {name: value for name, value in before.items() if name.startswith("limit.")}
     assert {name: kept[name] for name in limits} == pytest.approx(limits)
-    back = bench.call("rollback", str(bench.axis), "--runs", str(bench.runs))
+    back = called("rollback", str(bench.axis), "--runs", str(bench.runs))
     assert back.returncode == 0, back.stderr
     assert read_drive(bench) == pytest.approx(before)
 

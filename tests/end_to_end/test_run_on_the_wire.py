@@ -8,6 +8,7 @@ import pytest
 
 from autotune.recordings.files import read_recording
 from tests.end_to_end.support import Bench, read_drive
+from tests.support.commands import called
 
 
 @pytest.mark.slow
@@ -43,6 +44,6 @@ def test_a_run_on_the_wire_is_kept_leaves_everything_and_can_be_rolled_back(benc
     assert {n: v for n, v in kept.items() if n.startswith("limit.")} == {
         n: v for n, v in present.items() if n.startswith("limit.")
     }
-    back = bench.call("rollback", str(bench.axis), "--runs", str(bench.runs))
+    back = called("rollback", str(bench.axis), "--runs", str(bench.runs))
     assert back.returncode == 0, back.stderr
     assert read_drive(bench) == pytest.approx(present)

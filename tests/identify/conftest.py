@@ -4,7 +4,9 @@ from functools import cache
 
 import pytest
 
+from autotune.identify.run import Identification, identify_run
 from autotune.recordings.recording import Recording
+from autotune_sim.plant import PlantParameters
 from autotune_sim.presets import Preset, preset
 from bench.identify_data import play, varied_axis
 
@@ -19,6 +21,12 @@ def _played(name: str, seed: int) -> tuple[Preset, Recording]:
 def varied() -> tuple[Preset, Recording]:
     """A LuGre axis with ripple, its parameters up to 30 % off the nominal ones."""
     return _played("varied", 3)
+
+
+@pytest.fixture(scope="session")
+def identified(varied: tuple[Preset, Recording]) -> tuple[PlantParameters, Identification]:
+    """The plant of `varied` and what the whole programme tells of it."""
+    return varied[0].plant, identify_run(varied[1], precision=1e-3)
 
 
 @pytest.fixture(scope="session")

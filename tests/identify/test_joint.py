@@ -13,7 +13,6 @@ from autotune.identify.fit import fit, joined, thinned
 from autotune.identify.high_speed import identify_high_speed
 from autotune.identify.refinement import refine_recording
 from autotune.identify.residuals import simulate_closed_loop, torque_residual
-from autotune.identify.run import identify_run
 from autotune.models.drive_model import base_model
 from autotune.recordings.recording import Metadata, Recording, concatenate
 from autotune_sim.presets import preset
@@ -141,11 +140,11 @@ def test_the_whitener_whitens() -> None:
     assert abs(lag) < 0.03
 
 
-def test_joint_refinement_is_close_and_its_intervals_are_honest(varied) -> None:
-    axis, recording = varied
-    joint = identify_run(recording).joint
+def test_joint_refinement_is_close_and_its_intervals_are_honest(identified) -> None:
+    plant, result = identified
+    joint = result.joint
     inside = 0
-    for name, value in truth(axis.plant).items():
+    for name, value in truth(plant).items():
         quantity = joint[name]
         tolerance = {"micro_damping": 0.10, "stribeck_velocity": 0.05}.get(name, 0.02)
         assert quantity.value == pytest.approx(value, rel=tolerance), name

@@ -16,11 +16,6 @@ ACCELERATION = 0.2 * (2.0 * math.pi) ** 2
 
 
 @pytest.fixture(scope="module")
-def identified(varied):
-    return varied[0].plant, identify_run(varied[1], precision=1e-3)
-
-
-@pytest.fixture(scope="module")
 def identified_vertical(vertical):
     return vertical[0].plant, identify_run(vertical[1], precision=0.1)
 
