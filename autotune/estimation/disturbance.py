@@ -7,7 +7,9 @@ controller; noise of the torque sensor reaches nothing but the record.
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +29,7 @@ class Disturbance:
         sensor: of the recorded torque [N m]; the axis does not feel it. nan where unknown.
         uneven: variance of stretches over what it is usually, where that is more than chance; else 1.
         lines: frequencies that stand out [Hz].
+        jitter: of the moment at which a row is written [s]; the axis does not feel it.
     """
 
     white: float = 0.0
@@ -36,6 +39,7 @@ class Disturbance:
     sensor: float = math.nan
     uneven: float = 1.0
     lines: tuple[float, ...] = ()
+    jitter: float = 0.0
 
     @property
     def process(self) -> float:
@@ -75,5 +79,38 @@ def coloured_power(hertz: Floats, correlation: float, period: float) -> Floats:
     return np.asarray((1.0 - memory**2) / (1.0 - 2.0 * memory * np.cos(angle) + memory**2))
 
 
+def jitter_of(measured: Floats, stretches: Sequence[slice], period: float) -> float:
+    """Spread of the moment at which rows are written [s], by positions of shape (n,); 0 where there is none.
+
+    Such rows are off by speed times delay, each by itself: fourth and sixth differences, which take out the motion, are
+    then as large as each other and in proportion to speed.
+    """
+    moved = [np.abs(np.gradient(measured[rows], period))[3:-3] for rows in stretches]
+    speed = np.concatenate(moved)
+    fourth, sixth = (
+        np.concatenate([_differences(measured[rows], order)[(6 - order) // 2 : len(v) + (6 - order) // 2]
+                        for rows, v in zip(stretches, moved, strict=True)])
+        for order in (4, 6)
+    )  # fmt: skip
+    edges = np.quantile(speed[speed > SLOW * np.quantile(speed, 0.99)], np.linspace(0.0, 1.0, SPEEDS + 1))
+    delays, alike = [], []
+    for low, high in itertools.pairwise(edges.tolist()):
+        inside = (speed >= low) & (speed <= high)
+        power = float(np.median(fourth[inside] ** 2)) / CHI
+        alike.append(float(np.median(sixth[inside] ** 2)) / CHI / max(power, 1e-300))
+        delays.append(math.sqrt(power / float(np.mean(speed[inside] ** 2))))
+    quick = delays[len(delays) // 3 :]
+    proportional = min(quick) > PROPORTIONAL * max(quick)
+    return float(np.mean(quick)) if proportional and 0.5 < float(np.median(alike)) < 2.0 else 0.0
+
+
+def _differences(values: Floats, order: int) -> Floats:
+    """Of an order, so that white noise keeps its variance."""
+    return np.asarray(np.diff(values, order) / math.sqrt(math.comb(2 * order, order)))
+
+
+SLOW, SPEEDS, CHI, PROPORTIONAL = 0.05, 6, 0.4549, 0.8
+"""Of the largest speed: slower tells nothing; classes of speed; median over mean of a squared normal number; and how
+far classes of the faster two thirds may be apart."""
 STILL = Disturbance()
 """Nothing shakes the axis."""

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from autotune.core.arrays import Floats
 from autotune.estimation.controller import asked
 from autotune.estimation.data import TRAINING, Prepared
-from autotune.estimation.disturbance import STILL, Disturbance, coloured_power
+from autotune.estimation.disturbance import STILL, Disturbance, coloured_power, jitter_of
 from autotune.estimation.problem import Problem
 from autotune.estimation.residual import SEED, raw_residual, residual, run_twin, simulated_motion
 from autotune.models import layout
@@ -52,6 +52,8 @@ WORTH_A_PART = 5.0
 WITHOUT = ([0], [0, 1])
 WITH_MEMORY = ([2], [1, 2], [0, 2], [0, 1, 2])
 """Parts that are tried together: white, position, and coloured."""
+QUIETEST = 0.1
+"""Of the chunks, where rows are written late."""
 CHAOTIC = 0.3
 """Of the measured power in the median band: what quantiser and friction make from which a spectrum is in doubt."""
 LEVELS = (4.0, 8.0, 16.0, 32.0, 64.0)
@@ -92,24 +94,29 @@ def estimate_disturbance(problem: Problem, packed: Packed) -> Disturbance:
     if chunks is None:
         return STILL
     data = problem.data
+    jitter = jitter_of(data.measured, [stretch.rows for stretch in data.stretches], data.period)
     heard = np.asarray(data.torque - asked(data, problem.controller))
-    sensor = float(np.sqrt(np.median(np.var(chunks.of(heard), axis=1))))
+    # where rows are late, what their positions would have asked for is no torque; the slowest chunks hold least of it
+    share = QUIETEST if jitter > 0.0 else 0.5
+    sensor = float(np.sqrt(np.quantile(np.var(chunks.of(heard), axis=1), share)))
     raw = raw_residual(data, packed, problem.moved)
-    raw[1:] -= 0.5 * (heard[1:] + heard[:-1])
+    if jitter == 0.0:
+        raw[1:] -= 0.5 * (heard[1:] + heard[:-1])
     matcher = _matcher(problem, packed, chunks)
     measured = chunks.power(raw)
-    found, simulated = STILL, measured
+    found, simulated = replace(STILL, jitter=jitter), measured
     own: list[Floats] = []
     uneven: list[Floats] = []
     for number in range(ROUNDS):
-        again = _shaken(problem, packed, found, chunks, number)
+        again = _shaken(problem, packed, replace(found, sensor=sensor), chunks, number)
         if again is None:
             break
         simulated = again[0]
         own.append(matcher.bands(again[1]) - matcher.of_position(found))
         uneven.append(matcher.scatter(again[1]))
         scatter = matcher.scatter(measured) + np.mean(uneven, axis=0) / len(uneven)
-        found = matcher.matched(matcher.bands(measured), np.mean(own, axis=0), len(chunks.starts), scatter)
+        matched = matcher.matched(matcher.bands(measured), np.mean(own, axis=0), len(chunks.starts), scatter)
+        found = replace(matched, jitter=jitter)
     if chunks.paired and own and _chaotic(matcher.bands(measured), np.mean(own, axis=0)):
         found = _of_least_cost(problem, packed, found)
     return replace(
@@ -138,7 +145,7 @@ def _of_least_cost(problem: Problem, packed: Packed, found: Disturbance) -> Dist
         correction = replace(problem, disturbance=disturbance).correction(packed)
         return problem.mean_square(error - correction.bias, TRAINING) if correction.stable else math.inf
 
-    levels = [replace(STILL, white=whole / parts) for parts in LEVELS]
+    levels = [replace(STILL, white=whole / parts, jitter=found.jitter) for parts in LEVELS]
     return min((found, *levels), key=cost)
 
 
@@ -151,6 +158,9 @@ def _shaken(
     run = run_twin(problem.data, packed, problem.controller, found, np.random.default_rng([SEED, number]))
     if not run.stable:
         return None
+    if found.jitter > 0.0:  # the noise of the torque's sensor is in the measured residual then
+        heard = found.sensor * np.random.default_rng([SEED, 9 + number]).standard_normal(len(run.torque))
+        run = replace(run, torque=run.torque + heard)
     raw = raw_residual(problem.data, packed, simulated_motion(problem.data, run))
     own = raw.copy()
     own[1:] += 0.5 * (run.disturbance[1:] + run.disturbance[:-1])

@@ -8,7 +8,7 @@ effects visible. The injected noise is known, so that its own part is taken out 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -144,11 +144,19 @@ def run_twin(
             unsure[rows],
         )
         stable &= inside
+        if noise.jitter > 0.0:
+            position[rows] = _late_rows(position[rows], noise.jitter / data.period, resolution, random)
     stable = stable and bool(np.all(np.isfinite(position)))
     if stable:
         lag = max(float(np.max(np.abs((position - data.measured)[s.rows]))) for s in data.stretches)
         stable = bool(lag < 0.5 * np.ptp(data.measured) + 1e3 * data.resolution)
     return Simulated(position, torque, disturbance, stable)
+
+
+def _late_rows(position: Floats, spread: float, resolution: float, random: np.random.Generator) -> Floats:
+    """Positions as they are when rows are written at moments that scatter by `spread` samples."""
+    late = position + spread * random.standard_normal(len(position)) * np.gradient(position)
+    return np.asarray(np.round(late / resolution) * resolution if resolution > 0.0 else late)
 
 
 @dataclass(slots=True)
@@ -166,7 +174,8 @@ class TwinRuns:
     def add(self) -> None:
         """One run more; where the twin leaves all bounds there is none, now and later."""
         data = self.data
-        run = run_twin(data, self.packed, self.controller, self.disturbance, self.random)
+        prompt = replace(self.disturbance, jitter=0.0)  # late rows are no bias, but for chance
+        run = run_twin(data, self.packed, self.controller, prompt, self.random)
         self.stable = run.stable
         if run.stable:
             raw = raw_residual(data, self.packed, simulated_motion(data, run))
