@@ -150,7 +150,15 @@ def _worse_than_none(problem: Problem, evidence: Evidence, model_fit: ModelFit, 
     without = replace(problem, controller=None)
     free = list(model_fit.free)
     none = refit(without, model_fit.fitted.packed, free, without.correction(model_fit.fitted.packed)).cost
+    cost -= _by_chance(problem, model_fit)
     return cost > (AS_MUCH if law is not None and law.ticks > 1 else 1.0) * none
+
+
+def _by_chance(problem: Problem, model_fit: ModelFit) -> float:
+    """Mean square of the training rows that the chance of the twin's few runs puts there [(N m)²]."""
+    weight = problem.training
+    blocks = zip(problem.data.blocks, model_fit.correction.variance, strict=True)
+    return float(sum(spare * weight[block.rows].sum() for block, spare in blocks)) / float(weight.sum())
 
 
 def _aligned(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit]:
