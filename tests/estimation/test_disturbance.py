@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 
 from autotune.estimation.controller import find_controller
 from autotune.estimation.data import Prepared, filtered_motion, prepare
-from autotune.estimation.disturbance import STILL, Disturbance, memory_of
+from autotune.estimation.disturbance import STILL, Disturbance, jitter_of, memory_of
 from autotune.estimation.disturbance_estimate import estimate_disturbance
 from autotune.estimation.problem import new_problem
 from autotune.estimation.residual import run_twin
@@ -79,3 +79,13 @@ def test_process_and_sensor_noise_are_told_apart(recording: Recording, memory: f
 def test_without_a_controller_nothing_is_shaken(recording: Recording) -> None:
     problem = new_problem(prepare([recording]), None)
     assert estimate_disturbance(problem, base_model(NOMINAL).pack()) == STILL
+
+
+@pytest.mark.parametrize("spread", [0.0, 2e-5])
+def test_rows_written_at_moments_that_scatter_are_told_by_the_position(spread: float) -> None:
+    """A sine of 1 rad at 0.5 Hz and 1 ms, counts of a microradian: 60 microradians where it is fastest."""
+    random = np.random.default_rng(6)
+    time = np.arange(20_000) * 1e-3
+    written = time + spread * random.standard_normal(len(time))
+    position = np.rint(np.sin(np.pi * written) / 1e-6) * 1e-6
+    assert jitter_of(position, [slice(0, len(time))], 1e-3) == pytest.approx(spread, rel=0.1)
