@@ -156,7 +156,7 @@ def ladder(p: Problem, seconds: float) -> Said:
         found, square = np.zeros(unknowns), math.inf
         while time.process_time() < until and not search.stop():
             guesses = search.ask()
-            losses = [_loss(p, sum(_rung(p, model, guess))) for guess in guesses]
+            losses = [_loss(p, sum(_rung(p, model, guess), np.zeros(len(p.residual)))) for guess in guesses]
             search.tell(guesses, losses)
             if min(losses) < square:
                 square, found = min(losses), guesses[int(np.argmin(losses))]
