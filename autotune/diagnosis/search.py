@@ -211,7 +211,7 @@ class _Search:
         again = self.evidence.aligned(self.problem, best.model_fit)
         if again is not self.problem:
             self.problem = again
-            self.root, best = fitted_again(again, self.root, best)
+            self.root, (best, *self.tried) = fitted_again(again, self.root, [best, *self.tried])
         if self.evidence.repeats and self._unsettled(best):
             best = refined(self.problem, self.root, best, self.progress)
             best = self._begun_anew(best)
