@@ -23,6 +23,7 @@ from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
 from autotune.diagnosis.evidence.time_driven import TimeLine, time_driven_line
 from autotune.diagnosis.first_alone import doubt_of
+from autotune.diagnosis.free_shape import any_course
 from autotune.diagnosis.search import Found, again_explained, search
 from autotune.diagnosis.transmission import GAP, SPRING, hardly_a_gap
 from autotune.diagnosis.wording import (
@@ -163,8 +164,9 @@ class Facts:
     @property
     def structured(self) -> bool:
         """A free function of one coordinate explains plainly more than any physics."""
-        policy = self.problem.policy
-        return self.generic > policy.generic_gain and self.generic > policy.generic_lead * max(self.lead, 0.0)
+        policy, chosen = self.problem.policy, self.chosen
+        plainly = self.generic > max(policy.generic_gain, policy.generic_lead * self.lead)
+        return plainly or (chosen is not None and any_course(self.problem, chosen.model_fit))
 
     @property
     def accepted(self) -> bool:
