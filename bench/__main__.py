@@ -18,6 +18,7 @@ USUAL: dict[str, list[list[str]]] = {
     "commit_cut": [[]],
     "recorder": [[]],
     "measured": [[]],
+    "worlds.rivals": [["--singles", "4", "--nulls", "2", "--aliens", "1"]],
     "export_c": [["--samples", "1000000"]],
 }
 LONG: dict[str, list[list[str]]] = {
@@ -34,7 +35,6 @@ LONG: dict[str, list[list[str]]] = {
     "friction_scale": [[]],
     "fuzz": [["--inputs", "1000000"]],
     "worlds": [["--singles", "32", "--nulls", "16", "--aliens", "11", "--workers", "2"]],
-    "worlds.rivals": [[]],
 }
 
 

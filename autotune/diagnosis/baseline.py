@@ -145,11 +145,13 @@ def _worse_than_none(problem: Problem, evidence: Evidence, model_fit: ModelFit, 
     cost = model_fit.fitted.cost
     law = problem.controller
     between = law is not None and (law.in_band or law.reference_delay > law.position_delay)
-    if not between or not evidence.repeats:
-        return not evidence.repeats and cost > problem.policy.twin_worse * plain
+    if evidence.repeats and not between:
+        return False
     without = replace(problem, controller=None)
     free = list(model_fit.free)
     none = refit(without, model_fit.fitted.packed, free, without.correction(model_fit.fitted.packed)).cost
+    if not evidence.repeats:
+        return cost > problem.policy.twin_worse * min(plain, none)
     cost -= _by_chance(problem, model_fit)
     return cost > (AS_MUCH if law is not None and law.ticks > 1 else 1.0) * none
 

@@ -15,7 +15,7 @@ import numpy as np
 from autotune.core.errors import AutotuneError
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.candidates import Progress
-from autotune.diagnosis.search import search
+from autotune.diagnosis.search import Found, search
 from autotune.estimation.bandwidth import prepared_for
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.data import TRAINING
@@ -35,9 +35,10 @@ MOST_UNEXPLAINED = 0.25
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """Why what was found is not confirmed, in words."""
+    """Why what was found is not confirmed, in words; `nowhere`: no recording shows any of it by itself."""
 
     why: str
+    nowhere: bool = False
 
 
 def doubt_of(
@@ -48,18 +49,21 @@ def doubt_of(
     policy: Policy,
     candidates: tuple[Kind, ...],
 ) -> Doubt | None:
-    """What speaks against calling effects confirmed that all recordings together have named; None if nothing does."""
+    """What speaks against calling effects confirmed that all recordings together have named; None if nothing does.
+
+    Together alone they name what a base bends into that is two: warmer, or heavier, in one of them.
+    """
     if len(recordings) < 2:
         return None
     try:
         progress("what the first recording names by itself")
-        problem, root, nominal, _ = begin(
-            prepared_for(recordings[:1], policy), model, progress, policy=policy
-        )
-        problem = replace(problem, candidates=candidates)
-        found = search(problem, root, nominal, progress)
-        names = () if found.chosen is None else found.chosen.model_fit.effects
-        missing = [name for name in effects if name not in names]
+        found = _by_itself(recordings[0], model, progress, policy, candidates)
+        missing = _not_shown(effects, found)
+        if len(missing) == len(effects):
+            progress("what the others name by themselves")
+            others = (_by_itself(one, model, progress, policy, candidates) for one in recordings[1:])
+            if all(len(_not_shown(effects, other)) == len(effects) for other in others):
+                return Doubt(f"no recording by itself shows {_listed(effects)}", nowhere=True)
         if missing or found.chosen is None:
             return Doubt(f"the first recording by itself does not show {_listed(missing or effects)}")
         share = unexplained(found.problem, found.chosen.model_fit)
@@ -72,6 +76,23 @@ def doubt_of(
     except AutotuneError as reason:
         return Doubt(f"a recording tells too little by itself ({reason})")
     return None
+
+
+def _by_itself(
+    recording: Recording,
+    model: DriveModel,
+    progress: Progress,
+    policy: Policy,
+    candidates: tuple[Kind, ...],
+) -> Found:
+    """What a search finds in one recording."""
+    problem, root, nominal, _ = begin(prepared_for([recording], policy), model, progress, policy=policy)
+    return search(replace(problem, candidates=candidates), root, nominal, progress)
+
+
+def _not_shown(effects: Sequence[str], found: Found) -> list[str]:
+    names = () if found.chosen is None else found.chosen.model_fit.effects
+    return [name for name in effects if name not in names]
 
 
 def unexplained(problem: Problem, model_fit: ModelFit) -> float:

@@ -16,6 +16,7 @@ what is left of the bristle, is the one stiffness that presliding and Dahl's cur
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +25,7 @@ import scipy
 from autotune.core.arrays import Floats
 from autotune.diagnosis.candidates import FittedCandidate
 from autotune.diagnosis.refits import gain_on_veto, judged
+from autotune.diagnosis.screening import generic_gains
 from autotune.diagnosis.starts import Context, varying
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.cross_validation import gain_and_z
@@ -32,6 +34,7 @@ from autotune.estimation.least_squares import Free
 from autotune.estimation.problem import Problem
 from autotune.models import layout
 from autotune.models.drive_model import Packed
+from autotune.models.gravity_imbalance import GRAVITY_IMBALANCE, LEAST_PERIODS
 from autotune.models.reversal_memory import ELEMENTS, REVERSAL_MEMORY
 from autotune.models.table import EFFECTS
 
@@ -86,6 +89,20 @@ def with_free_shape(
     if settled is None or not _predicts_better(problem, before, settled):
         return None
     return replace(judged(problem, root, settled, chosen.effect), gain=chosen.gain)
+
+
+def any_course(problem: Problem, model_fit: ModelFit) -> bool:
+    """Whether an imbalance leaves what a function of place explains, over less than a turn and a half of the load.
+
+    A sine over so little travel comes near to any smooth course (a spring that hardens, a hose): what it is not
+    exactly, it is not by another law either.
+    """
+    order = model_fit.fitted.packed.p[GRAVITY_IMBALANCE.slot("order")]
+    if model_fit.effects != (GRAVITY_IMBALANCE.name,):
+        return False
+    if problem.scales.travel * order >= LEAST_PERIODS * 2.0 * math.pi:
+        return False
+    return generic_gains(problem, model_fit).get("position", 0.0) >= problem.policy.least_gain
 
 
 def _predicts_better(problem: Problem, before: ModelFit, after: ModelFit) -> bool:

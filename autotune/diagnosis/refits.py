@@ -175,14 +175,16 @@ def with_own_noise(
 
 
 def fitted_again(
-    problem: Problem, root: ModelFit, chosen: FittedCandidate
-) -> tuple[ModelFit, FittedCandidate]:
-    """Both models fitted again after torque and motion were aligned anew."""
+    problem: Problem, root: ModelFit, candidates: Sequence[FittedCandidate]
+) -> tuple[ModelFit, list[FittedCandidate]]:
+    """All models fitted again after torque and motion were aligned anew: only so can they be compared."""
     before = fit_inside_twin(problem, root.fitted.packed, list(root.free), 2) or root
-    after = fit_inside_twin(
-        problem, chosen.model_fit.fitted.packed, list(chosen.model_fit.free), 2, chosen.model_fit.effects
-    )
-    return before, chosen if after is None else judged(problem, before, after, chosen.effect)
+    again = []
+    for item in candidates:
+        own = item.model_fit
+        after = fit_inside_twin(problem, own.fitted.packed, list(own.free), 2, own.effects)
+        again.append(item if after is None else judged(problem, before, after, item.effect))
+    return before, again
 
 
 def without_insignificant_terms(problem: Problem, model_fit: ModelFit) -> ModelFit:

@@ -165,11 +165,9 @@ class _Search:
             return []
         self.progress(f"refit inside the twin: {best.effect}")
         fitted = inside_twin(problem, self.root, model_fit, best)
-        return (
-            []
-            if fitted is None
-            else [replace(fitted, gain=gain_on_veto(problem, model_fit, fitted.model_fit))]
-        )
+        if fitted is None:
+            return []
+        return [replace(fitted, gain=gain_on_veto(problem, model_fit, fitted.model_fit))]
 
     def _best(self, fits: Sequence[FittedCandidate]) -> FittedCandidate | None:
         """The fit that explains most, if it is worth having beside what is chosen already.
@@ -210,8 +208,7 @@ class _Search:
             self.problem, best = with_own_noise(self.problem, self.root, best)
         again = self.evidence.aligned(self.problem, best.model_fit)
         if again is not self.problem:
-            self.problem = again
-            self.root, best = fitted_again(again, self.root, best)
+            best = self._moved(again, best)
         if self.evidence.repeats and self._unsettled(best):
             best = refined(self.problem, self.root, best, self.progress)
             best = self._begun_anew(best)
@@ -219,6 +216,14 @@ class _Search:
             best = self._freed(best)
         self.chosen = best
         self.seen.append(best.model_fit)
+        return best
+
+    def _moved(self, problem: Problem, best: FittedCandidate) -> FittedCandidate:
+        """The best candidate as torque and motion are aligned now; so are its rivals, or only the alignment tells."""
+        rivals = [item for item in self.tried if item.named and item.effect != best.effect]
+        self.problem = problem
+        self.root, (best, *moved) = fitted_again(problem, self.root, [best, *rivals])
+        self.tried = list({item.effect: item for item in (*self.tried, *moved)}.values())
         return best
 
     def _freed(self, chosen: FittedCandidate) -> FittedCandidate:

@@ -23,6 +23,7 @@ from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
 from autotune.diagnosis.evidence.time_driven import TimeLine, time_driven_line
 from autotune.diagnosis.first_alone import doubt_of
+from autotune.diagnosis.free_shape import any_course
 from autotune.diagnosis.search import Found, again_explained, search
 from autotune.diagnosis.transmission import GAP, SPRING, hardly_a_gap
 from autotune.diagnosis.wording import (
@@ -114,11 +115,14 @@ def diagnose(
     progress("does another trajectory confirm it")
     chosen, carried = confirm(found, nominal)
     verdict = judge(replace(found, chosen=chosen), (*notes, *in_words(carried)), carried)
-    if verdict.confidence == CONFIRMED and not data.repeated:
+    if verdict.verdict == NAMED and not data.repeated:
         doubt = doubt_of(recordings, model, verdict.effects, progress, policy, problem.candidates)
-        if doubt is not None:
-            said = f"Suspected only: {doubt.why}."
-            verdict = replace(verdict, confidence=SUSPECTED, notes=(said, *verdict.notes))
+        if doubt is not None and doubt.nowhere:
+            said = (f"Not named: {doubt.why}.", *notes, *in_words(carried))
+            verdict = judge(replace(found, chosen=None), said, carried)
+        elif doubt is not None and verdict.confidence == CONFIRMED:
+            notes = (f"Suspected only: {doubt.why}.", *verdict.notes)
+            verdict = replace(verdict, confidence=SUSPECTED, notes=notes)
     return replace(verdict, error_rms=given.error_rms, relative_error=given.relative_error)
 
 
@@ -163,8 +167,9 @@ class Facts:
     @property
     def structured(self) -> bool:
         """A free function of one coordinate explains plainly more than any physics."""
-        policy = self.problem.policy
-        return self.generic > policy.generic_gain and self.generic > policy.generic_lead * max(self.lead, 0.0)
+        policy, chosen = self.problem.policy, self.chosen
+        plainly = self.generic > max(policy.generic_gain, policy.generic_lead * self.lead)
+        return plainly or (chosen is not None and any_course(self.problem, chosen.model_fit))
 
     @property
     def accepted(self) -> bool:
@@ -335,20 +340,9 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     line = time_driven_line(problem, (chosen.model_fit if chosen else root).fitted.error)
     rivals = tuple(_rivals(problem, evidence, root, chosen, found.tried)) if chosen is not None else ()
     return Facts(
-        problem,
-        root,
-        chosen,
-        evidence,
-        carried,
-        line,
-        coordinate,
-        generic,
-        lead,
-        rivals,
-        found.first,
-        found.tried,
+        problem, root, chosen, evidence, carried, line, coordinate, generic, lead, rivals, found.first, found.tried,
         found.freed,
-    )
+    )  # fmt: skip
 
 
 def _rivals(

@@ -21,7 +21,7 @@ from typing import Any
 from bench.worlds.cases import Case, Wanted, batch_hash, draw_batch
 from bench.worlds.judge import judged
 from bench.worlds.names import LOOPS
-from bench.worlds.table import table
+from bench.worlds.table import lines_of, table
 
 PLURALS = {
     "singles": "single",
@@ -56,17 +56,6 @@ def chosen(given: argparse.Namespace) -> list[Case]:
     counts = {kind: getattr(given, plural) for plural, kind in PLURALS.items()} | {"removed": given.removed}
     cases = draw_batch(given.seed, counts)
     return [case for case in cases if not given.only or set(case.truth) & set(given.only)]
-
-
-def lines_of(path: Path) -> list[dict[str, Any]]:
-    """What was run already; a line that was cut off at the end is run again."""
-    out = []
-    for text in path.read_text().splitlines() if path.exists() else []:
-        try:
-            out.append(json.loads(text))
-        except json.JSONDecodeError:
-            continue
-    return out
 
 
 def results(cases: list[Case], workers: int, wanted: Wanted) -> Iterator[dict[str, Any]]:

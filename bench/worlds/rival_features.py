@@ -1,7 +1,8 @@
 """What the rivals get: the residual of a base fit, and columns that each mean one effect. Nothing of the library.
 
-The base is inertia, viscous, Coulomb with an exponential bristle and offset, by least squares. Each column is what is
-left of a feature after the base; its name is the effect that a reader would take it for.
+The base is inertia, viscous, Coulomb with an exponential bristle and offset, by least squares; the bristle's reach and
+the delay between torque and motion are searched. Each column is what is left of a feature after the base; its name is
+the effect that a reader would take it for. Everything is fitted to the rows of training; the veto trajectory is kept.
 """
 
 from __future__ import annotations
@@ -11,18 +12,23 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from autotune.recordings.recording import Recording
 from bench.worlds.programme import EXPERIMENTS
 from bench.worlds.sizes import MOTION, _bristle, smooth
 from bench.worlds.world import Floats
 
+DELAYS = np.arange(-1.0, 5.0, 0.5)
+"""Rows by which the torque is taken earlier than it is written, for the best fit of the base."""
+
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """Residual, shape (n,), and columns, shape (n, m), of unit rms; `names`: the effect that each column means.
+    """Residual, shape (n,), and columns, shape (n, m), of unit rms in training; `names`: the effect of each column.
 
-    `motion`: place, speed, acceleration, bristle, torque, time, all (n,) in their own scales.
+    `training`: rows to be fitted, (n,); the others are the veto trajectory.
+    `motion`: place, speed, acceleration, bristle, torque, time, all (n,) in their own scales; `base`: (n, 5).
     """
 
     residual: Floats
@@ -30,54 +36,96 @@ class Problem:
     names: tuple[str, ...]
     motion: dict[str, Floats]
     base: Floats
-    before: float
+    training: NDArray[np.bool_]
+
+    def beside_base(self, shape: Floats) -> Floats:
+        """What the base, refitted in training, leaves of a torque, shape (n,)."""
+        return _beside(self.base, shape[:, None], self.training)[:, 0]
+
+    def held_out(self, shape: Floats) -> float:
+        """Share of the residual that a torque, shape (n,), takes away from the veto trajectory."""
+        kept = ~self.training
+        whole = float(np.mean(self.residual[kept] ** 2))
+        return 1.0 - float(np.mean((self.residual - shape)[kept] ** 2)) / max(whole, 1e-300)
 
 
 def problem(taken: Recording) -> Problem:
-    """The training rows of a recording, 200 a second."""
+    """The moving rows of training and veto of a recording, 200 a second."""
     period = taken.period
-    rows = np.isin(taken.experiment, EXPERIMENTS)
-    rows = np.flatnonzero(rows if rows.any() else taken.experiment != "conditioning")
-    rows = rows[:: max(round(5e-3 / period), 1)]
     y = smooth(taken["position"], period, MOTION)
     u = taken["torque_command" if "torque_command" in taken else "torque"]
     v, a = np.gradient(y, period), np.gradient(np.gradient(y, period), period)
-    torque = smooth(u, period)[rows]
-    swing = float(np.ptp(y))
-    best: tuple[float, Floats, Floats] | None = None
-    for reach in swing * np.geomspace(3e-6, 0.03, 12):
-        z = _bristle(y, float(reach))
-        base = smooth(np.column_stack([a, v, np.ones(len(y)), z, np.gradient(z, period)]), period)[rows]
-        base = base / np.maximum(np.sqrt(np.mean(base**2, axis=0)), 1e-300)
-        left = torque - base @ np.linalg.lstsq(base, torque, rcond=None)[0]
-        if best is None or float(np.mean(left**2)) < best[0]:
-            best = (float(np.mean(left**2)), z, base)
-    square, z, base = best if best is not None else (0.0, np.zeros(len(y)), np.zeros((len(rows), 5)))
+    rows = _rows(taken)
+    training = np.isin(taken.experiment[rows], EXPERIMENTS)
+    z, base, torque, late = _base((y, v, a, u), period, rows, training)
     motion = {
         "place": y,
         "speed": v,
         "acceleration": a,
         "bristle": z,
-        "torque": u,
+        "torque": _earlier(u, late),
         "time": taken["time"] - taken["time"][0],
     }
-    names, raw = _features(motion, period, taken.metadata.motion_unit, _lines(torque, base, y[rows]))
-    columns = _beside(base, smooth(np.column_stack(raw), period)[rows])
-    residual = torque - base @ np.linalg.lstsq(base, torque, rcond=None)[0]
+    residual = _beside(base, torque[:, None], training)[:, 0]
+    lines = _lines(residual[training], y[rows][training])
+    names, raw = _features(motion, period, taken.metadata.motion_unit, lines)
+    columns = _beside(base, smooth(np.column_stack(raw), period)[rows], training)
+    columns = columns / np.maximum(_rms(columns[training]), 1e-6 * _rms(np.column_stack(raw)))
     shown = {name: smooth(values, period)[rows] for name, values in motion.items()}
-    return Problem(residual, columns, tuple(names), shown, base, square)
+    return Problem(residual, columns, tuple(names), shown, base, training)
 
 
-def _beside(base: Floats, columns: Floats) -> Floats:
-    """What the base cannot make of each column, at unit rms."""
-    columns = columns / np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-300)
-    columns = columns - base @ np.linalg.lstsq(base, columns, rcond=None)[0]
-    return np.asarray(columns / np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-6))
+def _rows(taken: Recording) -> NDArray[np.int64]:
+    """Rows of training and veto, every 5 ms, where the reading moves by more than two counts in 20 ms."""
+    width = 2 * max(round(0.01 / taken.period), 1) + 1
+    place = taken["position"]
+    swing = maximum_filter1d(place, width) - minimum_filter1d(place, width)
+    rows = np.isin(taken.experiment, (*EXPERIMENTS, "veto"))
+    rows &= swing > 2.1 * (taken.metadata.position_resolution or 0.0)
+    step = max(round(5e-3 / taken.period), 1)
+    return np.flatnonzero(rows)[::step]
 
 
-def _lines(torque: Floats, base: Floats, place: Floats) -> list[float]:
+def _base(
+    motion: tuple[Floats, Floats, Floats, Floats],
+    period: float,
+    rows: NDArray[np.int64],
+    training: NDArray[np.bool_],
+) -> tuple[Floats, Floats, Floats, float]:
+    """Bristle, base columns, torque and its delay [rows] of the reach and the delay that leave least in training."""
+    y, v, a, u = motion
+    torques = smooth(np.column_stack([_earlier(u, late) for late in DELAYS]), period)[rows]
+    best: tuple[float, Floats, Floats, int] | None = None
+    for reach in float(np.ptp(y)) * np.geomspace(3e-6, 0.03, 16):
+        z = _bristle(y, float(reach))
+        base = smooth(np.column_stack([a, v, np.ones(len(y)), z, np.gradient(z, period)]), period)[rows]
+        base = base / np.maximum(_rms(base), 1e-300)
+        left = np.mean(_beside(base, torques, training)[training] ** 2, axis=0)
+        i = int(np.argmin(left))
+        if best is None or float(left[i]) < best[0]:
+            best = (float(left[i]), z, base, i)
+    assert best is not None
+    _, z, base, i = best
+    return z, base, np.asarray(torques[:, i]), float(DELAYS[i])
+
+
+def _earlier(values: Floats, rows: float) -> Floats:
+    """Values as they were some rows before."""
+    at = np.arange(len(values), dtype=float)
+    return np.asarray(np.interp(at - rows, at, values))
+
+
+def _rms(columns: Floats) -> Floats:
+    return np.asarray(np.sqrt(np.mean(columns**2, axis=0)))
+
+
+def _beside(base: Floats, columns: Floats, training: NDArray[np.bool_]) -> Floats:
+    """What the base, fitted to each column in training, leaves of it."""
+    return np.asarray(columns - base @ np.linalg.lstsq(base[training], columns[training], rcond=None)[0])
+
+
+def _lines(left: Floats, place: Floats) -> list[float]:
     """The three wave numbers that explain most of the residual [rad per unit]."""
-    left = torque - base @ np.linalg.lstsq(base, torque, rcond=None)[0]
     travel = float(np.ptp(place))
     numbers = 2.0 * math.pi * np.arange(1.5, 200.0, 0.5) / travel
     power = np.array([abs(np.vdot(np.exp(1j * k * place), left)) for k in numbers])

@@ -1,10 +1,12 @@
-"""Rivals on the same data: what each names, misses and invents.
+"""Rivals on the same data: what each names, misses and invents, beside this project's diagnosis.
 
-    python -m bench.worlds.rivals --seed 0 --cases 16 --nulls 8 --seconds 7 --out rivals.jsonl
+    python -m bench.worlds.rivals --seed 0 --singles 12 --nulls 5 --aliens 3 --out rivals.jsonl
 
-Stepwise regression with BIC is always there; PySINDy, gplearn and cma where they are installed (the extra `bench`).
-PySR is not run: it needs Julia. Each gets the recording's training rows, a base fit and columns named by effect (see
-`rival_features`); the time is that of the diagnosis.
+Stepwise regression with BIC is always there; PySINDy, gplearn and cma where they are installed (the extra `bench`);
+PySR is not run: it needs Julia. Each gets the recording of the whole programme, a base fit and columns named by effect
+(see `rival_features`), and the processor time that fit and diagnosis took on the same case. How a result counts as a
+name stands in `rival_methods`. The largest is the name that counts; each rival is also shown with a gate of ours: its
+names stand only where its torque takes 3 % away from the veto trajectory, which it was not fitted to.
 """
 
 from __future__ import annotations
@@ -12,7 +14,6 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import json
-import math
 import sys
 import time
 import warnings
@@ -22,210 +23,147 @@ from typing import Any
 
 import numpy as np
 
-from bench.worlds.cases import draw_case, ready
+from bench.worlds.cases import Case, batch_hash, draw_batch, ready
+from bench.worlds.judge import diagnosed
 from bench.worlds.play import RanAway, whole
 from bench.worlds.rival_features import Problem, problem
-from bench.worlds.world import Floats
+from bench.worlds.rival_methods import RIVALS, Rival
+from bench.worlds.table import ALLOWED, lines_of
 
-Rival = Callable[[Problem, float], list[str]]
-LEAST = 0.02
-"""Of the residual's variance: what explains less is not named."""
-
-
-def stepwise(p: Problem, seconds: float) -> list[str]:
-    """Forward selection with BIC; effects in the order in which they came in."""
-    chosen: list[int] = []
-    n, names = len(p.residual), []
-    square = float(np.mean(p.residual**2))
-    until = time.process_time() + seconds
-    while len(chosen) < 12 and time.process_time() < until:
-        scores = [(_left(p, [*chosen, i]), i) for i in range(len(p.names)) if i not in chosen]
-        best, i = min(scores)
-        if n * math.log(best / square) + math.log(n) >= 0.0:
-            break
-        names += [p.names[i]] if p.names[i] not in names else []
-        chosen.append(i)
-        square = best
-    return names
-
-
-def _left(p: Problem, chosen: Sequence[int]) -> float:
-    columns = p.columns[:, list(chosen)]
-    found = np.linalg.lstsq(columns, p.residual, rcond=None)[0]
-    return float(np.mean((p.residual - columns @ found) ** 2))
-
-
-def sindy(p: Problem, seconds: float) -> list[str]:
-    """PySINDy's sequentially thresholded least squares; threshold a tenth of the residual's rms."""
-    import pysindy
-
-    size = float(np.sqrt(np.mean(p.residual**2)))
-    fit = pysindy.STLSQ(threshold=0.1 * size, alpha=1e-3, max_iter=30)
-    fit.fit(p.columns, p.residual[:, None])
-    weights = np.abs(np.asarray(fit.coef_)[0])
-    order = [i for i in np.argsort(-weights) if weights[i] > 0.0]
-    return list(dict.fromkeys(p.names[i] for i in order))
-
-
-def genetic(p: Problem, seconds: float) -> list[str]:
-    """gplearn on the residual over the motion; the formula is named by the columns that it is most like."""
-    from gplearn.genetic import SymbolicRegressor
-
-    scales = {name: max(float(np.abs(values).max()), 1e-300) for name, values in p.motion.items()}
-    inputs = np.column_stack([values / scales[name] for name, values in p.motion.items()])
-    rows = np.arange(0, len(inputs), max(len(inputs) // 2000, 1))
-    until, best = time.process_time() + seconds, None
-    model = SymbolicRegressor(
-        population_size=400, generations=1, function_set=("add", "sub", "mul", "div", "sin", "cos", "abs", "sqrt"),
-        parsimony_coefficient=1e-4, metric="rmse", random_state=1, warm_start=True,
-    )  # fmt: skip
-    target = p.residual / max(float(np.sqrt(np.mean(p.residual**2))), 1e-300)
-    while time.process_time() < until and model.generations < 40:
-        model.fit(inputs[rows], target[rows])
-        best = np.asarray(model.predict(inputs))
-        model.generations += 1
-    if best is None or not np.all(np.isfinite(best)) or float(np.std(best)) == 0.0:
-        return []
-    best = best - p.base @ np.linalg.lstsq(p.base, best, rcond=None)[0]
-    explained = float(np.corrcoef(best, target)[0, 1]) ** 2
-    return [_most_like(p, best)] if explained > LEAST else []
-
-
-def _most_like(p: Problem, shape: Floats) -> str:
-    groups = {name: [i for i, own in enumerate(p.names) if own == name] for name in set(p.names)}
-
-    def left(name: str) -> float:
-        columns = p.columns[:, groups[name]]
-        return float(np.mean((shape - columns @ np.linalg.lstsq(columns, shape, rcond=None)[0]) ** 2))
-
-    return min(sorted(groups), key=left)
-
-
-LADDER: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("M1", ()), ("M2", ("stribeck",)), ("M3", ("load_dependent_friction",)),
-    ("M4", ("load_dependent_friction", "stribeck")),
-    ("M5", ("load_dependent_friction", "direction_asymmetry", "stribeck")),
-    ("M6", ("load_dependent_friction", "nonlinear_viscous", "stribeck")),
-)  # fmt: skip
-
-
-def ladder(p: Problem, seconds: float) -> list[str]:
-    """Extended friction models M1 to M6 (after BAM) fitted by CMA-ES; the step that BIC likes best is named."""
-    import cma
-
-    n, share = len(p.residual), seconds / len(LADDER)
-    best: tuple[float, tuple[str, ...]] = (math.inf, ())
-    for _, effects in LADDER:
-        until = time.process_time() + share
-        unknowns = 2 + 3 * len(effects)
-        search = cma.CMAEvolutionStrategy(np.zeros(unknowns), 0.3, {"seed": 1, "verbose": -9})
-        square = math.inf
-        while time.process_time() < until and not search.stop():
-            guesses = search.ask()
-            losses = [float(np.mean((p.residual - _rung(p, effects, guess)) ** 2)) for guess in guesses]
-            search.tell(guesses, losses)
-            square = min(square, *losses)
-        score = n * math.log(max(square, 1e-300)) + unknowns * math.log(n)
-        if score < best[0]:
-            best = (score, effects)
-    return list(best[1])
-
-
-def _rung(p: Problem, effects: tuple[str, ...], guess: Floats) -> Floats:
-    """Torque of a step of the ladder: corrections of Coulomb and viscous, and two or three shapes for each effect."""
-    size = float(np.sqrt(np.mean(p.residual**2)))
-    speed = p.motion["speed"] / max(float(np.abs(p.motion["speed"]).max()), 1e-300)
-    z, load = p.motion["bristle"], p.motion["torque"] / max(float(np.abs(p.motion["torque"]).max()), 1e-300)
-    out = size * (guess[0] * z + guess[1] * speed)
-    for i, name in enumerate(effects):
-        a, b, c = guess[2 + 3 * i : 5 + 3 * i]
-        if name == "stribeck":
-            out = out + size * a * z * np.exp(
-                -((np.abs(speed) / (0.02 * math.exp(b))) ** (1.0 + 0.5 * math.tanh(c)))
-            )
-        elif name == "load_dependent_friction":
-            out = out + size * z * (a * np.abs(load) + b * load * z + c)
-        elif name == "direction_asymmetry":
-            out = out + size * (a * np.abs(z) + b * np.abs(speed) + c * np.abs(z) * np.abs(load))
-        else:
-            out = out + size * (a * speed * np.abs(speed) + b * z * load**2 + c * speed**3)
-    return np.asarray(out)
-
-
-RIVALS: dict[str, tuple[str, Rival]] = {
-    "stepwise BIC": ("numpy", stepwise), "PySINDy": ("pysindy", sindy), "gplearn": ("gplearn", genetic),
-    "CMA-ES M1-M6": ("cma", ladder),
-}  # fmt: skip
+Line = dict[str, Any]
+OWN = "autotune"
+LEAST_HELD_OUT = 0.03
+"""Of the veto trajectory's residual: the gate that is lent to the rivals."""
+LEAST_SECONDS = 5.0
 
 
 def installed() -> dict[str, Rival]:
     return {name: rival for name, (module, rival) in RIVALS.items() if importlib.util.find_spec(module)}
 
 
-def run(kind: str, seed: int, seconds: float) -> dict[str, Any] | None:
-    """What each rival says of one case, best first."""
+def run(case: Case) -> Line:
+    """What each says of one case, best first."""
+    line: Line = {"key": case.key, "kind": case.kind, "truth": list(case.truth)}
     try:
-        made = ready(draw_case(kind, seed))
-    except RanAway:
-        return None
+        made = ready(case)
+    except RanAway as reason:
+        return line | {"why": str(reason)}
+    own = diagnosed(made)
+    spent = own.get("fit_cpu", 0.0) + own.get("cpu", 0.0)
+    names = own.get("effects") or []
+    line |= {"ratios": [round(r, 2) for r in made.ratios], "laws": [law for _, law in case.effects]}
+    line[OWN] = {"names": names, "verdict": own["verdict"], "held_out": None, "cpu": round(spent, 2)}
     given = problem(whole(made.world))
-    line: dict[str, Any] = {"key": made.case.key, "kind": kind, "truth": list(made.case.truth)}
     for name, rival in installed().items():
-        began = time.process_time()
-        try:
-            line[name] = {"names": rival(given, seconds)}
-        except Exception as failed:  # noqa: BLE001 a rival's failure is its result
-            line[name] = {"names": [], "why": repr(failed)}
-        line[name]["cpu"] = round(time.process_time() - began, 2)
+        line[name] = _asked(rival, given, max(spent, LEAST_SECONDS))
     return line
 
 
-def summary(lines: Sequence[dict[str, Any]]) -> str:
-    """Names right, wrong, invented, by rival."""
+def _asked(rival: Rival, given: Problem, seconds: float) -> Line:
+    began = time.process_time()
+    try:
+        said = rival(given, seconds)
+    except Exception as failed:  # noqa: BLE001 a rival's failure is its result
+        return {
+            "names": [],
+            "held_out": None,
+            "why": repr(failed),
+            "cpu": round(time.process_time() - began, 2),
+        }
+    return {
+        "names": list(said.names),
+        "held_out": round(given.held_out(said.torque), 4),
+        "cpu": round(time.process_time() - began, 2),
+    }
+
+
+def ungated(result: Line) -> list[str]:
+    return list(result["names"])
+
+
+def gated(result: Line) -> list[str]:
+    """The names that hold on the veto trajectory."""
+    return list(result["names"]) if (result["held_out"] or 0.0) >= LEAST_HELD_OUT else []
+
+
+def summary(lines: Sequence[Line]) -> str:
+    """Names right, wrong, invented, by rival; each with its own criterion and with the gate lent."""
     out = [
-        "| rival | named first | only that | a wrong name | nulls with a name | s |",
-        "|---|---|---|---|---|---|",
+        "| who | named first | only that | first name wrong | any name wrong | nothing said | "
+        "nothing planted: a name | aliens: a name | s |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
-    for name in RIVALS:
+    out.append(_row(OWN, [line for line in lines if OWN in line], OWN, ungated))
+    for name, (module, _) in RIVALS.items():
         own = [line for line in lines if name in line]
-        planted = [line for line in own if line["truth"]]
-        nulls = [line for line in own if not line["truth"]]
         if not own:
-            out.append(f"| {name} | not installed | | | | |")
+            out.append(f"| {name} | not installed ({module}) | | | | | | | |")
             continue
-        first = sum(line[name]["names"][:1] == line["truth"] for line in planted)
-        only = sum(line[name]["names"] == line["truth"] for line in planted)
-        wrong = sum(bool(set(line[name]["names"]) - set(line["truth"])) for line in planted)
-        invented = sum(bool(line[name]["names"]) for line in nulls)
-        seconds = np.median([line[name]["cpu"] for line in own])
-        out.append(
-            f"| {name} | {first} of {len(planted)} | {only} | {wrong} | {invented} of {len(nulls)} | {seconds:.1f} |"
-        )
+        out += [_row(name, own, name, ungated), _row(f"{name}, with the gate", own, name, gated)]
     return "\n".join(out) + "\n"
+
+
+def _row(title: str, lines: Sequence[Line], who: str, names: Callable[[Line], list[str]]) -> str:
+    said = [(line["kind"], line["truth"], names(line[who])) for line in lines]
+    planted = [(truth, found) for kind, truth, found in said if kind == "single"]
+    none = [found for kind, _, found in said if kind == "null"]
+    aliens = [set(found) - ALLOWED.get(truth[0], set()) for kind, truth, found in said if kind == "alien"]
+    first = sum(found[:1] == truth for truth, found in planted)
+    only = sum(found == truth for truth, found in planted)
+    wrong = sum(bool(found) and found[:1] != truth for truth, found in planted)
+    beside = sum(bool(set(found) - set(truth)) for truth, found in planted)
+    silent = sum(not found for _, found in planted)
+    seconds = np.median([line[who]["cpu"] for line in lines]) if lines else float("nan")
+    return (
+        f"| {title} | {first} of {len(planted)} | {only} | {wrong} | {beside} | {silent} | "
+        f"{sum(map(bool, none))} of {len(none)} | {sum(map(bool, aliens))} of {len(aliens)} | {seconds:.1f} |"
+    )
+
+
+def by_case(lines: Sequence[Line]) -> str:
+    """What each named first, case by case; in brackets what the gate takes back."""
+    whom = [OWN, *(name for name in RIVALS if any(name in line for line in lines))]
+    out = ["| planted | " + " | ".join(whom) + " |", "|---" * (len(whom) + 1) + "|"]
+    for line in lines:
+        words = [_word(line, name) for name in whom]
+        truth = ", ".join(line["truth"]) or "nothing"
+        out.append(f"| {truth} | " + " | ".join(words) + " |")
+    return "\n".join(out) + "\n"
+
+
+def _word(line: Line, who: str) -> str:
+    result = line.get(who)
+    if result is None:
+        return "–"
+    if not result["names"]:
+        return str(result.get("verdict", "nothing"))
+    more = len(result["names"]) - 1
+    word = result["names"][0] + (f" and {more} more" if more else "")
+    word = f"**{word}**" if result["names"][:1] == line["truth"] else word
+    return word if who == OWN or gated(result) else f"({word})"
 
 
 def main() -> int:
     warnings.simplefilter("ignore")
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--cases", type=int, default=16)
-    parser.add_argument("--nulls", type=int, default=8)
-    parser.add_argument("--seconds", type=float, default=7.0, help="processor time for each rival and case")
-    parser.add_argument("--out", type=Path, default=Path("rivals.jsonl"))
+    for name, count in (("singles", 12), ("nulls", 5), ("aliens", 3)):
+        parser.add_argument(f"--{name}", type=int, default=count, metavar="N")
+    parser.add_argument("--out", type=Path, help="file to go on with: what stands in it is not run again")
+    parser.add_argument("--hash", action="store_true", help="print the batch's hash and stop")
     given = parser.parse_args()
-    wanted = [("single", given.seed + i) for i in range(given.cases)]
-    wanted += [("null", given.seed + i) for i in range(given.nulls)]
-    lines = [json.loads(text) for text in given.out.read_text().splitlines()] if given.out.exists() else []
+    cases = draw_batch(given.seed, {"single": given.singles, "null": given.nulls, "alien": given.aliens})
+    sys.stdout.write(f"{len(cases)} cases, seed {given.seed}, sha256 {batch_hash(cases)}\n")
+    if given.hash:
+        return 0
+    lines = lines_of(given.out) if given.out else []
     done = {line["key"] for line in lines}
-    for kind, seed in wanted:
-        if f"{kind}:{seed}" in done:
-            continue
-        line = run(kind, seed, given.seconds)
-        if line is not None:
-            lines.append(line)
+    for case in (case for case in cases if case.key not in done):
+        lines.append(run(case))
+        if given.out:
             with given.out.open("a") as file:
-                file.write(json.dumps(line) + "\n")
-    sys.stdout.write(summary(lines))
+                file.write(json.dumps(lines[-1]) + "\n")
+    sys.stdout.write(summary(lines) + "\n" + by_case(lines))
     return 0
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,17 @@ import numpy as np
 Line = dict[str, Any]
 ALLOWED = {"bouc_wen": {"reversal_memory"}}
 """Names that an alien may be given: it is that, by another law."""
+
+
+def lines_of(path: Path) -> list[Line]:
+    """What was run already; a line that was cut off at the end is run again."""
+    out = []
+    for text in path.read_text().splitlines() if path.exists() else []:
+        try:
+            out.append(json.loads(text))
+        except json.JSONDecodeError:
+            continue
+    return out
 
 
 def named_first(line: Line) -> bool:

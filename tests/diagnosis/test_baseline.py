@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from autotune.diagnosis import baseline
 from autotune.diagnosis.baseline import quieter_torque
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.estimation.bandwidth import prepared_to_fit
@@ -14,6 +15,7 @@ from autotune.estimation.controller_law import PositionController
 from autotune.estimation.disturbance import Disturbance
 from autotune.estimation.problem import new_problem
 from autotune.estimation.residual import smoothed
+from autotune.recordings.recording import Recording
 
 LAW = PositionController(1.0, 0.1, explained=0.998, source="identified", in_band=True)
 
@@ -48,3 +50,19 @@ def test_a_rest_that_counts_shake_into_every_repeat_is_no_structure(short) -> No
     evidence = RepeatedProgramme()
     assert evidence.rest_that_is_none(shaken, 1e-9) == shaken.chain_variance
     assert evidence.rest_that_is_none(shaken, 1.0) == pytest.approx(1.0)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("times", "twin"), [(1.0, True), (3.0, False)])
+def test_a_twin_that_explains_far_less_than_none_is_not_used(
+    short, nominal, monkeypatch, times: float, twin: bool
+) -> None:
+    """Behind a loop whose integrator is three times the axis's: shaken or not, such a twin is equally wrong."""
+    data = prepared_to_fit(
+        [Recording.from_columns(dict(short.floats), short.metadata, np.full(len(short), "move"))]
+    )
+    law = PositionController(60.0, 0.15, times * 6000.0, 1.0, explained=1.0, source="metadata")
+    monkeypatch.setattr(baseline, "find_controller", lambda *_: law)
+    problem, _, _, notes = baseline.begin(data, nominal)
+    assert problem.twin is twin
+    assert any(note.startswith("No twin: a simulation of the model") for note in notes) is not twin

@@ -46,8 +46,8 @@ def _alone(monkeypatch, effects: tuple[str, ...], share: float) -> None:
     ("effects", "share", "why"),
     [
         (("spring",), 0.1, None),
-        (("stribeck",), 0.1, "does not show spring"),
-        ((), 0.1, "does not show spring"),
+        (("stribeck",), 0.1, "no recording by itself shows spring"),
+        ((), 0.1, "no recording by itself shows spring"),
         (("spring",), 0.4, "keeps 40 %"),
     ],
 )
@@ -57,3 +57,18 @@ def test_confirmed_is_what_the_first_recording_names_by_itself(monkeypatch, effe
     assert (doubt is None) == (why is None)
     if why is not None:
         assert why in doubt.why
+
+
+def test_what_another_recording_shows_by_itself_stays_suspected(monkeypatch) -> None:
+    """Only what no recording shows by itself is no name: a base that is two, warmer in one of them, makes such."""
+    _alone(monkeypatch, ("spring",), 0.1)
+    spring = first_alone.search()
+    found = iter((SimpleNamespace(chosen=None, problem=None), spring))
+    monkeypatch.setattr(first_alone, "search", lambda *_: next(found))
+    doubt = doubt_of([None, None], None, ["spring"], print, POLICY, CANDIDATES)
+    assert doubt is not None
+    assert not doubt.nowhere
+    _alone(monkeypatch, ("stribeck",), 0.1)
+    doubt = doubt_of([None, None], None, ["spring"], print, POLICY, CANDIDATES)
+    assert doubt is not None
+    assert doubt.nowhere
