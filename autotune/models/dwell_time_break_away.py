@@ -1,12 +1,14 @@
 """Break-away torque that grows while the axis rests.
 
 The contact ages: a' = (1 − a)/time_constant − a·|slip'|/slip, and the friction level is higher by rise·a
-(after Rabinowicz 1958; Dieterich and Kilgore 1994). Contacts that age slower and faster beside it, `rise_2` and
-`rise_3` with time constants of their own, make a rise that never ends: a logarithm or a root of the rest.
+(after Rabinowicz 1958; Dieterich and Kilgore 1994). By another law it ages at rest only, the first term times
+e^(−(slip'/rest)²): a slow motion finds it as young as a fast one. Contacts that age slower and faster beside it,
+`rise_2` and `rise_3` with time constants of their own, make a rise that never ends: a logarithm or a root of the rest.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 from autotune.core.arrays import Floats
@@ -32,8 +34,11 @@ def age_level(p: Floats, state: Floats, velocity: float) -> float:
 @compiled
 def grow_older(p: Floats, state: Floats, slip: float, duration: float) -> None:
     """Lets the contact rest for `duration` [s] and slip by `slip` [rad]."""
-    gain = duration / p[_AT + 1]
     lost = slip / p[_AT + 2]
+    if p[_AT + 7] > 0.0:
+        faster = slip / (p[_AT + 7] * duration)
+        duration = duration * math.exp(-faster * faster)
+    gain = duration / p[_AT + 1]
     state[AGE] = (state[AGE] + gain) / (1.0 + gain + lost)
     for i in range(1, AGES_MOST):
         if p[_AT + 2 + 2 * i] > 0.0:
@@ -41,33 +46,42 @@ def grow_older(p: Floats, state: Floats, slip: float, duration: float) -> None:
             state[AGE + i] = (state[AGE + i] + gain) / (1.0 + gain + lost)
 
 
-LEAST_AGE = 0.1
-"""Seconds in which a contact ages: one that is faster falls with speed, as Stribeck's does, at every speed."""
+LEAST_AGE, LEAST_AT_REST = 0.1, 0.01
+"""Seconds in which a contact ages: one that is faster falls with speed, as Stribeck's does, at every speed; unless it
+ages at rest only."""
+
+
+AT_REST = 2.0
+"""1/s: what slips no faster than so many times the bristle's reach is at rest, at first."""
 
 
 def starts(c: StartContext) -> Iterator[StartValues]:
-    """A contact that is young again within the bristle's reach, and one that takes longer."""
-    for slip in (0.3 * c.reach, 2.0 * c.reach):
-        yield StartValues(
-            {"rise": at_first(0.1 * c.coulomb, c.left), "time_constant": 1.0, "slip": slip},
-            {
-                "rise": Vary(0.2 * c.coulomb, 0.4 * c.coulomb),
-                "time_constant": Vary(0.5, 0.8, lower=LEAST_AGE),
-                "slip": Vary(0.5 * slip, 0.7 * slip),
-            },
-        )
+    """A contact that is young again within the bristle's reach, one that takes longer, one that ages at rest only."""
+    for slip, rest in ((0.3, 0.0), (2.0, 0.0), (10.0, AT_REST)):
+        slip, rest = slip * c.reach, rest * c.reach
+        values = {"rise": at_first(0.1 * c.coulomb, c.left), "time_constant": 1.0, "slip": slip}
+        free = {
+            "rise": Vary(0.2 * c.coulomb, 0.4 * c.coulomb),
+            "time_constant": Vary(0.5, 0.8, lower=LEAST_AT_REST if rest > 0.0 else LEAST_AGE),
+            "slip": Vary(0.5 * slip, 0.7 * slip),
+        }
+        if rest > 0.0:
+            values["rest"] = rest
+            free["rest"] = Vary(0.5 * rest, 0.7 * rest, lower=0.05 * rest)
+        yield StartValues(values, free)
 
 
 FASTER, SLOWER = 0.1, 10.0
-"""Time constants of further contacts, over that of the first; none shorter than `LEAST_AGE`."""
+"""Time constants of further contacts, over that of the first; none shorter than the least."""
 
 
 def free_shape(c: StartContext) -> StartValues:
     """A contact that ages ten times as fast, and one that takes ten times as long."""
     seconds = float(c.p[_AT + 1])
+    least = LEAST_AT_REST if c.p[_AT + 7] > 0.0 else LEAST_AGE
     values = {
         "rise_2": 0.0,
-        "time_constant_2": max(FASTER * seconds, LEAST_AGE),
+        "time_constant_2": max(FASTER * seconds, least),
         "rise_3": 0.0,
         "time_constant_3": SLOWER * seconds,
     }
@@ -85,6 +99,16 @@ DWELL_TIME_BREAK_AWAY = Kind(
         Parameter("time_constant_2", "s", 0.0, 0.0, 1e4, "of that one", _AT + 4, True, held=True),
         Parameter("rise_3", "N m", 0.0, 0.0, 1e6, "of a contact that ages slower", _AT + 5, True),
         Parameter("time_constant_3", "s", 0.0, 0.0, 1e5, "of that one", _AT + 6, True, held=True),
+        Parameter(
+            "rest",
+            "rad/s",
+            0.0,
+            0.0,
+            1e6,
+            "speed of slip above which it ages no more; 0: it always does",
+            _AT + 7,
+            True,
+        ),
     ),
     looks_like="The longer the axis has rested, the higher the peak of torque at the next start.",
     cause="Lubricant squeezed out of the contact at rest, seals that stick, slideways without a film.",

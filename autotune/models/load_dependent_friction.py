@@ -41,21 +41,20 @@ def press(p: Floats, state: Floats, torque: float, friction: float, duration: fl
 
 
 def starts(c: StartContext) -> Iterator[StartValues]:
-    """The contact at the load, and at the motor."""
-    for share in (0.0, 1.0):
+    """The contact at the load, at the motor, and one that is pressed more while braking."""
+    for share in (0.0, 1.0, -0.5):
         yield StartValues(
             {"factor": at_first(0.03, c.left / c.torque), "friction_share": share},
-            {"factor": Vary(0.1, 0.2), "friction_share": Vary(0.3, 0.4, lower=0.0)},
+            {"factor": Vary(0.1, 0.2), "friction_share": Vary(0.3, 0.4)},
         )
 
 
 def free_shape(c: StartContext) -> StartValues:
-    """Any power of the torque, from any preload on, and friction that is higher where the load drives."""
+    """Any power of the torque, from any preload on."""
     return StartValues(
         {"typical": 0.5 * c.largest_torque, "exponent": 1.001},
         {
             "exponent": Vary(0.3, 0.3),
-            "friction_share": Vary(0.3, 0.4),
             "preload": Vary(0.05 * c.largest_torque, 0.1 * c.largest_torque, upper=0.7 * c.largest_torque),
         },
     )

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from autotune.models import layout
 from autotune.models.drive_model import DriveModel, base_model
+from autotune.models.dwell_time_break_away import AGE, DWELL_TIME_BREAK_AWAY, grow_older
 from autotune.models.inverse import applied_torque, load_substeps, required
 from autotune.models.plant import simulate, substeps_for
 from autotune.models.table import EFFECTS
@@ -59,7 +60,7 @@ SHAPED: dict[str, dict[str, float]] = {
     "torque_lag": {"time_constant": 2e-2, "steepness": 0.6},
     "dwell_time_break_away": {
         "rise": 0.1, "time_constant": 0.1, "slip": 2e-3, "rise_2": 0.1, "time_constant_2": 0.01, "rise_3": 0.2,
-        "time_constant_3": 1.0,
+        "time_constant_3": 1.0, "rest": 0.02,
     },
     "load_dependent_friction": {
         "factor": 0.2, "friction_share": -0.5, "exponent": 1.4, "typical": 0.5, "preload": 0.05,
@@ -188,3 +189,20 @@ def test_lag_is_smooth_down_to_zero() -> None:
     np.testing.assert_allclose(results[0], results[1], atol=1e-6)
     np.testing.assert_allclose(results[0], results[2], atol=2e-4)
     assert math.isclose(float(results[0][10]), 0.5 * (torque[9] + torque[10]), abs_tol=1e-12)
+
+
+def _aged(rest: float, speed: float) -> float:
+    """Age after a second of slip at a speed, of a contact that ages in a tenth of one and is young after 2 mrad."""
+    values = {"rise": 0.1, "time_constant": 0.1, "slip": 2e-3, "rest": rest}
+    p = base_model(NUMBERS).with_effect(DWELL_TIME_BREAK_AWAY.make(values)).pack().p
+    state = np.zeros(layout.STATES)
+    for _ in range(1000):
+        grow_older(p, state, speed * 1e-3, 1e-3)
+    return float(state[AGE])
+
+
+def test_a_contact_that_ages_at_rest_only_is_young_in_a_slow_motion() -> None:
+    """Sliding at 5 mrad/s the one that always ages keeps 1/(1 + 0.1·5/2) of its rise."""
+    assert _aged(0.0, 5e-3) == pytest.approx(0.8, abs=0.01)
+    assert _aged(1e-3, 5e-3) < 1e-3
+    assert _aged(1e-3, 0.0) == pytest.approx(_aged(0.0, 0.0), rel=1e-9)
