@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from autotune.diagnosis.candidates import FittedCandidate, Progress, ScreenedCandidate, error_left
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence
-from autotune.diagnosis.free_shape import with_free_shape
+from autotune.diagnosis.free_shape import with_free_shape, with_own_presliding
 from autotune.diagnosis.refits import (
     REFINED,
     best_refined,
@@ -60,6 +60,7 @@ class Found:
         first: all candidates beside the root; `tried`: the best of them, fitted inside the twin.
         generic: gain of free functions of each coordinate.
         freed: effects whose course is free, as their law differs; whether their own law would have named them too.
+        presliding: elements that the root has for a presliding of its own, as they were found.
     """
 
     problem: Problem
@@ -69,6 +70,7 @@ class Found:
     tried: Sequence[FittedCandidate]
     generic: Mapping[str, float]
     freed: Mapping[str, bool] = field(default_factory=dict)
+    presliding: FittedCandidate | None = None
 
 
 def search(problem: Problem, root: ModelFit, nominal: Packed, progress: Progress) -> Found:
@@ -101,12 +103,15 @@ class _Search:
             if best is None:
                 break
             chosen = self._take(best)
+            own = with_own_presliding(self.problem, self.root, chosen.model_fit)
+            if own is not None:
+                self.progress("beside a presliding of its own law")
+                return replace(search(self.problem, own, self.nominal, self.progress), presliding=chosen)
             if not self._more_to_explain(chosen.model_fit):
                 break
         self._tidy()
-        return Found(
-            self.problem, self.root, self.chosen, self.first, self.tried, self.generic, self._still_freed()
-        )
+        found = (self.problem, self.root, self.chosen, self.first, self.tried, self.generic)
+        return Found(*found, self._still_freed())
 
     @property
     def _model_fit(self) -> ModelFit:

@@ -26,12 +26,14 @@ from autotune.diagnosis.first_alone import doubt_of
 from autotune.diagnosis.search import Found, again_explained, search
 from autotune.diagnosis.transmission import GAP, SPRING, hardly_a_gap
 from autotune.diagnosis.wording import (
+    OWN_PRESLIDING,
     TORQUE_CONSTANT,
     Candidate,
     candidate_rows,
     likely_rivals,
     line_note,
     next_experiment,
+    nothing_note,
     unknown_note,
 )
 from autotune.estimation.bandwidth import prepared_for, prepared_to_fit
@@ -131,6 +133,7 @@ class Facts:
         coordinate, generic: the free function that gains most, and its gain.
         rivals: effects that explain as much as the chosen one.
         freed: those whose course was fitted freely, and whether their own law would have named them too.
+        presliding: that of another law, which the root has.
     """
 
     problem: Problem
@@ -146,6 +149,7 @@ class Facts:
     first: Sequence[ScreenedCandidate] = ()
     tried: Sequence[FittedCandidate] = ()
     freed: Mapping[str, bool] = field(default_factory=dict)
+    presliding: FittedCandidate | None = None
 
     @property
     def drowned(self) -> bool:
@@ -225,6 +229,14 @@ class Facts:
     def structure_left(self) -> bool:
         return self.evidence.structure_left(self.problem, self.root)
 
+    @property
+    def own_law(self) -> bool:
+        """Another law of presliding explains enough, and no effect half of what is left."""
+        own, chosen = self.presliding, self.chosen
+        if own is None or (chosen is not None and chosen.share >= self.problem.policy.partly):
+            return False
+        return self.evidence.accepts(self.problem.policy, own)
+
 
 @dataclass(frozen=True, slots=True)
 class Case:
@@ -237,15 +249,8 @@ class Case:
 
 
 def _unknown(facts: Facts) -> str:
-    return unknown_note(facts.problem, facts.evidence, facts.coordinate, facts.generic, facts.chosen)
-
-
-def _unknown_without_name(facts: Facts) -> str:
-    return unknown_note(facts.problem, facts.evidence, facts.coordinate, facts.generic, None)
-
-
-def _nothing_to_say(facts: Facts) -> str:
-    return ""
+    chosen = None if facts.drowned else facts.chosen
+    return unknown_note(facts.problem, facts.evidence, facts.coordinate, facts.generic, chosen)
 
 
 def _outdone(facts: Facts) -> str:
@@ -274,19 +279,24 @@ def _another_law(facts: Facts) -> str:
     )
 
 
+def _nothing(facts: Facts) -> str:
+    return nothing_note(facts.problem, facts.evidence, facts.root, facts.first)
+
+
 CASES: tuple[Case, ...] = (
-    Case("a disturbance in time hides it", lambda f: f.drowned, UNKNOWN, _unknown_without_name),
+    Case("a disturbance in time hides it", lambda f: f.drowned, UNKNOWN, _unknown),
     Case("a free function explains more than any physics", lambda f: f.structured, UNKNOWN, _unknown),
     Case("what is not named explains far more", lambda f: bool(f.outdone), UNKNOWN, _outdone),
-    Case("other effects do as well", lambda f: f.accepted and bool(f.rivals), AMBIGUOUS, _nothing_to_say),
+    Case("other effects do as well", lambda f: f.accepted and bool(f.rivals), AMBIGUOUS, lambda f: ""),
     Case("an effect explains it", lambda f: f.accepted, NAMED, _its_course),
     Case("an effect explains most, by another law", lambda f: f.law_differs, NAMED, _another_law),
+    Case("only the law of presliding differs", lambda f: f.own_law, NONE, _nothing),
     Case("an effect explains too little", lambda f: f.chosen is not None, UNKNOWN, _unknown),
     Case("another trajectory refutes it", lambda f: bool(f.carried), UNKNOWN, _unknown),
     Case("what is left is no noise", lambda f: f.structure_left, UNKNOWN, _unknown),
-    Case("nothing is missing", lambda f: True, NONE, _nothing_to_say),
+    Case("nothing is missing", lambda f: True, NONE, _nothing),
 )
-"""The verdict: the first row that holds."""
+"""The first row that holds."""
 
 
 def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]) -> Diagnosis:
@@ -302,6 +312,7 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
         confidence = CONFIRMED if sure else SUSPECTED
     confusable = _confusable(facts, case.verdict, effects, confidence, found)
     said = [line_note(facts.line) if facts.line is not None else "", case.sentence(facts)]
+    said += [OWN_PRESLIDING] * (found.presliding is not None)
     chosen = None if facts.drowned else facts.chosen
     final = chosen.model_fit if chosen is not None and effects else facts.root
     problem, root = facts.problem, facts.root
@@ -334,21 +345,8 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     coordinate, generic = max(found.generic.items(), key=lambda item: item[1], default=("", 0.0))
     line = time_driven_line(problem, (chosen.model_fit if chosen else root).fitted.error)
     rivals = tuple(_rivals(problem, evidence, root, chosen, found.tried)) if chosen is not None else ()
-    return Facts(
-        problem,
-        root,
-        chosen,
-        evidence,
-        carried,
-        line,
-        coordinate,
-        generic,
-        lead,
-        rivals,
-        found.first,
-        found.tried,
-        found.freed,
-    )
+    seen = (problem, root, chosen, evidence, carried, line, coordinate, generic, lead, rivals)
+    return Facts(*seen, found.first, found.tried, found.freed, found.presliding)
 
 
 def _rivals(
