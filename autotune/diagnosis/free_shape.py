@@ -115,7 +115,7 @@ def with_own_presliding(problem: Problem, root: ModelFit, chosen: ModelFit) -> M
             if less is None:
                 return None
             chosen = less.model_fit
-    return replace(resolved(problem, chosen) or chosen, effects=root.effects)
+    return replace(chosen, effects=root.effects)
 
 
 def resolved(problem: Problem, model_fit: ModelFit) -> ModelFit | None:

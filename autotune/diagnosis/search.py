@@ -13,14 +13,17 @@ from dataclasses import dataclass, field, replace
 from autotune.diagnosis.candidates import FittedCandidate, Progress, ScreenedCandidate, error_left
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence
+from autotune.diagnosis.free_shape import EFFECT as MEMORY
 from autotune.diagnosis.free_shape import with_free_shape, with_own_presliding
 from autotune.diagnosis.refits import (
     REFINED,
     best_refined,
+    differ_by_chance,
     fitted_again,
     gain_on_veto,
     inside_twin,
     judged,
+    negligible,
     refined,
     with_own_noise,
     without_effect,
@@ -103,15 +106,26 @@ class _Search:
             if best is None:
                 break
             chosen = self._take(best)
-            own = with_own_presliding(self.problem, self.root, chosen.model_fit)
-            if own is not None:
-                self.progress("beside a presliding of its own law")
-                return replace(search(self.problem, own, self.nominal, self.progress), presliding=chosen)
             if not self._more_to_explain(chosen.model_fit):
                 break
         self._tidy()
         found = (self.problem, self.root, self.chosen, self.first, self.tried, self.generic)
-        return Found(*found, self._still_freed())
+        return self._beside_own_presliding(Found(*found, self._still_freed()))
+
+    def _beside_own_presliding(self, found: Found) -> Found:
+        """The same with elements that are no memory in the root; where they are all, the search begins anew there."""
+        problem, chosen = self.problem, found.chosen
+        own = with_own_presliding(problem, self.root, chosen.model_fit) if chosen is not None else None
+        if own is None or chosen is None:
+            return found
+        others = tuple(effect for effect in chosen.model_fit.effects if effect != MEMORY)
+        if not others:
+            self.progress("beside a presliding of its own law")
+            return replace(search(problem, own, self.nominal, self.progress), presliding=chosen)
+        beside = replace(chosen, effect=others[-1], model_fit=replace(chosen.model_fit, effects=others))
+        first = [item for item in self.first if item.effect != MEMORY]
+        tried = [item for item in self.tried if item.effect != MEMORY]
+        return replace(found, root=own, chosen=beside, first=first, tried=tried, presliding=chosen)
 
     @property
     def _model_fit(self) -> ModelFit:
@@ -335,7 +349,7 @@ class _Search:
             less = without_effect(problem, self.root, current.model_fit, effect)
             if less is not None and (
                 negligible(problem, current, less.model_fit)
-                or _by_chance(problem, current.model_fit, less.model_fit)
+                or differ_by_chance(problem, current.model_fit, less.model_fit)
             ):
                 current = less
         return current
@@ -367,34 +381,3 @@ def least_fall(problem: Problem, chosen: FittedCandidate) -> float:
     )
     contact = problem.two_masses(chosen.model_fit.fitted.packed)
     return max(least, policy.chance_of_contact * left) if contact else least
-
-
-def negligible(problem: Problem, current: FittedCandidate, less: ModelFit, times: float = 1.0) -> bool:
-    """Whether what `less` lacks is worth next to nothing, beside what all explain and what is left.
-
-    `times` is how much more than that it may be worth.
-    """
-    policy = problem.policy
-    falls = {TRAINING: current.training.fall, VETO: current.veto.fall if current.veto else math.inf}
-    for role in (TRAINING, VETO):
-        if not problem.has(role):
-            continue
-        left = problem.mean_square(current.model_fit.fitted.error, role)
-        lost = _fall(problem, less, current.model_fit, role)
-        hardly = lost < times * policy.negligible * max(falls[role], 0.0)
-        if not (hardly and lost < times * policy.negligible_left * left):
-            return False
-    return True
-
-
-def _by_chance(problem: Problem, model_fit: ModelFit, less: ModelFit) -> bool:
-    """Whether two fits between two masses differ by no more than their chance, though one has an effect more."""
-    if not problem.two_masses(less.fitted.packed):
-        return False
-    left = problem.mean_square(less.fitted.error, TRAINING)
-    return _fall(problem, less, model_fit, TRAINING) < problem.policy.chance_of_contact * left
-
-
-def _fall(problem: Problem, before: ModelFit, after: ModelFit, role: str) -> float:
-    """Of a role's mean square [(N m)²]."""
-    return problem.mean_square(before.fitted.error, role) - problem.mean_square(after.fitted.error, role)

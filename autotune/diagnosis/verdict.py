@@ -235,7 +235,8 @@ class Facts:
         own, chosen = self.presliding, self.chosen
         if own is None or (chosen is not None and chosen.share >= self.problem.policy.partly):
             return False
-        return self.evidence.accepts(self.problem.policy, own)
+        with_it = replace(self, chosen=own, freed={})
+        return with_it.accepted or with_it.law_differs
 
 
 @dataclass(frozen=True, slots=True)
