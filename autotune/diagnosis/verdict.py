@@ -26,6 +26,7 @@ from autotune.diagnosis.first_alone import doubt_of
 from autotune.diagnosis.search import Found, again_explained, search
 from autotune.diagnosis.transmission import GAP, SPRING, hardly_a_gap
 from autotune.diagnosis.wording import (
+    DROWNED,
     OWN_PRESLIDING,
     TORQUE_CONSTANT,
     Candidate,
@@ -250,8 +251,9 @@ class Case:
 
 
 def _unknown(facts: Facts) -> str:
-    chosen = None if facts.drowned else facts.chosen
-    return unknown_note(facts.problem, facts.evidence, facts.coordinate, facts.generic, chosen)
+    if facts.drowned:
+        return DROWNED
+    return unknown_note(facts.problem, facts.evidence, facts.coordinate, facts.generic, facts.chosen)
 
 
 def _outdone(facts: Facts) -> str:

@@ -23,6 +23,10 @@ TORQUE_CONSTANT = (
     "A wrong torque constant cannot be seen in these data: all torques scale with it. An independent "
     "inertia or a known added mass would show it."
 )
+DROWNED = (
+    "That disturbance is larger than all that an effect explains; what it hides cannot be told. Remove its source, or "
+    "record while it is off."
+)
 OWN_PRESLIDING = (
     "After a reversal friction comes to its level sooner than the exponential of a bristle does: one contact that is "
     "elastic until it slides. This is the base model's presliding by another law and no effect that is missing; it was "
