@@ -14,7 +14,7 @@ inside the twin: torques and displacements of all elements. What the elements ca
 what is left of the bristle, is the one stiffness that presliding and Dahl's curve have in common.
 
 Elements may also say that friction comes to its level sooner than a bristle's exponential: one contact, elastic until
-it slides (Dupont and others 2002). That is the law of the base and no memory; the search then begins anew beside it.
+it slides. That is the law of the base and no memory; the search then begins anew beside it.
 """
 
 from __future__ import annotations
