@@ -118,7 +118,7 @@ def nothing_note(
     rows = problem.training > 0
     torque = problem.data.torque[problem.data.grid[rows]]
     share = float(np.std(root.fitted.error[rows])) / max(float(np.std(torque)), 1e-300)
-    text = f"{100 * share:.2g} % of the torque (rms) stay unexplained"
+    text = f"{100 * share:.2g} % of the torque (rms) stay unexplained after refitting"
     best = max(first, key=lambda item: item.gain, default=None)
     if best is None or best.gain <= 0.0:
         return text + "; no candidate lowers it on unseen experiments."
