@@ -14,7 +14,7 @@ inside the twin: torques and displacements of all elements. What the elements ca
 what is left of the bristle, is the one stiffness that presliding and Dahl's curve have in common.
 
 Elements may also say that friction comes to its level sooner than a bristle's exponential: one contact, elastic until
-it slides. That is the law of the base and no memory; the search then begins anew beside it.
+it slides. That is the law of the base and no memory.
 """
 
 from __future__ import annotations
@@ -108,6 +108,8 @@ def with_own_presliding(problem: Problem, root: ModelFit, chosen: ModelFit) -> M
     None where there is no such memory, or the twin is unstable without what else was found.
     """
     if EFFECT not in chosen.effects or drawn_out(chosen.fitted.packed.p) >= 1.0:
+        return None
+    if chosen.fitted.cost >= root.fitted.cost:
         return None
     for effect in chosen.effects:
         if effect != EFFECT:

@@ -113,19 +113,24 @@ class _Search:
         return self._beside_own_presliding(Found(*found, self._still_freed()))
 
     def _beside_own_presliding(self, found: Found) -> Found:
-        """The same with elements that are no memory in the root; where they are all, the search begins anew there."""
-        problem, chosen = self.problem, found.chosen
-        own = with_own_presliding(problem, self.root, chosen.model_fit) if chosen is not None else None
+        """The same with elements that are no memory in the root: what was found beside them keeps its name.
+
+        No search begins anew there: what two masses make of the rest of such a shape would pass as an effect.
+        """
+        chosen = found.chosen
+        own = with_own_presliding(self.problem, self.root, chosen.model_fit) if chosen is not None else None
         if own is None or chosen is None:
             return found
         others = tuple(effect for effect in chosen.model_fit.effects if effect != MEMORY)
-        if not others:
-            self.progress("beside a presliding of its own law")
-            return replace(search(problem, own, self.nominal, self.progress), presliding=chosen)
-        beside = replace(chosen, effect=others[-1], model_fit=replace(chosen.model_fit, effects=others))
-        first = [item for item in self.first if item.effect != MEMORY]
-        tried = [item for item in self.tried if item.effect != MEMORY]
-        return replace(found, root=own, chosen=beside, first=first, tried=tried, presliding=chosen)
+        beside = replace(chosen.model_fit, effects=others)
+        return replace(
+            found,
+            root=own,
+            chosen=replace(chosen, effect=others[-1], model_fit=beside) if others else None,
+            first=[item for item in self.first if item.effect != MEMORY],
+            tried=[item for item in self.tried if item.effect != MEMORY],
+            presliding=chosen,
+        )
 
     @property
     def _model_fit(self) -> ModelFit:
@@ -326,7 +331,10 @@ class _Search:
         chosen = self._pruned(self.chosen)
         if self._unsettled(chosen):
             chosen = refined(problem, root, chosen, self.progress)
-        model_fit = with_whole_orders(problem, without_insignificant_terms(problem, chosen.model_fit))
+        model_fit = without_insignificant_terms(problem, chosen.model_fit)
+        if not negligible(problem, chosen, model_fit, PLAINLY_NEEDED):  # fitted again it went astray
+            model_fit = chosen.model_fit
+        model_fit = with_whole_orders(problem, model_fit)
         self.chosen = (
             chosen if model_fit is chosen.model_fit else judged(problem, root, model_fit, chosen.effect)
         )

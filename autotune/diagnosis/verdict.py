@@ -232,9 +232,9 @@ class Facts:
 
     @property
     def own_law(self) -> bool:
-        """Another law of presliding explains enough, and no effect half of what is left."""
-        own, chosen = self.presliding, self.chosen
-        if own is None or (chosen is not None and chosen.share >= self.problem.policy.partly):
+        """Another law of presliding explains enough, and nothing else was found."""
+        own = self.presliding
+        if own is None or self.chosen is not None:
             return False
         with_it = replace(self, chosen=own, freed={})
         return with_it.accepted or with_it.law_differs
@@ -283,7 +283,8 @@ def _another_law(facts: Facts) -> str:
 
 
 def _nothing(facts: Facts) -> str:
-    return nothing_note(facts.problem, facts.evidence, facts.root, facts.first)
+    own = facts.presliding is not None
+    return "" if own else nothing_note(facts.problem, facts.evidence, facts.root, facts.first)
 
 
 CASES: tuple[Case, ...] = (
@@ -342,7 +343,8 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     """The facts of a search and of other trajectories."""
     problem, root, chosen = found.problem, found.root, found.chosen
     evidence = evidence_of(problem.data)
-    lead = max((item.gain for item in found.first), default=0.0)
+    own = [] if found.presliding is None else [found.presliding.gain]
+    lead = max((*own, *(item.gain for item in found.first)), default=0.0)
     if chosen is not None:
         lead = max(lead, gain_and_z(root.unseen, chosen.model_fit.unseen)[0])
     coordinate, generic = max(found.generic.items(), key=lambda item: item[1], default=("", 0.0))
