@@ -283,8 +283,8 @@ def _another_law(facts: Facts) -> str:
 
 
 def _nothing(facts: Facts) -> str:
-    own = facts.presliding is not None
-    return "" if own else nothing_note(facts.problem, facts.evidence, facts.root, facts.first)
+    own = facts.presliding  # which is said by itself
+    return nothing_note(facts.problem, facts.evidence, facts.root, facts.first) if own is None else ""
 
 
 CASES: tuple[Case, ...] = (
@@ -300,7 +300,6 @@ CASES: tuple[Case, ...] = (
     Case("what is left is no noise", lambda f: f.structure_left, UNKNOWN, _unknown),
     Case("nothing is missing", lambda f: True, NONE, _nothing),
 )
-"""The first row that holds."""
 
 
 def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]) -> Diagnosis:
