@@ -12,6 +12,9 @@ feedforward built on it is wrong by several mN m in the first milliradians after
 bristle is taken apart into elements of its own, started on its virgin curve, and everything is fitted again
 inside the twin: torques and displacements of all elements. What the elements carry at rest together, with
 what is left of the bristle, is the one stiffness that presliding and Dahl's curve have in common.
+
+Elements may also say that friction comes to its level sooner than a bristle's exponential: one contact, elastic until
+it slides. That is the law of the base and no memory.
 """
 
 from __future__ import annotations
@@ -24,7 +27,7 @@ import scipy
 
 from autotune.core.arrays import Floats
 from autotune.diagnosis.candidates import FittedCandidate
-from autotune.diagnosis.refits import gain_on_veto, judged
+from autotune.diagnosis.refits import gain_on_veto, judged, without_effect
 from autotune.diagnosis.screening import generic_gains
 from autotune.diagnosis.starts import Context, varying
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
@@ -35,7 +38,7 @@ from autotune.estimation.problem import Problem
 from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.gravity_imbalance import GRAVITY_IMBALANCE, LEAST_PERIODS
-from autotune.models.reversal_memory import ELEMENTS, REVERSAL_MEMORY
+from autotune.models.reversal_memory import ELEMENTS, REVERSAL_MEMORY, drawn_out
 from autotune.models.table import EFFECTS
 
 EFFECT = REVERSAL_MEMORY.name
@@ -114,6 +117,24 @@ def _predicts_better(problem: Problem, before: ModelFit, after: ModelFit) -> boo
     if problem.has_veto:
         return gain_on_veto(problem, before, after) >= policy.least_gain
     return z >= policy.least_z or gain >= policy.clear_gain
+
+
+def with_own_presliding(problem: Problem, root: ModelFit, chosen: ModelFit) -> ModelFit | None:
+    """The root with the elements of a memory that is none: together they climb no longer than a bristle does.
+
+    None where there is no such memory, or the twin is unstable without what else was found.
+    """
+    if EFFECT not in chosen.effects or drawn_out(chosen.fitted.packed.p) >= 1.0:
+        return None
+    if chosen.fitted.cost >= root.fitted.cost:
+        return None
+    for effect in chosen.effects:
+        if effect != EFFECT:
+            less = without_effect(problem, root, chosen, effect)
+            if less is None:
+                return None
+            chosen = less.model_fit
+    return replace(chosen, effects=root.effects)
 
 
 def resolved(problem: Problem, model_fit: ModelFit) -> ModelFit | None:

@@ -151,6 +151,37 @@ def refined(problem: Problem, root: ModelFit, chosen: FittedCandidate, progress:
     return chosen
 
 
+def negligible(problem: Problem, current: FittedCandidate, less: ModelFit, times: float = 1.0) -> bool:
+    """Whether what `less` lacks is worth next to nothing, beside what all explain and what is left.
+
+    `times` is how much more than that it may be worth.
+    """
+    policy = problem.policy
+    falls = {TRAINING: current.training.fall, VETO: current.veto.fall if current.veto else math.inf}
+    for role in (TRAINING, VETO):
+        if not problem.has(role):
+            continue
+        left = problem.mean_square(current.model_fit.fitted.error, role)
+        lost = _fall(problem, less, current.model_fit, role)
+        hardly = lost < times * policy.negligible * max(falls[role], 0.0)
+        if not (hardly and lost < times * policy.negligible_left * left):
+            return False
+    return True
+
+
+def differ_by_chance(problem: Problem, model_fit: ModelFit, less: ModelFit) -> bool:
+    """Whether two fits between two masses differ by no more than their chance, though one has an effect more."""
+    if not problem.two_masses(less.fitted.packed):
+        return False
+    left = problem.mean_square(less.fitted.error, TRAINING)
+    return _fall(problem, less, model_fit, TRAINING) < problem.policy.chance_of_contact * left
+
+
+def _fall(problem: Problem, before: ModelFit, after: ModelFit, role: str) -> float:
+    """Of a role's mean square [(N m)²]."""
+    return problem.mean_square(before.fitted.error, role) - problem.mean_square(after.fitted.error, role)
+
+
 def with_own_noise(
     problem: Problem, root: ModelFit, chosen: FittedCandidate
 ) -> tuple[Problem, FittedCandidate]:

@@ -13,14 +13,17 @@ from dataclasses import dataclass, field, replace
 from autotune.diagnosis.candidates import FittedCandidate, Progress, ScreenedCandidate, error_left
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence
-from autotune.diagnosis.free_shape import with_free_shape
+from autotune.diagnosis.free_shape import EFFECT as MEMORY
+from autotune.diagnosis.free_shape import with_free_shape, with_own_presliding
 from autotune.diagnosis.refits import (
     REFINED,
     best_refined,
+    differ_by_chance,
     fitted_again,
     gain_on_veto,
     inside_twin,
     judged,
+    negligible,
     refined,
     with_own_noise,
     without_effect,
@@ -60,6 +63,7 @@ class Found:
         first: all candidates beside the root; `tried`: the best of them, fitted inside the twin.
         generic: gain of free functions of each coordinate.
         freed: effects whose course is free, as their law differs; whether their own law would have named them too.
+        presliding: elements that the root has for a presliding of its own, as they were found.
     """
 
     problem: Problem
@@ -69,6 +73,7 @@ class Found:
     tried: Sequence[FittedCandidate]
     generic: Mapping[str, float]
     freed: Mapping[str, bool] = field(default_factory=dict)
+    presliding: FittedCandidate | None = None
 
 
 def search(problem: Problem, root: ModelFit, nominal: Packed, progress: Progress) -> Found:
@@ -104,8 +109,27 @@ class _Search:
             if not self._more_to_explain(chosen.model_fit):
                 break
         self._tidy()
-        return Found(
-            self.problem, self.root, self.chosen, self.first, self.tried, self.generic, self._still_freed()
+        found = (self.problem, self.root, self.chosen, self.first, self.tried, self.generic)
+        return self._beside_own_presliding(Found(*found, self._still_freed()))
+
+    def _beside_own_presliding(self, found: Found) -> Found:
+        """The same with elements that are no memory in the root: what was found beside them keeps its name.
+
+        No search begins anew there: what two masses make of the rest of such a shape would pass as an effect.
+        """
+        chosen = found.chosen
+        own = with_own_presliding(self.problem, self.root, chosen.model_fit) if chosen is not None else None
+        if own is None or chosen is None:
+            return found
+        others = tuple(effect for effect in chosen.model_fit.effects if effect != MEMORY)
+        beside = replace(chosen.model_fit, effects=others)
+        return replace(
+            found,
+            root=own,
+            chosen=replace(chosen, effect=others[-1], model_fit=beside) if others else None,
+            first=[item for item in self.first if item.effect != MEMORY],
+            tried=[item for item in self.tried if item.effect != MEMORY],
+            presliding=chosen,
         )
 
     @property
@@ -312,7 +336,10 @@ class _Search:
         chosen = self._pruned(self.chosen)
         if self._unsettled(chosen):
             chosen = refined(problem, root, chosen, self.progress)
-        model_fit = with_whole_orders(problem, without_insignificant_terms(problem, chosen.model_fit))
+        model_fit = without_insignificant_terms(problem, chosen.model_fit)
+        if not negligible(problem, chosen, model_fit, PLAINLY_NEEDED):  # fitted again it went astray
+            model_fit = chosen.model_fit
+        model_fit = with_whole_orders(problem, model_fit)
         self.chosen = (
             chosen if model_fit is chosen.model_fit else judged(problem, root, model_fit, chosen.effect)
         )
@@ -335,7 +362,7 @@ class _Search:
             less = without_effect(problem, self.root, current.model_fit, effect)
             if less is not None and (
                 negligible(problem, current, less.model_fit)
-                or _by_chance(problem, current.model_fit, less.model_fit)
+                or differ_by_chance(problem, current.model_fit, less.model_fit)
             ):
                 current = less
         return current
@@ -367,34 +394,3 @@ def least_fall(problem: Problem, chosen: FittedCandidate) -> float:
     )
     contact = problem.two_masses(chosen.model_fit.fitted.packed)
     return max(least, policy.chance_of_contact * left) if contact else least
-
-
-def negligible(problem: Problem, current: FittedCandidate, less: ModelFit, times: float = 1.0) -> bool:
-    """Whether what `less` lacks is worth next to nothing, beside what all explain and what is left.
-
-    `times` is how much more than that it may be worth.
-    """
-    policy = problem.policy
-    falls = {TRAINING: current.training.fall, VETO: current.veto.fall if current.veto else math.inf}
-    for role in (TRAINING, VETO):
-        if not problem.has(role):
-            continue
-        left = problem.mean_square(current.model_fit.fitted.error, role)
-        lost = _fall(problem, less, current.model_fit, role)
-        hardly = lost < times * policy.negligible * max(falls[role], 0.0)
-        if not (hardly and lost < times * policy.negligible_left * left):
-            return False
-    return True
-
-
-def _by_chance(problem: Problem, model_fit: ModelFit, less: ModelFit) -> bool:
-    """Whether two fits between two masses differ by no more than their chance, though one has an effect more."""
-    if not problem.two_masses(less.fitted.packed):
-        return False
-    left = problem.mean_square(less.fitted.error, TRAINING)
-    return _fall(problem, less, model_fit, TRAINING) < problem.policy.chance_of_contact * left
-
-
-def _fall(problem: Problem, before: ModelFit, after: ModelFit, role: str) -> float:
-    """Of a role's mean square [(N m)²]."""
-    return problem.mean_square(before.fitted.error, role) - problem.mean_square(after.fitted.error, role)

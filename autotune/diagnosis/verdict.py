@@ -27,12 +27,15 @@ from autotune.diagnosis.free_shape import any_course
 from autotune.diagnosis.search import Found, again_explained, search
 from autotune.diagnosis.transmission import GAP, SPRING, hardly_a_gap
 from autotune.diagnosis.wording import (
+    DROWNED,
+    OWN_PRESLIDING,
     TORQUE_CONSTANT,
     Candidate,
     candidate_rows,
     likely_rivals,
     line_note,
     next_experiment,
+    nothing_note,
     unknown_note,
 )
 from autotune.estimation.bandwidth import prepared_for, prepared_to_fit
@@ -135,6 +138,7 @@ class Facts:
         coordinate, generic: the free function that gains most, and its gain.
         rivals: effects that explain as much as the chosen one.
         freed: those whose course was fitted freely, and whether their own law would have named them too.
+        presliding: that of another law, which the root has.
     """
 
     problem: Problem
@@ -150,6 +154,7 @@ class Facts:
     first: Sequence[ScreenedCandidate] = ()
     tried: Sequence[FittedCandidate] = ()
     freed: Mapping[str, bool] = field(default_factory=dict)
+    presliding: FittedCandidate | None = None
 
     @property
     def drowned(self) -> bool:
@@ -230,6 +235,15 @@ class Facts:
     def structure_left(self) -> bool:
         return self.evidence.structure_left(self.problem, self.root)
 
+    @property
+    def own_law(self) -> bool:
+        """Another law of presliding explains enough, and nothing else was found."""
+        own = self.presliding
+        if own is None or self.chosen is not None:
+            return False
+        with_it = replace(self, chosen=own, freed={})
+        return with_it.accepted or with_it.law_differs
+
 
 @dataclass(frozen=True, slots=True)
 class Case:
@@ -242,15 +256,9 @@ class Case:
 
 
 def _unknown(facts: Facts) -> str:
+    if facts.drowned:
+        return DROWNED
     return unknown_note(facts.problem, facts.evidence, facts.coordinate, facts.generic, facts.chosen)
-
-
-def _unknown_without_name(facts: Facts) -> str:
-    return unknown_note(facts.problem, facts.evidence, facts.coordinate, facts.generic, None)
-
-
-def _nothing_to_say(facts: Facts) -> str:
-    return ""
 
 
 def _outdone(facts: Facts) -> str:
@@ -279,19 +287,24 @@ def _another_law(facts: Facts) -> str:
     )
 
 
+def _nothing(facts: Facts) -> str:
+    own = facts.presliding  # which is said by itself
+    return nothing_note(facts.problem, facts.evidence, facts.root, facts.first) if own is None else ""
+
+
 CASES: tuple[Case, ...] = (
-    Case("a disturbance in time hides it", lambda f: f.drowned, UNKNOWN, _unknown_without_name),
+    Case("a disturbance in time hides it", lambda f: f.drowned, UNKNOWN, _unknown),
     Case("a free function explains more than any physics", lambda f: f.structured, UNKNOWN, _unknown),
     Case("what is not named explains far more", lambda f: bool(f.outdone), UNKNOWN, _outdone),
-    Case("other effects do as well", lambda f: f.accepted and bool(f.rivals), AMBIGUOUS, _nothing_to_say),
+    Case("other effects do as well", lambda f: f.accepted and bool(f.rivals), AMBIGUOUS, lambda f: ""),
     Case("an effect explains it", lambda f: f.accepted, NAMED, _its_course),
     Case("an effect explains most, by another law", lambda f: f.law_differs, NAMED, _another_law),
+    Case("only the law of presliding differs", lambda f: f.own_law, NONE, _nothing),
     Case("an effect explains too little", lambda f: f.chosen is not None, UNKNOWN, _unknown),
     Case("another trajectory refutes it", lambda f: bool(f.carried), UNKNOWN, _unknown),
     Case("what is left is no noise", lambda f: f.structure_left, UNKNOWN, _unknown),
-    Case("nothing is missing", lambda f: True, NONE, _nothing_to_say),
+    Case("nothing is missing", lambda f: True, NONE, _nothing),
 )
-"""The verdict: the first row that holds."""
 
 
 def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]) -> Diagnosis:
@@ -307,6 +320,7 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
         confidence = CONFIRMED if sure else SUSPECTED
     confusable = _confusable(facts, case.verdict, effects, confidence, found)
     said = [line_note(facts.line) if facts.line is not None else "", case.sentence(facts)]
+    said += [OWN_PRESLIDING] * (found.presliding is not None)
     chosen = None if facts.drowned else facts.chosen
     final = chosen.model_fit if chosen is not None and effects else facts.root
     problem, root = facts.problem, facts.root
@@ -333,16 +347,15 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     """The facts of a search and of other trajectories."""
     problem, root, chosen = found.problem, found.root, found.chosen
     evidence = evidence_of(problem.data)
-    lead = max((item.gain for item in found.first), default=0.0)
+    own = [] if found.presliding is None else [found.presliding.gain]
+    lead = max((*own, *(item.gain for item in found.first)), default=0.0)
     if chosen is not None:
         lead = max(lead, gain_and_z(root.unseen, chosen.model_fit.unseen)[0])
     coordinate, generic = max(found.generic.items(), key=lambda item: item[1], default=("", 0.0))
     line = time_driven_line(problem, (chosen.model_fit if chosen else root).fitted.error)
     rivals = tuple(_rivals(problem, evidence, root, chosen, found.tried)) if chosen is not None else ()
-    return Facts(
-        problem, root, chosen, evidence, carried, line, coordinate, generic, lead, rivals, found.first, found.tried,
-        found.freed,
-    )  # fmt: skip
+    seen = (problem, root, chosen, evidence, carried, line, coordinate, generic, lead, rivals)
+    return Facts(*seen, found.first, found.tried, found.freed, found.presliding)
 
 
 def _rivals(

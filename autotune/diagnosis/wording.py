@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from autotune.core.arrays import Floats
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate
 from autotune.diagnosis.evidence.evidence import Evidence
@@ -20,6 +22,15 @@ WORST_GAIN = -1.0
 TORQUE_CONSTANT = (
     "A wrong torque constant cannot be seen in these data: all torques scale with it. An independent "
     "inertia or a known added mass would show it."
+)
+DROWNED = (
+    "That disturbance is larger than all that an effect explains; what it hides cannot be told. Remove its source, or "
+    "record while it is off."
+)
+OWN_PRESLIDING = (
+    "After a reversal friction comes to its level sooner than the exponential of a bristle does: one contact that is "
+    "elastic until it slides. This is the base model's presliding by another law and no effect that is missing; it was "
+    "fitted beside all else."
 )
 PROGRAMME = "autotune record AXIS.toml decide --from DIAGNOSIS.json --out FILE"
 """DIAGNOSIS.json is what `diagnose --json` printed; diagnosed are then both recordings."""
@@ -67,7 +78,7 @@ def candidate_rows(
         accepted = item.effect in effects
         gain = max(fits[item.effect].gain if item.effect in fits else item.gain, WORST_GAIN)
         after = before * math.sqrt(max(1.0 - gain, 0.0))
-        text = why(problem.policy, evidence, item, fits, accepted)
+        text = why(problem, evidence, root, item, fits, effects)
         table.append(Candidate(item.effect, gain, before, after, accepted, text, _taken(root, item, fits)))
     return tuple(table)
 
@@ -80,22 +91,40 @@ def _taken(root: ModelFit, item: ScreenedCandidate, fits: Mapping[str, FittedCan
 
 
 def why(
-    policy: Policy,
+    problem: Problem,
     evidence: Evidence,
+    root: ModelFit,
     item: ScreenedCandidate,
     fits: Mapping[str, FittedCandidate],
-    accepted: bool,
+    effects: Sequence[str],
 ) -> str:
-    """Why a candidate was taken or left."""
+    """Why a candidate was taken or left; `effects` are those that are named."""
+    accepted = item.effect in effects
     if item.effect in fits:
         text = evidence.explains(fits[item.effect])
-        return text if accepted else text + "; not the best explanation"
+        left = "; not the best explanation" if effects else "; too little for a name, or not beyond doubt"
+        return text if accepted else text + left
     if accepted:
         return "taken beside the others: lowers what they leave"
-    if item.gain < policy.least_gain:
-        gain = 100 * max(item.gain, WORST_GAIN)
-        return f"gain {gain:.1f} % on unseen experiments; {100 * policy.least_gain:.0f} % are needed"
-    return f"gain {100 * item.gain:.1f} % on unseen experiments, less than others"
+    gain = f"gain {100 * max(item.gain, WORST_GAIN):.1f} % on unseen experiments"
+    gate = evidence.stopped_by(problem, root, item)
+    return f"{gain}; {gate}" if gate else f"{gain}, less than others"
+
+
+def nothing_note(
+    problem: Problem, evidence: Evidence, root: ModelFit, first: Sequence[ScreenedCandidate]
+) -> str:
+    """Where nothing is missing: the share of the torque that stays unexplained, and what stopped the best candidate."""
+    rows = problem.training > 0
+    torque = problem.data.torque[problem.data.grid[rows]]
+    share = float(np.std(root.fitted.error[rows])) / max(float(np.std(torque)), 1e-300)
+    text = f"{100 * share:.2g} % of the torque (rms) stay unexplained after refitting"
+    best = max(first, key=lambda item: item.gain, default=None)
+    if best is None or best.gain <= 0.0:
+        return text + "; no candidate lowers it on unseen experiments."
+    gate = evidence.stopped_by(problem, root, best) or "refuted or not borne out inside the twin"
+    name = best.effect.replace("_", " ")
+    return f"{text}; {name} comes nearest, gain {100 * best.gain:.1f} % on unseen experiments: {gate}."
 
 
 def unknown_note(

@@ -8,6 +8,7 @@ memory that the single bristle of LuGre does not have (thesis, sections 3.2.3 an
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy as np
 from autotune.core.arrays import Flags, Floats
 from autotune.models.compiled import compiled
 from autotune.models.effect import Kind, Parameter, Terms
-from autotune.models.layout import MICRO_DAMPING, STIFFNESS, block, flag, state_block
+from autotune.models.layout import COULOMB, MICRO_DAMPING, STIFFNESS, block, flag, state_block
 from autotune.models.look_alikes import AT_REVERSALS, AT_STARTS
 from autotune.models.start_values import StartContext, StartValues, Vary
 
@@ -101,6 +102,7 @@ def share_damping(p: Floats, on: Flags) -> None:
 
 STEPS = (0.5, 1.0, 2.0, 4.0, 9.0, 25.0, 80.0)
 """Of the bristle's reach: where the elements of a start slide."""
+NINE_TENTHS, HALVINGS = 0.9, 50
 IN_USE = 0.05
 """Of what all elements carry: an element that carries more may be moved."""
 
@@ -135,6 +137,27 @@ def mean_reach(p: Floats) -> float:
     reach, torque = p[_AT : _AT + 2 * ELEMENTS : 2], p[_AT + 1 : _AT + 2 * ELEMENTS : 2]
     used = reach > 0.0
     return float(torque[used] @ reach[used]) / max(float(torque[used].sum()), 1e-300)
+
+
+def drawn_out(p: Floats) -> float:
+    """How drawn out the climb of friction after a rest is, beside a bristle's: stiffness at rest, times the way to nine
+    tenths of the level, over the level.
+
+    One bristle has 1 (it comes exponentially), one contact that is elastic until it slides 0.4. Contacts that let go
+    one after another, which is what remembers, have more than 1.
+    """
+    reach, torque = p[_AT : _AT + 2 * ELEMENTS : 2], p[_AT + 1 : _AT + 2 * ELEMENTS : 2]
+    reach, torque = reach[reach > 0.0], torque[reach > 0.0]
+    coulomb, stiffness = float(p[COULOMB]), float(p[STIFFNESS])
+    most = NINE_TENTHS * (coulomb + float(torque.sum()))
+    least, far = 0.0, float(max(reach.max(initial=0.0), -math.log1p(-NINE_TENTHS) * coulomb / stiffness))
+    for _ in range(HALVINGS):
+        way = 0.5 * (least + far)
+        bristle = -coulomb * math.expm1(-way * stiffness / coulomb)
+        enough = bristle + float(torque @ np.minimum(way / reach, 1.0)) >= most
+        least, far = (least, way) if enough else (way, far)
+    slope = stiffness + float((torque / reach).sum())
+    return far * slope * NINE_TENTHS / (-math.log1p(-NINE_TENTHS) * most)
 
 
 def longest_displacement(p: Floats) -> float:

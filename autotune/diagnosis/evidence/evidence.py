@@ -137,6 +137,10 @@ class Evidence(ABC):
         return ()
 
     @abstractmethod
+    def stopped_by(self, problem: Problem, model_fit: ModelFit, item: ScreenedCandidate) -> str:
+        """What keeps a candidate from a fit inside the twin (`worth_fitting`), in words; empty where nothing does."""
+
+    @abstractmethod
     def explains(self, candidate: FittedCandidate) -> str:
         """What a fitted candidate does to the error, in words."""
 

@@ -77,13 +77,15 @@ class RepeatedProgramme(Evidence):
     def worth_fitting(
         self, problem: Problem, model_fit: ModelFit, ranked: Sequence[ScreenedCandidate]
     ) -> list[ScreenedCandidate]:
+        return [item for item in ranked if not self.stopped_by(problem, model_fit, item)]
+
+    def stopped_by(self, problem: Problem, model_fit: ModelFit, item: ScreenedCandidate) -> str:
         policy = problem.policy
         least = policy.least_gain if problem.twin else policy.clear_gain
-        return [
-            item
-            for item in ranked
-            if item.gain >= least and (item.z >= policy.least_z or item.gain >= policy.clear_gain)
-        ]
+        if item.gain < least:
+            return f"{100 * least:.0f} % are needed"
+        by_chance = item.z < policy.least_z and item.gain < policy.clear_gain
+        return "not in enough of them to be no chance" if by_chance else ""
 
     def best(self, problem: Problem, fitted: Sequence[FittedCandidate]) -> FittedCandidate:
         return min(fitted, key=lambda item: error_left(problem, item.model_fit))

@@ -73,6 +73,19 @@ class SingleRecording(Evidence):
         likely = [item for item in ranked if item.gain >= least and item.z >= least_z]
         return [item for item in likely if visible(problem, item)][:MOST_LIKELY]
 
+    def stopped_by(self, problem: Problem, model_fit: ModelFit, item: ScreenedCandidate) -> str:
+        least = problem.policy.least_gain_single
+        if item.gain < least:
+            return f"{100 * least:.0f} % are needed"
+        if not visible(problem, item):
+            return "with parameters that these data cannot show"
+        if not self._likely(problem, [item], least):
+            return "not in enough of them to be no chance"
+        if not matters(problem, model_fit, item):
+            part = 100 * part_of_torque(problem, model_fit, item)
+            return f"{part:.2g} % of the torque: so little is as often the measurement chain as the axis"
+        return "" if beats_chance(problem, model_fit.fitted, item.fitted) else "as much as chance would gain"
+
     def best(self, problem: Problem, fitted: Sequence[FittedCandidate]) -> FittedCandidate:
         """Of candidates that explain nearly alike the one that errs least on other trajectories."""
         best = max(fitted, key=lambda item: item.gain)
@@ -144,9 +157,14 @@ class SingleRecording(Evidence):
 def matters(problem: Problem, model_fit: ModelFit, item: ScreenedCandidate) -> bool:
     """Whether the effect is large enough: less is as often the measurement chain as the axis."""
     policy = problem.policy
-    part = math.sqrt(max(item.gain * model_fit.fitted.cost, 0.0)) / problem.scales.torque
+    part = part_of_torque(problem, model_fit, item)
     clear = item.gain >= policy.clear_single_gain and item.z >= policy.least_z
     return part >= (policy.clear_single_part if clear else policy.least_part)
+
+
+def part_of_torque(problem: Problem, model_fit: ModelFit, item: ScreenedCandidate) -> float:
+    """Rms of what a candidate explains, of the torque."""
+    return math.sqrt(max(item.gain * model_fit.fitted.cost, 0.0)) / problem.scales.torque
 
 
 def beats_chance(problem: Problem, base: Fitted, candidate: Fitted) -> bool:

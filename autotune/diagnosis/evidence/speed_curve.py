@@ -27,6 +27,10 @@ class SpeedCurve(SingleRecording):
     ) -> list[ScreenedCandidate]:
         return self._likely(problem, ranked, problem.policy.least_gain)
 
+    def stopped_by(self, problem: Problem, model_fit: ModelFit, item: ScreenedCandidate) -> str:
+        least = problem.policy.least_gain
+        return "" if self._likely(problem, [item], least) else f"{100 * least:.0f} % beyond chance are needed"
+
     def best(self, problem: Problem, fitted: Sequence[FittedCandidate]) -> FittedCandidate:
         return max(fitted, key=lambda item: item.gain)
 
