@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from autotune.core.arrays import Floats
 from autotune.models.compiled import compiled
 from autotune.models.effect import Kernels, Kind, Parameter
+from autotune.models.lanes import anywhere, where
 from autotune.models.layout import block, flag, state_block
 from autotune.models.look_alikes import AT_STARTS, IN_TIME
 from autotune.models.start_values import StartContext, StartValues, Vary, at_first
@@ -36,9 +37,10 @@ def grow_older(p: Floats, state: Floats, slip: float, duration: float) -> None:
     lost = slip / p[_AT + 2]
     state[AGE] = (state[AGE] + gain) / (1.0 + gain + lost)
     for i in range(1, AGES_MOST):
-        if p[_AT + 2 + 2 * i] > 0.0:
+        if anywhere(p[_AT + 2 + 2 * i] > 0.0):
             gain = duration / p[_AT + 2 + 2 * i]
-            state[AGE + i] = (state[AGE + i] + gain) / (1.0 + gain + lost)
+            older = (state[AGE + i] + gain) / (1.0 + gain + lost)
+            state[AGE + i] = where(p[_AT + 2 + 2 * i] > 0.0, older, state[AGE + i])
 
 
 LEAST_AGE = 0.1
