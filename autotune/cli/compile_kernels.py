@@ -1,7 +1,7 @@
 """`make install`: compiles the kernels once, so that no program after it waits for them.
 
 numba keeps what it compiles beside the sources. Without this step the first program to need a kernel compiles it,
-about half a minute in all; programs that start together would each do so.
+about a minute in all; programs that start together would each do so.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ GAINS = (16.0, 0.02, 1000.0)
 
 def main() -> None:
     """Calls every kernel as programs do, on little data."""
-    say("compiling the kernels, about half a minute …")
+    say("compiling the kernels, about a minute …")
     model = _simulated_and_fitted()
     _controlled()
     _compared(model)

@@ -9,27 +9,27 @@ pass of the inverse, and its valleys are wide: all starts are looked at, and the
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import Protocol
 
 import numpy as np
-import scipy
 
 from autotune.core.arrays import Floats, Integers
 from autotune.diagnosis.ripple_orders import find_orders
 from autotune.estimation.bias_corrected_fit import ModelFit
+from autotune.estimation.data import Prepared
 from autotune.estimation.least_squares import Fitted, Free, with_values
 from autotune.estimation.parts import first_round, spread
 from autotune.estimation.problem import Problem
-from autotune.estimation.residual import residual
+from autotune.estimation.residual import kind_of_pass, residual, residuals
 from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.effect import Kind
+from autotune.models.lanes import WIDTH
 from autotune.models.start_values import StartValues, Vary
 from autotune.models.table import EFFECTS
 from autotune.models.torque_ripple import TORQUE_RIPPLE, scale_slot
+from autotune.signals.simplex import Descent, lowest_places
 
 PASSES, PROBING = 45, 18
 """Passes of the inverse by which a start is followed, and those after which it must have shown something."""
@@ -39,8 +39,8 @@ LOOKED_AT = 5
 """Starts that are looked at inside the twin."""
 PROMISED = 0.995
 """Of the cost without the effect: what probing must get below."""
-ENOUGH = 1e-2
-"""Relative difference of the cost below which a valley's floor is reached."""
+ENOUGH, NEAR = 1e-2, 0.1
+"""Relative difference of the cost, and of places in steps, below which a valley's floor is reached."""
 FELT, FAR = (layout.INERTIA, layout.COULOMB), 1.5
 """What must have gone how far from the model that was given, for a fit to begin there too."""
 FIRST_STEP = 0.5
@@ -230,77 +230,107 @@ def scouted(problem: Problem, model_fit: ModelFit, starts: Sequence[FitStart]) -
     The best two with the twin's bias of the model without the effect, and the best with its own: a load that rings
     changes the bias by as much as its valley is deep; that of a gap far from its size is chance.
     """
-    cost = _projected_cost(problem, model_fit)
+    projected = _Projected.of(problem, model_fit)
     held = model_fit.correction.bias
-    costs = np.array([cost(start.packed, held) for start in starts])
+    changes = projected.changes([start.packed for start in starts])
+    costs = np.array([projected.cost(change, held) for change in changes])
     order = [int(i) for i in np.argsort(costs, kind="stable")[:LOOKED_AT] if math.isfinite(costs[i])]
     if not order:
         return []
-    own = [(starts[i], problem.correction(starts[i].packed)) for i in order]
-    ringing = [(cost(start.packed, twin.bias), start, twin.bias) for start, twin in own if twin.stable]
+    own = zip(order, problem.corrections([starts[i].packed for i in order]), strict=True)
+    ringing = [(projected.cost(changes[i], twin.bias), i, twin.bias) for i, twin in own if twin.stable]
     ringing.sort(key=lambda item: item[0])
-    promised = PROMISED * model_fit.fitted.cost
-    led = [(starts[i], held) for i in order[:FOLLOWED] if costs[i] <= AS_GOOD * costs[order[0]]]
-    led += [(start, bias) for _, start, bias in ringing[:1]]
-    return [_led_down(partial(cost, bias=bias), start, promised) for start, bias in led]
+    led = [(costs[i], i, held) for i in order[:FOLLOWED] if costs[i] <= AS_GOOD * costs[order[0]]]
+    valleys = [_Valley(starts[i], bias, ENOUGH * cost) for cost, i, bias in [*led, *ringing[:1]]]
+    return _led_down(projected, valleys, PROMISED * model_fit.fitted.cost)
 
 
-class _Cost(Protocol):
-    def __call__(self, packed: Packed, bias: Floats) -> float: ...
+@dataclass(frozen=True, slots=True)
+class _Projected:
+    """Costs of a model with an effect more, all that was fitted before solved for.
 
-
-def _projected_cost(problem: Problem, model_fit: ModelFit) -> _Cost:
-    """Mean square on the training rows of a model with an effect more, all of `model_fit` solved for [(N m)²].
-
-    `bias` is the twin's, shape (m,).
+    Attributes:
+        once: the data that sensitivities need; `without`: residual there without the effect, shape (m,).
+        raw: residual without the effect and without a bias, shape (m,).
+        weight, basis: of the training rows, shape (r,), and the fitted columns there, shape (r, parameters).
     """
-    data, before, rows = problem.data, model_fit.fitted, problem.training > 0
-    weight = np.sqrt(problem.training[rows])
-    basis = np.linalg.qr(before.jacobian[rows] * weight[:, None])[0]
-    total = float(problem.training.sum())
-    once = first_round(data, before.packed.on)
-    raw = before.error + model_fit.correction.bias
-    without = residual(once, before.packed, problem.moved)
 
-    def cost(packed: Packed, bias: Floats) -> float:
-        change = (residual(once, packed, problem.moved) - without)[:, None]
-        spread(data, change, packed.on)
-        error: Floats = (raw + change[:, 0] - bias)[rows] * weight
-        left = float(error @ error) - float(np.sum((basis.T @ error) ** 2))
-        return left / total if math.isfinite(left) else math.inf
+    problem: Problem
+    once: Prepared
+    without: Floats
+    raw: Floats
+    weight: Floats
+    basis: Floats
 
-    return cost
+    @classmethod
+    def of(cls, problem: Problem, model_fit: ModelFit) -> _Projected:
+        before, rows = model_fit.fitted, problem.training > 0
+        weight = np.sqrt(problem.training[rows])
+        basis = np.linalg.qr(before.jacobian[rows] * weight[:, None])[0]
+        once = first_round(problem.data, before.packed.on)
+        raw = before.error + model_fit.correction.bias
+        return cls(problem, once, residual(once, before.packed, problem.moved), raw, weight, basis)
+
+    def changes(self, models: Sequence[Packed]) -> Floats:
+        """What the effect changes of the residual, for each of several models; shape (k, m)."""
+        found = residuals(self.once, models, self.problem.moved) - self.without
+        for change, packed in zip(found, models, strict=True):
+            spread(self.problem.data, change[:, None], packed.on)
+        return found
+
+    def cost(self, change: Floats, bias: Floats) -> float:
+        """Mean square on the training rows [(N m)²], with the twin's `bias`, shape (m,)."""
+        error: Floats = (self.raw + change - bias)[self.problem.training > 0] * self.weight
+        left = float(error @ error) - float(np.sum((self.basis.T @ error) ** 2))
+        return left / float(self.problem.training.sum()) if math.isfinite(left) else math.inf
 
 
-def _led_down(cost: Callable[[Packed], float], start: FitStart, promised: float) -> FitStart:
-    """A start moved by the simplex method ([nelder-1965]), inside the bounds of what is free.
+@dataclass(frozen=True, slots=True)
+class _Valley:
+    """A start to lead down, with the twin's bias that is held, and the difference of costs that counts as none."""
 
-    It is given up where probing does not get below the cost that is `promised`.
+    start: FitStart
+    bias: Floats
+    flat: float
+
+    @property
+    def _bounds(self) -> tuple[Floats, Floats]:
+        free = self.start.free
+        return np.array([f.lower for f in free]), np.array([f.upper for f in free])
+
+    @property
+    def _steps(self) -> Floats:
+        return np.array(
+            [FIRST_STEP * (f.step if math.isfinite(f.step) else f.scale) for f in self.start.free]
+        )
+
+    def at(self, place: Floats) -> Packed:
+        """The model at a place, which is told in steps."""
+        return with_values(self.start.packed, self.start.free, np.clip(place * self._steps, *self._bounds))
+
+    def descent(self, promised: float) -> Descent:
+        here, steps = self.start.packed.p[[f.slot for f in self.start.free]], self._steps
+        first = np.diag(np.where(here + steps > self._bounds[1], -steps, steps))
+        corners = np.clip(here + np.vstack([np.zeros(len(here)), first]), *self._bounds) / steps
+        return Descent(corners, NEAR, self.flat, PASSES, PROBING, promised)
+
+
+def _led_down(projected: _Projected, valleys: Sequence[_Valley], promised: float) -> list[FitStart]:
+    """Starts moved by the simplex method, inside the bounds of what is free.
+
+    One is given up where probing does not get below the cost that is `promised`.
     """
-    free = start.free
-    lower, upper = np.array([f.lower for f in free]), np.array([f.upper for f in free])
-    here = start.packed.p[[f.slot for f in free]]
-    steps = np.array([FIRST_STEP * (f.step if math.isfinite(f.step) else f.scale) for f in free])
-    corners = here + np.vstack([np.zeros(len(free)), np.diag(np.where(here + steps > upper, -steps, steps))])
-    passes = 0
 
-    def at(values: Floats) -> Packed:
-        return with_values(start.packed, free, np.clip(values * steps, lower, upper))
+    def costs_of(places: list[tuple[int, Floats]]) -> list[float]:
+        changes = projected.changes([valleys[i].at(place) for i, place in places])
+        return [
+            projected.cost(change, valleys[i].bias) for change, (i, _) in zip(changes, places, strict=True)
+        ]
 
-    def cost_of(values: Floats) -> float:
-        nonlocal passes
-        passes += 1
-        return cost(at(values))
+    def company(number: int, place: Floats) -> Hashable:
+        return kind_of_pass(projected.once, valleys[number].at(place))
 
-    def give_up(intermediate_result: scipy.optimize.OptimizeResult) -> None:
-        if passes >= PROBING and intermediate_result.fun > promised:
-            raise StopIteration
-
-    found = scipy.optimize.minimize(
-        cost_of, here / steps, method="Nelder-Mead", callback=give_up,
-        options={
-            "initial_simplex": np.clip(corners, lower, upper) / steps, "maxfev": PASSES, "xatol": 0.1,
-            "fatol": ENOUGH * cost(start.packed),
-        },
-    )  # fmt: skip
-    return FitStart(at(found.x), free)
+    ends = lowest_places([valley.descent(promised) for valley in valleys], costs_of, company, WIDTH)
+    return [
+        FitStart(valley.at(place), valley.start.free) for valley, place in zip(valleys, ends, strict=True)
+    ]

@@ -17,7 +17,6 @@ from autotune.estimation.data import TRAINING
 from autotune.estimation.least_squares import Fitted, Free, fit
 from autotune.estimation.parts import until_last
 from autotune.estimation.problem import Correction, Problem, refit
-from autotune.estimation.residual import residual
 from autotune.models.drive_model import Packed
 
 LEVEL_GROUND = 1.005
@@ -108,7 +107,10 @@ def fit_from_starts(
     best: ModelFit | None = None
     dear: list[Twinned] = []
     tried = 0
-    for packed in starts:
+    for number, packed in enumerate(starts):
+        if number % 2 == 0:  # two starts fill a pass
+            pair = starts[number : number + 2]
+            problem.corrections(pair[: problem.twins_alike(pair)], problem.simulations + 1)
         here = twinned(problem, packed)
         if here is None:
             continue
@@ -151,13 +153,17 @@ def _step_by_step(
 
     fitted_part = replace(problem, data=until_last(problem.data, problem.training > 0))
 
-    def bias_at(packed: Packed) -> Floats | None:
-        correction = fitted_part.correction(packed, problem.simulations + 1)
-        return correction.bias if correction.stable else None
+    def judged(models: Sequence[Packed]) -> list[tuple[Floats, Floats] | None]:
+        models = models[: fitted_part.twins_alike(models)]
+        found = fitted_part.corrections(models, problem.simulations + 1)
+        return [
+            (fitted_part.raw(packed), correction.bias) if correction.stable else None
+            for packed, correction in zip(models, found, strict=True)
+        ]
 
     fitted = fit(
         problem.data, problem.moved, here.packed, free, here.correction.bias, problem.training, steps,
-        ENOUGH, bias_at=bias_at, difference=COARSE, whole=False,
+        ENOUGH, judged=judged, difference=COARSE, whole=False,
         target=target,
     )  # fmt: skip
     sharp = twinned(problem, fitted.packed, SHARP if fitted.cost < target else None)
@@ -187,7 +193,7 @@ def twinned(
     if not correction.stable:
         return None
     if raw is None:
-        raw = residual(problem.data, packed, problem.moved)
+        raw = problem.raw(packed)
     error = raw - correction.bias
     return Twinned(packed, error, correction, problem.mean_square(error, TRAINING))
 

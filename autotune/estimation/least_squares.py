@@ -8,15 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
 from autotune.core.arrays import Flags, Floats
 from autotune.estimation.data import Prepared
 from autotune.estimation.parts import first_round, spread, until_last
-from autotune.estimation.residual import Motion, residual
+from autotune.estimation.residual import Motion, alike, kind_of_pass, residual, residuals
 from autotune.models.drive_model import Packed
 
+Judged: TypeAlias = Callable[[Sequence[Packed]], Sequence[tuple[Floats, Floats] | None]]
+"""Residuals of the first of some models, as many as cost little more than one, and the biases that belong to them,
+shape (m,) each; None where the twin is unstable."""
 BASE_STEP = 0.3
 DIFFERENCE = 2e-3
 STALE = 0.02
@@ -27,6 +31,8 @@ TRIALS, DAMPED, HARDER = 6, 1e-3, 8.0
 """Steps tried from one linearisation, least damping of the second of them, and what it grows by after that."""
 TRIALS_JUDGED, DAMPED_JUDGED, HARDER_JUDGED = 4, 0.03, 10.0
 """The same where every step is judged by its own bias, at the cost of simulations."""
+JUDGED_TOGETHER = 2
+"""Of these: with three simulations and the measured motion each they fill a pass."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,9 +120,9 @@ def jacobian(
     if known is not None:
         first = known[0].shape[1]
         columns[:, :first], scales[:first] = known
-    for i, parameter in enumerate(free):
-        if i < first:
-            continue
+    changes: list[float] = []
+    models: list[Packed] = []
+    for i, parameter in enumerate(free[first:], first):
         value = packed.p[parameter.slot]
         scales[i] = parameter.scale_at(value)
         change = difference * scales[i]
@@ -124,7 +130,10 @@ def jacobian(
             change = -change
         p = packed.p.copy()
         p[parameter.slot] = value + change
-        columns[:, i] = (residual(once, Packed(p, packed.on), moved) - at) * (scales[i] / change)
+        changes.append(change)
+        models.append(Packed(p, packed.on))
+    for i, moved_by in enumerate(residuals(once, models, moved), first):
+        columns[:, i] = (moved_by - at) * (scales[i] / changes[i - first])
     spread(data, columns[:, first:], packed.on)
     return columns, scales
 
@@ -140,7 +149,7 @@ def fit(
     stop: float = 2e-4,
     known: tuple[Floats, Floats] | None = None,
     hopeful: float = np.inf,
-    bias_at: Callable[[Packed], Floats | None] | None = None,
+    judged: Judged | None = None,
     difference: float = DIFFERENCE,
     whole: bool = True,
     target: float = np.inf,
@@ -149,14 +158,14 @@ def fit(
 
     `correction` is the twin's bias, subtracted from the residual. The result is never worse than the start.
     `known`: see `jacobian`. `hopeful`: a fit that cannot be expected to get below this cost, as its linear
-    model at the start has it without any bounds, is not begun. `bias_at` renews the bias at every step,
-    None where the twin is unstable (the step is rejected). `difference`: see `jacobian`. Unless the `whole`
+    model at the start has it without any bounds, is not begun. `judged` renews the bias at every step
+    (a step is rejected where the twin is unstable). `difference`: see `jacobian`. Unless the `whole`
     error is asked for, it is right up to the last fitted row only. A fit is given up where a few steps as good
     as the last would not reach the cost `target`.
     """
     rows = weight > 0
     part = until_last(data, rows)
-    problem = _Problem(part, moved, rows, weight[rows], tuple(free), bias_at)
+    problem = _Problem(part, moved, rows, weight[rows], tuple(free), judged)
     here = problem.at(packed, correction)
     columns, scales = jacobian(data, moved, packed, free, here.raw, known, difference)
     known = known if known is not None and known[0].shape[1] < len(free) else None
@@ -207,16 +216,32 @@ class _Problem:
     rows: Flags
     share: Floats
     free: tuple[Free, ...]
-    bias_at: Callable[[Packed], Floats | None] | None
+    judged: Judged | None
 
     @property
     def total(self) -> float:
         return max(float(self.share.sum()), 1.0)
 
     def at(self, packed: Packed, correction: Floats) -> _Place:
-        raw = residual(self.data, packed, self.moved)
+        return self._place(packed, residual(self.data, packed, self.moved), correction)
+
+    def _place(self, packed: Packed, raw: Floats, correction: Floats) -> _Place:
         cost = float(np.dot(self.share, (raw - correction)[self.rows] ** 2) / self.total)
         return _Place(packed, raw, correction, cost)
+
+    def _places(self, models: Sequence[Packed], correction: Floats) -> list[_Place | None]:
+        """Where the first of these steps lead to, as many as cost little more than one; None where a twin is unstable.
+
+        `correction` is held unless it is renewed.
+        """
+        if self.judged is not None:
+            found = zip(models, self.judged(models), strict=False)
+            return [None if one is None else self._place(packed, *one) for packed, one in found]
+        if len(models) == 1:
+            return [self.at(models[0], correction)]
+        models = models[: alike([kind_of_pass(self.data, packed) for packed in models])]
+        found_raw = zip(models, residuals(self.data, models, self.moved), strict=True)
+        return [self._place(packed, raw, correction) for packed, raw in found_raw]
 
     def linearised(self, here: _Place, columns: Floats) -> tuple[Floats, Floats]:
         """Matrix and right side of the normal equations."""
@@ -227,20 +252,29 @@ class _Problem:
     def downhill(
         self, here: _Place, normal: Floats, slope: Floats, damping: float, scales: Floats
     ) -> tuple[_Place | None, float]:
-        """The first of a few ever more damped steps that lowers the cost, and its damping; None where none does."""
+        """The first of a few ever more damped steps that lowers the cost, and its damping; None where none does.
+
+        Some of them are looked at together, as what is not needed of them costs next to nothing.
+        """
         trials, damped, harder = TRIALS, DAMPED, HARDER
-        if self.bias_at is not None:
+        together, most = 1, TRIALS - 1
+        if self.judged is not None:
             trials, damped, harder = TRIALS_JUDGED, DAMPED_JUDGED, HARDER_JUDGED
+            together = most = JUDGED_TOGETHER
         values = here.packed.p[[f.slot for f in self.free]]
-        for _ in range(trials):
-            change = _step(normal, slope, damping, here.packed, self.free, scales)
-            trial = with_values(here.packed, self.free, values + change)
-            correction = here.correction if self.bias_at is None else self.bias_at(trial)
-            if correction is not None:
-                found = self.at(trial, correction)
-                if np.isfinite(found.cost) and found.cost < here.cost:
-                    return found, damping
-            damping = max(damping * harder, damped)
+        waiting: list[tuple[Packed, float]] = []
+        looked_at = 0
+        while looked_at < trials:
+            while len(waiting) < min(together, trials - looked_at):
+                change = _step(normal, slope, damping, here.packed, self.free, scales)
+                waiting.append((with_values(here.packed, self.free, values + change), damping))
+                damping = max(damping * harder, damped)
+            places = self._places([packed for packed, _ in waiting], here.correction)
+            for found, (_, used) in zip(places, waiting, strict=False):
+                if found is not None and np.isfinite(found.cost) and found.cost < here.cost:
+                    return found, used
+            looked_at, together = looked_at + len(places), most
+            waiting = waiting[len(places) :]
         return None, damping
 
 

@@ -7,7 +7,7 @@ The bias of the twin is an average over few simulations; its own variance is tak
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,13 +22,17 @@ from autotune.estimation.residual import (
     SEED,
     KnownRuns,
     Motion,
+    TwinRuns,
+    add_runs,
+    alike,
+    kind_of_pass,
     measured_motion,
     residual,
     run_twin,
     simulated_motion,
     smoothed,
 )
-from autotune.estimation.twin import leading
+from autotune.estimation.twin import leading, steps_of_twin
 from autotune.models import layout
 from autotune.models.drive_model import BASE, Packed
 from autotune.models.effect import Kind
@@ -110,19 +114,34 @@ class Problem:
 
     def correction(self, packed: Packed, simulations: int | None = None) -> Correction:
         """Bias of the measurement chain for this model; nothing to correct without a controller."""
-        data, controller = self.data, self.controller
-        empty = Correction(np.zeros(len(data.grid)), np.zeros(len(data.blocks)))
-        if controller is None and data.pace < 1.0 and not self.scales.steady:
-            data, controller = led(data), leading(packed, data.pace)
-        if controller is None:
-            return empty
+        return self.corrections([packed], simulations)[0]
+
+    def corrections(self, models: Sequence[Packed], simulations: int | None = None) -> list[Correction]:
+        """`correction` of each of several models."""
         count = simulations or self.simulations
+        if self.controller is None:
+            return [self._led(packed, count) for packed in models]
+        found = [self.runs.of(self.data, one, self.controller, self.disturbance) for one in models]
+        return _corrected(self.data, found, count, self.moved)
+
+    def twins_alike(self, models: Sequence[Packed]) -> int:
+        """How many of the first models one pass of simulation and of inverse can take together."""
+        data, law = self.data, self.controller
+        twins = [() if law is None else steps_of_twin(packed, data.period, law) for packed in models]
+        return alike([(kind_of_pass(data, packed), twin) for packed, twin in zip(models, twins, strict=True)])
+
+    def _led(self, packed: Packed, count: int) -> Correction:
+        """What a twin in torque mode tells, where the axis is so fast that it needs one."""
+        if self.data.pace >= 1.0 or self.scales.steady:
+            return _uncorrected(self.data)
+        data, controller = led(self.data), leading(packed, self.data.pace)
         runs = self.runs.of(data, packed, controller, self.disturbance)
-        while len(runs.biases) < count and runs.stable:
-            runs.add()
-        if len(runs.biases) < count:
-            return Correction(empty.bias, empty.variance, stable=False)
-        return _averaged(data, np.array(runs.biases[:count]))
+        return _corrected(data, [runs], count, self.moved)[0]
+
+    def raw(self, packed: Packed) -> Floats:
+        """Residual of the measured motion without any bias, shape (m,)."""
+        known = self.runs.raw(self.data, packed)
+        return residual(self.data, packed, self.moved) if known is None else known
 
     def repeatable(self, error: Floats, correction: Correction, role: str) -> tuple[float, float]:
         """Variance that comes again in every repeat, and its standard error [(N m)²]."""
@@ -427,6 +446,22 @@ def without_outlying(problem: Problem, error: Floats) -> Floats:
     if np.mean(outlying) < FEW:  # more of them are structure
         weight[outlying] = 0.0
     return weight
+
+
+def _uncorrected(data: Prepared, stable: bool = True) -> Correction:
+    return Correction(np.zeros(len(data.grid)), np.zeros(len(data.blocks)), stable)
+
+
+def _corrected(data: Prepared, many: Sequence[TwinRuns], count: int, measured: Motion) -> list[Correction]:
+    wanting = {id(runs): runs for runs in many if runs.stable and len(runs.biases) < count}
+    if wanting:
+        add_runs(list(wanting.values()), count, measured)
+    return [
+        _uncorrected(data, stable=False)
+        if len(runs.biases) < count
+        else _averaged(data, np.array(runs.biases[:count]))
+        for runs in many
+    ]
 
 
 def _averaged(data: Prepared, runs: Floats) -> Correction:

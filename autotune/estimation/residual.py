@@ -8,6 +8,7 @@ effects visible. The injected noise is known, so that its own part is taken out 
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,15 +17,22 @@ from autotune.core.arrays import Floats, Integers
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import Prepared, Stretch, filtered_motion
 from autotune.estimation.disturbance import Disturbance
-from autotune.estimation.twin import simulate_stretch, started_torque
+from autotune.estimation.twin import simulate_stretch, simulate_stretches, started_torque, steps_of_twin
 from autotune.models import layout
 from autotune.models.compiled import compiled
 from autotune.models.drive_model import Packed
-from autotune.models.inverse import applied_torque, load_substeps, required
-from autotune.models.torque_saturation import torque_slope
+from autotune.models.inverse import (
+    applied_in_lanes,
+    applied_torque,
+    load_substeps,
+    required,
+    required_in_lanes,
+)
+from autotune.models.lanes import WIDTH, along, filled, side_by_side
+from autotune.models.torque_saturation import SATURATES, torque_slope
 
 SEED = 20_240
-KNOWN_RUNS = 12  # models
+KNOWN_RUNS = 24  # models
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +65,12 @@ def smooth_at(values: Floats, taps: Floats, rows: Integers, result: Floats) -> N
         for i in range(1, half + 1):
             total += taps[half + i] * (values[centre - i] + values[centre + i])
         result[j] = total
+
+
+@compiled
+def _smooth_in_lanes(values: Floats, taps: Floats, rows: Integers, result: Floats) -> None:
+    """`smooth_at` for values of shape (n, 8), to (8, m)."""
+    smooth_at(side_by_side(values), taps, rows, along(result))
 
 
 def smoothed(data: Prepared, values: Floats) -> Floats:
@@ -116,6 +130,86 @@ def residual(data: Prepared, packed: Packed, moved: Motion) -> Floats:
     return smoothed(data, raw_residual(data, packed, moved))
 
 
+def residuals(data: Prepared, models: Sequence[Packed], moved: Motion) -> Floats:
+    """R of each of several models, shape (k, m): the same numbers as `residual`, in less time."""
+    result = np.empty((len(models), len(data.grid)))
+    for chosen in _together(data, models):
+        if len(chosen) == 1:
+            result[chosen[0]] = residual(data, models[chosen[0]], moved)
+        else:
+            raw = _raw_in_lanes(data, [models[i] for i in chosen], [moved])
+            result[chosen] = _smoothed_in_lanes(data, raw)[: len(chosen)]
+    return result
+
+
+def _together(data: Prepared, models: Sequence[Packed]) -> Iterator[list[int]]:
+    """Numbers of the models that one pass can take: the same effects, as many steps a sample."""
+    return _batches([kind_of_pass(data, packed) for packed in models])
+
+
+def _batches(keys: Sequence[Hashable]) -> Iterator[list[int]]:
+    """Places of equal keys, at most eight of them together."""
+    alike: dict[Hashable, list[int]] = {}
+    for i, key in enumerate(keys):
+        alike.setdefault(key, []).append(i)
+    for members in alike.values():
+        for first in range(0, len(members), WIDTH):
+            yield members[first : first + WIDTH]
+
+
+def alike(keys: Sequence[Hashable]) -> int:
+    """How many of the first keys are equal."""
+    return next((i for i, key in enumerate(keys) if key != keys[0]), len(keys))
+
+
+def kind_of_pass(data: Prepared, packed: Packed) -> tuple[bytes, int]:
+    """What must be equal for models that one pass of the inverse can take."""
+    return packed.on.tobytes(), load_substeps(packed.p, packed.on, data.period)
+
+
+def _raw_in_lanes(data: Prepared, models: Sequence[Packed], moved: Sequence[Motion]) -> Floats:
+    """`raw_residual` of up to eight models, each with its motion or all with one, shape (n, 8)."""
+    models = [*models, *[models[-1]] * (WIDTH - len(models))]
+    rest = np.zeros((len(moved[0].torque), WIDTH))
+    p, on = filled([packed.p for packed in models]), models[0].on
+    substeps = load_substeps(models[0].p, on, data.period)
+    for stretch in data.stretches:
+        torque, position, velocity, acceleration = (
+            _abreast([getattr(one, name)[stretch.rows] for one in moved])
+            for name in ("torque", "position", "velocity", "acceleration")
+        )
+        first = np.broadcast_to(torque[:, 0], WIDTH)
+        still = np.zeros(layout.STATES)
+        state = filled([started_torque(one, still, float(u)) for one, u in zip(models, first, strict=True)])
+        acted, needed = rest[stretch.rows], np.empty((torque.shape[-1], WIDTH))
+        applied_in_lanes(p, on, state, torque, data.period, acted)
+        required_in_lanes(p, on, state, position, velocity, acceleration, data.period, substeps, needed)
+        acted -= needed
+        if on[SATURATES]:
+            demand = np.broadcast_to(torque, (WIDTH, torque.shape[-1]))
+            acted /= np.column_stack(
+                [torque_slope(one.p, on, u) for one, u in zip(models, demand, strict=True)]
+            )
+    return rest
+
+
+def _abreast(values: Sequence[Floats]) -> Floats:
+    """Values of shape (n,), for each lane, as a kernel takes them: one for all (1, n), or (8, n)."""
+    if len(values) == 1:
+        return np.ascontiguousarray(values[0])[None]
+    result = np.empty((WIDTH, len(values[0])))
+    for lane in range(WIDTH):
+        result[lane] = values[min(lane, len(values) - 1)]
+    return result
+
+
+def _smoothed_in_lanes(data: Prepared, raw: Floats) -> Floats:
+    """Values of shape (n, 8) low-passed onto the grid, shape (8, m)."""
+    result = np.empty((WIDTH, len(data.grid)))
+    _smooth_in_lanes(raw, data.taps, data.grid, result)
+    return result
+
+
 def run_twin(
     data: Prepared,
     packed: Packed,
@@ -125,12 +219,41 @@ def run_twin(
     quantised: bool = True,
 ) -> Simulated:
     """Simulates all stretches from their references, each from where it was measured to start."""
+    resolution = data.resolution if quantised else 0.0
+    run = _run(data, packed, controller, *shaken(data, noise, random), resolution)
+    if noise.jitter == 0.0:
+        return run
+    position = run.position.copy()
+    for rows in (stretch.rows for stretch in data.stretches):
+        position[rows] = _late_rows(position[rows], noise.jitter / data.period, resolution, random)
+    return replace(run, position=position)
+
+
+def _late_rows(position: Floats, spread: float, resolution: float, random: np.random.Generator) -> Floats:
+    """Positions as they are when rows are written at moments that scatter by `spread` samples."""
+    late = position + spread * random.standard_normal(len(position)) * np.gradient(position)
+    return np.asarray(np.round(late / resolution) * resolution if resolution > 0.0 else late)
+
+
+def shaken(data: Prepared, noise: Disturbance, random: np.random.Generator) -> tuple[Floats, Floats]:
+    """Torque and position noise of a run, shape (n,); late rows are no bias, but for chance, and are not in it."""
     n = len(data.reference)
-    position, torque = np.zeros(n), np.zeros(n)
     disturbance = noise.drawn(random, n, data.period) if noise.process > 0.0 else np.zeros(n)
     unsure = random.normal(0.0, noise.position, n) if noise.position > 0.0 else np.zeros(n)
+    return disturbance, unsure
+
+
+def _run(
+    data: Prepared,
+    packed: Packed,
+    controller: PositionController,
+    disturbance: Floats,
+    unsure: Floats,
+    resolution: float,
+) -> Simulated:
+    n = len(data.reference)
+    position, torque = np.zeros(n), np.zeros(n)
     limit = data.metadata.torque_limit or np.inf
-    resolution = data.resolution if quantised else 0.0
     stable = True
     for stretch in data.stretches:
         rows = stretch.rows
@@ -144,43 +267,144 @@ def run_twin(
             unsure[rows],
         )
         stable &= inside
-        if noise.jitter > 0.0:
-            position[rows] = _late_rows(position[rows], noise.jitter / data.period, resolution, random)
-    stable = stable and bool(np.all(np.isfinite(position)))
-    if stable:
-        lag = max(float(np.max(np.abs((position - data.measured)[s.rows]))) for s in data.stretches)
-        stable = bool(lag < 0.5 * np.ptp(data.measured) + 1e3 * data.resolution)
-    return Simulated(position, torque, disturbance, stable)
+    return Simulated(position, torque, disturbance, stable and _follows(data, position))
 
 
-def _late_rows(position: Floats, spread: float, resolution: float, random: np.random.Generator) -> Floats:
-    """Positions as they are when rows are written at moments that scatter by `spread` samples."""
-    late = position + spread * random.standard_normal(len(position)) * np.gradient(position)
-    return np.asarray(np.round(late / resolution) * resolution if resolution > 0.0 else late)
+def _follows(data: Prepared, position: Floats) -> bool:
+    """Whether a simulated axis stays near where the axis was."""
+    if not np.all(np.isfinite(position)):
+        return False
+    lag = max(float(np.max(np.abs((position - data.measured)[s.rows]))) for s in data.stretches)
+    return bool(lag < 0.5 * np.ptp(data.measured) + 1e3 * data.resolution)
+
+
+def run_twins(
+    data: Prepared,
+    models: Sequence[Packed],
+    controller: PositionController,
+    noise: Sequence[tuple[Floats, Floats]],
+) -> list[Simulated]:
+    """A run of each of several models, each with its own `noise` (`shaken`): those that each would make by itself."""
+    runs: dict[int, Simulated] = {}
+    keys = [(packed.on.tobytes(), steps_of_twin(packed, data.period, controller)) for packed in models]
+    for chosen in _batches(keys):
+        together = [(models[i], noise[i]) for i in chosen]
+        found = _runs_in_lanes(data, together, controller) if len(chosen) > 1 else None
+        if found is None:  # one alone, or one of them leaves all bounds
+            found = [_run(data, one, controller, *own, data.resolution) for one, own in together]
+        runs |= dict(zip(chosen, found, strict=True))
+    return [runs[i] for i in range(len(models))]
+
+
+def _runs_in_lanes(
+    data: Prepared,
+    together: Sequence[tuple[Packed, tuple[Floats, Floats]]],
+    controller: PositionController,
+) -> list[Simulated] | None:
+    """Runs of two to eight models with the same effects and steps; None where one of them leaves all bounds."""
+    n, count = len(data.reference), len(together)
+    position, torque = np.zeros((2, count, n))
+    for stretch in data.stretches:
+        rows = stretch.rows
+        done = simulate_stretches(
+            _recorded(data, controller, stretch),
+            [packed for packed, _ in together],
+            controller,
+            (data.metadata.torque_limit or np.inf, data.resolution),
+            *(_abreast([noise[part][rows] for _, noise in together]) for part in (0, 1)),
+        )
+        if done is None:
+            return None
+        position[:, rows], torque[:, rows] = (values[:count] for values in done)
+    return [
+        Simulated(position[i], torque[i], noise[0], _follows(data, position[i]))
+        for i, (_, noise) in enumerate(together)
+    ]
+
+
+class Noise:
+    """What shakes one run of the twin after another: the same for every model, so that it is drawn once."""
+
+    def __init__(self, data: Prepared, disturbance: Disturbance) -> None:
+        self.disturbance, self._data = disturbance, data
+        self._random = np.random.default_rng(SEED)
+        self._drawn: list[tuple[Floats, Floats]] = []
+
+    def fits(self, data: Prepared, disturbance: Disturbance) -> bool:
+        """Whether it is what shakes the twin of these data."""
+        return disturbance is self.disturbance and len(data.reference) == len(self._data.reference)
+
+    def of(self, number: int) -> tuple[Floats, Floats]:
+        """Torque and position noise of a run, shape (n,)."""
+        while len(self._drawn) <= number:
+            self._drawn.append(shaken(self._data, self.disturbance, self._random))
+        return self._drawn[number]
 
 
 @dataclass(slots=True)
 class TwinRuns:
-    """Biases that runs of the twin give one after another, each with noise of its own, at one model."""
+    """Biases that runs of the twin give one after another, each with noise of its own, at one model.
+
+    Attributes:
+        raw: residual of the measured motion at the same model, where it is known.
+    """
 
     data: Prepared
     packed: Packed
     controller: PositionController
-    disturbance: Disturbance
-    random: np.random.Generator = field(default_factory=lambda: np.random.default_rng(SEED))
+    noise: Noise
     biases: list[Floats] = field(default_factory=list)
     stable: bool = True
+    raw: Floats | None = None
 
-    def add(self) -> None:
-        """One run more; where the twin leaves all bounds there is none, now and later."""
-        data = self.data
-        prompt = replace(self.disturbance, jitter=0.0)  # late rows are no bias, but for chance
-        run = run_twin(data, self.packed, self.controller, prompt, self.random)
-        self.stable = run.stable
-        if run.stable:
-            raw = raw_residual(data, self.packed, simulated_motion(data, run))
-            raw[1:] += 0.5 * (run.disturbance[1:] + run.disturbance[:-1])
-            self.biases.append(smoothed(data, raw))
+
+def add_runs(many: Sequence[TwinRuns], count: int, measured: Motion) -> None:
+    """Runs of each of several models in the same data until there are `count` of it, and its residual of the motion.
+
+    Where a twin leaves all bounds there is no further run of it, now and later.
+    """
+    data, controller = many[0].data, many[0].controller
+    jobs = [(one, i) for one in many if one.stable for i in range(len(one.biases), count)]
+    noise = [one.noise.of(i) for one, i in jobs]
+    runs = run_twins(data, [one.packed for one, _ in jobs], controller, noise)
+    asked: list[tuple[TwinRuns, Simulated | None]] = [(one, None) for one in many if one.raw is None]
+    for (one, _), made in zip(jobs, runs, strict=True):
+        one.stable &= made.stable
+        if one.stable:
+            asked.append((one, made))
+    motions = [measured if run is None else simulated_motion(data, run) for _, run in asked]
+    acted = [None if run is None else run.disturbance for _, run in asked]
+    errors = residuals_of_each(data, [one.packed for one, _ in asked], motions, acted)
+    for (one, run), error in zip(asked, errors, strict=True):
+        if run is None:
+            one.raw = error
+        else:
+            one.biases.append(error)
+
+
+def residuals_of_each(
+    data: Prepared,
+    models: Sequence[Packed],
+    moved: Sequence[Motion],
+    disturbances: Sequence[Floats | None] | None = None,
+) -> list[Floats]:
+    """Residuals of several models, each of a motion of its own, shape (m,).
+
+    What is known to have disturbed a motion, shape (n,), is taken out of its residual.
+    """
+    known = disturbances or [None] * len(models)
+    result: dict[int, Floats] = {}
+    for chosen in _together(data, models):
+        if len(chosen) == 1:
+            raw = raw_residual(data, models[chosen[0]], moved[chosen[0]])[:, None]
+        else:
+            raw = _raw_in_lanes(data, [models[i] for i in chosen], [moved[i] for i in chosen])
+        for lane, i in enumerate(chosen):
+            if (acted := known[i]) is not None:
+                raw[1:, lane] += 0.5 * (acted[1:] + acted[:-1])
+        smooth = smoothed(data, raw[:, 0])[None] if len(chosen) == 1 else _smoothed_in_lanes(data, raw)
+        result |= dict(zip(chosen, smooth, strict=False))
+    return [result[i] for i in range(len(models))]
 
 
 class KnownRuns:
@@ -188,6 +412,7 @@ class KnownRuns:
 
     def __init__(self) -> None:
         self._runs: dict[tuple[bytes, bytes], TwinRuns] = {}
+        self._noise: Noise | None = None
 
     def of(
         self, data: Prepared, packed: Packed, controller: PositionController, disturbance: Disturbance
@@ -196,13 +421,23 @@ class KnownRuns:
         key = packed.p.tobytes(), packed.on.tobytes()
         known = self._runs.pop(key, None)
         same = known is not None and known.data is data and known.controller is controller
-        if known is None or not same or known.disturbance is not disturbance:
+        if known is None or not same or known.noise.disturbance is not disturbance:
             own = Packed(packed.p.copy(), packed.on.copy())
-            known = TwinRuns(data, own, controller, disturbance)
+            known = TwinRuns(data, own, controller, self._noise_of(data, disturbance))
         self._runs[key] = known
         while len(self._runs) > KNOWN_RUNS:
             del self._runs[next(iter(self._runs))]
         return known
+
+    def raw(self, data: Prepared, packed: Packed) -> Floats | None:
+        """Residual of the measured motion at a model, where it is known."""
+        known = self._runs.get((packed.p.tobytes(), packed.on.tobytes()))
+        return known.raw if known is not None and known.data is data else None
+
+    def _noise_of(self, data: Prepared, disturbance: Disturbance) -> Noise:
+        if self._noise is None or not self._noise.fits(data, disturbance):
+            self._noise = Noise(data, disturbance)
+        return self._noise
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ demand, and the controller's sum is what makes the twin's first torque equal the
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -18,8 +19,9 @@ from autotune.models import layout
 from autotune.models.compiled import compiled
 from autotune.models.contact import additive, friction_limit, viscous_coefficient
 from autotune.models.drive_model import Packed
+from autotune.models.lanes import WIDTH, filled
 from autotune.models.layout import MICRO_DAMPING, STIFFNESS
-from autotune.models.plant import simulate, substeps_for
+from autotune.models.plant import simulate, simulate_in_lanes, substeps_for
 from autotune.models.torque_lag import MOTOR_TORQUE, STAGES
 from autotune.models.torque_saturation import saturated
 
@@ -200,6 +202,60 @@ def _recorded_torque(fine: Floats, ticks: int, taken: str) -> Floats:
     if ticks == 1 or taken != MOMENT:
         return np.asarray(fine.reshape(-1, ticks).mean(axis=1))
     return between_moments(fine[::ticks])
+
+
+def simulate_stretches(
+    recorded: Recorded,
+    models: Sequence[Packed],
+    controller: PositionController,
+    bounds: tuple[float, float],
+    disturbance: Floats,
+    position_noise: Floats,
+) -> tuple[Floats, Floats] | None:
+    """`simulate_stretch` of up to eight models in one pass: positions and torques, shape (8, n).
+
+    They have the same effects and need the same steps (`steps_of_twin`). None where one of them leaves all bounds.
+
+    Args:
+        bounds: limit of the torque and resolution, as there.
+        disturbance, position_noise: as there, shape (8, n).
+    """
+    loop = _between_samples if recorded.closed and controller.ticks > 1 else _at_samples
+    given = loop(recorded, controller)
+    ticks, n = given.ticks, len(given.command)
+    period = recorded.period / ticks
+    if ticks > 1:
+        disturbance, position_noise = (np.repeat(x, ticks, axis=1) for x in (disturbance, position_noise))
+    models = [*models, *[models[-1]] * (WIDTH - len(models))]
+    begun = {id(packed): start_state(recorded, packed) for packed in models}
+    position, torque = np.zeros((WIDTH, n)), np.zeros((WIDTH, n))
+    done = simulate_in_lanes(
+        filled([packed.p for packed in models]),
+        models[0].on,
+        filled([begun[id(packed)] for packed in models]),
+        given.gains,
+        filled([np.array([period, *bounds, *given.memory])] * WIDTH),
+        recorded.closed,
+        substeps_for(models[0].p, period, models[0].on),
+        given.command[None],
+        given.feedforward[None],
+        disturbance,
+        position_noise,
+        position,
+        torque,
+    )
+    if done < n:
+        return None
+    if ticks == 1:
+        return position, torque
+    return position[:, ::ticks], torque.reshape(WIDTH, -1, ticks).mean(axis=2)
+
+
+def steps_of_twin(packed: Packed, period: float, controller: PositionController) -> tuple[int, int]:
+    """Steps that a twin needs at the samples, and between them where its loop works there."""
+    return substeps_for(packed.p, period, packed.on), substeps_for(
+        packed.p, period / controller.ticks, packed.on
+    )
 
 
 @dataclass(frozen=True, slots=True)

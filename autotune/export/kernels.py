@@ -182,6 +182,12 @@ class Writer:
                 return _compared(self._term(left), test, self._term(right))
             case ast.IfExp(test=test, body=then, orelse=otherwise):
                 return self._either(self._term(test), then, otherwise)
+            case ast.Call(func=ast.Name(id="where"), args=[test, then, otherwise]):
+                return self._either(self._term(test), then, otherwise)
+            case ast.Call(func=ast.Name(id="anywhere"), args=[test]):
+                return self._term(test)
+            case ast.UnaryOp(op=ast.Not(), operand=test):
+                return _negated(self._term(test))
             case ast.Call(func=function, args=arguments):
                 return self._called(function, [self._term(argument) for argument in arguments])
         raise _unknown(node)
@@ -234,6 +240,10 @@ class Writer:
         if name not in MATHEMATICS:
             raise _unknown(function)
         return Term(_function(name, arguments))
+
+
+def _negated(test: Term) -> Term:
+    return Term(ast.UnaryOp(ast.Not(), test.node), None if test.value is None else float(not test.value))
 
 
 def _function(name: str, arguments: list[Term]) -> ast.expr:

@@ -11,6 +11,7 @@ from autotune.core.arrays import Flags, Floats
 from autotune.models.compiled import compiled
 from autotune.models.contributions import all_added, all_multiplied
 from autotune.models.dwell_time_break_away import AGES, grow_older
+from autotune.models.lanes import anywhere, where
 from autotune.models.layout import (
     BREAK_AWAY,
     COULOMB,
@@ -78,13 +79,12 @@ def remembered(p: Floats, on: Flags, state: Floats, displacement: float) -> floa
 @compiled
 def remembered_damping(p: Floats, on: Flags, state: Floats) -> float:
     """Damping of the hysteresis elements that stick [N m s/rad]."""
-    return sticking_damping(p, state) if on[REMEMBERS] and p[SHARED_DAMPING] > 0.0 else 0.0
+    return sticking_damping(p, state) if on[REMEMBERS] and anywhere(p[SHARED_DAMPING] > 0.0) else 0.0
 
 
 @compiled
 def damping_slope(p: Floats, bristle: float, velocity: float, limit: float) -> float:
     """How much the bristle's damping torque grows with velocity [N m s/rad], at least 0."""
-    ratio = abs(bristle) / limit
-    if bristle * velocity < 0.0:
-        ratio = -ratio
+    size = abs(bristle) / limit
+    ratio = where(bristle * velocity < 0.0, -size, size)
     return float(max(p[MICRO_DAMPING] * (1.0 - ratio), 0.0))

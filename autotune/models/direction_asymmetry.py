@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from autotune.core.arrays import Floats
 from autotune.models.compiled import compiled
 from autotune.models.effect import Kernels, Kind, Parameter
+from autotune.models.lanes import anywhere, where
 from autotune.models.layout import block
 from autotune.models.look_alikes import AT_REVERSALS
 from autotune.models.start_values import StartContext, StartValues, Vary
@@ -23,17 +24,19 @@ _AT = block("direction_asymmetry")
 def level_difference(p: Floats, state: Floats, velocity: float) -> float:
     """What is added to the friction level [N m]."""
     difference = p[_AT]
-    if p[_AT + 2] > 0.0:
-        difference = difference * (1.0 - math.exp(-abs(velocity) / p[_AT + 2]))
-    if p[_AT + 4] > 0.0:
-        difference = difference + p[_AT + 3] * (1.0 - math.exp(-abs(velocity) / p[_AT + 4]))
-    return float(difference) if velocity >= 0.0 else -float(difference)
+    if anywhere(p[_AT + 2] > 0.0):
+        risen = difference * (1.0 - math.exp(-abs(velocity) / p[_AT + 2]))
+        difference = where(p[_AT + 2] > 0.0, risen, difference)
+    if anywhere(p[_AT + 4] > 0.0):
+        more = difference + p[_AT + 3] * (1.0 - math.exp(-abs(velocity) / p[_AT + 4]))
+        difference = where(p[_AT + 4] > 0.0, more, difference)
+    return float(where(velocity >= 0.0, difference, -difference))
 
 
 @compiled
 def viscous_difference(p: Floats, velocity: float) -> float:
     """What is added to the viscous coefficient [N m s/rad]."""
-    return float(p[_AT + 1]) if velocity >= 0.0 else -float(p[_AT + 1])
+    return float(where(velocity >= 0.0, p[_AT + 1], -p[_AT + 1]))
 
 
 def starts(c: StartContext) -> Iterator[StartValues]:

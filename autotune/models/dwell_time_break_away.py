@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from autotune.core.arrays import Floats
 from autotune.models.compiled import compiled
 from autotune.models.effect import Kernels, Kind, Parameter
+from autotune.models.lanes import anywhere, where
 from autotune.models.layout import block, flag, state_block
 from autotune.models.look_alikes import AT_STARTS, IN_TIME
 from autotune.models.start_values import StartContext, StartValues, Vary, at_first
@@ -35,15 +36,17 @@ def age_level(p: Floats, state: Floats, velocity: float) -> float:
 def grow_older(p: Floats, state: Floats, slip: float, duration: float) -> None:
     """Lets the contact rest for `duration` [s] and slip by `slip` [rad]."""
     lost = slip / p[_AT + 2]
-    if p[_AT + 7] > 0.0:
+    rest = duration + 0.0 * lost
+    if anywhere(p[_AT + 7] > 0.0):
         faster = slip / (p[_AT + 7] * duration)
-        duration = duration * math.exp(-faster * faster)
-    gain = duration / p[_AT + 1]
+        rest = where(p[_AT + 7] > 0.0, duration * math.exp(-faster * faster), rest)
+    gain = rest / p[_AT + 1]
     state[AGE] = (state[AGE] + gain) / (1.0 + gain + lost)
     for i in range(1, AGES_MOST):
-        if p[_AT + 2 + 2 * i] > 0.0:
-            gain = duration / p[_AT + 2 + 2 * i]
-            state[AGE + i] = (state[AGE + i] + gain) / (1.0 + gain + lost)
+        if anywhere(p[_AT + 2 + 2 * i] > 0.0):
+            gain = rest / p[_AT + 2 + 2 * i]
+            older = (state[AGE + i] + gain) / (1.0 + gain + lost)
+            state[AGE + i] = where(p[_AT + 2 + 2 * i] > 0.0, older, state[AGE + i])
 
 
 LEAST_AGE, LEAST_AT_REST = 0.1, 0.01

@@ -13,6 +13,7 @@ import numpy as np
 from autotune.core.arrays import Floats
 from autotune.models.compiled import compiled
 from autotune.models.effect import Kernels, Kind, Parameter
+from autotune.models.lanes import anywhere
 from autotune.models.layout import block
 from autotune.models.look_alikes import IN_PLACE
 from autotune.models.start_values import StartContext, StartValues, Vary
@@ -27,7 +28,7 @@ def imbalance_torque(p: Floats, position: float) -> float:
     """Torque that the imbalance needs [N m]."""
     angle = p[_AT + 2] * p[_SCALE] * position
     torque = p[_AT] * math.sin(angle) + p[_AT + 1] * math.cos(angle)
-    if abs(p[_AT + 3]) + abs(p[_AT + 4]) > 0.0:
+    if anywhere(abs(p[_AT + 3]) + abs(p[_AT + 4]) > 0.0):
         torque += p[_AT + 3] * math.sin(2.0 * angle) + p[_AT + 4] * math.cos(2.0 * angle)
     return float(torque)
 

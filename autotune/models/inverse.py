@@ -12,6 +12,7 @@ from autotune.core.arrays import Flags, Floats
 from autotune.models.compiled import compiled
 from autotune.models.contact import additive, bend, friction_limit, remembered, viscous_coefficient
 from autotune.models.encoder_eccentricity import IS_ECCENTRIC, true_motion
+from autotune.models.lanes import along, anywhere, side_by_side
 from autotune.models.layout import BRISTLE, INERTIA, MICRO_DAMPING, POSITION, STIFFNESS, VELOCITY
 from autotune.models.load_dependent_friction import IS_PRESSED, press
 from autotune.models.lugre import bristle_rate
@@ -66,7 +67,7 @@ def _load_side(
     """
     mass, rub = shares
     stiffness, damping, half = spring
-    if state[STARTED] == 0.0:
+    if anywhere(state[STARTED] == 0.0):
         state[STARTED], state[LOAD_POSITION], state[LOAD_VELOCITY] = 1.0, position, velocity
         state[POSITION], state[VELOCITY] = position, velocity
     step = period / substeps
@@ -132,6 +133,46 @@ def required(
             )
         if on[WARMS]:
             warm(p, state, friction * v, period)
+
+
+@compiled
+def applied_in_lanes(
+    p: Floats, on: Flags, state: Floats, demand: Floats, period: float, torque: Floats
+) -> None:
+    """`applied_torque` of eight models at once.
+
+    p, `state` and `torque` are of shape (places or n, 8), `demand` is one for all, (1, n), or one for each, (8, n).
+    """
+    applied_torque(side_by_side(p), on, side_by_side(state), along(demand), period, side_by_side(torque))
+
+
+@compiled
+def required_in_lanes(
+    p: Floats,
+    on: Flags,
+    state: Floats,
+    position: Floats,
+    velocity: Floats,
+    acceleration: Floats,
+    period: float,
+    substeps: int,
+    torque: Floats,
+) -> None:
+    """`required` of eight models at once.
+
+    p, `state` and `torque` are of shape (places or n, 8), the motion is one for all, (1, n), or one for each, (8, n).
+    """
+    required(
+        side_by_side(p),
+        on,
+        side_by_side(state),
+        along(position),
+        along(velocity),
+        along(acceleration),
+        period,
+        substeps,
+        side_by_side(torque),
+    )
 
 
 @compiled

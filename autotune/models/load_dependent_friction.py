@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from autotune.core.arrays import Floats
 from autotune.models.compiled import compiled
 from autotune.models.effect import Kernels, Kind, Parameter
+from autotune.models.lanes import anywhere, where
 from autotune.models.layout import block, flag, state_block
 from autotune.models.look_alikes import IN_TORQUE
 from autotune.models.start_values import StartContext, StartValues, Vary, at_first
@@ -28,8 +29,8 @@ SMOOTHING = 1e-3  # s
 def load_level(p: Floats, state: Floats, velocity: float) -> float:
     """What is added to the friction level [N m]."""
     over = max(state[PRESSED] - p[_AT + 4], 0.0)
-    if p[_AT + 2] != 1.0:
-        over = p[_AT + 3] * (over / p[_AT + 3]) ** p[_AT + 2]
+    if anywhere(p[_AT + 2] != 1.0):
+        over = where(p[_AT + 2] != 1.0, p[_AT + 3] * (over / p[_AT + 3]) ** p[_AT + 2], over)
     return float(p[_AT] * over)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError
 from autotune.models.compiled import compiled
+from autotune.models.lanes import anywhere, where
 
 Shape = Literal[
     "linear", "piecewise_linear", "exponential", "gaussian", "generalised_exponential", "lorentzian"
@@ -41,7 +42,9 @@ def falling_level(
 ) -> float:
     """Generalised exponential of Table 2.1: `gaussian_level` where the exponent is 2 [N m]."""
     ratio = abs(velocity / stribeck_velocity)
-    fall = ratio * ratio if exponent == 2.0 else ratio**exponent
+    fall = ratio * ratio
+    if anywhere(exponent != 2.0):
+        fall = where(exponent == 2.0, fall, ratio**exponent)
     return coulomb + (break_away - coulomb) * math.exp(-fall)
 
 
@@ -52,10 +55,9 @@ def bristle_step(bristle: float, velocity: float, limit: float, duration: float)
     `limit` is g(v), the deflection in steady state; all in the motion unit.
     """
     distance = abs(velocity) * duration / limit
-    if distance < 1e-12:
-        return bristle
     steady = math.copysign(limit, velocity)
-    return steady + (bristle - steady) * math.exp(-distance)
+    bent = steady + (bristle - steady) * math.exp(-distance)
+    return float(where(distance < 1e-12, bristle, bent))
 
 
 @compiled

@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from autotune.core.arrays import Floats
 from autotune.models.compiled import compiled
 from autotune.models.effect import Kernels, Kind, Parameter
+from autotune.models.lanes import anywhere, where
 from autotune.models.layout import block
 from autotune.models.look_alikes import IN_SPEED
 from autotune.models.start_values import StartContext, StartValues, Vary, at_first
@@ -31,16 +32,16 @@ def curved_coefficient(p: Floats, velocity: float) -> float:
     total = p[_AT] * (velocity * velocity + knee * knee) ** (0.5 * (p[_AT + 1] - 1.0))
     for i in range(FILMS):
         film = p[_FILM + 2 * i + 1]
-        if film == 0.0:
+        if not anywhere(film != 0.0):
             break
         size = max(abs(velocity), 1e-6 * film)
-        total += p[_FILM + 2 * i] * (1.0 - math.exp(-size / film)) / size
+        total += where(film != 0.0, p[_FILM + 2 * i] * (1.0 - math.exp(-size / film)) / size, 0.0)
     for i in range(FANS):
         onset = p[_FAN + 2 * i + 1]
-        if onset == 0.0:
+        if not anywhere(onset != 0.0):
             break
         over = max(abs(velocity) - onset, 0.0) / onset
-        total += p[_FAN + 2 * i] * over * over / max(abs(velocity), onset)
+        total += where(onset != 0.0, p[_FAN + 2 * i] * over * over / max(abs(velocity), onset), 0.0)
     return float(total)
 
 

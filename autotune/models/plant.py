@@ -22,6 +22,7 @@ from autotune.models.contact import (
     viscous_coefficient,
 )
 from autotune.models.encoder_eccentricity import IS_ECCENTRIC, reading_error
+from autotune.models.lanes import along, anywhere, side_by_side, where
 from autotune.models.layout import BRISTLE, INERTIA, MICRO_DAMPING, POSITION, STIFFNESS, VELOCITY
 from autotune.models.load_dependent_friction import IS_PRESSED, press
 from autotune.models.lugre import bristle_rate
@@ -80,7 +81,7 @@ def one_mass(p: Floats, on: Flags, state: Floats, drive: float, step: float) -> 
 @compiled
 def two_masses(p: Floats, on: Flags, state: Floats, drive: float, step: float) -> None:
     """One step of motor and load, in place."""
-    if state[STARTED] == 0.0:
+    if anywhere(state[STARTED] == 0.0):
         state[STARTED], state[LOAD_POSITION], state[LOAD_VELOCITY] = 1.0, state[POSITION], state[VELOCITY]
     position, velocity = state[POSITION], state[VELOCITY]
     beyond, speed = state[LOAD_POSITION], state[LOAD_VELOCITY]
@@ -123,7 +124,7 @@ def _measured(p: Floats, on: Flags, position: float, noise: float, resolution: f
     measured = position + noise
     if on[IS_ECCENTRIC]:
         measured += reading_error(p, position)
-    if resolution > 0.0:
+    if anywhere(resolution > 0.0):
         measured = math.floor(measured / resolution + 0.5) * resolution
     return float(measured)
 
@@ -174,8 +175,7 @@ def simulate(
             change = (weight * (command[k] - last_reference) - seen + last_position) / period
             rate += smoothing * (change - rate)
             demand = kp * error + kd * rate + ki * (total + error * period) + feedforward[k]
-            if abs(demand) <= limit:
-                total += error * period
+            total += where(abs(demand) <= limit, error * period, 0.0)
             last_reference = command[k]
         else:
             demand = command[k]
@@ -185,10 +185,47 @@ def simulate(
         torque[k] = demand
         actual = delivered(p, on, state, demand, period)
         advance(p, on, state, actual + disturbance[k], period, substeps)
-        if not abs(state[VELOCITY]) < 1e6:
+        if anywhere(abs(state[VELOCITY]) >= 1e6) or anywhere(state[VELOCITY] != state[VELOCITY]):
             return k
     loop[3], loop[4], loop[5], loop[6] = total, rate, last_reference, last_position
     return len(command)
+
+
+@compiled
+def simulate_in_lanes(
+    p: Floats,
+    on: Flags,
+    state: Floats,
+    gains: Floats,
+    loop: Floats,
+    closed: bool,
+    substeps: int,
+    command: Floats,
+    feedforward: Floats,
+    disturbance: Floats,
+    position_noise: Floats,
+    position: Floats,
+    torque: Floats,
+) -> int:
+    """`simulate` for eight twins of one command: up to the first of them that leaves all bounds.
+
+    p, `state` and `loop` are of shape (places, 8); disturbance, noise and results (8, n); what all are given (1, n).
+    """
+    return simulate(
+        side_by_side(p),
+        on,
+        side_by_side(state),
+        gains,
+        side_by_side(loop),
+        closed,
+        substeps,
+        along(command),
+        along(feedforward),
+        along(disturbance),
+        along(position_noise),
+        along(position),
+        along(torque),
+    )
 
 
 @compiled

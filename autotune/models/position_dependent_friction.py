@@ -14,6 +14,7 @@ import numpy as np
 from autotune.core.arrays import Floats
 from autotune.models.compiled import compiled
 from autotune.models.effect import Kernels, Kind, Parameter
+from autotune.models.lanes import anywhere, where
 from autotune.models.layout import block
 from autotune.models.look_alikes import IN_PLACE
 from autotune.models.start_values import StartContext, StartValues, Vary, at_first
@@ -30,16 +31,16 @@ KNOTS = 9
 def place_factor(p: Floats, state: Floats, position: float) -> float:
     """What the friction level is multiplied by."""
     factor = 1.0
-    if p[_AT] != 0.0:
+    if anywhere(p[_AT] != 0.0):
         ratio = (position - p[_AT + 1]) / p[_AT + 2]
-        factor += p[_AT] * math.exp(-ratio * ratio)
-    if p[_AT + 3] > 0.0:
+        factor += where(p[_AT] != 0.0, p[_AT] * math.exp(-ratio * ratio), 0.0)
+    if anywhere(p[_AT + 3] > 0.0):
         angle = p[_AT + 3] * p[_SCALE] * position
-        factor += p[_AT + 4] * math.sin(angle) + p[_AT + 5] * math.cos(angle)
-    if p[_AT + 7] > 0.0:
+        factor += where(p[_AT + 3] > 0.0, p[_AT + 4] * math.sin(angle) + p[_AT + 5] * math.cos(angle), 0.0)
+    if anywhere(p[_AT + 7] > 0.0):
         place = (position - p[_AT + 6]) / p[_AT + 7]
         for i in range(KNOTS):
-            factor += p[_AT + 8 + i] * max(1.0 - abs(place - i), 0.0)
+            factor += where(p[_AT + 7] > 0.0, p[_AT + 8 + i] * max(1.0 - abs(place - i), 0.0), 0.0)
     return float(max(factor, LEAST_FACTOR))
 
 

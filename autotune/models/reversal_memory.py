@@ -16,6 +16,7 @@ import numpy as np
 from autotune.core.arrays import Flags, Floats
 from autotune.models.compiled import compiled
 from autotune.models.effect import Kind, Parameter, Terms
+from autotune.models.lanes import anywhere, where
 from autotune.models.layout import COULOMB, MICRO_DAMPING, STIFFNESS, block, flag, state_block
 from autotune.models.look_alikes import AT_REVERSALS, AT_STARTS
 from autotune.models.start_values import StartContext, StartValues, Vary
@@ -55,11 +56,11 @@ def memory_torque(p: Floats, state: Floats, displacement: float) -> float:
     total = 0.0
     for i in range(ELEMENTS):
         limit = p[_AT + 2 * i]
-        if limit <= 0.0:
+        if not anywhere(limit > 0.0):
             break
         z = min(max(state[_STATE + i] + displacement, -limit), limit)
         state[_STATE + i] = z
-        total += p[_AT + 2 * i + 1] * z / limit
+        total += where(limit > 0.0, p[_AT + 2 * i + 1] * z / limit, 0.0)
     return total
 
 
@@ -79,13 +80,12 @@ def sticking_damping(p: Floats, state: Floats) -> float:
     whole, sticking = 0.0, 0.0
     for i in range(ELEMENTS):
         limit = p[_AT + 2 * i]
-        if limit <= 0.0:
+        if not anywhere(limit > 0.0):
             break
-        stiffness = p[_AT + 2 * i + 1] / limit
+        stiffness = where(limit > 0.0, p[_AT + 2 * i + 1] / limit, 0.0)
         whole += stiffness
-        if abs(state[_STATE + i]) < limit:
-            sticking += stiffness
-    return float(p[SHARED_DAMPING] * sticking / whole) if whole > 0.0 else 0.0
+        sticking += where(abs(state[_STATE + i]) < limit, stiffness, 0.0)
+    return float(where(whole > 0.0, p[SHARED_DAMPING] * sticking / whole, 0.0))
 
 
 def share_damping(p: Floats, on: Flags) -> None:

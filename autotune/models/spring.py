@@ -12,6 +12,7 @@ import numpy as np
 from autotune.core.arrays import Floats
 from autotune.models.compiled import compiled
 from autotune.models.effect import Kernels, Kind, Parameter
+from autotune.models.lanes import anywhere, where
 from autotune.models.layout import block
 from autotune.models.look_alikes import IN_PLACE
 from autotune.models.start_values import StartContext, StartValues, Vary
@@ -24,10 +25,10 @@ RAMPS = 8
 def spring_torque(p: Floats, position: float) -> float:
     """Torque that the spring needs [N m]."""
     torque = p[_AT] * position
-    if p[_AT + 2] > 0.0:
+    if anywhere(p[_AT + 2] > 0.0):
         place = (position - p[_AT + 1]) / p[_AT + 2]
         for i in range(RAMPS):
-            torque += p[_AT + 3 + i] * min(max(place - i, 0.0), 1.0)
+            torque += where(p[_AT + 2] > 0.0, p[_AT + 3 + i] * min(max(place - i, 0.0), 1.0), 0.0)
     return float(torque)
 
 

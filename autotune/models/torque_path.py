@@ -10,6 +10,7 @@ import math
 
 from autotune.core.arrays import Flags, Floats
 from autotune.models.compiled import compiled
+from autotune.models.lanes import anywhere, where
 from autotune.models.torque_lag import IS_LATE, MOTOR_TORQUE, STAGES, STEEPNESS, TIME_CONSTANT
 from autotune.models.torque_saturation import saturated
 
@@ -18,25 +19,23 @@ from autotune.models.torque_saturation import saturated
 def delivered(p: Floats, on: Flags, state: Floats, demand: float, duration: float) -> float:
     """Mean torque at the shaft while a demand is held for `duration` [N m]."""
     target = saturated(p, on, demand)
-    if not on[IS_LATE] or p[TIME_CONSTANT] <= 0.0:
+    if not on[IS_LATE]:
         return target
     share = p[STEEPNESS]
-    torque = target
-    if share < 1.0:
-        torque = _through(state, MOTOR_TORQUE, torque, (1.0 - share) * p[TIME_CONSTANT], duration)
-    if share > 0.0:
-        for i in range(STAGES):
-            torque = _through(
-                state, MOTOR_TORQUE + 1 + i, torque, share * p[TIME_CONSTANT] / STAGES, duration
-            )
+    torque = _through(state, MOTOR_TORQUE, target, (1.0 - share) * p[TIME_CONSTANT], duration)
+    for i in range(STAGES):
+        torque = _through(state, MOTOR_TORQUE + 1 + i, torque, share * p[TIME_CONSTANT] / STAGES, duration)
     return float(torque)
 
 
 @compiled
 def _through(state: Floats, at: int, given: float, time_constant: float, duration: float) -> float:
-    """Mean of what a first-order stage gives while `given` is held for `duration` [N m]."""
+    """Mean of what a first-order stage gives while `given` is held for `duration` [N m]; it itself without delay."""
+    late = time_constant > 0.0
+    if not anywhere(late):
+        return given
     missing = given - state[at]
     ratio = duration / time_constant
     left = math.exp(-ratio)
-    state[at] = given - missing * left
-    return float(given - missing * (1.0 - left) / ratio)
+    state[at] = where(late, given - missing * left, state[at])
+    return float(where(late, given - missing * (1.0 - left) / ratio, given))

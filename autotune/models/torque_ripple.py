@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from autotune.core.arrays import Floats
 from autotune.models.compiled import compiled
 from autotune.models.effect import Kernels, Kind, Parameter, Terms
+from autotune.models.lanes import anywhere, where
 from autotune.models.layout import block
 from autotune.models.look_alikes import IN_PLACE
 from autotune.models.start_values import StartContext, StartValues, Vary
@@ -41,10 +42,11 @@ def ripple(p: Floats, position: float) -> float:
     scale = p[_SCALE]
     for line in range(LINES):
         order = p[_AT + 3 * line]
-        if order == 0.0:
+        if not anywhere(order != 0.0):
             break
         angle = order * scale * position
-        total += p[_AT + 3 * line + 1] * math.sin(angle) + p[_AT + 3 * line + 2] * math.cos(angle)
+        wave = p[_AT + 3 * line + 1] * math.sin(angle) + p[_AT + 3 * line + 2] * math.cos(angle)
+        total += where(order != 0.0, wave, 0.0)
     return total
 
 

@@ -12,6 +12,7 @@ from autotune.core.arrays import Flags, Floats
 from autotune.models.backlash import GAP, HAS_GAP
 from autotune.models.compiled import compiled
 from autotune.models.elastic_transmission import COMPLIANCE, ELASTIC_TRANSMISSION, IS_ELASTIC
+from autotune.models.lanes import anywhere, where
 from autotune.models.layout import INERTIA, state_block
 
 _STATE = state_block(ELASTIC_TRANSMISSION.name)
@@ -47,13 +48,13 @@ def coupling(p: Floats, on: Flags) -> tuple[float, float, float]:
 @compiled
 def passed_torque(stiffness: float, damping: float, half: float, twist: float, rate: float) -> float:
     """Torque from motor to load [N m]."""
-    if half == 0.0:
-        return stiffness * twist + damping * rate
-    if twist > half:
-        return max(stiffness * (twist - half) + damping * rate, 0.0)
-    if twist < -half:
-        return min(stiffness * (twist + half) + damping * rate, 0.0)
-    return 0.0
+    direct = stiffness * twist + damping * rate
+    if not anywhere(half != 0.0):
+        return direct
+    ahead = max(stiffness * (twist - half) + damping * rate, 0.0)
+    behind = min(stiffness * (twist + half) + damping * rate, 0.0)
+    touching = where(twist > half, ahead, where(twist < -half, behind, 0.0))
+    return float(where(half == 0.0, direct, touching))
 
 
 @compiled

@@ -82,7 +82,13 @@ def test_a_step_into_an_unstable_twin_is_not_taken(begun: Begun) -> None:
     held = root.correction.bias
     free = root.free
     done = fit(
-        problem.data, problem.moved, nominal, free, held, problem.training, bias_at=lambda packed: None
+        problem.data,
+        problem.moved,
+        nominal,
+        free,
+        held,
+        problem.training,
+        judged=lambda models: [None] * len(models),
     )
     np.testing.assert_array_equal(done.packed.p, nominal.p)
 

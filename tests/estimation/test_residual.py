@@ -1,22 +1,28 @@
 """The one residual of both engines: where it starts, and what it is told in."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from autotune.estimation.bandwidth import Bands
 from autotune.estimation.controller import controller_of
 from autotune.estimation.data import prepare
-from autotune.estimation.disturbance import STILL
+from autotune.estimation.disturbance import STILL, Disturbance
 from autotune.estimation.pieces import cut
+from autotune.estimation.problem import new_problem
 from autotune.estimation.residual import (
+    KnownRuns,
     Motion,
     measured_motion,
     raw_residual,
+    residual,
+    residuals,
     run_twin,
     stretch_residual,
 )
 from autotune.estimation.twin import start_state
-from autotune.models.drive_model import base_model
+from autotune.models.drive_model import Packed, base_model
 from autotune.models.table import EFFECTS
 from tests.estimation.simulated import AXIS, OF_TRUE, TRUE, recorded
 
@@ -82,3 +88,44 @@ def test_a_stretch_that_begins_in_motion_is_simulated_from_there() -> None:
         assert run.stable
         errors.append(float(np.sqrt(np.mean((run.position - data.measured)[:50] ** 2))))
     assert np.mean(errors) < 2e-3
+
+
+def _several() -> list[Packed]:
+    """Rigid axes, springs (other steps), a lag, a saturation; nine rigid ones are two passes."""
+    shifted = [base_model({**AXIS, "offset": 1e-3 * i}).pack() for i in range(9)]
+    springs = [
+        base_model(AXIS).with_effect(
+            EFFECTS["elastic_transmission"].make(
+                {"compliance": c, "load_inertia": 0.4, "load_friction": 0.4, "damping": 0.05}
+            )
+        )
+        for c in (0.3, 0.31, 0.02, 0.021, 1e-3)
+    ]
+    others = [base_model(AXIS).with_effect(effect) for effect in (LAG, SATURATION, SATURATION)]
+    return [*shifted, *(model.pack() for model in (*springs, *others))]
+
+
+def test_several_models_at_once_leave_what_each_of_them_leaves() -> None:
+    """Equal but for the rounding of an exponential function that is not this machine's own."""
+    data = prepare([recorded(TRUE, OF_TRUE, seconds=2.0)])
+    moved, models = measured_motion(data), _several()
+    for packed, found in zip(models, residuals(data, models, moved), strict=True):
+        np.testing.assert_allclose(found, residual(data, packed, moved), rtol=0.0, atol=1e-10)
+
+
+def test_twins_of_several_models_at_once_are_those_of_each() -> None:
+    """Biases, and the residual of the measured motion beside them; a twin that runs away leaves the others alone."""
+    recording = recorded(TRUE, OF_TRUE, seconds=2.0)
+    data, law = prepare([recording]), controller_of(recording)
+    assert law is not None
+    problem = replace(new_problem(data, law), disturbance=Disturbance(white=2e-3))
+    wild = base_model({**AXIS, "inertia": 1e-9, "micro_damping": 1e-9}).pack()
+    models = [*_several()[:3], wild, *_several()[9:12]]
+    together = problem.corrections(models, 3)
+    assert [found.stable for found in together] == [True, True, True, False, True, True, True]
+    for packed, found in zip(models, together, strict=True):
+        alone = replace(problem, runs=KnownRuns())
+        one = [alone.correction(packed, count) for count in (1, 2, 3)][-1]
+        assert one.stable is found.stable
+        np.testing.assert_allclose(found.bias, one.bias, rtol=0.0, atol=1e-9)
+        np.testing.assert_array_equal(problem.raw(packed), alone.raw(packed))

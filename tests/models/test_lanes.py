@@ -1,0 +1,130 @@
+"""Eight models in one pass: each as it is by itself, up to the rounding of another exponential function."""
+
+import math
+
+import numpy as np
+import pytest
+
+from autotune.models import layout
+from autotune.models.compiled import compiled
+from autotune.models.drive_model import Packed, base_model
+from autotune.models.inverse import (
+    applied_in_lanes,
+    applied_torque,
+    load_substeps,
+    required,
+    required_in_lanes,
+)
+from autotune.models.lanes import WIDTH, along, anywhere, filled, side_by_side, where
+from autotune.models.plant import simulate, simulate_in_lanes, substeps_for
+from autotune.models.table import EFFECTS
+from tests.models.test_effects import NUMBERS, SHAPED, VALUES
+
+PERIOD, ROWS = 1e-3, 300
+ROUNDING = 1e-10
+"""Of torque [N m] and position [rad], both about 1: rounding, carried through 300 samples."""
+TIME = PERIOD * np.arange(ROWS)
+POSITION = 0.4 * np.sin(2.0 * math.pi * 4.0 * TIME) + 0.7 * TIME
+
+
+def _models(effect: str) -> list[Packed]:
+    """Eight with other numbers, every second one with the effect's own law where it has a shape of its own too."""
+    random, models = np.random.default_rng(1), []
+    for lane in range(WIDTH):
+        numbers = {name: value * random.uniform(0.9, 1.1) for name, value in NUMBERS.items()}
+        values = SHAPED.get(effect, VALUES[effect]) if lane % 2 else VALUES[effect]
+        models.append(base_model(numbers).with_effect(EFFECTS[effect].make(values)).pack())
+    return models
+
+
+@pytest.mark.parametrize("effect", list(EFFECTS))
+def test_the_torque_that_a_motion_needs_is_that_of_each_model(effect: str) -> None:
+    models = _models(effect)
+    velocity = np.gradient(POSITION, PERIOD)
+    motion = POSITION, velocity, np.gradient(velocity, PERIOD)
+    steps = max(load_substeps(one.p, one.on, PERIOD) for one in models)
+    found = np.empty((ROWS, WIDTH))
+    required_in_lanes(
+        filled([one.p for one in models]), models[0].on, np.zeros((layout.STATES, WIDTH)),
+        *(part[None] for part in motion), PERIOD, steps, found,
+    )  # fmt: skip
+    for lane, one in enumerate(models):
+        alone = np.empty(ROWS)
+        required(one.p, one.on, np.zeros(layout.STATES), *motion, PERIOD, steps, alone)
+        np.testing.assert_allclose(found[:, lane], alone, rtol=0.0, atol=ROUNDING)
+
+
+@pytest.mark.parametrize("effect", ["torque_lag", "torque_saturation"])
+def test_the_torque_that_acts_is_that_of_each_model(effect: str) -> None:
+    models, demand = _models(effect), 0.6 * np.sin(2.0 * math.pi * 9.0 * TIME)
+    found = np.empty((ROWS, WIDTH))
+    state = np.zeros((layout.STATES, WIDTH))
+    applied_in_lanes(filled([one.p for one in models]), models[0].on, state, demand[None], PERIOD, found)
+    for lane, one in enumerate(models):
+        alone = np.empty(ROWS)
+        applied_torque(one.p, one.on, np.zeros(layout.STATES), demand, PERIOD, alone)
+        np.testing.assert_allclose(found[:, lane], alone, rtol=0.0, atol=ROUNDING)
+
+
+def _loop(limit: float = 3.0) -> np.ndarray:
+    return np.array([PERIOD, limit, 1e-4, 0.0, 0.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("effect", list(EFFECTS))
+def test_a_simulated_axis_moves_as_it_does_alone(effect: str) -> None:
+    """In closed loop with a coarse encoder, each with a disturbance of its own."""
+    models, gains = _models(effect), np.array([8.0, 0.05, 20.0, 0.5])
+    steps = max(substeps_for(one.p, PERIOD, one.on) for one in models)
+    shaken, still = 0.02 * np.random.default_rng(2).normal(size=(WIDTH, ROWS)), np.zeros(ROWS)
+    position, torque = np.empty((2, WIDTH, ROWS))
+    done = simulate_in_lanes(
+        filled([one.p for one in models]), models[0].on, np.zeros((layout.STATES, WIDTH)), gains,
+        filled([_loop()] * WIDTH), True, steps, POSITION[None], still[None], shaken, 0.0 * shaken, position, torque,
+    )  # fmt: skip
+    assert done == ROWS
+    for lane, one in enumerate(models):
+        moved, asked = np.empty((2, ROWS))
+        simulate(
+            one.p, one.on, np.zeros(layout.STATES), gains, _loop(), True, steps, POSITION, still, shaken[lane], still,
+            moved, asked,
+        )  # fmt: skip
+        np.testing.assert_allclose(position[lane], moved, rtol=0.0, atol=ROUNDING)
+        np.testing.assert_allclose(torque[lane], asked, rtol=0.0, atol=1e3 * ROUNDING)
+
+
+def test_where_one_axis_runs_away_all_of_them_stop() -> None:
+    model, unstable = base_model(NUMBERS).pack(), np.array([8.0, -5.0, 0.0, 1.0])
+    still, zero = np.zeros((WIDTH, ROWS)), np.zeros((1, ROWS))
+    shaken = still.copy()
+    shaken[3] = 1e12
+    done = simulate_in_lanes(
+        filled([model.p] * WIDTH), model.on, np.zeros((layout.STATES, WIDTH)), 0.0 * unstable,
+        filled([_loop()] * WIDTH), False, 5, zero, zero, shaken, still, still.copy(), still.copy(),
+    )  # fmt: skip
+    assert done < 3
+
+
+@compiled
+def _functions(given, result):
+    for k in range(len(given)):
+        x = given[k]
+        result[k] = math.exp(x)
+        if anywhere(x > 2.0):
+            result[k] = where(x > 2.0, math.copysign(math.floor(x), -x), result[k])
+
+
+@compiled
+def _in_lanes(given, result):
+    _functions(side_by_side(given), along(result))
+
+
+def test_functions_and_choices_lane_by_lane() -> None:
+    """The exponential of what is far below nothing is nothing; what is no number stays none."""
+    random = np.random.default_rng(3)
+    given = random.uniform(-40.0, 2.0, (200, WIDTH))
+    given[0] = -np.inf, -1e5, -0.0, np.nan, 2.5, 700.0, -1e-300, -705.0
+    result = np.empty((WIDTH, 200))
+    _in_lanes(given, result)
+    with np.errstate(all="ignore"):
+        right = np.where(given > 2.0, -np.floor(given), np.exp(given))
+    np.testing.assert_allclose(result.T, right, rtol=1e-15)
