@@ -238,11 +238,8 @@ class Facts:
     @property
     def own_law(self) -> bool:
         """Another law of presliding explains enough, and nothing else was found."""
-        own = self.presliding
-        if own is None or self.chosen is not None:
-            return False
-        with_it = replace(self, chosen=own, freed={})
-        return with_it.accepted or with_it.law_differs
+        with_it = replace(self, chosen=self.presliding, freed={})
+        return self.chosen is None and (with_it.accepted or with_it.law_differs)
 
 
 @dataclass(frozen=True, slots=True)
@@ -288,8 +285,7 @@ def _another_law(facts: Facts) -> str:
 
 
 def _nothing(facts: Facts) -> str:
-    own = facts.presliding  # which is said by itself
-    return nothing_note(facts.problem, facts.evidence, facts.root, facts.first) if own is None else ""
+    return nothing_note(facts.problem, facts.evidence, facts.root, facts.first)
 
 
 CASES: tuple[Case, ...] = (
@@ -299,7 +295,7 @@ CASES: tuple[Case, ...] = (
     Case("other effects do as well", lambda f: f.accepted and bool(f.rivals), AMBIGUOUS, lambda f: ""),
     Case("an effect explains it", lambda f: f.accepted, NAMED, _its_course),
     Case("an effect explains most, by another law", lambda f: f.law_differs, NAMED, _another_law),
-    Case("only the law of presliding differs", lambda f: f.own_law, NONE, _nothing),
+    Case("only the law of presliding differs", lambda f: f.own_law, NONE, lambda f: ""),
     Case("an effect explains too little", lambda f: f.chosen is not None, UNKNOWN, _unknown),
     Case("another trajectory refutes it", lambda f: bool(f.carried), UNKNOWN, _unknown),
     Case("what is left is no noise", lambda f: f.structure_left, UNKNOWN, _unknown),
