@@ -66,7 +66,7 @@ def find_controller(data: Prepared, policy: Policy = POLICY) -> PositionControll
     found = identified(samples)
     if found.in_band and not data.repeated:
         # without repeats nothing tells what such a drive makes of counts from what a model lacks
-        return replace(found, source="none", why=_unexplained(found.explained, policy.controller_explains))
+        return replace(found, source="none", why=BETWEEN_SAMPLES)
     # a law that sees the position at once, but needs what its reference does by itself: the drive interpolates
     between = found.in_band or (found.position_delay == 0 and found.acceleration_feedforward != 0.0)
     if found.usable and between and data.repeated and not found.exact:
@@ -257,6 +257,12 @@ def _trusted(known: Controller, why: str) -> PositionController:
         source="trusted",
         why=f"The controller of the file could not be verified and is trusted: {why}.",
     )
+
+
+BETWEEN_SAMPLES = (
+    "the drive closes its loop between the samples, and one recording does not tell what that makes of encoder counts "
+    "from what the model lacks; record the same motion at least twice"
+)
 
 
 def _unexplained(share: float, needed: float) -> str:
