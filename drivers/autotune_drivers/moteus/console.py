@@ -1,7 +1,7 @@
 """The diagnostic console of a moteus, tunnelled through its frames: `conf get`, `set`, `write`.
 
 Bytes are polled with flow control where the firmware has it, so that a lost reply loses nothing of a
-number. A lost command may be repeated: what it has said twice is thrown away before the next one.
+number. A lost command may be repeated, and a line may double one: what is said twice is thrown away before the next.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class Console:
 
     def _ask(self, command: str, seconds: float = _ANSWER, one_line: bool = False) -> list[str]:
         """Lines up to `OK`, or the one line that `conf get` answers with."""
-        if self._stale:
+        if self._stale or self._text.strip() or self._poll():  # an answer to nothing: a command came twice
             self._discard()
         self._stale = True
         repeated = False
@@ -92,7 +92,9 @@ class Console:
                     f"controller {self._node.number} refuses {command!r}: {line}; its firmware may not have it, or "
                     "not allow it now"
                 )
-            if one_line and line != "OK":
+            if one_line:
+                if line == "OK":
+                    continue  # left from before
                 return [line]
             if line.startswith("OK"):
                 return lines
