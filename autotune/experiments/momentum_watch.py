@@ -52,6 +52,9 @@ FASTER = (1.1, 0.02)  # times the fastest speed seen, and of limits.speed: beyon
 LEAP = 20.0  # times limits.deceleration in a cycle
 DOUBT = 8.0  # the same, after which a stop for any reason does not trust the encoder
 DOUBT_CYCLES = 20
+STRANGE = (
+    0.4  # of limits.torque: from here on a force that nobody knows of is a stroke, or an encoder that lies
+)
 DOUBTFUL = 0.25  # of what must be missing: as much as no stop may be braked with
 REMEMBERS = 1.002  # by which a bound on the inertia may rise, each time it is told
 EXCESS_SECONDS = 0.005
@@ -114,12 +117,16 @@ class _Way:
 
 @dataclass(slots=True)
 class _Axis:
-    """What the axis can be: its inertias, its friction, and the torque by which `must` exceeds what holds it."""
+    """What the axis can be: its inertias, its friction, and the torque by which `must` exceeds what holds it.
+
+    `likely` is between the inertias that it can have; 0 for nothing known.
+    """
 
     light: float
     heavy: float = math.inf
     friction: float = math.inf
     margin: float = 0.0
+    likely: float = 0.0
 
 
 class MomentumWatch:
@@ -145,6 +152,7 @@ class MomentumWatch:
         "_positions",
         "_seconds",
         "_speed",
+        "_stroke",
         "_sudden",
         "_torques",
         "_up",
@@ -159,6 +167,7 @@ class MomentumWatch:
         self._sudden = max(round(SUDDEN_SECONDS / period), LATE)
         self._moving = MOVING_COUNTS * resolution
         self._more = MORE_TORQUE * limits.torque
+        self._stroke = STRANGE * limits.torque
         self._doubt = 0
         self._leap = (LEAP * limits.deceleration, (FEIGNED + 0.5) * resolution / period)
         self._faster = FASTER[1] * limits.speed
@@ -195,7 +204,8 @@ class MomentumWatch:
         self._up.know(inverse.up + sticks + margin, FASTER[0] * inverse.fast_up + self._faster)
         self._down.know(sticks + margin - inverse.down, FASTER[0] * inverse.fast_down + self._faster)
         heavy = min(HEAVIER * inverse.heaviest, REMEMBERS * self._axis.heavy)
-        self._axis = _Axis(LIGHTER * inverse.inertia, heavy, friction, margin)
+        likely = math.sqrt(inverse.inertia * inverse.heaviest)
+        self._axis = _Axis(LIGHTER * inverse.inertia, heavy, friction, margin, likely)
 
     def check(self, position: float, torque: float, cycle: float, missed: bool) -> float:
         """One cycle that ended at `position` under `torque`.
@@ -226,7 +236,7 @@ class MomentumWatch:
             return max(up.missing, up.hinted)
         if self._short(down, -rise):
             return -max(down.missing, down.hinted)
-        if max(up.missing, down.missing) > DOUBTFUL * self._allowed:
+        if max(up.missing, down.missing) > DOUBTFUL * self._allowed or self._strange(gained, cycle):
             self._doubt = DOUBT_CYCLES
         upwards, downwards = way > self._moving, way < -self._moving
         up.rests(downwards, upwards, velocity)
@@ -250,6 +260,14 @@ class MomentumWatch:
             return abs(gained) > slope * cycle + feigned
         return False
 
+    def _strange(self, gained: float, cycle: float) -> bool:
+        """A velocity that has changed by what neither torque nor friction can have done."""
+        beyond = abs(gained) - self._leap[1]
+        if beyond <= 0.0:
+            return False
+        known = self._up.must - min(self._torques) if gained < 0.0 else self._down.must + max(self._torques)
+        return self._axis.likely * beyond / cycle > max(known, 0.0) + self._stroke
+
     def _short(self, way: _Way, rise: float) -> bool:
         """Whether too much is missing."""
         if way.missing > self._allowed:
@@ -258,7 +276,7 @@ class MomentumWatch:
 
     @property
     def doubtful(self) -> bool:
-        """Whether the velocity has leapt a moment ago, or a quarter of what stops the axis was missing."""
+        """Whether the velocity has leapt or changed strangely a moment ago, or a quarter of what stops was missing."""
         return self._doubt > 0
 
 
