@@ -229,3 +229,23 @@ def test_a_swing_does_not_teach_what_it_needs() -> None:
     assert never < 1240
     assert swing <= never
     assert before == 1400
+
+
+def test_a_velocity_that_no_force_can_have_changed_is_not_braked_by() -> None:
+    """Regression: 21.6 rad/s of 13.8, as a torque limit was met just after the encoder told a tenth (seed 1224935)."""
+
+    def doubtful(lost: float, torque: float) -> bool:
+        """Whether an axis at 4 rad/s is doubted that loses so much velocity in one cycle."""
+        watch = MomentumWatch(LIMITS, H, COUNT)
+        watch.know(KNOWN, 0.0)
+        position = 0.0
+        for k in range(50):
+            position += (4.0 if k < 40 else 4.0 - lost) * H
+            assert watch.check(position, torque if k == 40 else FRICTION, H, False) == 0.0
+            if watch.doubtful:
+                return True
+        return False
+
+    assert doubtful(3.0, FRICTION)
+    assert not doubtful(2.0, -LIMITS.torque)  # full torque may have taken that
+    assert not doubtful(0.6 / INERTIA * H, FRICTION)  # so may a load that comes at once
