@@ -15,8 +15,7 @@ from autotune.diagnosis.starts import Context
 from autotune.estimation.alignment import shifted, without_twin
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import as_rough, fitted_contact
-from autotune.estimation.controller import find_controller, quieter
-from autotune.estimation.controller_law import BEFORE, MOMENT, NEXT, PositionController
+from autotune.estimation.controller import as_recorded, controllers_of, find_controller
 from autotune.estimation.controller_search import AS_MUCH
 from autotune.estimation.controller_torque import loop_note, refuse_answers
 from autotune.estimation.data import Prepared
@@ -38,8 +37,6 @@ from autotune.models.torque_ripple import TORQUE_RIPPLE
 
 CLEARLY_LESS = 0.98
 """Of the cost: the chance of a twin's bias."""
-RECORDED_LATE = {MOMENT: 1.0, NEXT: 0.0, BEFORE: 2.0}
-"""Half samples by which a torque is recorded late that acts from each sample to the next."""
 LATE_RECORD = "The torque is taken as recorded a sample late: so the axis answers to it."
 
 
@@ -62,6 +59,7 @@ def begin(
     if not found.usable:
         data, said = without_twin(data)
         notes = (f"No twin: {found.why}. Confidence is lower.", *said, *loop_note(data, policy))
+    laws = controllers_of(data, found, policy)
     data = as_recorded(data, found)
     problem = new_problem(data, found, policy)
     progress("fit of the model as it is")
@@ -69,7 +67,11 @@ def begin(
         *base_free(packed, problem.scales, data.metadata.motion_unit),
         *free_of_model(model, problem.scales),
     ]
-    model_fit = _first_fit(replace(problem, simulations=simulations), packed, free)
+    model_fit = _best_fit(
+        [replace(problem, controller=law if law.usable else None, simulations=simulations) for law in laws],
+        packed,
+        free,
+    )
     if model_fit is None and problem.twin:
         data, said = without_twin(data)
         why = "is unstable, rings or explains less than none"
@@ -91,16 +93,14 @@ def begin(
     return problem, settled, packed, (*notes, *evidence_of(problem.data).limits(problem))
 
 
-def as_recorded(data: Prepared, found: PositionController) -> Prepared:
-    """Data with the torque that tells most, where a drive's loop works between the samples, from each to the next."""
-    quiet = quieter_torque(data, found)
-    late = RECORDED_LATE[found.taken]
-    return shifted(quiet, late) if late else quiet
-
-
-def quieter_torque(data: Prepared, found: PositionController) -> Prepared:
-    """The data with the torque by its sensor, where a drive's loop works between the samples and shakes it."""
-    return quieter(data) if found.in_band else data
+def _best_fit(problems: list[Problem], packed: Packed, free: list[Free]) -> tuple[Problem, ModelFit] | None:
+    """The problem whose twin leaves clearly less than those before it."""
+    best: tuple[Problem, ModelFit] | None = None
+    for problem in problems:
+        tried = _first_fit(problem, packed, free)
+        if tried is not None and (best is None or tried[1].fitted.cost < CLEARLY_LESS * best[1].fitted.cost):
+            best = tried
+    return best
 
 
 def _first_fit(problem: Problem, packed: Packed, free: list[Free]) -> tuple[Problem, ModelFit] | None:

@@ -14,7 +14,9 @@ from dataclasses import replace
 import numpy as np
 
 from autotune.core.arrays import Flags, Floats
+from autotune.estimation.alignment import shifted
 from autotune.estimation.controller_law import (
+    BEFORE,
     MOMENT,
     NEXT,
     SHORTEST_RUN,
@@ -29,7 +31,13 @@ from autotune.estimation.controller_law import (
     share_explained,
     smeared_samples,
 )
-from autotune.estimation.controller_search import EXACT, law_from_data, or_between, plainly_better
+from autotune.estimation.controller_search import (
+    EXACT,
+    law_from_data,
+    or_between,
+    plainly_better,
+    smooth_between,
+)
 from autotune.estimation.data import Prepared, step_of, stretches_of
 from autotune.estimation.policy import POLICY, Policy
 from autotune.recordings.checks import at_limit, torque_of
@@ -44,6 +52,8 @@ ROUNDED = 1.2
 """Times the variance that rounding to the steps of the recorded torque has."""
 SAME = 1e-9
 """Relative difference of two torques that are one value of the drive."""
+RECORDED_LATE = {MOMENT: 1.0, NEXT: 0.0, BEFORE: 2.0}
+"""Half samples by which a torque is recorded late that acts from each sample to the next."""
 MOST_KNOWN = 8
 _KNOWN: dict[bytes, PositionController] = {}
 _LOCK = threading.Lock()
@@ -74,6 +84,24 @@ def find_controller(data: Prepared, policy: Policy = POLICY) -> PositionControll
         heard = samples if quiet is data else loop_samples(quiet, policy)
         return _remembered(b"between", heard, lambda: or_between(heard, found, heard is not samples))
     return found
+
+
+def controllers_of(
+    data: Prepared, found: PositionController, policy: Policy = POLICY
+) -> tuple[PositionController, ...]:
+    """The controller, and beside one that works between the samples the same with its set points on another way."""
+    if not found.usable or found.ticks == 1:
+        return (found,)
+    heard = loop_samples(quieter(data), policy)
+    other = _remembered(b"smooth", heard, lambda: smooth_between(heard, found) or found)
+    return (found,) if other is found else (found, other)
+
+
+def as_recorded(data: Prepared, found: PositionController) -> Prepared:
+    """Data with the torque that tells most, where a drive's loop works between the samples, from each to the next."""
+    quiet = quieter(data) if found.in_band else data
+    late = RECORDED_LATE[found.taken]
+    return shifted(quiet, late) if late else quiet
 
 
 def quieter(data: Prepared) -> Prepared:

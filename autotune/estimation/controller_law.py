@@ -53,7 +53,8 @@ class PositionController:
         in_band: found below the frequency that models are compared at; `explained` is the share there.
         smeared: share of the sample before in a recorded torque: a current loop's lag, read by the torque's own sensor.
         ticks: times that the law works from one sample to the next; `derivative_filter` is of a whole sample all the
-            same. `cubic`: its reference is on cubics between them, else on straight lines.
+            same. `cubic`: its reference is on cubics between them, else on straight lines. `smooth`: what it feeds
+            forward of the acceleration is on straight lines too, as where set points come with their rates; else held.
         taken: how the torque of such a law was recorded, one of `TAKEN`.
         exact: leaves no more than rounding of numbers, or of the recorded torque: the law works at the samples.
         source: `metadata` (the file's, verified), `identified`, `trusted` (the file's, which these data
@@ -80,6 +81,7 @@ class PositionController:
     exact: bool = False
     ticks: int = 1
     cubic: bool = False
+    smooth: bool = False
     taken: str = "next"
 
     @property
@@ -122,9 +124,8 @@ class PositionController:
 
     def feedforward_between(self, reference: Floats, fine: Floats, period: float) -> Floats:
         """The same of a law that works between the samples, shape (n·ticks,), as `between_table` has it."""
-        bend = np.repeat(held_bend(reference, period), self.ticks)
-        moved = self.position_feedforward * fine + self.acceleration_feedforward * bend
-        return np.asarray(moved + self.constant)
+        bend = self.acceleration_feedforward * bend_between(reference, period, self.ticks, self.smooth)
+        return np.asarray(self.position_feedforward * fine + bend + self.constant)
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,9 +155,8 @@ class LoopSamples:
 def late_samples(samples: LoopSamples, reference_delay: int, position_delay: int) -> LoopSamples:
     """The same with reference and position as a law sees them that is late by whole samples."""
     reference = late_rows(samples.reference, samples, reference_delay)
-    return replace(
-        samples, reference=reference, position=late_rows(samples.position, samples, position_delay)
-    )
+    position = late_rows(samples.position, samples, position_delay)
+    return replace(samples, reference=reference, position=position)
 
 
 def late_rows(values: Floats, samples: LoopSamples, late: int) -> Floats:
@@ -294,10 +294,11 @@ def finer(values: Floats, ticks: int, cubic: bool) -> Floats:
     return np.asarray(one + 0.5 * parts * (two - zero + parts * bend)).ravel()
 
 
-def held_bend(reference: Floats, period: float) -> Floats:
-    """Second difference of set points of shape (n,) around each: a drive on its way to one knows it already."""
+def bend_between(reference: Floats, period: float, ticks: int, smooth: bool) -> Floats:
+    """Second difference around each set point, which a drive knows on its way to it; on lines if smooth, else held."""
     rate = np.diff(reference) / period
-    return np.asarray(np.diff(rate, prepend=rate[:1], append=rate[-1:]) / period)
+    bend = np.asarray(np.diff(rate, prepend=rate[:1], append=rate[-1:]) / period)
+    return finer(bend, ticks, cubic=False) if smooth else np.repeat(bend, ticks)
 
 
 def taken_at(fine: Floats, ticks: int, taken: str) -> Floats:
@@ -328,15 +329,15 @@ def position_terms(samples: LoopSamples, rate: float, ticks: int) -> Floats:
     return terms
 
 
-def reference_terms(samples: LoopSamples, rate: float, ticks: int, cubic: bool) -> Floats:
-    """The same of the reference, and its second difference, shape (4, n·ticks)."""
-    step = samples.period / ticks
+def reference_terms(samples: LoopSamples, law: PositionController, rate: float) -> Floats:
+    """The same of the reference, and its second difference, on the way that a law has it; shape (4, n·ticks)."""
+    ticks, step = law.ticks, samples.period / law.ticks
     terms = np.zeros((4, len(samples.reference) * ticks))
     for rows in samples.stretches:
         inside = slice(rows.start * ticks, rows.stop * ticks)
-        fine = finer(samples.reference[rows], ticks, cubic)
+        fine = finer(samples.reference[rows], ticks, law.cubic)
         summed = step * np.cumsum(fine - samples.position[rows.start])
-        bend = np.repeat(held_bend(samples.reference[rows], samples.period), ticks)
+        bend = bend_between(samples.reference[rows], samples.period, ticks, law.smooth)
         terms[:, inside] = fine, summed, _filtered_rate(fine, step, rate), bend
     return terms
 
@@ -350,7 +351,7 @@ def _filtered_rate(fine: Floats, step: float, rate: float) -> Floats:
 def between_terms(samples: LoopSamples, law: PositionController, rate: float) -> Floats:
     """Regressors of a law that works between the samples, as its torque is recorded, shape (n, 7)."""
     late = late_samples(samples, law.reference_delay, 0)
-    parts = (reference_terms(late, rate, law.ticks, law.cubic), position_terms(samples, rate, law.ticks))
+    parts = reference_terms(late, law, rate), position_terms(samples, rate, law.ticks)
     wanted, moved = (np.array([taken_at(row, law.ticks, law.taken) for row in terms]) for terms in parts)
     return between_table(wanted, moved)
 

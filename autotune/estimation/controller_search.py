@@ -114,6 +114,19 @@ def or_between(samples: LoopSamples, found: PositionController, other: bool = Fa
     return between if no_more and enough and between.kp > 0.0 and between.kd > 0.0 else found
 
 
+def smooth_between(samples: LoopSamples, law: PositionController) -> PositionController | None:
+    """The same law of a drive that has set points with their rates on the way between them; None if it explains too
+    little.
+
+    A torque as at the samples tells next to nothing of what is between them: only a twin chooses between the two.
+    """
+    banded = _in_band(replace(samples, piece=PIECE_SECONDS))
+    best = _best_rate(_first_look(banded), replace(law, cubic=True, smooth=True))
+    found = _fitted_between(banded, best, _rate_of(best, samples.period))
+    enough = found.explained > samples.policy.controller_explains_in_band
+    return replace(found, in_band=True, why=law.why) if enough and found.kp > 0.0 and found.kd > 0.0 else None
+
+
 def plainly_better(samples: LoopSamples, one: PositionController, other: PositionController) -> bool:
     return 1.0 - one.explained < samples.policy.controller_better * (1.0 - other.explained)
 
@@ -236,7 +249,7 @@ def _between_trials(samples: LoopSamples, rate: float, ticks: int) -> Iterator[P
     """Laws with one filter: all delays, both kinds of interpolation, all ways of recording a torque."""
     moved = position_terms(samples, rate, ticks)
     for cubic in (False, True):
-        wanted = reference_terms(samples, rate, ticks, cubic)
+        wanted = reference_terms(samples, PositionController(ticks=ticks, cubic=cubic), rate)
         for taken in TAKEN:
             at_rows = [np.array([taken_at(row, ticks, taken) for row in terms]) for terms in (wanted, moved)]
             for late in range(MOST_LATE + 2):
@@ -260,6 +273,7 @@ def _with_gains(
         derivative_filter=1.0 - math.exp(-min(rate * samples.period, FASTEST)),
         ticks=form.ticks,
         cubic=form.cubic,
+        smooth=form.smooth,
         taken=form.taken,
     )
 

@@ -248,7 +248,8 @@ def simulate_stretches(
         return None
     if ticks == 1:
         return position, torque
-    return position[:, ::ticks], torque.reshape(WIDTH, -1, ticks).mean(axis=2)
+    logged = np.array([_recorded_torque(fine, ticks, controller.taken) for fine in torque])
+    return position[:, ::ticks], logged
 
 
 def steps_of_twin(packed: Packed, period: float, controller: PositionController) -> tuple[int, int]:

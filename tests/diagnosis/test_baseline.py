@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from autotune.diagnosis import baseline
-from autotune.diagnosis.baseline import quieter_torque
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.estimation.bandwidth import prepared_to_fit
+from autotune.estimation.controller import as_recorded
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.disturbance import Disturbance
 from autotune.estimation.problem import new_problem
@@ -30,7 +30,7 @@ def test_the_sensors_torque_is_taken_where_the_drives_loop_shakes_its_demand_bet
     noise = np.random.default_rng(2).normal(0.0, 1.0, len(data.torque))
     demand = data.torque + shaken * noise
     data = replace(data, torque=demand, recorded_torque=demand, sensed=data.torque + 1e-3 * noise[::-1])
-    found = quieter_torque(data, replace(LAW, in_band=in_band))
+    found = as_recorded(data, replace(LAW, in_band=in_band))
     assert np.array_equal(found.torque, data.sensed if sensed else demand)
 
 
