@@ -10,10 +10,6 @@ with the controller C known from its gains. The offset needs no search: it takes
 (5.14) does, which an integrating controller keeps out of the error anyway. The cost is an 8-norm of the
 period-averaged error, close to its peak (the quadrant glitch) yet smooth, plus a share of the rms of
 u_PID. The step is predicted, then measured, and only kept if the measurement agrees.
-
-σ0 and F_c go a limited way in one step, σ1 as far as its bounds. It is the worst known of the three and may have
-to go far, where one bristle stands for friction with more memory; limited like the others, it gets there in many
-steps of which each by itself gains next to nothing, and those end before.
 """
 
 from __future__ import annotations
@@ -33,8 +29,6 @@ Complexes = NDArray[np.complex128]
 
 NORM = 8
 MOVED = ("stiffness", "coulomb", "micro_damping")
-STEP = np.array([0.5, 0.5, np.inf])
-"""Largest relative change of each in one step."""
 FEEDBACK_WEIGHT = 0.5
 
 
@@ -121,6 +115,7 @@ def refine(
     controller: Controller,
     low: LugreParameters,
     high: LugreParameters,
+    step: float = 0.5,
 ) -> Refinement:
     """Parameters within bounds that minimise the predicted error of the benchmark.
 
@@ -129,13 +124,14 @@ def refine(
         current: where the step starts.
         controller: the drive's position controller.
         low, high: bounds of each parameter.
+        step: largest relative change of a parameter in one step.
     """
     response = error_response(controller, current.inertia, len(measured.reference), measured.period)
     applied = periodic_feedforward(current, measured.reference, measured.period)
     scale = np.array([_scale(current, name) for name in MOVED])
     start = np.array([getattr(current, name) for name in MOVED])
-    lower = np.maximum([getattr(low, name) for name in MOVED], start - STEP * scale)
-    upper = np.minimum([getattr(high, name) for name in MOVED], start + STEP * scale)
+    lower = np.maximum([getattr(low, name) for name in MOVED], start - step * scale)
+    upper = np.minimum([getattr(high, name) for name in MOVED], start + step * scale)
 
     def predicted(values: Floats) -> tuple[LugreParameters, Floats, Floats]:
         moved = _moved(current, values)

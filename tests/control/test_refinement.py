@@ -69,18 +69,6 @@ def test_refinement_finds_the_parameters_that_the_axis_has(wrong: dict[str, floa
     assert found.predicted_peak < 0.15 * measured.peak_error or measured.peak_error < 1e-5
 
 
-@pytest.mark.parametrize("factor", [0.3, 3.0])
-def test_one_step_finds_a_micro_damping_that_is_far_off(factor: float) -> None:
-    """A bristle in place of friction with memory wants several times the σ1 that presliding tells."""
-    reference = 0.2 * np.sin(2 * np.pi * np.arange(1000) / 1000)
-    current = replace(TRUE, micro_damping=factor * TRUE.micro_damping)
-    low, high = replace(current, micro_damping=0.01), replace(current, micro_damping=0.4)
-    measured = average(reference, current)
-    found = refine(measured, current, CONTROLLER, low, high)
-    assert found.parameters.micro_damping == pytest.approx(TRUE.micro_damping, rel=0.03)
-    assert found.predicted_smooth_peak < 0.05 * measured.smooth_peak
-
-
 def test_refinement_never_leaves_its_bounds() -> None:
     reference = 0.2 * np.sin(2 * np.pi * np.arange(1000) / 1000)
     current = replace(TRUE, stiffness=15.0)
