@@ -25,6 +25,7 @@ _BROKEN = (
     MatReadError, ValueError, TypeError, KeyError, IndexError, AttributeError, ArithmeticError, MemoryError,
     EOFError, OSError, NotImplementedError, zlib.error,
 )  # fmt: skip
+"""What scipy's reader raises for broken files, and NotImplementedError for those of MATLAB 7.3, which are HDF5."""
 
 
 def main(path: Path) -> None:
