@@ -19,7 +19,7 @@ from autotune.estimation.controller import as_recorded, controllers_of, find_con
 from autotune.estimation.controller_search import AS_MUCH
 from autotune.estimation.controller_torque import loop_note, refuse_answers
 from autotune.estimation.data import Prepared
-from autotune.estimation.disturbance_estimate import estimate_disturbance
+from autotune.estimation.disturbance_estimate import estimate_disturbance, with_expected_noise
 from autotune.estimation.least_squares import Free
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import (
@@ -28,7 +28,6 @@ from autotune.estimation.problem import (
     by_steadiness,
     new_problem,
     refit,
-    with_expected_noise,
 )
 from autotune.estimation.residual import measured_motion, smoothed
 from autotune.identify.ripple_lines import columns

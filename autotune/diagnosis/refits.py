@@ -23,9 +23,9 @@ from autotune.diagnosis.ripple_orders import candidate_orders
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_from_starts, fit_inside_twin
 from autotune.estimation.cross_validation import explained, gain_and_z
 from autotune.estimation.data import TRAINING, VETO
-from autotune.estimation.disturbance_estimate import estimate_disturbance
+from autotune.estimation.disturbance_estimate import estimate_disturbance, with_expected_noise
 from autotune.estimation.least_squares import Free, covariance
-from autotune.estimation.problem import Problem, with_expected_noise
+from autotune.estimation.problem import Problem
 from autotune.models.drive_model import Packed
 from autotune.models.effect import Kind, Terms
 from autotune.models.layout import flag

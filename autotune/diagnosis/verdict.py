@@ -43,9 +43,10 @@ from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.coordinates import variance_shares
 from autotune.estimation.cross_validation import gain_and_z
 from autotune.estimation.data import TEST, TRAINING
+from autotune.estimation.disturbance_estimate import with_counts
 from autotune.estimation.model_error import model_error
 from autotune.estimation.policy import POLICY, Policy
-from autotune.estimation.problem import Problem, with_counts
+from autotune.estimation.problem import Problem
 from autotune.models.drive_model import DriveModel
 from autotune.models.effect import Kind
 from autotune.models.table import EFFECTS

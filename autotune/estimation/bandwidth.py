@@ -205,9 +205,9 @@ def without_rest(data: Prepared) -> Prepared:
     rows: list[Integers] = []
     blocks: list[Block] = []
     for block in data.blocks:
-        kept = moving[block.rows].reshape(block.repeats, block.count).all(axis=0)
+        kept = block.by_repeat(moving).all(axis=0)
         if kept.sum() >= LEAST_ROWS:
-            table = data.grid[block.rows].reshape(block.repeats, block.count)[:, kept]
+            table = block.by_repeat(data.grid)[:, kept]
             start = sum(len(part) for part in rows)
             blocks.append(replace(block, start=start, count=table.shape[1]))
             rows.append(table.ravel())
@@ -242,7 +242,7 @@ def _counts_over_noise(data: Prepared, cutoff: float) -> float:
         return 0.0
     rows, rest = data.role(TRAINING), np.zeros(len(data.grid))
     gains, _, rest[rows] = linear_fit(data, rows)
-    noise = [rest[b.rows].reshape(b.repeats, b.count).var(axis=0, ddof=1).mean() for b in blocks]
+    noise = [b.by_repeat(rest).var(axis=0, ddof=1).mean() for b in blocks]
     power = float(np.average(noise, weights=[block.count for block in blocks]))
     white = data.resolution / math.sqrt(12.0) * math.sqrt(2.0 * data.period * cutoff / 5.0)
     return (

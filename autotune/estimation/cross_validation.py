@@ -106,8 +106,8 @@ def drift(problem: Problem, fitted: Fitted, correction: Correction, role: str) -
     for block in problem.data.blocks:
         if block.role != role or block.repeats < 2:
             continue
-        error = fitted.error[block.rows].reshape(block.repeats, block.count)
-        level = column[block.rows].reshape(block.repeats, block.count)
+        error = block.by_repeat(fitted.error)
+        level = block.by_repeat(column)
         differences.append(error[-1] - error[0])
         levels.append(0.5 * (level[-1] + level[0]))
     if not differences:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 import scipy
@@ -32,14 +33,12 @@ STANDSTILL_SECONDS = 0.01
 CHUNK_SECONDS = 2.0
 TRAINING, VETO, TEST = "training", "veto", "test"
 _ROLES = {"veto": VETO, "test": TEST}
+_Scalar = TypeVar("_Scalar", bound="np.generic[Any]")
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """One experiment with its repeats: rows `start` to `start + repeats·count` of the grid.
-
-    Residuals of these rows, reshaped to (repeats, count), can be compared repeat by repeat.
-    """
+    """One experiment with its repeats: rows `start` to `start + repeats·count` of the grid."""
 
     name: str
     role: str
@@ -50,6 +49,10 @@ class Block:
     @property
     def rows(self) -> slice:
         return slice(self.start, self.start + self.repeats * self.count)
+
+    def by_repeat(self, values: NDArray[_Scalar]) -> NDArray[_Scalar]:
+        """Values on the grid's rows, shape (m,), as a table of this experiment, shape (repeats, count)."""
+        return values[self.rows].reshape(self.repeats, self.count)
 
 
 @dataclass(frozen=True, slots=True)

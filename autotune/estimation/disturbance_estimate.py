@@ -6,6 +6,8 @@ noise of the torque sensor. Spectra of the differences between repeats are match
 autoregression and position noise (non-negative least squares over bands for each of several time constants).
 Quantiser and friction add to the differences; how much, a twin that is disturbed by the estimate tells, and the
 match is made again. Chunks at speed decide: where the axis hardly moves the quantiser makes its motion chaotic.
+
+Beside it: by how much repeats differ if nothing but the disturbance does it, and what they share by counts alone.
 """
 
 from __future__ import annotations
@@ -19,12 +21,13 @@ from numpy.typing import NDArray
 
 from autotune.core.arrays import Floats
 from autotune.estimation.controller import asked
+from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.disturbance import STILL, Disturbance, coloured_power, jitter_of
-from autotune.estimation.problem import Problem
+from autotune.estimation.problem import Problem, shared
 from autotune.estimation.residual import SEED, raw_residual, residual, run_twin, simulated_motion
 from autotune.models import layout
-from autotune.models.drive_model import Packed
+from autotune.models.drive_model import BASE, Packed
 
 CHUNK_SECONDS = 0.4
 LEAST_CHUNKS = 6
@@ -62,6 +65,8 @@ STANDS_OUT = 8.0
 """Times its neighbourhood: a line."""
 UNEVEN = 2.5
 """Mean over median power of chunks, over what it is in the twin: no steady noise."""
+NUDGE, NUDGED = 0.01, 4
+"""Relative change of base parameters by which twins are set apart, and how many of them: what a good fit is off by."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +182,7 @@ def _chunks(problem: Problem) -> _Chunks | None:
     for block in data.blocks:
         if block.role != TRAINING or (data.repeated and block.repeats < 2):
             continue
-        table = data.grid[block.rows].reshape(block.repeats, block.count)
+        table = block.by_repeat(data.grid)
         speed = np.abs(data.velocity[table[0]])
         for i in range(0, block.count, max(1, length // step // 2)):
             last = i + (length - 1) // step
@@ -309,3 +314,59 @@ def _lines(hertz: Floats, measured: Floats, simulated: Floats) -> tuple[float, .
         i for i in np.flatnonzero(high[1:-1]) + 1 if ratio[i] >= ratio[i - 1] and ratio[i] >= ratio[i + 1]
     ]
     return tuple(float(hertz[i]) for i in found)
+
+
+def with_expected_noise(problem: Problem, packed: Packed) -> Problem:
+    """The problem, knowing by how much repeats would differ if nothing but the disturbance did it.
+
+    The twin is shaken as usual stretches are; where some are far louder the mean is as much more.
+    """
+    data, disturbance = problem.data, problem.disturbance
+    if problem.controller is None or not data.repeated or not math.isfinite(disturbance.sensor):
+        return replace(problem, expected=None)
+    run = run_twin(data, packed, problem.controller, disturbance, np.random.default_rng([SEED, 1]))
+    if not run.stable:
+        return replace(problem, expected=None)
+    error = residual(data, packed, simulated_motion(data, run))
+    heard = disturbance.sensor**2 * float(np.sum(np.convolve(data.taps, [0.5, 0.5]) ** 2))
+    expected = np.full(len(data.blocks), heard)
+    for i, block in enumerate(data.blocks):
+        if block.repeats > 1:
+            expected[i] += disturbance.uneven * float(block.by_repeat(error).var(axis=0, ddof=1).mean())
+    return replace(problem, expected=expected)
+
+
+def with_counts(problem: Problem, packed: Packed) -> Problem:
+    """The problem, knowing what twins of this model share in their repeats, and not with each other.
+
+    Their parameters are apart by what a good fit is off by. That is nothing where the encoder is fine; where it is
+    coarse, or the axis sticks and slips, each twin has a course of its own that comes again in its repeats.
+    """
+    data = problem.data
+    if problem.controller is None or not data.repeated or problem.two_masses(packed):
+        return replace(problem, by_counts=None)
+    random = np.random.default_rng([SEED, 2])
+    errors: list[Floats] = []
+    for _ in range(NUDGED):
+        p = packed.p.copy()
+        p[: len(BASE)] *= 1.0 + NUDGE * random.standard_normal(len(BASE))
+        nudged = Packed(p, packed.on)
+        run = run_twin(data, nudged, _nudged(problem.controller, random), problem.disturbance, random)
+        if run.stable:
+            errors.append(residual(data, nudged, simulated_motion(data, run)))
+    if len(errors) < 2:
+        return replace(problem, by_counts=None)
+    pairs = [one - other for i, one in enumerate(errors) for other in errors[:i]]
+    level = np.zeros((len(pairs), len(data.blocks)))
+    for i, block in enumerate(data.blocks):
+        if block.repeats > 1:
+            level[:, i] = [shared(block.by_repeat(pair)).mean() for pair in pairs]
+    return replace(problem, by_counts=level)
+
+
+def _nudged(law: PositionController, random: np.random.Generator) -> PositionController:
+    """A law with gains that a fit below the compared frequency may have found as well; an exact one as it is."""
+    if not law.in_band:
+        return law
+    kp, kd, ki = (1.0 + NUDGE * random.standard_normal(3)) * (law.kp, law.kd, law.ki)
+    return replace(law, kp=float(kp), kd=float(kd), ki=float(ki))

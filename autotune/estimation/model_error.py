@@ -133,9 +133,7 @@ def noise_floor(problem: Problem, error: Floats, rows: Flags) -> NoiseFloor | No
         chunk
         for block in problem.data.blocks
         if block.repeats > 1
-        for chunk in _chunks(
-            error[block.rows].reshape(block.repeats, -1), rows[block.rows].reshape(block.repeats, -1)
-        )
+        for chunk in _chunks(block.by_repeat(error), block.by_repeat(rows))
     ]
     if not chunks:
         return None

@@ -73,7 +73,7 @@ def _alike(data: Prepared) -> list[Block]:
     found: list[Block] = []
     for block in data.blocks:
         if block.role == TRAINING and block.repeats > 1:
-            table = position[block.rows].reshape(block.repeats, block.count)
+            table = block.by_repeat(position)
             if float(np.max(np.abs(table[1:] - table[0]))) <= apart:
                 found.append(block)
     return found

@@ -19,7 +19,6 @@ from autotune.estimation.disturbance import STILL, Disturbance
 from autotune.estimation.least_squares import Fitted, Free, fit
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.residual import (
-    SEED,
     KnownRuns,
     Motion,
     TwinRuns,
@@ -28,8 +27,6 @@ from autotune.estimation.residual import (
     kind_of_pass,
     measured_motion,
     residual,
-    run_twin,
-    simulated_motion,
     smoothed,
 )
 from autotune.estimation.twin import leading, steps_of_twin
@@ -49,8 +46,6 @@ LEAST_WEIGHT = 0.1
 """Of the steadiest experiment: an unsteady one is never left out."""
 LEAST_COULOMB = 0.005  # of the torque
 LONGEST_REACH = 0.1  # of the travel
-NUDGE, NUDGED = 0.01, 4
-"""Relative change of base parameters by which twins are set apart, and how many of them: what a good fit is off by."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,8 +144,8 @@ class Problem:
         for block, spare in zip(self.data.blocks, correction.variance, strict=True):
             if block.role != role or block.repeats < 2:
                 continue
-            table = _table(error, block)
-            product = _shared(table) - spare
+            table = block.by_repeat(error)
+            product = shared(table) - spare
             means = _chunk_means(product)
             means[:, 1] *= self._steadiness(block)
             chunks.append(means)
@@ -163,7 +158,7 @@ class Problem:
         """
         values = [
             (
-                _table(error, block).var(axis=0, ddof=1).mean(),
+                block.by_repeat(error).var(axis=0, ddof=1).mean(),
                 block.count * (1.0 if plain else self._steadiness(block)),
             )
             for block in self.data.blocks
@@ -179,7 +174,7 @@ class Problem:
         rows = []
         for block, spare in zip(self.data.blocks, correction.variance, strict=True):
             if block.role == role and block.repeats > 1:
-                table = _table(error, block)
+                table = block.by_repeat(error)
                 noise = float(table.var(axis=0, ddof=1).mean())
                 rows.append((float(np.mean(table.mean(axis=0) ** 2)) - noise / block.repeats - spare, noise))
         return np.array(rows).reshape(-1, 2)
@@ -312,62 +307,6 @@ def base_free(packed: Packed, scales: Scales, motion_unit: str) -> list[Free]:
     return free
 
 
-def with_expected_noise(problem: Problem, packed: Packed) -> Problem:
-    """The problem, knowing by how much repeats would differ if nothing but the disturbance did it.
-
-    The twin is shaken as usual stretches are; where some are far louder the mean is as much more.
-    """
-    data, disturbance = problem.data, problem.disturbance
-    if problem.controller is None or not data.repeated or not math.isfinite(disturbance.sensor):
-        return replace(problem, expected=None)
-    run = run_twin(data, packed, problem.controller, disturbance, np.random.default_rng([SEED, 1]))
-    if not run.stable:
-        return replace(problem, expected=None)
-    error = residual(data, packed, simulated_motion(data, run))
-    heard = disturbance.sensor**2 * float(np.sum(np.convolve(data.taps, [0.5, 0.5]) ** 2))
-    expected = np.full(len(data.blocks), heard)
-    for i, block in enumerate(data.blocks):
-        if block.repeats > 1:
-            expected[i] += disturbance.uneven * float(_table(error, block).var(axis=0, ddof=1).mean())
-    return replace(problem, expected=expected)
-
-
-def with_counts(problem: Problem, packed: Packed) -> Problem:
-    """The problem, knowing what twins of this model share in their repeats, and not with each other.
-
-    Their parameters are apart by what a good fit is off by. That is nothing where the encoder is fine; where it is
-    coarse, or the axis sticks and slips, each twin has a course of its own that comes again in its repeats.
-    """
-    data = problem.data
-    if problem.controller is None or not data.repeated or problem.two_masses(packed):
-        return replace(problem, by_counts=None)
-    random = np.random.default_rng([SEED, 2])
-    errors: list[Floats] = []
-    for _ in range(NUDGED):
-        p = packed.p.copy()
-        p[: len(BASE)] *= 1.0 + NUDGE * random.standard_normal(len(BASE))
-        nudged = Packed(p, packed.on)
-        run = run_twin(data, nudged, _nudged(problem.controller, random), problem.disturbance, random)
-        if run.stable:
-            errors.append(residual(data, nudged, simulated_motion(data, run)))
-    if len(errors) < 2:
-        return replace(problem, by_counts=None)
-    pairs = [one - other for i, one in enumerate(errors) for other in errors[:i]]
-    level = np.zeros((len(pairs), len(data.blocks)))
-    for i, block in enumerate(data.blocks):
-        if block.repeats > 1:
-            level[:, i] = [_shared(_table(pair, block)).mean() for pair in pairs]
-    return replace(problem, by_counts=level)
-
-
-def _nudged(law: PositionController, random: np.random.Generator) -> PositionController:
-    """A law with gains that a fit below the compared frequency may have found as well; an exact one as it is."""
-    if not law.in_band:
-        return law
-    kp, kd, ki = (1.0 + NUDGE * random.standard_normal(3)) * (law.kp, law.kd, law.ki)
-    return replace(law, kp=float(kp), kd=float(kd), ki=float(ki))
-
-
 def by_steadiness(problem: Problem, error: Floats) -> Problem:
     """The problem with every experiment weighted by how well its repeats agree.
 
@@ -395,7 +334,7 @@ def _noise_by_block(problem: Problem, error: Floats) -> Iterator[tuple[int, Floa
         if block.role != TRAINING or block.repeats < 2:
             continue
         values: list[float] = []
-        table, sign = _table(error, block), _table(direction, block)
+        table, sign = block.by_repeat(error), block.by_repeat(direction)
         difference = (table[1:] - table[:-1]) / math.sqrt(2.0)
         pieces = max(1, block.count // NOISE_CHUNK)
         for part in np.array_split(np.arange(block.count), pieces):
@@ -475,11 +414,7 @@ def _averaged(data: Prepared, runs: Floats) -> Correction:
     return Correction(bias, variance)
 
 
-def _table(error: Floats, block: Block) -> Floats:
-    return error[block.rows].reshape(block.repeats, block.count)
-
-
-def _shared(table: Floats) -> Floats:
+def shared(table: Floats) -> Floats:
     """Mean product of two repeats, row by row, of a table of shape (repeats, count)."""
     k = len(table)
     return np.asarray((table.sum(axis=0) ** 2 - (table**2).sum(axis=0)) / (k * (k - 1)))

@@ -16,7 +16,8 @@ from autotune.estimation.bandwidth import prepared_to_fit
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.cross_validation import Explained, explained
 from autotune.estimation.data import TRAINING
-from autotune.estimation.problem import Problem, refit, with_counts
+from autotune.estimation.disturbance_estimate import with_counts
+from autotune.estimation.problem import Problem, refit
 from autotune.estimation.residual import measured_motion
 from autotune.models.drive_model import base_model
 from autotune.models.torque_lag import TIME_CONSTANT
