@@ -19,7 +19,6 @@ it slides. That is the law of the base and no memory.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,7 +36,6 @@ from autotune.estimation.least_squares import Free
 from autotune.estimation.problem import Problem
 from autotune.models import layout
 from autotune.models.drive_model import Packed
-from autotune.models.gravity_imbalance import GRAVITY_IMBALANCE, LEAST_PERIODS
 from autotune.models.reversal_memory import ELEMENTS, REVERSAL_MEMORY, drawn_out
 from autotune.models.table import EFFECTS
 
@@ -95,15 +93,14 @@ def with_free_shape(
 
 
 def any_course(problem: Problem, model_fit: ModelFit) -> bool:
-    """Whether an imbalance leaves what a function of place explains, over less than a turn and a half of the load.
+    """Whether the one effect found leaves what a function of place explains, over too little travel to show its course.
 
-    A sine over so little travel comes near to any smooth course (a spring that hardens, a hose): what it is not
-    exactly, it is not by another law either.
+    There it comes near to any smooth course: what it is not exactly, it is not by another law either.
     """
-    order = model_fit.fitted.packed.p[GRAVITY_IMBALANCE.slot("order")]
-    if model_fit.effects != (GRAVITY_IMBALANCE.name,):
+    if len(model_fit.effects) != 1:
         return False
-    if problem.scales.travel * order >= LEAST_PERIODS * 2.0 * math.pi:
+    shown = EFFECTS[model_fit.effects[0]].shows_course
+    if shown is None or shown(model_fit.fitted.packed.p, problem.scales.travel):
         return False
     return generic_gains(problem, model_fit).get("position", 0.0) >= problem.policy.least_gain
 

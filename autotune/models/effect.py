@@ -137,6 +137,8 @@ class Kind:
         extent: travel that the encoder must resolve [motion unit].
         resonance: frequency that must lie in the band [Hz].
         slow_change: time constant that the recording must outlast [s].
+        shows_course: (p, travel) → whether the travel [motion unit] is enough to tell its course from any other smooth
+            function of place; None where every travel is.
         needs_rests: only the difference between short and long rests shows it.
         quick: it lives in quick changes of torque, and is lost where a column was filtered.
         of_place: it depends on place or direction alone, and shows even where the sampling is too slow.
@@ -170,6 +172,7 @@ class Kind:
     extent: Measure | None = None
     resonance: Measure | None = None
     slow_change: Measure | None = None
+    shows_course: Callable[[Floats, float], bool] | None = None
     needs_rests: bool = False
     quick: bool = False
     of_place: bool = False

@@ -67,6 +67,11 @@ def _of_a_gear(c: StartContext) -> float | None:
     return best if share(best) > max(STANDS_OUT, FAR_MORE * share(1.0)) else None
 
 
+def shows_course(p: Floats, travel: float) -> bool:
+    """Whether the load turns far enough: over less, a sine comes near to any smooth course (a spring, a hose)."""
+    return bool(travel * p[_AT + 2] >= LEAST_PERIODS * 2.0 * math.pi)
+
+
 TURNS_THAT_TELL = 3.0
 """Of the load: over fewer, two waves are any function of the place."""
 
@@ -104,6 +109,7 @@ GRAVITY_IMBALANCE = Kind(
     kernels=Kernels(torque=imbalance_torque),
     starts=starts,
     free_shape=free_shape,
+    shows_course=shows_course,
     of_place=True,
     rotary_only=True,
 )
