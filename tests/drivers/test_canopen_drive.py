@@ -13,7 +13,7 @@ import pytest
 from autotune.core.arrays import Floats
 from autotune.core.axis import Axis, Mechanics
 from autotune.core.drive import HOLD, Command, Mode
-from autotune.core.errors import ConfigurationError, Interrupted, StateError, TransferAborted
+from autotune.core.errors import ConfigurationError, Interrupted, LinkError, StateError, TransferAborted
 from autotune.core.loop import ROW_FIELDS
 from autotune_drivers import open_loop
 from autotune_drivers.canopen.drive import CanopenDrive
@@ -210,18 +210,37 @@ def test_an_interrupted_enable_leaves_no_power(running: Simulator, monkeypatch: 
     drive.close()
 
 
-def test_real_time(tmp_path: Path) -> None:
-    """The drive's own clock runs: cycles wait for theirs, and what is missed is counted."""
+def in_real_time(tmp_path: Path) -> Floats:
+    """Rows of 400 cycles by the drive's own clock."""
     with simulator(tmp_path, "--real-time"):
         loop = open_loop(axis_of(cycle=2e-3), tmp_path)
         assert isinstance(loop, CyclicLoop)
         assert "priority" in loop.priority
         blocks: list[Floats] = []
+        try:
+            loop.play(Sine(400), blocks.append)
+        finally:
+            loop.close()
+    return np.concatenate(blocks)
+
+
+def test_real_time(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """The drive's own clock runs: cycles wait for theirs, and what is missed is counted.
+
+    A busy host that is late for a tenth of a second and more is stopped by the drive, and tries again.
+    """
+    for _ in range(3):
         began = time.monotonic()
-        loop.play(Sine(400), blocks.append)
-        assert time.monotonic() - began > 0.79
-        loop.close()
-    rows = np.concatenate(blocks)
+        try:
+            rows = in_real_time(tmp_path_factory.mktemp("drive"))
+        except LinkError as error:
+            if "this host was late" not in str(error):
+                raise
+        else:
+            break
+    else:
+        pytest.skip("this host was late three times: it is too busy for a test in real time")
+    assert time.monotonic() - began > 0.79
     missed = rows[:, ROW_FIELDS.index("missed")]
     steps = np.diff(rows[:, ROW_FIELDS.index("time")])
     assert steps == pytest.approx(2e-3 * (1 + missed[1:]), rel=1e-6)
