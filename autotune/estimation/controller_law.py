@@ -244,7 +244,7 @@ def _least_squares(samples: LoopSamples, terms: Floats, smoothing: float) -> _Fi
     chosen = np.flatnonzero(rows)[every]
     table, demand = terms[chosen], samples.demand[chosen]
     centred = less_run_means(np.column_stack([table, demand]), run[every])
-    size = np.maximum(np.linalg.norm(centred[:, :-1], axis=0), 1e-300)
+    size = np.maximum(np.sqrt(np.einsum("ij,ij->j", centred, centred)[:-1]), 1e-300)
     told = size > 1e-300
     gains = np.linalg.lstsq(centred[:, :-1] / size, centred[:, -1], rcond=ALIKE)[0] / size * told
     kp, ki = float(gains[0]), float(gains[2])
@@ -394,7 +394,10 @@ def regular_rows(samples: LoopSamples, smoothing: float) -> tuple[Flags, Integer
 
 
 def less_run_means(values: Floats, run: Integers) -> Floats:
-    """Values of shape (m, k) less their mean in the run that each row belongs to; `run` of shape (m,)."""
-    count = np.maximum(np.bincount(run), 1)
-    means = np.column_stack([np.bincount(run, column) / count for column in values.T])
-    return np.asarray(values - means[run])
+    """Values of shape (m, k) less their mean in the run that each row belongs to; `run` of shape (m,), ascending."""
+    if len(run) == 0:
+        return values
+    first = np.flatnonzero(np.diff(run, prepend=run[0] - 1))
+    count = np.diff(first, append=len(run))
+    means = np.add.reduceat(values, first) / count[:, None]
+    return np.asarray(values - np.repeat(means, count, axis=0))

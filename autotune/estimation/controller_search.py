@@ -159,17 +159,23 @@ def _lowest(cost: Callable[[float], float], bounds: tuple[float, float], within:
 
 def _searched_late(samples: LoopSamples) -> PositionController:
     """The best of the laws whose reference and position come late; first roughly, over delays and filters."""
-    coarse = _first_look(samples)
-    trials = [
-        (_fitted_late(late_samples(coarse, r, y), smoothing), r, y)
-        for r in range(MOST_LATE + 2)
-        for y in range(min(r, MOST_LATE) + 1)
-        for smoothing in _ROUGH_FILTERS
-    ]
+    trials = list(_late_trials(_first_look(samples)))
     _, r, y = max(trials, key=lambda trial: trial[0].explained)
     late = late_samples(samples, r, y)
     found = _best_filter(partial(_fitted_late, late))
     return replace(found, reference_delay=r, position_delay=y, why=_how_late(samples.period))
+
+
+def _late_trials(samples: LoopSamples) -> Iterator[tuple[PositionController, int, int]]:
+    """Laws of all delays and rough filters, with their delays: what a filter makes of late samples comes as late."""
+    filtered = {smoothing: law_terms(samples, smoothing)[:, [1, 3]].T for smoothing in _ROUGH_FILTERS}
+    for r in range(MOST_LATE + 2):
+        for y in range(min(r, MOST_LATE) + 1):
+            late = late_samples(samples, r, y)
+            terms = law_terms(late, 1.0)
+            for smoothing, (moved, wanted) in filtered.items():
+                terms[:, 1], terms[:, 3] = late_rows(moved, samples, y), late_rows(wanted, samples, r)
+                yield fitted_whole(late, terms, smoothing), r, y
 
 
 def _fitted_late(samples: LoopSamples, smoothing: float) -> PositionController:

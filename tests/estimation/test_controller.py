@@ -6,9 +6,18 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from autotune.estimation.controller import controller_of, find_controller, identified
-from autotune.estimation.controller_law import LoopSamples, PositionController, between_terms, delayed
-from autotune.estimation.controller_search import or_between, smooth_between
+from autotune.estimation.controller import controller_of, find_controller, identified, loop_samples
+from autotune.estimation.controller_law import (
+    LoopSamples,
+    PositionController,
+    between_terms,
+    delayed,
+    fitted_whole,
+    late_samples,
+    law_terms,
+    less_run_means,
+)
+from autotune.estimation.controller_search import _late_trials, or_between, smooth_between
 from autotune.estimation.data import prepare
 from autotune.estimation.disturbance import STILL
 from autotune.estimation.policy import POLICY
@@ -141,6 +150,23 @@ def test_a_law_that_sees_its_inputs_late_is_found_with_its_delays(
     assert found.explained > 0.99999
     assert (found.kp, found.kd, found.ki) == pytest.approx((40.0, 0.2, 900.0), rel=0.02)
     assert "late by whole samples" in found.why
+
+
+def test_a_filter_s_answer_to_late_samples_is_its_answer_late() -> None:
+    """What the first look filters once for all delays is what it would filter for each."""
+    samples = loop_samples(prepare([recorded(replace(TRUE, reference_delay=2, position_delay=1), None)]))
+    for law, r, y in _late_trials(samples):
+        late = late_samples(samples, r, y)
+        assert law == fitted_whole(late, law_terms(late, law.derivative_filter), law.derivative_filter)
+
+
+def test_the_mean_of_each_run_is_taken_out() -> None:
+    run = np.array([0, 0, 0, 2, 2, 5])  # of a run too short for every n-th row nothing may be left
+    values = np.arange(12.0).reshape(6, 2) ** 2
+    for number in (0, 2, 5):
+        left = less_run_means(values, run)[run == number]
+        assert left == pytest.approx(values[run == number] - values[run == number].mean(axis=0))
+    assert less_run_means(values[:0], run[:0]).shape == (0, 2)
 
 
 def test_a_law_that_works_between_the_samples_is_found_below_the_compared_frequency() -> None:
