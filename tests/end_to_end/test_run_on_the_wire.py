@@ -15,7 +15,7 @@ from tests.support.commands import called
 def test_a_run_on_the_wire_is_kept_leaves_everything_and_can_be_rolled_back(bench: Bench) -> None:
     bench.start()
     present = read_drive(bench)
-    done = bench.call(*bench.whole_run())
+    done = bench.run()
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     assert result["outcome"] == "kept"

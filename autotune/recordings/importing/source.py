@@ -81,9 +81,12 @@ class Source:
 
     def described(self) -> str:
         """The columns for a message; those of one name with their numbers."""
+        count = self._names()
         return within(
             [
-                str(column) if self._alone(column) or not column.number else f"{column.number} {column}"
+                f"{column.number} {column}"
+                if count[column.name.lower()] > 1 and column.number
+                else str(column)
                 for column in self.columns
             ]
         )
@@ -95,13 +98,12 @@ class Source:
     def called(self, index: int) -> str:
         """What a person writes for a column: its name, or its number where that is too long or not its alone."""
         column = self.columns[index]
-        clear = self._alone(column) and len(column.name) <= LONGEST_NAME
+        clear = self._names()[column.name.lower()] == 1 and len(column.name) <= LONGEST_NAME
         return column.name if clear or not column.number else str(column.number)
 
-    def _alone(self, column: Column) -> bool:
-        """No other column has its name."""
-        names = [other.name.lower() for other in (*self.columns, *self.texts)]
-        return names.count(column.name.lower()) == 1
+    def _names(self) -> Counter[str]:
+        """How many columns have each name; small and capital letters are the same."""
+        return Counter(column.name.lower() for column in (*self.columns, *self.texts))
 
 
 def usual_rows(columns: Sequence[Column]) -> int | None:
