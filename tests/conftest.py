@@ -14,6 +14,7 @@ import gc
 import os
 import signal
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -47,8 +48,15 @@ def without_waiting_for_the_disk() -> Iterator[None]:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Slow ones first: no worker begins one when the others have nothing left."""
-    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
+    """Modules by their slowest tests: no worker begins one when the others have nothing left.
+
+    A module's stay together: what they share is made once.
+    """
+    longest: dict[Path, float] = {}
+    for item in items:
+        for marker in item.iter_markers("slow"):
+            longest[item.path] = max(longest.get(item.path, 0.0), *(marker.args or (1.0,)))
+    items.sort(key=lambda item: -longest.get(item.path, 0.0))
 
 
 @pytest.fixture

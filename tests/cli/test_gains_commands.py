@@ -81,7 +81,13 @@ def shown(page: str) -> list[str]:
     return [line for block in blocks for line in block.splitlines() if line.startswith("autotune ")]
 
 
-@pytest.mark.parametrize("line", [*shown("gains.md"), *shown("catalogue.md")])
+@pytest.mark.parametrize(
+    "line",
+    [
+        pytest.param(line, marks=pytest.mark.slow) if line.endswith(("--apply", "--ceiling")) else line
+        for line in (*shown("gains.md"), *shown("catalogue.md"))
+    ],
+)
 def test_every_command_of_the_pages(folder: Path, line: str, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = shlex.split(line)[1:]
     code = called(arguments)
@@ -152,6 +158,7 @@ def test_curves_tell_falling_friction_from_rising(folder: Path, capsys: pytest.C
     assert "the model has no term that falls" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_named_gains_are_judged_instead_of_the_drive_s(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -50,6 +50,7 @@ def test_a_question_that_is_none_is_refused_before_anything_moves(
     assert not (tmp_path / "out.parquet").exists()
 
 
+@pytest.mark.slow
 def test_what_is_in_doubt_is_played_and_kept(tmp_path: Path) -> None:
     (tmp_path / "d.json").write_text(json.dumps(DOUBT))
     out = tmp_path / "decision.parquet"

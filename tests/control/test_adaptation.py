@@ -82,8 +82,8 @@ def test_it_converges_to_the_thesis_values_from_any_start(stiffness: float) -> N
 @pytest.mark.parametrize(
     ("frequency", "amplitude", "farthest"),
     [
-        (0.1, 0.2, 0.1),
-        (0.5, 0.2, 0.1),
+        pytest.param(0.1, 0.2, 0.1, marks=pytest.mark.slow),
+        pytest.param(0.5, 0.2, 0.1, marks=pytest.mark.slow),
         (1.0, 0.2, 0.1),
         (2.0, 0.2, 0.1),
         (5.0, 0.2, 0.45),

@@ -41,6 +41,7 @@ def task(model: DriveModel) -> Task:
     return Task(step_sizes(model, TIMING, 0.2), 1.26)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("current", [THESIS, cascade(60.0, 0.15, 2.0)], ids=["pid", "p_pi"])
 def test_a_proposal_keeps_its_margins_over_the_intervals_and_settles_on_axes_drawn_from_them(
     current: Gains,
@@ -118,6 +119,7 @@ def test_the_end_of_the_search_is_taken_on(monkeypatch: pytest.MonkeyPatch) -> N
     assert found == pytest.approx([0.2, 0.8, 1.0], abs=0.05)
 
 
+@pytest.mark.slow
 def test_a_bandwidth_asked_for_is_met() -> None:
     model = vertical()
     found = propose(family(model, TIMING), task(model), THESIS, 30.0)
@@ -189,6 +191,7 @@ def test_a_model_in_amperes_is_refused() -> None:
         family(replace(lugre(), torque_unit="A"), TIMING)
 
 
+@pytest.mark.slow
 def test_an_axis_that_friction_holds_gets_no_gains_but_the_reason() -> None:
     """Three cycles late, with a soft transmission: what keeps the margins cannot leave friction."""
     coupled = {"compliance": 1.0 / 41.5, "load_inertia": 0.46, "load_friction": 0.43, "damping": 0.05}

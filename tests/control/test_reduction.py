@@ -90,6 +90,7 @@ def measured(
     return average, controller
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 2, 3])
 def test_predicted_and_measured_loss_of_the_kinetic_model_agree_within_a_quarter(seed: int) -> None:
     full, controller = measured(FixedFeedforward(PROVED, 1e-3), seed)
@@ -102,6 +103,7 @@ def test_predicted_and_measured_loss_of_the_kinetic_model_agree_within_a_quarter
     assert not found.host
 
 
+@pytest.mark.slow
 def test_the_reduced_feedforward_is_better_than_none_and_than_the_full_coulomb_torque() -> None:
     full, controller = measured(FixedFeedforward(PROVED, 1e-3), 0)
     found = reduce(PROVED, KINETIC, full, controller, AXIS.limits.torque)

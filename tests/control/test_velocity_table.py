@@ -68,6 +68,7 @@ def test_the_points_are_on_the_curve_in_whole_steps(full: LugreParameters) -> No
     assert points.at(1e3) == points.torque[-1]
 
 
+@pytest.mark.slow
 def test_what_is_predicted_is_then_measured_on_the_simulated_axis() -> None:
     whole, controller = measured(FixedFeedforward(PROVED, 1e-3), 3)
     before, _ = measured(None, 3)
@@ -83,6 +84,7 @@ def test_what_is_predicted_is_then_measured_on_the_simulated_axis() -> None:
     assert found.predicted_loss > 0.0
 
 
+@pytest.mark.slow
 def test_a_table_is_better_than_coulomb_friction_where_friction_falls_with_speed() -> None:
     table = reduce(STRIBECK, {"inertia", *held(BLOCK)}, as_measured(STRIBECK), STIFF, 1.34, BLOCK, TOP)
     coulomb = reduce(STRIBECK, {"inertia", "viscous", "coulomb"}, as_measured(STRIBECK), STIFF, 1.34)

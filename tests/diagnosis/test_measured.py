@@ -55,7 +55,7 @@ def test_bldc_cogging_orders_are_found_unprompted() -> None:
     assert 0.03 < again.relative_error < 0.1
 
 
-@pytest.mark.slow
+@pytest.mark.slow(8)
 def test_emps_asymmetry_comes_first() -> None:
     columns = ("time=t", "position=qm", "reference=qg", "torque=vir*35.15")
     recording = _imported([DATA / "emps/DATA_EMPS.mat"], "mat", columns, "m", None)

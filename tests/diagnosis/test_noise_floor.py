@@ -89,6 +89,7 @@ def test_stairs_tell_what_a_later_step_found_on_other_data() -> None:
     assert [stair.error for stair in staircase([same, chained])] == [0.0212, 0.005]
 
 
+@pytest.mark.slow(5)
 def test_waves_that_chance_made_are_pruned_and_the_real_one_kept(recorded, nominal) -> None:
     """One wave of 10 mN m is planted; five more orders are put into the model at a tenth of their error."""
     from autotune.diagnosis.baseline import begin

@@ -142,6 +142,7 @@ def test_plain_friction_is_fitted_and_nothing_is_named() -> None:
     assert (found.verdict, found.effects) == ("none", ())
 
 
+@pytest.mark.slow(5)
 def test_one_recording_suspects_and_a_second_trajectory_confirms() -> None:
     one, other = (_recording(kind, ripple=0.015) for kind in ("slow", "quick"))
     model = fit_model([one]).model

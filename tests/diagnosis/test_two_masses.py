@@ -34,6 +34,7 @@ def begun(recorded) -> Begun:
     return begin(data, base_model(NOMINAL))[:3]
 
 
+@pytest.mark.slow(5)
 def test_the_fit_comes_as_low_as_the_truth(begun: Begun) -> None:
     """With the bias held during a fit it could end at twice the true model's error, and backlash looked better."""
     problem, root, nominal = begun

@@ -15,7 +15,7 @@ from tests.support.diagnosis_programme import play, programme
 SPRING = 0.004
 
 
-@pytest.mark.slow
+@pytest.mark.slow(6)
 def test_a_spring_is_named_and_confirmed(recorded, nominal) -> None:
     found = diagnose([recorded(41, spring=SPRING)], nominal)
     assert (found.verdict, found.effects, found.confidence) == ("named", ("spring",), "confirmed")
@@ -42,7 +42,7 @@ def test_nothing_planted_nothing_named(recorded, nominal) -> None:
     assert (found.verdict, found.effects, found.confidence) == ("none", (), None)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(5)
 def test_an_alien_is_unknown(nominal) -> None:
     what = programme(("sine", "scans", "points"))  # all that this oil depends on: place and speed
     found = diagnose([play(plain_axis(43), 43, what, ALIENS["uneven_oil"]())], nominal)

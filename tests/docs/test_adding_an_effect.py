@@ -102,6 +102,7 @@ def run(folder: Path, *arguments: str) -> str:
     return done.stdout
 
 
+@pytest.mark.slow(6)
 def test_models_feedforward_and_show_know_the_effect(copied: Path) -> None:
     run(copied, "-c", KNOWN)
     shown = run(copied, "-m", "autotune.cli.main", "model", "show", "with.toml", "--html", "story.html")

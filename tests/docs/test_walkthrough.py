@@ -79,7 +79,7 @@ def test_lines_are_compared_with_their_numbers() -> None:
     assert _missing(["worst 2 to 3", "worst 2 to 3"], ["worst 2 to 3", "worst 4 to 5"]) == ["worst 2 to 3"]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(20)
 def test_the_walk_through_runs_as_written(tmp_path: Path) -> None:
     (tmp_path / "axis.toml").write_text(_blocks("toml")[0], encoding="utf-8")
     printed = {}

@@ -35,7 +35,7 @@ def powered(bench: Bench) -> bool:
     return bench.last_state() == "OPERATION_ENABLED"
 
 
-@pytest.mark.slow
+@pytest.mark.slow(4)
 @pytest.mark.parametrize(
     "stage",
     [

@@ -11,7 +11,7 @@ from tests.end_to_end.support import Bench, read_drive
 from tests.support.commands import called
 
 
-@pytest.mark.slow
+@pytest.mark.slow(60)
 def test_a_run_on_the_wire_is_kept_leaves_everything_and_can_be_rolled_back(bench: Bench) -> None:
     bench.start()
     present = read_drive(bench)

@@ -107,6 +107,7 @@ def test_a_torque_that_is_always_clamped_cannot_verify_and_that_is_said() -> Non
     assert not both(clamped.with_metadata(controller=None)).usable
 
 
+@pytest.mark.slow
 def test_a_torque_that_no_controller_made_gives_none_even_if_the_file_names_one() -> None:
     recording = recorded(TRUE, OF_TRUE)
     columns = dict(recording.floats)
@@ -122,6 +123,7 @@ def test_torque_mode_has_no_controller() -> None:
     assert not both(Recording.from_columns(columns, recording.metadata, "motion")).usable
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("reference_delay", "position_delay"), [(2, 2), (1, 0), (3, 1)])
 def test_a_law_that_sees_its_inputs_late_is_found_with_its_delays(
     reference_delay: int, position_delay: int
@@ -169,6 +171,7 @@ def test_the_mean_of_each_run_is_taken_out() -> None:
     assert less_run_means(values[:0], run[:0]).shape == (0, 2)
 
 
+@pytest.mark.slow
 def test_a_law_that_works_between_the_samples_is_found_below_the_compared_frequency() -> None:
     """A drive's own loop runs 8 times a sample on a coarse encoder, and its sum wanders from that of the samples."""
     ticks, rows, tick = 8, 15_000, 1.25e-4
@@ -194,6 +197,7 @@ def test_a_law_that_works_between_the_samples_is_found_below_the_compared_freque
     assert "below 60 Hz" in found.why
 
 
+@pytest.mark.slow
 def test_a_law_found_in_band_drives_no_twin_of_a_single_recording() -> None:
     recording = recorded(TRUE, seconds=8.0)
     columns = dict(recording.floats)
@@ -210,6 +214,7 @@ def with_torque(recording: Recording, torque: np.ndarray) -> Recording:
     )
 
 
+@pytest.mark.slow
 def test_a_law_is_exact_where_it_leaves_no_more_than_rounding_of_the_torque() -> None:
     recording, step = recorded(TRUE), 2e-3
     rounded = np.rint(recording["torque"] / step) * step
@@ -235,6 +240,7 @@ def test_what_was_identified_once_is_remembered() -> None:
     assert controller_of(recording) is find_controller(prepare([recording]))
 
 
+@pytest.mark.slow
 def test_a_drive_that_works_between_the_samples_is_found_and_simulated_so() -> None:
     """Eight ticks a sample, and a reference that the drive reaches a sample later."""
     ticks, rate = 8, 900.0
@@ -259,6 +265,7 @@ def test_a_drive_that_works_between_the_samples_is_found_and_simulated_so() -> N
     assert np.std(run.position - data.measured) < 0.01 * lag  # 0.02 at the samples with the true gains
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("taken", "late"), [("moment", 2), ("next", 1), ("before", 3)])
 def test_set_points_and_torque_of_a_drive_are_seen_between_the_samples(taken: str, late: int) -> None:
     """Set points on straight lines, `late` rows late; the torque as at the sample, or a mean beside it.
@@ -308,6 +315,7 @@ def test_a_drive_that_has_set_points_with_their_rates_feeds_them_forward_on_line
     assert 1.0 - found.explained < 0.1 * (1.0 - held.explained)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("taken", ["moment", "next"])
 def test_twins_of_one_pass_record_their_torque_as_one_alone_does(taken: str) -> None:
     data = prepare([recorded(TRUE)])

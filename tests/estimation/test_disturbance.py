@@ -58,6 +58,7 @@ def _shaken(recording: Recording, packed: Packed, memory: float) -> Prepared:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("memory", [0.0, 0.5, 0.8, 0.95])
 def test_process_and_sensor_noise_are_told_apart(recording: Recording, memory: float) -> None:
     """2 mN m of process noise beside 3 of the sensor; a fifth is what half a minute's bands tell."""

@@ -37,6 +37,7 @@ KINDS = (
     "clamped",
 )
 """What can be different in how the engines prepare a recording."""
+QUICK = KINDS[:3]
 
 
 def _quiet(_: str) -> None:
@@ -130,6 +131,7 @@ def check_run(recording: Recording, model: DriveModel) -> tuple[str, ...]:
     return ours.effects
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["spring that the model lacks", "no controller named"])
 def test_run_and_diagnose_find_the_same(kind: str) -> None:
     effects = check_run(simulated(kind, 1), base_model(AXIS))
@@ -149,7 +151,9 @@ def test_run_and_diagnose_find_the_same_in_the_standard_programme(seed: int) -> 
     assert added.model["reversal_memory.displacement_1"] < 0.01  # resolved down to the first contacts
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "kind", [kind if kind in QUICK else pytest.param(kind, marks=pytest.mark.slow) for kind in KINDS]
+)
 def test_fit_compare_diagnose_and_run_state_one_error(kind: str) -> None:
     statements = stated(simulated(kind, 1))
     assert statements == one_error(statements)

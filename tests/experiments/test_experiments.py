@@ -84,7 +84,13 @@ def test_references_are_continuous_and_within_their_needs(name: str, start: floa
         assert max(abs(command.torque_feedforward) for command in commands) <= needs.torque
 
 
-@pytest.mark.parametrize("name", sorted(PROGRAMMES))
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow) if name in ("diagnosis", "identification") else name
+        for name in sorted(PROGRAMMES)
+    ],
+)
 def test_the_guard_lets_every_programme_pass_with_limits_that_are_just_enough(name: str) -> None:
     where = axis()
     for experiment in planned(name):
@@ -175,6 +181,7 @@ def test_a_travel_that_is_too_small_is_said(make: Callable[[Motion], Experiment]
         make(motion)
 
 
+@pytest.mark.slow
 @given(
     travel=st.floats(1.0, 60.0),
     speed=st.floats(3.0, 60.0),

@@ -31,6 +31,7 @@ def begun(at: Sample | None = None, mode: Mode = Mode.POSITION, **values: float)
     return guard
 
 
+@pytest.mark.slow
 @given(
     start=st.floats(-0.9, 0.9),
     braking=st.floats(1.0, 500.0),
@@ -64,6 +65,7 @@ def test_bounded_motion_never_leaves_the_travel(
         assert worst > 1.0 - 1e-9
 
 
+@pytest.mark.slow
 @given(
     mode=st.sampled_from(list(Mode)),
     start=st.floats(-0.9, 0.9),

@@ -21,6 +21,8 @@ from autotune.recordings.recording import Recording
 from autotune_sim.inprocess import SimDrive, open_sim
 from tests.experiments.support import axis
 
+pytestmark = pytest.mark.slow  # play the whole identification
+
 AXIS = axis()
 MOTION = Motion.of(AXIS)
 COUNT = AXIS.position_resolution

@@ -91,6 +91,7 @@ def test_the_page_of_a_diagnosis_says_what_the_terminal_says(
         assert np.std(over.residual - taken) <= 1.001 * np.std(over.residual)
 
 
+@pytest.mark.slow
 def test_the_fit_of_the_face_tells_the_error_that_compare_finds(recording: autotune.Recording) -> None:
     fitted = autotune.fit(recording, source="ten seconds")
     assert fitted.valid

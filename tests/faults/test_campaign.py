@@ -49,6 +49,7 @@ def test_every_case_can_be_told_to_the_drive(kind: str) -> None:
         assert str(case.programme) in case.text()
 
 
+@pytest.mark.slow(8)
 def test_a_sample_of_the_campaign_is_sound() -> None:
     """Plant, drive, disk and signals: what the whole campaign (`make faults`) does two thousand times."""
     done = campaign("--case", *map(str, SAMPLE))
@@ -61,7 +62,7 @@ def test_a_sample_of_the_campaign_is_sound() -> None:
 SAMPLE = (1001, 1003, 1007, 1008, 1009, 1010, 1015, 1018, 1034, 1035, 1036)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(6)
 def test_behind_a_wire(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A proxy between two pseudo-terminals, processes of their own, and a table of the results."""
     out = tmp_path / "results.jsonl"

@@ -80,6 +80,7 @@ def test_an_identity_has_32_bits(tmp_path: Path, number: bytes) -> None:
     assert BY_NAME["eds"].run(EDS % number, tmp_path)
 
 
+@pytest.mark.slow(6)
 def test_a_sample_of_the_campaign_finds_nothing() -> None:
     """In a process of its own, as the campaign runs: it forks and limits time by signals."""
     root = Path(__file__).resolve().parents[2]

@@ -171,7 +171,7 @@ def _fast_repeats(recording) -> list[int]:
     return [repeat for repeat, travel in speeds.items() if travel / times[repeat] * 1e3 > 2.0]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(9)
 def test_a_fit_of_any_recording_finds_the_axis(varied) -> None:
     """Without experiment names: start values from the motion, then the twin. Stribeck on demand."""
     axis, recording = varied

@@ -60,6 +60,7 @@ def test_one_column_is_not_two_quantities(tmp_path: Path, signals: dict[str, Flo
         bring_in(path, columns=("position=2", "torque=position*3"))
 
 
+@pytest.mark.slow
 def test_matrices_of_another_length_are_reached_by_name(tmp_path: Path, signals: dict[str, Floats]) -> None:
     """Six vectors of a table of gains outnumber the one matrix that was measured."""
     path = tmp_path / "t.mat"

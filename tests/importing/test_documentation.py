@@ -61,6 +61,7 @@ def test_the_page_has_all_formats_that_need_words() -> None:
     assert {re.search(r"--format (\w+)", command)[1] for command in COMMANDS} == {"csv", "mat", "epos"}  # type: ignore[index]
 
 
+@pytest.mark.slow
 def test_exit_code_and_sentence_of_a_refusal(tmp_path: Path) -> None:
     signals = axis_signals(500)
     signals["torque"] *= -1

@@ -360,6 +360,7 @@ def test_mixed_axes_are_refused(tmp_path: Path, signals: dict[str, Floats]) -> N
         bring_in(write_table(tmp_path / "t.csv", both))
 
 
+@pytest.mark.slow
 def test_the_signs_of_a_simulated_axis_are_right_and_turned_ones_are_found() -> None:
     """Steady state, presliding, Dahl's curve, PRBS and benchmark of the vertical axis, gravity included."""
     axis = preset("edm-vertical")

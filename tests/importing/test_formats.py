@@ -76,6 +76,7 @@ def test_cut_files_are_refused(tmp_path: Path, signals: dict[str, Floats], kept:
         bring_in(cut, kind="parquet")
 
 
+@pytest.mark.slow  # each a process
 @pytest.mark.parametrize("place", [128, 132, 136, 144, 152, 160, 170, 180])
 def test_damaged_matlab_files_never_bring_the_program_down(
     tmp_path: Path, signals: dict[str, Floats], place: int

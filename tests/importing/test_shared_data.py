@@ -62,6 +62,7 @@ def test_emps_mass_and_friction_come_out_of_the_import(tmp_path: Path) -> None:
     assert -4.5 < offset < -2.0
 
 
+@pytest.mark.slow
 def test_emps_with_the_file_s_own_factor_and_a_wrong_sign() -> None:
     file = shared("emps") / "DATA_EMPS.mat"
     columns = ("time=t", "position=qm", "reference=qg")

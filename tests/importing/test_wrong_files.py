@@ -57,7 +57,10 @@ WRITTEN: Mapping[str, Callable[[Path], None]] = {
 ASKED = ((), ("position=nothing",), ("torque=2", "position=2"), ("torque=1*furlong",))
 
 
-@pytest.mark.parametrize("kind", sorted(FORMATS))
+@pytest.mark.parametrize(
+    "kind",
+    [pytest.param(kind, marks=pytest.mark.slow) if kind == "mat" else kind for kind in sorted(FORMATS)],
+)
 def test_whatever_bytes_they_are_two_lines_are_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
 ) -> None:
@@ -70,7 +73,13 @@ def test_whatever_bytes_they_are_two_lines_are_said(
             assert_short(Path(name), kind, columns)
 
 
-@pytest.mark.parametrize("name", sorted(WRITTEN))
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow) if name.endswith(".mat") else name
+        for name in sorted(WRITTEN)
+    ],
+)
 def test_files_of_many_names_are_told_in_two_lines(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:

@@ -100,6 +100,7 @@ def test_a_csv_is_read_or_refused_alike(
         assert differences(path) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", [".parquet", ".csv"])
 def test_what_is_damaged_or_impossible_is_refused_alike(tmp_path: Path, ending: str) -> None:
     """Bits flipped anywhere: where one way refuses, the other does."""

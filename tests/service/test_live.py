@@ -218,7 +218,7 @@ def starved(row: dict[str, Any]) -> bool:
     return row["outcome"] == "fault" and ("this host was late" in words or "This host is busy" in words)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(8)
 def test_kill_9_with_the_drive_behind_a_wire_loses_no_job(live: Live) -> None:
     axis = live.folder / "one.toml"
     axis.write_text(EXAMPLE.read_text().replace('name = "edm-vertical"', 'name = "one"'))

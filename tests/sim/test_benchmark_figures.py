@@ -128,6 +128,7 @@ def test_better_parameters_give_half_of_that() -> None:
     assert 0.3 < glitch(play(better)) < 0.55
 
 
+@pytest.mark.slow
 def test_the_thesis_adaptation_converges_to_the_thesis_parameters() -> None:
     law = AppendixB(stiffness=36.0, coulomb=0.26, gravity=0.055, adapting=True)
     errors = play({}, law, periods=300)

@@ -123,6 +123,7 @@ def test_what_it_cannot_do_is_said() -> None:
     assert np.abs(step_voltage(8.0, 510.0, 1)).max() <= 4.0
 
 
+@pytest.mark.slow
 def test_its_contact_is_identified_from_its_own_recording() -> None:
     """Six tenths of a second at 50 kHz, integrated as coarsely as elsewhere: friction, stiffness and inertia.
 

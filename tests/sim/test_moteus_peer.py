@@ -12,6 +12,8 @@ import pytest
 from tests.drivers.simulator import Simulator, simulator
 
 moteus = pytest.importorskip("moteus", reason="the moteus package is not installed")
+pytestmark = pytest.mark.slow  # has a process of its own
+
 R = moteus.Register
 EXTRA = (
     R.POSITION_KP,

@@ -97,7 +97,7 @@ def hidden(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @needs_browser
-@pytest.mark.slow
+@pytest.mark.slow(10)
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("keyboard", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_a_hidden_effect_is_found_added_and_saved(keyboard: bool, hidden: Path, tmp_path: Path) -> None:
