@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import io
 import json
-import os
 import subprocess
 import sys
 from collections import Counter
@@ -19,7 +18,6 @@ from typing import Any
 
 import numpy as np
 
-import autotune
 from autotune.core.arrays import Floats
 from autotune.core.errors import RecordingError, a_few
 from autotune.recordings.importing.source import (
@@ -60,19 +58,9 @@ def read_matlab(path: Path) -> Source:
 
 def _read_apart(path: Path) -> tuple[dict[str, Any], list[Floats]]:
     """What the reading process found."""
-    places = [str(Path(autotune.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
-    command = [sys.executable, "-m", "autotune.recordings.importing.matlab_child", str(path)]
+    command = [sys.executable, "-P", str(Path(__file__).with_name("matlab_child.py")), str(path)]
     try:
-        done = subprocess.run(
-            command,
-            capture_output=True,
-            timeout=_SECONDS,
-            env={
-                **os.environ,
-                "PYTHONPATH": os.pathsep.join(filter(None, places)),
-            },  # an empty one is the present folder
-            check=False,
-        )
+        done = subprocess.run(command, capture_output=True, timeout=_SECONDS, check=False)
     except subprocess.TimeoutExpired as error:
         raise _broken(path, f"not read within {_SECONDS:g} s") from error
     if done.returncode != 0:

@@ -1,7 +1,8 @@
-"""Reads one MATLAB file in a process of its own: `python -m autotune.recordings.importing.matlab_child FILE`.
+"""Reads one MATLAB file in a process of its own: `python -P matlab_child.py FILE`.
 
 A damaged file can bring scipy's compiled reader down with a segmentation fault; that must not take the
-program with it. The answer on standard output is a numpy archive: the vectors, and a JSON text `head`.
+program with it. The answer on standard output is a numpy archive: the vectors, and a JSON text `head`. It is started
+by its path and imports nothing of autotune, whose own imports would cost as much again as scipy's reader.
 """
 
 from __future__ import annotations
@@ -11,13 +12,14 @@ import sys
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import io as matlab
 from scipy.io.matlab import MatReadError
 
-from autotune.core.arrays import Floats
+if TYPE_CHECKING:
+    from autotune.core.arrays import Floats
 
 _DEEPEST = 8
 _MOST_COLUMNS = 64
