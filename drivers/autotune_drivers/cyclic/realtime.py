@@ -62,7 +62,10 @@ def give_back_priority() -> None:
 
 @contextmanager
 def no_collection() -> Iterator[None]:
-    """Keeps the garbage collector away while a routine plays."""
+    """Keeps the garbage collector away while a routine plays.
+
+    What is there before it stays until the process ends, and is not looked through before the next: that took 40 ms.
+    """
     gc.collect()
     gc.freeze()
     gc.disable()
@@ -70,4 +73,3 @@ def no_collection() -> Iterator[None]:
         yield
     finally:
         gc.enable()
-        gc.unfreeze()
