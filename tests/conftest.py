@@ -13,6 +13,7 @@ from __future__ import annotations
 import gc
 import os
 import signal
+from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -48,15 +49,21 @@ def without_waiting_for_the_disk() -> Iterator[None]:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Modules by their slowest tests: no worker begins one when the others have nothing left.
+    """Folders, and modules in them, by their slowest tests: no worker begins one when the others have nothing left.
 
-    A module's stay together: what they share is made once.
+    A folder's stay together, and a module's: what they share is made once, as long as one worker has them.
     """
-    longest: dict[Path, float] = {}
+    longest: defaultdict[Path, float] = defaultdict(float)
     for item in items:
         for marker in item.iter_markers("slow"):
-            longest[item.path] = max(longest.get(item.path, 0.0), *(marker.args or (1.0,)))
-    items.sort(key=lambda item: -longest.get(item.path, 0.0))
+            for place in (item.path, item.path.parent):
+                longest[place] = max(longest[place], *(marker.args or (1.0,)))
+
+    def place(item: pytest.Item) -> tuple[float, Path, float, Path]:
+        folder = item.path.parent
+        return -longest[folder], folder, -longest[item.path], item.path
+
+    items.sort(key=place)
 
 
 @pytest.fixture

@@ -284,4 +284,8 @@ class Node:
 
 
 def _earliest(*times: float | None) -> float | None:
-    return min((time for time in times if time is not None), default=None)
+    first = None
+    for time in times:
+        if time is not None and (first is None or time < first):
+            first = time
+    return first
