@@ -21,9 +21,9 @@ import numpy as np
 from autotune.core.errors import AutotuneError
 from autotune.diagnosis.verdict import Diagnosis, diagnose
 from autotune.tuning.question import rivals_of
-from bench.identify_data import play
 from bench.single import fitted
 from tests.support.axes import MEDIUM, plain_axis, planted_size
+from tests.support.identification_programme import play
 
 NULL_SHARE = 0.2
 FIRST = ("identification",)

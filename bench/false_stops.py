@@ -28,7 +28,7 @@ from autotune_sim.inprocess import SimDrive
 from autotune_sim.plant import Bristle, PlantParameters, Wave
 from autotune_sim.presets import Gains, Preset
 from autotune_sim.truth import Truth
-from bench.identify_data import AXIS
+from tests.support.identification_programme import AXIS
 
 PROGRAMMES = ("benchmark", "steady-state", "dahl", "presliding", "high-speed")
 MET = ("limits.following_error", "limits.torque", "limits.position", "limits.temperature")

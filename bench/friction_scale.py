@@ -39,8 +39,8 @@ from autotune_sim.effects import scale_friction
 from autotune_sim.inprocess import SimDrive
 from autotune_sim.plant import PlantParameters
 from autotune_sim.presets import preset, vary
-from bench.identify_data import AXIS
 from bench.year import BAD_ENCODER, CUTS, GREASED, SLOW_WEAR, START, STUCK, Day, day_of
+from tests.support.identification_programme import AXIS
 
 
 def one(seed: int, number: int) -> tuple[float, float, float, bool]:

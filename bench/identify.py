@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from autotune.identify.run import identify_run
-from bench.identify_data import play, truth, varied_axis
+from tests.support.identification_programme import play, truth, varied_axis
 
 THESIS = {
     "inertia": "± 3 %",

@@ -23,7 +23,7 @@ from autotune.models.drive_model import base_model
 from autotune.models.plant import simulate, substeps_for
 from autotune.models.table import EFFECTS
 from autotune.recordings.recording import Recording
-from bench.identify_data import play, truth, varied_axis
+from tests.support.identification_programme import play, truth, varied_axis
 
 SECONDS, PERIOD = 60.0, 1e-3
 SOURCE = Path(__file__).with_name("twin.c")

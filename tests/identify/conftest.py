@@ -8,7 +8,7 @@ from autotune.identify.run import Identification, identify_run
 from autotune.recordings.recording import Recording
 from autotune_sim.plant import PlantParameters
 from autotune_sim.presets import Preset, preset
-from bench.identify_data import play, varied_axis
+from tests.support.identification_programme import play, varied_axis
 
 
 @cache

@@ -12,7 +12,7 @@ from autotune.identify.dahl import identify_dahl, reversal_displacement
 from autotune.identify.estimate import Quantity
 from autotune.recordings.recording import Metadata
 from autotune_sim.presets import preset
-from bench.identify_data import play, reversal_of
+from tests.support.identification_programme import play, reversal_of
 
 ACCELERATION = 0.2 * (2.0 * math.pi) ** 2
 FRICTION = {"coulomb": Quantity(0.33, 0.002), "stiffness": Quantity(110.0, 1.0)}

@@ -15,7 +15,7 @@ from autotune.identify.run import identify_run, with_unknown_lag
 from autotune.recordings.recording import Metadata, Recording
 from autotune.signals.excitation import prbs
 from autotune_sim.presets import Preset
-from bench.identify_data import play, varied_axis
+from tests.support.identification_programme import play, varied_axis
 
 PERIOD, INERTIA, VISCOUS, SPEED, SIZE = 1e-3, 6.66e-4, 4e-3, 4.0, 0.067
 LOAD = 0.4

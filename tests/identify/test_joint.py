@@ -16,8 +16,8 @@ from autotune.identify.residuals import simulate_closed_loop, torque_residual
 from autotune.models.drive_model import base_model
 from autotune.recordings.recording import Metadata, Recording, concatenate
 from autotune_sim.presets import preset
-from bench.identify_data import play, truth
 from tests.support.axes import plain_axis
+from tests.support.identification_programme import play, truth
 from tests.support.recorded_once import DRESSES, played
 
 

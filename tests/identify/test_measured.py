@@ -13,7 +13,7 @@ from autotune.identify.steady_state import identify_steady_state
 from autotune.recordings.importing.importing import import_files
 from autotune.recordings.importing.options import Options
 from autotune.recordings.recording import Metadata, Recording
-from bench.measured import authors_error
+from tests.support.emps import authors_error
 
 SHARED = Path(__file__).resolve().parents[2] / "../shared/data"
 RPM = 2 * np.pi / 60

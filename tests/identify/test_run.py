@@ -10,7 +10,7 @@ from autotune.identify.complexity import kinetic_difference
 from autotune.identify.run import identify_run
 from autotune.recordings.checks import check_recording, refuse_clipping
 from autotune.recordings.recording import Metadata, Recording
-from bench.identify_data import reversal_of
+from tests.support.identification_programme import reversal_of
 
 ACCELERATION = 0.2 * (2.0 * math.pi) ** 2
 

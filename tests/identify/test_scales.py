@@ -11,7 +11,7 @@ from autotune.identify.dahl import identify_dahl
 from autotune.identify.high_speed import identify_high_speed
 from autotune.recordings.recording import Recording
 from autotune_sim.presets import preset
-from bench.identify_data import play
+from tests.support.identification_programme import play
 
 MOTION = ("position", "reference", "velocity")
 SIZES = [(100.0, 0.01), (0.01, 100.0), (1e-3, 1e3), (1.0, 1e-4)]

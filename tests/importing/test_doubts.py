@@ -15,7 +15,7 @@ from autotune.recordings.importing.recognise import guess
 from autotune.recordings.importing.source import Column
 from autotune.recordings.importing.units import SCALED, find_unit, split_unit
 from autotune_sim.presets import preset
-from bench.identify_data import play
+from tests.support.identification_programme import play
 
 from .conftest import Floats, axis_signals, bring_in, write_table
 

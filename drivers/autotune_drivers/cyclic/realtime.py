@@ -64,7 +64,7 @@ def give_back_priority() -> None:
 def no_collection() -> Iterator[None]:
     """Keeps the garbage collector away while a routine plays.
 
-    What is there before it stays until the process ends, and is not looked through before the next: that took 40 ms.
+    What is there before it stays until the process ends, and is not looked through before the next.
     """
     gc.collect()
     gc.freeze()

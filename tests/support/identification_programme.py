@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
 from autotune.core.axis import read_axis
 from autotune.core.loop import LocalLoop
+from autotune.core.paths import config_directory
 from autotune.experiments.programmes import Choices, build
 from autotune.experiments.record import Recorder, metadata_for
 from autotune.experiments.record import play as play_and_record
@@ -19,7 +19,7 @@ from autotune_sim.inprocess import SimDrive
 from autotune_sim.plant import PlantParameters, Wave
 from autotune_sim.presets import Preset, preset
 
-AXIS = Path(__file__).resolve().parents[1] / "config" / "axes" / "edm-vertical.toml"
+AXIS = config_directory() / "axes" / "edm-vertical.toml"
 
 
 def play(
