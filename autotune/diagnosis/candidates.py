@@ -136,4 +136,4 @@ def _effect(kind: Kind, packed: Packed, table: dict[str, float | None]) -> Effec
 def _in_use(kind: Kind, parameter: str, packed: Packed) -> bool:
     """Whether the numbered term that a parameter belongs to is in use; all others are."""
     number = parameter.rpartition("_")[2]
-    return kind.terms is None or int(number) in kind.terms_in_use(packed.p)
+    return kind.terms is None or not number.isdigit() or int(number) in kind.terms_in_use(packed.p)

@@ -90,6 +90,7 @@ class Diagnosis:
     problem: Problem | None = field(default=None, repr=False)
     model_fit: ModelFit | None = field(default=None, repr=False)
     root: ModelFit | None = field(default=None, repr=False)
+    recordings: tuple[Recording, ...] = field(default=(), repr=False)
 
 
 def diagnose(
@@ -127,7 +128,8 @@ def diagnose(
         elif doubt is not None and verdict.confidence == CONFIRMED:
             notes = (f"Suspected only: {doubt.why}.", *verdict.notes)
             verdict = replace(verdict, confidence=SUSPECTED, notes=notes)
-    return replace(verdict, error_rms=given.error_rms, relative_error=given.relative_error)
+    errors = {"error_rms": given.error_rms, "relative_error": given.relative_error}
+    return replace(verdict, **errors, recordings=tuple(recordings))
 
 
 @dataclass(frozen=True, slots=True)

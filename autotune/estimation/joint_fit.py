@@ -91,6 +91,7 @@ def refine(
     bands: Bands,
     names: Sequence[str],
     seed: int = 0,
+    iterations: int = ITERATIONS,
 ) -> Refined:
     """Refines the parameters of `model` that are named, as on every surface, on all pieces.
 
@@ -104,12 +105,12 @@ def refine(
     runs, passes = _COARSE, 0
     linear = sweep.linearise(packed, runs)
     converged, still = _judged(linear.normal)
-    for iteration in range(ITERATIONS):
+    for iteration in range(iterations):
         if passes >= MOST_FINE or (still and passes >= LEAST_FINE):
             break
         values = _moved(values, linear.normal, free)
         packed = with_values(packed, free, values)
-        if runs == _COARSE and (converged or iteration >= ITERATIONS - MOST_FINE):
+        if runs == _COARSE and (converged or iteration >= iterations - MOST_FINE):
             runs = _FINE
             sweep = replace(sweep, around=calibrated(packed, pieces, around, bands, seed))
         passes += runs == _FINE

@@ -26,6 +26,7 @@ from autotune.estimation.normal_equations import Part
 from autotune.estimation.pieces import Piece, Surroundings
 from autotune.models import layout
 from autotune.models.drive_model import Packed
+from autotune.models.reversal_memory import DAMPING, REMEMBERS, memory_stiffness
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,8 +139,10 @@ def small_motion(
 def linear_system(packed: Packed) -> SpringMass:
     """The spring-mass system that a model is for infinitely small motion."""
     p = packed.p
-    damping = max(p[layout.MICRO_DAMPING] + p[layout.VISCOUS], 1e-9 * p[layout.INERTIA])
-    return SpringMass(float(p[layout.INERTIA]), float(damping), float(p[layout.STIFFNESS]))
+    stiffness, damping = float(p[layout.STIFFNESS]), float(p[layout.MICRO_DAMPING] + p[layout.VISCOUS])
+    if packed.on[REMEMBERS]:
+        stiffness, damping = stiffness + memory_stiffness(p), damping + float(p[DAMPING])
+    return SpringMass(float(p[layout.INERTIA]), max(damping, 1e-9 * float(p[layout.INERTIA])), stiffness)
 
 
 def noise_polynomial(system: SpringMass, piece: Piece, around: Surroundings) -> Floats:
@@ -216,7 +219,7 @@ def _binding(system: SpringMass, free: Sequence[Free]) -> Floats:
     for index, parameter in enumerate(free):
         if parameter.name == "inertia":
             binding[0, index] = parameter.scale / system.inertia
-        elif parameter.name in ("micro_damping", "viscous"):
+        elif parameter.slot in (layout.MICRO_DAMPING, layout.VISCOUS, DAMPING):
             binding[1, index] = parameter.scale / system.damping
         elif parameter.name == "stiffness":
             binding[2, index] = parameter.scale / system.stiffness

@@ -17,8 +17,23 @@ from autotune.estimation.joint_fit import Refined, refine
 from autotune.estimation.pieces import UNFITTED, Surroundings, cut, marked_sticking
 from autotune.identify.estimate import Estimate, Quantity
 from autotune.models.drive_model import DriveModel, surface_parameter
+from autotune.models.effect import Value
+from autotune.models.reversal_memory import REVERSAL_MEMORY
+from autotune.models.torque_lag import TORQUE_LAG
+from autotune.models.total_friction import (
+    damping_at_rest,
+    stiffness_at_rest,
+    stiffness_of_elements,
+    stiffness_spread,
+    total_friction,
+)
 from autotune.recordings.recording import Recording
 
+ELEMENTS_DAMPING = REVERSAL_MEMORY.surface("damping")
+USUAL_DAMPING = 0.3
+"""Of sqrt(stiffness · inertia): where the damping in presliding begins."""
+SHARING = 6
+"""Steps in which the damping is shared; the torque is linear in both parts."""
 NEEDED = ("inertia", "coulomb", "offset")
 """Without these there is no model; what else is not identified is said in the reason."""
 UNKNOWN = 0.5
@@ -75,6 +90,91 @@ def refine_recording(
     estimate = _estimate(refined)
     estimate = replace(estimate, notes=(*estimate.notes, *controller.notes))
     return Joint(estimate, refined.model, refined, controller)
+
+
+@dataclass(frozen=True, slots=True)
+class AtRest:
+    """Damping in presliding of friction that has several elements [N m s/rad or N s/m].
+
+    Attributes:
+        bristle, elements: the bristle's, and that of all elements together, with what is not known of their shares.
+        error: standard error of both together.
+    """
+
+    bristle: Value
+    elements: Value
+    error: float
+
+    @property
+    def values(self) -> dict[str, Value]:
+        """By surface name."""
+        return {"micro_damping": self.bristle, ELEMENTS_DAMPING: self.elements}
+
+
+def damping_of_elements(model: DriveModel, recording: Recording, late: float = 0.0) -> AtRest | None:
+    """The damping of bristle and elements of a model with reversal memory, all else in it held.
+
+    Both together from small motion at rest, where all stick; their shares from motion in which one after another
+    slides: those of their stiffness (one relaxation time) unless that motion says otherwise.
+
+    Args:
+        late: by how much the torque comes later than the model says [s]; in small motion it looks like damping.
+
+    Returns:
+        None where the recording has no small motion in torque mode, or does not tell.
+
+    Raises:
+        NotEnoughExcitation: nothing in the recording is long enough.
+    """
+    controller, bands = controller_of(recording), Bands.of(recording)
+    stiffness = stiffness_at_rest(model)
+    pieces = marked_sticking(cut(recording, bands, controller), total_friction(model).value / stiffness)
+    small = [one for one in pieces if one.sticks and not one.closed and np.ptp(one.torque) > 0.0]
+    if not small:
+        return None
+    around = surroundings(recording, controller)
+    whole = USUAL_DAMPING * math.sqrt(stiffness * model["inertia"])
+    alike = stiffness_of_elements(model) / stiffness
+    start = _damped(_later(model, late), whole, alike)
+    spread = refine(start, pieces, around, bands, ("micro_damping", ELEMENTS_DAMPING), iterations=SHARING)
+    share, share_error = _shared(spread, alike)
+    larger = ELEMENTS_DAMPING if share >= 0.5 else "micro_damping"
+    refined = refine(_damped(start, whole, share), small, around, bands, (larger,))
+    whole = damping_at_rest(refined.model)
+    error = math.hypot(refined.standard_errors[larger], whole * (stiffness_spread(model) or 0.0) / stiffness)
+    if refined.bounded or not refined.converged or not error < UNKNOWN * whole:
+        return None
+    parts = [Value(part * whole, math.hypot(part * error, share_error * whole)) for part in (1.0 - share, share)]
+    return AtRest(parts[0], parts[1], error)
+
+
+def _damped(model: DriveModel, whole: float, share: float) -> DriveModel:
+    """The model with this damping in presliding, the `share` of it in the elements."""
+    memory = next(effect for effect in model.effects if effect.kind is REVERSAL_MEMORY)
+    values = {name: value.value for name, value in memory.values.items()} | {"damping": share * whole}
+    return model.with_effect(REVERSAL_MEMORY.make(values)).with_values({"micro_damping": (1.0 - share) * whole})
+
+
+def _later(model: DriveModel, late: float) -> DriveModel:
+    """The model with its torque so much later [s]."""
+    if late <= 0.0:
+        return model
+    name = TORQUE_LAG.surface("time_constant")
+    if TORQUE_LAG.name in model:
+        return model.with_values({name: model[name] + late})
+    return model.with_effect(TORQUE_LAG.make({"time_constant": late}))
+
+
+def _shared(refined: Refined, alike: float) -> tuple[float, float]:
+    """The elements' share of the damping, and its standard error: `alike` unless that is clearly another one."""
+    bristle, elements = (refined.model[name] for name in refined.names)
+    whole = bristle + elements
+    if not whole > 0.0:
+        return alike, 1.0
+    slope = np.array([-elements, bristle]) / whole**2
+    error = min(math.sqrt(max(float(slope @ refined.covariance @ slope), 0.0)), 1.0)
+    share = elements / whole
+    return (alike if abs(share - alike) <= 2.0 * error else share), error
 
 
 def free_parameters(model: DriveModel) -> list[str]:

@@ -22,7 +22,7 @@ from autotune.models.layout import (
     VISCOUS,
 )
 from autotune.models.lugre import bristle_step, falling_level
-from autotune.models.reversal_memory import REMEMBERS, SHARED_DAMPING, memory_torque, sticking_damping
+from autotune.models.reversal_memory import DAMPING, REMEMBERS, memory_damping, memory_torque
 from autotune.models.stribeck import EXPONENT, FALLS
 
 _torque = all_added("torque")
@@ -77,9 +77,11 @@ def remembered(p: Floats, on: Flags, state: Floats, displacement: float) -> floa
 
 
 @compiled
-def remembered_damping(p: Floats, on: Flags, state: Floats) -> float:
-    """Damping of the hysteresis elements that stick [N m s/rad]."""
-    return sticking_damping(p, state) if on[REMEMBERS] and anywhere(p[SHARED_DAMPING] > 0.0) else 0.0
+def remembered_damping(p: Floats, on: Flags, state: Floats, displacement: float) -> float:
+    """Damping of the hysteresis elements over a displacement, asked before they make it [N m s/rad]."""
+    if on[REMEMBERS] and anywhere(p[DAMPING] > 0.0):
+        return memory_damping(p, state, displacement)
+    return 0.0
 
 
 @compiled

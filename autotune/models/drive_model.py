@@ -89,8 +89,8 @@ def staircase(history: Sequence[HistoryEntry]) -> list[Stair]:
     return stairs
 
 
-_OF_SUMS = ("coulomb", "stiffness", REVERSAL_MEMORY.surface(""))
-"""How the parts of total friction and of the stiffness at rest are named."""
+_OF_SUMS = ("coulomb", "stiffness", "micro_damping", REVERSAL_MEMORY.surface(""))
+"""How the parts of total friction, of the stiffness at rest and of presliding's damping are named."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,9 +105,10 @@ class Packed:
 class DriveModel:
     """Base values by name and effects, in the order in which they were added.
 
-    `torque_unit` is A or V where the torque of its recordings was; else empty: N m or N. `friction_error` and
-    `stiffness_error`: standard errors of the total friction and of the stiffness at rest, with what their parts have in
-    common; None where no fit has said it, and once such a part is changed.
+    `torque_unit` is A or V where the torque of its recordings was; else empty: N m or N. `friction_error`,
+    `stiffness_error` and `damping_error`: standard errors of the total friction, of the stiffness at rest and of
+    presliding's damping, with what their parts have in common; None where no fit has said it, and once such a part is
+    changed.
 
     Raises:
         ConfigurationError: a base parameter missing, unknown or out of bounds, an effect twice.
@@ -122,6 +123,7 @@ class DriveModel:
     torque_unit: str = ""
     friction_error: float | None = field(default=None, compare=False)
     stiffness_error: float | None = field(default=None, compare=False)
+    damping_error: float | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         wrong = set(self.base) ^ set(_BASE_BY_NAME)
@@ -209,7 +211,7 @@ class DriveModel:
         """Without the errors of sums where one of their parts, by surface name, was changed."""
         if not any(name.startswith(_OF_SUMS) for name in surfaces):
             return self
-        return replace(self, friction_error=None, stiffness_error=None)
+        return replace(self, friction_error=None, stiffness_error=None, damping_error=None)
 
     def with_history(self, entry: HistoryEntry) -> DriveModel:
         return replace(self, history=(*self.history, entry))

@@ -10,7 +10,14 @@ import math
 
 from autotune.core.arrays import Flags, Floats
 from autotune.models.compiled import compiled
-from autotune.models.contact import additive, bend, friction_limit, remembered, viscous_coefficient
+from autotune.models.contact import (
+    additive,
+    bend,
+    friction_limit,
+    remembered,
+    remembered_damping,
+    viscous_coefficient,
+)
 from autotune.models.encoder_eccentricity import IS_ECCENTRIC, true_motion
 from autotune.models.lanes import along, anywhere, side_by_side
 from autotune.models.layout import BRISTLE, INERTIA, MICRO_DAMPING, POSITION, STIFFNESS, VELOCITY
@@ -123,7 +130,8 @@ def required(
         friction = p[STIFFNESS] * state[BRISTLE] + p[MICRO_DAMPING] * rate
         friction += viscous_coefficient(p, on, state, v) * v
         friction *= 1.0 - rub
-        friction += remembered(p, on, state, period * mean)
+        damping = remembered_damping(p, on, state, period * mean)
+        friction += remembered(p, on, state, period * mean) + damping * v
         outside = additive(p, on, q)
         passed = _load_side(p, on, state, shares, spring, q, v, period, substeps) if loaded else 0.0
         torque[k] = p[INERTIA] * (1.0 - mass) * a + friction + outside + passed

@@ -53,6 +53,7 @@ class _Number(Strict):
 class _Sums(Strict):
     total_friction: Annotated[float, Field(ge=0)] | None = None
     stiffness_at_rest: Annotated[float, Field(ge=0)] | None = None
+    presliding_damping: Annotated[float, Field(ge=0)] | None = None
 
 
 class _History(Strict):
@@ -155,7 +156,11 @@ def model_text(model: DriveModel) -> str:
 def _sums(model: DriveModel) -> Table:
     """Errors of sums whose parts trade with each other; empty where no fit has said them."""
     table = tomlkit.table()
-    errors = {"total_friction": model.friction_error, "stiffness_at_rest": model.stiffness_error}
+    errors = {
+        "total_friction": model.friction_error,
+        "stiffness_at_rest": model.stiffness_error,
+        "presliding_damping": model.damping_error,
+    }
     for name, error in errors.items():
         if error is not None:
             table[name] = float(error)
@@ -218,6 +223,7 @@ def _model(file: _File) -> DriveModel:
         file.torque_unit,
         file.standard_errors.total_friction,
         file.standard_errors.stiffness_at_rest,
+        file.standard_errors.presliding_damping,
     )
 
 

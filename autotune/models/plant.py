@@ -26,7 +26,7 @@ from autotune.models.lanes import along, anywhere, side_by_side, where
 from autotune.models.layout import BRISTLE, INERTIA, MICRO_DAMPING, POSITION, STIFFNESS, VELOCITY
 from autotune.models.load_dependent_friction import IS_PRESSED, press
 from autotune.models.lugre import bristle_rate
-from autotune.models.reversal_memory import REMEMBERS, memory_stiffness
+from autotune.models.reversal_memory import DAMPING, REMEMBERS, memory_stiffness
 from autotune.models.thermal_drift import WARMS, warm
 from autotune.models.torque_path import delivered
 from autotune.models.transmission import (
@@ -65,7 +65,7 @@ def one_mass(p: Floats, on: Flags, state: Floats, drive: float, step: float) -> 
     """One step of the rigid axis, in place."""
     position, velocity = state[POSITION], state[VELOCITY]
     friction, slope = rubbing(p, on, state, BRISTLE, 1.0, position, velocity, step)
-    damping = remembered_damping(p, on, state)
+    damping = remembered_damping(p, on, state, step * velocity)
     friction += remembered(p, on, state, step * velocity) + damping * velocity
     slope += damping
     outside = additive(p, on, position + 0.5 * step * velocity)
@@ -90,7 +90,7 @@ def two_masses(p: Floats, on: Flags, state: Floats, drive: float, step: float) -
     twist = position - beyond + 0.5 * step * (velocity - speed)
     passed = passed_torque(stiffness, damping, half, twist, velocity - speed)
     friction, slope = rubbing(p, on, state, BRISTLE, 1.0 - rub, position, velocity, step)
-    held = remembered_damping(p, on, state)
+    held = remembered_damping(p, on, state, step * velocity)
     friction += remembered(p, on, state, step * velocity) + held * velocity
     slope += held
     outside = additive(p, on, position + 0.5 * step * velocity)
@@ -230,8 +230,9 @@ def simulate_in_lanes(
 
 @compiled
 def _fastest(p: Floats, on: Flags) -> float:
-    stiffness = p[STIFFNESS] + (memory_stiffness(p) if on[REMEMBERS] else 0.0)
-    inertia = p[INERTIA]
+    stiffness, damping, inertia = p[STIFFNESS], p[MICRO_DAMPING], p[INERTIA]
+    if on[REMEMBERS]:
+        stiffness, damping = stiffness + memory_stiffness(p), damping + p[DAMPING]
     coupled = 0.0
     if has_load(on):
         mass, rub = load_shares(p, on)
@@ -239,7 +240,7 @@ def _fastest(p: Floats, on: Flags) -> float:
         worst = max((1.0 - rub) / (1.0 - mass), rub / mass)
         stiffness *= worst
         inertia /= worst
-    return float(max(max(math.sqrt(stiffness / p[INERTIA]), p[MICRO_DAMPING] / inertia), coupled))
+    return float(max(max(math.sqrt(stiffness / p[INERTIA]), damping / inertia), coupled))
 
 
 def substeps_for(p: Floats, period: float, on: Flags | None = None) -> int:

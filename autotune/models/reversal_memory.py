@@ -4,6 +4,9 @@ Element i follows the motion until it is bent by its displacement d_i, then slid
 W_i: z_i ← clip(z_i + Δq, −d_i, d_i), T = Σ W_i·z_i/d_i (Iwan 1966; Al-Bender, Lampaert and Swevers 2005).
 Every reversal leaves elements bent, and a loop closes at the point where it began: the reversal-point
 memory that the single bristle of LuGre does not have (thesis, sections 3.2.3 and 7.2).
+
+While it sticks an element is damped, too (Lampaert, Al-Bender and Swevers 2003: σ_i·ż_i in each); all have one
+relaxation time, so that the `damping` of all is shared as their stiffness is. A model without it has the bristle's only.
 """
 
 from __future__ import annotations
@@ -25,9 +28,18 @@ ELEMENTS = 10
 _AT = block("reversal_memory")
 _STATE = state_block("reversal_memory")
 REMEMBERS = flag("reversal_memory")
-SHARED_DAMPING = _AT + 2 * ELEMENTS
-"""Damping that acts in the elements [N m s/rad]: no parameter of a model, since no recording tells it from that of the
-bristle (`share_damping`); the forward routine alone knows it."""
+DAMPING = _AT + 2 * ELEMENTS
+_DAMPING = Parameter(
+    "damping",
+    "N m s/rad",
+    0.0,
+    0.0,
+    1e12,
+    "of all elements together, while they stick",
+    DAMPING,
+    optional=True,
+    held=True,
+)
 
 
 def _element(number: int) -> tuple[Parameter, ...]:
@@ -75,28 +87,35 @@ def memory_stiffness(p: Floats) -> float:
 
 
 @compiled
-def sticking_damping(p: Floats, state: Floats) -> float:
-    """Of `SHARED_DAMPING` what acts now: each element has the share of its stiffness, while it sticks."""
+def memory_damping(p: Floats, state: Floats, displacement: float) -> float:
+    """Damping of the elements over a displacement that they have yet to make [N m s/rad].
+
+    Each has the share of its stiffness, for that part of the way on which it sticks.
+    """
+    way = abs(displacement)
     whole, sticking = 0.0, 0.0
     for i in range(ELEMENTS):
         limit = p[_AT + 2 * i]
         if not anywhere(limit > 0.0):
             break
         stiffness = where(limit > 0.0, p[_AT + 2 * i + 1] / limit, 0.0)
+        bent = where(displacement < 0.0, -state[_STATE + i], state[_STATE + i])
+        room = max(limit - bent, 0.0)
         whole += stiffness
-        sticking += where(abs(state[_STATE + i]) < limit, stiffness, 0.0)
-    return float(where(whole > 0.0, p[SHARED_DAMPING] * sticking / whole, 0.0))
+        sticking += stiffness * where(room < way, room / way, 1.0)
+    return float(where(whole > 0.0, p[DAMPING] * sticking / whole, 0.0))
 
 
 def share_damping(p: Floats, on: Flags) -> None:
-    """Spreads the damping of presliding over bristle and elements as their stiffness is, in place.
+    """Spreads the bristle's damping over bristle and elements as their stiffness is, in place.
 
-    At rest both forms are the same; the bristle's ends where the first element slides, this one with the last.
+    For a model that says nothing of the elements' own. At rest both forms are the same; the bristle's ends where the
+    first element slides, this one with the last.
     """
     if on[REMEMBERS]:
         elements = memory_stiffness(p)
         part = elements / (elements + p[STIFFNESS])
-        p[SHARED_DAMPING] = part * p[MICRO_DAMPING]
+        p[DAMPING] = part * p[MICRO_DAMPING]
         p[MICRO_DAMPING] *= 1.0 - part
 
 
@@ -167,7 +186,7 @@ def longest_displacement(p: Floats) -> float:
 
 REVERSAL_MEMORY = Kind(
     name="reversal_memory",
-    parameters=tuple(parameter for number in range(1, ELEMENTS + 1) for parameter in _element(number)),
+    parameters=(*(one for number in range(1, ELEMENTS + 1) for one in _element(number)), _DAMPING),
     looks_like="After a reversal the torque climbs in several stages over a long way; small loops inside "
     "large ones close where they began.",
     cause="Many contacts that let go one after another: preloaded balls and rollers, seals, wipers, cables.",

@@ -86,6 +86,12 @@ def stiffness_at_rest(model: DriveModel) -> float:
     return float(bristle + stiffness_of_elements(model))
 
 
+def damping_at_rest(model: DriveModel) -> float:
+    """Of the bristle and all elements together, while all stick [N m s/rad or N s/m]; viscous friction is beside it."""
+    elements = model.parameters.get(REVERSAL_MEMORY.surface("damping"))
+    return model["micro_damping"] + (elements.value if elements is not None else 0.0)
+
+
 def total_in_words(model: DriveModel) -> str:
     """The total with its share in the elements, a clause; empty where `coulomb` is the total."""
     if _MEMORY not in model:

@@ -18,7 +18,7 @@ from autotune.control.model_feedforward import left_out
 from autotune.core.errors import AutotuneError, ConfigurationError
 from autotune.core.units import torque_symbol
 from autotune.diagnosis.compare import compare
-from autotune.diagnosis.found_model import FoundModel, found_model
+from autotune.diagnosis.found_model import FoundModel, found_model, torque_late
 from autotune.diagnosis.verdict import Diagnosis, diagnose
 from autotune.experiments.deciding import deciding
 from autotune.experiments.diagnosis import confirmation
@@ -214,13 +214,6 @@ def _disturbance(diagnosis: Diagnosis) -> float | None:
     if problem is None or not problem.twin:
         return None
     return problem.disturbance.level_at(SHAKEN_AT, problem.data.period)
-
-
-def torque_late(diagnosis: Diagnosis) -> float | None:
-    problem = diagnosis.problem
-    if problem is None or not problem.twin or problem.controller is None or not problem.controller.exact:
-        return None
-    return max(-0.5 * problem.data.shift * problem.data.period, 0.0)
 
 
 def _with_model(diagnosed: Diagnosed, found: FoundModel, model: DriveModel) -> Diagnosed:

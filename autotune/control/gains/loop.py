@@ -215,7 +215,7 @@ class LoopTiming:
         disturbance: torque that shakes the axis, standard deviation of white noise from sample to sample [N m or N];
             0 where it is not known.
         shared_damping: whether the damping of presliding acts in all elements of reversal memory, each while it sticks,
-            or in the bristle alone; small motions, by which it is identified, do not tell.
+            or in the bristle alone, where the model does not say what that of the elements is.
     """
 
     period: float

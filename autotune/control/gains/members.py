@@ -18,17 +18,25 @@ from autotune.core.errors import ConfigurationError
 from autotune.models.drive_model import DriveModel
 from autotune.models.reversal_memory import REVERSAL_MEMORY
 from autotune.models.torque_lag import TORQUE_LAG
-from autotune.models.total_friction import stiffness_at_rest, stiffness_spread, total_friction
+from autotune.models.total_friction import (
+    damping_at_rest,
+    stiffness_at_rest,
+    stiffness_spread,
+    total_friction,
+)
 
 ERRORS = 2.0
 """Standard errors to either side: 95 %."""
 LEAST = 0.05
 """Relative, of an interval: friction and inertia of one machine differ by as much from day to day."""
+TODAY = 0.01
+"""The same for what is expected of the axis as it was identified, on the day of its run."""
 ASSUMED = 0.2
 """Relative, where the model has no standard error: the reproducibility of Table 6.2."""
 AS_A_WHOLE = 0.75
 """Steepness of a lag whose four stages are alike: nearly a delay."""
 NOMINAL = "nominal"
+ELEMENTS_DAMPING = REVERSAL_MEMORY.surface("damping")
 MOST = 0.6
 """Relative: a parameter that nothing was said about may not turn its sign."""
 
@@ -58,7 +66,7 @@ _GROUPS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("inertia", ("inertia",)),
     ("friction", ("coulomb", "break_away", REVERSAL_MEMORY.surface("torque_"))),
     ("stiffness", ("stiffness", REVERSAL_MEMORY.surface("displacement_"))),
-    ("damping", ("micro_damping", "viscous")),
+    ("damping", ("micro_damping", "viscous", ELEMENTS_DAMPING)),
     ("torque lag", (TORQUE_LAG.surface("time_constant"),)),
     ("compliance", tuple(kind.surface(name) for kind, name in COMPLIANT)),
 )
@@ -73,7 +81,14 @@ def _stiffness(model: DriveModel) -> tuple[float, float | None]:
     return stiffness_at_rest(model), stiffness_spread(model)
 
 
-SUMS = {"friction": _friction, "stiffness": _stiffness}
+def _damping(model: DriveModel) -> tuple[float, float | None]:
+    viscous = model.base["viscous"]
+    errors = [model.damping_error, viscous.standard_error or 0.0]
+    known = [error for error in errors if error is not None]
+    return damping_at_rest(model) + viscous.value, math.hypot(*known) if len(known) == len(errors) else None
+
+
+SUMS = {"friction": _friction, "stiffness": _stiffness, "damping": _damping}
 """Groups that are a sum where friction is of several elements: the sum and its standard error."""
 
 
@@ -104,7 +119,7 @@ def family(model: DriveModel, timing: LoopTiming) -> Family:
 
 
 def drawn(model: DriveModel, timing: LoopTiming, count: int, seed: int) -> tuple[Member, ...]:
-    """Axes as likely as the intervals say, shape (count,): each group of parameters and the dead time drawn by itself.
+    """Axes as likely as the standard errors say, shape (count,): each group of parameters and the dead time by itself.
 
     For what is expected of the axis, where `family` is for what may happen at worst.
     """
@@ -114,7 +129,7 @@ def drawn(model: DriveModel, timing: LoopTiming, count: int, seed: int) -> tuple
     ]
     names = [name for name, _ in _GROUPS]
     parts = [
-        _spread(model, name, present)[0] / ERRORS if present else 0.0
+        _spread(model, name, present, TODAY)[0] / ERRORS if present else 0.0
         for name, present in zip(names, groups, strict=True)
     ]
     found = []
@@ -132,13 +147,13 @@ def _in_group(name: str, keys: Iterable[str]) -> bool:
     return any(name.startswith(key) if key.endswith("_") else name == key for key in keys)
 
 
-def _spread(model: DriveModel, group: str, names: list[str]) -> tuple[float, bool]:
-    """Relative half width of a group's interval, and whether it rests on standard errors.
+def _spread(model: DriveModel, group: str, names: list[str], least: float = LEAST) -> tuple[float, bool]:
+    """Relative half width of a group's interval, `least` at least, and whether it rests on standard errors.
 
     Parts of friction and of the stiffness at rest trade with each other; what counts is how well the sum is known.
     """
     table = model.parameters
-    if REVERSAL_MEMORY.name in model and group in SUMS:
+    if REVERSAL_MEMORY.name in model and group in SUMS and (group != "damping" or ELEMENTS_DAMPING in names):
         total, error = SUMS[group](model)
         errors = [error]
     else:
@@ -147,7 +162,7 @@ def _spread(model: DriveModel, group: str, names: list[str]) -> tuple[float, boo
     known = [error for error in errors if error is not None and math.isfinite(error)]
     if not known or (len(known) < len(names) and len(names) == 1):
         return ASSUMED, False
-    return min(max(ERRORS * math.hypot(*known) / total, LEAST), MOST), True
+    return min(max(ERRORS * math.hypot(*known) / total, least), MOST), True
 
 
 def _scaled(model: DriveModel, names: list[str], factor: float) -> DriveModel:
@@ -179,7 +194,23 @@ def _late_as_a_whole(model: DriveModel, timing: LoopTiming) -> list[Member]:
 
 
 def _damped(model: DriveModel, timing: LoopTiming) -> list[Member]:
-    """The other form of presliding's damping, where friction has several elements: no recording tells which it is."""
+    """Other forms of presliding's damping, where friction has several elements: more of it in the bristle, more in them.
+
+    Where the model does not say which part is the elements', all of it in the bristle.
+    """
     if REVERSAL_MEMORY.name not in model:
         return []
-    return [Member("damping in the bristle alone", model, replace(timing, shared_damping=False))]
+    own = model.parameters.get(ELEMENTS_DAMPING)
+    if own is None:
+        return [Member("damping in the bristle alone", model, replace(timing, shared_damping=False))]
+    whole = damping_at_rest(model)
+    reach = ERRORS * own.standard_error if own.standard_error is not None else whole
+    ends = {
+        "damping more in the bristle": max(own.value - reach, 0.0),
+        "damping more in the elements": min(own.value + reach, whole),
+    }
+    return [
+        Member(what, model.with_values({ELEMENTS_DAMPING: part, "micro_damping": whole - part}), timing)
+        for what, part in ends.items()
+        if abs(part - own.value) > LEAST * whole
+    ]

@@ -21,7 +21,7 @@ from autotune.models.drive_model import DriveModel
 from autotune.models.elastic_transmission import ELASTIC_TRANSMISSION
 from autotune.models.spring import SPRING
 from autotune.models.torque_lag import STAGES, TORQUE_LAG
-from autotune.models.total_friction import stiffness_at_rest, total_friction
+from autotune.models.total_friction import damping_at_rest, stiffness_at_rest, total_friction
 
 Regime = Literal["sticking", "sliding"]
 REGIMES: tuple[Regime, ...] = ("sticking", "sliding")
@@ -106,7 +106,7 @@ def _lagged(a: Floats, b: Floats, c: Floats, lag: float) -> tuple[Floats, Floats
 def linear_axis(model: DriveModel, regime: Regime) -> LinearAxis:
     """The axis in one regime."""
     sticks = regime == "sticking"
-    damping = model["viscous"] + (model["micro_damping"] if sticks else 0.0)
+    damping = model["viscous"] + (damping_at_rest(model) if sticks else 0.0)
     stiffness = stiffness_at_rest(model) if sticks else 0.0
     if SPRING.name in model:
         stiffness += model[SPRING.surface("stiffness")]

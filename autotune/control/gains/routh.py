@@ -17,7 +17,7 @@ from autotune.core.arrays import Floats
 from autotune.models.drive_model import DriveModel
 from autotune.models.lugre import falling_level
 from autotune.models.stribeck import EXPONENT, STRIBECK
-from autotune.models.total_friction import stiffness_at_rest, total_friction
+from autotune.models.total_friction import damping_at_rest, stiffness_at_rest, total_friction
 
 SPEEDS = 60
 
@@ -54,7 +54,7 @@ def bristle_of(model: DriveModel) -> Bristle:
     return Bristle(
         model["inertia"],
         max(stiffness_at_rest(model), 1e-12),
-        model["micro_damping"],
+        damping_at_rest(model),
         model["viscous"],
         max(level, 1e-12),
         max(level + excess, 1e-12),

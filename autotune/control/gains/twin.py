@@ -17,10 +17,10 @@ from autotune.control.gains.loop import Gains, LoopTiming
 from autotune.core.arrays import Flags, Floats
 from autotune.models import layout
 from autotune.models.compiled import compiled
-from autotune.models.drive_model import DriveModel
+from autotune.models.drive_model import DriveModel, Packed
 from autotune.models.layout import POSITION, VELOCITY
 from autotune.models.plant import advance, substeps_for
-from autotune.models.reversal_memory import share_damping
+from autotune.models.reversal_memory import REVERSAL_MEMORY, share_damping
 from autotune.models.torque_path import delivered
 
 SEED = 11
@@ -128,6 +128,14 @@ def smoothed(reference: Floats, keep: float) -> Floats:
     return np.asarray(filtered, dtype=np.float64)
 
 
+def with_damping(model: DriveModel, timing: LoopTiming) -> Packed:
+    """The model; its damping of presliding shared by the elements of its friction where it says nothing of theirs."""
+    packed = model.pack()
+    if timing.shared_damping and REVERSAL_MEMORY.surface("damping") not in model.parameters:
+        share_damping(packed.p, packed.on)
+    return packed
+
+
 def follow(
     model: DriveModel,
     gains: Gains,
@@ -141,9 +149,7 @@ def follow(
 
     With `held_offset` the integral holds the offset already; else it is empty, as when power comes on.
     """
-    packed = model.pack()
-    if timing.shared_damping:
-        share_damping(packed.p, packed.on)
+    packed = with_damping(model, timing)
     zero = np.zeros(len(reference))
     state = np.zeros(layout.STATES)
     state[POSITION] = reference[0]

@@ -10,7 +10,7 @@ import numpy as np
 from autotune.control.adaptation import AdaptationGains, Bounds
 from autotune.control.feedforward import LugreParameters
 from autotune.control.gains.loop import Gains, LoopTiming
-from autotune.control.gains.twin import Motion
+from autotune.control.gains.twin import Motion, with_damping
 from autotune.control.model_feedforward import torque_along
 from autotune.control.structures import laws
 from autotune.core.arrays import Floats
@@ -18,9 +18,8 @@ from autotune.models import layout
 from autotune.models.drive_model import DriveModel
 from autotune.models.layout import POSITION
 from autotune.models.plant import substeps_for
-from autotune.models.reversal_memory import share_damping
 from autotune.models.stribeck import STRIBECK
-from autotune.models.total_friction import stiffness_at_rest, total_friction
+from autotune.models.total_friction import damping_at_rest, stiffness_at_rest, total_friction
 
 LARGER = 10.0 / 3.0
 """Gains of the loop with an observed velocity over those of PID, as in Table 6.3."""
@@ -102,7 +101,7 @@ def bristle_of_all(model: DriveModel) -> LugreParameters:
         viscous=model["viscous"],
         coulomb=level,
         stiffness=max(stiffness_at_rest(model), 1e-9),
-        micro_damping=model["micro_damping"],
+        micro_damping=damping_at_rest(model),
         offset=model["offset"],
         break_away=max(level + excess, 1e-9),
         stribeck_velocity=model["stribeck_velocity"] if falls else 1.0,
@@ -137,9 +136,7 @@ def run(
     values[:3] *= scale
     values[1] *= 0.0 if observed else 1.0
     values[2] *= 1.0 if structure.integral else 0.0
-    packed = twin.pack()
-    if timing.shared_damping:  # as in `gains.twin.follow`
-        share_damping(packed.p, packed.on)
+    packed = with_damping(twin, timing)
     state = np.zeros(layout.STATES)
     state[POSITION] = reference[0]
     loop = np.array(
