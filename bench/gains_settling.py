@@ -121,7 +121,8 @@ def main() -> None:
         f"{len(found)} of seed {wanted.seed}: {len(done)} proposals, {sum(bool(r['hunts']) for r in done)} hunt, "
         f"{sum(bool(r['sticks']) for r in done)} stick-slip, "
         f"{sum(float(str(r['short of margins'])) > 0.0 for r in done)} short of a margin; settling over the best of "
-        f"{len(ratio)}: median {np.median(ratio):.2f}, largest {ratio.max():.2f}, within 1.3 {np.mean(ratio <= 1.3):.0%}"
+        f"{len(ratio)}: median {np.median(ratio):.2f}, largest {ratio.max():.2f}, within 1.3 "
+        f"{np.mean(ratio <= 1.3):.0%}"
     )
 
 

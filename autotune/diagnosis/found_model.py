@@ -18,13 +18,19 @@ from autotune.diagnosis.fitting import held_out_errors, updated_model
 from autotune.diagnosis.free_shape import resolved
 from autotune.diagnosis.refits import without_effect
 from autotune.diagnosis.verdict import Diagnosis
-from autotune.estimation.bias_corrected_fit import ModelFit, twinned
+from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.data import TRAINING
 from autotune.estimation.problem import Problem
 from autotune.identify.fit import joined
-from autotune.identify.refinement import AtRest, damping_of_elements
+from autotune.identify.refinement import (
+    ELEMENTS_DAMPING,
+    AtRest,
+    damping_in_small_motion,
+    damping_of_elements,
+)
 from autotune.models.drive_model import DriveModel, HistoryEntry, Packed, surface_parameter
-from autotune.models.reversal_memory import REVERSAL_MEMORY
+from autotune.models.reversal_memory import REMEMBERS, REVERSAL_MEMORY
+from autotune.models.total_friction import stiffness_at_rest, stiffness_of_elements
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +65,7 @@ def found_model(diagnosis: Diagnosis, model: DriveModel, when: str, source: str)
     if fine is not None:
         steps.append((f"{REVERSAL_MEMORY.name} resolved", model_fit, fine))
     richer = updated_model(model, problem, final.fitted)
-    damped = _with_damping(diagnosis, final, richer, model)
-    if damped is not None:
+    if damped := _damping_if_told(diagnosis, final, model):
         final, richer = damped
         steps[-1] = (*steps[-1][:2], final)
     before, after, floor, unseen = held_out_errors(problem, root, final)
@@ -69,48 +74,66 @@ def found_model(diagnosis: Diagnosis, model: DriveModel, when: str, source: str)
     return FoundModel(richer, before, after, floor if math.isfinite(floor) else None, unseen)
 
 
-def _with_damping(
-    diagnosis: Diagnosis, final: ModelFit, richer: DriveModel, given: DriveModel
+def _damping_if_told(
+    diagnosis: Diagnosis, final: ModelFit, given: DriveModel
 ) -> tuple[ModelFit, DriveModel] | None:
-    """The model with the damping in presliding shared by its bristle and elements; None where nothing tells it.
-
-    The fit of a diagnosis looks at torque below the frequencies of presliding, which small motion at rest has. It must
-    not cost what the fit has gained.
-    """
-    problem = diagnosis.problem
-    if problem is None or REVERSAL_MEMORY.name not in richer or not diagnosis.recordings:
-        return None
+    """As `_with_damping`; None, too, where the recordings are of a kind that such a fit cannot be made of."""
     try:
-        found = damping_of_elements(richer, joined(diagnosis.recordings), torque_late(diagnosis) or 0.0)
+        return _with_damping(diagnosis, final, given)
     except (AutotuneError, np.linalg.LinAlgError):
         return None
-    if found is None:
+
+
+def _with_damping(
+    diagnosis: Diagnosis, final: ModelFit, given: DriveModel
+) -> tuple[ModelFit, DriveModel] | None:
+    """The fit with its damping in presliding shared by bristle and elements, and its model; None where nothing tells.
+
+    The fit of a diagnosis looks at torque below the frequencies of presliding, which small motion at rest has. What it
+    has put into stiffness for want of damping is fitted again; on unseen data that must not be worse.
+    """
+    problem = diagnosis.problem
+    if problem is None or not diagnosis.recordings or not final.fitted.packed.on[REMEMBERS]:
         return None
-    packed = Packed(final.fitted.packed.p.copy(), final.fitted.packed.on)
-    for name, value in found.values.items():
-        packed.p[surface_parameter(name).slot] = value.value
-    place = twinned(problem, packed)
-    if place is None:
+    recording, late = joined(diagnosis.recordings), torque_late(diagnosis) or 0.0
+    model = updated_model(given, problem, final.fitted)
+    alike = stiffness_of_elements(model) / stiffness_at_rest(model)
+    found = damping_in_small_motion(model, recording, late, alike)
+    settled = _settled(problem, final, found)
+    if found is None or settled is None:
+        return None
+    model = updated_model(given, problem, settled.fitted)
+    found = damping_of_elements(model, recording, late, found.whole)
+    settled = _settled(problem, settled, found)
+    if found is None or settled is None:
         return None
     rows = problem.data.role(*(roles_unseen(problem) or (TRAINING,)))
-    was, now = (float(np.mean(error[rows] ** 2)) for error in (final.fitted.error, place.error))
+    was, now = (float(np.mean(one.fitted.error[rows] ** 2)) for one in (final, settled))
     if now > (1.0 + problem.policy.least_gain) * was:
         return None
-    fitted = replace(final.fitted, packed=packed, error=place.error, cost=place.cost)
-    return replace(final, fitted=fitted, correction=place.correction), _named(richer, found, given)
+    return settled, _named(updated_model(given, problem, settled.fitted), found, given)
 
 
-def _named(richer: DriveModel, found: AtRest, given: DriveModel) -> DriveModel:
-    """The model with what was found; what a lag of the torque may have added to it is in the `given` one's interval."""
+def _settled(problem: Problem, before: ModelFit, found: AtRest | None) -> ModelFit | None:
+    """The fit with this damping held; None where the twin is unstable with it."""
+    if found is None:
+        return None
+    packed = Packed(before.fitted.packed.p.copy(), before.fitted.packed.on)
+    for name, value in found.values.items():
+        packed.p[surface_parameter(name).slot] = value.value
+    free = [one for one in before.free if one.name not in found.values]
+    return fit_inside_twin(problem, packed, free, 2, before.effects)
+
+
+def _named(model: DriveModel, found: AtRest, given: DriveModel) -> DriveModel:
+    """The model with the errors of its damping; what a lag of the torque may add to it is in the `given` one's."""
     lag = given.base["micro_damping"].standard_error or 0.0
-    memory = next(effect for effect in richer.effects if effect.kind is REVERSAL_MEMORY)
-    values = {**memory.values, "damping": found.elements}
-    base = MappingProxyType({**richer.base, "micro_damping": found.bristle})
-    effects = tuple(
-        replace(effect, values=MappingProxyType(values)) if effect is memory else effect
-        for effect in richer.effects
-    )
-    return replace(richer, base=base, effects=effects, damping_error=math.hypot(found.error, lag))
+    values = found.values
+    base = MappingProxyType({**model.base, "micro_damping": values["micro_damping"]})
+    memory = next(effect for effect in model.effects if effect.kind is REVERSAL_MEMORY)
+    own = MappingProxyType({**memory.values, "damping": values[ELEMENTS_DAMPING]})
+    effects = tuple(replace(one, values=own) if one is memory else one for one in model.effects)
+    return replace(model, base=base, effects=effects, damping_error=math.hypot(found.error, lag))
 
 
 def torque_late(diagnosis: Diagnosis) -> float | None:

@@ -14,7 +14,7 @@ from autotune.estimation.bandwidth import Bands
 from autotune.estimation.controller import controller_of
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.joint_fit import Refined, refine
-from autotune.estimation.pieces import UNFITTED, Surroundings, cut, marked_sticking
+from autotune.estimation.pieces import UNFITTED, Piece, Surroundings, cut, marked_sticking
 from autotune.identify.estimate import Estimate, Quantity
 from autotune.models.drive_model import DriveModel, surface_parameter
 from autotune.models.effect import Value
@@ -97,28 +97,34 @@ class AtRest:
     """Damping in presliding of friction that has several elements [N m s/rad or N s/m].
 
     Attributes:
-        bristle, elements: the bristle's, and that of all elements together, with what is not known of their shares.
-        error: standard error of both together.
+        whole, error: of the bristle and all elements together, with its standard error.
+        share, share_error: the elements' part of it.
     """
 
-    bristle: Value
-    elements: Value
+    whole: float
     error: float
+    share: float
+    share_error: float = 0.0
 
     @property
     def values(self) -> dict[str, Value]:
-        """By surface name."""
-        return {"micro_damping": self.bristle, ELEMENTS_DAMPING: self.elements}
+        """Of bristle and elements, by surface name."""
+        parts = {"micro_damping": 1.0 - self.share, ELEMENTS_DAMPING: self.share}
+        spread = self.share_error * self.whole
+        return {
+            name: Value(part * self.whole, math.hypot(part * self.error, spread))
+            for name, part in parts.items()
+        }
 
 
-def damping_of_elements(model: DriveModel, recording: Recording, late: float = 0.0) -> AtRest | None:
-    """The damping of bristle and elements of a model with reversal memory, all else in it held.
-
-    Both together from small motion at rest, where all stick; their shares from motion in which one after another
-    slides: those of their stiffness (one relaxation time) unless that motion says otherwise.
+def damping_in_small_motion(
+    model: DriveModel, recording: Recording, late: float, share: float
+) -> AtRest | None:
+    """The damping of a model with reversal memory by small motion at rest, where all elements stick, all else held.
 
     Args:
         late: by how much the torque comes later than the model says [s]; in small motion it looks like damping.
+        share: of the elements.
 
     Returns:
         None where the recording has no small motion in torque mode, or does not tell.
@@ -126,33 +132,51 @@ def damping_of_elements(model: DriveModel, recording: Recording, late: float = 0
     Raises:
         NotEnoughExcitation: nothing in the recording is long enough.
     """
-    controller, bands = controller_of(recording), Bands.of(recording)
-    stiffness = stiffness_at_rest(model)
-    pieces = marked_sticking(cut(recording, bands, controller), total_friction(model).value / stiffness)
+    pieces, around, bands = _pieces(model, recording)
     small = [one for one in pieces if one.sticks and not one.closed and np.ptp(one.torque) > 0.0]
     if not small:
         return None
-    around = surroundings(recording, controller)
-    whole = USUAL_DAMPING * math.sqrt(stiffness * model["inertia"])
-    alike = stiffness_of_elements(model) / stiffness
-    start = _damped(_later(model, late), whole, alike)
-    spread = refine(start, pieces, around, bands, ("micro_damping", ELEMENTS_DAMPING), iterations=SHARING)
-    share, share_error = _shared(spread, alike)
+    stiffness = stiffness_at_rest(model)
+    start = _damped(_later(model, late), USUAL_DAMPING * math.sqrt(stiffness * model["inertia"]), share)
     larger = ELEMENTS_DAMPING if share >= 0.5 else "micro_damping"
-    refined = refine(_damped(start, whole, share), small, around, bands, (larger,))
+    refined = refine(start, small, around, bands, (larger,))
     whole = damping_at_rest(refined.model)
     error = math.hypot(refined.standard_errors[larger], whole * (stiffness_spread(model) or 0.0) / stiffness)
-    if refined.bounded or not refined.converged or not error < UNKNOWN * whole:
-        return None
-    parts = [Value(part * whole, math.hypot(part * error, share_error * whole)) for part in (1.0 - share, share)]
-    return AtRest(parts[0], parts[1], error)
+    known = refined.converged and not refined.bounded and error < UNKNOWN * whole
+    return AtRest(whole, error, share) if known else None
+
+
+def damping_of_elements(model: DriveModel, recording: Recording, late: float, whole: float) -> AtRest | None:
+    """Damping and the elements' share of it: by motion in which one after another slides, then by small motion.
+
+    The share is that of their stiffness (one relaxation time) unless the motion comes nearer to none; by how much it
+    comes to another one is in its standard error.
+
+    Args and errors as in `damping_in_small_motion`; `whole`: about the damping [N m s/rad].
+    """
+    alike = stiffness_of_elements(model) / stiffness_at_rest(model)
+    pieces, around, bands = _pieces(model, recording)
+    start = _damped(_later(model, late), whole, alike)
+    parts = ("micro_damping", ELEMENTS_DAMPING)
+    share, error = _shared(refine(start, pieces, around, bands, parts, iterations=SHARING), alike)
+    found = damping_in_small_motion(model, recording, late, share)
+    return None if found is None else replace(found, share_error=error)
+
+
+def _pieces(model: DriveModel, recording: Recording) -> tuple[list[Piece], Surroundings, Bands]:
+    controller, bands = controller_of(recording), Bands.of(recording)
+    reach = total_friction(model).value / stiffness_at_rest(model)
+    pieces = marked_sticking(cut(recording, bands, controller), reach)
+    return pieces, surroundings(recording, controller), bands
 
 
 def _damped(model: DriveModel, whole: float, share: float) -> DriveModel:
     """The model with this damping in presliding, the `share` of it in the elements."""
     memory = next(effect for effect in model.effects if effect.kind is REVERSAL_MEMORY)
     values = {name: value.value for name, value in memory.values.items()} | {"damping": share * whole}
-    return model.with_effect(REVERSAL_MEMORY.make(values)).with_values({"micro_damping": (1.0 - share) * whole})
+    return model.with_effect(REVERSAL_MEMORY.make(values)).with_values(
+        {"micro_damping": (1.0 - share) * whole}
+    )
 
 
 def _later(model: DriveModel, late: float) -> DriveModel:
@@ -166,15 +190,15 @@ def _later(model: DriveModel, late: float) -> DriveModel:
 
 
 def _shared(refined: Refined, alike: float) -> tuple[float, float]:
-    """The elements' share of the damping, and its standard error: `alike` unless that is clearly another one."""
+    """The elements' share of the damping, and its standard error; `alike` where that is nearer than none."""
     bristle, elements = (refined.model[name] for name in refined.names)
     whole = bristle + elements
     if not whole > 0.0:
         return alike, 1.0
     slope = np.array([-elements, bristle]) / whole**2
-    error = min(math.sqrt(max(float(slope @ refined.covariance @ slope), 0.0)), 1.0)
-    share = elements / whole
-    return (alike if abs(share - alike) <= 2.0 * error else share), error
+    error, share = math.sqrt(max(float(slope @ refined.covariance @ slope), 0.0)), elements / whole
+    nearer = alike if share > 0.5 * alike else share
+    return nearer, min(math.hypot(error, share - nearer), 1.0)
 
 
 def free_parameters(model: DriveModel) -> list[str]:

@@ -6,7 +6,7 @@ Every reversal leaves elements bent, and a loop closes at the point where it beg
 memory that the single bristle of LuGre does not have (thesis, sections 3.2.3 and 7.2).
 
 While it sticks an element is damped, too (Lampaert, Al-Bender and Swevers 2003: σ_i·ż_i in each); all have one
-relaxation time, so that the `damping` of all is shared as their stiffness is. A model without it has the bristle's only.
+relaxation time, so that the `damping` of all is shared as their stiffness is. A model without it has the bristle's.
 """
 
 from __future__ import annotations

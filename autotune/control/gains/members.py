@@ -194,7 +194,7 @@ def _late_as_a_whole(model: DriveModel, timing: LoopTiming) -> list[Member]:
 
 
 def _damped(model: DriveModel, timing: LoopTiming) -> list[Member]:
-    """Other forms of presliding's damping, where friction has several elements: more of it in the bristle, more in them.
+    """Other forms of presliding's damping, where friction has several elements: more in the bristle, more in them.
 
     Where the model does not say which part is the elements', all of it in the bristle.
     """
