@@ -29,7 +29,7 @@ from autotune.models.contact import LEAST_DEFLECTION, LEAST_SHARE
 from autotune.models.drive_model import BASE, DriveModel
 from autotune.models.effect import Kind
 from autotune.models.lugre import falling_level
-from autotune.models.reversal_memory import REMEMBERS, memory_torque
+from autotune.models.reversal_memory import DAMPING, REMEMBERS, memory_damping, memory_torque
 from autotune.models.stribeck import EXPONENT, FALLS
 from autotune.models.table import EFFECTS
 from autotune.models.torque_ripple import scale_slot
@@ -154,6 +154,9 @@ class _Frame:
         yield Block(f"All friction [{torque}].", "friction = friction + coefficient * velocity")
         if self._on[REMEMBERS]:
             travel = named("travel")
+            if self._p[DAMPING] > 0.0:  # asked before the elements move
+                damped = "friction = friction + {} * velocity"
+                yield self._from_kernel(REMEMBERS, memory_damping, damped, None, None, travel)
             yield self._from_kernel(REMEMBERS, memory_torque, "friction = friction + {}", None, None, travel)
         yield Block("What is not friction.", f"outside = {self._slot(layout.OFFSET)}")
         yield from self._from_kernels("torque", "outside = outside + {}", None, place)

@@ -93,7 +93,8 @@ def memory_damping(p: Floats, state: Floats, displacement: float) -> float:
     Each has the share of its stiffness, for that part of the way on which it sticks.
     """
     way = abs(displacement)
-    whole, sticking = 0.0, 0.0
+    whole = 0.0
+    sticking = 0.0
     for i in range(ELEMENTS):
         limit = p[_AT + 2 * i]
         if not anywhere(limit > 0.0):

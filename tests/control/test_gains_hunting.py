@@ -14,6 +14,8 @@ from autotune.control.gains.members import family
 from autotune.control.gains.routh import pid_conditions
 from autotune.control.gains.stick_slip import slow_motion, stands_often
 from autotune.control.gains.twin import follow, step_reference
+from autotune.models.drive_model import DriveModel
+from autotune.models.total_friction import damping_at_rest
 from tests.control.gains_axis import HOLDS, HUNTS, TIMING, lugre, on_the_plant, vertical
 
 COUNT = TIMING.resolution
@@ -101,6 +103,15 @@ def test_bursts_are_measured_when_they_have_grown() -> None:
     assert found.amplitude > 1.3 * min(one.amplitude for one in early if one is not None)
 
 
+def damped_elements(model: DriveModel, share: float, error: float) -> DriveModel:
+    """The model with a share of its damping in presliding in the elements, known by its standard error."""
+    whole = model["micro_damping"]
+    memory = next(effect for effect in model.effects if effect.name == "reversal_memory")
+    values = {name: value.value for name, value in memory.values.items()} | {"damping": share * whole}
+    effect = memory.kind.make(values, {"damping": error * whole})
+    return model.with_effect(effect).with_values({"micro_damping": (1.0 - share) * whole})
+
+
 def test_damping_in_all_elements_lasts_longer_than_in_the_bristle() -> None:
     """At rest both forms are the same; once the first element slides, only the bristle's has gone."""
     spread, alone = TIMING, replace(TIMING, shared_damping=False)
@@ -112,3 +123,24 @@ def test_damping_in_all_elements_lasts_longer_than_in_the_bristle() -> None:
     members = [one for one in family(vertical(), TIMING).members if not one.timing.shared_damping]
     assert [one.what for one in members] == ["damping in the bristle alone"]
     assert all(one.timing.shared_damping for one in family(lugre(), TIMING).members)
+
+
+def test_what_a_model_says_of_its_elements_damping_is_taken_and_its_interval_has_both_ends() -> None:
+    """As shared by their stiffness, a quarter of it known by a standard error of an eighth: ends at a quarter less and
+    at all of it in the elements."""
+    told = damped_elements(vertical(), 0.8, 0.125)
+    reference = step_reference(0.2, 0.1, 1.0, TIMING)
+    alone = follow(told, HUNTS, replace(TIMING, shared_damping=False), reference).position
+    np.testing.assert_array_equal(follow(told, HUNTS, TIMING, reference).position, alone)
+    whole = damping_at_rest(told)
+    ends = {one.what: one.model for one in family(told, TIMING).members if "damping more" in one.what}
+    shares = {what: model["reversal_memory.damping"] / whole for what, model in ends.items()}
+    assert shares == pytest.approx({"damping more in the bristle": 0.55, "damping more in the elements": 1.0})
+    assert [damping_at_rest(model) for model in ends.values()] == pytest.approx([whole, whole])
+
+
+def test_presliding_s_damping_is_as_known_as_its_sum() -> None:
+    """Its parts trade with each other; the ends of the interval are those of all of it."""
+    told = replace(damped_elements(vertical(), 0.8, 0.5), damping_error=0.1 * damping_at_rest(vertical()))
+    low = next(one.model for one in family(told, TIMING).members if one.what == "damping low")
+    assert damping_at_rest(low) == pytest.approx(0.8 * damping_at_rest(told), rel=0.02)

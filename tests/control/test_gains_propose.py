@@ -10,7 +10,7 @@ import pytest
 from autotune.control.gains import propose as proposing
 from autotune.control.gains.judge import Task, judge
 from autotune.control.gains.loop import Gains, cascade
-from autotune.control.gains.members import ASSUMED, LEAST, MOST, drawn, family
+from autotune.control.gains.members import ASSUMED, LEAST, MOST, TODAY, drawn, family
 from autotune.control.gains.propose import (
     Corner,
     Requirements,
@@ -65,8 +65,8 @@ def test_the_axes_drawn_lie_in_the_intervals() -> None:
     timing = replace(TIMING, dead_time=1e-3, dead_time_error=1e-4)
     members = drawn(model, timing, 40, 1)
     part = np.array([one.model["inertia"] / model["inertia"] - 1.0 for one in members])
-    assert np.all(np.abs(part) <= LEAST + 1e-12)  # two standard errors of an interval that is the least one
-    assert 0.3 * LEAST < part.std() < 0.7 * LEAST
+    assert np.all(np.abs(part) <= TODAY + 1e-12)  # two standard errors of an interval that is the least one
+    assert 0.3 * TODAY < part.std() < 0.7 * TODAY
     assert len({one.timing.dead_time for one in members}) == 40
     ends = [one.what for one in family(model, timing).members if "dead time" in one.what]
     assert ends == ["dead time high"]

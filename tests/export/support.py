@@ -39,7 +39,9 @@ VALUES: Mapping[str, Mapping[str, float]] = {
     },
     "gravity_imbalance": {"sin": 0.05, "cos": -0.03, "order": 0.5},
     "spring": {"stiffness": 0.03},
-    "reversal_memory": {"displacement_1": 0.01, "torque_1": 0.05, "displacement_2": 0.1, "torque_2": 0.05},
+    "reversal_memory": {
+        "displacement_1": 0.01, "torque_1": 0.05, "displacement_2": 0.1, "torque_2": 0.05, "damping": 0.02,
+    },
     "thermal_drift": {"softening": 0.3, "time_constant": 5.0, "idle": 0.2},
     "torque_lag": {"time_constant": 8e-4},
 }  # fmt: skip

@@ -32,7 +32,9 @@ VALUES: dict[str, dict[str, float]] = {
     "position_dependent_friction": {"height": 0.3, "centre": 0.5, "width": 0.8},
     "gravity_imbalance": {"sin": 0.05, "cos": -0.03},
     "spring": {"stiffness": 0.03},
-    "reversal_memory": {"displacement_1": 0.01, "torque_1": 0.05, "displacement_2": 0.1, "torque_2": 0.05},
+    "reversal_memory": {
+        "displacement_1": 0.01, "torque_1": 0.05, "displacement_2": 0.1, "torque_2": 0.05, "damping": 0.02,
+    },
     "thermal_drift": {"softening": 0.3, "time_constant": 5.0, "idle": 0.2},
     "elastic_transmission": {
         "compliance": 0.1, "load_inertia": 0.4, "load_friction": 0.4, "damping": 0.05,

@@ -1,12 +1,26 @@
-"""What the elements of a memory say together: how drawn out the climb of friction is."""
+"""What the elements of a memory say together: how drawn out the climb of friction is, and what damps them."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
 import pytest
 
 from autotune.models import layout
-from autotune.models.drive_model import base_model
-from autotune.models.reversal_memory import REVERSAL_MEMORY, drawn_out
+from autotune.models.drive_model import DriveModel, base_model
+from autotune.models.model_file import model_text, parse_model, read_model, write_model
+from autotune.models.reversal_memory import (
+    DAMPING,
+    REVERSAL_MEMORY,
+    drawn_out,
+    memory_damping,
+    memory_torque,
+    share_damping,
+)
+from autotune.models.total_friction import damping_at_rest
 from tests.support.axes import NOMINAL
 
 
@@ -31,3 +45,71 @@ def test_a_memory_draws_the_climb_out_and_one_contact_does_not(
         p[REVERSAL_MEMORY.slot(f"displacement_{number}")] = displacement
         p[REVERSAL_MEMORY.slot(f"torque_{number}")] = torque
     assert least - 1e-9 <= drawn_out(p) <= most + 1e-9
+
+
+DAMPED = {"displacement_1": 1e-3, "torque_1": 0.03, "displacement_2": 0.01, "torque_2": 0.1, "damping": 0.08}
+"""30 and 10 N m/rad: three quarters and one quarter of the damping."""
+
+
+def memory(**changed: float) -> DriveModel:
+    values = {name: value for name, value in (DAMPED | changed).items() if not math.isnan(value)}
+    return base_model(NOMINAL).with_effect(REVERSAL_MEMORY.make(values))
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("bent", "way", "damping"),
+    [
+        (0.0, 5e-4, 0.08),  # all stick
+        (0.0, 2e-3, 0.06 * 0.5 + 0.02),  # the first slides from half of the way on
+        (1e-3, 1e-4, 0.02),  # it slides already
+        (1e-3, -1e-4, 0.08),  # turned: it sticks again
+        (0.0, 0.1, 0.06 * 0.01 + 0.02 * 0.1),
+        (1e-3, 0.0, 0.08),  # nothing moves, nothing slides
+    ],
+)
+def test_an_element_damps_while_it_sticks(bent: float, way: float, damping: float, sign: float) -> None:
+    p, state = memory().pack().p, np.zeros(layout.STATES)
+    memory_torque(p, state, sign * bent)
+    assert memory_damping(p, state, sign * way) == pytest.approx(damping, rel=1e-9)
+
+
+def test_the_torque_of_a_small_motion_has_the_damping_of_all_elements() -> None:
+    """σ·v where all stick: by the model with it less the one without; none where all slide."""
+    period, count = 1e-3, 400
+    time = period * np.arange(count)
+    for size, left in ((2e-4, 0.08), (0.5, 0.0)):
+        rate = 2.0 * math.pi * 5.0
+        position, velocity = size * np.sin(rate * time), size * rate * np.cos(rate * time)
+        motion = (position, velocity, -(rate**2) * position, period)
+        more = memory().torque(*motion) - memory(damping=0.0).torque(*motion)
+        fast = (np.abs(velocity) > 0.5 * size * rate) & (
+            time > 0.05
+        )  # away from the start, and from where it turns
+        np.testing.assert_allclose(more[fast], left * velocity[fast], atol=0.02 * 0.08 * size * rate)
+
+
+def test_a_model_of_before_reads_as_before_and_moves_as_before(tmp_path: Path) -> None:
+    """Without the damping of elements a file has no such key, and the torque is that of none."""
+    old = memory(damping=math.nan)
+    assert "damping" not in model_text(old).partition("[effects")[2]
+    assert REVERSAL_MEMORY.surface("damping") not in parse_model(model_text(old)).parameters
+    position = 0.05 * np.sin(0.02 * np.arange(500))
+    motion = (position, np.gradient(position, 1e-3), np.zeros(500), 1e-3)
+    np.testing.assert_array_equal(old.torque(*motion), memory(damping=0.0).torque(*motion))
+    write_model(replace(memory(), damping_error=0.004), tmp_path / "model.toml")
+    back = read_model(tmp_path / "model.toml")
+    assert back.parameters == memory().parameters
+    assert back.damping_error == 0.004
+    assert back.with_values({"micro_damping": 0.1}).damping_error is None
+
+
+def test_the_damping_at_rest_is_that_of_bristle_and_elements() -> None:
+    bristle = NOMINAL["micro_damping"]
+    assert damping_at_rest(memory()) == pytest.approx(bristle + 0.08)
+    assert damping_at_rest(memory(damping=math.nan)) == bristle
+    packed = memory(damping=math.nan).pack()
+    share_damping(packed.p, packed.on)
+    shared = packed.p[DAMPING] / bristle
+    assert shared == pytest.approx(40.0 / (40.0 + NOMINAL["stiffness"]))
+    assert packed.p[layout.MICRO_DAMPING] + packed.p[DAMPING] == pytest.approx(bristle)
