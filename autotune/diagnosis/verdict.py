@@ -72,6 +72,7 @@ class Diagnosis:
         error_test: rms on the unseen test trajectory; nan without one.
         error_rms, relative_error: of the model as it was given, before anything was fitted; as `compare` finds.
         notes: sentences for people.
+        recordings: those that were diagnosed.
     """
 
     verdict: str
@@ -128,8 +129,12 @@ def diagnose(
         elif doubt is not None and verdict.confidence == CONFIRMED:
             notes = (f"Suspected only: {doubt.why}.", *verdict.notes)
             verdict = replace(verdict, confidence=SUSPECTED, notes=notes)
-    errors = {"error_rms": given.error_rms, "relative_error": given.relative_error}
-    return replace(verdict, **errors, recordings=tuple(recordings))
+    return replace(
+        verdict,
+        error_rms=given.error_rms,
+        relative_error=given.relative_error,
+        recordings=tuple(recordings),
+    )
 
 
 @dataclass(frozen=True, slots=True)

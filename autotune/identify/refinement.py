@@ -123,7 +123,7 @@ def damping_in_small_motion(
     """The damping of a model with reversal memory by small motion at rest, where all elements stick, all else held.
 
     Args:
-        late: by how much the torque comes later than the model says [s]; in small motion it looks like damping.
+        late: by how much the torque comes later than the model says [s].
         share: of the elements.
 
     Returns:
