@@ -85,6 +85,15 @@ def remembered_damping(p: Floats, on: Flags, state: Floats, displacement: float)
 
 
 @compiled
+def remembered_in_motion(p: Floats, on: Flags, state: Floats, displacement: float, velocity: float) -> float:
+    """Torque of the hysteresis elements after a displacement, with their damping at its end [N m]."""
+    if not on[REMEMBERS]:
+        return 0.0
+    damping = remembered_damping(p, on, state, displacement)
+    return memory_torque(p, state, displacement) + damping * velocity
+
+
+@compiled
 def damping_slope(p: Floats, bristle: float, velocity: float, limit: float) -> float:
     """How much the bristle's damping torque grows with velocity [N m s/rad], at least 0."""
     size = abs(bristle) / limit

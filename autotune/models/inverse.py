@@ -14,8 +14,7 @@ from autotune.models.contact import (
     additive,
     bend,
     friction_limit,
-    remembered,
-    remembered_damping,
+    remembered_in_motion,
     viscous_coefficient,
 )
 from autotune.models.encoder_eccentricity import IS_ECCENTRIC, true_motion
@@ -130,8 +129,7 @@ def required(
         friction = p[STIFFNESS] * state[BRISTLE] + p[MICRO_DAMPING] * rate
         friction += viscous_coefficient(p, on, state, v) * v
         friction *= 1.0 - rub
-        damping = remembered_damping(p, on, state, period * mean)
-        friction += remembered(p, on, state, period * mean) + damping * v
+        friction += remembered_in_motion(p, on, state, period * mean, v)
         outside = additive(p, on, q)
         passed = _load_side(p, on, state, shares, spring, q, v, period, substeps) if loaded else 0.0
         torque[k] = p[INERTIA] * (1.0 - mass) * a + friction + outside + passed
