@@ -34,6 +34,10 @@ def sim(
         list[str] | None,
         typer.Option(metavar="NAME[@SECONDS]", help="Rehearse a failure; may be given several times."),
     ] = None,
+    dead_time: Annotated[
+        float,
+        typer.Option(metavar="SECONDS", help="The torque comes so much later, in whole cycles of the drive."),
+    ] = 0.0,
     view: View = False,
 ) -> None:
     """Simulate the axis's drive in a process of its own, until Ctrl-C.
@@ -56,6 +60,7 @@ def sim(
             real_time=real_time,
             faults=fault or [],
             truth=truth,
+            dead_time=dead_time,
             log=say,
             ready=lambda port: answer(
                 f"{axis.name} is simulated at {axis.link} ({port}); end it with Ctrl-C"

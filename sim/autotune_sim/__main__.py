@@ -49,6 +49,13 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--unfit", default="", metavar="NAME[=SIZE]", help="an axis that must not be tuned")
     parser.add_argument("--counts", type=int, help="encoder counts per revolution (default: the preset's)")
+    parser.add_argument(
+        "--dead-time",
+        type=float,
+        default=0.0,
+        metavar="SECONDS",
+        help="by which the torque comes later than it is demanded, in whole cycles",
+    )
     parser.add_argument("--truth", metavar="FILE", help="what is true on the axis is logged there")
     parser.add_argument("--state", metavar="FILE", help="non-volatile memory (default: none is kept)")
     parser.add_argument(
@@ -85,6 +92,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             truth=options.truth,
             unfit=options.unfit,
             counts=options.counts,
+            dead_time=options.dead_time,
             log=_log,
         )
     except AutotuneError as error:

@@ -53,7 +53,8 @@ def open_sim(url: str, cycle: float | None = None, directory: Path = HERE) -> Si
     Every key may be left out, `effect` and `fault` (`fault=silent@2.5`, see `rehearsal`) may be given
     several times; an effect without a size has its default size (`effects`). With `memory=FILE` stored
     parameters live in that file and outlast the process; `truth=FILE` logs what is true on the axis
-    (`truth`), `unfit=NAME[:SIZE]` makes it one that must not be tuned (`unfit`).
+    (`truth`), `unfit=NAME[:SIZE]` makes it one that must not be tuned (`unfit`), with `dead_time=0.001` [s] its torque
+    comes a cycle of so many seconds late.
 
     Args:
         cycle: s, where the URL says none.

@@ -10,11 +10,11 @@ from urllib.parse import parse_qsl, urlsplit
 
 from autotune.core.errors import ConfigurationError
 from autotune_sim.effects import EFFECTS, check_size
-from autotune_sim.presets import Preset, preset
+from autotune_sim.presets import Preset, preset, with_dead_time
 from autotune_sim.rehearsal import Agenda
 from autotune_sim.unfit import unfit_axis
 
-KEYS = ("seed", "effect", "cycle", "friction", "fault", "memory", "unfit", "truth")
+KEYS = ("seed", "effect", "cycle", "friction", "fault", "memory", "unfit", "truth", "dead_time")
 _REPEATABLE = ("effect", "fault")
 HERE = Path()
 
@@ -63,7 +63,10 @@ def parse_sim_url(url: str, cycle: float | None = None, directory: Path = HERE) 
         axis, lasting = _unfit(url, axis, values["unfit"][0])
         faults += lasting
     memory, truth = values.get("memory", [""])[0], values.get("truth", [""])[0]
-    return SimRequest(axis if cycle is None else replace(axis, period=cycle), faults, memory, truth)
+    axis = axis if cycle is None else replace(axis, period=cycle)
+    if "dead_time" in values:
+        axis = with_dead_time(axis, _number(url, "dead_time", values["dead_time"][0]))
+    return SimRequest(axis, faults, memory, truth)
 
 
 def parse_effects(texts: Sequence[str]) -> dict[str, float]:

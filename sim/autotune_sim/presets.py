@@ -45,6 +45,7 @@ class Preset:
         seed: of the variation of the plant; the noise has a seed of its own (`Servo`).
         effects: what was planted, name → size.
         commutation_offset: where the zero of the commutation encoder is, seen from position 0 [turns].
+        dead_time: by which the torque comes later than it is demanded, in whole cycles, beside the plant's own lag [s].
     """
 
     name: str
@@ -54,6 +55,7 @@ class Preset:
     seed: int = 0
     effects: tuple[tuple[str, float], ...] = ()
     commutation_offset: float = 0.0
+    dead_time: float = 0.0
 
 
 _BREAKS = (0.8e-3, 2e-3, 6e-3, 15e-3, 40e-3, 80e-3)
@@ -115,6 +117,26 @@ def preset(name: str, seed: int | None = 0, effects: Mapping[str, float] | None 
     plant = apply_effects(plant, planted, seed)
     offset = float(np.random.default_rng([seed, 3]).uniform())
     return Preset(name, plant, seed=seed, effects=tuple(planted.items()), commutation_offset=offset)
+
+
+MOST_LATE = 4
+"""Cycles by which a torque may come late."""
+NEARLY = 1e-6
+
+
+def with_dead_time(axis: Preset, dead_time: float) -> Preset:
+    """The axis behind a drive whose torque comes so much later [s].
+
+    Raises:
+        ConfigurationError: not a few whole cycles.
+    """
+    late = dead_time / axis.period
+    if not 0.0 <= late <= MOST_LATE + NEARLY or abs(late - round(late)) > NEARLY:
+        raise ConfigurationError(
+            f"dead time is {dead_time:g} s; the simulated drive can have 0 to {MOST_LATE} whole cycles of "
+            f"{axis.period:g} s"
+        )
+    return replace(axis, dead_time=dead_time)
 
 
 def vary(plant: PlantParameters, random: np.random.Generator, spread: float = SPREAD) -> PlantParameters:

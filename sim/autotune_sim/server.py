@@ -21,7 +21,7 @@ from autotune_sim.faults import Faults, Order, parse_order
 from autotune_sim.memory import Memory
 from autotune_sim.moteus_device import MoteusDevice
 from autotune_sim.moteus_uart import UartServer
-from autotune_sim.presets import Preset
+from autotune_sim.presets import Preset, with_dead_time
 from autotune_sim.presets import preset as find_preset
 from autotune_sim.pty_port import PtyPort
 from autotune_sim.servo import Servo
@@ -244,8 +244,11 @@ def parse_effects(texts: Sequence[str]) -> dict[str, float]:
     return effects
 
 
-def _axis(axis: Preset, unfit: str, counts: int | None) -> tuple[Preset, tuple[tuple[str, str, float], ...]]:
+def _axis(
+    axis: Preset, unfit: str, counts: int | None, dead_time: float
+) -> tuple[Preset, tuple[tuple[str, str, float], ...]]:
     """The axis as asked for, and the faults that belong to it."""
+    axis = with_dead_time(axis, dead_time)
     if counts is not None:
         if not 100 <= counts <= 1 << 24:
             raise ConfigurationError(f"counts is {counts}; allowed is 100 to {1 << 24} a revolution")
@@ -284,6 +287,7 @@ def serve(
     truth: str | Path | Truth | None = None,
     unfit: str = "",
     counts: int | None = None,
+    dead_time: float = 0.0,
     log: Log = lambda _: None,
     ready: Ready = lambda _: None,
 ) -> None:
@@ -300,6 +304,7 @@ def serve(
         truth: file that what is true on the axis is logged in, or the log itself (`truth`).
         unfit: `NAME[=SIZE]`, makes the axis one that must not be tuned (`unfit`).
         counts: of the encoder per revolution, where they are others than the preset's.
+        dead_time: by which the torque comes later than it is demanded, in whole cycles [s].
         log: takes one line an event, beginning with the monotonic time [s].
         ready: called with the port's path once it can be opened.
 
@@ -308,7 +313,7 @@ def serve(
     """
     _check_link(node_id, link, also)
     orders = [parse_order(text) for text in faults]
-    axis, lasting = _axis(find_preset(preset, seed=seed, effects=effects), unfit, counts)
+    axis, lasting = _axis(find_preset(preset, seed=seed, effects=effects), unfit, counts, dead_time)
     orders += [Order(name, value, "motion", at) for name, value, at in lasting]
     servo = Servo(axis, seed)
     if truth is not None:

@@ -41,7 +41,7 @@ from autotune_sim.plant import (
     reading,
     substeps,
 )
-from autotune_sim.presets import Preset
+from autotune_sim.presets import MOST_LATE, Preset
 from autotune_sim.truth import NO_TRUTH, Truth
 
 NOISE_BLOCK = 4096
@@ -87,7 +87,10 @@ class ServoState(NamedTuple):
 
 _MEMORY = ("cycles", "measured", "velocity", "demand", "demand_velocity", "smooth_velocity", "derivative",
            "sum", "bristle", "integral")  # fmt: skip
-MEMORY = np.dtype([(name, np.float64) for name in _MEMORY], align=True)
+MEMORY = np.dtype(
+    [(name, np.float64) for name in _MEMORY] + [("late", np.int64), ("held", np.float64, (MOST_LATE,))],
+    align=True,
+)
 
 
 class Servo:
@@ -119,6 +122,7 @@ class Servo:
         self._plant = pack(preset.plant, self.period / self._steps)
         self._state = fresh_state()
         self._memory = np.zeros(1, MEMORY)
+        self._memory["late"] = round(preset.dead_time / preset.period)
         self.ripple = fresh_ripple(preset.commutation_offset)
         self.friction = fresh_friction()
         self._rows = NO_TRUTH
@@ -150,10 +154,10 @@ class Servo:
         )
 
     def reset(self) -> None:
-        """Forgets what the controller knew: demand = measured position, no velocity, no sums."""
-        cycles = self._memory["cycles"][0]
+        """Forgets what the controller knew: demand = measured position, no velocity, no sums, no torque on its way."""
+        cycles, late = self._memory["cycles"][0], self._memory["late"][0]
         self._memory[:] = 0
-        self._memory["cycles"] = cycles
+        self._memory["cycles"], self._memory["late"] = cycles, late
         self._memory["measured"] = self._memory["demand"] = self.position
 
     @property
@@ -334,18 +338,31 @@ def _cycle(
     m.demand, m.measured = demand, y
     m.cycles += 1.0
     before, braked = s.velocity, mode < 0 or brake_stuck
+    arrived = _arrived(m, wanted)
     if mode >= 0 and acts(ripple[0]):
         for _ in range(steps):  # in the current loop, which is as fast as the plant's steps
-            given = stage(p, mode, wanted + own_ripple(ripple[0], reading(p, s)))
+            given = stage(p, mode, arrived + own_ripple(ripple[0], reading(p, s)))
             advance(p, s, given, process_noise, braked, 1, h / steps)
     else:
-        advance(p, s, stage(p, mode, wanted), process_noise, braked, steps, h / steps)
+        advance(p, s, stage(p, mode, arrived), process_noise, braked, steps, h / steps)
     shown = p.velocity_gain * m.velocity
     if len(truth) > 0:
         target = target_position if mode == 0 else target_velocity if mode == 1 else target_torque
         _log(truth[int(m.cycles) % len(truth)], p, s, mode, h * m.cycles, wall, before, h)
         _log_drive(truth[int(m.cycles) % len(truth)], wanted, y, shown, target, temperature)
     return time, demand, y, shown, wanted, measured_torque, offset, demand - y, temperature, clamped
+
+
+@kernel
+def _arrived(m: Record, wanted: float) -> float:
+    """The torque demand that reaches the output stage now: this cycle's, or that of `late` cycles before [N m]."""
+    if m.late == 0:
+        return wanted
+    oldest = m.held[0]
+    for i in range(m.late - 1):
+        m.held[i] = m.held[i + 1]
+    m.held[m.late - 1] = wanted
+    return float(oldest)
 
 
 @kernel

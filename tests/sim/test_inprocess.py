@@ -311,6 +311,7 @@ def test_urls_say_what_is_simulated() -> None:
     assert axis.plant.friction == pytest.approx(0.5 * nominal.friction)
     assert open_sim("sim://lugre", cycle=0.004).period == 0.004
     assert open_sim("sim://lugre?cycle=0.001", cycle=0.004).period == 0.001
+    assert open_sim("sim://lugre?dead_time=0.004&cycle=0.002").servo.preset.dead_time == 0.004
 
 
 @pytest.mark.parametrize(
@@ -329,6 +330,10 @@ def test_urls_say_what_is_simulated() -> None:
         ("sim://edm-vertical?effect=stribeck:9", "allowed is"),
         ("sim://edm-vertical?friction=", "must be a number"),
         ("sim://edm-vertical?cycle=0.1", "allowed is 0.001 to 0.004"),
+        ("sim://edm-vertical?dead_time=0.0005", "0 to 4 whole cycles of 0.001 s"),
+        ("sim://edm-vertical?dead_time=0.005", "0 to 4 whole cycles"),
+        ("sim://edm-vertical?dead_time=-0.001", "0 to 4 whole cycles"),
+        ("sim://edm-vertical?dead_time=nan", "0 to 4 whole cycles"),
         ("sim://edm-vertical?fault=silnt", "did you mean 'silent'"),
         ("sim://edm-vertical?fault=silent@x", "must be a number"),
     ],

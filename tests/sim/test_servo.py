@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from autotune_sim import kernel
 from autotune_sim.parameters import NAMES
-from autotune_sim.presets import preset
+from autotune_sim.presets import preset, with_dead_time
 from autotune_sim.servo import Servo, ServoMode, ServoState
 
 H = 1e-3
@@ -271,3 +271,24 @@ def test_temperature_rises_with_torque() -> None:
     for _ in range(30_000):
         state = machine.cycle(target_torque=1.2)
     assert 27.0 < state.temperature < 40.0
+
+
+@pytest.mark.parametrize("cycles", [1, 2, 4])
+def test_a_drive_with_a_dead_time_acts_so_many_cycles_later(cycles: int) -> None:
+    """In torque mode, with nothing that moves it by itself: the same motion, later; none on its way after power off."""
+    quiet = preset("edm-vertical")
+    quiet = replace(
+        quiet, plant=replace(quiet.plant, process_noise=0.0, torque_noise=0.0, offset=0.0, ripple=())
+    )
+    prompt, late = Servo(quiet), Servo(with_dead_time(quiet, cycles * H))
+    torques = 0.4 * np.sin(0.05 * np.arange(300))
+    moved = []
+    for machine in (prompt, late):
+        machine.power(True, ServoMode.TORQUE)
+        moved.append([machine.cycle(target_torque=float(one)).position for one in torques])
+    assert moved[1][cycles:] == moved[0][:-cycles]
+    assert np.ptp(moved[0]) > 100 * quiet.plant.resolution
+    late.power(False)
+    late.power(True, ServoMode.TORQUE)
+    assert [late.cycle().torque_demand for _ in range(cycles)] == [0.0] * cycles
+    assert not late._memory["held"].any()
