@@ -23,14 +23,13 @@ from autotune.estimation.data import TRAINING
 from autotune.estimation.problem import Problem
 from autotune.identify.fit import joined
 from autotune.identify.refinement import (
-    ELEMENTS_DAMPING,
     AtRest,
     damping_in_small_motion,
     damping_of_elements,
 )
 from autotune.models.drive_model import DriveModel, HistoryEntry, Packed, surface_parameter
 from autotune.models.reversal_memory import REMEMBERS, REVERSAL_MEMORY
-from autotune.models.total_friction import stiffness_at_rest, stiffness_of_elements
+from autotune.models.total_friction import ELEMENTS_DAMPING, stiffness_at_rest, stiffness_of_elements
 
 
 @dataclass(frozen=True, slots=True)

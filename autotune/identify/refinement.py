@@ -21,6 +21,7 @@ from autotune.models.effect import Value
 from autotune.models.reversal_memory import REVERSAL_MEMORY
 from autotune.models.torque_lag import TORQUE_LAG
 from autotune.models.total_friction import (
+    ELEMENTS_DAMPING,
     damping_at_rest,
     stiffness_at_rest,
     stiffness_of_elements,
@@ -29,7 +30,6 @@ from autotune.models.total_friction import (
 )
 from autotune.recordings.recording import Recording
 
-ELEMENTS_DAMPING = REVERSAL_MEMORY.surface("damping")
 USUAL_DAMPING = 0.3
 """Of sqrt(stiffness · inertia): where the damping in presliding begins."""
 SHARING = 6

@@ -17,6 +17,7 @@ from autotune.models.drive_model import DriveModel
 from autotune.models.effect import Value
 from autotune.models.reversal_memory import REVERSAL_MEMORY
 
+ELEMENTS_DAMPING = REVERSAL_MEMORY.surface("damping")
 _MEMORY, _ELEMENT = REVERSAL_MEMORY.name, "torque_"
 
 
@@ -88,7 +89,7 @@ def stiffness_at_rest(model: DriveModel) -> float:
 
 def damping_at_rest(model: DriveModel) -> float:
     """Of the bristle and all elements together, while all stick [N m s/rad or N s/m]; viscous friction is beside it."""
-    elements = model.parameters.get(REVERSAL_MEMORY.surface("damping"))
+    elements = model.parameters.get(ELEMENTS_DAMPING)
     return model["micro_damping"] + (elements.value if elements is not None else 0.0)
 
 

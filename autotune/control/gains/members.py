@@ -19,6 +19,7 @@ from autotune.models.drive_model import DriveModel
 from autotune.models.reversal_memory import REVERSAL_MEMORY
 from autotune.models.torque_lag import TORQUE_LAG
 from autotune.models.total_friction import (
+    ELEMENTS_DAMPING,
     damping_at_rest,
     stiffness_at_rest,
     stiffness_spread,
@@ -36,7 +37,6 @@ ASSUMED = 0.2
 AS_A_WHOLE = 0.75
 """Steepness of a lag whose four stages are alike: nearly a delay."""
 NOMINAL = "nominal"
-ELEMENTS_DAMPING = REVERSAL_MEMORY.surface("damping")
 MOST = 0.6
 """Relative: a parameter that nothing was said about may not turn its sign."""
 

@@ -20,8 +20,9 @@ from autotune.models.compiled import compiled
 from autotune.models.drive_model import DriveModel, Packed
 from autotune.models.layout import POSITION, VELOCITY
 from autotune.models.plant import advance, substeps_for
-from autotune.models.reversal_memory import REVERSAL_MEMORY, share_damping
+from autotune.models.reversal_memory import share_damping
 from autotune.models.torque_path import delivered
+from autotune.models.total_friction import ELEMENTS_DAMPING
 
 SEED = 11
 RUNAWAY = 1e5
@@ -131,7 +132,7 @@ def smoothed(reference: Floats, keep: float) -> Floats:
 def with_damping(model: DriveModel, timing: LoopTiming) -> Packed:
     """The model; its damping of presliding shared by the elements of its friction where it says nothing of theirs."""
     packed = model.pack()
-    if timing.shared_damping and REVERSAL_MEMORY.surface("damping") not in model.parameters:
+    if timing.shared_damping and ELEMENTS_DAMPING not in model.parameters:
         share_damping(packed.p, packed.on)
     return packed
 
