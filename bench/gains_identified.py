@@ -21,7 +21,7 @@ import numpy as np
 
 from autotune.control.feedforward import FeedforwardLaw
 from autotune.control.gains.loop import LoopTiming
-from autotune.core.axis import read_axis
+from autotune.core.axis import Axis, read_axis
 from autotune.core.errors import AutotuneError
 from autotune.experiments.path import Motion
 from autotune.models.drive_model import DriveModel
@@ -55,14 +55,19 @@ class Tuned:
     ceiling: Ceiling | None
 
 
+def axis_in(folder: Path, kind: str, vary: int) -> Axis:
+    """A preset's axis, varied; its file is written to the folder."""
+    text = (ROOT / "config/axes/simulated.toml").read_text(encoding="utf-8")
+    path = folder / "axis.toml"
+    path.write_text(re.sub('link = ".*"', f'link = "sim://{kind}?seed={vary}"', text), encoding="utf-8")
+    return read_axis(path)
+
+
 def tuned(seed: int, number: int) -> Tuned:
     """Runs one axis in process, and learns on it."""
     kind, vary = KINDS[number % 2], seed + number
-    text = (ROOT / "config/axes/simulated.toml").read_text(encoding="utf-8")
     with tempfile.TemporaryDirectory() as folder:
-        path, runs = Path(folder) / "axis.toml", Path(folder) / "runs"
-        path.write_text(re.sub('link = ".*"', f'link = "sim://{kind}?seed={vary}"', text), encoding="utf-8")
-        axis = read_axis(path)
+        axis, runs = axis_in(Path(folder), kind, vary), Path(folder) / "runs"
         result = tune(Request(axis, lambda: open_link(axis, Path(folder)), runs, Silent(), datetime.now))
         model = read_model(result.run_directory / "model.toml")
         shaken = disturbance_of(result.run_directory) or 0.0

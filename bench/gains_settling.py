@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import re
 import tempfile
 import time
 from collections.abc import Iterator
@@ -25,7 +24,6 @@ from autotune.control.gains.loop import Gains, LoopTiming
 from autotune.control.gains.members import family
 from autotune.control.gains.propose import corners_of, propose, shortfall
 from autotune.control.gains.steps import step_sizes
-from autotune.core.axis import read_axis
 from autotune.core.errors import AutotuneError
 from autotune.models.drive_model import DriveModel
 from autotune.models.model_file import read_model
@@ -36,20 +34,17 @@ from autotune.tuning.progress import Silent
 from autotune.tuning.run import Request, tune
 from autotune_sim.presets import preset
 from bench.gains import JUDGED, as_array, best_settling, kin_of, settles, within_intervals
+from bench.gains_identified import axis_in
 from bench.gains_plant import PERIOD, DrawnAxis, stands, swinging
 
-ROOT = Path(__file__).resolve().parents[1]
 KINDS = ("edm-vertical", "edm-vertical", "lugre")
 STEP, SPEED, FILTER = 0.2, 1.26, 0.8
 
 
 def tuned(kind: str, vary: int) -> tuple[DriveModel, float]:
     """The model that a run leaves, and what it found to shake the axis [N m]."""
-    text = (ROOT / "config/axes/simulated.toml").read_text(encoding="utf-8")
     with tempfile.TemporaryDirectory() as folder:
-        path, runs = Path(folder) / "axis.toml", Path(folder) / "runs"
-        path.write_text(re.sub('link = ".*"', f'link = "sim://{kind}?seed={vary}"', text), encoding="utf-8")
-        axis = read_axis(path)
+        axis, runs = axis_in(Path(folder), kind, vary), Path(folder) / "runs"
         result = tune(Request(axis, lambda: open_link(axis, Path(folder)), runs, Silent(), datetime.now))
         return read_model(result.run_directory / "model.toml"), disturbance_of(result.run_directory) or 0.0
 
