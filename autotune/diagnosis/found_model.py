@@ -29,6 +29,7 @@ from autotune.identify.refinement import (
 )
 from autotune.models.drive_model import DriveModel, HistoryEntry, Packed, surface_parameter
 from autotune.models.reversal_memory import REMEMBERS, REVERSAL_MEMORY
+from autotune.models.torque_lag import TORQUE_LAG
 from autotune.models.total_friction import ELEMENTS_DAMPING, stiffness_at_rest, stiffness_of_elements
 
 
@@ -125,14 +126,28 @@ def _settled(problem: Problem, before: ModelFit, found: AtRest | None) -> ModelF
 
 
 def _named(model: DriveModel, found: AtRest, given: DriveModel) -> DriveModel:
-    """The model with the errors of its damping; what a lag of the torque may add to it is in the `given` one's."""
-    lag = given.base["micro_damping"].standard_error or 0.0
+    """The model with the errors of its damping."""
     values = found.values
     base = MappingProxyType({**model.base, "micro_damping": values["micro_damping"]})
     memory = next(effect for effect in model.effects if effect.kind is REVERSAL_MEMORY)
     own = MappingProxyType({**memory.values, "damping": values[ELEMENTS_DAMPING]})
     effects = tuple(replace(one, values=own) if one is memory else one for one in model.effects)
-    return replace(model, base=base, effects=effects, damping_error=math.hypot(found.error, lag))
+    return replace(
+        model, base=base, effects=effects, damping_error=math.hypot(found.error, _by_lag(model, given))
+    )
+
+
+def _by_lag(model: DriveModel, given: DriveModel) -> float:
+    """By how much a lag of the torque may move a damping at rest [N m s/rad]; not named, that is in the `given` one's.
+
+    A named one may be a stage or a dead time: their phases at the resonance at rest differ by ωτ − arctan ωτ.
+    """
+    if TORQUE_LAG.name not in model:
+        return given.base["micro_damping"].standard_error or 0.0
+    stiffness = stiffness_at_rest(model)
+    rate = math.sqrt(stiffness / model["inertia"])
+    turn = rate * model[TORQUE_LAG.surface("time_constant")]
+    return stiffness / rate * (turn - math.atan(turn))
 
 
 def torque_late(diagnosis: Diagnosis) -> float | None:
