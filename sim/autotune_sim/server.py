@@ -296,15 +296,13 @@ def serve(
     Args:
         preset: name of the axis; `seed` varies its plant, `effects` (name → size) are planted.
         port_path: where the link to the pseudo-terminal is put.
-        link: `canopen` or `moteus`.
-        faults: orders as `autotune_sim.faults` describes them.
+        link: `canopen` or `moteus`; `faults`: orders as `autotune_sim.faults` describes them.
         state_file: the drive's non-volatile memory; without it, stored values live as long as the process.
         also: where further slcan adapters on the same bus are put (CANopen only).
         commands: reads further orders from standard input, one a line, and ends when it closes.
         truth: file that what is true on the axis is logged in, or the log itself (`truth`).
         unfit: `NAME[=SIZE]`, makes the axis one that must not be tuned (`unfit`).
-        counts: of the encoder per revolution, where they are others than the preset's.
-        dead_time: by which the torque comes later than it is demanded, in whole cycles [s].
+        counts, dead_time: of the encoder per revolution (None: the preset's); of the torque, in whole cycles [s].
         log: takes one line an event, beginning with the monotonic time [s].
         ready: called with the port's path once it can be opened.
 
