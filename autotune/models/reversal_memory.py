@@ -5,8 +5,8 @@ W_i: z_i ← clip(z_i + Δq, −d_i, d_i), T = Σ W_i·z_i/d_i (Iwan 1966; Al-Be
 Every reversal leaves elements bent, and a loop closes at the point where it began: the reversal-point
 memory that the single bristle of LuGre does not have (thesis, sections 3.2.3 and 7.2).
 
-While it sticks an element is damped, too (Lampaert, Al-Bender and Swevers 2003: σ_i·ż_i in each); all have one
-relaxation time, so that the `damping` of all is shared as their stiffness is. A model without it has the bristle's.
+While it sticks an element is damped, too (the same paper's generalised model: σ_i·ż_i in each); all have one relaxation
+time, so that the `damping` of all is shared as their stiffness is. A model without it has the bristle's.
 """
 
 from __future__ import annotations
