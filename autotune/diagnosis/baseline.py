@@ -75,7 +75,7 @@ def begin(
         data, said = without_twin(data)
         why = "is unstable, rings or explains less than none"
         notes = (f"No twin: a simulation of the model with this controller {why}.", *said)
-        problem = new_problem(data, None, policy)
+        problem = replace(new_problem(data, None, policy), rough=problem.controller)
         model_fit = _first_fit(problem, packed, free)
     if model_fit is None:
         raise NotEnoughExcitation(

@@ -21,7 +21,7 @@ from autotune.diagnosis.compare import check_same_axis
 from autotune.diagnosis.confirmation import confirm, in_words
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
-from autotune.diagnosis.evidence.time_driven import TimeLine, time_driven_line
+from autotune.diagnosis.evidence.time_driven import TimeLine, time_driven_line, without_line
 from autotune.diagnosis.first_alone import doubt_of
 from autotune.diagnosis.free_shape import any_course
 from autotune.diagnosis.search import Found, again_explained, search
@@ -144,6 +144,7 @@ class Facts:
     Attributes:
         carried: what other trajectories said of the effects; `line`: a disturbance that follows the clock.
         coordinate, generic: the free function that gains most, and its gain.
+        left: what the root leaves is more than noise, chance and the measurement chain make; where that is asked.
         rivals: effects that explain as much as the chosen one.
         freed: those whose course was fitted freely, and whether their own law would have named them too.
         presliding: that of another law, which the root has.
@@ -163,6 +164,7 @@ class Facts:
     tried: Sequence[FittedCandidate] = ()
     freed: Mapping[str, bool] = field(default_factory=dict)
     presliding: FittedCandidate | None = None
+    left: bool = True
 
     @property
     def drowned(self) -> bool:
@@ -170,7 +172,7 @@ class Facts:
         if self.line is None:
             return False
         if self.chosen is None:
-            return True
+            return self.line.share > 1.0 - self.line.share
         left = self.problem.mean_square(self.chosen.model_fit.fitted.error, TRAINING)
         fall = self.chosen.training.fall
         if self.evidence.repeats:
@@ -179,10 +181,16 @@ class Facts:
 
     @property
     def structured(self) -> bool:
-        """A free function of one coordinate explains plainly more than any physics."""
-        policy, chosen = self.problem.policy, self.chosen
-        plainly = self.generic > max(policy.generic_gain, policy.generic_lead * self.lead)
-        return plainly or (chosen is not None and any_course(self.problem, chosen.model_fit))
+        """A free function of one coordinate explains plainly more than any physics, and something is missing."""
+        chosen = self.chosen
+        return (self.plainly and self.left) or (
+            chosen is not None and any_course(self.problem, chosen.model_fit)
+        )
+
+    @property
+    def plainly(self) -> bool:
+        policy = self.problem.policy
+        return self.generic > max(policy.generic_gain, policy.generic_lead * self.lead)
 
     @property
     def accepted(self) -> bool:
@@ -238,10 +246,6 @@ class Facts:
         """On the veto trajectory less than half is explained unless what is left there is excused: it tells nothing."""
         veto = self.chosen.veto if self.chosen is not None else None
         return veto is not None and veto.plain_share < self.problem.policy.partly
-
-    @property
-    def structure_left(self) -> bool:
-        return self.evidence.structure_left(self.problem, self.root)
 
     @property
     def own_law(self) -> bool:
@@ -304,9 +308,9 @@ CASES: tuple[Case, ...] = (
     Case("an effect explains it", lambda f: f.accepted, NAMED, _its_course),
     Case("an effect explains most, by another law", lambda f: f.law_differs, NAMED, _another_law),
     Case("only the law of presliding differs", lambda f: f.own_law, NONE, lambda f: ""),
-    Case("an effect explains too little", lambda f: f.chosen is not None, UNKNOWN, _unknown),
+    Case("an effect explains too little", lambda f: f.chosen is not None and f.left, UNKNOWN, _unknown),
     Case("another trajectory refutes it", lambda f: bool(f.carried), UNKNOWN, _unknown),
-    Case("what is left is no noise", lambda f: f.structure_left, UNKNOWN, _unknown),
+    Case("what is left is no noise", lambda f: f.left, UNKNOWN, _unknown),
     Case("nothing is missing", lambda f: True, NONE, _nothing),
 )
 
@@ -359,7 +363,24 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     line = time_driven_line(problem, (chosen.model_fit if chosen else root).fitted.error)
     rivals = tuple(_rivals(problem, evidence, root, chosen, found.tried)) if chosen is not None else ()
     seen = (problem, root, chosen, evidence, carried, line, coordinate, generic, lead, rivals)
-    return Facts(*seen, found.first, found.tried, found.freed, found.presliding)
+    facts = Facts(*seen, found.first, found.tried, found.freed, found.presliding)
+    if (facts.accepted or facts.law_differs) and not facts.structured:
+        return facts
+    return replace(facts, left=_something_left(facts))
+
+
+def _something_left(facts: Facts) -> bool:
+    """Whether what the root leaves is more than noise; a disturbance that follows the clock is taken out first.
+
+    Without repeats a gain on unseen stretches says as much.
+    """
+    problem, root, evidence = facts.problem, facts.root, facts.evidence
+    if not evidence.repeats and (facts.chosen is not None or facts.plainly):
+        return True
+    if facts.line is not None:
+        error = without_line(problem, root.fitted.error, facts.line)
+        root = replace(root, fitted=replace(root.fitted, error=error))
+    return evidence.structure_left(problem, root)
 
 
 def _rivals(

@@ -5,13 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+import scipy
 
-from autotune.core.arrays import Flags, Floats
+from autotune.core.arrays import Flags, Floats, Integers
 from autotune.estimation.cross_validation import bins
-from autotune.estimation.data import Prepared
+from autotune.estimation.data import STANDSTILL_COUNTS, STANDSTILL_SECONDS, Prepared
 from autotune.models.compiled import compiled
 
 COUNT = 24
+REST_SECONDS, REST_REACH = 0.1, 0.1
+"""An axis rests where it moves no further in this time [s] than this part of its contact's reach, or a count's edge."""
+FORGOTTEN = 0.05
+"""Of a bristle's stretch at a rest: less tells nothing of it."""
 
 
 def since_reversal(data: Prepared) -> tuple[Floats, Floats]:
@@ -108,3 +113,47 @@ def generic_columns(data: Prepared, rows: Flags) -> Mapping[str, Floats]:
         "time": bins(table["time"], COUNT, rows),
         "travel_since_reversal": np.hstack([travel * sign, travel * ~sign]),
     }
+
+
+def since_rest(data: Prepared, reach: float) -> tuple[Integers, Floats]:
+    """Number of the last rest of every grid row, and what is left there of the bristle's stretch at it, shape (m,).
+
+    `reach`: way of the contact before it slides [motion unit]. Within a rest nothing is known of the stretch, nor where
+    the low-pass reaches into a standstill, where friction holds any torque: nan.
+    """
+    number, left = np.zeros(len(data.time), dtype=np.int64), np.zeros(len(data.time))
+    counts = STANDSTILL_COUNTS * data.resolution
+    first = 0
+    for stretch in data.stretches:
+        position = data.position[stretch.rows]
+        still = _moves_within(data, position, REST_SECONDS) < max(counts, REST_REACH * reach)
+        still[0] = True  # how the bristle is stretched where a recording begins is not known either
+        way = np.cumsum(np.abs(np.diff(position, prepend=position[:1])))
+        last = np.maximum.accumulate(np.where(still, np.arange(len(position)), 0))
+        stands = _moves_within(data, position, 2.0 * STANDSTILL_SECONDS) < counts
+        near = scipy.ndimage.maximum_filter1d(still | stands, len(data.taps))
+        number[stretch.rows] = first + np.cumsum(still & ~np.append(False, still[:-1]))
+        left[stretch.rows] = np.where(near, np.nan, np.exp(-(way - way[last]) / reach))
+        first = int(number[stretch.stop - 1]) + 1
+    return number[data.grid], left[data.grid]
+
+
+def _moves_within(data: Prepared, position: Floats, seconds: float) -> Floats:
+    """How far the axis moves within so many seconds around every sample, shape (n,)."""
+    window = 2 * max(1, round(0.5 * seconds * data.pace / data.period)) + 1
+    highest = scipy.ndimage.maximum_filter1d(position, window)
+    return np.asarray(highest - scipy.ndimage.minimum_filter1d(position, window))
+
+
+def without_rests(data: Prepared, error: Floats, reach: float) -> Floats:
+    """An error without what a bristle's unknown stretch at each rest makes of it, shape (m,); 0 within rests.
+
+    Vibrations below a count let the stretch creep while the axis rests, alike in every repeat and unlike in any twin;
+    it is forgotten as the axis moves on.
+    """
+    number, left = since_rest(data, reach)
+    rest = np.isnan(left)
+    share = np.where(rest | (left < FORGOTTEN), 0.0, left)
+    rest_error = np.where(rest, 0.0, error)
+    stretch = np.bincount(number, share * rest_error) / np.maximum(np.bincount(number, share**2), 1e-300)
+    return np.asarray(rest_error - share * stretch[number])

@@ -20,6 +20,7 @@ import scipy
 from numpy.typing import NDArray
 
 from autotune.core.arrays import Floats
+from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.controller import asked
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import TRAINING, Prepared
@@ -28,6 +29,7 @@ from autotune.estimation.problem import Problem, shared
 from autotune.estimation.residual import SEED, raw_residual, residual, run_twin, simulated_motion
 from autotune.models import layout
 from autotune.models.drive_model import BASE, Packed
+from autotune.models.transmission import has_load
 
 CHUNK_SECONDS = 0.4
 LEAST_CHUNKS = 6
@@ -67,6 +69,8 @@ UNEVEN = 2.5
 """Mean over median power of chunks, over what it is in the twin: no steady noise."""
 NUDGE, NUDGED = 0.01, 4
 """Relative change of base parameters by which twins are set apart, and how many of them: what a good fit is off by."""
+LOUDNESS = (0.6, 0.75, 0.85, 0.95, 1.05, 1.2, 1.35, 1.7)
+"""Times the estimated disturbance: by so much replicas are shaken, as its level is known to a factor of 1.4 or so."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -348,9 +352,7 @@ def with_counts(problem: Problem, packed: Packed) -> Problem:
     random = np.random.default_rng([SEED, 2])
     errors: list[Floats] = []
     for _ in range(NUDGED):
-        p = packed.p.copy()
-        p[: len(BASE)] *= 1.0 + NUDGE * random.standard_normal(len(BASE))
-        nudged = Packed(p, packed.on)
+        nudged = _off_by_a_little(packed, random)
         run = run_twin(data, nudged, _nudged(problem.controller, random), problem.disturbance, random)
         if run.stable:
             errors.append(residual(data, nudged, simulated_motion(data, run)))
@@ -362,6 +364,40 @@ def with_counts(problem: Problem, packed: Packed) -> Problem:
         if block.repeats > 1:
             level[:, i] = [shared(block.by_repeat(pair)).mean() for pair in pairs]
     return replace(problem, by_counts=level)
+
+
+def null_errors(problem: Problem, root: ModelFit) -> list[Floats]:
+    """Errors that this axis would leave if its model lacked nothing, of replicas by its law, shape (m,) each.
+
+    Every replica is simulated with a disturbance and parameters as uncertain as they are, goes through the same chain
+    and the same bias, and the base parameters are fitted to it, linearised. None without a law, or between two masses.
+    """
+    data, packed, law = problem.data, root.fitted.packed, problem.controller or problem.rough
+    if law is None or not data.repeated or has_load(packed.on):
+        return []
+    disturbance = problem.disturbance
+    if problem.controller is None:
+        disturbance = estimate_disturbance(replace(problem, controller=law), packed)
+    random = np.random.default_rng([SEED, 5])
+    weight = np.sqrt(problem.training)
+    columns = root.fitted.jacobian * weight[:, None]
+    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    errors: list[Floats] = []
+    for factor in LOUDNESS:
+        nudged = _off_by_a_little(packed, random)
+        run = run_twin(data, nudged, _nudged(law, random), disturbance.louder(factor), random)
+        if run.stable:
+            error = residual(data, nudged, simulated_motion(data, run)) - root.correction.bias
+            slope = np.linalg.lstsq(columns / size, error * weight, rcond=1e-8)[0] / size
+            errors.append(error - root.fitted.jacobian @ slope)
+    return errors
+
+
+def _off_by_a_little(packed: Packed, random: np.random.Generator) -> Packed:
+    """A model whose base parameters are off by what those of a good fit are."""
+    p = packed.p.copy()
+    p[: len(BASE)] *= 1.0 + NUDGE * random.standard_normal(len(BASE))
+    return Packed(p, packed.on)
 
 
 def _nudged(law: PositionController, random: np.random.Generator) -> PositionController:

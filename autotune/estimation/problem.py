@@ -83,6 +83,7 @@ class Problem:
         by_counts: variance that comes again in repeats though no model lacks anything [(N m)²], of pairs of twins by
             block, shape (pairs, blocks): where the encoder's counts turn over, the loop answers alike in every repeat,
             and otherwise in a twin that is off by a little.
+        rough: a law whose twin is too far off to take anything out, but tells how much comes again by the chain alone.
         runs: of the twin, as far as they are known.
     """
 
@@ -97,6 +98,7 @@ class Problem:
     candidates: tuple[Kind, ...] = tuple(EFFECTS.values())
     expected: Floats | None = None
     by_counts: Floats | None = None
+    rough: PositionController | None = None
     runs: KnownRuns = field(default_factory=lambda: KnownRuns(), repr=False, compare=False)
 
     @property

@@ -9,16 +9,20 @@ import pytest
 
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.candidates import FittedCandidate
+from autotune.diagnosis.evidence import repeated
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
+from autotune.diagnosis.evidence.time_driven import TimeLine, without_line
 from autotune.diagnosis.search import again_explained
 from autotune.estimation.alignment import shifted
 from autotune.estimation.bandwidth import prepared_to_fit
 from autotune.estimation.bias_corrected_fit import ModelFit
+from autotune.estimation.coordinates import since_rest, without_rests
 from autotune.estimation.cross_validation import Explained, explained
 from autotune.estimation.data import TRAINING
-from autotune.estimation.disturbance_estimate import with_counts
+from autotune.estimation.disturbance_estimate import null_errors, with_counts
 from autotune.estimation.problem import Problem, refit
 from autotune.estimation.residual import measured_motion
+from autotune.models import layout
 from autotune.models.drive_model import base_model
 from autotune.models.torque_lag import TIME_CONSTANT
 from tests.support.axes import NOMINAL
@@ -115,3 +119,67 @@ def test_what_counts_make_come_again_is_no_structure_and_is_excused_in_part(begu
     assert shares[1].share > shares[0].share
     assert shares[1].plain_share == pytest.approx(shares[0].share)
     assert shares[1].excused <= 0.25 * shares[1].fall * (1.0 + 1e-9)
+
+
+def _in_the_fastest(problem: Problem, size: float) -> np.ndarray:
+    """An error that comes again in one experiment: a wave of this size [N m], shape (m,)."""
+    block = next(block for block in problem.data.blocks if block.name == "points")
+    wave = np.zeros(len(problem.data.grid))
+    wave[block.rows] = np.tile(size * np.sin(np.arange(block.count) / 3.0), block.repeats)
+    return wave
+
+
+def test_what_replicas_that_lack_nothing_leave_is_no_structure(begun: Begun, monkeypatch) -> None:
+    """The same rest is unknown beside a twin that is exact, and the chain's own beside one that makes as much of it."""
+    problem, model_fit = begun
+    wave = _in_the_fastest(problem, 0.03)
+    spoilt = replace(model_fit, fitted=replace(model_fit.fitted, error=model_fit.fitted.error + wave))
+    assert RepeatedProgramme().structure_left(problem, spoilt)
+    own = [model_fit.fitted.error + scale * wave for scale in (0.8, 0.9, 1.0, 1.1)]
+    monkeypatch.setattr(repeated, "null_errors", lambda *_: own)
+    assert not RepeatedProgramme().structure_left(problem, spoilt)
+    monkeypatch.setattr(repeated, "null_errors", lambda *_: own[:2])
+    assert RepeatedProgramme().structure_left(problem, spoilt), "two of eight tell nothing"
+
+
+def test_replicas_are_as_noisy_as_the_axis_and_share_next_to_nothing(begun: Begun) -> None:
+    """The disturbance is varied by a factor of 1.4 either way; noise is its square. None without a law."""
+    problem, model_fit = begun
+    noise = problem.noise_variance(model_fit.fitted.error, TRAINING)
+    replicas = null_errors(problem, model_fit)
+    levels = [problem.noise_variance(error, TRAINING) / noise for error in replicas]
+    again = [problem.repeatable(error, model_fit.correction, TRAINING)[0] / noise for error in replicas]
+    over = np.abs(again) / levels
+    assert len(replicas) == 8
+    assert 0.5 < float(np.median(levels)) < 2.0
+    assert max(over) < 0.15
+    assert levels[-1] > 2.0 * levels[0]
+    assert null_errors(replace(problem, controller=None), model_fit) == []
+    rough = replace(problem, controller=None, rough=problem.controller)
+    assert len(null_errors(rough, model_fit)) == 8
+
+
+def test_how_far_a_bristle_is_stretched_at_a_rest_is_taken_out_and_nothing_else(begun: Begun) -> None:
+    problem, model_fit = begun
+    data, p = problem.data, model_fit.fitted.packed.p
+    reach = float(p[layout.COULOMB] / p[layout.STIFFNESS])
+    number, left = since_rest(data, reach)
+    moving = np.isfinite(left)
+    assert 0.5 < moving.mean() <= 1.0
+    assert number.max() > 5, "the standard programme rests often"
+    random = np.random.default_rng(3)
+    stretched = np.where(moving, np.nan_to_num(left) * random.normal(0.0, 1.0, number.max() + 1)[number], 0.0)
+    known = np.where(np.nan_to_num(left) >= 0.05, stretched, 0.0)
+    assert np.max(np.abs(without_rests(data, known, reach))) < 1e-9
+    far = np.where(moving & (np.nan_to_num(left) < 0.05), random.standard_normal(len(left)), 0.0)
+    assert without_rests(data, far, reach) == pytest.approx(far)
+
+
+def test_a_disturbance_that_follows_the_clock_is_no_structure(begun: Begun) -> None:
+    """A line that repeats meet in phase comes again, and is gone once it is taken out."""
+    problem = begun[0]
+    clock = problem.data.grid * problem.data.period
+    line = 0.02 * np.sin(2.0 * np.pi * 16.7 * clock + 0.3)
+    noise = 1e-3 * np.random.default_rng(5).standard_normal(len(line))
+    left = without_line(problem, line + noise, TimeLine(16.7, 0.9))
+    assert float(np.std(left)) == pytest.approx(1e-3, rel=0.05)

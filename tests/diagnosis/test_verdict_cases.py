@@ -25,7 +25,7 @@ NOTHING = {
     "rivals": (),
     "chosen": None,
     "carried": (),
-    "structure_left": False,
+    "left": False,
 }
 FOUND = {"chosen": object(), "accepted": True}
 
@@ -45,12 +45,13 @@ def _row(**facts: object) -> tuple[str, str]:
         (FOUND | {"outdone": "gravity_imbalance"}, "unknown"),
         ({"chosen": object(), "law_differs": True}, "named"),
         (FOUND | {"drowned": True, "rivals": ("spring",)}, "unknown"),
-        ({"chosen": object()}, "unknown"),
-        ({"chosen": object(), "rivals": ("spring",)}, "unknown"),
-        ({"own_law": True, "structure_left": True, "chosen": object()}, "none"),
+        ({"chosen": object(), "left": True}, "unknown"),
+        ({"chosen": object(), "left": True, "rivals": ("spring",)}, "unknown"),
+        ({"chosen": object()}, "none"),
+        ({"own_law": True, "left": True, "chosen": object()}, "none"),
         (FOUND | {"own_law": True}, "named"),
         ({"carried": ("refuted",)}, "unknown"),
-        ({"structure_left": True}, "unknown"),
+        ({"left": True}, "unknown"),
         ({"structured": True}, "unknown"),
     ],
 )
@@ -68,9 +69,9 @@ def test_every_row_can_be_reached_and_has_a_name_of_its_own() -> None:
         _row(**FOUND, outdone="gravity_imbalance"),
         _row(chosen=object(), law_differs=True),
         _row(own_law=True),
-        _row(chosen=object()),
+        _row(chosen=object(), left=True),
         _row(carried=("refuted",)),
-        _row(structure_left=True),
+        _row(left=True),
     }
     assert {name for _, name in reached} == {case.name for case in CASES}
     assert len({case.name for case in CASES}) == len(CASES)

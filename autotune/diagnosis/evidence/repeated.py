@@ -9,18 +9,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from autotune.core.arrays import Floats
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, error_left
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
 from autotune.estimation.alignment import best_shift, shifted
 from autotune.estimation.bias_corrected_fit import ModelFit
+from autotune.estimation.coordinates import without_rests
+from autotune.estimation.cross_validation import drift
 from autotune.estimation.data import TRAINING, VETO
+from autotune.estimation.disturbance_estimate import null_errors
 from autotune.estimation.policy import Policy
 from autotune.estimation.problem import CHUNK, Problem
 from autotune.estimation.residual import measured_motion, smoothed
+from autotune.models import layout
 from autotune.models.effect import Kind
 from autotune.models.torque_lag import TORQUE_LAG
 
@@ -33,6 +38,8 @@ STANDS_OUT = 3.0
 """Times the noise of one experiment: what comes again there says something is missing, though it be next to nothing in
 the mean of all. Where nothing is missing chance reaches 0.8 once in fifty experiments (a count that turns over alike in
 two repeats); a motor that saturates in the fastest experiment only reaches 17."""
+FEW = 3
+"""Replicas, of eight: where most run away their law tells nothing."""
 CURRENT_LOOP = 0.2e-3
 """s, by which the torque of an ordinary current loop (800 Hz) is late."""
 FINE_SHIFT = 0.1
@@ -113,28 +120,41 @@ class RepeatedProgramme(Evidence):
         return bool(lag <= CURRENT_LOOP)
 
     def structure_left(self, problem: Problem, model_fit: ModelFit) -> bool:
-        """Repeatable, beyond doubt, and not next to nothing beside the noise, nor the bias that no twin takes out."""
-        variance, error = problem.repeatable(model_fit.fitted.error, model_fit.correction, TRAINING)
-        noise = problem.noise_variance(model_fit.fitted.error, TRAINING)
-        policy = problem.policy
+        """What comes again beyond doubt, in more than replicas that lack nothing have of it; or a level that drifts.
+
+        Not what is next to nothing beside the noise, nor what a bristle's stretch at a rest makes.
+        """
+        if drift(problem, model_fit.fitted, model_fit.correction, TRAINING)[0] > 0.0:
+            return True
+        seen = _shared(problem, model_fit, model_fit.fitted.error)
+        if not math.isfinite(seen.variance) or not self._left(problem, model_fit, seen, []):
+            return False
+        replicas = [_shared(problem, model_fit, error) for error in null_errors(problem, model_fit)]
+        return len(replicas) < FEW or self._left(problem, model_fit, seen, replicas)
+
+    def _left(
+        self, problem: Problem, model_fit: ModelFit, seen: _Shared, replicas: Sequence[_Shared]
+    ) -> bool:
+        """Whether the mean of all experiments, or one of them, shares more than chance, counts and replicas do."""
+        noise, policy = problem.noise_variance(model_fit.fitted.error, TRAINING), problem.policy
         least = policy.structure_part * noise if _exact(problem) else _of_the_chain(problem, noise)
         if problem.controller is None or not problem.controller.exact:
             least = max(least, (policy.least_part * problem.scales.torque) ** 2)
         counts, scatter = problem.comes_by_counts(TRAINING)
-        error = math.sqrt(max(scatter**2, PAIRS * error**2) - (PAIRS - 1.0) * error**2)
-        beyond = variance - counts > policy.structure_errors * error and variance > least
-        return math.isfinite(variance) and (beyond or self._stands_out(problem, model_fit, least))
-
-    def _stands_out(self, problem: Problem, model_fit: ModelFit, least: float) -> bool:
-        """Whether one experiment holds far more that comes again than noise: too few seconds for the mean of all."""
-        table = problem.repeatable_by_block(model_fit.fitted.error, model_fit.correction, TRAINING)
-        usual = np.maximum(table[:, 1], least)
+        error = math.sqrt(max(scatter**2, PAIRS * seen.error**2) - (PAIRS - 1.0) * seen.error**2)
+        if replicas:
+            levels = np.array([one.variance for one in replicas])
+            counts = max(counts, float(levels.mean()))
+            error = max(error, math.hypot(seen.error, float(levels.std(ddof=1))))
+        if seen.variance - counts > policy.structure_errors * error and seen.variance > least:
+            return True
+        usual = np.maximum(seen.blocks[:, 1], least)
         if problem.by_counts is not None:
-            blocks = problem.data.blocks
-            levels = problem.by_counts.mean(axis=0)
-            known = [v for v, b in zip(levels, blocks, strict=True) if b.role == TRAINING and b.repeats > 1]
-            usual = np.maximum(usual, known)
-        return bool(np.any(table[:, 0] > STANDS_OUT * usual))
+            known = zip(problem.by_counts.mean(axis=0), problem.data.blocks, strict=True)
+            usual = np.maximum(usual, [v for v, b in known if b.role == TRAINING and b.repeats > 1])
+        for one in replicas:  # which experiment chance makes loud differs from replica to replica
+            usual = np.maximum(usual, one.blocks[:, 0].max())
+        return bool(np.any(seen.blocks[:, 0] > STANDS_OUT * usual))
 
     def confirms(self, problem: Problem, effects: Sequence[str], carried: Sequence[HoldoutResult]) -> bool:
         """By the veto trajectory, which was never fitted; without a twin not at all."""
@@ -149,6 +169,34 @@ class RepeatedProgramme(Evidence):
 
     def explains_part(self, chosen: FittedCandidate) -> str:
         return f"explains {100 * chosen.share:.0f} % of it"
+
+
+@dataclass(frozen=True, slots=True)
+class _Shared:
+    """What repeats of the training share, without what rests make: variance and its error, and by block [(N m)²].
+
+    `blocks`, shape (b, 2): variance that comes again and variance that does not.
+    """
+
+    variance: float
+    error: float
+    blocks: Floats
+
+
+def _shared(problem: Problem, model_fit: ModelFit, error: Floats) -> _Shared:
+    p = model_fit.fitted.packed.p
+    rested = without_rests(problem.data, error, float(p[layout.COULOMB] / p[layout.STIFFNESS]))
+    quieter = [
+        min(
+            block.by_repeat(rested).var(axis=0).mean()
+            / max(block.by_repeat(error).var(axis=0).mean(), 1e-300),
+            1.0,
+        )
+        for block in problem.data.blocks
+    ]
+    correction = replace(model_fit.correction, variance=model_fit.correction.variance * np.array(quieter))
+    found = problem.repeatable(rested, correction, TRAINING)
+    return _Shared(*found, problem.repeatable_by_block(rested, correction, TRAINING))
 
 
 def _exact(problem: Problem) -> bool:

@@ -53,6 +53,12 @@ def time_driven_line(problem: Problem, error: Floats) -> TimeLine | None:
     return TimeLine(float(finest), share) if share > problem.policy.line_part and everywhere else None
 
 
+def without_line(problem: Problem, error: Floats, line: TimeLine) -> Floats:
+    """An error without such a disturbance, shape (m,)."""
+    terms, rows = _terms(_clock(problem), line.hertz), problem.training > 0
+    return np.asarray(error - terms @ np.linalg.lstsq(terms[rows], error[rows], rcond=None)[0])
+
+
 def _of_the_motion(hertz: float, period: float, seconds: float) -> bool:
     """Whether a line is a harmonic of a motion that repeats itself: nothing says then that time drives it."""
     return abs(hertz - round(hertz * period) / period) < 2.0 / seconds
