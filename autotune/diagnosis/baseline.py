@@ -14,11 +14,11 @@ from autotune.diagnosis.ripple_orders import MOST_LINES
 from autotune.diagnosis.starts import Context
 from autotune.estimation.alignment import shifted, without_twin
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
-from autotune.estimation.contact_start import as_rough, fitted_contact
+from autotune.estimation.contact_start import as_rough, fitted_contact, sticking
 from autotune.estimation.controller import as_recorded, controllers_of, find_controller
 from autotune.estimation.controller_search import AS_MUCH
 from autotune.estimation.controller_torque import loop_note, refuse_answers
-from autotune.estimation.data import Prepared
+from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.disturbance_estimate import estimate_disturbance, with_expected_noise
 from autotune.estimation.least_squares import Free
 from autotune.estimation.policy import POLICY, Policy
@@ -129,9 +129,30 @@ def _first_fit(problem: Problem, packed: Packed, free: list[Free]) -> tuple[Prob
         as_given = fit_inside_twin(problem, packed, free, 2)
         if model_fit is None or (as_given is not None and as_given.fitted.cost < model_fit.fitted.cost):
             model_fit = as_given
-    if model_fit is not None and _worse_than_none(problem, evidence, model_fit, plain):
+    if model_fit is None or _worse_than_none(problem, evidence, model_fit, plain):
         return None
-    return None if model_fit is None else (problem, model_fit)
+    return _sticking(problem, model_fit)
+
+
+def _sticking(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit]:
+    """Problem and fit without rows at rest, where the axis sticks without presliding; else as they are."""
+    without, starts = sticking(problem, model_fit.fitted.packed)
+    best, least = (
+        model_fit,
+        problem.policy.clearly_less * without.mean_square(model_fit.fitted.error, TRAINING),
+    )
+    for start in starts:
+        found = fit_inside_twin(without, start, list(model_fit.free), 3)
+        if found is not None and found.fitted.cost < least:
+            best, least = found, found.fitted.cost
+    if best is model_fit:
+        return problem, model_fit
+    if not problem.twin:
+        return without, best
+    packed = best.fitted.packed
+    without = replace(without, disturbance=estimate_disturbance(without, packed))
+    again = fit_inside_twin(without, packed, list(best.free), 2)
+    return with_expected_noise(without, packed), again or best
 
 
 def _worse_than_none(problem: Problem, evidence: Evidence, model_fit: ModelFit, plain: float) -> bool:

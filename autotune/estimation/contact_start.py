@@ -1,4 +1,4 @@
-"""The bristle in a single recording: where its stiffness starts, and whether the data tell it at all.
+"""The bristle where recordings hardly tell it: where its stiffness starts, and whether the data tell it at all.
 
 Without presliding experiments the error has several minima over the stiffness, and a base model left in a
 poor one makes every candidate look good that moves it. Free although the data say nothing about it, the
@@ -15,12 +15,14 @@ import numpy as np
 
 from autotune.core.arrays import Floats
 from autotune.estimation.controller import asked
+from autotune.estimation.coordinates import since_rest
 from autotune.estimation.disturbance import STILL
 from autotune.estimation.least_squares import Fitted, Free, standard_errors
 from autotune.estimation.problem import Correction, Problem, refit
 from autotune.estimation.residual import SEED, residual, run_twin
 from autotune.models import layout
 from autotune.models.drive_model import Packed
+from autotune.models.transmission import has_load
 
 REACHES = (1e-5, 1e-4, 1e-3)  # of the travel
 DAMPING = 0.3
@@ -34,6 +36,8 @@ MOST_NOISE = 25.0
 """Times its variance, by which the noise is corrected at most."""
 LOOSE = 1.0
 """Relative standard error from which a contact parameter is held."""
+RIGID = 25.0
+"""Times the stiffness: what is tried where the axis sticks without presliding."""
 _CONTACT = ("stiffness", "micro_damping")
 
 
@@ -94,6 +98,24 @@ def quiet_contact(problem: Problem, packed: Packed) -> Packed | None:
     at = int(np.argmin(costs))
     rings = costs[at] < QUIETER * _twin_cost(problem, packed)
     return trials[at] if rings or undamped else None
+
+
+def sticking(problem: Problem, packed: Packed) -> tuple[Problem, tuple[Packed, ...]]:
+    """The problem without rows at rest and with what a fit may start from, where no count of presliding is seen.
+
+    There friction holds any torque, and a bristle that is to explain that torque gives way when the axis reverses. No
+    starts where the contact is seen.
+    """
+    p = packed.p
+    reach = float(p[layout.COULOMB] / p[layout.STIFFNESS])
+    if not problem.data.repeated or reach >= problem.data.resolution or has_load(packed.on):
+        return problem, ()
+    weight = problem.weight * np.isfinite(since_rest(problem.data, reach)[1])
+    if not np.any(weight * problem.training > 0.0):
+        return problem, ()
+    rigid = p.copy()
+    rigid[layout.STIFFNESS] *= RIGID
+    return replace(problem, weight=weight), (packed, Packed(rigid, packed.on))
 
 
 def as_rough(problem: Problem, packed: Packed) -> Problem:

@@ -146,8 +146,7 @@ class Problem:
         for block, spare in zip(self.data.blocks, correction.variance, strict=True):
             if block.role != role or block.repeats < 2:
                 continue
-            table = block.by_repeat(error)
-            product = shared(table) - spare
+            product = shared(self._compared(block, error)) - spare
             means = _chunk_means(product)
             means[:, 1] *= self._steadiness(block)
             chunks.append(means)
@@ -160,7 +159,7 @@ class Problem:
         """
         values = [
             (
-                block.by_repeat(error).var(axis=0, ddof=1).mean(),
+                self._compared(block, error).var(axis=0, ddof=1).mean(),
                 block.count * (1.0 if plain else self._steadiness(block)),
             )
             for block in self.data.blocks
@@ -176,7 +175,7 @@ class Problem:
         rows = []
         for block, spare in zip(self.data.blocks, correction.variance, strict=True):
             if block.role == role and block.repeats > 1:
-                table = block.by_repeat(error)
+                table = self._compared(block, error)
                 noise = float(table.var(axis=0, ddof=1).mean())
                 rows.append((float(np.mean(table.mean(axis=0) ** 2)) - noise / block.repeats - spare, noise))
         return np.array(rows).reshape(-1, 2)
@@ -221,6 +220,11 @@ class Problem:
         weight = self.weight * self.data.role(role)
         total = float(weight.sum())
         return float(np.dot(weight, error**2)) / total if total > 0.0 else float("nan")
+
+    def _compared(self, block: Block, error: Floats) -> Floats:
+        """An experiment's error by repeat, the rows that count in each; one of zeros where none does."""
+        counts = np.all(block.by_repeat(self.weight) > 0.0, axis=0)
+        return block.by_repeat(error)[:, counts] if counts.any() else np.zeros((block.repeats, 1))
 
     def _steadiness(self, block: Block) -> float:
         return float(self.weight[block.rows].max(initial=0.0))

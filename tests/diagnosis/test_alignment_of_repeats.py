@@ -16,6 +16,7 @@ from autotune.diagnosis.search import again_explained
 from autotune.estimation.alignment import shifted
 from autotune.estimation.bandwidth import prepared_to_fit
 from autotune.estimation.bias_corrected_fit import ModelFit
+from autotune.estimation.contact_start import sticking
 from autotune.estimation.coordinates import since_rest, without_rests
 from autotune.estimation.cross_validation import Explained, explained
 from autotune.estimation.data import TRAINING
@@ -23,7 +24,7 @@ from autotune.estimation.disturbance_estimate import null_errors, with_counts
 from autotune.estimation.problem import Problem, refit
 from autotune.estimation.residual import measured_motion
 from autotune.models import layout
-from autotune.models.drive_model import base_model
+from autotune.models.drive_model import Packed, base_model
 from autotune.models.torque_lag import TIME_CONSTANT
 from tests.support.axes import NOMINAL
 
@@ -183,3 +184,25 @@ def test_a_disturbance_that_follows_the_clock_is_no_structure(begun: Begun) -> N
     noise = 1e-3 * np.random.default_rng(5).standard_normal(len(line))
     left = without_line(problem, line + noise, TimeLine(16.7, 0.9))
     assert float(np.std(left)) == pytest.approx(1e-3, rel=0.05)
+
+
+def test_where_no_count_of_presliding_is_seen_rows_at_rest_are_left_out(begun: Begun) -> None:
+    """Stiction without presliding: friction holds any torque at rest, and a bristle far stiffer is tried."""
+    problem, model_fit = begun
+    packed = model_fit.fitted.packed
+    assert sticking(problem, packed) == (problem, ())
+    p = packed.p.copy()
+    p[layout.STIFFNESS] = p[layout.COULOMB] / (0.2 * problem.data.resolution)
+    without, starts = sticking(problem, Packed(p, packed.on))
+    out = without.weight == 0.0
+    assert 0.0 < out.mean() < 0.5
+    assert np.array_equal(without.weight[~out], problem.weight[~out])
+    assert [start.p[layout.STIFFNESS] / p[layout.STIFFNESS] for start in starts] == pytest.approx([1.0, 25.0])
+    error = model_fit.fitted.error + np.where(out, 1.0, 0.0)
+    alike = [
+        without.repeatable(one, model_fit.correction, TRAINING)[0] for one in (error, model_fit.fitted.error)
+    ]
+    assert alike[0] == pytest.approx(alike[1])
+    assert without.noise_variance(error, TRAINING) == pytest.approx(
+        without.noise_variance(model_fit.fitted.error, TRAINING)
+    )
