@@ -372,11 +372,16 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
 def _something_left(facts: Facts) -> bool:
     """Whether what the root leaves is more than noise; a disturbance that follows the clock is taken out first.
 
-    Without repeats a gain on unseen stretches says as much.
+    So it is where the chosen effect lowers what repeats share by as much. Without repeats a gain on unseen stretches
+    says it.
     """
-    problem, root, evidence = facts.problem, facts.root, facts.evidence
-    if not evidence.repeats and (facts.chosen is not None or facts.plainly):
+    problem, root, evidence, chosen = facts.problem, facts.root, facts.evidence, facts.chosen
+    if not evidence.repeats and (chosen is not None or facts.plainly):
         return True
+    if chosen is not None and chosen.share >= problem.policy.partly:
+        noise = problem.noise_variance(root.fitted.error, TRAINING)
+        if again_explained(problem, root, chosen.model_fit) > problem.policy.structure_part * noise:
+            return True
     if facts.line is not None:
         error = without_line(problem, root.fitted.error, facts.line)
         root = replace(root, fitted=replace(root.fitted, error=error))

@@ -69,8 +69,8 @@ UNEVEN = 2.5
 """Mean over median power of chunks, over what it is in the twin: no steady noise."""
 NUDGE, NUDGED = 0.01, 4
 """Relative change of base parameters by which twins are set apart, and how many of them: what a good fit is off by."""
-LOUDNESS = (0.6, 0.75, 0.85, 0.95, 1.05, 1.2, 1.35, 1.7)
-"""Times the estimated disturbance: by so much replicas are shaken, as its level is known to a factor of 1.4 or so."""
+LOUDNESS = (0.7, 0.78, 0.87, 0.96, 1.05, 1.15, 1.27, 1.4)
+"""Times the estimated disturbance: by so much replicas are shaken, as its level is known to a factor of 1.4."""
 
 
 @dataclass(frozen=True, slots=True)

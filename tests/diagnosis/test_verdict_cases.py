@@ -10,6 +10,7 @@ from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.diagnosis.evidence.single import SingleRecording
 from autotune.diagnosis.evidence.speed_curve import SpeedCurve
+from autotune.diagnosis.evidence.time_driven import TimeLine
 from autotune.diagnosis.verdict import CASES, Facts
 from autotune.estimation.policy import POLICY
 from autotune.models.drive_model import base_model
@@ -131,3 +132,34 @@ def test_a_free_course_names_only_what_no_other_effect_comes_near(
     problem = SimpleNamespace(policy=POLICY, has_veto=True)
     known = (problem, fit, chosen, RepeatedProgramme(), (), None, "", 0.0, 0.4, (), first)
     assert Facts(*known, freed=freed).accepted == named
+
+
+@pytest.mark.parametrize(("share", "drowned"), [(0.06, False), (0.45, False), (0.7, True)])
+def test_a_disturbance_that_follows_the_clock_hides_what_is_smaller_than_it(
+    share: float, drowned: bool
+) -> None:
+    """Where nothing was found: mains that are a part of the noise are told, and hide nothing."""
+    problem = SimpleNamespace(policy=POLICY)
+    line = TimeLine(50.0, share)
+    facts = Facts(problem, SimpleNamespace(), None, RepeatedProgramme(), (), line, "", 0.0, 0.0, ())
+    assert facts.drowned == drowned
+
+
+@pytest.mark.parametrize(("left", "structured"), [(True, True), (False, False)])
+def test_a_free_function_that_gains_on_noise_says_nothing(left: bool, structured: bool) -> None:
+    problem = SimpleNamespace(policy=POLICY)
+    facts = Facts(
+        problem,
+        SimpleNamespace(),
+        None,
+        RepeatedProgramme(),
+        (),
+        None,
+        "acceleration",
+        0.08,
+        0.04,
+        (),
+        left=left,
+    )
+    assert facts.plainly
+    assert facts.structured == structured
