@@ -57,7 +57,8 @@ def begin(
     notes = found.notes
     if not found.usable:
         data, said = without_twin(data)
-        notes = (f"No twin: {found.why}. Confidence is lower.", *said, *loop_note(data, policy))
+        no_twin = () if data.steady else (f"No twin: {found.why}. Confidence is lower.",)
+        notes = (*no_twin, *said, *loop_note(data, policy))
     laws = controllers_of(data, found, policy)
     data = as_recorded(data, found)
     problem = new_problem(data, found, policy)

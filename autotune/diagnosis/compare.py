@@ -36,6 +36,8 @@ EACH_IN_TURN = "each experiment held out in turn"
 WORST = 6
 BINS = 12
 REGIMES = ("presliding", "reversal", "low_speed", "high_speed", "acceleration")
+AT_SPEED = ("low_speed", "high_speed")
+"""Of them: what a curve of friction over speed has."""
 _LOGARITHMIC = ("travel_since_reversal", "time_since_reversal")
 
 
@@ -161,6 +163,8 @@ def worst_places(data: Prepared, error: Floats, rows: Flags) -> tuple[Worst, ...
     total = max(float(np.sum(error[rows] ** 2)), 1e-300)
     found: list[tuple[float, Worst]] = []
     for name, values in table.items():
+        if name == "direction":  # velocity says it
+            continue
         member = bins(values, BINS, rows)
         for column in member.T:
             inside = rows & (column > 0)
@@ -194,7 +198,7 @@ def regime_rows(data: Prepared, model: DriveModel, rows: Flags) -> dict[str, Fla
         "high_speed": speed > 0.5 * fast,
         "acceleration": change > 0.4 * hard,
     }
-    return {name: rows & kinds[name] for name in REGIMES}
+    return {name: rows & kinds[name] & (not data.steady or name in AT_SPEED) for name in REGIMES}
 
 
 def _rms(values: Floats) -> float:

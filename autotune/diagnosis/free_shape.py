@@ -64,10 +64,11 @@ def with_free_shape(
 ) -> FittedCandidate | None:
     """The model with the course of its last effect free; None where that does not explain clearly more.
 
-    By its own law the effect must explain most of the error: a free course alone would explain what is none of it.
+    By its own law the effect must explain most of the error that was fitted: a free course alone would explain what is
+    none of it. On the veto trajectory a law that is another may err as much as none (a spring that hardens).
     """
     before = chosen.model_fit
-    if chosen.share < problem.policy.partly:
+    if chosen.training.share < problem.policy.partly:
         return None
     if chosen.effect == EFFECT:
         settled = resolved(problem, before)

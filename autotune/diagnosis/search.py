@@ -122,15 +122,20 @@ class _Search:
         if own is None or chosen is None:
             return found
         others = tuple(effect for effect in chosen.model_fit.effects if effect != MEMORY)
-        beside = replace(chosen.model_fit, effects=others)
+        beside = replace(chosen, effect=others[-1], model_fit=replace(chosen.model_fit, effects=others)) if others else None
         return replace(
             found,
             root=own,
-            chosen=replace(chosen, effect=others[-1], model_fit=beside) if others else None,
+            chosen=beside if beside is not None and self._needed_beside(own, beside) else None,
             first=[item for item in self.first if item.effect != MEMORY],
             tried=[item for item in self.tried if item.effect != MEMORY],
             presliding=chosen,
         )
+
+    def _needed_beside(self, own: ModelFit, chosen: FittedCandidate) -> bool:
+        """Whether effects explain most of what another law of presliding leaves: that law explains the rest of all."""
+        alone = judged(self.problem, own, chosen.model_fit, chosen.effect)
+        return not self.evidence.repeats or alone.share >= self.problem.policy.partly
 
     @property
     def _model_fit(self) -> ModelFit:
@@ -144,7 +149,7 @@ class _Search:
         ranked = rank(problem, self.evidence, model_fit, self.nominal, self.progress, worth)
         if first:
             self.first, self.generic = ranked, generic_gains(problem, self.root)
-        near = [item for item in ranked if item.fall >= NEAR_WORTH * worth or first]
+        near = [item for item in ranked if first or item.fall >= NEAR_WORTH * worth or self._promises(item)]
         passing = self.evidence.worth_fitting(problem, model_fit, near)
         fits = self._fit_down(model_fit, passing)
         if not any(item.named for item in fits):
@@ -156,6 +161,11 @@ class _Search:
         elif self.evidence.repeats and fits:
             fits = best_refined(problem, self.root, fits, self.evidence.best(problem, fits), self.progress)
         return self._best(fits)
+
+    def _promises(self, item: ScreenedCandidate) -> bool:
+        """Whether two masses, which are followed inside the twin only, would lower the error by their linear model."""
+        in_transmission = EFFECTS[item.effect].in_transmission and self.problem.twin
+        return in_transmission and item.gain >= self.problem.policy.clear_gain
 
     def _fit_down(self, model_fit: ModelFit, passing: Sequence[ScreenedCandidate]) -> list[FittedCandidate]:
         """Fits inside the twin down the ranking until one explains nearly everything, and its close rivals."""

@@ -121,7 +121,7 @@ def diagnose(
     progress("does another trajectory confirm it")
     chosen, carried = confirm(found, nominal)
     verdict = judge(replace(found, chosen=chosen), (*notes, *in_words(carried)), carried)
-    if verdict.verdict == NAMED and not data.repeated:
+    if verdict.verdict == NAMED and not problem.has_veto:
         doubt = doubt_of(recordings, model, verdict.effects, progress, policy, problem.candidates)
         if doubt is not None and doubt.nowhere:
             said = (f"Not named: {doubt.why}.", *notes, *in_words(carried))
@@ -200,6 +200,7 @@ class Facts:
         return (
             chosen is not None
             and self.evidence.accepts(policy, chosen)
+            and not self.evidence.mostly_left(self.problem, self.root, chosen.model_fit)
             and not hardly_a_gap(policy, chosen.model_fit)
             and (all(self.freed.values()) or self.leads)
         )
@@ -249,9 +250,9 @@ class Facts:
 
     @property
     def own_law(self) -> bool:
-        """Another law of presliding explains enough, and nothing else was found."""
+        """Another law of presliding explains enough, nothing else was found, and no experiment stands out."""
         with_it = replace(self, chosen=self.presliding, freed={})
-        return self.chosen is None and (with_it.accepted or with_it.law_differs)
+        return self.chosen is None and (with_it.accepted or with_it.law_differs) and not self.structure_left
 
 
 @dataclass(frozen=True, slots=True)
@@ -337,7 +338,7 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
         case.verdict,
         effects,
         confidence,
-        candidate_rows(problem, facts.evidence, root, found.first, found.tried, effects),
+        candidate_rows(problem, facts.evidence, root, found.first, _as_chosen(found), effects),
         confusable,
         variance_shares(problem.data, root.fitted.error, problem.training > 0),
         facts.evidence.noise_rms(problem, final),
@@ -349,6 +350,14 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
         model_fit=final,
         root=root,
     )
+
+
+def _as_chosen(found: Found) -> list[FittedCandidate]:
+    """The candidates that were fitted, the one that was found by itself as it is at last."""
+    chosen = found.chosen
+    if chosen is None or len(chosen.model_fit.effects) > 1:
+        return list(found.tried)
+    return [chosen if item.effect == chosen.effect else item for item in found.tried]
 
 
 def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:

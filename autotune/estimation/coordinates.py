@@ -62,10 +62,15 @@ def _since(position: Floats, least: float, travel: Floats, samples: Floats) -> N
 
 
 def coordinates(data: Prepared) -> dict[str, Floats]:
-    """Values of every coordinate on the grid, shape (m,) each; temperature where it was recorded."""
-    travel, time = since_reversal(data)
+    """Values of every coordinate on the grid, shape (m,) each; temperature where it was recorded.
+
+    Points of a speed curve have a speed and a direction; where and when they were measured is not kept.
+    """
     velocity = data.velocity[data.grid]
     warmth = {} if data.temperature is None else {"temperature": data.temperature[data.grid]}
+    if data.steady:
+        return warmth | {"velocity": velocity, "direction": np.sign(velocity)}
+    travel, time = since_reversal(data)
     return warmth | {
         "position": data.position[data.grid],
         "velocity": velocity,
@@ -103,6 +108,8 @@ def _eta_squared(columns: Floats, error: Floats, total: float) -> float:
 def generic_columns(data: Prepared, rows: Flags) -> Mapping[str, Floats]:
     """Free functions that no physics stands behind: what they explain and physics does not is unknown."""
     table = coordinates(data)
+    if data.steady:
+        return {"velocity": bins(table["velocity"], 2 * COUNT, rows)}
     sign = (table["velocity"] >= 0.0)[:, None]
     position = bins(table["position"], COUNT, rows)
     travel = bins(table["travel_since_reversal"], COUNT, rows)

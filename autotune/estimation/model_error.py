@@ -73,7 +73,8 @@ def model_error(data: Prepared, model: DriveModel, policy: Policy = POLICY) -> M
 def _error_inside(data: Prepared, found: PositionController, model: DriveModel, policy: Policy) -> ModelError:
     problem = new_problem(data, found, policy)
     packed = model.pack()
-    notes = found.notes if found.usable else (f"No twin: {found.why}.",)
+    no_twin = () if data.steady else (f"No twin: {found.why}.",)
+    notes = found.notes if found.usable else no_twin
     if problem.twin and not problem.correction(packed, 1).stable:
         problem = replace(problem, controller=None)
         notes = ("No twin: a simulation of the model with this controller is unstable.",)

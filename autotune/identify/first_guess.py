@@ -369,7 +369,8 @@ def _refuse(best: _Trial) -> None:
     variance = float(error @ error) / max(len(target) - 5, 1)
     spread = math.sqrt(float(np.linalg.pinv(design.T @ design)[_J, _J]) * variance)
     moved = varying - design[:, _BASE:] @ best.solution[_BASE:]
-    if coulomb < 0.0 and (inertia < 0.0 or float(np.mean(moved * design[:, _COULOMB])) < 0.0):
+    braked = inertia <= 3.0 * spread and float(np.mean(moved * design[:, _COULOMB])) < 0.0
+    if coulomb < 0.0 and (inertia < 0.0 or braked):
         raise RecordingError(
             f"inertia ({inertia:.3g}) and Coulomb friction ({coulomb:.3g}) come out negative: the torque has the "
             "wrong sign. Import it again with a factor of −1"

@@ -138,13 +138,21 @@ def _without_beside(joint: Joint, start: Guess, wanted: Sequence[str]) -> Joint:
     model, notes = joint.model, list(joint.estimate.notes)
     beside = [effect for effect in model.effects if effect.name not in wanted]
     for effect in beside:
-        notes.insert(0, _beside_note(effect, start, model))
+        notes = [note for note in notes if not note.startswith(f"{effect.name}.")]
+        if _seen(effect, joint.estimate):
+            notes.insert(0, _beside_note(effect, start, model))
         model = model.without_effect(effect.name)
     known = {name: q for name, q in joint.estimate.parameters.items() if name in model.parameters}
     if not joint.controller.usable and joint.controller.why == TWIN_WORSE:
         notes.append(f"No twin: {TWIN_WORSE}.")
     estimate = replace(joint.estimate, parameters=known, reason=missing(known), notes=tuple(notes))
     return replace(joint, model=model, estimate=estimate)
+
+
+def _seen(effect: Effect, estimate: Estimate) -> bool:
+    """Whether the refinement knows anything of an effect that the guess has fitted beside the model."""
+    fitted = [one for name, one in estimate.parameters.items() if name.startswith(f"{effect.name}.")]
+    return not fitted or any(one.identified for one in fitted)
 
 
 def _beside_note(effect: Effect, start: Guess, model: DriveModel) -> str:

@@ -112,6 +112,10 @@ class Evidence(ABC):
     def structure_left(self, problem: Problem, model_fit: ModelFit) -> bool:
         """Whether what the model leaves is large and not noise."""
 
+    def mostly_left(self, problem: Problem, root: ModelFit, model_fit: ModelFit) -> bool:
+        """Whether effects that were found leave more that could be explained than they explain."""
+        return False
+
     @abstractmethod
     def confirms(self, problem: Problem, effects: Sequence[str], carried: Sequence[HoldoutResult]) -> bool:
         """Whether data that were not fitted confirm every effect."""

@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from autotune.core.arrays import Floats
+from autotune.core.arrays import Flags, Floats
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, error_left
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
+from autotune.diagnosis.evidence.single import folds_of
 from autotune.estimation.alignment import best_shift, shifted
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.coordinates import without_rests
@@ -157,8 +158,13 @@ class RepeatedProgramme(Evidence):
         return bool(np.any(seen.blocks[:, 0] > STANDS_OUT * usual))
 
     def confirms(self, problem: Problem, effects: Sequence[str], carried: Sequence[HoldoutResult]) -> bool:
-        """By the veto trajectory, which was never fitted; without a twin not at all."""
-        return problem.twin and problem.has_veto
+        """By the veto trajectory, which was never fitted, or by another recording; without a twin not at all."""
+        sure = {item.effect for item in carried if item.confirmed}
+        return problem.twin and (problem.has_veto or set(effects) <= sure)
+
+    def other_trajectories(self, problem: Problem) -> list[Flags]:
+        """Other recordings, where no veto trajectory was played."""
+        return [] if problem.has_veto else list(folds_of(problem))
 
     def noise_rms(self, problem: Problem, model_fit: ModelFit) -> float:
         return math.sqrt(max(problem.noise_variance(model_fit.fitted.error, TRAINING, plain=True), 0.0))

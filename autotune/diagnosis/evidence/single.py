@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
-from autotune.core.arrays import Flags, Floats
+from autotune.core.arrays import Flags, Floats, Integers
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
 from autotune.diagnosis.evidence.visibility import highest_frequency, resolved_frequency, visible
@@ -103,6 +103,14 @@ class SingleRecording(Evidence):
 
     def structure_left(self, problem: Problem, model_fit: ModelFit) -> bool:
         return alike_where_motion_is(problem, model_fit.fitted.error)
+
+    def mostly_left(self, problem: Problem, root: ModelFit, model_fit: ModelFit) -> bool:
+        """Whether more of the rest goes with the motion still than the effects explain."""
+        before, after = (_with_motion(problem, item.fitted.error) for item in (root, model_fit))
+        if after is None or before is None:
+            return False
+        fall = before[0] - after[0]
+        return after[0] - after[1] > fall * (1.0 / problem.policy.partly - 1.0)
 
     def confirms(self, problem: Problem, effects: Sequence[str], carried: Sequence[HoldoutResult]) -> bool:
         """By another trajectory each; not what could be the controller, where that is not known."""
@@ -199,18 +207,31 @@ def _error_elsewhere(problem: Problem, folds: Sequence[Flags], model_fit: ModelF
 
 
 def alike_where_motion_is(problem: Problem, error: Floats) -> bool:
-    """Whether what is left is large and alike where the motion is alike, so that a model could explain more.
+    """Whether what is left is large and alike where the motion is alike, so that a model could explain more."""
+    rows = _thinned_rows(problem)
+    torque = problem.data.torque[problem.data.grid[rows]]
+    least = problem.policy.large_rest**2 * np.mean(torque**2)
+    if len(rows) < LEAST_NEIGHBOURS or np.var(error[rows]) < least:
+        return False
+    found = _with_motion(problem, error)
+    return found is not None and found[1] < problem.policy.most_noise * found[0]
+
+
+def _thinned_rows(problem: Problem) -> Integers:
+    rows = np.flatnonzero(problem.training > 0)
+    return rows[:: max(1, len(rows) // MOST_NEIGHBOURS)]
+
+
+def _with_motion(problem: Problem, error: Floats) -> tuple[float, float] | None:
+    """Variance of an error, and what of it no function of the motion explains; None where too few rows tell.
 
     Rows are compared with their nearest neighbours in position, velocity, acceleration and travel since the
     reversal, at another time; half their mean squared difference is what no function of these explains.
     """
-    rows = np.flatnonzero(problem.training > 0)
-    rows = rows[:: max(1, len(rows) // MOST_NEIGHBOURS)]
+    rows = _thinned_rows(problem)
+    if len(rows) < LEAST_NEIGHBOURS:
+        return None
     rest = error[rows]
-    torque = problem.data.torque[problem.data.grid[rows]]
-    least = problem.policy.large_rest**2 * np.mean(torque**2)
-    if len(rows) < LEAST_NEIGHBOURS or np.var(rest) < least:
-        return False
     time = problem.data.grid[rows] * problem.data.period
     near = np.asarray(
         scipy.spatial.cKDTree(_places(problem, rows)).query(_places(problem, rows), k=NEIGHBOURS)[1]
@@ -218,17 +239,17 @@ def alike_where_motion_is(problem: Problem, error: Floats) -> bool:
     apart = np.abs(time[near] - time[:, None]) > APART
     found = apart.any(axis=1)
     if found.mean() < 0.5:
-        return False
+        return None
     other = near[np.arange(len(rows)), np.argmax(apart, axis=1)]
     noise = 0.5 * float(np.mean((rest[found] - rest[other[found]]) ** 2))
-    return noise < problem.policy.most_noise * float(np.var(rest[found]))
+    return float(np.var(rest[found])), noise
 
 
-def _places(problem: Problem, rows: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Floats:
+def _places(problem: Problem, rows: Integers) -> Floats:
     """Where rows are in the space of motion, each coordinate by its spread; shape (rows, 4)."""
     table = coordinates(problem.data)
     names = ("position", "velocity", "acceleration", "travel_since_reversal")
-    place = np.column_stack([table[name][rows] for name in names])
+    place = np.column_stack([table[name][rows] for name in names if name in table])
     return np.asarray((place - place.mean(axis=0)) / np.maximum(place.std(axis=0), 1e-300))
 
 
