@@ -35,7 +35,7 @@ MOST_UNEXPLAINED = 0.25
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """Why what was found is not confirmed, in words; `nowhere`: no recording shows any of it by itself."""
+    """Why what was found is not confirmed, in words; `nowhere`: no recording by itself shows all of it."""
 
     why: str
     nowhere: bool = False
@@ -58,12 +58,13 @@ def doubt_of(
     try:
         progress("what the first recording names by itself")
         found = _by_itself(recordings[0], model, progress, policy, candidates)
-        missing = _not_shown(effects, found)
-        if len(missing) == len(effects):
+        missing = nowhere = _not_shown(effects, found)
+        if missing:
             progress("what the others name by themselves")
-            others = (_by_itself(one, model, progress, policy, candidates) for one in recordings[1:])
-            if all(len(_not_shown(effects, other)) == len(effects) for other in others):
-                return Doubt(f"no recording by itself shows {_listed(effects)}", nowhere=True)
+        for one in recordings[1:] if missing else ():
+            nowhere = _not_shown(nowhere, _by_itself(one, model, progress, policy, candidates))
+        if nowhere:
+            return Doubt(f"no recording by itself shows {_listed(nowhere)}", nowhere=True)
         if missing or found.chosen is None:
             return Doubt(f"the first recording by itself does not show {_listed(missing or effects)}")
         share = unexplained(found.problem, found.chosen.model_fit)

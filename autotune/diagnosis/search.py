@@ -122,7 +122,11 @@ class _Search:
         if own is None or chosen is None:
             return found
         others = tuple(effect for effect in chosen.model_fit.effects if effect != MEMORY)
-        beside = replace(chosen, effect=others[-1], model_fit=replace(chosen.model_fit, effects=others)) if others else None
+        beside = (
+            replace(chosen, effect=others[-1], model_fit=replace(chosen.model_fit, effects=others))
+            if others
+            else None
+        )
         return replace(
             found,
             root=own,

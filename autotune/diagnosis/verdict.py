@@ -200,7 +200,7 @@ class Facts:
         return (
             chosen is not None
             and self.evidence.accepts(policy, chosen)
-            and not self.evidence.mostly_left(self.problem, self.root, chosen.model_fit)
+            and not self.evidence.doubted(self.problem, self.root, chosen.model_fit)
             and not hardly_a_gap(policy, chosen.model_fit)
             and (all(self.freed.values()) or self.leads)
         )

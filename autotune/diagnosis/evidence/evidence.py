@@ -112,8 +112,8 @@ class Evidence(ABC):
     def structure_left(self, problem: Problem, model_fit: ModelFit) -> bool:
         """Whether what the model leaves is large and not noise."""
 
-    def mostly_left(self, problem: Problem, root: ModelFit, model_fit: ModelFit) -> bool:
-        """Whether effects that were found leave more that could be explained than they explain."""
+    def doubted(self, problem: Problem, root: ModelFit, model_fit: ModelFit) -> bool:
+        """Whether effects that were found may be something else, though they lower the error."""
         return False
 
     @abstractmethod

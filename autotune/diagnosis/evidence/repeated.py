@@ -17,6 +17,7 @@ from autotune.core.arrays import Flags, Floats
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, error_left
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
 from autotune.diagnosis.evidence.single import folds_of
+from autotune.diagnosis.evidence.visibility import flank_in_sight
 from autotune.estimation.alignment import best_shift, shifted
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.coordinates import without_rests
@@ -156,6 +157,10 @@ class RepeatedProgramme(Evidence):
         for one in replicas:  # which experiment chance makes loud differs from replica to replica
             usual = np.maximum(usual, one.blocks[:, 0].max())
         return bool(np.any(seen.blocks[:, 0] > STANDS_OUT * usual))
+
+    def doubted(self, problem: Problem, root: ModelFit, model_fit: ModelFit) -> bool:
+        """Whether motor and load ring far above all that is compared."""
+        return not flank_in_sight(problem, model_fit)
 
     def confirms(self, problem: Problem, effects: Sequence[str], carried: Sequence[HoldoutResult]) -> bool:
         """By the veto trajectory, which was never fitted, or by another recording; without a twin not at all."""

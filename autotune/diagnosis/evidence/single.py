@@ -33,6 +33,7 @@ from autotune.estimation.policy import Policy
 from autotune.estimation.problem import CHUNK, Problem, refit, without_outlying
 from autotune.estimation.residual import SEED, measured_motion
 from autotune.models.effect import Kind
+from autotune.models.table import EFFECTS
 
 LEAST_ROWS = 60
 LEAST_REST = 0.25
@@ -70,11 +71,11 @@ class SingleRecording(Evidence):
     ) -> list[ScreenedCandidate]:
         policy = problem.policy
         least_z = policy.apart_z if problem.data.periodic else policy.least_z_single
-        likely = [item for item in ranked if item.gain >= least and item.z >= least_z]
+        likely = [i for i in ranked if i.gain >= least_of(policy, i, least) and i.z >= least_z]
         return [item for item in likely if visible(problem, item)][:MOST_LIKELY]
 
     def stopped_by(self, problem: Problem, model_fit: ModelFit, item: ScreenedCandidate) -> str:
-        least = problem.policy.least_gain_single
+        least = least_of(problem.policy, item, problem.policy.least_gain_single)
         if item.gain < least:
             return f"{100 * least:.0f} % are needed"
         if not visible(problem, item):
@@ -104,13 +105,17 @@ class SingleRecording(Evidence):
     def structure_left(self, problem: Problem, model_fit: ModelFit) -> bool:
         return alike_where_motion_is(problem, model_fit.fitted.error)
 
-    def mostly_left(self, problem: Problem, root: ModelFit, model_fit: ModelFit) -> bool:
-        """Whether more of the rest goes with the motion still than the effects explain."""
+    def doubted(self, problem: Problem, root: ModelFit, model_fit: ModelFit) -> bool:
+        """Whether more is left that some model could explain than the effects explain.
+
+        That is what goes with the motion still, or what is more than measurement chains leave.
+        """
         before, after = (_with_motion(problem, item.fitted.error) for item in (root, model_fit))
         if after is None or before is None:
             return False
-        fall = before[0] - after[0]
-        return after[0] - after[1] > fall * (1.0 / problem.policy.partly - 1.0)
+        torque = problem.data.torque[problem.data.grid[problem.training > 0]]
+        noise = min(after[1], problem.policy.large_rest**2 * float(np.mean(torque**2)))
+        return after[0] - noise > (before[0] - after[0]) * (1.0 / problem.policy.partly - 1.0)
 
     def confirms(self, problem: Problem, effects: Sequence[str], carried: Sequence[HoldoutResult]) -> bool:
         """By another trajectory each; not what could be the controller, where that is not known."""
@@ -160,6 +165,13 @@ class SingleRecording(Evidence):
 
     def explains_part(self, chosen: FittedCandidate) -> str:
         return "fits some of it"
+
+
+def least_of(policy: Policy, item: ScreenedCandidate, least: float) -> float:
+    """The least gain of a candidate: a lag and a second mass bend to what any dynamics leave, and must be plain."""
+    kind = EFFECTS[item.effect]
+    plain = kind.lost_in_alignment or kind.in_transmission
+    return max(least, policy.clear_single_gain) if plain else least
 
 
 def matters(problem: Problem, model_fit: ModelFit, item: ScreenedCandidate) -> bool:

@@ -15,11 +15,15 @@ import scipy
 from autotune.core.arrays import Floats
 from autotune.diagnosis.candidates import ScreenedCandidate
 from autotune.estimation.bandwidth import loud_below
+from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.data import FASTEST
 from autotune.estimation.problem import Problem
 from autotune.models.effect import Kind
 from autotune.models.table import EFFECTS
 
+FLANK = 3.0
+"""Times the cut-off: motor and load that ring above it change the torque that is compared by less than a ninth of what
+the load's inertia takes, which a current loop's lag does too."""
 STILL, SHORTEST_REST = 0.002, 0.05
 """Of the largest speed: slower is rest; and the time [s] that a reversal takes too."""
 TIME_CONSTANTS = 2.0
@@ -35,6 +39,13 @@ def visible(problem: Problem, item: ScreenedCandidate) -> bool:
     if too_slow and not kind.of_place:
         return False
     return _parameters_in_sight(problem, kind, item.fitted.packed.p)
+
+
+def flank_in_sight(problem: Problem, model_fit: ModelFit) -> bool:
+    """Whether motor and load of a model ring where a programme that was repeated shows at least the flank of it."""
+    measures = (EFFECTS[name].resonance for name in model_fit.effects)
+    p = model_fit.fitted.packed.p
+    return all(measure is None or measure(p) < FLANK * _cutoff(problem) for measure in measures)
 
 
 def _parameters_in_sight(problem: Problem, kind: Kind, p: Floats) -> bool:
