@@ -103,7 +103,13 @@ def any_course(problem: Problem, model_fit: ModelFit) -> bool:
     shown = EFFECTS[model_fit.effects[0]].shows_course
     if shown is None or shown(model_fit.fitted.packed.p, problem.scales.travel):
         return False
-    return generic_gains(problem, model_fit).get("position", 0.0) >= problem.policy.least_gain
+    gain = generic_gains(problem, model_fit).get("position", 0.0)
+    if (
+        not problem.data.repeated
+        and gain * model_fit.fitted.cost < (problem.policy.least_part * problem.scales.torque) ** 2
+    ):
+        return False
+    return gain >= problem.policy.least_gain
 
 
 def _predicts_better(problem: Problem, before: ModelFit, after: ModelFit) -> bool:

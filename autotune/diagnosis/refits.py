@@ -21,11 +21,12 @@ from autotune.core.arrays import Floats
 from autotune.diagnosis.candidates import FittedCandidate, Progress, ScreenedCandidate
 from autotune.diagnosis.ripple_orders import candidate_orders
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_from_starts, fit_inside_twin
+from autotune.estimation.contact_start import CONTACT, best_contact, identifiable
 from autotune.estimation.cross_validation import explained, gain_and_z
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.disturbance_estimate import estimate_disturbance, with_expected_noise
 from autotune.estimation.least_squares import Free, covariance
-from autotune.estimation.problem import Problem
+from autotune.estimation.problem import Problem, base_free, refit
 from autotune.models.drive_model import Packed
 from autotune.models.effect import Kind, Terms
 from autotune.models.layout import flag
@@ -38,6 +39,7 @@ MOST_ROUNDS, WORTH_ANOTHER_ROUND = 3, 0.02
 """Rounds of a fit, and the relative fall of the cost in one of them that is worth the next."""
 NEARLY, REFINED = 0.8, 0.99
 """Shares between which a fit is carried on: more rounds win hundredths, and above it no name changes."""
+CONTACT_STEPS = 8
 NOISE_CHANGED = 0.25
 """Relative change of the twin's noise that is worth fitting anew."""
 
@@ -96,6 +98,29 @@ def gain_on_veto(problem: Problem, before: ModelFit, after: ModelFit) -> float:
     """Fall of the squared error on the veto trajectory, relative: contact between two masses is not linear."""
     errors = [problem.mean_square(model_fit.fitted.error, VETO) for model_fit in (before, after)]
     return 1.0 - errors[1] / max(errors[0], 1e-300)
+
+
+def with_contact(problem: Problem, root: ModelFit, chosen: FittedCandidate) -> FittedCandidate:
+    """The chosen model with the bristle free again, where a recording tells of it now that the effect is there.
+
+    Held at what drowned in the effect, it would leave a rest that memory explains.
+    """
+    model_fit = chosen.model_fit
+    packed = Packed(model_fit.fitted.packed.p.copy(), model_fit.fitted.packed.on)
+    known = {one.name for one in model_fit.free}
+    base = base_free(packed, problem.scales, problem.data.metadata.motion_unit)
+    held = [one for one in base if one.name in CONTACT and one.name not in known]
+    if not held:
+        return chosen
+    fitted = refit(problem, packed, [*model_fit.free, *held], model_fit.correction, CONTACT_STEPS)
+    best = best_contact(problem, fitted, model_fit.correction)
+    free = identifiable(problem, best, best.free)
+    if len(free) == len(model_fit.free):
+        return chosen
+    settled = fit_inside_twin(problem, best.packed, free, 2, model_fit.effects)
+    if settled is None or settled.unseen.total >= model_fit.unseen.total:
+        return chosen
+    return replace(judged(problem, root, settled, chosen.effect), gain=chosen.gain)
 
 
 def without_effect(

@@ -25,6 +25,7 @@ from autotune.diagnosis.refits import (
     judged,
     negligible,
     refined,
+    with_contact,
     with_own_noise,
     without_effect,
     without_insignificant_terms,
@@ -247,6 +248,8 @@ class _Search:
         again = self.evidence.aligned(self.problem, best.model_fit)
         if again is not self.problem:
             best = self._moved(again, best)
+        if not self.evidence.repeats:
+            best = with_contact(self.problem, self.root, best)
         if self.evidence.repeats and self._unsettled(best):
             best = refined(self.problem, self.root, best, self.progress)
             best = self._begun_anew(best)

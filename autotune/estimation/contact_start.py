@@ -38,7 +38,7 @@ LOOSE = 1.0
 """Relative standard error from which a contact parameter is held."""
 RIGID = 25.0
 """Times the stiffness: what is tried where the axis sticks without presliding."""
-_CONTACT = ("stiffness", "micro_damping")
+CONTACT = ("stiffness", "micro_damping")
 
 
 def best_contact(problem: Problem, fitted: Fitted, correction: Correction) -> Fitted:
@@ -59,7 +59,7 @@ def identifiable(problem: Problem, fitted: Fitted, free: Sequence[Free]) -> list
     """The free parameters without those of the bristle that a single recording says nothing about."""
     errors = dict(zip((f.name for f in free), standard_errors(fitted, problem.training), strict=True))
     values = fitted.packed.p
-    return [f for f in free if f.name not in _CONTACT or errors[f.name] < LOOSE * abs(values[f.slot])]
+    return [f for f in free if f.name not in CONTACT or errors[f.name] < LOOSE * abs(values[f.slot])]
 
 
 def fitted_contact(
@@ -68,7 +68,7 @@ def fitted_contact(
     """Fit and free parameters that the search of a single recording begins with."""
     best = best_contact(problem, fitted, correction)
     kept = identifiable(problem, best, free)
-    held = [f for f in kept if f.name not in _CONTACT]
+    held = [f for f in kept if f.name not in CONTACT]
     packed = quiet_contact(problem, best.packed)
     if packed is None:
         return best, kept
