@@ -84,7 +84,8 @@ class Explained:
 def still_explainable(problem: Problem, fitted: Fitted, correction: Correction, role: str) -> float:
     """Repeatable variance, certain to one standard error, and drifting friction level [(N m)²]."""
     variance, error = problem.repeatable(fitted.error, correction, role)
-    repeatable = max(variance - error, 0.0) if math.isfinite(variance) else 0.0
+    certain = problem.repeatable_for_certain(fitted.error, correction, role)
+    repeatable = max(variance - error, certain) if math.isfinite(variance) else 0.0
     return repeatable + drift(problem, fitted, correction, role)[0]
 
 
@@ -161,11 +162,9 @@ def explained(
     if math.isfinite(noise):
         quieter = problem.noise_variance(before.error, role) - noise
         fall -= max(quieter - problem.noise_explainable(before.error, role), 0.0)
-    certain = (
-        math.isfinite(variance)
-        and variance > problem.policy.rest_errors * error
-        and variance > max(problem.policy.rest_part * noise, counts)
-    )
+    beyond = variance if variance > problem.policy.rest_errors * error else 0.0
+    beyond = max(beyond, problem.repeatable_for_certain(after.error, correction, role))
+    certain = math.isfinite(variance) and beyond > max(problem.policy.rest_part * noise, counts)
     left = whole = still_explainable(problem, after, correction, role)
     if role == VETO and not certain and _tells_nothing(problem, before, correction, counts):
         left = max(left - (problem.policy.rest_errors - 1.0) * error, 0.0)

@@ -37,6 +37,8 @@ from autotune.models.table import EFFECTS
 from autotune.models.transmission import has_load
 
 CHUNK = 200  # grid rows, about a second
+CERTAIN_ERRORS = 2.0
+"""Standard errors of what comes again in one experiment, taken off where it must be beyond doubt."""
 NOISE_CHUNK = 60
 OUTLYING, OUTLYING_SECONDS = 12.0, 0.25
 """Times the median power: a piece of so many seconds with more is left out."""
@@ -142,6 +144,21 @@ class Problem:
 
     def repeatable(self, error: Floats, correction: Correction, role: str) -> tuple[float, float]:
         """Variance that comes again in every repeat, and its standard error [(N m)²]."""
+        return _mean_and_error(self._repeatable_chunks(error, correction, role))
+
+    def repeatable_for_certain(self, error: Floats, correction: Correction, role: str) -> float:
+        """Variance that comes again beyond doubt, experiment by experiment [(N m)²].
+
+        What chance takes off in a noisy experiment, where motion below the quantiser is chaotic, hides nothing of the
+        others.
+        """
+        chunks = self._repeatable_chunks(error, correction, role)
+        rows = sum(float(one[:, 1].sum()) for one in chunks)
+        each = [(_mean_and_error([one]), float(one[:, 1].sum()) / max(rows, 1e-300)) for one in chunks]
+        return sum(share * max(mean - CERTAIN_ERRORS * spread, 0.0) for (mean, spread), share in each)
+
+    def _repeatable_chunks(self, error: Floats, correction: Correction, role: str) -> list[Floats]:
+        """Of each repeated experiment the mean of every second or so, and how much it counts, shape (chunks, 2)."""
         chunks: list[Floats] = []
         for block, spare in zip(self.data.blocks, correction.variance, strict=True):
             if block.role != role or block.repeats < 2:
@@ -150,7 +167,7 @@ class Problem:
             means = _chunk_means(product)
             means[:, 1] *= self._steadiness(block)
             chunks.append(means)
-        return _mean_and_error(chunks)
+        return chunks
 
     def noise_variance(self, error: Floats, role: str, plain: bool = False) -> float:
         """Variance that differs from repeat to repeat [(N m)²]; nan without repeats.
