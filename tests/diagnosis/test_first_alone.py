@@ -72,3 +72,12 @@ def test_what_another_recording_shows_by_itself_stays_suspected(monkeypatch) -> 
     doubt = doubt_of([None, None], None, ["spring"], print, POLICY, CANDIDATES)
     assert doubt is not None
     assert doubt.nowhere
+
+
+def test_one_name_of_two_that_no_recording_shows_is_none(monkeypatch) -> None:
+    """Of three names that two files together bore, a lag was none of either file's."""
+    _alone(monkeypatch, ("spring",), 0.1)
+    doubt = doubt_of([None, None], None, ["spring", "torque_lag"], print, POLICY, CANDIDATES)
+    assert doubt is not None
+    assert doubt.nowhere
+    assert "shows torque lag" in doubt.why

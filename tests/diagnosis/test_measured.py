@@ -36,6 +36,8 @@ def test_lead_screw_speed_curve_has_a_stribeck_dip() -> None:
     assert found.effects == ("stribeck",)
     assert found.confidence == "suspected"
     assert "nonlinear_viscous" in found.confusable[0]
+    assert set(found.where) == {"velocity", "direction"}
+    assert not any("twin" in note for note in found.notes)
     added = add_effect("stribeck", [recording], fitted.model, "", "")
     again = fit_model([recording], ["stribeck"])
     assert 0.008 < again.relative_error < 0.013

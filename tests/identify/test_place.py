@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ import autotune
 from autotune.core.errors import NotEnoughExcitation, RecordingError
 from autotune.diagnosis.fit_recordings import fit_recordings
 from autotune.diagnosis.fit_result import FitResult
+from autotune.diagnosis.verdict import diagnose
 from autotune.identify.ripple_lines import find_lines, held_out_error
 from autotune.recordings.recording import Metadata, Recording
 
@@ -92,6 +94,23 @@ def test_a_joint_without_gravity_has_nothing_beside_its_model() -> None:
 def test_a_wrong_sign_is_found_under_gravity_too(gravity: float) -> None:
     with pytest.raises(RecordingError, match="wrong sign"):
         fit_recordings([arm(gravity, sign=-1.0)])
+
+
+def test_an_inertia_that_comes_out_right_has_no_wrong_sign(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An oscillator with next to no friction was told that its torque counts the other way."""
+    monkeypatch.setattr(sys.modules[__name__], "COULOMB", -0.2)
+    with pytest.raises(NotEnoughExcitation, match="Coulomb friction comes out as -0"):
+        fit_recordings([arm(spring=5.0)])
+
+
+@pytest.mark.parametrize("period", [4e-3, 1e-2])
+def test_gravity_in_slow_samples_is_found_alone(monkeypatch: pytest.MonkeyPatch, period: float) -> None:
+    """A bristle held at what the fit without gravity had made of it brought memory beside it."""
+    monkeypatch.setattr(sys.modules[__name__], "PERIOD", period)
+    recording = arm(gravity=2.0)
+    fitted = fit_recordings([recording])
+    assert fitted.model is not None
+    assert diagnose([recording], fitted.model).effects == ("gravity_imbalance",)
 
 
 @pytest.mark.long
