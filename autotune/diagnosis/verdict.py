@@ -29,6 +29,7 @@ from autotune.diagnosis.transmission import GAP, SPRING, hardly_a_gap
 from autotune.diagnosis.wording import (
     DROWNED,
     OWN_PRESLIDING,
+    PRESLIDING_REST,
     TORQUE_CONSTANT,
     Candidate,
     candidate_rows,
@@ -250,9 +251,9 @@ class Facts:
 
     @property
     def own_law(self) -> bool:
-        """Another law of presliding explains enough, nothing else was found, and no experiment stands out."""
+        """Another law of presliding explains enough, and nothing else was found."""
         with_it = replace(self, chosen=self.presliding, freed={})
-        return self.chosen is None and (with_it.accepted or with_it.law_differs) and not self.structure_left
+        return self.chosen is None and (with_it.accepted or with_it.law_differs)
 
 
 @dataclass(frozen=True, slots=True)
@@ -297,6 +298,10 @@ def _another_law(facts: Facts) -> str:
     )
 
 
+def _presliding_rest(facts: Facts) -> str:
+    return PRESLIDING_REST if facts.left else ""
+
+
 def _nothing(facts: Facts) -> str:
     return nothing_note(facts.problem, facts.evidence, facts.root, facts.first)
 
@@ -308,7 +313,7 @@ CASES: tuple[Case, ...] = (
     Case("other effects do as well", lambda f: f.accepted and bool(f.rivals), AMBIGUOUS, lambda f: ""),
     Case("an effect explains it", lambda f: f.accepted, NAMED, _its_course),
     Case("an effect explains most, by another law", lambda f: f.law_differs, NAMED, _another_law),
-    Case("only the law of presliding differs", lambda f: f.own_law, NONE, lambda f: ""),
+    Case("only the law of presliding differs", lambda f: f.own_law, NONE, _presliding_rest),
     Case("an effect explains too little", lambda f: f.chosen is not None and f.left, UNKNOWN, _unknown),
     Case("another trajectory refutes it", lambda f: bool(f.carried), UNKNOWN, _unknown),
     Case("what is left is no noise", lambda f: f.left, UNKNOWN, _unknown),

@@ -36,6 +36,12 @@ def _row(**facts: object) -> tuple[str, str]:
     return case.verdict, case.name
 
 
+def test_what_another_law_of_presliding_leaves_is_said() -> None:
+    case = next(case for case in CASES if "presliding" in case.name)
+    assert "still comes again" in case.sentence(SimpleNamespace(structure_left=True))
+    assert not case.sentence(SimpleNamespace(structure_left=False))
+
+
 @pytest.mark.parametrize(
     ("facts", "verdict"),
     [
