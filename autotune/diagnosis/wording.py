@@ -33,8 +33,8 @@ OWN_PRESLIDING = (
     "fitted beside all else."
 )
 PRESLIDING_REST = (
-    "Beside it something still comes again, in one experiment at least: what that law is not exactly, or an effect that "
-    "these data cannot tell from it."
+    "Beside it something still comes again, in one experiment at least: what that law is not exactly, or an effect "
+    "that these data cannot tell from it."
 )
 PROGRAMME = "autotune record AXIS.toml decide --from DIAGNOSIS.json --out FILE"
 """DIAGNOSIS.json is what `diagnose --json` printed; diagnosed are then both recordings."""
