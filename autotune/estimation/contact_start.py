@@ -79,7 +79,8 @@ def fitted_contact(
 def quiet_contact(problem: Problem, packed: Packed) -> Packed | None:
     """The model with another contact where its twin rings and the axis did not; None where it does not ring.
 
-    Of presliding a single recording may tell nothing, but the loop would not have been stable on any contact.
+    Of presliding a single recording may tell nothing, but the loop would not have been stable on any contact. Where the
+    recording contradicts the usual damping, it tells: memory would be found in what that leaves.
     """
     own = packed.p.copy()
     usual = DAMPING * math.sqrt(own[layout.STIFFNESS] * own[layout.INERTIA])
@@ -95,9 +96,10 @@ def quiet_contact(problem: Problem, packed: Packed) -> Packed | None:
     if not problem.twin:
         return trials[0]
     costs = [_twin_cost(problem, trial) for trial in trials]
-    at = int(np.argmin(costs))
-    rings = costs[at] < QUIETER * _twin_cost(problem, packed)
-    return trials[at] if rings or undamped else None
+    at, as_found = int(np.argmin(costs)), _twin_cost(problem, packed)
+    rings = costs[at] < QUIETER * as_found
+    contradicted = QUIETER * costs[at] > as_found
+    return trials[at] if rings or (undamped and not contradicted) else None
 
 
 def sticking(problem: Problem, packed: Packed) -> tuple[Problem, tuple[Packed, ...]]:

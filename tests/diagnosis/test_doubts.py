@@ -11,6 +11,7 @@ from autotune.diagnosis.evidence import single
 from autotune.diagnosis.evidence.evidence import HoldoutResult
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.diagnosis.evidence.single import SingleRecording, least_of
+from autotune.estimation import contact_start
 from autotune.estimation.coordinates import coordinates, generic_columns
 from autotune.estimation.policy import POLICY
 from autotune.estimation.problem import Problem
@@ -85,3 +86,14 @@ def test_points_of_a_speed_curve_have_a_speed_and_nothing_else() -> None:
     data = SimpleNamespace(velocity=speed, grid=np.arange(30), temperature=None, steady=True)
     assert set(coordinates(data)) == {"velocity", "direction"}
     assert set(generic_columns(data, np.ones(30, dtype=bool))) == {"velocity"}
+
+
+@pytest.mark.parametrize(("cost", "taken"), [(1.2, True), (4.5, False), (0.5, True)])
+def test_the_usual_damping_is_not_put_where_the_recording_contradicts_it(
+    monkeypatch: pytest.MonkeyPatch, cost: float, taken: bool
+) -> None:
+    """A contact without damping, 4.5 times worse with the usual one, was held at that: memory was "confirmed"."""
+    undamped = base_model(NOMINAL | {"micro_damping": 0.0}).pack()
+    monkeypatch.setattr(contact_start, "_twin_cost", lambda _, packed: 1.0 if packed is undamped else cost)
+    found = contact_start.quiet_contact(SimpleNamespace(twin=True), undamped)
+    assert (found is not None) == taken
