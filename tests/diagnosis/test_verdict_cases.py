@@ -38,8 +38,8 @@ def _row(**facts: object) -> tuple[str, str]:
 
 def test_what_another_law_of_presliding_leaves_is_said() -> None:
     case = next(case for case in CASES if "presliding" in case.name)
-    assert "still comes again" in case.sentence(SimpleNamespace(structure_left=True))
-    assert not case.sentence(SimpleNamespace(structure_left=False))
+    assert "still comes again" in case.sentence(SimpleNamespace(left=True))
+    assert not case.sentence(SimpleNamespace(left=False))
 
 
 @pytest.mark.parametrize(
