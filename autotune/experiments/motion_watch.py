@@ -48,6 +48,7 @@ FIRST_MUST = 0.6  # of limits.torque beyond the first torque: what no axis needs
 MOST_MUST = 0.9  # of limits.torque: at full torque something must move
 MUST_BEYOND = 1.0  # friction levels beyond what holds: tight spots, long rests
 LEAST_BEYOND = 0.05  # of limits.torque
+EARLY_BEYOND = 0.4  # of limits.torque beyond what has slid it, in the first strokes
 LATER_MUST = 0.2  # of limits.torque beyond what has slid it in this direction
 MAY_BEYOND = 0.5  # friction levels beyond what slides: what sticks holds more
 SEEN_BEYOND = (
@@ -281,6 +282,7 @@ class MotionWatch:
             told = replace(inverse, inertia=bounds[0], heaviest=bounds[1])
             self._momentum.know(told, max(STICKS_BEYOND * self._held, share * friction))
         self._swing.know(friction)
+        self._excess.heaviest = min(order, HEAVY_SWING * fine) if fine else order
         ways = ((self._up, 1.0, inverse.up, self._broke[0]), (self._down, -1.0, inverse.down, self._broke[1]))
         for way, sign, level, broke in ways:
             way.lightest, way.heaviest = lightest, heaviest
@@ -302,9 +304,20 @@ class MotionWatch:
             more = LATER_MUST * limit  # where small motion shows the inertia, momentum tells the rest
             more = more if fine else max(more - MUST_BEYOND * friction, 0.0)
             self._excess.know(self._up.must + more, self._down.must + more)
+        elif inverse.inertia is None or friction is None:
+            self._excess.know(*self._early(inverse), early=True)
         else:
             self._excess.know(math.inf, math.inf)
         self._momentum.suppose(self._up.must, self._down.must)
+
+    def _early(self, inverse: Inverse) -> tuple[float, float]:
+        """More torque than the first strokes of a session need, upwards and downwards: what has slid the axis, there
+        or, where it has not gone there yet, in the other direction, and a lot."""
+        if (up := inverse.up if inverse.down is None or inverse.up is not None else -inverse.down) is None:
+            return math.inf, math.inf
+        down = -up if inverse.down is None else inverse.down
+        more, most = EARLY_BEYOND * self._limits.torque, MOST_MUST * self._limits.torque
+        return min(max(up, self._first) + more, most), min(max(-down, -self._first) + more, most)
 
     def _inertia(self, inverse: Inverse) -> tuple[float, float] | None:
         """The lightest and the heaviest that it can be, where that is certain: from large and small motion, if they
