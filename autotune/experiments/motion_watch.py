@@ -316,8 +316,8 @@ class MotionWatch:
         if (up := inverse.up if inverse.down is None or inverse.up is not None else -inverse.down) is None:
             return math.inf, math.inf
         down = -up if inverse.down is None else inverse.down
-        more, most = EARLY_BEYOND * self._limits.torque, MOST_MUST * self._limits.torque
-        return min(max(up, self._first) + more, most), min(max(-down, -self._first) + more, most)
+        more = EARLY_BEYOND * self._limits.torque
+        return max(up, self._first) + more, max(-down, -self._first) + more
 
     def _inertia(self, inverse: Inverse) -> tuple[float, float] | None:
         """The lightest and the heaviest that it can be, where that is certain: from large and small motion, if they
