@@ -60,6 +60,8 @@ REMEMBERS = 1.002  # by which a bound on the inertia may rise, each time it is t
 EXCESS_SECONDS = 0.005
 FADES = 0.98  # a cycle: what the reference asked for still acts
 OLD_SECONDS = 0.5  # a loop that swings must not teach what it needs
+EARLY_BEYOND = 0.4  # of limits.torque beyond what has slid it, in the first strokes
+EARLY_SPEED = 0.005  # of limits.speed, at which it must have slid
 EARLY_SECONDS = 0.1  # the same in the first strokes, where friction still builds up: longer than half a swing
 
 
@@ -314,11 +316,11 @@ class ExcessWatch:
     def know(self, up: float, down: float, early: bool = False) -> None:
         """Torques that are more than it has ever needed upwards and downwards; what is known first counts at once.
 
-        `early`: in the first strokes.
+        `early`: in the first strokes, in which it also counts at once that nothing is known any more.
         """
         self._new, self._lasts = (up, down), EARLY_SECONDS if early else OLD_SECONDS
-        old = self._levels
-        self._levels = (up if old[0] == math.inf else old[0], down if old[1] == math.inf else old[1])
+        if math.inf in self._levels or (early and math.inf in self._new):
+            self._levels = self._new
 
     def check(self, reference: float, torque: float, cycle: float) -> bool:
         """One cycle; True where torque has been beyond for too long."""
@@ -336,3 +338,20 @@ class ExcessWatch:
             else 0.0
         )
         return abs(self._excess) > EXCESS_SECONDS
+
+
+def early_levels(inverse: Inverse, first: float, limits: Limits) -> tuple[float, float]:
+    """More torque than the first strokes of a session need, upwards and downwards: what has slid the axis there or,
+    where it has not gone there yet, the other way, and a lot. An axis that creeps at rest has not slid.
+
+    Args:
+        first: torque as power came on.
+    """
+    slow = EARLY_SPEED * limits.speed
+    up = inverse.up if inverse.fast_up > slow else None
+    down = inverse.down if inverse.fast_down > slow else None
+    if up is None and down is None:
+        return math.inf, math.inf
+    more = EARLY_BEYOND * limits.torque
+    ways = up if up is not None else -(down or 0.0), -down if down is not None else up or 0.0
+    return max(ways[0], first) + more, max(ways[1], -first) + more

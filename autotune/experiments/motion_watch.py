@@ -38,7 +38,13 @@ from autotune.core.axis import Limits
 from autotune.core.drive import Mode
 from autotune.experiments.fine_inertia import FineInertia
 from autotune.experiments.inverse_estimate import Inverse, InverseEstimate
-from autotune.experiments.momentum_watch import EXCESS_SECONDS, MOVING, ExcessWatch, MomentumWatch
+from autotune.experiments.momentum_watch import (
+    EXCESS_SECONDS,
+    MOVING,
+    ExcessWatch,
+    MomentumWatch,
+    early_levels,
+)
 from autotune.experiments.swing_watch import SwingWatch
 from autotune.experiments.virtual_axes import VirtualAxes
 
@@ -48,7 +54,6 @@ FIRST_MUST = 0.6  # of limits.torque beyond the first torque: what no axis needs
 MOST_MUST = 0.9  # of limits.torque: at full torque something must move
 MUST_BEYOND = 1.0  # friction levels beyond what holds: tight spots, long rests
 LEAST_BEYOND = 0.05  # of limits.torque
-EARLY_BEYOND = 0.4  # of limits.torque beyond what has slid it, in the first strokes
 LATER_MUST = 0.2  # of limits.torque beyond what has slid it in this direction
 MAY_BEYOND = 0.5  # friction levels beyond what slides: what sticks holds more
 SEEN_BEYOND = (
@@ -305,19 +310,10 @@ class MotionWatch:
             more = more if fine else max(more - MUST_BEYOND * friction, 0.0)
             self._excess.know(self._up.must + more, self._down.must + more)
         elif inverse.inertia is None or friction is None:
-            self._excess.know(*self._early(inverse), early=True)
+            self._excess.know(*early_levels(inverse, self._first, self._limits), early=True)
         else:
             self._excess.know(math.inf, math.inf)
         self._momentum.suppose(self._up.must, self._down.must)
-
-    def _early(self, inverse: Inverse) -> tuple[float, float]:
-        """More torque than the first strokes of a session need, upwards and downwards: what has slid the axis, there
-        or, where it has not gone there yet, in the other direction, and a lot."""
-        if (up := inverse.up if inverse.down is None or inverse.up is not None else -inverse.down) is None:
-            return math.inf, math.inf
-        down = -up if inverse.down is None else inverse.down
-        more = EARLY_BEYOND * self._limits.torque
-        return max(up, self._first) + more, max(-down, -self._first) + more
 
     def _inertia(self, inverse: Inverse) -> tuple[float, float] | None:
         """The lightest and the heaviest that it can be, where that is certain: from large and small motion, if they

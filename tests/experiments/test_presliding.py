@@ -1,0 +1,73 @@
+"""Presliding: what an encoder has to show in it, and sets that are worth nothing."""
+
+from __future__ import annotations
+
+import pytest
+
+from autotune.core.drive import Mode
+from autotune.core.errors import GuardStop, NotEnoughExcitation
+from autotune.experiments.path import Motion
+from autotune.experiments.presliding import Presliding
+from autotune.experiments.runner import Programme
+from tests.experiments.hurt_axis import Hurt, HurtDrive, Mass
+from tests.experiments.support import axis
+
+AXIS = axis()
+MOTION = Motion.of(AXIS)
+COARSE = AXIS.model_copy(
+    update={"mechanics": AXIS.mechanics.model_copy(update={"counts_per_revolution": 700})}
+)
+"""Below break-away its encoder tells nothing."""
+
+
+def play(drive: HurtDrive, sets: int) -> None:
+    experiment = Presliding(Motion.of(drive.axis), friction=0.33, sets=sets)
+    Programme((experiment,), drive.axis.limits, 900.0)(drive, lambda row, label, repeat: None)
+
+
+class Switched(HurtDrive):
+    """Knows when it was switched to which mode."""
+
+    modes: list[tuple[float, Mode]]
+
+    def enable(self, mode: Mode) -> None:
+        self.__dict__.setdefault("modes", []).append((self.time, mode))
+        super().enable(mode)
+
+
+def test_an_encoder_too_coarse_for_presliding_has_to_show_that_it_lives() -> None:
+    """After a quarter of a second, and then every three sets: so long torque acts on an axis that nobody sees."""
+    drive = Switched(COARSE)
+    play(drive, sets=4)
+    spans = [
+        later - since
+        for (since, mode), (later, _) in zip(drive.modes, drive.modes[1:], strict=False)
+        if mode is Mode.TORQUE
+    ]
+    assert len(spans) == 3
+    assert spans[0] == pytest.approx(0.25, abs=0.01)
+    assert max(spans) < 12.0
+
+
+@pytest.mark.parametrize("after", [1.0, 2.5])
+def test_who_leans_on_an_axis_whose_encoder_died_in_presliding_moves_it_without_power(after: float) -> None:
+    """Regression: 34.8 rad/s of 15.5, 1.3 s after an encoder had died in a set (seed 1224536)."""
+    drive = HurtDrive(AXIS, Mass(load=lambda time: 0.5 * (time > 8.0 + after)), Hurt("frozen", 8.0))
+    with pytest.raises(GuardStop, match="encoder"):
+        play(drive, sets=2)
+    assert drive.time < 8.0 + min(after, 1.0)
+    assert drive.fastest < AXIS.limits.speed
+
+
+def test_sets_under_another_load_are_not_kept() -> None:
+    leans = HurtDrive(COARSE, Mass(load=lambda time: 0.12 * (time > 6.5)))
+    with pytest.raises(NotEnoughExcitation, match="leans on the axis"):
+        play(leans, sets=2)
+
+
+def test_an_encoder_that_turned_round_for_a_set_is_told() -> None:
+    """Sets that give way against their torque (a mirrored axis is a sound one, seed 1225326)."""
+    drive = HurtDrive(AXIS)
+    drive.encoder = lambda position, time: -position if 7.2 < time < 11.5 else position
+    with pytest.raises(NotEnoughExcitation, match="turned round"):
+        play(drive, sets=2)
