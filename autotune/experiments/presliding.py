@@ -55,7 +55,7 @@ ALIKE = (
 )
 SILENT_SECONDS = 0.5  # in a set, two periods of the slowest line and more
 PATIENCE = 0.25  # s of silence in an excitation: three times the longest that an encoder with counts enough has shown
-COARSE_PATIENCE = 9.0  # s, of whole sets, where its counts are too coarse for that
+COARSE_PATIENCE = 12.0  # s, of whole sets, where its counts are too coarse for that
 SAME_LOAD = 0.2  # friction levels between u0 of two preparations: a hundredth is usual
 OFFSET_NOISE = 0.01  # of limits.torque, the same where there is hardly any friction
 AGAINST = 10.0  # standard deviations of what counts feign, by which a set may give way against its torque
@@ -206,8 +206,7 @@ class Presliding(Experiment):
         yield Mark(CONDITIONING)
         sample = yield from self._position_mode(sample)
         if shown.doubtful:
-            sample, last = yield from self._show_life(sample)
-            self._check_load(last, friction, shown)
+            yield from self._show_life(sample, friction, shown)
         self._check_direction(shown, amplitude)
         if not kept:
             raise NotEnoughExcitation(
@@ -226,7 +225,7 @@ class Presliding(Experiment):
                 return sample, offset
             sample = yield Switch(Mode.TORQUE, offset)
             trial = self._signal(amplitude)[: self.motion.samples(TRIAL_SECONDS)]
-            for _ in range(TRIALS):
+            for _ in range(0 if shown.coarse and shown.gave else TRIALS):  # whose trials would tell nothing
                 swing = yield from self._excite(sample, offset, trial, shown)
                 sample, offset = swing.sample, offset - swing.excess(friction)
                 if swing.mute:
@@ -279,11 +278,13 @@ class Presliding(Experiment):
                 "the encoder or the torque has turned round, if only for a while; check both, and play it again"
             )
 
-    def _show_life(self, sample: Sample) -> Walk:
+    def _show_life(self, sample: Sample, friction: float, shown: _Shown) -> Generator[Item, Sample, None]:
         """An encoder that told nothing of a set is coarse or dead: the guard sees which, as it moves; u₀ after it."""
         yield from approach(self.motion, sample.reference)
         yield from self.survey.play()
-        return (yield from self._relax(sample._replace(reference=self.motion.centre)))
+        if not shown.coarse:  # whose sets never give way alike, and whose load was looked at on the way
+            _, offset = yield from self._relax(sample._replace(reference=self.motion.centre))
+            self._check_load(offset, friction, shown)
 
     def _position_mode(self, sample: Sample) -> Generator[Item, Sample, Sample]:
         return (yield Switch(Mode.POSITION, 0.0)) if self.torque_mode else sample

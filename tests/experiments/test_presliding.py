@@ -36,9 +36,9 @@ class Switched(HurtDrive):
 
 
 def test_an_encoder_too_coarse_for_presliding_has_to_show_that_it_lives() -> None:
-    """After a quarter of a second, and then every three sets: so long torque acts on an axis that nobody sees."""
+    """After a quarter of a second, and then every four sets: so long torque acts on an axis that nobody sees."""
     drive = Switched(COARSE)
-    play(drive, sets=4)
+    play(drive, sets=5)
     spans = [
         later - since
         for (since, mode), (later, _) in zip(drive.modes, drive.modes[1:], strict=False)
@@ -46,7 +46,7 @@ def test_an_encoder_too_coarse_for_presliding_has_to_show_that_it_lives() -> Non
     ]
     assert len(spans) == 3
     assert spans[0] == pytest.approx(0.25, abs=0.01)
-    assert max(spans) < 12.0
+    assert 12.0 < max(spans) < 15.0
 
 
 @pytest.mark.parametrize("after", [1.0, 2.5])
