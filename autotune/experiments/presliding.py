@@ -13,8 +13,8 @@ died or changed meanwhile, or of a torque that turned round, are not kept, as th
 An encoder that tells nothing of the excitation for `PATIENCE` is dead or coarse: the axis is moved at once, as the
 next set is prepared, and the guard sees which. One that is coarse has to show that it lives every `COARSE_PATIENCE`,
 so the time for which torque acts on an axis that nobody sees is bounded. u₀ is found anew in every preparation, at the
-same place and from the same state: where it has changed, the axis bears another load, or encoder and torque have both
-turned round, which leaves a sound axis seen in a mirror.
+same place and from the same state: where sets stayed round different ones, the axis bore another load, or encoder and
+torque have both turned round, which leaves a sound axis seen in a mirror.
 
 An axis that leaves the region round z = 0 is caught in position mode, relaxed again and excited more
 weakly; the samples of that set are marked `abandoned`.
@@ -56,9 +56,8 @@ ALIKE = (
 SILENT_SECONDS = 0.5  # in a set, two periods of the slowest line and more
 PATIENCE = 0.25  # s of silence in an excitation: three times the longest that an encoder with counts enough has shown
 COARSE_PATIENCE = 12.0  # s, of whole sets, where its counts are too coarse for that
-SAME_LOAD = 0.2  # friction levels between u0 of two preparations: a hundredth is usual
+SAME_LOAD = 0.3  # friction levels between u0 of preparations whose sets stayed: a hundredth is usual
 OFFSET_NOISE = 0.01  # of limits.torque, the same where there is hardly any friction
-AGAINST = 10.0  # standard deviations of what counts feign, by which a set may give way against its torque
 TRIES = 3
 WEAKER = 0.7
 
@@ -90,15 +89,21 @@ class _Shown:
     Attributes:
         quiet: how long the encoder has told nothing under excitation, since it or the axis last moved [s].
         coarse: it lived although it had told nothing for `PATIENCE`.
-        offset: u₀ of the first preparation [N m or N].
+        prepared: u₀ of the last preparation, offsets: of those under which a set stayed [N m or N].
         gave: of each set kept; longest: silence in them [s].
     """
 
     quiet: float = 0.0
     coarse: bool = False
-    offset: float | None = None
+    prepared: float = 0.0
+    offsets: list[float] = field(default_factory=list)
     gave: list[float] = field(default_factory=list)
     longest: float = 0.0
+
+    def moved(self, offset: float) -> None:
+        """The axis has been moved, so its encoder lives, and relaxed at u₀."""
+        self.coarse |= self.quiet > PATIENCE
+        self.quiet, self.prepared = 0.0, offset
 
     @property
     def patience(self) -> float:
@@ -106,7 +111,8 @@ class _Shown:
         return math.inf if self.coarse else PATIENCE
 
     def keep(self, swing: _Swing) -> None:
-        """A set was played to its end."""
+        """A set was played to its end, under the load of the last preparation."""
+        self.offsets.append(self.prepared)
         self.gave.append(swing.gave)
         self.longest = max(self.longest, swing.silent)
 
@@ -206,8 +212,8 @@ class Presliding(Experiment):
         yield Mark(CONDITIONING)
         sample = yield from self._position_mode(sample)
         if shown.doubtful:
-            yield from self._show_life(sample, friction, shown)
-        self._check_direction(shown, amplitude)
+            yield from self._show_life(sample, shown)
+        self._check_load(friction, shown)
         if not kept:
             raise NotEnoughExcitation(
                 f"presliding: the axis left the region of ±{self.drift:.3g} round its rest in all {len(lost)} "
@@ -220,7 +226,7 @@ class Presliding(Experiment):
         """Relaxes in position mode, finds u₀, and tries it out in torque mode; again, where the encoder was silent."""
         while True:
             sample, offset = yield from self._relax(sample)
-            self._check_load(offset, friction, shown)
+            shown.moved(offset)
             if not self.torque_mode:
                 return sample, offset
             sample = yield Switch(Mode.TORQUE, offset)
@@ -245,46 +251,28 @@ class Presliding(Experiment):
             offset += weight * sample.torque_command
         return sample, offset
 
-    def _check_load(self, offset: float, friction: float, shown: _Shown) -> None:
-        """The axis has been moved: its encoder lives, and the load is the one of before, or the sets are worth nothing.
+    def _check_load(self, friction: float, shown: _Shown) -> None:
+        """All sets stayed round one u₀, or they are of different axes.
 
         Raises:
             NotEnoughExcitation: another load.
         """
-        shown.coarse |= shown.quiet > PATIENCE
-        shown.quiet = 0.0
-        if shown.offset is None:
-            shown.offset = offset
+        least, most = min(shown.offsets, default=0.0), max(shown.offsets, default=0.0)
         allowed = SAME_LOAD * friction + OFFSET_NOISE * self.motion.torque
-        if abs(offset - shown.offset) > allowed:
+        if most - least > allowed:
             raise NotEnoughExcitation(
-                f"presliding: the torque that holds the axis here was {shown.offset:.4g} and is {offset:.4g}, but no "
-                f"more than {allowed:.3g} may lie between them: something leans on the axis or was put on it, or "
-                "encoder and torque have both turned round; make sure that the axis is free, and play it again"
+                f"presliding: the torque that holds the axis here was {least:.4g} for one set and {most:.4g} for "
+                f"another, but no more than {allowed:.3g} may lie between them: something leans on the axis or was "
+                "put on it, or encoder and torque have both turned round; make sure that it is free, and play it again"
             )
 
-    def _check_direction(self, shown: _Shown, amplitude: float) -> None:
-        """Junctions give way along their torque.
-
-        Raises:
-            NotEnoughExcitation: they did not.
-        """
-        signal = self._signal(amplitude)
-        feigned = self.motion.resolution / math.sqrt(12.0 * float(signal @ signal))
-        least, most = min(shown.gave, default=0.0), max(shown.gave, default=0.0)
-        if least < -ALIKE * most and least < -AGAINST * feigned:
-            raise NotEnoughExcitation(
-                f"presliding: it gave way by {least:.3g} per unit of torque in one set, by {most:.3g} in another: "
-                "the encoder or the torque has turned round, if only for a while; check both, and play it again"
-            )
-
-    def _show_life(self, sample: Sample, friction: float, shown: _Shown) -> Generator[Item, Sample, None]:
+    def _show_life(self, sample: Sample, shown: _Shown) -> Generator[Item, Sample, None]:
         """An encoder that told nothing of a set is coarse or dead: the guard sees which, as it moves; u₀ after it."""
         yield from approach(self.motion, sample.reference)
         yield from self.survey.play()
         if not shown.coarse:  # whose sets never give way alike, and whose load was looked at on the way
             _, offset = yield from self._relax(sample._replace(reference=self.motion.centre))
-            self._check_load(offset, friction, shown)
+            shown.offsets.append(offset)
 
     def _position_mode(self, sample: Sample) -> Generator[Item, Sample, Sample]:
         return (yield Switch(Mode.POSITION, 0.0)) if self.torque_mode else sample
