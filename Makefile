@@ -82,6 +82,7 @@ bench: install
 
 faults: install
 	HYPOTHESIS_PROFILE=random $(BIN)/pytest -n 2 --dist worksteal -m '' $(HURT:%=tests/%)
+	$(BIN)/python -m bench.faults --named
 	$(BIN)/python -m bench.faults --seed $(SEED) --runs $(RUNS)
 
 # The long tests that neither `faults` nor `linuxcnc` runs: whole fits, pages in a browser, the pages of docs.

@@ -60,6 +60,9 @@ REMEMBERS = 1.002  # by which a bound on the inertia may rise, each time it is t
 EXCESS_SECONDS = 0.005
 FADES = 0.98  # a cycle: what the reference asked for still acts
 OLD_SECONDS = 0.5  # a loop that swings must not teach what it needs
+EARLY_BEYOND = 0.4  # of limits.torque beyond what has slid it, in the first strokes
+EARLY_SPEED = 0.005  # of limits.speed, at which it must have slid
+EARLY_SECONDS = 0.1  # the same in the first strokes, where friction still builds up: longer than half a swing
 
 
 class _Way:
@@ -281,14 +284,28 @@ class MomentumWatch:
 
 
 class ExcessWatch:
-    """Torque that nobody asked for; `know` is told what has slid or held the axis so far."""
+    """Torque that nobody asked for; `know` is told what has slid or held the axis so far.
 
-    __slots__ = ("_asked", "_excess", "_heaviest", "_levels", "_new", "_rate", "_reference", "_seconds")
+    Attributes:
+        heaviest: inertia that the axis may have.
+    """
+
+    __slots__ = (
+        "_asked",
+        "_excess",
+        "_lasts",
+        "_levels",
+        "_new",
+        "_rate",
+        "_reference",
+        "_seconds",
+        "heaviest",
+    )
 
     def __init__(self, heaviest: float) -> None:
-        self._heaviest = heaviest
+        self.heaviest = heaviest
         self._levels = self._new = (math.inf, math.inf)
-        self._seconds = 0.0
+        self._seconds, self._lasts = 0.0, OLD_SECONDS
         self.begin(0.0)
 
     def begin(self, reference: float) -> None:
@@ -296,23 +313,45 @@ class ExcessWatch:
         self._reference, self._rate = reference, 0.0
         self._asked = self._excess = 0.0
 
-    def know(self, up: float, down: float) -> None:
-        """Torques that are more than it has ever needed upwards and downwards."""
-        self._new = (up, down)
+    def know(self, up: float, down: float, early: bool = False) -> None:
+        """Torques that are more than it has ever needed upwards and downwards; what is known first counts at once.
+
+        `early`: in the first strokes, in which it also counts at once that nothing is known any more.
+        """
+        self._new, self._lasts = (up, down), EARLY_SECONDS if early else OLD_SECONDS
+        if math.inf in self._levels or (early and math.inf in self._new):
+            self._levels = self._new
 
     def check(self, reference: float, torque: float, cycle: float) -> bool:
         """One cycle; True where torque has been beyond for too long."""
         self._seconds += cycle
-        if self._seconds > OLD_SECONDS:
+        if self._seconds > self._lasts:
             self._seconds, self._levels = 0.0, self._new
         rate = (reference - self._reference) / cycle
         self._asked = max(abs(rate - self._rate) / cycle, FADES * self._asked)
         self._reference, self._rate = reference, rate
         level = self._levels[0] if torque > 0.0 else self._levels[1]
-        beyond = abs(torque) - self._heaviest * self._asked > level
+        beyond = abs(torque) - self.heaviest * self._asked > level
         self._excess = (
             math.copysign(abs(self._excess) + cycle, torque)
             if beyond and torque * self._excess >= 0.0
             else 0.0
         )
         return abs(self._excess) > EXCESS_SECONDS
+
+
+def early_levels(inverse: Inverse, first: float, limits: Limits) -> tuple[float, float]:
+    """More torque than the first strokes of a session need, upwards and downwards: what has slid the axis there or,
+    where it has not gone there yet, the other way, and a lot. An axis that creeps at rest has not slid.
+
+    Args:
+        first: torque as power came on.
+    """
+    slow = EARLY_SPEED * limits.speed
+    up = inverse.up if inverse.fast_up > slow else None
+    down = inverse.down if inverse.fast_down > slow else None
+    if up is None and down is None:
+        return math.inf, math.inf
+    more = EARLY_BEYOND * limits.torque
+    ways = up if up is not None else -(down or 0.0), -down if down is not None else up or 0.0
+    return max(ways[0], first) + more, max(ways[1], -first) + more

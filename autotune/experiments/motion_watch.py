@@ -38,7 +38,13 @@ from autotune.core.axis import Limits
 from autotune.core.drive import Mode
 from autotune.experiments.fine_inertia import FineInertia
 from autotune.experiments.inverse_estimate import Inverse, InverseEstimate
-from autotune.experiments.momentum_watch import EXCESS_SECONDS, MOVING, ExcessWatch, MomentumWatch
+from autotune.experiments.momentum_watch import (
+    EXCESS_SECONDS,
+    MOVING,
+    ExcessWatch,
+    MomentumWatch,
+    early_levels,
+)
 from autotune.experiments.swing_watch import SwingWatch
 from autotune.experiments.virtual_axes import VirtualAxes
 
@@ -281,6 +287,7 @@ class MotionWatch:
             told = replace(inverse, inertia=bounds[0], heaviest=bounds[1])
             self._momentum.know(told, max(STICKS_BEYOND * self._held, share * friction))
         self._swing.know(friction)
+        self._excess.heaviest = min(order, HEAVY_SWING * fine) if fine else order
         ways = ((self._up, 1.0, inverse.up, self._broke[0]), (self._down, -1.0, inverse.down, self._broke[1]))
         for way, sign, level, broke in ways:
             way.lightest, way.heaviest = lightest, heaviest
@@ -302,6 +309,8 @@ class MotionWatch:
             more = LATER_MUST * limit  # where small motion shows the inertia, momentum tells the rest
             more = more if fine else max(more - MUST_BEYOND * friction, 0.0)
             self._excess.know(self._up.must + more, self._down.must + more)
+        elif inverse.inertia is None or friction is None:
+            self._excess.know(*early_levels(inverse, self._first, self._limits), early=True)
         else:
             self._excess.know(math.inf, math.inf)
         self._momentum.suppose(self._up.must, self._down.must)

@@ -10,6 +10,12 @@ Where the encoder told nothing for a while in a set, or one set gave way to its 
 (Σu_s·q/Σu_s², the junctions' compliance, is the axis's own), the axis is moved afterwards: sets of an encoder that
 died or changed meanwhile, or of a torque that turned round, are not kept, as the guard does not let it move.
 
+An encoder that tells nothing of the excitation for `PATIENCE` is dead or coarse: the axis is moved at once, as the
+next set is prepared, and the guard sees which. One that is coarse has to show that it lives every `COARSE_PATIENCE`,
+so the time for which torque acts on an axis that nobody sees is bounded. u₀ is found anew in every preparation, at the
+same place and from the same state: where sets stayed round different ones, the axis bore another load, or encoder and
+torque have both turned round, which leaves a sound axis seen in a mirror.
+
 An axis that leaves the region round z = 0 is caught in position mode, relaxed again and excited more
 weakly; the samples of that set are marked `abandoned`.
 """
@@ -18,7 +24,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import NamedTuple
 
@@ -48,6 +54,10 @@ ALIKE = (
     0.5  # of the set that gave way most: junctions are as stiff in the next set, but for where the axis rests
 )
 SILENT_SECONDS = 0.5  # in a set, two periods of the slowest line and more
+PATIENCE = 0.25  # s of silence in an excitation: three times the longest that an encoder with counts enough has shown
+COARSE_PATIENCE = 12.0  # s, of whole sets, where its counts are too coarse for that
+SAME_LOAD = 0.3  # friction levels between u0 of preparations whose sets stayed: a hundredth is usual
+OFFSET_NOISE = 0.01  # of limits.torque, the same where there is hardly any friction
 TRIES = 3
 WEAKER = 0.7
 
@@ -56,7 +66,7 @@ Walk = Generator[Item, Sample, tuple[Sample, float]]
 
 class _Swing(NamedTuple):
     """One stretch of excitation: last sample, distance from its beginning, way walked in all, how long the encoder was
-    silent at a stretch, and how far the axis gave way per torque."""
+    silent at a stretch, how far the axis gave way per torque, and whether it was ended as the encoder was silent."""
 
     sample: Sample
     drift: float
@@ -64,11 +74,53 @@ class _Swing(NamedTuple):
     stayed: bool
     silent: float
     gave: float = 0.0
+    mute: bool = False
 
     def excess(self, friction: float) -> float:
         """By how much u₀ is too high: a torque Δu bends the junctions by z, and (3.10) creeps by |q̇|z/g."""
         part = self.drift / self.travel if self.travel > 0.0 else 0.0
         return CORRECTION * friction * min(max(part, -LARGEST_PART), LARGEST_PART)
+
+
+@dataclass(slots=True)
+class _Shown:
+    """What encoder and axis have shown in the sets and preparations so far.
+
+    Attributes:
+        quiet: how long the encoder has told nothing under excitation, since it or the axis last moved [s].
+        coarse: it lived although it had told nothing for `PATIENCE`.
+        prepared: u₀ of the last preparation, offsets: of those under which a set stayed [N m or N].
+        gave: of each set kept; longest: silence in them [s].
+    """
+
+    quiet: float = 0.0
+    coarse: bool = False
+    prepared: float = 0.0
+    offsets: list[float] = field(default_factory=list)
+    gave: list[float] = field(default_factory=list)
+    longest: float = 0.0
+
+    def moved(self, offset: float) -> None:
+        """The axis has been moved, so its encoder lives, and relaxed at u₀."""
+        self.coarse |= self.quiet > PATIENCE
+        self.quiet, self.prepared = 0.0, offset
+
+    @property
+    def patience(self) -> float:
+        """Silence after which an excitation ends [s]."""
+        return math.inf if self.coarse else PATIENCE
+
+    def keep(self, swing: _Swing) -> None:
+        """A set was played to its end, under the load of the last preparation."""
+        self.offsets.append(self.prepared)
+        self.gave.append(swing.gave)
+        self.longest = max(self.longest, swing.silent)
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the sets kept may be those of an encoder that died or changed, or of a torque that turned round."""
+        least, most = min(self.gave, default=0.0), max(self.gave, default=0.0)
+        return self.longest > SILENT_SECONDS or not least >= ALIKE * most
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,39 +187,60 @@ class Presliding(Experiment):
         amplitude = (EXCITATION if self.torque_mode else CLOSED_LOOP_EXCITATION) * friction
         kept: list[int] = []
         lost: list[int] = []
-        gave: list[float] = []
-        silent = False
-        sample, offset = yield from self._prepare_set(sample, amplitude, friction)
+        unheard: list[int] = []
+        shown = _Shown()
+        sample, offset = yield from self._prepare_set(sample, amplitude, friction, shown)
         while len(kept) < self.sets and len(lost) <= TRIES:
-            repeat = len(kept) + len(lost)
+            repeat = len(kept) + len(lost) + len(unheard)
             yield Mark(LABEL, repeat)
-            swing = yield from self._excite(sample, offset, self._signal(amplitude))
+            swing = yield from self._excite(sample, offset, self._signal(amplitude), shown)
             sample, offset = swing.sample, offset - swing.excess(friction)
             if swing.stayed:
-                silent |= swing.silent > SILENT_SECONDS
-                gave.append(swing.gave)
+                shown.keep(swing)
                 kept.append(repeat)
-                continue
-            lost.append(repeat)
-            amplitude *= WEAKER
-            yield Mark(ABANDONED, repeat)
+                if shown.quiet < COARSE_PATIENCE or len(kept) == self.sets:
+                    continue
+            elif swing.mute:
+                unheard.append(repeat)
+            else:
+                lost.append(repeat)
+                amplitude *= WEAKER
+            yield Mark(CONDITIONING if swing.stayed else ABANDONED, repeat)
             if not self.torque_mode:
                 sample = yield Command(sample.reference)
-            sample, offset = yield from self._prepare_set(sample, amplitude, friction)
+            sample, offset = yield from self._prepare_set(sample, amplitude, friction, shown)
         yield Mark(CONDITIONING)
         sample = yield from self._position_mode(sample)
-        if silent or not min(gave, default=0.0) >= ALIKE * max(gave, default=0.0):
-            yield from self._show_life(sample)
+        if shown.doubtful:
+            yield from self._show_life(sample, shown)
+        self._check_load(friction, shown)
         if not kept:
             raise NotEnoughExcitation(
                 f"presliding: the axis left the region of ±{self.drift:.3g} round its rest in all {len(lost)} "
                 f"tries, last with an excitation of {amplitude / WEAKER:.3g} round u0 = {offset:.4g}; look for "
                 "vibration from outside, or play it in closed loop (torque_mode=False)"
             )
-        return PreslidingResult(tuple(kept), tuple(lost), amplitude, offset, friction)
+        return PreslidingResult(tuple(kept), (*lost, *unheard), amplitude, offset, friction)
 
-    def _prepare_set(self, sample: Sample, amplitude: float, friction: float) -> Walk:
-        """Relaxes in position mode, finds u₀, and tries it out in torque mode."""
+    def _prepare_set(self, sample: Sample, amplitude: float, friction: float, shown: _Shown) -> Walk:
+        """Relaxes in position mode, finds u₀, and tries it out in torque mode; again, where the encoder was silent."""
+        while True:
+            sample, offset = yield from self._relax(sample)
+            shown.moved(offset)
+            if not self.torque_mode:
+                return sample, offset
+            sample = yield Switch(Mode.TORQUE, offset)
+            trial = self._signal(amplitude)[: self.motion.samples(TRIAL_SECONDS)]
+            for _ in range(0 if shown.coarse and shown.gave else TRIALS):  # whose trials would tell nothing
+                swing = yield from self._excite(sample, offset, trial, shown)
+                sample, offset = swing.sample, offset - swing.excess(friction)
+                if swing.mute:
+                    break
+            else:
+                return sample, offset
+
+    def _relax(self, sample: Sample) -> Walk:
+        """Brings the friction state to zero in position mode; the torque that holds the axis then."""
         sample = yield from self._position_mode(sample)
         yield Mark(CONDITIONING)
         yield from approach(self.motion, sample.reference)
@@ -176,19 +249,30 @@ class Presliding(Experiment):
         for reference, weight in zip(plan.reference.tolist(), weights, strict=True):
             sample = yield Command(reference)
             offset += weight * sample.torque_command
-        if not self.torque_mode:
-            return sample, offset
-        sample = yield Switch(Mode.TORQUE, offset)
-        trial = self._signal(amplitude)[: self.motion.samples(TRIAL_SECONDS)]
-        for _ in range(TRIALS):
-            swing = yield from self._excite(sample, offset, trial)
-            sample, offset = swing.sample, offset - swing.excess(friction)
         return sample, offset
 
-    def _show_life(self, sample: Sample) -> Generator[Item, Sample, None]:
-        """An encoder that told nothing of a set is coarse or dead: the guard sees which, as the axis moves."""
+    def _check_load(self, friction: float, shown: _Shown) -> None:
+        """All sets stayed round one u₀, or they are of different axes.
+
+        Raises:
+            NotEnoughExcitation: another load.
+        """
+        least, most = min(shown.offsets, default=0.0), max(shown.offsets, default=0.0)
+        allowed = SAME_LOAD * friction + OFFSET_NOISE * self.motion.torque
+        if most - least > allowed:
+            raise NotEnoughExcitation(
+                f"presliding: the torque that holds the axis here was {least:.4g} for one set and {most:.4g} for "
+                f"another, but no more than {allowed:.3g} may lie between them: something leans on the axis or was "
+                "put on it, or encoder and torque have both turned round; make sure that it is free, and play it again"
+            )
+
+    def _show_life(self, sample: Sample, shown: _Shown) -> Generator[Item, Sample, None]:
+        """An encoder that told nothing of a set is coarse or dead: the guard sees which, as it moves; u₀ after it."""
         yield from approach(self.motion, sample.reference)
         yield from self.survey.play()
+        if not shown.coarse:  # whose sets never give way alike, and whose load was looked at on the way
+            _, offset = yield from self._relax(sample._replace(reference=self.motion.centre))
+            shown.offsets.append(offset)
 
     def _position_mode(self, sample: Sample) -> Generator[Item, Sample, Sample]:
         return (yield Switch(Mode.POSITION, 0.0)) if self.torque_mode else sample
@@ -198,23 +282,30 @@ class Presliding(Experiment):
             return Command(0.0, 0.0, offset + value, 0.0)
         return Command(reference, 0.0, 0.0, value)
 
-    def _excite(self, sample: Sample, offset: float, signal: Floats) -> Generator[Item, Sample, _Swing]:
-        """Plays `signal` round u₀, or round the reference held; ends where the axis drifts away."""
-        home, reference, drift = sample.position, sample.reference, self.drift
-        before, travel, quiet, longest = home, 0.0, 0, 0
-        product = 0.0
+    def _excite(
+        self, sample: Sample, offset: float, signal: Floats, shown: _Shown
+    ) -> Generator[Item, Sample, _Swing]:
+        """Plays `signal` round u₀, or round the reference held; ends where the axis drifts away or is silent."""
+        home, reference, drift, period = sample.position, sample.reference, self.drift, self.motion.period
+        before, travel, longest, product = home, 0.0, 0.0, 0.0
+        began, patience = shown.quiet, shown.patience
         for value in signal.tolist():
             sample = yield self._command(reference, offset, value)
             position = sample.position
-            quiet = quiet + 1 if position == before else 0
-            longest = max(longest, quiet)
-            travel += abs(position - before)
             product += value * (position - home)
+            if position == before:
+                shown.quiet += period
+                longest = max(longest, shown.quiet - began)
+                if shown.quiet > patience:
+                    return _Swing(sample, position - home, travel, False, longest, mute=True)
+                continue
+            shown.quiet = began = 0.0
+            travel += abs(position - before)
             before = position
             if abs(position - home) > drift:
                 return _Swing(sample, position - home, travel, False, 0.0)
         gave = product / float(signal @ signal)
-        return _Swing(sample, before - home, travel, True, longest * self.motion.period, gave)
+        return _Swing(sample, before - home, travel, True, longest, gave)
 
     def prepare(self) -> None:
         """The excitation takes a third of a second to design: longer than a powered axis may wait."""

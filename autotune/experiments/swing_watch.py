@@ -9,7 +9,8 @@ well enough to hold torque and motion against each other in every cycle (`moment
 - the axis goes forwards while it falls, and backwards, or less than half as far forwards, while it rises. Where
   torque follows what the place asks for (cogging, gravity, a tight spot), the axis goes on in both.
 
-Each such half counts by its height, at most twice. At `ENOUGH` its inertia is the slope of impulse over velocity,
+Each such half counts by its height, at most twice. At `ENOUGH` in three halves, or two full ones, its inertia is the
+slope of impulse over velocity,
 
     ∫T dt = J·v + c·t + d,
 
@@ -27,7 +28,7 @@ import numpy as np
 
 ENOUGH = 3.0  # heights
 HIGHEST = 2.0  # heights that one half counts
-HALVES = 3  # at least
+HALVES = 3  # at least, or two that count as much as a half can: what rings down after a stroke has fallen below by then
 LEAST_FRICTION = 1.0  # friction levels that the torque must fall or rise by: one height
 LEAST_TORQUE = 0.15  # of limits.torque
 UNKNOWN_TORQUE = 0.3  # the same before friction is known
@@ -72,9 +73,11 @@ class SwingWatch:
     def weigh(self, heaviest: float, quiet: bool) -> None:
         """The inertia is less than this; `quiet`: it is not known because the loop was so quiet until now.
 
-        What is told counts from the next time on: a swing that has just begun must not teach what it needs.
+        What is told counts from the next time on: a swing that has just begun must not teach what it needs. What is
+        told first counts at once: before it any swing was let be.
         """
-        self._known = min(self._told[0], REMEMBERS * self._known)
+        first = heaviest if self._told[0] == np.inf else self._told[0]
+        self._known = min(first, REMEMBERS * self._known)
         self._quiet = self._told[1]
         self._told = (heaviest, quiet)
 
@@ -115,7 +118,7 @@ class SwingWatch:
         back = (self._extreme[0] - torque) * self._sign
         if back <= 0.0:
             self._extreme = (torque, position, self._time)
-            if self._halves >= HALVES - 1 and (half := self._half()) and self._heights + half >= ENOUGH:
+            if self._halves and (half := self._half()) and self._heights + half >= self._enough:
                 return self._judged()
         elif back > TURNS * self._height:
             self._turn(torque, position)
@@ -128,6 +131,11 @@ class SwingWatch:
         news = self._highest > NEWS * self._limit and self._height < CALM * self._least
         self._forget()
         return inertia if inertia > (0.0 if self._quiet and news else self._known) else 0.0
+
+    @property
+    def _enough(self) -> float:
+        """Heights that make a swing, the present half included."""
+        return ENOUGH if self._halves >= HALVES - 1 else 2.0 * HIGHEST
 
     @property
     def _height(self) -> float:

@@ -40,6 +40,10 @@ class CommitPhase(StrEnum):
     RESTORED = "restored"
 
 
+NUMBERS = ("changed", "during", "found", "written")
+"""Fields of a state that are values of parameters by name."""
+
+
 @dataclass(frozen=True, slots=True)
 class JournalState:
     """One moment of a run.
@@ -51,6 +55,7 @@ class JournalState:
         stage: the stage under way.
         changed: parameters changed for the run's duration, with the values to put back.
         during: what they are changed to.
+        found: what the drive held instead, where they could not be put back: a line has garbled it.
         backup: id of the backup that the commit rests on, or "".
         phase: how far the commit has come.
         written: what it writes to the drive; of a rollback, what was there before it.
@@ -71,6 +76,7 @@ class JournalState:
     written: Mapping[str, float] = field(default_factory=dict)
     outcome: str = ""
     during: Mapping[str, float] = field(default_factory=dict)
+    found: Mapping[str, float] = field(default_factory=dict)
     identity: Mapping[str, int | str] = field(default_factory=dict)
     recovered: bool = False
     entry: int = 0
@@ -128,7 +134,7 @@ class Journal:
         """
         state = replace(self.state, entry=self.state.entry + 1, **changes)
         content = {name: getattr(state, name) for name in JournalState.__dataclass_fields__}
-        content |= {name: dict(content[name]) for name in ("changed", "during", "written", "identity")}
+        content |= {name: dict(content[name]) for name in (*NUMBERS, "identity")}
         content |= {"schema": SCHEMA_VERSION, "phase": state.phase.value}
         try:
             for name in FILES:
@@ -142,7 +148,7 @@ class Journal:
 
     def close(self, outcome: str) -> None:
         """The run has come to its end and left nothing."""
-        self.note(outcome=outcome, changed={}, during={})
+        self.note(outcome=outcome, changed={}, during={}, found={})
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,5 +212,5 @@ def _state(content: dict[str, Any]) -> JournalState:
         raise ValueError(f"process is {content['process']!r:.40}; it must be a whole number")
     if not isinstance(content.get("identity", {}), dict):
         raise ValueError(f"identity is {content['identity']!r:.40}; it must be a table")
-    numbers = {name: numbers_of(content.get(name, {})) for name in ("changed", "during", "written")}
+    numbers = {name: numbers_of(content.get(name, {})) for name in NUMBERS}
     return JournalState(**{**content, **numbers, "phase": CommitPhase(content["phase"])})

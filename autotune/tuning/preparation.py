@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from autotune.core.axis import Axis
-from autotune.core.errors import AutotuneError, DriveFault, Interrupted, LinkError
+from autotune.core.errors import AutotuneError, DriveError, DriveFault, Interrupted, LinkError
 from autotune.core.friction_table import in_words
 from autotune.core.loop import Loop, power_in_words
 from autotune.core.ripple_parameters import GAIN as RIPPLE_GAIN
@@ -18,7 +18,7 @@ from autotune.core.ripple_parameters import is_ripple
 from autotune.experiments.limits_guarded import PREFIX, limits_guarded, tighter
 from autotune.experiments.runner import Budget
 from autotune.models.torque_ripple import TORQUE_RIPPLE
-from autotune.tuning.commit import verify
+from autotune.tuning.commit import verify, write_verified
 from autotune.tuning.journal import CommitPhase, Journal
 from autotune.tuning.observer import Observer
 from autotune.tuning.progress import Reporter
@@ -119,12 +119,29 @@ def _closing(loop: Loop, journal: Journal, reporter: Reporter) -> Iterator[None]
     finally:
         try:
             if journal.state.changed:
-                verify(loop, journal.state.changed)
-                journal.note(changed={}, during={})
+                _as_before(loop, journal)
+                journal.note(changed={}, during={}, found={})
         except AutotuneError as error:
             reporter.say(f"not everything could be put back ({error}); the next run will do it")
         finally:
             loop.close()
+
+
+def _as_before(loop: Loop, journal: Journal) -> None:
+    """What was changed for the run is as it was; it is written once more where a line has garbled it.
+
+    Raises:
+        AutotuneError: it is not; the journal knows what the drive holds instead.
+    """
+    before = journal.state.changed
+    try:
+        verify(loop, before)
+    except DriveError:
+        try:
+            write_verified(loop, before)
+        except AutotuneError:
+            journal.note(found=loop.read_parameters(list(before)))
+            raise
 
 
 @contextmanager

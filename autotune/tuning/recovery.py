@@ -1,8 +1,8 @@
 """What a killed run left behind, and how it is put right before anything else is done.
 
 Nothing is written unless the drive that answers is the journal's, and holds what that run can have left:
-each parameter as it was before, or as it was being written. Else somebody has been there in between, and a
-person decides.
+each parameter as it was before, as it was being written, or as the run itself found it at its end. Else
+somebody has been there in between, and a person decides.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ def misfits(journal: Journal, backup: Backup | None, held: Mapping[str, float]) 
     """Parameters that hold neither what was there before the run nor what it was writing, in words."""
     state = journal.state
     before = [state.changed, *([backup.parameters] if backup else [])]
-    after = [state.during, *([state.written] if backup else [])]
+    after = [state.during, state.found, *([state.written] if backup else [])]
     names = dict.fromkeys(name for values in before for name in values)
     wrong = []
     for name in names:

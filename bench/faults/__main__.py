@@ -2,6 +2,7 @@
 
     python -m bench.faults --seed 1000 --runs 200 [--kind plant] [--out FILE]
     python -m bench.faults --case 1017 [1018 ...] [--kind plant] [--keep FOLDER]
+    python -m bench.faults --named
     python -m bench.faults --table FILE
 
 One line a case. With `--out` results are appended to a file of JSON lines, and cases that are already in it
@@ -22,7 +23,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.faults.cases import KINDS, PREPARED, Case, draw
+from bench.faults.cases import KINDS, NAMED, PREPARED, Case, draw
 
 if TYPE_CHECKING:
     from bench.faults.pool import Result
@@ -37,6 +38,9 @@ def _parser() -> argparse.ArgumentParser:
         "--fault", metavar="NAME", help="only cases with a fault whose name begins so (encoder)"
     )
     parser.add_argument("--case", type=int, nargs="+", metavar="SEED", help="these cases alone, one by one")
+    parser.add_argument(
+        "--named", action="store_true", help="the cases of reported batches that stay, one by one"
+    )
     parser.add_argument("--keep", type=Path, help="with --case: folder for all that the cases leave")
     parser.add_argument("--workers", type=int, default=2, help="(default: %(default)s)")
     parser.add_argument("--out", type=Path, help="results as JSON lines; cases in it are not played again")
@@ -49,6 +53,8 @@ def _parser() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Plays cases; 1 where one of them was not sound."""
     options = _parser().parse_args(arguments)
+    if options.named:
+        options.case = list(NAMED)
     from bench.faults.table import read_results, table
 
     if options.table is not None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from autotune_sim.presets import preset
 from autotune_sim.truth import Event, TruthFile
 from bench.faults.cases import Case
+from bench.faults.policy import LOST_CYCLES
 
 Rows = NDArray[np.void]
 Column = NDArray[np.float64]
@@ -58,6 +59,7 @@ class Evidence:
     Attributes:
         put_right: settings after the next start, where one was tried; `next_words`: what it said.
         repairable: the case allows settings to be left for the next start.
+        missed: cycles that the recordings which the run left tell as lost; only of cases behind a wire.
     """
 
     case: Case
@@ -66,6 +68,7 @@ class Evidence:
     put_right: Mapping[str, float] | None = None
     next_words: str = ""
     notes: Sequence[str] = field(default_factory=tuple)
+    missed: int = 0
 
     def column(self, name: str) -> Column:
         """One column of the log."""
@@ -118,3 +121,17 @@ def different(before: Mapping[str, float], after: Mapping[str, float]) -> dict[s
         if not np.isclose(now, value, rtol=1e-6, atol=1e-12):
             changed[name] = (value, now)
     return changed
+
+
+def told_as_lost(evidence: Evidence, since: float) -> bool:
+    """Whether a silence took no more cycles of the axis than may be lost in a row, and the recording says so.
+
+    Behind a line whose simulator waits for its host, 50 ms of silence are one cycle of the axis: the plant's log shows
+    that nothing moved meanwhile. Nothing is hidden from who reads a recording that counts it as missed.
+    """
+    event = next(one for one in evidence.put_in if one.details.get("name") == "silent" and one.time == since)
+    seconds = float(event.details.get("value") or np.inf)
+    wall = evidence.column("wall")
+    powered = evidence.truth.rows["mode"] >= 0
+    ran = np.count_nonzero((wall > event.wall) & (wall < event.wall + seconds) & powered)
+    return int(ran) <= LOST_CYCLES and evidence.missed > 0

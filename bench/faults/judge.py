@@ -14,7 +14,7 @@ import numpy as np
 
 from autotune_sim.truth import Event
 from bench.faults.claims import false_claims
-from bench.faults.evidence import Column, Evidence, different
+from bench.faults.evidence import Column, Evidence, different, told_as_lost
 from bench.faults.policy import DRIVES_OWN, HOLDING, LAST, LEAPS, LOUD, POLICY, SENSORS, TELLING, Policy
 
 _HIDDEN_HEAT = frozenset({"temperature-frozen", "temperature-slow"})
@@ -319,6 +319,8 @@ def _had_effect(evidence: Evidence, name: str, since: float) -> bool:
         return bool(evidence.events("fault"))
     if name == "blocked":
         return True
+    if name == "silent":
+        return not told_as_lost(evidence, since)
     return name not in ("missed-cycles", "status-word")
 
 

@@ -62,6 +62,8 @@ LEAPS = frozenset({"encoder-jump", "second-master"})
 """Faults after which the drive's own stop begins with a leap."""
 TELLING = 4.0
 """Gain of an encoder (or its inverse) up to which no torque tells it from another load."""
+LOST_CYCLES = 3
+"""Cycles in a row that a host may lose (`lost_cycles` of the profiles) if its recording tells them as missed."""
 LOUD = frozenset(
     {
         "encoder-counts",

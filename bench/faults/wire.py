@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 
 from autotune_sim.truth import Event, TruthFile, powered
 from bench.faults.axis_file import command, write_axis
@@ -92,7 +93,7 @@ def run_wire(case: Case, folder: Path, template: Path | None) -> Evidence:
         ending = child.wait(PATIENCE, _kills(case), lambda: _at_work(folder / "truth"))
         _mourn(ending, folder)
         log = _with_host_events(case, rig.snapshot(), put_in, folder)
-        evidence = Evidence(case, ending, log)
+        evidence = Evidence(case, ending, log, missed=_missed(folder))
         return _second_start(evidence, rig, folder, others)
     finally:
         for other in others:
@@ -262,6 +263,15 @@ def _with_host_events(case: Case, log: TruthFile, put_in: Event | None, folder: 
         at = float(rows["time"][place]) if len(rows) else 0.0
         events.append(Event("fault put in", at, wall, {"name": "proxy"}))
     return TruthFile(log.rows, tuple(sorted(events, key=lambda event: event.wall)))
+
+
+def _missed(folder: Path) -> int:
+    """Cycles that the recordings of a run tell as lost; one that was cut off tells none."""
+    count = 0
+    for path in folder.rglob("*.parquet"):
+        with suppress(OSError, ValueError, KeyError):
+            count += int(np.sum(pq.read_table(path, columns=["missed"])["missed"].to_numpy()))
+    return count
 
 
 def _second_start(evidence: Evidence, rig: Rig, folder: Path, others: list[Child]) -> Evidence:

@@ -12,7 +12,7 @@ from autotune.core.errors import GuardStop
 from autotune.experiments import momentum_watch
 from autotune.experiments.guard import Guard
 from autotune.experiments.inverse_estimate import Inverse
-from autotune.experiments.momentum_watch import EXCESS_SECONDS, ExcessWatch, MomentumWatch
+from autotune.experiments.momentum_watch import EXCESS_SECONDS, ExcessWatch, MomentumWatch, early_levels
 from autotune.experiments.motion_watch import Learnt
 from autotune.experiments.path import Motion
 from autotune.experiments.programmes import build
@@ -249,3 +249,33 @@ def test_a_velocity_that_no_force_can_have_changed_is_not_braked_by() -> None:
     assert doubtful(3.0, FRICTION)
     assert not doubtful(2.0, -LIMITS.torque)  # full torque may have taken that
     assert not doubtful(0.6 / INERTIA * H, FRICTION)  # so may a load that comes at once
+
+
+def test_what_the_first_strokes_need_is_known_where_the_axis_has_slid_and_not_where_it_crept() -> None:
+    limit = LIMITS.torque
+    slid = Inverse(up=0.4, fast_up=1.0)
+    assert early_levels(slid, 0.0, LIMITS) == pytest.approx((0.4 + 0.4 * limit, 0.4 + 0.4 * limit))
+    both = replace(slid, down=-0.2, fast_down=1.0)
+    assert early_levels(both, -0.3, LIMITS) == pytest.approx((0.4 + 0.4 * limit, 0.3 + 0.4 * limit))
+    assert early_levels(replace(slid, fast_up=0.01), 0.0, LIMITS) == (float("inf"), float("inf"))
+
+
+def test_in_the_first_strokes_what_is_known_counts_at_once_and_so_does_that_it_is_not() -> None:
+    """Regression: an axis that crept at rest was held to have slid, and stopped as its friction built up."""
+    watch = ExcessWatch(1e-3)
+    watch.know(0.5, 0.5, early=True)
+    pushes = [watch.check(0.0, 0.6, H) for _ in range(10)]
+    assert pushes.index(True) == round(EXCESS_SECONDS / H)
+    watch.begin(0.0)
+    watch.know(float("inf"), float("inf"), early=True)
+    assert not any(watch.check(0.0, 1.3, H) for _ in range(500))
+
+
+@pytest.mark.parametrize("at", [0.3, 0.7])
+def test_a_tenth_in_the_first_second_of_a_session_is_caught(at: float) -> None:
+    """Regression: 19.5 rad/s of 13.1 (seed 1225387)."""
+    drive = HurtDrive(AXIS, hurt=Hurt("scaled", at, 0.1))
+    with pytest.raises(GuardStop):
+        play(drive, SINE)
+    assert drive.fastest < LIMITS.speed
+    assert drive.time - at < 0.2

@@ -176,15 +176,6 @@ def test_a_torque_that_wound_up_unseen_does_not_run_away_in_torque_mode() -> Non
     assert 0.5 * (0.95 - 0.33) / 6.66e-4 * (unseen * 1e-3) ** 2 < 0.2  # rad, of ±20
 
 
-def test_presliding_below_break_away_may_be_silent_for_as_long_as_it_likes() -> None:
-    coarse = AXIS.model_copy(
-        update={"mechanics": AXIS.mechanics.model_copy(update={"counts_per_revolution": 2000})}
-    )
-    drive = played(HurtDrive(coarse), Presliding(Motion.of(coarse), sets=2))
-    silent = [q for q, _, _ in drive.truth]
-    assert len(silent) > 14_000
-
-
 @pytest.mark.parametrize(
     ("kind", "size"), [("reversed", 0.0), ("jumped", 0.05), ("jumped", -0.5), ("scaled", 10.0)]
 )

@@ -100,6 +100,20 @@ def test_only_a_swing_of_an_axis_that_is_too_heavy_is_told(known: float, told: f
     assert max(found) == pytest.approx(told, rel=0.1)
 
 
+@pytest.mark.parametrize(("torque", "halves"), [(0.5, 2), (0.25, 3)])
+def test_two_full_halves_of_a_swing_are_enough(torque: float, halves: int) -> None:
+    """A half counts twice at most: two that count so much are as good as three."""
+    watch = SwingWatch(1.34, INERTIA, COUNT)
+    watch.know(0.2)
+    watch.weigh(1e-4, quiet=False)  # what is told first counts at once
+    watch.begin(0.0, 0.0, 0.0)
+    found = [watch.check(q, 0.0, u, H) for _, q, u in swing(torque, INERTIA, 0.5)]
+    told = next(k for k, inertia in enumerate(found) if inertia > 0.0)
+    assert (
+        12 + 25 * (halves - 2) < told < 13 + 25 * (halves - 1)
+    )  # ms, within the last half; the first is short
+
+
 def test_a_swing_that_the_reference_asks_for_or_that_dies_away_is_none() -> None:
     for reference, decay in ((1.0, 0.0), (0.0, 40.0)):
         watch = SwingWatch(1.34, INERTIA, COUNT)

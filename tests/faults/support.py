@@ -57,6 +57,7 @@ def evidence(
     events: Sequence[Event] = (),
     idle: float = 0.0,
     late: float = 0.5,
+    missed: int = 0,
 ) -> Evidence:
     """What a case has left."""
     end = float(rows["wall"][-1]) if len(rows) else WALL
@@ -69,4 +70,4 @@ def evidence(
             Event("closed", 0.0, end, {"parameters": dict(after)}),
         ]
     ending = Ending(code, output, WALL - 1.0, end + late, idle=idle)
-    return Evidence(case(*orders), ending, TruthFile(rows, tuple(told)))
+    return Evidence(case(*orders), ending, TruthFile(rows, tuple(told)), missed=missed)

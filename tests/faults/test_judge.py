@@ -9,7 +9,7 @@ import pytest
 
 from autotune_sim.truth import Event
 from bench.faults.judge import judge
-from tests.faults.support import WALL, evidence, ramp, rows_of
+from tests.faults.support import WALL, H, evidence, ramp, rows_of
 
 SOUND = rows_of(ramp(6.0))
 
@@ -110,6 +110,19 @@ def test_a_loud_fault_must_not_end_with_0() -> None:
     assert "unnoticed" in judge(evidence(replaced, orders[:1], code=0)).kinds
     rows["reading"] = 0.5 * rows["position"]  # like another load: nobody can tell
     assert "unnoticed" not in judge(evidence(rows, ["encoder-scale=0.5@0.5"], code=0)).kinds
+
+
+@pytest.mark.parametrize(
+    ("ran", "missed", "sound"), [(0, 1, True), (3, 1, True), (0, 0, False), (20, 1, False)]
+)
+def test_a_silence_of_a_cycle_that_the_recording_counts_is_no_finding(
+    ran: int, missed: int, sound: bool
+) -> None:
+    """A simulated axis that waits for its host stands still while the line is silent (seed 1225480)."""
+    rows = rows_of(np.full(4000, 0.2) * (np.arange(4000) < 3800))
+    rows["wall"][501 + ran :] += 0.05 - H * ran
+    found = judge(evidence(rows, ["silent=0.05@0.5"], code=0, missed=missed))
+    assert ("unnoticed" not in found.kinds) is sound
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
 
@@ -11,8 +12,10 @@ from autotune.core.axis import read_axis
 from autotune.core.errors import LinkTimeout
 from autotune.core.loop import LocalLoop, Loop
 from autotune.tuning.journal import Journal
-from autotune.tuning.preparation import SessionRequest, own_run
+from autotune.tuning.preparation import SessionRequest, connected, own_run
 from autotune.tuning.progress import Silent
+from autotune.tuning.recovery import recover
+from autotune.tuning.run_directory import make_run_directory
 from autotune_sim.inprocess import SimDrive
 from autotune_sim.presets import preset
 from tests.end_to_end.support import EXAMPLE
@@ -55,6 +58,38 @@ def test_what_is_left_in_the_drive_keeps_the_journal_open(request_of_a_run: Sess
         run.journal.note(changed={"limit.torque": 1.0})
     state = Journal.load(run.directory).state
     assert (state.outcome, state.left_something) == ("", True)
+
+
+class GarblingLoop(LocalLoop):
+    """A line without checksum: the next so many writes arrive as another value, and nobody is told."""
+
+    spoilt = 0
+
+    def write_parameters(self, values: Mapping[str, float]) -> None:
+        garbled = {name: 0.4 * value for name, value in values.items()}
+        super().write_parameters(garbled if self.spoilt > 0 else values)
+        self.spoilt -= 1
+
+
+@pytest.mark.parametrize(("spoilt", "left"), [(1, False), (9, True)])
+def test_what_a_line_has_garbled_is_put_back_at_once_or_by_the_next_start(
+    request_of_a_run: SessionRequest, spoilt: int, left: bool
+) -> None:
+    """Regression: a person had to decide, since the drive held neither the old value nor the run's (seed 8308026)."""
+    drive = SimDrive(preset("edm-vertical"))
+    before = LocalLoop(drive).read_parameters(["limit.speed"])
+    loop = GarblingLoop(drive)
+    with own_run(request_of_a_run) as run, connected(lambda: loop, run.journal, Silent()):
+        run.journal.note(changed=before, during={"limit.speed": 20.0})
+        loop.spoilt = spoilt
+        loop.write_parameters(before)
+    assert run.journal.state.left_something is left
+    runs, now = request_of_a_run.runs, datetime.now()
+    later = Journal.begin(
+        make_run_directory(runs, request_of_a_run.axis.name, now), request_of_a_run.axis.name, "f", now
+    )
+    recover(LocalLoop(drive), runs, later)
+    assert LocalLoop(drive).read_parameters(["limit.speed"]) == before
 
 
 def test_an_axis_that_was_never_reached_leaves_no_folder(request_of_a_run: SessionRequest) -> None:
