@@ -19,8 +19,10 @@ from autotune.estimation.controller import as_recorded, controllers_of, find_con
 from autotune.estimation.controller_search import AS_MUCH
 from autotune.estimation.controller_torque import loop_note, refuse_answers
 from autotune.estimation.data import TRAINING, Prepared
+from autotune.estimation.disturbance import STILL
 from autotune.estimation.disturbance_estimate import estimate_disturbance, with_expected_noise
 from autotune.estimation.least_squares import Free
+from autotune.estimation.model_error import by_chance, told_by_twin
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import (
     Problem,
@@ -54,24 +56,24 @@ def begin(
     refuse_answers(data, policy)
     found = find_controller(data, policy)
     packed = model.pack()
-    notes = found.notes
+    notes: tuple[str, ...] = ()
     if not found.usable:
         data, said = without_twin(data)
         no_twin = () if data.steady else (f"No twin: {found.why}. Confidence is lower.",)
         notes = (*no_twin, *said, *loop_note(data, policy))
-    laws = controllers_of(data, found, policy)
-    data = as_recorded(data, found)
-    problem = new_problem(data, found, policy)
+    law, disturbance = told_by_twin(data, controllers_of(data, found, policy), packed, policy)
+    notes = (*law.notes, *notes)
+    data = as_recorded(data, law)
+    problem = replace(new_problem(data, law, policy), simulations=simulations, disturbance=disturbance)
     progress("fit of the model as it is")
     free = [
         *base_free(packed, problem.scales, data.metadata.motion_unit),
         *free_of_model(model, problem.scales),
     ]
-    model_fit = _best_fit(
-        [replace(problem, controller=law if law.usable else None, simulations=simulations) for law in laws],
-        packed,
-        free,
-    )
+    model_fit = _first_fit(problem, packed, free)
+    if model_fit is None and problem.twin and law.within:
+        # what counts make may be where the twin, off by parts of one, does not expect it
+        model_fit = _first_fit(replace(problem, controller=replace(law, adrift=True)), packed, free)
     if model_fit is None and problem.twin:
         data, said = without_twin(data)
         why = "is unstable, rings or explains less than none"
@@ -93,16 +95,6 @@ def begin(
     return problem, settled, packed, (*notes, *evidence_of(problem.data).limits(problem))
 
 
-def _best_fit(problems: list[Problem], packed: Packed, free: list[Free]) -> tuple[Problem, ModelFit] | None:
-    """The problem whose twin leaves clearly less than those before it."""
-    best: tuple[Problem, ModelFit] | None = None
-    for problem in problems:
-        tried = _first_fit(problem, packed, free)
-        if tried is not None and (best is None or tried[1].fitted.cost < CLEARLY_LESS * best[1].fitted.cost):
-            best = tried
-    return best
-
-
 def _first_fit(problem: Problem, packed: Packed, free: list[Free]) -> tuple[Problem, ModelFit] | None:
     start = problem.correction(packed, 1)
     if not start.stable:
@@ -117,7 +109,7 @@ def _first_fit(problem: Problem, packed: Packed, free: list[Free]) -> tuple[Prob
         fitted = refit(problem, fitted.packed, free, start, 4)
         fitted, free = fitted_contact(problem, fitted, start, free)
     plain = fitted.cost
-    for _ in range(2):
+    for _ in range(2 if problem.disturbance is STILL else 1):
         problem = replace(problem, disturbance=estimate_disturbance(problem, fitted.packed))
         problem = as_rough(problem, fitted.packed)
         correction = problem.correction(fitted.packed, 1)
@@ -159,29 +151,22 @@ def _sticking(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit]
 def _worse_than_none(problem: Problem, evidence: Evidence, model_fit: ModelFit, plain: float) -> bool:
     """Whether a twin makes it worse; `plain` is the cost before it was shaken.
 
-    Where its law works at the samples and the drive's between them, it must explain more than no twin at all: what it
-    makes of a coarse encoder's counts may be other than what the drive makes of them. One that works between them, too,
-    may explain as much: what an effect leaves that is missing drowns what either takes out.
+    Where the drive works between the samples, what the twin makes of a coarse encoder's counts may be other than what
+    the drive makes of them. Then it must explain as much as no twin at all: what an effect leaves that is missing
+    drowns what either takes out.
     """
     cost = model_fit.fitted.cost
     law = problem.controller
-    between = law is not None and (law.in_band or law.reference_delay > law.position_delay)
-    if evidence.repeats and not between:
+    if evidence.repeats and not (law is not None and law.within):
         return False
     without = replace(problem, controller=None)
     free = list(model_fit.free)
     none = refit(without, model_fit.fitted.packed, free, without.correction(model_fit.fitted.packed)).cost
     if not evidence.repeats:
         return cost > problem.policy.twin_worse * min(plain, none)
-    cost -= _by_chance(problem, model_fit)
-    return cost > (AS_MUCH if law is not None and law.ticks > 1 else 1.0) * none
-
-
-def _by_chance(problem: Problem, model_fit: ModelFit) -> float:
-    """Mean square of the training rows that the chance of the twin's few runs puts there [(N m)²]."""
-    weight = problem.training
-    blocks = zip(problem.data.blocks, model_fit.correction.variance, strict=True)
-    return float(sum(spare * weight[block.rows].sum() for block, spare in blocks)) / float(weight.sum())
+    if law is not None and not law.adrift:  # where counts are averaged their chance is no excuse
+        cost -= by_chance(problem, model_fit.correction)
+    return cost > AS_MUCH * none
 
 
 def _aligned(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit]:

@@ -34,7 +34,7 @@ from autotune.estimation.controller_law import (
 from autotune.estimation.controller_search import (
     EXACT,
     law_from_data,
-    or_between,
+    laws_between,
     plainly_better,
     smooth_between,
 )
@@ -55,7 +55,7 @@ SAME = 1e-9
 RECORDED_LATE = {MOMENT: 1.0, NEXT: 0.0, BEFORE: 2.0}
 """Half samples by which a torque is recorded late that acts from each sample to the next."""
 MOST_KNOWN = 8
-_KNOWN: dict[bytes, PositionController] = {}
+_KNOWN: dict[bytes, tuple[PositionController, ...]] = {}
 _LOCK = threading.Lock()
 
 
@@ -77,24 +77,40 @@ def find_controller(data: Prepared, policy: Policy = POLICY) -> PositionControll
     if found.in_band and not data.repeated:
         # without repeats nothing tells what such a drive makes of counts from what a model lacks
         return replace(found, source="none", why=BETWEEN_SAMPLES)
+    return _or_between(data, samples, found)[0]
+
+
+def _or_between(
+    data: Prepared, samples: LoopSamples, found: PositionController
+) -> tuple[PositionController, ...]:
+    """A law, and beside it or in its place that of a drive that works between the samples."""
     # a law that sees the position at once, but needs what its reference does by itself: the drive interpolates
     between = found.in_band or (found.position_delay == 0 and found.acceleration_feedforward != 0.0)
-    if found.usable and between and data.repeated and not found.exact:
-        quiet = quieter(data)
-        heard = samples if quiet is data else loop_samples(quiet, policy)
-        return _remembered(b"between", heard, lambda: or_between(heard, found, heard is not samples))
-    return found
+    if not (found.usable and between and data.repeated) or found.exact:
+        return (found,)
+    quiet = quieter(data)
+    heard = samples if quiet is data else loop_samples(quiet, samples.policy)
+    return _remembered(b"between", heard, lambda: laws_between(heard, found, heard is not samples))
 
 
 def controllers_of(
     data: Prepared, found: PositionController, policy: Policy = POLICY
 ) -> tuple[PositionController, ...]:
-    """The controller, and beside one that works between the samples the same with its set points on another way."""
-    if not found.usable or found.ticks == 1:
+    """The controller, and what it may be as well where a drive works between the samples: only a twin tells."""
+    if not found.usable:
         return (found,)
-    heard = loop_samples(quieter(data), policy)
-    other = _remembered(b"smooth", heard, lambda: smooth_between(heard, found) or found)
-    return (found,) if other is found else (found, other)
+    samples = loop_samples(data, policy)
+    laws = (found,) if found.ticks > 1 else _or_between(data, samples, found)
+    if laws[-1].ticks == 1:
+        return (found,)
+    quiet = quieter(data)
+    heard = samples if quiet is data else loop_samples(quiet, policy)
+    smooth = _remembered(b"smooth", heard, lambda: _some(smooth_between(heard, laws[-1])))
+    return (*laws, *smooth)
+
+
+def _some(law: PositionController | None) -> tuple[PositionController, ...]:
+    return () if law is None else (law,)
 
 
 def as_recorded(data: Prepared, found: PositionController) -> Prepared:
@@ -207,16 +223,16 @@ def identified(samples: LoopSamples) -> PositionController:
     Of the samples that were asked for last it is remembered: a fit and a diagnosis ask half a dozen times.
     """
 
-    def found() -> PositionController:
+    def found() -> tuple[PositionController]:
         law = _identified(samples)
-        return replace(law, exact=_to_rounding(samples, law.explained))
+        return (replace(law, exact=_to_rounding(samples, law.explained)),)
 
-    return _remembered(b"identified", samples, found)
+    return _remembered(b"identified", samples, found)[0]
 
 
 def _remembered(
-    what: bytes, samples: LoopSamples, find: Callable[[], PositionController]
-) -> PositionController:
+    what: bytes, samples: LoopSamples, find: Callable[[], tuple[PositionController, ...]]
+) -> tuple[PositionController, ...]:
     key = what + _mark(samples)
     with _LOCK:
         known = _KNOWN.get(key)

@@ -56,6 +56,7 @@ class PositionController:
             same. `cubic`: its reference is on cubics between them, else on straight lines. `smooth`: what it feeds
             forward of the acceleration is on straight lines too, as where set points come with their rates; else held.
         taken: how the torque of such a law was recorded, one of `TAKEN`.
+        adrift: where the counts of its encoder lie the twin does not know, and has them elsewhere in every run.
         exact: leaves no more than rounding of numbers, or of the recorded torque: the law works at the samples.
         source: `metadata` (the file's, verified), `identified`, `trusted` (the file's, which these data
             cannot verify) or `none`.
@@ -83,11 +84,17 @@ class PositionController:
     cubic: bool = False
     smooth: bool = False
     taken: str = "next"
+    adrift: bool = False
 
     @property
     def usable(self) -> bool:
         """Whether it may drive a twin."""
         return self.source != "none"
+
+    @property
+    def within(self) -> bool:
+        """Whether the drive works between the samples, also where its law is one of the samples."""
+        return not self.exact and (self.in_band or self.reference_delay > self.position_delay)
 
     @property
     def gains(self) -> Floats:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from autotune.core.arrays import Floats
+from autotune.core.arrays import Floats, Integers
 from autotune.estimation.controller_law import (
     SHORTEST_STRETCH,
     TAKEN,
@@ -35,7 +35,8 @@ from autotune.estimation.controller_law import (
     smeared_samples,
     taken_at,
 )
-from autotune.estimation.data import compared_below
+from autotune.estimation.data import compared_below, step_of
+from autotune.estimation.disturbance import in_time
 from autotune.signals.filters import low_pass
 
 PIECE_SECONDS = 3.0
@@ -54,9 +55,14 @@ NEARLY_EXACT, WORTH_DELAYS = 1e-5, 0.5
 """Share of the demand left from which laws with delays are looked for, and of what is left, to be taken."""
 HARDLY_MORE = 1.01
 """Times the share left by a late law with all terms of the reference: a plainer one that leaves no more is taken."""
+WEIGHED, PROMPT = 30, 0.05
+"""Rounds of a fit that rows which are late shall not lead, and of all rows those that are not, at least."""
+SAME_DEMAND = 1e-6
+"""Of what a demand changes by: less is no chance."""
+ROWS_LATE = "Rows are written late: the controller was identified by those that are not."
 IN_BAND = "It was found below {:.0f} Hz: what the drive does between the samples is left out."
-TICK = 250e-6
-"""s, at which a drive's loop is simulated: its bandwidth is far below."""
+TICK, LEAST_TICKS = 250e-6, 4
+"""s, between what a drive's loop is computed at where it is identified, and how many to a sample at least."""
 BETWEEN_RATES = tuple(100.0 * 1.7**i for i in range(9))
 """1/s, of the filter of its velocity."""
 RATE_STEP, FINER_FILTER = math.log(1.7), 1.5
@@ -77,6 +83,9 @@ def law_from_data(samples: LoopSamples) -> PositionController:
         other = _searched(samples, cascaded=False)
         found = other if plainly_better(samples, other, found) else found
     if 1.0 - found.explained > NEARLY_EXACT:
+        prompt = _of_prompt_rows(samples)
+        if prompt is not None:
+            return prompt
         late = _searched_late(samples)
         if 1.0 - late.explained < WORTH_DELAYS * (1.0 - found.explained):
             found = late
@@ -98,8 +107,10 @@ def law_from_data(samples: LoopSamples) -> PositionController:
     return replace(found, source="none")
 
 
-def or_between(samples: LoopSamples, found: PositionController, other: bool = False) -> PositionController:
-    """The law, or that of a drive that works between the samples, where it leaves no more in the band.
+def laws_between(
+    samples: LoopSamples, found: PositionController, other: bool = False
+) -> tuple[PositionController, ...]:
+    """The law, or that of a drive that works between the samples where it leaves no more in the band; else both.
 
     What works from sample to sample would tell itself by an exact law; where both explain alike, it is the drive's.
     `other`: the samples hold another torque than the one the law was found in.
@@ -109,9 +120,11 @@ def or_between(samples: LoopSamples, found: PositionController, other: bool = Fa
     rate = found
     if other or (not found.in_band and found.explained > samples.policy.controller_explains):
         rate = _searched_late(banded)
-    no_more = 1.0 - between.explained < AS_MUCH * (1.0 - rate.explained)
     enough = between.explained > samples.policy.controller_explains_in_band
-    return between if no_more and enough and between.kp > 0.0 and between.kd > 0.0 else found
+    if not (enough and between.kp > 0.0 and between.kd > 0.0):
+        return (found,)
+    no_more = 1.0 - between.explained < AS_MUCH * (1.0 - rate.explained)
+    return (between,) if no_more else (found, between)
 
 
 def smooth_between(samples: LoopSamples, law: PositionController) -> PositionController | None:
@@ -155,6 +168,75 @@ def _lowest(cost: Callable[[float], float], bounds: tuple[float, float], within:
     """Where a cost is lowest between two bounds, to so much."""
     options: Any = {"xatol": within}
     return float(scipy.optimize.minimize_scalar(cost, bounds=bounds, method="bounded", options=options).x)
+
+
+def _of_prompt_rows(samples: LoopSamples) -> PositionController | None:
+    """The plain law where rows are written late: exact in those that are not; None where none is.
+
+    A reading that is late is off by speed times delay and stays in the law's filter. So its recursion is fitted, which
+    has three errors and two demands in a row: (1 − z)·(1 − β·z)·u = (A·(1 − z)·(1 − β·z) + B·(1 − z)² + C·(1 − β·z))·e
+    with β = 1 − α, A = kp, B = kd·α/h, C = ki·h. Slow rows are hardly off.
+    """
+    slow = np.abs(np.gradient(samples.position))
+    for delay in range(MOST_LATE + 1):
+        late = late_samples(samples, delay, delay)
+        error, change = late.reference - late.position, np.diff(late.demand, prepend=late.demand[:1])
+        rows = _recursive_rows(late)
+        # a demand that stays is explained by any law, and with the reference at rest so is any gain of its rate
+        rows = rows[np.diff(error, 2, prepend=error[:2])[rows] != 0.0]
+        rows = rows[:: max(1, len(rows) // samples.most_rows)]
+        if len(rows) < SHORTEST_STRETCH:
+            return None
+        table = np.column_stack([change[rows - 1], *(error[rows - back] for back in range(3))])
+        slowest = np.argsort(slow[rows], kind="stable")[: len(rows) // 3]
+        gains = _least_absolute(table[slowest], change[rows[slowest]])
+        same = np.abs(change[rows] - table @ gains) < SAME_DEMAND * np.std(change[rows])
+        followed = (np.diff(late.reference, prepend=late.reference[:1])[rows] != 0.0) & (change[rows] != 0.0)
+        told = max(int(np.sum(followed)), SHORTEST_STRETCH)
+        if int(np.sum(same & followed)) > PROMPT * told:
+            return _of_recursion(gains.tolist(), samples.period, delay)
+    return None
+
+
+def _least_absolute(table: Floats, wanted: Floats) -> Floats:
+    """Gains of the columns that leave least in absolute value, shape (k,): rows that are wrong do not count.
+
+    Least squares that weigh every row by what it left before.
+    """
+    size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+    weight = np.ones(len(wanted))
+    gains = np.zeros(table.shape[1])
+    least = SAME_DEMAND**2 * float(np.std(wanted))
+    for _ in range(WEIGHED):
+        gains = np.linalg.lstsq(table / size * weight[:, None], weight * wanted, rcond=1e-12)[0] / size
+        weight = 1.0 / np.sqrt(np.maximum(np.abs(wanted - table @ gains), least))
+    return np.asarray(gains)
+
+
+def _recursive_rows(samples: LoopSamples) -> Integers:
+    """Rows that are free, with the three before them in the same stretch."""
+    inside = [
+        np.arange(s.start + 3, s.stop) for s in samples.stretches if s.stop - s.start > SHORTEST_STRETCH
+    ]
+    rows = np.concatenate(inside) if inside else np.zeros(0, dtype=np.int64)
+    held = np.any([samples.clamped[rows - back] for back in range(4)], axis=0)
+    return np.asarray(rows[~held])
+
+
+def _of_recursion(gains: list[float], period: float, delay: int) -> PositionController | None:
+    """The law of these coefficients: of the change before, of the error now and of the two before it."""
+    memory, now, before, third = gains
+    if not -0.5 < memory < 1.0:
+        return None
+    summed = (now + before + third) / (1.0 - memory)
+    kp = (now - summed - third) / (1.0 - memory)
+    share = 1.0 - memory
+    kd = (third - memory * kp) * period / share
+    why = f"{ROWS_LATE} {_how_late(period)}" if delay else ROWS_LATE
+    law = PositionController(
+        kp, kd, summed / period, min(share, 1.0), explained=1.0, source="identified", why=why
+    )
+    return replace(law, reference_delay=delay, position_delay=delay) if kp > 0.0 and summed >= 0.0 else None
 
 
 def _searched_late(samples: LoopSamples) -> PositionController:
@@ -218,7 +300,7 @@ def _searched_between(samples: LoopSamples) -> PositionController:
     what the reference adds. Set points are late by whole samples. Of laws that explain alike the one whose reference
     does least by itself is taken: a law with another delay makes up for it with the reference's derivatives.
     """
-    ticks = max(2, round(samples.period / TICK))
+    ticks = max(LEAST_TICKS, round(samples.period / TICK))
     coarse = _first_look(samples)
     trials = [trial for rate in BETWEEN_RATES for trial in _between_trials(coarse, rate, ticks)]
     most = (1.0 - max(trial.explained for trial in trials)) * HARDLY_MORE
@@ -291,7 +373,11 @@ def _in_band(samples: LoopSamples) -> LoopSamples:
     the law may change places: both are linear, but for the clamped sum.
     """
     cutoff = compared_below(samples.period)
-    banded = [samples.reference.copy(), samples.position.copy(), samples.demand.copy()]
+    banded = [
+        samples.reference.copy(),
+        in_time(samples.position, samples.stretches, step_of(samples.position)),
+        samples.demand.copy(),
+    ]
     for rows in samples.stretches:
         for values in banded:
             values[rows] = low_pass(values[rows], cutoff, samples.period)

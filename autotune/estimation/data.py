@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from autotune.core.arrays import Flags, Floats, Integers
 from autotune.core.errors import NotEnoughExcitation
+from autotune.estimation.disturbance import in_time
 from autotune.estimation.periodic import Periodic, periodic
 from autotune.recordings.checks import check_recording, torque_of
 from autotune.recordings.recording import Metadata, Recording, Segment, refuse_mixture
@@ -170,8 +171,9 @@ def prepare(
         refuse_mixture(recordings[0].metadata, recording.metadata)
     period, arrays = recordings[0].period, _joined_columns(recordings)
     parts = _gathered(recordings, steady, pace)
-    moved = filtered_motion(arrays["position"], parts.stretches, period, motion_cutoff)
     resolution = known_resolution(recordings[0].metadata, arrays["position"])
+    arrays["position"] = in_time(arrays["position"], [s.rows for s in parts.stretches], resolution)
+    moved = filtered_motion(arrays["position"], parts.stretches, period, motion_cutoff)
     taps = low_pass_taps(cutoff, period)
     reach = max(1, round(STANDSTILL_SECONDS * pace / period))
     allowed = _usable(arrays["position"], parts.stretches, resolution, reach, len(taps) // 2)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from autotune.core.arrays import Floats
+from autotune.core.arrays import Flags, Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,26 +82,75 @@ def coloured_power(hertz: Floats, correlation: float, period: float) -> Floats:
 def jitter_of(measured: Floats, stretches: Sequence[slice], period: float) -> float:
     """Spread of the moment at which rows are written [s], by positions of shape (n,); 0 where there is none.
 
-    Such rows are off by speed times delay, each by itself: fourth and sixth differences, which take out the motion, are
-    then as large as each other and in proportion to speed.
+    Such rows are off by speed times delay, each by itself: differences of two orders, which take out the motion, are
+    then as large as each other and in proportion to speed. Of a slow recording the fourth still holds motion.
     """
-    moved = [np.abs(np.gradient(measured[rows], period))[3:-3] for rows in stretches]
+    return next((spread for low in (4, 6) if (spread := _spread(measured, stretches, period, low))), 0.0)
+
+
+def _spread(measured: Floats, stretches: Sequence[slice], period: float, order: int) -> float:
+    """The same by differences of this order and the second above it."""
+    edge = order // 2 + 1
+    moved = [np.abs(np.gradient(measured[rows], period))[edge:-edge] for rows in stretches]
     speed = np.concatenate(moved)
-    fourth, sixth = (
-        np.concatenate([_differences(measured[rows], order)[(6 - order) // 2 : len(v) + (6 - order) // 2]
+    lower, higher = (
+        np.concatenate([_differences(measured[rows], of)[edge - of // 2 : len(v) + edge - of // 2]
                         for rows, v in zip(stretches, moved, strict=True)])
-        for order in (4, 6)
+        for of in (order, order + 2)
     )  # fmt: skip
     edges = np.quantile(speed[speed > SLOW * np.quantile(speed, 0.99)], np.linspace(0.0, 1.0, SPEEDS + 1))
     delays, alike = [], []
     for low, high in itertools.pairwise(edges.tolist()):
         inside = (speed >= low) & (speed <= high)
-        power = float(np.median(fourth[inside] ** 2)) / CHI
-        alike.append(float(np.median(sixth[inside] ** 2)) / CHI / max(power, 1e-300))
+        power = float(np.median(lower[inside] ** 2)) / CHI
+        alike.append(float(np.median(higher[inside] ** 2)) / CHI / max(power, 1e-300))
         delays.append(math.sqrt(power / float(np.mean(speed[inside] ** 2))))
     quick = delays[len(delays) // 3 :]
     proportional = min(quick) > PROPORTIONAL * max(quick)
     return float(np.mean(quick)) if proportional and 0.5 < float(np.median(alike)) < 2.0 else 0.0
+
+
+def in_time(measured: Floats, stretches: Sequence[slice], counts: float) -> Floats:
+    """Positions without what rows have more that were written late, if such are rare, shape (n,).
+
+    They are off by speed times one delay, in the direction of motion, as no axis moves: fourth differences tell how
+    much, and where all that stand out tell the same delay they are rows, and no motion.
+    """
+    position = measured.copy()
+    parts = [
+        (rows, *_beside_neighbours(position[rows])) for rows in stretches if rows.stop - rows.start > AROUND
+    ]
+    found = [_stands_out(off, moved, counts) for _, off, moved in parts]
+    if not parts:
+        return position
+    told = np.concatenate([off[hit] / moved[hit] for (_, off, moved), hit in zip(parts, found, strict=True)])
+    if len(told) < LEAST_LATE:
+        return position
+    low, delay, high = np.quantile(told, [0.25, 0.5, 0.75])
+    if high - low > ONE_DELAY * delay:
+        return position
+    for (rows, off, moved), hit in zip(parts, found, strict=True):
+        late = hit & (np.abs(off / np.where(hit, moved, 1.0) - delay) < 0.5 * delay)
+        position[rows] = np.where(late, position[rows] - off, position[rows])
+    return position
+
+
+def _beside_neighbours(position: Floats) -> tuple[Floats, Floats]:
+    """By how much each is beside the cubic through its four neighbours, and what it moves by in a sample."""
+    off = np.zeros(len(position))
+    off[2:-2] = np.diff(position, 4) / 6.0
+    return off, np.gradient(position)
+
+
+def _stands_out(off: Floats, moved: Floats, counts: float) -> Flags:
+    """Rows that are far more beside their neighbours than is usual around them, on the side that they move to."""
+    size = np.abs(off)
+    pieces = np.array_split(size, max(1, len(size) // AROUND))
+    usual = np.concatenate([np.full(len(piece), np.median(piece)) for piece in pieces])
+    beside = np.maximum.reduce([np.roll(size, by) for by in (-2, -1, 1, 2)])
+    return np.asarray(
+        (size > np.maximum(OUT * usual, MOST_COUNTS * counts)) & (size >= beside) & (off * moved > 0.0)
+    )
 
 
 def _differences(values: Floats, order: int) -> Floats:
@@ -112,5 +161,11 @@ def _differences(values: Floats, order: int) -> Floats:
 SLOW, SPEEDS, CHI, PROPORTIONAL = 0.05, 6, 0.4549, 0.8
 """Of the largest speed: slower tells nothing; classes of speed; median over mean of a squared normal number; and how
 far classes of the faster two thirds may be apart."""
+LEAST_LATE, ONE_DELAY = 50, 0.25
+"""Rows that tell a delay, at least, and by how much of it their quartiles are apart at most."""
+OUT, AROUND = 4.0, 64
+"""Times the median of so many rows around it: a row that stands out."""
+MOST_COUNTS = 1.5
+"""Steps of the encoder by which rounding alone puts a row beside its neighbours, at most 1.33."""
 STILL = Disturbance()
 """Nothing shakes the axis."""

@@ -33,6 +33,8 @@ from autotune.models.torque_saturation import SATURATES, torque_slope
 
 SEED = 20_240
 KNOWN_RUNS = 24  # models
+GOLDEN = 0.5 * (5.0**0.5 - 1.0)
+"""Of a count: from run to run, so that few of them lie evenly."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -325,19 +327,23 @@ def _runs_in_lanes(
 class Noise:
     """What shakes one run of the twin after another: the same for every model, so that it is drawn once."""
 
-    def __init__(self, data: Prepared, disturbance: Disturbance) -> None:
-        self.disturbance, self._data = disturbance, data
+    def __init__(self, data: Prepared, disturbance: Disturbance, counts: float = 0.0) -> None:
+        self.disturbance, self._data, self._counts = disturbance, data, counts
         self._random = np.random.default_rng(SEED)
         self._drawn: list[tuple[Floats, Floats]] = []
 
-    def fits(self, data: Prepared, disturbance: Disturbance) -> bool:
+    def fits(self, data: Prepared, disturbance: Disturbance, counts: float) -> bool:
         """Whether it is what shakes the twin of these data."""
-        return disturbance is self.disturbance and len(data.reference) == len(self._data.reference)
+        same = disturbance is self.disturbance and counts == self._counts
+        return same and len(data.reference) == len(self._data.reference)
 
     def of(self, number: int) -> tuple[Floats, Floats]:
         """Torque and position noise of a run, shape (n,)."""
         while len(self._drawn) <= number:
-            self._drawn.append(shaken(self._data, self.disturbance, self._random))
+            torque, position = shaken(self._data, self.disturbance, self._random)
+            if self._counts > 0.0:
+                position = position + self._counts * ((len(self._drawn) * GOLDEN + 0.25) % 1.0 - 0.5)
+            self._drawn.append((torque, position))
         return self._drawn[number]
 
 
@@ -423,7 +429,8 @@ class KnownRuns:
         same = known is not None and known.data is data and known.controller is controller
         if known is None or not same or known.noise.disturbance is not disturbance:
             own = Packed(packed.p.copy(), packed.on.copy())
-            known = TwinRuns(data, own, controller, self._noise_of(data, disturbance))
+            counts = data.resolution if controller.adrift else 0.0
+            known = TwinRuns(data, own, controller, self._noise_of(data, disturbance, counts))
         self._runs[key] = known
         while len(self._runs) > KNOWN_RUNS:
             del self._runs[next(iter(self._runs))]
@@ -434,9 +441,9 @@ class KnownRuns:
         known = self._runs.get((packed.p.tobytes(), packed.on.tobytes()))
         return known.raw if known is not None and known.data is data else None
 
-    def _noise_of(self, data: Prepared, disturbance: Disturbance) -> Noise:
-        if self._noise is None or not self._noise.fits(data, disturbance):
-            self._noise = Noise(data, disturbance)
+    def _noise_of(self, data: Prepared, disturbance: Disturbance, counts: float) -> Noise:
+        if self._noise is None or not self._noise.fits(data, disturbance, counts):
+            self._noise = Noise(data, disturbance, counts)
         return self._noise
 
 

@@ -175,23 +175,24 @@ def simulate_stretch(
     given = loop(recorded, controller)
     ticks, n = given.ticks, len(given.command)
     period = recorded.period / ticks
+    offset = float(position_noise.mean()) if controller.adrift else 0.0
     position, torque = np.zeros(n), np.zeros(n)
     done = simulate(
         packed.p,
         packed.on,
         start_state(recorded, packed),
         given.gains,
-        np.array([period, limit, resolution, *given.memory]),
+        np.array([period, limit, resolution, *given.begun(offset)]),
         recorded.closed,
         substeps_for(packed.p, period, packed.on),
-        given.command,
+        given.command + offset * recorded.closed,
         given.feedforward,
         np.repeat(disturbance, ticks),
         np.repeat(position_noise, ticks),
         position,
         torque,
     )
-    return position[::ticks].copy(), _recorded_torque(torque, ticks, controller.taken), done == n
+    return position[::ticks] - offset, _recorded_torque(torque, ticks, controller.taken), done == n
 
 
 def _recorded_torque(fine: Floats, ticks: int, taken: str) -> Floats:
@@ -226,6 +227,10 @@ def simulate_stretches(
     period = recorded.period / ticks
     if ticks > 1:
         disturbance, position_noise = (np.repeat(x, ticks, axis=1) for x in (disturbance, position_noise))
+    offset = np.broadcast_to(position_noise.mean(axis=1) if controller.adrift else 0.0, WIDTH)
+    commands = given.command[None]
+    if recorded.closed and np.any(offset != 0.0):
+        commands = given.command + offset[:, None]
     models = [*models, *[models[-1]] * (WIDTH - len(models))]
     begun = {id(packed): start_state(recorded, packed) for packed in models}
     position, torque = np.zeros((WIDTH, n)), np.zeros((WIDTH, n))
@@ -234,10 +239,10 @@ def simulate_stretches(
         models[0].on,
         filled([begun[id(packed)] for packed in models]),
         given.gains,
-        filled([np.array([period, *bounds, *given.memory])] * WIDTH),
+        filled([np.array([period, *bounds, *given.begun(float(off))]) for off in offset]),
         recorded.closed,
         substeps_for(models[0].p, period, models[0].on),
-        given.command[None],
+        commands,
         given.feedforward[None],
         disturbance,
         position_noise,
@@ -246,6 +251,7 @@ def simulate_stretches(
     )
     if done < n:
         return None
+    position -= offset[:, None]
     if ticks == 1:
         return position, torque
     logged = np.array([_recorded_torque(fine, ticks, controller.taken) for fine in torque])
@@ -273,6 +279,11 @@ class _Loop:
     command: Floats
     feedforward: Floats
     memory: tuple[float, float, float, float]
+
+    def begun(self, offset: float) -> tuple[float, float, float, float]:
+        """The memory where reference and reading are off by so much."""
+        total, rate, reference, position = self.memory
+        return total, rate, reference + offset, position + offset
 
 
 def _at_samples(recorded: Recorded, controller: PositionController) -> _Loop:
