@@ -6,6 +6,8 @@ from collections.abc import Callable
 
 from autotune.core.errors import AutotuneError, DriveFault, LinkError
 
+LOOK = "look whether the axis rests, and use the emergency stop if it does not"
+
 
 def off_after(error: BaseException, disable: Callable[[], None]) -> None:
     """Power off because of `error`, which stays the one that is told; what `disable` says is added to it."""
@@ -59,5 +61,5 @@ def unconfirmed(error: LinkError) -> LinkError:
     """The error for a drive that went silent while power was taken off: nobody knows that the axis rests."""
     return LinkError(
         f"the end of the motion was not confirmed: {error}. The drive stops its axis by its own guard for a silent "
-        "host; look whether the axis rests, and use the emergency stop if it does not"
+        f"host; {LOOK}"
     )

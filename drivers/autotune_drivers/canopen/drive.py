@@ -42,7 +42,7 @@ from autotune_drivers.canopen.sdo import Sdo
 from autotune_drivers.canopen.session import Backup, Session
 from autotune_drivers.profile import Profile
 from autotune_drivers.signals import Signal
-from autotune_drivers.stopping import close_down, off_after, unconfirmed
+from autotune_drivers.stopping import LOOK, close_down, off_after, unconfirmed
 from autotune_drivers.units import Units
 
 MODE_WANTED = ObjectRef(0x6060, 0, "i8", "mode of operation")
@@ -102,6 +102,8 @@ class CanopenDrive:
         self._held: Raw = 0
         self._mapped: Mode | None = None
         self._live = self._asked_for_power = self._lost = self._closed = self._blind = False
+        self._unsure = False
+        self._loss: BaseException | None = None
         self._scaling = Scaling(profile, units)
 
     def note(self) -> None:
@@ -135,13 +137,14 @@ class CanopenDrive:
         if self._live:
             self.disable()
             raise StateError("enable was asked for while power was on; power is off now: disable first")
-        self._live, self._lost = True, False
+        self._live, self._lost, self._unsure = True, False, False
         try:
             self._prepare(mode)
             self._asked_for_power = True
             self._held = self._power.on(mode)
         except BaseException as error:
             self._lost = isinstance(error, LinkError)
+            self._loss = error
             off_after(error, self.disable)
             raise
 
@@ -209,9 +212,11 @@ class CanopenDrive:
                 trouble = self._power_off()
         except LinkError as error:
             self._lost = True
-            self._power.abandon(self._mode)
+            self._unsure = not self._power.abandon(self._mode, not self._blind)
             if not known:
-                raise unconfirmed(error) from error
+                raise (unconfirmed(error) if self._unsure else error) from error
+            if self._unsure and self._loss is not None:
+                self._loss.add_note(str(unconfirmed(error)))
             return
         finally:
             self._live = self._asked_for_power = False
@@ -244,7 +249,7 @@ class CanopenDrive:
         except DriveFault as fault:
             return fault
         except StateError:
-            self._power.abandon(self._mode)
+            self._unsure = not self._power.abandon(self._mode, not self._blind)
             raise
         return None
 
@@ -260,8 +265,9 @@ class CanopenDrive:
             feedforward = self._scaling.feedforward(command)
             outputs = (ENABLE_OPERATION, target, feedforward)
             missed = self._exchange.cycle(outputs)
-        except LinkError:
+        except LinkError as error:
             self._lost = True
+            self._loss = error
             raise
         except (ValueError, OverflowError, struct.error) as error:
             raise DriveError(
@@ -408,6 +414,10 @@ class CanopenDrive:
         if self._lost and not self._answers():
             return []
         self._lost = False
+        if self._unsure and not self._power.abandon(self._mode, not self._blind):
+            return [
+                f"its power may still be on, and its own guard for a silent host was left as it is: {LOOK}"
+            ]
         self._power.acknowledge()
         self._node.wire.stop_heartbeat()
         if self._marks is not None:  # an armed recorder refuses that its settings are put back

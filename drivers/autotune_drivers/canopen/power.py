@@ -8,6 +8,7 @@ watched (`stopping`). Every way out leaves power off, and a fault that nobody ha
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
@@ -310,16 +311,41 @@ class Power:
         except TransferAborted:
             return True
 
-    def abandon(self, mode: Mode) -> None:
-        """Best effort for a drive that does not answer: quick stop blind, and our heartbeat ends.
+    def abandon(self, mode: Mode, brake: bool = True) -> bool:
+        """For a drive that does not answer in its cycles: quick stop blind, our heartbeat ends, and power off by SDO.
 
-        The drive's own heartbeat consumer does the rest. Never raises LinkError.
+        Where the SDO does not come through either, the drive's own heartbeat consumer does the rest. Never raises
+        LinkError.
+
+        Returns:
+            Whether the drive has confirmed that power is off.
         """
         self._node.wire.stop_heartbeat()
         try:
-            self._exchange.shout(_outputs(QUICK_STOP, 0, mode), 3)
+            self._exchange.shout(_outputs(QUICK_STOP if brake else DISABLE_VOLTAGE, 0, mode), 3)
+            if brake and self._off_by_sdo(QUICK_STOP, self._stop_patience):
+                return True
+            return self._off_by_sdo(DISABLE_VOLTAGE, self._patience)
         except LinkError:
-            return
+            return False
+
+    def _off_by_sdo(self, control: int, cycles: int) -> bool:
+        """Commands that again and again until power is off, for so many cycles' time. Raises LinkError: no answer."""
+        end = time.monotonic() + cycles * self._limits.period
+        while (state := state_of(int(self._sdo.read(STATUS, 1)))) in POWERED:
+            if time.monotonic() > end or (control == QUICK_STOP and self._rests(state)):
+                return False
+            with suppress(TransferAborted):
+                self._sdo.write(CONTROL, control)
+        return True
+
+    def _rests(self, state: State) -> bool:
+        """A drive that holds its axis after its quick stop, and holds it still. Raises LinkError."""
+        if state is not State.QUICK_STOP:
+            return False
+        before = int(self._sdo.read(self._position, 1))
+        self._node.wire.wait(_ACTS_WITHIN, lambda: False)
+        return abs(int(self._sdo.read(self._position, 1)) - before) <= 1
 
     def _play(self, control: int, hold: Raw, mode: Mode, until: Callable[[State], bool]) -> None:
         for turn in range(self._patience):

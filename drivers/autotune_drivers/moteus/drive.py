@@ -67,6 +67,7 @@ class MoteusDrive:
         self._mode = Mode.POSITION
         self._held = self._rate = 0.0
         self._live = self._lost = self._closed = self._blind = False
+        self._loss: BaseException | None = None
 
     @property
     def period(self) -> float:
@@ -97,6 +98,7 @@ class MoteusDrive:
             self._mode = mode
         except BaseException as error:
             self._lost = isinstance(error, LinkError)
+            self._loss = error
             off_after(error, self.disable)
             raise
 
@@ -117,6 +119,8 @@ class MoteusDrive:
             self._power.abandon()
             if not known:
                 raise unconfirmed(error) from error
+            if self._loss is not None:
+                self._loss.add_note(str(unconfirmed(error)))
         finally:
             self._live = False
         self._power.look_back()
@@ -144,8 +148,9 @@ class MoteusDrive:
         target = self._target(command)
         try:
             missed = self._exchange.cycle(target)
-        except LinkError:
+        except LinkError as error:
             self._lost = True
+            self._loss = error
             raise
         except OverflowError as error:
             raise DriveError(
