@@ -23,6 +23,11 @@ def ending(error: BaseException, kept: bool) -> tuple[Outcome, str]:
     if kept:
         return Outcome.KEPT, f"{KEPT}: {message}"
     if isinstance(error, NotEnoughExcitation):
+        if notes:  # of settings that are not as before, so that "nothing" would say too much
+            return (
+                Outcome.NOT_APPLIED,
+                f"No parameters were applied: {_in_words(error).rstrip('.')}. But beside that: {notes}",
+            )
         return Outcome.NOT_APPLIED, f"Nothing was applied: {message}"
     if isinstance(error, (Interrupted, KeyboardInterrupt)):
         return Outcome.ABORTED, f"Stopped: {message}"

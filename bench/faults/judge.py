@@ -258,7 +258,12 @@ def _end(evidence: Evidence, policy: Policy) -> list[str]:
             found.append(f"traceback: {words[max(words.index(mark) - 80, 0) : words.index(mark) + 120]}")
             break
     rows = evidence.truth.rows
-    if len(rows) and "stage-stuck" not in evidence.case.faults:
+    if len(rows) and (stalled := evidence.events("stalled")):
+        still = stalled[-1].wall - float(rows["wall"][-1])
+        found.append(
+            f"rig: the simulated drive has stood still for {still:.1f} s; what it would have done is not known"
+        )
+    elif len(rows) and "stage-stuck" not in evidence.case.faults:
         last = rows[-LAST:]
         holds = evidence.case.kind in HOLDING and (ending.killed or ending.code == 5)
         holds |= any(operation.startswith("foreign") for operation in evidence.case.proxy)

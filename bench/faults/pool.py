@@ -80,6 +80,7 @@ def outcome(words: str) -> str:
         ("nterrupted", "interrupted"),
         ("reports a fault", "drive fault"),
         ("othing was applied", "not applied"),
+        ("o parameters were applied", "not applied"),
         ("is done", "done"),
         (" samples, ", "done"),
         ("peak error", "done"),

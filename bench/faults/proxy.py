@@ -2,7 +2,9 @@
 
 It stands between two pseudo-terminals and knows nothing of either side but where a message ends: a carriage
 return (slcan) or a line feed (moteus). An operation is `NAME=SHARE:SECONDS@WHEN`: this share of the messages,
-for so long, from the n-th cycle of the host on (WHEN · 1000 of its SYNCs or commands).
+for so long, from the n-th cycle of the host on (WHEN · 1000 of its SYNCs or commands). So long is SECONDS · 1000 of its
+cycles, and no longer than SECONDS by the clock: a host that fetches a recorder sends no SYNC, and a simulated drive in
+lock-step goes as slowly as its wire.
 
 | operation | what happens to a message |
 |---|---|
@@ -73,6 +75,7 @@ class Proxy:
         self._end, self._sync = _ENDS[kind], _SYNC[kind]
         self._kind, self._operation, self._random, self._note = kind, operation, Random(seed), note
         self._cycles = 0
+        self._begun = 0.0  # monotonic time [s]
         self._touched = False
         self._rest = {True: b"", False: b""}
         self._held: bytes | None = None
@@ -112,14 +115,24 @@ class Proxy:
         if outward:
             self._earlier.append(message)
         operation = self._operation
-        inside = operation.begin <= self._cycles < operation.begin + operation.length
-        if not inside or self._random.random() >= operation.share:
+        if not self._under_way() or self._random.random() >= operation.share:
             held, self._held = self._held, None
             return message + held if held is not None else message
         if not self._touched:
             self._touched = True
             self._note.write_text(repr(time.monotonic()), encoding="ascii")
         return self._touch(message, outward)
+
+    def _under_way(self) -> bool:
+        """From the operation's first cycle on, for so many cycles and so many seconds."""
+        operation, now = self._operation, time.monotonic()
+        if self._cycles < operation.begin:
+            return False
+        self._begun = self._begun or now
+        return (
+            self._cycles < operation.begin + operation.length
+            and now < self._begun + operation.length * _CYCLE
+        )
 
     def _touch(self, message: bytes, outward: bool) -> bytes:
         name, random = self._operation.name, self._random

@@ -51,15 +51,18 @@ class Rig:
             os.write(self.orders, text.encode() + b"\n")
 
     def snapshot(self) -> TruthFile:
-        """The log until now, with the objects as they are now as its `closed`."""
+        """The log until now, with the objects as they are now as its `closed`; `stalled`: the drive's process hangs."""
         count = len(self._events())
         self.order("snapshot")
-        _wait(lambda: len(self._events()) > count, 2.0)
+        told = _wait(lambda: len(self._events()) > count, 2.0)
         log = read_log(self.folder / "truth")
         last = next((event for event in reversed(log.events) if event.kind == "objects"), None)
         events = tuple(event for event in log.events if event.kind != "objects")
         if last is not None:
             events += (Event("closed", last.time, last.wall, last.details),)
+        if not told:
+            at = float(log.rows["time"][-1]) if len(log.rows) else 0.0
+            events += (Event("stalled", at, time.monotonic()),)
         return TruthFile(log.rows, events)
 
     def _events(self) -> list[Event]:

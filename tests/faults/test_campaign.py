@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from dataclasses import asdict
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -16,7 +18,7 @@ from bench.faults.__main__ import main
 from bench.faults.cases import DURATIONS, KINDS, NAMED, draw
 from bench.faults.mixed import MOTIONS, draw_link, held_out
 from bench.faults.pool import Result
-from bench.faults.proxy import Operation
+from bench.faults.proxy import Operation, Proxy
 from bench.faults.table import read_results, table
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -114,3 +116,21 @@ GOOD = {
     "feedforward.offset": 0.048,
 }
 """Of the nominal axis (thesis, Table 6.3)."""
+
+
+def test_a_fault_of_the_wire_ends_by_the_clock_where_the_host_sends_no_sync(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    master, slave = os.openpty()
+    operation = Operation.parse("lose=1:2@0.002")
+    proxy = Proxy(tmp_path / "host", Path(os.ttyname(slave)), "wire", operation, 1, tmp_path / "note")
+    now = [50.0]
+    monkeypatch.setattr("bench.faults.proxy.time", SimpleNamespace(monotonic=lambda: now[0]))
+    assert proxy._handle(b"t0800\r", True) == b"t0800\r"
+    assert proxy._handle(b"t0800\r", True) == b""
+    now[0] += 1.9
+    assert proxy._handle(b"z\r", False) == b""
+    now[0] += 0.2
+    assert proxy._handle(b"z\r", False) == b"z\r"
+    os.close(master)
+    os.close(slave)

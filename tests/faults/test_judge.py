@@ -73,6 +73,12 @@ def test_power_and_motion_at_the_end_are_found() -> None:
     assert "motion" in judge(evidence(moving)).kinds
 
 
+def test_a_simulated_drive_that_hangs_is_the_rigs_finding_and_not_the_programs() -> None:
+    on = rows_of(ramp(6.0), np.ones(2000, bool))
+    stalled = Event("stalled", 2.0, WALL + 9.0)
+    assert judge(evidence(on, events=[stalled])).kinds == ("rig",)
+
+
 def test_an_end_that_does_not_come_is_found_and_a_loaded_machine_is_not_blamed() -> None:
     assert judge(evidence(SOUND, ["load-step@0.6"], code=None)).kinds == ("hang",)
     assert judge(evidence(SOUND, ["load-step@0.6"], late=40.0, idle=39.0)).kinds == ("hang",)

@@ -9,9 +9,10 @@ from typing import Any
 
 import pytest
 
-from autotune.core.errors import AutotuneError, DriveFault, Interrupted
+from autotune.core.errors import AutotuneError, DriveFault, Interrupted, NotEnoughExcitation
 from autotune.tuning import run as tuning
 from autotune.tuning.commit import commit
+from autotune.tuning.ending import ending
 from autotune.tuning.outcome import Outcome
 from autotune.tuning.run import Request, tune
 from autotune.tuning.session import Session
@@ -176,3 +177,14 @@ def test_an_interruption_says_what_is_known_and_no_more(
     assert caught.value.exit_code == Interrupted.exit_code
     assert words in str(caught.value)
     assert drive.stored == (NEW if kept else OLD)
+
+
+def test_a_refusal_says_nothing_was_applied_only_where_nothing_is_left() -> None:
+    refusal = NotEnoughExcitation("the position loop oscillates by itself")
+    assert ending(refusal, kept=False) == (Outcome.NOT_APPLIED, f"Nothing was applied: {refusal}")
+    refusal.add_note("the drive's own limits could not be put back (limit.position_min = -25)")
+    outcome, words = ending(refusal, kept=False)
+    assert outcome is Outcome.NOT_APPLIED
+    assert words.startswith(f"No parameters were applied: {refusal}. But")
+    assert "limit.position_min = -25" in words
+    assert "othing was applied" not in words
