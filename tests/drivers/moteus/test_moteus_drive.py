@@ -50,6 +50,25 @@ def test_a_silent_host_is_stopped_by_the_watchdog_and_the_axis_can_be_used_again
         drive.close()
 
 
+def test_a_controller_that_falls_silent_is_not_called_at_rest(
+    running: Simulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drive = moteus_opener(running.directory, watchdog=0.1)()
+    try:
+        drive.enable(Mode.POSITION)
+        hold(drive, 20)
+        monkeypatch.setattr(drive._exchange, "_take", lambda data: False)
+        with pytest.raises(LinkError) as caught:
+            hold(drive, 20)
+        drive.disable()
+        said = "; ".join([str(caught.value), *getattr(caught.value, "__notes__", [])])
+        assert "was not confirmed" in said
+        assert "emergency stop" in said
+        monkeypatch.undo()
+    finally:
+        drive.close()
+
+
 def test_a_killed_cyclic_process_is_stopped_by_the_watchdog_and_put_right_by_the_next(
     running: Simulator,
 ) -> None:
