@@ -39,7 +39,7 @@ MOST_ROUNDS, WORTH_ANOTHER_ROUND = 3, 0.02
 """Rounds of a fit, and the relative fall of the cost in one of them that is worth the next."""
 NEARLY, REFINED = 0.8, 0.99
 """Shares between which a fit is carried on: more rounds win hundredths, and above it no name changes."""
-CONTACT_STEPS = 8
+CONTACT_STEPS = ROOT_STEPS = 8
 NOISE_CHANGED = 0.25
 """Relative change of the twin's noise that is worth fitting anew."""
 
@@ -127,19 +127,38 @@ def without_effect(
     problem: Problem, root: ModelFit, model_fit: ModelFit, effect: str
 ) -> FittedCandidate | None:
     """The model fitted without one of the effects that were found; None where the twin is unstable."""
-    kind = EFFECTS[effect]
-    slots = {parameter.slot for parameter in kind.parameters}
-    p, on = model_fit.fitted.packed.p.copy(), model_fit.fitted.packed.on.copy()
-    for parameter in kind.parameters:
-        p[parameter.slot] = root.fitted.packed.p[parameter.slot]
-    on[flag(effect)] = root.fitted.packed.on[flag(effect)]
+    slots = {parameter.slot for parameter in EFFECTS[effect].parameters}
     kept = {f.name for f in root.free}
     free = [f for f in model_fit.free if f.slot not in slots or f.name in kept]
     effects = tuple(name for name in model_fit.effects if name != effect)
-    settled = fit_inside_twin(problem, Packed(p, on), free, 2, effects)
+    settled = fit_inside_twin(problem, _taken_out(root, model_fit, effect), free, 2, effects)
     if settled is None:
         return None
     return judged(problem, root, settled, effects[-1])
+
+
+def root_from(problem: Problem, root: ModelFit, model_fit: ModelFit) -> ModelFit | None:
+    """The root fitted again from the base of a model with one effect, which is taken out; None where that is no better.
+
+    A first fit may end in a minimum that is none for what moves more freely, and any effect may be what moves.
+    """
+    if len(model_fit.effects) != len(root.effects) + 1:
+        return None
+    packed = _taken_out(root, model_fit, model_fit.effects[-1])
+    least = problem.policy.clearly_less * root.fitted.cost
+    if refit(problem, packed, list(root.free), model_fit.correction, ROOT_STEPS).cost >= least:
+        return None
+    again = fit_inside_twin(problem, packed, list(root.free), 2, root.effects)
+    return again if again is not None and again.fitted.cost < least else None
+
+
+def _taken_out(root: ModelFit, model_fit: ModelFit, effect: str) -> Packed:
+    """The parameters without those of an effect, which are the root's."""
+    p, on = model_fit.fitted.packed.p.copy(), model_fit.fitted.packed.on.copy()
+    for parameter in EFFECTS[effect].parameters:
+        p[parameter.slot] = root.fitted.packed.p[parameter.slot]
+    on[flag(effect)] = root.fitted.packed.on[flag(effect)]
+    return Packed(p, on)
 
 
 def best_refined(

@@ -25,6 +25,7 @@ from autotune.diagnosis.refits import (
     judged,
     negligible,
     refined,
+    root_from,
     with_contact,
     with_own_noise,
     without_effect,
@@ -104,6 +105,8 @@ class _Search:
     def found(self) -> Found:
         for number in range(MOST_EFFECTS):
             best = self._round(first=number == 0)
+            if best is not None and number == 0 and self._rooted_anew(best):
+                best = self._round(first=True)
             if best is None:
                 break
             chosen = self._take(best)
@@ -112,6 +115,15 @@ class _Search:
         self._tidy()
         found = (self.problem, self.root, self.chosen, self.first, self.tried, self.generic)
         return self._beside_own_presliding(Found(*found, self._still_freed()))
+
+    def _rooted_anew(self, best: FittedCandidate) -> bool:
+        """Whether the root was no minimum: a candidate that led its base away from there is no reason for a name."""
+        root = root_from(self.problem, self.root, best.model_fit)
+        if root is None:
+            return False
+        self.progress("fit of the model as it is, from elsewhere")
+        self.root = root
+        return True
 
     def _beside_own_presliding(self, found: Found) -> Found:
         """The same with elements that are no memory in the root: what was found beside them keeps its name.
