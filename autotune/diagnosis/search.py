@@ -239,6 +239,7 @@ class _Search:
         problem, policy, before = self.problem, self.problem.policy, self._model_fit
         beside = explained_beside(problem, before, best.model_fit, TRAINING)
         worth = best.gain >= policy.least_gain
+        worth &= not self.evidence.only_at_rests(problem, before, best)
         if self.evidence.repeats and self.chosen is None:
             left = problem.mean_square(self.root.fitted.error, TRAINING)
             worth &= best.training.fall >= policy.least_gain * left
@@ -292,7 +293,7 @@ class _Search:
             if item.effect == chosen.effect or item.gain < least or item.share < self.problem.policy.partly:
                 continue
             shaped = self._shaped(item)
-            if shaped is None:
+            if shaped is None or self.evidence.only_at_rests(self.problem, self.root, shaped):
                 continue
             self.tried = [shaped if one is item else one for one in self.tried]
             if error_left(self.problem, shaped.model_fit) < error_left(self.problem, best.model_fit):

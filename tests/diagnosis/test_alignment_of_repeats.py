@@ -22,13 +22,15 @@ from autotune.estimation.cross_validation import Explained, explained
 from autotune.estimation.data import TRAINING
 from autotune.estimation.disturbance_estimate import null_errors, with_counts
 from autotune.estimation.problem import Problem, refit
-from autotune.estimation.residual import measured_motion
+from autotune.estimation.residual import measured_motion, residual
 from autotune.models import layout
 from autotune.models.drive_model import Packed, base_model
+from autotune.models.dwell_time_break_away import DWELL_TIME_BREAK_AWAY
 from autotune.models.torque_lag import TIME_CONSTANT
 from tests.support.axes import NOMINAL
 
 Begun = tuple[Problem, ModelFit]
+DWELL = DWELL_TIME_BREAK_AWAY.name
 
 
 @pytest.fixture(scope="module")
@@ -175,6 +177,47 @@ def test_how_far_a_bristle_is_stretched_at_a_rest_is_taken_out_and_nothing_else(
     assert np.max(np.abs(without_rests(data, known, reach))) < 1e-9
     far = np.where(moving & (np.nan_to_num(left) < 0.05), random.standard_normal(len(left)), 0.0)
     assert without_rests(data, far, reach) == pytest.approx(far)
+
+
+def _broken_away(problem: Problem, packed: Packed, reaches: float) -> np.ndarray:
+    """Torque of friction that is a fifth higher after a rest, until it has slipped so many reaches, shape (m,)."""
+    p, on = packed.p.copy(), packed.on.copy()
+    values = {"rise": 0.2 * p[layout.COULOMB], "time_constant": 0.2}
+    values["slip"] = reaches * p[layout.COULOMB] / p[layout.STIFFNESS]
+    for name, value in values.items():
+        p[DWELL_TIME_BREAK_AWAY.slot(name)] = value
+    on[layout.flag(DWELL)] = True
+    young, aged = (residual(problem.data, one, problem.moved) for one in (packed, Packed(p, on)))
+    return young - aged
+
+
+def _crept(problem: Problem, packed: Packed) -> np.ndarray:
+    """Torque of a bristle that every rest has stretched by a tenth of its friction at most, shape (m,)."""
+    coulomb = float(packed.p[layout.COULOMB])
+    number, left = since_rest(problem.data, coulomb / float(packed.p[layout.STIFFNESS]))
+    stretch = 0.1 * coulomb * np.random.default_rng(4).uniform(-1.0, 1.0, number.max() + 1)
+    return np.nan_to_num(left) * stretch[number]
+
+
+@pytest.mark.parametrize("reaches", [0.3, 1.5, 10.0])
+def test_friction_that_is_higher_after_a_rest_shows_beyond_the_stretch_at_it(
+    begun: Begun, reaches: float
+) -> None:
+    problem, model_fit = begun
+    missing = model_fit.fitted.error + _broken_away(problem, model_fit.fitted.packed, reaches)
+    lacking = replace(model_fit, fitted=replace(model_fit.fitted, error=missing))
+    candidate = FittedCandidate(DWELL, model_fit, 0.3, Explained(1.0, 0.0), None, named=True)
+    assert not RepeatedProgramme().only_at_rests(problem, lacking, candidate)
+
+
+@pytest.mark.parametrize(("effect", "only"), [(DWELL, True), ("stribeck", False)])
+def test_what_ends_with_the_stretch_at_a_rest_is_no_break_away(begun: Begun, effect: str, only: bool) -> None:
+    """Of effects that other motion shows too nothing is said."""
+    problem, model_fit = begun
+    missing = model_fit.fitted.error + _crept(problem, model_fit.fitted.packed)
+    lacking = replace(model_fit, fitted=replace(model_fit.fitted, error=missing))
+    candidate = FittedCandidate(effect, model_fit, 0.3, Explained(1.0, 0.0), None, named=True)
+    assert RepeatedProgramme().only_at_rests(problem, lacking, candidate) == only
 
 
 def test_a_disturbance_that_follows_the_clock_is_no_structure(begun: Begun) -> None:

@@ -108,6 +108,10 @@ class Evidence(ABC):
         """Whether a candidate is so small that it is the measurement chain's own, and no effect."""
         return False
 
+    def only_at_rests(self, problem: Problem, before: ModelFit, candidate: FittedCandidate) -> bool:
+        """Whether an effect that rests show explains no more than a bristle's unknown stretch at each rest does."""
+        return False
+
     @abstractmethod
     def structure_left(self, problem: Problem, model_fit: ModelFit) -> bool:
         """Whether what the model leaves is large and not noise."""

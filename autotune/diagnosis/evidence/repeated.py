@@ -29,6 +29,7 @@ from autotune.estimation.problem import CHUNK, Problem
 from autotune.estimation.residual import measured_motion, smoothed
 from autotune.models import layout
 from autotune.models.effect import Kind
+from autotune.models.table import EFFECTS
 from autotune.models.torque_lag import TORQUE_LAG
 
 STRUCTURE_WITHOUT_TWIN = 1.0
@@ -121,6 +122,19 @@ class RepeatedProgramme(Evidence):
         lag = candidate.model_fit.fitted.packed.p[TORQUE_LAG.parameters[0].slot]
         return bool(lag <= CURRENT_LOOP)
 
+    def only_at_rests(self, problem: Problem, before: ModelFit, candidate: FittedCandidate) -> bool:
+        """Less than half of what it explains is left where every rest and repeat has a stretch of its own.
+
+        Friction that is higher after a rest climbs beyond the stretch it began with; a contact that is young again
+        within a part of the bristle's reach only changes how its stretch creeps while the axis rests.
+        """
+        if not EFFECTS[candidate.effect].needs_rests:
+            return False
+        after = candidate.model_fit
+        rested = [_rested(problem, before, item.fitted.error) for item in (before, after)]
+        plain = _fall(problem, before.fitted.error, after.fitted.error)
+        return _fall(problem, *rested) < problem.policy.partly * plain
+
     def structure_left(self, problem: Problem, model_fit: ModelFit) -> bool:
         """What comes again beyond doubt, in more than replicas that lack nothing have of it; or a level that drifts.
 
@@ -195,8 +209,7 @@ class _Shared:
 
 
 def _shared(problem: Problem, model_fit: ModelFit, error: Floats) -> _Shared:
-    p = model_fit.fitted.packed.p
-    rested = without_rests(problem.data, error, float(p[layout.COULOMB] / p[layout.STIFFNESS]))
+    rested = _rested(problem, model_fit, error)
     quieter = [
         min(
             block.by_repeat(rested).var(axis=0).mean()
@@ -208,6 +221,18 @@ def _shared(problem: Problem, model_fit: ModelFit, error: Floats) -> _Shared:
     correction = replace(model_fit.correction, variance=model_fit.correction.variance * np.array(quieter))
     found = problem.repeatable(rested, correction, TRAINING)
     return _Shared(*found, problem.repeatable_by_block(rested, correction, TRAINING))
+
+
+def _rested(problem: Problem, model_fit: ModelFit, error: Floats) -> Floats:
+    """An error without what the bristle of a model may do at rests."""
+    p = model_fit.fitted.packed.p
+    return without_rests(problem.data, error, float(p[layout.COULOMB] / p[layout.STIFFNESS]))
+
+
+def _fall(problem: Problem, before: Floats, after: Floats) -> float:
+    """Of the mean square of training and veto, each by its own share of the rows [(N m)²]."""
+    roles = [role for role in (TRAINING, VETO) if problem.has(role)]
+    return sum(problem.mean_square(before, role) - problem.mean_square(after, role) for role in roles)
 
 
 def _exact(problem: Problem) -> bool:
