@@ -53,13 +53,23 @@ def test_what_bends_to_any_dynamics_must_be_plain_in_a_lone_recording(effect: st
 
 @pytest.mark.parametrize(("compliance", "doubted"), [(2.2e-2, True), (3.5e-1, False)])
 def test_motor_and_load_ring_where_it_is_compared(compliance: float, doubted: bool) -> None:
-    """Compared below 45 Hz: a ring at about 200 Hz was the lag of a current loop, one at 50 Hz can be seen."""
+    """Compared below 45 Hz: a ring at about 200 Hz was the lag of a current loop, one at 50 Hz can be seen.
+
+    Where a lag by itself gains next to nothing, it is none.
+    """
     kind = EFFECTS["elastic_transmission"]
     values = {"compliance": compliance, "load_inertia": 0.5, "load_friction": 0.3, "damping": 0.05}
     packed = base_model(NOMINAL | {"inertia": 1.07e-4}).with_effect(kind.make(values)).pack()
     fit = SimpleNamespace(effects=(kind.name,), fitted=SimpleNamespace(packed=packed))
-    problem = SimpleNamespace(data=SimpleNamespace(period=1e-3, taps=np.ones(41)))
-    assert RepeatedProgramme().doubted(problem, fit, fit) == doubted
+    problem = SimpleNamespace(data=SimpleNamespace(period=1e-3, taps=np.ones(41)), policy=POLICY)
+    evidence = RepeatedProgramme()
+    assert evidence.doubted(problem, fit, fit) == doubted
+    found, near, far = (
+        SimpleNamespace(effect=effect, gain=gain)
+        for effect, gain in ((kind.name, 0.4), ("torque_lag", 0.3), ("torque_lag", 0.0))
+    )
+    assert evidence.doubted(problem, fit, fit, [found, near]) == doubted
+    assert not evidence.doubted(problem, fit, fit, [found, far])
 
 
 def test_a_repeated_programme_without_veto_is_confirmed_by_another_recording_only() -> None:

@@ -116,8 +116,13 @@ class Evidence(ABC):
     def structure_left(self, problem: Problem, model_fit: ModelFit) -> bool:
         """Whether what the model leaves is large and not noise."""
 
-    def doubted(self, problem: Problem, root: ModelFit, model_fit: ModelFit) -> bool:
-        """Whether effects that were found may be something else, though they lower the error."""
+    def doubted(
+        self, problem: Problem, root: ModelFit, model_fit: ModelFit, first: Sequence[ScreenedCandidate] = ()
+    ) -> bool:
+        """Whether effects that were found may be something else, though they lower the error.
+
+        `first`: all candidates beside the root.
+        """
         return False
 
     @abstractmethod

@@ -172,9 +172,19 @@ class RepeatedProgramme(Evidence):
             usual = np.maximum(usual, one.blocks[:, 0].max())
         return bool(np.any(seen.blocks[:, 0] > STANDS_OUT * usual))
 
-    def doubted(self, problem: Problem, root: ModelFit, model_fit: ModelFit) -> bool:
-        """Whether motor and load ring far above all that is compared."""
-        return not flank_in_sight(problem, model_fit)
+    def doubted(
+        self, problem: Problem, root: ModelFit, model_fit: ModelFit, first: Sequence[ScreenedCandidate] = ()
+    ) -> bool:
+        """Whether motor and load ring far above all that is compared, and nothing tells them from a lag.
+
+        A lag tells itself where it is among the candidates: one that gains far less is not what was found.
+        """
+        if flank_in_sight(problem, model_fit):
+            return False
+        gains = {item.effect: item.gain for item in first}
+        own = max((gains.get(effect, 0.0) for effect in model_fit.effects), default=0.0)
+        lag = gains.get(TORQUE_LAG.name)
+        return lag is None or lag >= problem.policy.rival_gain * own
 
     def confirms(self, problem: Problem, effects: Sequence[str], carried: Sequence[HoldoutResult]) -> bool:
         """By the veto trajectory, which was never fitted, or by another recording; without a twin not at all."""

@@ -105,7 +105,9 @@ class SingleRecording(Evidence):
     def structure_left(self, problem: Problem, model_fit: ModelFit) -> bool:
         return alike_where_motion_is(problem, model_fit.fitted.error)
 
-    def doubted(self, problem: Problem, root: ModelFit, model_fit: ModelFit) -> bool:
+    def doubted(
+        self, problem: Problem, root: ModelFit, model_fit: ModelFit, first: Sequence[ScreenedCandidate] = ()
+    ) -> bool:
         """Whether more is left that some model could explain than the effects explain.
 
         That is what goes with the motion still, or what is more than measurement chains leave.
