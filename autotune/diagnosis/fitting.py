@@ -25,6 +25,7 @@ from autotune.diagnosis.ripple_orders import MOST_LINES, with_whole_orders
 from autotune.diagnosis.screening import screen
 from autotune.estimation.bandwidth import prepared_for, prepared_to_fit
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
+from autotune.estimation.contact_start import usual_damping
 from autotune.estimation.data import Prepared, prepare
 from autotune.estimation.least_squares import Fitted, covariance, standard_errors
 from autotune.estimation.policy import POLICY, Policy
@@ -115,7 +116,7 @@ def starting_model(data: Prepared, policy: Policy = POLICY) -> DriveModel:
     best = (math.inf, values)
     for reach in REACHES[:1] if data.steady else REACHES:
         stiffness = values["coulomb"] / (reach * travel)
-        damping = 0.3 * math.sqrt(stiffness * values["inertia"])
+        damping = usual_damping(stiffness, values["inertia"])
         trial = {**values, "stiffness": stiffness, "micro_damping": damping}
         packed = base_model(trial, motion_unit=data.metadata.motion_unit).pack()
         cost = float(np.mean(residual(data, packed, problem.moved)[problem.training > 0] ** 2))

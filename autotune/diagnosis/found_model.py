@@ -129,7 +129,7 @@ def _named(model: DriveModel, found: AtRest, given: DriveModel) -> DriveModel:
     """The model with the errors of its damping."""
     values = found.values
     base = MappingProxyType({**model.base, "micro_damping": values["micro_damping"]})
-    memory = next(effect for effect in model.effects if effect.kind is REVERSAL_MEMORY)
+    memory = model.effect(REVERSAL_MEMORY)
     own = MappingProxyType({**memory.values, "damping": values[ELEMENTS_DAMPING]})
     effects = tuple(replace(one, values=own) if one is memory else one for one in model.effects)
     return replace(

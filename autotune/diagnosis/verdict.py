@@ -201,9 +201,9 @@ class Facts:
         return (
             chosen is not None
             and self.evidence.accepts(policy, chosen)
-            and not self.evidence.doubted(self.problem, self.root, chosen.model_fit, self.first)
             and not hardly_a_gap(policy, chosen.model_fit)
             and (all(self.freed.values()) or self.leads)
+            and not self.evidence.doubted(self.problem, self.root, chosen.model_fit, self.first)
         )
 
     @property

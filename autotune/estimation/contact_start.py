@@ -26,7 +26,7 @@ from autotune.models.transmission import has_load
 
 REACHES = (1e-5, 1e-4, 1e-3)  # of the travel
 DAMPING = 0.3
-"""Of what is critical."""
+"""Of sqrt(stiffness · inertia)."""
 UNDAMPED = 0.05
 """Of the usual damping: a fit that ends there knows nothing about it."""
 STIFFER = (1.0, 3.0, 10.0, 30.0)
@@ -41,6 +41,11 @@ RIGID = 25.0
 CONTACT = ("stiffness", "micro_damping")
 
 
+def usual_damping(stiffness: float, inertia: float) -> float:
+    """Damping that a contact usually has in presliding, where a fit of it begins [N m s/rad or N s/m]."""
+    return DAMPING * math.sqrt(stiffness * inertia)
+
+
 def best_contact(problem: Problem, fitted: Fitted, correction: Correction) -> Fitted:
     """The best of several fits that start from other stiffnesses; never worse than `fitted`."""
     free = list(fitted.free)
@@ -48,7 +53,7 @@ def best_contact(problem: Problem, fitted: Fitted, correction: Correction) -> Fi
     for reach in REACHES:
         p = fitted.packed.p.copy()
         p[layout.STIFFNESS] = p[layout.COULOMB] / (reach * problem.scales.travel)
-        p[layout.MICRO_DAMPING] = DAMPING * math.sqrt(p[layout.STIFFNESS] * p[layout.INERTIA])
+        p[layout.MICRO_DAMPING] = usual_damping(p[layout.STIFFNESS], p[layout.INERTIA])
         again = refit(problem, Packed(p, fitted.packed.on), free, correction, 8)
         if np.isfinite(again.cost):
             found.append(again)
@@ -83,7 +88,7 @@ def quiet_contact(problem: Problem, packed: Packed) -> Packed | None:
     recording contradicts the usual damping, it tells: memory would be found in what that leaves.
     """
     own = packed.p.copy()
-    usual = DAMPING * math.sqrt(own[layout.STIFFNESS] * own[layout.INERTIA])
+    usual = usual_damping(own[layout.STIFFNESS], own[layout.INERTIA])
     undamped = bool(own[layout.MICRO_DAMPING] < UNDAMPED * usual)
     if not undamped and not problem.twin:
         return None

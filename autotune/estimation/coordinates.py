@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TypeAlias
 
 import numpy as np
 import scipy
@@ -17,6 +18,8 @@ REST_SECONDS, REST_REACH = 0.1, 0.1
 """An axis rests where it moves no further in this time [s] than this part of its contact's reach, or a count's edge."""
 FORGOTTEN = 0.05
 """Of a bristle's stretch at a rest: less tells nothing of it."""
+Rests: TypeAlias = tuple[Integers, Floats]
+"""As `since_rest` has them."""
 
 
 def since_reversal(data: Prepared) -> tuple[Floats, Floats]:
@@ -122,7 +125,7 @@ def generic_columns(data: Prepared, rows: Flags) -> Mapping[str, Floats]:
     }
 
 
-def since_rest(data: Prepared, reach: float) -> tuple[Integers, Floats]:
+def since_rest(data: Prepared, reach: float) -> Rests:
     """Number of the last rest of every grid row, and what is left there of the bristle's stretch at it, shape (m,).
 
     `reach`: way of the contact before it slides [motion unit]. Within a rest nothing is known of the stretch, nor where
@@ -152,13 +155,13 @@ def _moves_within(data: Prepared, position: Floats, seconds: float) -> Floats:
     return np.asarray(highest - scipy.ndimage.minimum_filter1d(position, window))
 
 
-def without_rests(data: Prepared, error: Floats, reach: float) -> Floats:
-    """An error without what a bristle's unknown stretch at each rest makes of it, shape (m,); 0 within rests.
+def without_rests(error: Floats, rests: Rests) -> Floats:
+    """An error without what a bristle's unknown stretch at each of the rests makes of it, shape (m,); 0 within rests.
 
     Vibrations below a count let the stretch creep while the axis rests, alike in every repeat and unlike in any twin;
     it is forgotten as the axis moves on.
     """
-    number, left = since_rest(data, reach)
+    number, left = rests
     rest = np.isnan(left)
     share = np.where(rest | (left < FORGOTTEN), 0.0, left)
     rest_error = np.where(rest, 0.0, error)

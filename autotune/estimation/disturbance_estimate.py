@@ -25,6 +25,7 @@ from autotune.estimation.controller import asked
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.disturbance import STILL, Disturbance, coloured_power, jitter_of
+from autotune.estimation.least_squares import followed
 from autotune.estimation.problem import Problem, shared
 from autotune.estimation.residual import SEED, raw_residual, residual, run_twin, simulated_motion
 from autotune.models import layout
@@ -379,17 +380,13 @@ def null_errors(problem: Problem, root: ModelFit) -> list[Floats]:
     if problem.controller is None:
         disturbance = estimate_disturbance(replace(problem, controller=law), packed)
     random = np.random.default_rng([SEED, 5])
-    weight = np.sqrt(problem.training)
-    columns = root.fitted.jacobian * weight[:, None]
-    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     errors: list[Floats] = []
     for factor in LOUDNESS:
         nudged = _off_by_a_little(packed, random)
         run = run_twin(data, nudged, _nudged(law, random), disturbance.louder(factor), random)
         if run.stable:
             error = residual(data, nudged, simulated_motion(data, run)) - root.correction.bias
-            slope = np.linalg.lstsq(columns / size, error * weight, rcond=1e-8)[0] / size
-            errors.append(error - root.fitted.jacobian @ slope)
+            errors.append(followed(root.fitted.jacobian, error, problem.training))
     return errors
 
 

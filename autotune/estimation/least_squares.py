@@ -312,6 +312,15 @@ def _step(
     return np.asarray(change / max(ratio, 1.0))
 
 
+def followed(jacobian: Floats, error: Floats, weight: Floats) -> Floats:
+    """An error once all parameters have followed, linearised, as rows of these weights ask for, shape (m,)."""
+    root = np.sqrt(weight)
+    size = np.maximum(np.linalg.norm(jacobian * root[:, None], axis=0), 1e-300)
+    columns = jacobian / size
+    slope = np.linalg.lstsq(columns * root[:, None], error * root, rcond=1e-8)[0]
+    return np.asarray(error - columns @ slope)
+
+
 def covariance(fitted: Fitted, weight: Floats, correlated: float = 4.0) -> Floats:
     """Of the free parameters, in their units, shape (k, k); `correlated` rows count as one."""
     rows = weight > 0

@@ -27,7 +27,7 @@ from autotune.estimation.controller_search import TICK
 from autotune.estimation.data import Prepared
 from autotune.estimation.disturbance import STILL, Disturbance
 from autotune.estimation.disturbance_estimate import estimate_disturbance
-from autotune.estimation.least_squares import Fitted
+from autotune.estimation.least_squares import Fitted, followed
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import (
     CHUNK,
@@ -91,12 +91,9 @@ class _Plain:
         correction = problem.correction(self.fitted.packed)
         if not correction.stable:
             return math.inf
-        weight = np.sqrt(problem.training)
-        columns = self.fitted.jacobian * weight[:, None]
-        error = weight * (self.fitted.error - correction.bias)
-        size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-        followed = columns / size @ np.linalg.lstsq(columns / size, error, rcond=1e-9)[0]
-        return float(np.sum((error - followed) ** 2)) / float(np.sum(problem.training))
+        weight = problem.training
+        left = followed(self.fitted.jacobian, self.fitted.error - correction.bias, weight)
+        return float(np.sum(weight * left**2)) / float(np.sum(weight))
 
 
 def by_chance(problem: Problem, correction: Correction) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 import scipy
 
 from autotune.estimation.bandwidth import Bands
+from autotune.estimation.contact_start import usual_damping
 from autotune.estimation.controller import controller_of
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.joint_fit import Refined, refine
@@ -30,8 +31,6 @@ from autotune.models.total_friction import (
 )
 from autotune.recordings.recording import Recording
 
-USUAL_DAMPING = 0.3
-"""Of sqrt(stiffness · inertia): where the damping in presliding begins."""
 SHARING = 6
 """Steps in which the damping is shared; the torque is linear in both parts."""
 NEEDED = ("inertia", "coulomb", "offset")
@@ -137,7 +136,7 @@ def damping_in_small_motion(
     if not small:
         return None
     stiffness = stiffness_at_rest(model)
-    start = _damped(_later(model, late), USUAL_DAMPING * math.sqrt(stiffness * model["inertia"]), share)
+    start = _damped(_later(model, late), usual_damping(stiffness, model["inertia"]), share)
     larger = ELEMENTS_DAMPING if share >= 0.5 else "micro_damping"
     refined = refine(start, small, around, bands, (larger,))
     whole = damping_at_rest(refined.model)
@@ -172,7 +171,7 @@ def _pieces(model: DriveModel, recording: Recording) -> tuple[list[Piece], Surro
 
 def _damped(model: DriveModel, whole: float, share: float) -> DriveModel:
     """The model with this damping in presliding, the `share` of it in the elements."""
-    memory = next(effect for effect in model.effects if effect.kind is REVERSAL_MEMORY)
+    memory = model.effect(REVERSAL_MEMORY)
     values = {name: value.value for name, value in memory.values.items()} | {"damping": share * whole}
     return model.with_effect(REVERSAL_MEMORY.make(values)).with_values(
         {"micro_damping": (1.0 - share) * whole}

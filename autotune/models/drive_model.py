@@ -17,7 +17,7 @@ from autotune.core.arrays import Flags, Floats
 from autotune.core.errors import ConfigurationError
 from autotune.core.units import torque_symbol
 from autotune.models import layout
-from autotune.models.effect import Effect, Parameter, Value, check
+from autotune.models.effect import Effect, Kind, Parameter, Value, check
 from autotune.models.inverse import load_substeps, required
 from autotune.models.reversal_memory import REVERSAL_MEMORY
 from autotune.models.stribeck import STRIBECK
@@ -152,6 +152,10 @@ class DriveModel:
 
     def __contains__(self, effect: str) -> bool:
         return any(effect == present.name for present in self.effects)
+
+    def effect(self, kind: Kind) -> Effect:
+        """The effect of this kind, which the model has."""
+        return next(effect for effect in self.effects if effect.kind is kind)
 
     def unit(self, surface: str) -> str:
         """Unit of a parameter on this axis."""

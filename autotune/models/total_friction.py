@@ -71,12 +71,11 @@ def stiffness_of_elements(model: DriveModel) -> float:
 
 def _pairs(model: DriveModel) -> list[tuple[str, str]]:
     """Surface names of displacement and torque of each element that there is."""
-    effect = next((one for one in model.effects if one.kind is REVERSAL_MEMORY), None)
-    if effect is None:
+    if REVERSAL_MEMORY.name not in model:
         return []
     return [
         (REVERSAL_MEMORY.surface(name), REVERSAL_MEMORY.surface(f"torque_{name.rpartition('_')[2]}"))
-        for name, travel in effect.values.items()
+        for name, travel in model.effect(REVERSAL_MEMORY).values.items()
         if name.startswith("displacement_") and travel.value > 0.0
     ]
 

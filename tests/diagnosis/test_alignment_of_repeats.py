@@ -174,9 +174,9 @@ def test_how_far_a_bristle_is_stretched_at_a_rest_is_taken_out_and_nothing_else(
     random = np.random.default_rng(3)
     stretched = np.where(moving, np.nan_to_num(left) * random.normal(0.0, 1.0, number.max() + 1)[number], 0.0)
     known = np.where(np.nan_to_num(left) >= 0.05, stretched, 0.0)
-    assert np.max(np.abs(without_rests(data, known, reach))) < 1e-9
+    assert np.max(np.abs(without_rests(known, (number, left)))) < 1e-9
     far = np.where(moving & (np.nan_to_num(left) < 0.05), random.standard_normal(len(left)), 0.0)
-    assert without_rests(data, far, reach) == pytest.approx(far)
+    assert without_rests(far, (number, left)) == pytest.approx(far)
 
 
 def _broken_away(problem: Problem, packed: Packed, reaches: float) -> np.ndarray:

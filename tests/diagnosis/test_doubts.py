@@ -36,6 +36,7 @@ def test_a_lone_recording_must_keep_less_than_is_explained(
     that, some model could explain; a lag of a valve was named friction that grows with load, 2.2 of 2.0 % left."""
     size = POLICY.large_rest**2
     known = {"before": (before * size, before * size), "after": (after * size, noise * size)}
+    monkeypatch.setattr(single, "_neighbours", lambda _: ())
     monkeypatch.setattr(single, "_with_motion", lambda _, error: known[error])
     data = SimpleNamespace(torque=np.ones(5), grid=np.arange(5))
     problem = SimpleNamespace(policy=POLICY, data=data, training=np.ones(5))

@@ -20,12 +20,13 @@ from autotune.diagnosis.evidence.single import folds_of
 from autotune.diagnosis.evidence.visibility import flank_in_sight
 from autotune.estimation.alignment import best_shift, shifted
 from autotune.estimation.bias_corrected_fit import ModelFit
-from autotune.estimation.coordinates import without_rests
+from autotune.estimation.coordinates import Rests, since_rest, without_rests
 from autotune.estimation.cross_validation import drift
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.disturbance_estimate import null_errors
+from autotune.estimation.least_squares import followed
 from autotune.estimation.policy import Policy
-from autotune.estimation.problem import CHUNK, Problem
+from autotune.estimation.problem import CHUNK, Correction, Problem
 from autotune.estimation.residual import measured_motion, smoothed
 from autotune.models import layout
 from autotune.models.effect import Kind
@@ -131,7 +132,8 @@ class RepeatedProgramme(Evidence):
         if not EFFECTS[candidate.effect].needs_rests:
             return False
         after = candidate.model_fit
-        rested = [_rested(problem, before, item.fitted.error) for item in (before, after)]
+        rests = _rests(problem, before)
+        rested = [without_rests(item.fitted.error, rests) for item in (before, after)]
         plain = _fall(problem, before.fitted.error, after.fitted.error)
         return _fall(problem, *rested) < problem.policy.partly * plain
 
@@ -142,10 +144,13 @@ class RepeatedProgramme(Evidence):
         """
         if drift(problem, model_fit.fitted, model_fit.correction, TRAINING)[0] > 0.0:
             return True
-        seen = _shared(problem, model_fit, model_fit.fitted.error)
+        rests = _rests(problem, model_fit)
+        seen = _shared(problem, model_fit.correction, model_fit.fitted.error, rests)
         if not math.isfinite(seen.variance) or not self._left(problem, model_fit, seen, []):
             return False
-        replicas = [_shared(problem, model_fit, error) for error in null_errors(problem, model_fit)]
+        replicas = [
+            _shared(problem, model_fit.correction, error, rests) for error in null_errors(problem, model_fit)
+        ]
         return len(replicas) < FEW or self._left(problem, model_fit, seen, replicas)
 
     def _left(
@@ -218,8 +223,8 @@ class _Shared:
     blocks: Floats
 
 
-def _shared(problem: Problem, model_fit: ModelFit, error: Floats) -> _Shared:
-    rested = _rested(problem, model_fit, error)
+def _shared(problem: Problem, correction: Correction, error: Floats, rests: Rests) -> _Shared:
+    rested = without_rests(error, rests)
     quieter = [
         min(
             block.by_repeat(rested).var(axis=0).mean()
@@ -228,15 +233,15 @@ def _shared(problem: Problem, model_fit: ModelFit, error: Floats) -> _Shared:
         )
         for block in problem.data.blocks
     ]
-    correction = replace(model_fit.correction, variance=model_fit.correction.variance * np.array(quieter))
+    correction = replace(correction, variance=correction.variance * np.array(quieter))
     found = problem.repeatable(rested, correction, TRAINING)
     return _Shared(*found, problem.repeatable_by_block(rested, correction, TRAINING))
 
 
-def _rested(problem: Problem, model_fit: ModelFit, error: Floats) -> Floats:
-    """An error without what the bristle of a model may do at rests."""
+def _rests(problem: Problem, model_fit: ModelFit) -> Rests:
+    """The rests, and how far the bristle of a model has forgotten each."""
     p = model_fit.fitted.packed.p
-    return without_rests(problem.data, error, float(p[layout.COULOMB] / p[layout.STIFFNESS]))
+    return since_rest(problem.data, float(p[layout.COULOMB] / p[layout.STIFFNESS]))
 
 
 def _fall(problem: Problem, before: Floats, after: Floats) -> float:
@@ -271,9 +276,6 @@ def _cost_moved(problem: Problem, model_fit: ModelFit, shift: float) -> float:
     """Mean square of the training rows with the torque moved and all parameters fitted again, linearised."""
     change = shifted(problem.data, shift).torque - problem.data.torque
     acted = np.concatenate([change[:1], 0.5 * (change[1:] + change[:-1])])
-    root = np.sqrt(problem.training)
-    error = root * (model_fit.fitted.error + smoothed(problem.data, acted))
-    columns = model_fit.fitted.jacobian * root[:, None]
-    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    slope = np.linalg.lstsq(columns / size, error, rcond=1e-8)[0]
-    return float(np.sum((error - columns / size @ slope) ** 2))
+    error = model_fit.fitted.error + smoothed(problem.data, acted)
+    left = followed(model_fit.fitted.jacobian, error, problem.training)
+    return float(np.sum(problem.training * left**2))

@@ -112,9 +112,10 @@ class SingleRecording(Evidence):
 
         That is what goes with the motion still, or what is more than measurement chains leave.
         """
-        before, after = (_with_motion(problem, item.fitted.error) for item in (root, model_fit))
-        if after is None or before is None:
+        near = _neighbours(problem)
+        if near is None:
             return False
+        before, after = (_with_motion(near, item.fitted.error) for item in (root, model_fit))
         torque = problem.data.torque[problem.data.grid[problem.training > 0]]
         noise = min(after[1], problem.policy.large_rest**2 * float(np.mean(torque**2)))
         return after[0] - noise > (before[0] - after[0]) * (1.0 / problem.policy.partly - 1.0)
@@ -227,8 +228,11 @@ def alike_where_motion_is(problem: Problem, error: Floats) -> bool:
     least = problem.policy.large_rest**2 * np.mean(torque**2)
     if len(rows) < LEAST_NEIGHBOURS or np.var(error[rows]) < least:
         return False
-    found = _with_motion(problem, error)
-    return found is not None and found[1] < problem.policy.most_noise * found[0]
+    near = _neighbours(problem)
+    if near is None:
+        return False
+    variance, noise = _with_motion(near, error)
+    return noise < problem.policy.most_noise * variance
 
 
 def _thinned_rows(problem: Problem) -> Integers:
@@ -236,27 +240,27 @@ def _thinned_rows(problem: Problem) -> Integers:
     return rows[:: max(1, len(rows) // MOST_NEIGHBOURS)]
 
 
-def _with_motion(problem: Problem, error: Floats) -> tuple[float, float] | None:
-    """Variance of an error, and what of it no function of the motion explains; None where too few rows tell.
+def _with_motion(near: tuple[Integers, Integers], error: Floats) -> tuple[float, float]:
+    """Variance of an error, and what of it no function of the motion explains: half the mean squared difference of rows
+    and their `_neighbours`."""
+    rest, other = (error[rows] for rows in near)
+    return float(np.var(rest)), 0.5 * float(np.mean((rest - other) ** 2))
 
-    Rows are compared with their nearest neighbours in position, velocity, acceleration and travel since the
-    reversal, at another time; half their mean squared difference is what no function of these explains.
-    """
+
+def _neighbours(problem: Problem) -> tuple[Integers, Integers] | None:
+    """Rows, and to each the one that is nearest in position, velocity, acceleration and travel since the reversal, at
+    another time; None where too few tell."""
     rows = _thinned_rows(problem)
     if len(rows) < LEAST_NEIGHBOURS:
         return None
-    rest = error[rows]
-    time = problem.data.grid[rows] * problem.data.period
-    near = np.asarray(
-        scipy.spatial.cKDTree(_places(problem, rows)).query(_places(problem, rows), k=NEIGHBOURS)[1]
-    )
+    time, places = problem.data.grid[rows] * problem.data.period, _places(problem, rows)
+    near = np.asarray(scipy.spatial.cKDTree(places).query(places, k=NEIGHBOURS)[1])
     apart = np.abs(time[near] - time[:, None]) > APART
     found = apart.any(axis=1)
     if found.mean() < 0.5:
         return None
     other = near[np.arange(len(rows)), np.argmax(apart, axis=1)]
-    noise = 0.5 * float(np.mean((rest[found] - rest[other[found]]) ** 2))
-    return float(np.var(rest[found])), noise
+    return rows[found], rows[other[found]]
 
 
 def _places(problem: Problem, rows: Integers) -> Floats:

@@ -213,8 +213,10 @@ class CanopenDrive:
         except LinkError as error:
             self._lost = True
             self._unsure = not self._power.abandon(self._mode, not self._blind)
+            if not known and not self._unsure:
+                raise
             if not known:
-                raise (unconfirmed(error) if self._unsure else error) from error
+                raise unconfirmed(error) from error
             if self._unsure and self._loss is not None:
                 self._loss.add_note(str(unconfirmed(error)))
             return
