@@ -6,11 +6,7 @@ and recordings by name or id; none of these is ever used as a path.
 
 from __future__ import annotations
 
-import asyncio
-import json
 import logging
-import queue
-from collections.abc import AsyncIterator
 from typing import Annotated, Any
 
 from fastapi import APIRouter, FastAPI, HTTPException, Path, Query, Request, Response
@@ -23,7 +19,7 @@ from autotune import __version__
 from autotune.models.model_file import parse_model
 from autotune.service import studies
 from autotune.service.access import STUDIES
-from autotune.service.feed import Feed, Follower
+from autotune.service.event_stream import EVENTS, stream
 from autotune.service.live_routes import live_routes
 from autotune.service.manager import Manager
 from autotune.service.metrics import exposition
@@ -54,7 +50,6 @@ Id = Annotated[str, Path(pattern=r"^[0-9a-f]{32}$")]
 Limit = Annotated[int, Query(ge=1, le=1000)]
 log = logging.getLogger("autotune.service")
 TICKS_LATE = 15.0  # s without a round after which the service is not healthy
-HEARTBEAT = 10.0
 _COMMON: dict[int | str, dict[str, Any]] = {
     code: {"model": Problem, "description": about}
     for code, about in (
@@ -215,16 +210,16 @@ def _jobs(manager: Manager) -> APIRouter:
             raise HTTPException(409, "this job has ended already")
         return view_job(manager, _job(manager, job))
 
-    @routes.get("/jobs/{job}/events", response_class=StreamingResponse, responses=_STREAM)
+    @routes.get("/jobs/{job}/events", response_class=StreamingResponse, responses=EVENTS)
     def job_events(job: Id) -> StreamingResponse:
         """Stages and progress of a job as server-sent events, until it has ended."""
         row = _job(manager, job)
-        return _stream(manager, job, row)
+        return stream(manager, job, row)
 
-    @routes.get("/events", response_class=StreamingResponse, responses=_STREAM)
+    @routes.get("/events", response_class=StreamingResponse, responses=EVENTS)
     def events() -> StreamingResponse:
         """Everything that happens, as server-sent events."""
-        return _stream(manager, None, None)
+        return stream(manager, None, None)
 
     @routes.get("/history/events", response_model=list[dict[str, Any]])
     def history_events(limit: Limit = 200) -> list[dict[str, Any]]:
@@ -337,21 +332,6 @@ def _health(manager: Manager) -> APIRouter:
     return routes
 
 
-_STREAM: dict[int | str, dict[str, Any]] = {
-    200: {
-        "content": {
-            "text/event-stream": {
-                "schema": {
-                    "description": "Of each event; its data are a JSON object.",
-                    "type": "object",
-                    "properties": {"event": {"type": "string"}, "data": {"type": "string"}},
-                    "required": ["event", "data"],
-                }
-            }
-        },
-        "description": "Events, as they happen.",
-    }
-}
 _PARQUET: dict[int | str, dict[str, Any]] = {
     200: {
         "content": {"application/vnd.apache.parquet": {"schema": {"type": "string", "format": "binary"}}},
@@ -406,48 +386,3 @@ def _proposal(manager: Manager, identifier: str) -> Row:
     if row is None:
         raise HTTPException(404, f"there is no proposal {identifier}")
     return row
-
-
-def _stream(manager: Manager, job: str | None, row: Row | None) -> StreamingResponse:
-    follower = manager.feed.follow(job)
-    if follower is None:
-        raise HTTPException(503, "too many event streams are open; close one")
-    first = (
-        []
-        if row is None
-        else [{"event": "state", "job": job, "state": row["state"], "outcome": row["outcome"]}]
-    )
-    ended = row is not None and row["state"] == "done"
-    return StreamingResponse(
-        _events(manager.feed, follower, first, ended, job is not None),
-        media_type="text/event-stream",
-        headers={"Cache-Control": "no-store"},
-    )
-
-
-async def _events(
-    feed: Feed, follower: Follower, first: list[dict[str, Any]], ended: bool, one_job: bool
-) -> AsyncIterator[str]:
-    quiet = 0.0
-    try:
-        for message in first:
-            yield _sse(message)
-        while not ended and not follower.dropped:
-            try:
-                message = follower.waiting.get_nowait()
-            except queue.Empty:
-                await asyncio.sleep(0.1)
-                quiet += 0.1
-                if quiet >= HEARTBEAT:
-                    quiet = 0.0
-                    yield ": alive\n\n"
-                continue
-            quiet = 0.0
-            yield _sse(message)
-            ended = one_job and message.get("event") == "done"
-    finally:
-        feed.leave(follower)
-
-
-def _sse(message: dict[str, Any]) -> str:
-    return f"event: {message.get('event', 'message')}\ndata: {json.dumps(message)}\n\n"

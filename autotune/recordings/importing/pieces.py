@@ -1,0 +1,153 @@
+"""One file's columns, cut where its clock is interrupted: each piece on a regular grid, its position without jumps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from autotune.core.arrays import Floats
+from autotune.core.errors import RecordingError
+from autotune.recordings.importing.cleaning import unwrapped, wrap_length
+from autotune.recordings.importing.clock import (
+    LEAST_ROWS,
+    RegularPiece,
+    fitted_period,
+    median_period,
+    regular,
+    split_gaps,
+    split_runs,
+)
+from autotune.recordings.importing.options import Options
+from autotune.recordings.importing.source import Source
+
+_PERIOD_OFF = 0.02  # of a period or a span: stamps that differ more tell another clock
+
+
+def pieces_of(
+    columns: dict[str, Floats], path: Path, source: Source, options: Options, lines: list[str]
+) -> tuple[list[RegularPiece], float]:
+    """Pieces without a gap in time, and their period in seconds.
+
+    Raises: RecordingError when the stamps deny the period that is said, or no stretch is long enough.
+    """
+    if options.wishes.period is not None:
+        runs = _runs_by_period(columns, path, options.wishes.period, lines)
+        return _long_enough(runs, path, lines), options.wishes.period
+    runs = split_runs(columns, path, lines)
+    median = median_period(columns["time"])
+    if source.period is not None and abs(median / source.period - 1.0) > _PERIOD_OFF:
+        raise RecordingError(
+            f"{path}: the file says {source.period:g} s a sample, but its time stamps step by {median:g} s; export it "
+            "again, or say which with --period"
+        )
+    pieces = [piece for run in runs for piece in split_gaps(run, median)]
+    pieces = _long_enough(pieces, path, lines)
+    return pieces, fitted_period(pieces, median)
+
+
+def on_one_grid(
+    pieces: list[RegularPiece], period: float, lines: list[str], facts: dict[str, str]
+) -> list[RegularPiece]:
+    """The pieces on grids of one period; `lines` and `facts` are told what was changed."""
+    done = [regular(piece, period) for piece in pieces]
+    _tell(pieces, done, period, lines, facts)
+    return [piece for piece, _ in done]
+
+
+def _runs_by_period(
+    columns: dict[str, Floats], path: Path, period: float, lines: list[str]
+) -> list[RegularPiece]:
+    """With `--period` the rows are regular and stamps only jitter; they must agree on the whole."""
+    time = columns["time"]
+    if not np.any(np.diff(time) < 0):
+        runs = [RegularPiece(columns)]
+    else:
+        runs = split_runs(columns, path, lines)
+    regular_runs = []
+    for run in runs:
+        stamps = run.columns["time"]
+        span, wanted = float(stamps[-1] - stamps[0]), period * (len(stamps) - 1)
+        if abs(span - wanted) > max(_PERIOD_OFF * wanted, 5.0 * period):
+            raise RecordingError(
+                f"{path}: {len(stamps)} rows of --period {period:g} s make {wanted:.6g} s, but the time stamps span "
+                f"{span:.6g} s: rows are missing, or the period is another. Leave --period out and gaps are found"
+            )
+        regular_runs.append(run.with_columns(time=stamps[0] + period * np.arange(len(stamps))))
+    lines.append(f"time counts rows of {period:g} s, as --period says")
+    return regular_runs
+
+
+def _long_enough(pieces: list[RegularPiece], path: Path, lines: list[str]) -> list[RegularPiece]:
+    kept = [piece for piece in pieces if len(piece) >= LEAST_ROWS]
+    if not kept:
+        raise RecordingError(
+            f"{path}: no stretch of {LEAST_ROWS} rows without a gap in time; is the right column named as time?"
+        )
+    if len(kept) < len(pieces):
+        lines.append(
+            f"{len(pieces) - len(kept)} pieces of fewer than {LEAST_ROWS} rows between gaps are dropped"
+        )
+    return kept
+
+
+def _tell(
+    pieces: list[RegularPiece],
+    done: list[tuple[RegularPiece, str]],
+    period: float,
+    lines: list[str],
+    facts: dict[str, str],
+) -> None:
+    gaps = [piece for piece in pieces if piece.missed]
+    if gaps:
+        lost = sum(piece.missed for piece in gaps)
+        lines.append(
+            f"{len(gaps)} gaps ({lost} samples lost, first before row {gaps[0].row + 1}): split there"
+        )
+        facts["gaps"] = f"{len(gaps)} gaps, {lost} samples lost"
+    ways = {way for _, way in done}
+    if "straightened" in ways:
+        lines.append(f"time stamps are rounded; the samples are regular, {period:g} s apart")
+        facts["time"] = "rounded stamps replaced by a line"
+    if "resampled" in ways:
+        text = "cubic for position, velocity, reference; linear for torque"
+        lines.append(
+            f"time stamps are irregular: resampled to {period:g} s ({text}); with --period if only stamps jitter"
+        )
+        facts["resampled"] = f"irregular stamps to {period:g} s, {text}"
+
+
+def positioned(piece: RegularPiece, lines: list[str], facts: dict[str, str]) -> RegularPiece:
+    """With a position, integrated from velocity where the file has none."""
+    if "position" in piece.columns:
+        return piece
+    velocity = piece.columns["velocity"]
+    steps = 0.5 * (velocity[1:] + velocity[:-1]) * np.diff(piece.columns["time"])
+    if "position" not in facts:
+        lines.append("there is no position: it is integrated from velocity, from 0 in each segment")
+    facts["position"] = "integrated from velocity, from 0 in each segment"
+    return piece.with_columns(position=np.concatenate([[0.0], np.cumsum(steps)]))
+
+
+def continuous(
+    piece: RegularPiece, unit: str, factor: float, lines: list[str], facts: dict[str, str]
+) -> RegularPiece:
+    """The piece with its position unwrapped, before anything is interpolated across a turn's end."""
+    if "position" not in piece.columns:
+        return piece
+    length = wrap_length(piece.columns["position"], factor, unit == "rad")
+    if length is None:
+        return piece
+    if "unwrapped" not in facts:
+        lines.append(f"position starts again after {length:.6g} {unit}: unwrapped")
+    facts["unwrapped"] = f"{length:.9g} {unit}"
+    return _unwrapped(piece, length)
+
+
+def _unwrapped(piece: RegularPiece, length: float) -> RegularPiece:
+    position = unwrapped(piece.columns["position"], length)
+    if "reference" not in piece.columns:
+        return piece.with_columns(position=position)
+    reference = unwrapped(piece.columns["reference"], length)
+    turns = np.round(float(np.median(position - reference)) / length)
+    return piece.with_columns(position=position, reference=reference + turns * length)
