@@ -33,6 +33,7 @@ from autotune.estimation.controller_law import (
 )
 from autotune.estimation.controller_search import (
     EXACT,
+    answering_late,
     law_from_data,
     laws_between,
     plainly_better,
@@ -106,7 +107,10 @@ def controllers_of(
     quiet = quieter(data)
     heard = samples if quiet is data else loop_samples(quiet, policy)
     smooth = _remembered(b"smooth", heard, lambda: _some(smooth_between(heard, laws[-1])))
-    return (*laws, *smooth)
+    acting = felt(data)
+    samples = samples if acting is data else loop_samples(acting, policy)
+    late = _remembered(b"late", samples, lambda: _some(answering_late(samples, laws[-1])))
+    return (*laws, *smooth, *(replace(law, sensed=True) for law in late))
 
 
 def _some(law: PositionController | None) -> tuple[PositionController, ...]:
@@ -115,9 +119,14 @@ def _some(law: PositionController | None) -> tuple[PositionController, ...]:
 
 def as_recorded(data: Prepared, found: PositionController) -> Prepared:
     """Data with the torque that tells most, where a drive's loop works between the samples, from each to the next."""
-    quiet = quieter(data) if found.in_band else data
+    quiet = felt(data) if found.sensed else quieter(data) if found.in_band else data
     late = RECORDED_LATE[found.taken]
     return shifted(quiet, late) if late else quiet
+
+
+def felt(data: Prepared) -> Prepared:
+    """The data with the torque by its sensor, where there is one: what the axis felt, and not what was asked for."""
+    return data if data.sensed is None else replace(data, torque=data.sensed, recorded_torque=data.sensed)
 
 
 def quieter(data: Prepared) -> Prepared:
@@ -129,7 +138,7 @@ def quieter(data: Prepared) -> Prepared:
     if data.sensed is None:
         return data
     demand, sensed = (_roughness(data, values) for values in (data.recorded_torque, data.sensed))
-    return replace(data, torque=data.sensed, recorded_torque=data.sensed) if sensed < demand else data
+    return felt(data) if sensed < demand else data
 
 
 def _roughness(data: Prepared, torque: Floats) -> float:

@@ -56,6 +56,8 @@ class PositionController:
             same. `cubic`: its reference is on cubics between them, else on straight lines. `smooth`: what it feeds
             forward of the acceleration is on straight lines too, as where set points come with their rates; else held.
         taken: how the torque of such a law was recorded, one of `TAKEN`.
+        answer_delay: samples by which the torque of such a law answers late to all that it sees: what its loop takes to
+            be computed, and a current loop to follow. `sensed`: it is the law of the torque by its own sensor.
         adrift: where the counts of its encoder lie the twin does not know, and has them elsewhere in every run.
         exact: leaves no more than rounding of numbers, or of the recorded torque: the law works at the samples.
         source: `metadata` (the file's, verified), `identified`, `trusted` (the file's, which these data
@@ -84,6 +86,8 @@ class PositionController:
     cubic: bool = False
     smooth: bool = False
     taken: str = "next"
+    answer_delay: float = 0.0
+    sensed: bool = False
     adrift: bool = False
 
     @property
@@ -106,9 +110,14 @@ class PositionController:
                 self.ki,
                 self.derivative_filter,
                 self.reference_rate,
-                float(self.position_delay),
+                self.position_delay if self.ticks == 1 else self.ticks_late,
             ]
         )
+
+    @property
+    def ticks_late(self) -> float:
+        """Ticks of its loop by which a twin sees everything late: held for a tick a torque is half of one late."""
+        return max(self.answer_delay * self.ticks - 0.5, 0.0)
 
     @property
     def terms_gains(self) -> Floats:
@@ -132,7 +141,21 @@ class PositionController:
     def feedforward_between(self, reference: Floats, fine: Floats, period: float) -> Floats:
         """The same of a law that works between the samples, shape (n·ticks,), as `between_table` has it."""
         bend = self.acceleration_feedforward * bend_between(reference, period, self.ticks, self.smooth)
-        return np.asarray(self.position_feedforward * fine + bend + self.constant)
+        rate = self.velocity_feedforward * np.diff(fine, prepend=fine[:1]) * (self.ticks / period)
+        moved = self.position_feedforward * fine + rate + bend + self.constant
+        return later(np.asarray(moved), self.ticks_late)
+
+
+def later(values: Floats, count: float) -> Floats:
+    """Values of shape (…, n) so many places later, on straight lines between them; the first stays until then."""
+    if count == 0.0:
+        return values
+    whole = int(count)
+    first, last = values[..., :1], values.shape[-1]
+    held = np.concatenate([np.repeat(first, whole + 1, axis=-1), values], axis=-1)
+    return np.asarray(
+        held[..., 1 : last + 1] + (count - whole) * (held[..., :last] - held[..., 1 : last + 1])
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -337,15 +360,16 @@ def position_terms(samples: LoopSamples, rate: float, ticks: int) -> Floats:
 
 
 def reference_terms(samples: LoopSamples, law: PositionController, rate: float) -> Floats:
-    """The same of the reference, and its second difference, on the way that a law has it; shape (4, n·ticks)."""
+    """The same of the reference, its second difference and its rate, as a law has them; shape (5, n·ticks)."""
     ticks, step = law.ticks, samples.period / law.ticks
-    terms = np.zeros((4, len(samples.reference) * ticks))
+    terms = np.zeros((5, len(samples.reference) * ticks))
     for rows in samples.stretches:
         inside = slice(rows.start * ticks, rows.stop * ticks)
         fine = finer(samples.reference[rows], ticks, law.cubic)
         summed = step * np.cumsum(fine - samples.position[rows.start])
         bend = bend_between(samples.reference[rows], samples.period, ticks, law.smooth)
-        terms[:, inside] = fine, summed, _filtered_rate(fine, step, rate), bend
+        moved = np.diff(fine, prepend=fine[:1]) / step
+        terms[:, inside] = fine, summed, _filtered_rate(fine, step, rate), bend, moved
     return terms
 
 
@@ -359,19 +383,30 @@ def between_terms(samples: LoopSamples, law: PositionController, rate: float) ->
     """Regressors of a law that works between the samples, as its torque is recorded, shape (n, 7)."""
     late = late_samples(samples, law.reference_delay, 0)
     parts = reference_terms(late, law, rate), position_terms(samples, rate, law.ticks)
-    wanted, moved = (np.array([taken_at(row, law.ticks, law.taken) for row in terms]) for terms in parts)
+    wanted, moved = (answered(samples, terms, law) for terms in parts)
     return between_table(wanted, moved)
 
 
+def answered(samples: LoopSamples, terms: Floats, law: PositionController) -> Floats:
+    """Rows of terms between the samples, shape (k, n·ticks), as the torque that answers to them is recorded, (k, n)."""
+    shown = terms
+    if law.answer_delay:
+        shown = terms.copy()
+        for rows in samples.stretches:
+            inside = slice(rows.start * law.ticks, rows.stop * law.ticks)
+            shown[:, inside] = later(terms[:, inside], law.answer_delay * law.ticks)
+    return np.array([taken_at(row, law.ticks, law.taken) for row in shown])
+
+
 def between_table(wanted: Floats, moved: Floats) -> Floats:
-    """Regressors as in `law_terms`, shape (n, 7), but for the rate of r by itself, which is the filtered one's twin.
+    """Regressors as in `law_terms`, shape (n, 7).
 
     Args:
-        wanted, moved: `reference_terms` and `position_terms`, shape (4, n) and (3, n).
+        wanted, moved: `reference_terms` and `position_terms`, shape (5, n) and (3, n).
     """
     table = np.zeros((wanted.shape[1], 7))
     table[:, 0], table[:, 1], table[:, 2] = wanted[0] - moved[0], -moved[2], wanted[1] - moved[1]
-    table[:, 3], table[:, 5], table[:, 6] = wanted[2], wanted[0], wanted[3]
+    table[:, 3], table[:, 4], table[:, 5], table[:, 6] = wanted[2], wanted[4], wanted[0], wanted[3]
     return table
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -19,10 +19,12 @@ import scipy
 
 from autotune.core.arrays import Floats, Integers
 from autotune.estimation.controller_law import (
+    MOMENT,
     SHORTEST_STRETCH,
     TAKEN,
     LoopSamples,
     PositionController,
+    answered,
     between_table,
     between_terms,
     fitted_pid,
@@ -67,9 +69,14 @@ BETWEEN_RATES = tuple(100.0 * 1.7**i for i in range(9))
 """1/s, of the filter of its velocity."""
 RATE_STEP, FINER_FILTER = math.log(1.7), 1.5
 """Between two of them, in the logarithm; and times the least share left that a finer one can make up for."""
+FED = PositionController(velocity_feedforward=1.0)
+"""Form of a law that feeds the rate of the reference forward by itself."""
 BETWEEN = "The drive's loop works between the samples, and is simulated so."
 FASTEST = 25.0
 """Time constants of that filter in a sample: beyond, nothing is left to filter."""
+MOST_ANSWER, FINER, MOST_SET_POINTS = 6, 3, 2
+"""Ticks of `TICK` by which an answer may be late, how much finer it is found at last, and samples by which set points
+are late then."""
 AS_MUCH = 1.1
 """Times the share that another law leaves: as much, within what counts and rounding make."""
 _ROUGH_FILTERS = (0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0)
@@ -138,6 +145,48 @@ def smooth_between(samples: LoopSamples, law: PositionController) -> PositionCon
     found = _fitted_between(banded, best, _rate_of(best, samples.period))
     enough = found.explained > samples.policy.controller_explains_in_band
     return replace(found, in_band=True, why=law.why) if enough and found.kp > 0.0 and found.kd > 0.0 else None
+
+
+def answering_late(samples: LoopSamples, law: PositionController) -> PositionController | None:
+    """A law of a drive that works between the samples whose torque answers late; None if it explains too little.
+
+    A loop takes a tick or two to be computed, and a current loop follows some tenths of a millisecond later: the torque
+    that is recorded as at the samples is what the axis feels then. Without the delay another moment of recording is
+    found in its place, and the loop of the twin is faster than that of the axis.
+    """
+    banded = _in_band(replace(samples, piece=PIECE_SECONDS))
+    coarse = _first_look(banded)
+    ticks = max(LEAST_TICKS, round(samples.period / TICK))
+    delays = sorted({round(k * TICK / samples.period * ticks) / ticks for k in range(1, MOST_ANSWER + 1)})
+    form = replace(FED, ticks=ticks, cubic=law.cubic, taken=MOMENT)
+    best = max(_late_answers(coarse, form, BETWEEN_RATES, delays), key=lambda trial: trial.explained)
+    rates = [
+        _rate_of(best, samples.period) * math.exp(part * RATE_STEP) for part in (-0.5, -0.25, 0.0, 0.25, 0.5)
+    ]
+    near = [best.answer_delay + part / (FINER * ticks) for part in (-1, 0, 1)]
+    finer_form = replace(best, ticks=FINER * ticks)
+    best = max(_late_answers(coarse, finer_form, rates, near), key=lambda trial: trial.explained)
+    found = _fitted_between(banded, best, _rate_of(best, samples.period))
+    enough = found.explained > samples.policy.controller_explains_in_band
+    why = f"{_how_late(samples.period)} {BETWEEN}"
+    good = enough and found.kp > 0.0 and found.kd > 0.0
+    return replace(found, ticks=ticks, in_band=True, why=why) if good else None
+
+
+def _late_answers(
+    samples: LoopSamples, form: PositionController, rates: Sequence[float], delays: Sequence[float]
+) -> Iterator[PositionController]:
+    """Laws of one form with these filters and delays of their answer, on set points late by whole samples."""
+    for rate in rates:
+        moved, wanted = position_terms(samples, rate, form.ticks), reference_terms(samples, form, rate)
+        for delay in delays:
+            one = replace(form, answer_delay=delay)
+            seen, given = (answered(samples, terms, one) for terms in (moved, wanted))
+            for late in range(MOST_SET_POINTS + 1):
+                rows = np.array([late_rows(row, samples, late) for row in given])
+                yield _with_gains(
+                    samples, replace(one, reference_delay=late), rate, between_table(rows, seen)
+                )
 
 
 def plainly_better(samples: LoopSamples, one: PositionController, other: PositionController) -> bool:
@@ -294,6 +343,18 @@ def _searched_smeared(samples: LoopSamples, near: PositionController) -> Positio
 
 
 def _searched_between(samples: LoopSamples) -> PositionController:
+    """The best law of a drive whose loop works between the samples.
+
+    One that feeds the rate of its reference forward past its filter, as cascades do, where that leaves clearly less.
+    """
+    found = _best_between(samples, PositionController())
+    if 1.0 - found.explained <= NEARLY_EXACT:
+        return found
+    fed = _best_between(samples, FED)
+    return fed if 1.0 - fed.explained < WORTH_DELAYS * (1.0 - found.explained) else found
+
+
+def _best_between(samples: LoopSamples, form: PositionController) -> PositionController:
     """The best law of a drive whose loop works between the samples, on columns below the compared frequency.
 
     There what it makes of its set points can be computed from the samples: u = kp·e + kd·λ/(s + λ)·(b·ṙ − ẏ) + ki∫e and
@@ -302,7 +363,8 @@ def _searched_between(samples: LoopSamples) -> PositionController:
     """
     ticks = max(LEAST_TICKS, round(samples.period / TICK))
     coarse = _first_look(samples)
-    trials = [trial for rate in BETWEEN_RATES for trial in _between_trials(coarse, rate, ticks)]
+    start = replace(form, ticks=ticks)
+    trials = [trial for rate in BETWEEN_RATES for trial in _between_trials(coarse, rate, start)]
     most = (1.0 - max(trial.explained for trial in trials)) * HARDLY_MORE
     near = [trial for trial in trials if 1.0 - trial.explained <= most]
     plain = min(near, key=lambda trial: abs(trial.position_feedforward) / max(abs(trial.ki), 1e-300))
@@ -333,16 +395,19 @@ def _rate_of(law: PositionController, period: float) -> float:
     return -math.log(1.0 - law.derivative_filter) / period
 
 
-def _between_trials(samples: LoopSamples, rate: float, ticks: int) -> Iterator[PositionController]:
+def _between_trials(
+    samples: LoopSamples, rate: float, start: PositionController
+) -> Iterator[PositionController]:
     """Laws with one filter: all delays, both kinds of interpolation, all ways of recording a torque."""
+    ticks = start.ticks
     moved = position_terms(samples, rate, ticks)
     for cubic in (False, True):
-        wanted = reference_terms(samples, PositionController(ticks=ticks, cubic=cubic), rate)
+        wanted = reference_terms(samples, replace(start, cubic=cubic), rate)
         for taken in TAKEN:
             at_rows = [np.array([taken_at(row, ticks, taken) for row in terms]) for terms in (wanted, moved)]
             for late in range(MOST_LATE + 2):
                 delayed_rows = np.array([late_rows(row, samples, late) for row in at_rows[0]])
-                form = PositionController(reference_delay=late, ticks=ticks, cubic=cubic, taken=taken)
+                form = replace(start, reference_delay=late, cubic=cubic, taken=taken)
                 yield _with_gains(samples, form, rate, between_table(delayed_rows, at_rows[1]))
 
 
@@ -354,6 +419,7 @@ def _fitted_between(samples: LoopSamples, form: PositionController, rate: float)
 def _with_gains(
     samples: LoopSamples, form: PositionController, rate: float, table: Floats
 ) -> PositionController:
+    table[:, 4] *= form.velocity_feedforward != 0.0
     fitted = fitted_whole(samples, table, min(1.0, rate * samples.period))
     return replace(
         fitted,
@@ -363,6 +429,8 @@ def _with_gains(
         cubic=form.cubic,
         smooth=form.smooth,
         taken=form.taken,
+        answer_delay=form.answer_delay,
+        sensed=form.sensed,
     )
 
 

@@ -113,11 +113,11 @@ def told_by_twin(
     """
     if all(law.ticks == 1 for law in laws):
         return laws[0], STILL
-    plain: dict[tuple[bool, str], _Plain] = {}
+    plain: dict[tuple[bool, str, bool], _Plain] = {}
     disturbance: Disturbance | None = None
     best, least = laws[0], math.inf
     for law in reversed(laws):
-        key = law.in_band, law.taken
+        key = law.in_band, law.taken, law.sensed
         if key not in plain:
             plain[key] = _plain(as_recorded(data, law), model, policy)
         here = plain[key]

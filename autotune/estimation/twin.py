@@ -14,7 +14,14 @@ from typing import Protocol
 import numpy as np
 
 from autotune.core.arrays import Flags, Floats
-from autotune.estimation.controller_law import MOMENT, PositionController, between_moments, delayed, finer
+from autotune.estimation.controller_law import (
+    MOMENT,
+    PositionController,
+    between_moments,
+    delayed,
+    finer,
+    later,
+)
 from autotune.models import layout
 from autotune.models.compiled import compiled
 from autotune.models.contact import additive, friction_limit, viscous_coefficient
@@ -192,15 +199,17 @@ def simulate_stretch(
         position,
         torque,
     )
-    return position[::ticks] - offset, _recorded_torque(torque, ticks, controller.taken), done == n
+    return position[::ticks] - offset, _recorded_torque(torque, controller), done == n
 
 
-def _recorded_torque(fine: Floats, ticks: int, taken: str) -> Floats:
+def _recorded_torque(fine: Floats, controller: PositionController) -> Floats:
     """What a torque comes to from each sample to the next by its record, shape (n,).
 
-    Of a torque as at the samples that is the mean of two, which is not what acted between them.
+    Of a demand as at the samples that is the mean of two, which is not what acted between them. A current that follows
+    its demand changes too little between them for that.
     """
-    if ticks == 1 or taken != MOMENT:
+    ticks = controller.ticks
+    if ticks == 1 or controller.taken != MOMENT or controller.answer_delay > 0.0:
         return np.asarray(fine.reshape(-1, ticks).mean(axis=1))
     return between_moments(fine[::ticks])
 
@@ -254,7 +263,7 @@ def simulate_stretches(
     position -= offset[:, None]
     if ticks == 1:
         return position, torque
-    logged = np.array([_recorded_torque(fine, ticks, controller.taken) for fine in torque])
+    logged = np.array([_recorded_torque(fine, controller) for fine in torque])
     return position[:, ::ticks], logged
 
 
@@ -312,6 +321,7 @@ def _between_samples(recorded: Recorded, controller: PositionController) -> _Loo
         rest = recorded.torque[0] - pushed[0] - controller.kp * (fine[0] - recorded.measured[0])
         total = float(rest - controller.kd * rate) / controller.ki
     gains = replace(controller, derivative_filter=share).gains
+    fine = later(fine, controller.ticks_late)
     return _Loop(ticks, gains, fine, pushed, (total, rate, fine[0], recorded.measured[0]))
 
 

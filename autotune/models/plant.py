@@ -149,7 +149,7 @@ def simulate(
 
     Args:
         gains: kp, kd, ki, derivative filter, and optionally both the part of the reference's rate in the derivative,
-            and how many samples late the controller sees the position (at most 3).
+            and how many samples late the controller sees the position; on a straight line between two of them.
         loop: sample period [s], torque limit [N m], position resolution (0: none), then the controller's
             state to start from, and in place the one it ends with: sum Σe·h, filtered derivative,
             reference and position of the sample before.
@@ -165,11 +165,14 @@ def simulate(
     total, rate, last_reference, last_position = loop[3], loop[4], loop[5], loop[6]
     kp, kd, ki, smoothing = gains[0], gains[1], gains[2], gains[3]
     weight, late = (gains[4], int(gains[5])) if len(gains) > 5 else (1.0, 0)
-    one, two, three = last_position, last_position, last_position  # positions of the samples before
+    part = gains[5] - late if len(gains) > 5 else 0.0
+    before = last_position  # what was seen until then
     for k in range(len(command)):
         measured = _measured(p, on, state[POSITION], position_noise[k], resolution)
-        seen = measured if late == 0 else one if late == 1 else two if late == 2 else three
-        three, two, one = two, one, measured
+        position[k] = measured
+        seen = position[k - late] if k >= late else before
+        if part > 0.0:
+            seen += part * ((position[k - late - 1] if k > late else before) - seen)
         if closed:
             error = command[k] - seen
             change = (weight * (command[k] - last_reference) - seen + last_position) / period
@@ -181,7 +184,6 @@ def simulate(
             demand = command[k]
         last_position = seen
         demand = min(max(demand, -limit), limit)
-        position[k] = measured
         torque[k] = demand
         actual = delivered(p, on, state, demand, period)
         advance(p, on, state, actual + disturbance[k], period, substeps)

@@ -17,7 +17,13 @@ from autotune.estimation.controller_law import (
     law_terms,
     less_run_means,
 )
-from autotune.estimation.controller_search import _late_trials, laws_between, smooth_between
+from autotune.estimation.controller_search import (
+    FED,
+    _late_trials,
+    answering_late,
+    laws_between,
+    smooth_between,
+)
 from autotune.estimation.data import prepare
 from autotune.estimation.disturbance import STILL
 from autotune.estimation.policy import POLICY
@@ -291,6 +297,70 @@ def test_set_points_and_torque_of_a_drive_are_seen_between_the_samples(taken: st
     found = laws_between(samples, PositionController(explained=0.5))[0]
     assert (found.taken, found.reference_delay) == (taken, late)
     assert (found.kp, found.kd, found.ki) == pytest.approx(gains, rel=0.02)
+
+
+def of_a_cascade(ticks: int, period: float, late: float) -> tuple[LoopSamples, tuple[float, float, float]]:
+    """P-PI at `ticks` a sample on a filtered velocity, with the reference's own rate, and its torque so much later."""
+    position_gain, speed_gain, reset, rate = 60.0, 0.05, 2.0, 500.0
+    step = period / ticks
+    slow = signal.butter(3, 12.0, fs=1.0 / step, output="sos")
+    moved, pushed = signal.sosfilt(slow, np.random.default_rng(4).normal(size=(2, 6000 * ticks)))
+    place = np.roll(moved, 15 * ticks) + 0.1 * pushed
+    time = np.arange(len(moved)) * step
+    wanted = np.interp(time, time[::ticks], moved[::ticks])
+    share = 1.0 - np.exp(-rate * step)
+    speed = signal.lfilter([share], [1.0, share - 1.0], np.diff(place, prepend=0.0) / step)
+    rest = position_gain * (wanted - place) + 0.9 * np.diff(wanted, prepend=0.0) / step - speed
+    torque = speed_gain * rest + reset * np.cumsum(rest) * step
+    shown = np.interp(time[::ticks] - late, time, torque)
+    free, stretch = np.zeros(len(shown), dtype=np.bool_), (slice(20, len(shown)),)
+    samples = LoopSamples(period, moved[::ticks].copy(), place[::ticks].copy(), shown, free, stretch, None)
+    # the sum of a filtered velocity is the place less the velocity's share: u = (Kv·Kp + Ki)·e − (Kv − Ki/λ)·v …
+    return samples, (speed_gain * position_gain + reset, speed_gain - reset / rate, reset * position_gain)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("late", [0.4e-3, 0.9e-3], ids=["current loop", "and dead time"])
+def test_a_cascade_whose_torque_answers_late_is_found(late: float) -> None:
+    """A loop that is computed in two ticks and a current loop that follows: the torque as the axis felt it."""
+    period = 1e-3
+    samples, gains = of_a_cascade(8, period, late)
+    found = answering_late(samples, FED)
+    assert found is not None
+    assert 1.0 - found.explained < 1e-4  # of gains that are off by a hundredth
+    assert (found.kp, found.kd, found.ki) == pytest.approx(gains, rel=0.05)
+    assert found.answer_delay * period == pytest.approx(late, abs=0.15e-3)  # of the search: a third of a tick
+
+
+def test_a_cascade_that_feeds_its_rate_past_the_filter_is_found() -> None:
+    samples, gains = of_a_cascade(8, 1e-3, 0.0)
+    found = laws_between(samples, PositionController(explained=0.5))[0]
+    assert (found.kp, found.kd, found.ki) == pytest.approx(gains, rel=0.03)
+    assert found.velocity_feedforward == pytest.approx(0.9 * 0.05, rel=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("delay", [0.25, 0.6])
+def test_a_twin_answers_as_late_as_the_axis_did(delay: float) -> None:
+    """Against the same loop, late by whole ticks of a far faster one."""
+    ticks = 20
+    fine_share = 1.0 - np.exp(-900.0 * PERIOD / ticks)
+    law = PositionController(6.0, 0.03, 100.0, float(fine_share), source="identified")
+    whole = round(delay * ticks)
+    fine = recorded(replace(law, position_delay=whole), period=PERIOD / ticks, noise=2e-4)
+    columns = {name: fine[name][: -2 * ticks : ticks].copy() for name in ("position", "torque")}
+    columns["reference"] = fine["reference"][whole:][::ticks][: len(columns["position"])]  # seen as late
+    columns["time"] = np.arange(len(columns["position"])) * PERIOD
+    metadata = replace(fine.metadata, sample_period=PERIOD)
+    data = prepare([Recording.from_columns(columns, metadata, "motion")])
+    share = 1.0 - np.exp(-900.0 * PERIOD)
+    between = replace(law, derivative_filter=float(share), ticks=8, taken="moment")
+    errors = []
+    for one in (between, replace(between, answer_delay=delay)):
+        run = run_twin(data, base_model(AXIS).pack(), one, STILL, np.random.default_rng(1))
+        assert run.stable
+        errors.append(float(np.std(run.position - data.measured)))
+    assert errors[1] < 0.25 * errors[0]
 
 
 def test_a_drive_that_has_set_points_with_their_rates_feeds_them_forward_on_lines() -> None:
