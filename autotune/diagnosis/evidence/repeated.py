@@ -21,7 +21,7 @@ from autotune.diagnosis.evidence.visibility import flank_in_sight
 from autotune.estimation.alignment import best_shift, shifted
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.coordinates import Rests, since_rest, without_rests
-from autotune.estimation.cross_validation import COMES_AGAIN, drift
+from autotune.estimation.cross_validation import drift
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.disturbance_estimate import null_errors
 from autotune.estimation.least_squares import followed
@@ -112,10 +112,16 @@ class RepeatedProgramme(Evidence):
         error = float(seconds.std(ddof=1)) / math.sqrt(len(seconds))
         return float(seconds.mean()) > problem.policy.apart_z * error
 
-    def rest_that_is_none(self, problem: Problem, noise: float) -> float:
-        simulated = _exact(problem) or problem.by_counts is not None  # twins tell what counts make
-        least = problem.policy.rest_part * noise if simulated else _of_the_chain(problem, noise)
-        return max(least, COMES_AGAIN * problem.chain_variance, problem.comes_by_counts(TRAINING)[0])
+    def rest_that_is_none(self, problem: Problem, model_fit: ModelFit) -> float:
+        error = model_fit.fitted.error
+        noise = problem.noise_variance(error, TRAINING)
+        counts = problem.comes_by_counts(TRAINING)[0]
+        if _exact(problem):
+            return max(problem.policy.rest_part * noise, counts)
+        # one experiment below a count, where motion is chaotic, hides nothing of the others
+        by_experiment = problem.repeatable_by_block(error, model_fit.correction, TRAINING)[:, 1]
+        usual = float(np.median(by_experiment)) if len(by_experiment) else noise
+        return max(_of_the_chain(problem, min(noise, usual)), counts)
 
     def of_the_chain(self, candidate: FittedCandidate) -> bool:
         """A lag that any current loop has."""
