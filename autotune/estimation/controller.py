@@ -109,7 +109,7 @@ def controllers_of(
     smooth = _remembered(b"smooth", heard, lambda: _some(smooth_between(heard, laws[-1])))
     acting = felt(data)
     samples = samples if acting is data else loop_samples(acting, policy)
-    late = _remembered(b"late", samples, lambda: _some(answering_late(samples, laws[-1])))
+    late = _remembered(b"late", samples, lambda: answering_late(samples, laws[-1]))
     return (*laws, *smooth, *(replace(law, sensed=True) for law in late))
 
 

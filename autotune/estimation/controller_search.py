@@ -147,30 +147,44 @@ def smooth_between(samples: LoopSamples, law: PositionController) -> PositionCon
     return replace(found, in_band=True, why=law.why) if enough and found.kp > 0.0 and found.kd > 0.0 else None
 
 
-def answering_late(samples: LoopSamples, law: PositionController) -> PositionController | None:
-    """A law of a drive that works between the samples whose torque answers late; None if it explains too little.
+def answering_late(samples: LoopSamples, law: PositionController) -> tuple[PositionController, ...]:
+    """Laws of a drive that works between the samples whose torque answers late; none if they explain too little.
 
     A loop takes a tick or two to be computed, and a current loop follows some tenths of a millisecond later: the torque
     that is recorded as at the samples is what the axis feels then. Without the delay another moment of recording is
-    found in its place, and the loop of the twin is faster than that of the axis.
+    found in its place, and the loop of the twin is faster than that of the axis. Where counts are coarse the velocity's
+    filter stands for a part of the delay: beside the law that explains most, the promptest that explains as much.
     """
     banded = _in_band(replace(samples, piece=PIECE_SECONDS))
     coarse = _first_look(banded)
     ticks = max(LEAST_TICKS, round(samples.period / TICK))
     delays = sorted({round(k * TICK / samples.period * ticks) / ticks for k in range(1, MOST_ANSWER + 1)})
     form = replace(FED, ticks=ticks, cubic=law.cubic, taken=MOMENT)
-    best = max(_late_answers(coarse, form, BETWEEN_RATES, delays), key=lambda trial: trial.explained)
-    rates = [
-        _rate_of(best, samples.period) * math.exp(part * RATE_STEP) for part in (-0.5, -0.25, 0.0, 0.25, 0.5)
-    ]
-    near = [best.answer_delay + part / (FINER * ticks) for part in (-1, 0, 1)]
-    finer_form = replace(best, ticks=FINER * ticks)
-    best = max(_late_answers(coarse, finer_form, rates, near), key=lambda trial: trial.explained)
-    found = _fitted_between(banded, best, _rate_of(best, samples.period))
-    enough = found.explained > samples.policy.controller_explains_in_band
+    trials = list(_late_answers(coarse, form, BETWEEN_RATES, delays))
+    best = max(trials, key=lambda trial: trial.explained)
+    alike = [trial for trial in trials if 1.0 - trial.explained <= AS_MUCH * (1.0 - best.explained)]
+    soonest = min(trial.answer_delay for trial in alike)
+    prompt = max((one for one in alike if one.answer_delay == soonest), key=lambda trial: trial.explained)
+    found = [_refined_answer(banded, coarse, one) for one in dict.fromkeys((best, prompt))]
+    enough = samples.policy.controller_explains_in_band
     why = f"{_how_late(samples.period)} {BETWEEN}"
-    good = enough and found.kp > 0.0 and found.kd > 0.0
-    return replace(found, ticks=ticks, in_band=True, why=why) if good else None
+    return tuple(
+        replace(one, ticks=ticks, in_band=True, why=why)
+        for one in found
+        if one.explained > enough and one.kp > 0.0 and one.kd > 0.0
+    )
+
+
+def _refined_answer(
+    banded: LoopSamples, coarse: LoopSamples, found: PositionController
+) -> PositionController:
+    """The law with filter and delay found more finely, beside where they are."""
+    ticks, rate = FINER * found.ticks, _rate_of(found, coarse.period)
+    rates = [rate * math.exp(part * RATE_STEP) for part in (-0.5, -0.25, 0.0, 0.25, 0.5)]
+    near = [found.answer_delay + part / ticks for part in (-1, 0, 1)]
+    form = replace(FED, ticks=ticks, cubic=found.cubic, taken=MOMENT)
+    best = max(_late_answers(coarse, form, rates, near), key=lambda trial: trial.explained)
+    return _fitted_between(banded, best, _rate_of(best, coarse.period))
 
 
 def _late_answers(

@@ -325,8 +325,7 @@ def test_a_cascade_whose_torque_answers_late_is_found(late: float) -> None:
     """A loop that is computed in two ticks and a current loop that follows: the torque as the axis felt it."""
     period = 1e-3
     samples, gains = of_a_cascade(8, period, late)
-    found = answering_late(samples, FED)
-    assert found is not None
+    found = answering_late(samples, FED)[0]
     assert 1.0 - found.explained < 1e-4  # of gains that are off by a hundredth
     assert (found.kp, found.kd, found.ki) == pytest.approx(gains, rel=0.05)
     assert found.answer_delay * period == pytest.approx(late, abs=0.15e-3)  # of the search: a third of a tick
