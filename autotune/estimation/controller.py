@@ -34,6 +34,7 @@ from autotune.estimation.controller_law import (
 from autotune.estimation.controller_search import (
     EXACT,
     answering_late,
+    following_late,
     law_from_data,
     laws_between,
     plainly_better,
@@ -107,10 +108,12 @@ def controllers_of(
     quiet = quieter(data)
     heard = samples if quiet is data else loop_samples(quiet, policy)
     smooth = _remembered(b"smooth", heard, lambda: _some(smooth_between(heard, laws[-1])))
-    acting = felt(data)
-    samples = samples if acting is data else loop_samples(acting, policy)
-    late = _remembered(b"late", samples, lambda: answering_late(samples, laws[-1]))
-    return (*laws, *smooth, *(replace(law, sensed=True) for law in late))
+    if data.sensed is None:
+        late = _remembered(b"late", samples, lambda: answering_late(samples, laws[-1]))
+    else:
+        acted = felt(data).torque - data.feedforward
+        late = _some(following_late(samples, acted, laws[-1]))
+    return (*laws, *smooth, *late)
 
 
 def _some(law: PositionController | None) -> tuple[PositionController, ...]:

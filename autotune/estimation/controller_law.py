@@ -54,7 +54,8 @@ class PositionController:
         smeared: share of the sample before in a recorded torque: a current loop's lag, read by the torque's own sensor.
         ticks: times that the law works from one sample to the next; `derivative_filter` is of a whole sample all the
             same. `cubic`: its reference is on cubics between them, else on straight lines. `smooth`: what it feeds
-            forward of the acceleration is on straight lines too, as where set points come with their rates; else held.
+            forward of rate and acceleration is on straight lines too, as where set points come with their rates; else
+            it is held.
         taken: how the torque of such a law was recorded, one of `TAKEN`.
         answer_delay: samples by which the torque of such a law answers late to all that it sees: what its loop takes to
             be computed, and a current loop to follow. `sensed`: it is the law of the torque by its own sensor.
@@ -141,7 +142,7 @@ class PositionController:
     def feedforward_between(self, reference: Floats, fine: Floats, period: float) -> Floats:
         """The same of a law that works between the samples, shape (n·ticks,), as `between_table` has it."""
         bend = self.acceleration_feedforward * bend_between(reference, period, self.ticks, self.smooth)
-        rate = self.velocity_feedforward * np.diff(fine, prepend=fine[:1]) * (self.ticks / period)
+        rate = self.velocity_feedforward * rate_between(reference, fine, period, self.ticks, self.smooth)
         moved = self.position_feedforward * fine + rate + bend + self.constant
         return later(np.asarray(moved), self.ticks_late)
 
@@ -331,6 +332,13 @@ def bend_between(reference: Floats, period: float, ticks: int, smooth: bool) -> 
     return finer(bend, ticks, cubic=False) if smooth else np.repeat(bend, ticks)
 
 
+def rate_between(reference: Floats, fine: Floats, period: float, ticks: int, smooth: bool) -> Floats:
+    """Rate of the reference between set points: on lines from one to the next if smooth, else by its steps."""
+    if smooth:
+        return finer(np.asarray(np.gradient(reference)) / period, ticks, cubic=False)
+    return np.asarray(np.diff(fine, prepend=fine[:1]) * (ticks / period))
+
+
 def taken_at(fine: Floats, ticks: int, taken: str) -> Floats:
     """Rows of values of shape (n·ticks,) as a torque is recorded, shape (n,)."""
     table = fine.reshape(-1, ticks)
@@ -368,7 +376,7 @@ def reference_terms(samples: LoopSamples, law: PositionController, rate: float) 
         fine = finer(samples.reference[rows], ticks, law.cubic)
         summed = step * np.cumsum(fine - samples.position[rows.start])
         bend = bend_between(samples.reference[rows], samples.period, ticks, law.smooth)
-        moved = np.diff(fine, prepend=fine[:1]) / step
+        moved = rate_between(samples.reference[rows], fine, samples.period, ticks, law.smooth)
         terms[:, inside] = fine, summed, _filtered_rate(fine, step, rate), bend, moved
     return terms
 

@@ -34,6 +34,7 @@ from autotune.estimation.controller_law import (
     law_terms,
     position_terms,
     reference_terms,
+    share_explained,
     smeared_samples,
     taken_at,
 )
@@ -159,7 +160,7 @@ def answering_late(samples: LoopSamples, law: PositionController) -> tuple[Posit
     coarse = _first_look(banded)
     ticks = max(LEAST_TICKS, round(samples.period / TICK))
     delays = sorted({round(k * TICK / samples.period * ticks) / ticks for k in range(1, MOST_ANSWER + 1)})
-    form = replace(FED, ticks=ticks, cubic=law.cubic, taken=MOMENT)
+    form = replace(FED, ticks=ticks, cubic=law.cubic, smooth=True, taken=MOMENT)
     trials = list(_late_answers(coarse, form, BETWEEN_RATES, delays))
     best = max(trials, key=lambda trial: trial.explained)
     alike = [trial for trial in trials if 1.0 - trial.explained <= AS_MUCH * (1.0 - best.explained)]
@@ -175,6 +176,46 @@ def answering_late(samples: LoopSamples, law: PositionController) -> tuple[Posit
     )
 
 
+def following_late(samples: LoopSamples, acted: Floats, law: PositionController) -> PositionController | None:
+    """The law of the demand, as at the samples, and by how much the torque by its sensor follows late; None if neither
+    explains enough.
+
+    Args:
+        acted: torque by its sensor, less the feedforward that was recorded, shape (n,).
+    """
+    banded = _in_band(replace(samples, piece=PIECE_SECONDS))
+    coarse = _first_look(banded)
+    ticks = max(LEAST_TICKS, round(samples.period / TICK))
+    form = replace(FED, ticks=ticks, cubic=law.cubic, smooth=True, taken=MOMENT)
+    best = max(_late_answers(coarse, form, BETWEEN_RATES, [0.0]), key=lambda trial: trial.explained)
+    found = _best_rate(banded, best)
+    late, follows = _follows_by(banded, _in_band(replace(samples, demand=acted)).demand)
+    least = min(found.explained, follows)
+    if least <= samples.policy.controller_explains_in_band or found.kp <= 0.0 or found.kd <= 0.0:
+        return None
+    why = f"{_how_late(samples.period)} {BETWEEN}"
+    return replace(found, answer_delay=late, explained=least, sensed=True, in_band=True, why=why)
+
+
+def _follows_by(samples: LoopSamples, acted: Floats) -> tuple[float, float]:
+    """Samples by which a torque follows the demand, both below the compared frequency, and the share it follows."""
+    at = np.arange(len(acted), dtype=np.float64)
+    inside = np.zeros(len(acted), dtype=np.bool_)
+    for rows in samples.stretches:
+        inside[rows] = True
+        inside[rows.start : rows.start + MOST_ANSWER] = False
+
+    def left(late: float) -> float:
+        shown = np.interp(at - late, at, samples.demand)[inside]
+        table = np.column_stack([shown, np.ones(len(shown))])
+        rest = acted[inside] - table @ np.linalg.lstsq(table, acted[inside], rcond=None)[0]
+        return 1.0 - share_explained(rest, acted[inside])
+
+    most = MOST_ANSWER * TICK / samples.period
+    late = _lowest(left, (0.0, most), 1e-3)
+    return late, 1.0 - left(late)
+
+
 def _refined_answer(
     banded: LoopSamples, coarse: LoopSamples, found: PositionController
 ) -> PositionController:
@@ -182,7 +223,7 @@ def _refined_answer(
     ticks, rate = FINER * found.ticks, _rate_of(found, coarse.period)
     rates = [rate * math.exp(part * RATE_STEP) for part in (-0.5, -0.25, 0.0, 0.25, 0.5)]
     near = [found.answer_delay + part / ticks for part in (-1, 0, 1)]
-    form = replace(FED, ticks=ticks, cubic=found.cubic, taken=MOMENT)
+    form = replace(FED, ticks=ticks, cubic=found.cubic, smooth=True, taken=MOMENT)
     best = max(_late_answers(coarse, form, rates, near), key=lambda trial: trial.explained)
     return _fitted_between(banded, best, _rate_of(best, coarse.period))
 
@@ -433,7 +474,8 @@ def _fitted_between(samples: LoopSamples, form: PositionController, rate: float)
 def _with_gains(
     samples: LoopSamples, form: PositionController, rate: float, table: Floats
 ) -> PositionController:
-    table[:, 4] *= form.velocity_feedforward != 0.0
+    # through the filter or past it: with both, large gains of nearly equal terms make up for what neither is
+    table[:, 3 if form.velocity_feedforward != 0.0 else 4] = 0.0
     fitted = fitted_whole(samples, table, min(1.0, rate * samples.period))
     return replace(
         fitted,
