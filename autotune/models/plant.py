@@ -164,8 +164,7 @@ def simulate(
     period, limit, resolution = loop[0], loop[1], loop[2]
     total, rate, last_reference, last_position = loop[3], loop[4], loop[5], loop[6]
     kp, kd, ki, smoothing = gains[0], gains[1], gains[2], gains[3]
-    weight, late = (gains[4], int(gains[5])) if len(gains) > 5 else (1.0, 0)
-    part = gains[5] - late if len(gains) > 5 else 0.0
+    weight, late, part = (gains[4], int(gains[5]), gains[5] % 1.0) if len(gains) > 5 else (1.0, 0, 0.0)
     before = last_position  # what was seen until then
     for k in range(len(command)):
         measured = _measured(p, on, state[POSITION], position_noise[k], resolution)
