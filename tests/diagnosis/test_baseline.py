@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +15,7 @@ from autotune.estimation.controller import as_recorded
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import Block
 from autotune.estimation.disturbance import Disturbance
-from autotune.estimation.problem import Correction, Problem, new_problem
+from autotune.estimation.problem import new_problem
 from autotune.estimation.residual import smoothed
 from autotune.recordings.recording import Recording
 
@@ -52,17 +49,8 @@ def test_a_rest_that_counts_shake_into_every_repeat_is_no_structure(short) -> No
     own = replace(data, sensed=data.recorded_torque)
     assert replace(shaken, data=own).chain_variance == 0.0
     assert replace(shaken, controller=replace(LAW, in_band=False)).chain_variance == 0.0
-    assert RepeatedProgramme().rest_that_is_none(shaken, leaving(shaken, 0.0)) == shaken.chain_variance
-
-
-def leaving(problem: Problem, *levels: float) -> Any:
-    """A model that leaves white noise of these levels, experiment by experiment."""
-    blocks = problem.data.blocks
-    error, random = np.zeros(len(problem.data.grid)), np.random.default_rng(5)
-    for block, level in zip(blocks, itertools.cycle(levels), strict=False):
-        error[block.rows] = random.normal(0.0, level, len(error[block.rows]))
-    correction = Correction(np.zeros_like(error), np.zeros(len(blocks)))
-    return SimpleNamespace(fitted=SimpleNamespace(error=error), correction=correction)
+    evidence, nothing = RepeatedProgramme(), np.zeros(len(data.grid))
+    assert evidence.rest_that_is_none(shaken, nothing, 1e-9) == shaken.chain_variance
 
 
 def thirds(blocks: Iterable[Block]) -> Iterator[Block]:
@@ -76,11 +64,14 @@ def thirds(blocks: Iterable[Block]) -> Iterator[Block]:
 def test_one_loud_experiment_hides_no_rest_of_the_others(short) -> None:
     data = prepared_to_fit([short])
     problem = new_problem(replace(data, blocks=tuple(thirds(data.blocks))), LAW)
-    quiet = RepeatedProgramme().rest_that_is_none(problem, leaving(problem, 1.0))
-    one_loud = leaving(problem, 30.0, *[1.0] * len(problem.data.blocks))
-    assert problem.noise_variance(one_loud.fitted.error, "training") > 50.0
+    quiet = np.random.default_rng(5).normal(0.0, 1.0, len(data.grid))
+    loud = quiet.copy()
+    loud[problem.data.blocks[0].rows] *= 30.0
+    evidence, noise = RepeatedProgramme(), problem.noise_variance(loud, "training")
+    assert noise > 50.0
     # a variance of noise over some hundred rows is known to a fifth
-    assert RepeatedProgramme().rest_that_is_none(problem, one_loud) == pytest.approx(quiet, rel=0.2)
+    assert evidence.rest_that_is_none(problem, loud, noise) == pytest.approx(1.0, rel=0.2)
+    assert evidence.rest_that_is_none(problem, quiet, 0.5) == pytest.approx(0.5)
 
 
 @pytest.mark.long

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from autotune.core.arrays import Flags, Floats
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate
 from autotune.estimation.bias_corrected_fit import ModelFit
-from autotune.estimation.data import TRAINING
 from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Problem
 from autotune.models.effect import Kind
@@ -98,9 +97,12 @@ class Evidence(ABC):
         """Whether one model errs less than another beyond chance."""
         return True
 
-    def rest_that_is_none(self, problem: Problem, model_fit: ModelFit) -> float:
-        """Variance [(N m)²]: where no more comes again in repeats, no further effect is looked for."""
-        return problem.policy.rest_part * problem.noise_variance(model_fit.fitted.error, TRAINING)
+    def rest_that_is_none(self, problem: Problem, error: Floats, noise: float) -> float:
+        """Variance [(N m)²]: where no more of an error comes again in repeats, no further effect is looked for.
+
+        `noise` is the variance of what does not come again.
+        """
+        return problem.policy.rest_part * noise
 
     def of_the_chain(self, candidate: FittedCandidate) -> bool:
         """Whether a candidate is so small that it is the measurement chain's own, and no effect."""

@@ -112,16 +112,11 @@ class RepeatedProgramme(Evidence):
         error = float(seconds.std(ddof=1)) / math.sqrt(len(seconds))
         return float(seconds.mean()) > problem.policy.apart_z * error
 
-    def rest_that_is_none(self, problem: Problem, model_fit: ModelFit) -> float:
-        error = model_fit.fitted.error
-        noise = problem.noise_variance(error, TRAINING)
-        counts = problem.comes_by_counts(TRAINING)[0]
-        if _exact(problem):
-            return max(problem.policy.rest_part * noise, counts)
+    def rest_that_is_none(self, problem: Problem, error: Floats, noise: float) -> float:
         # one experiment below a count, where motion is chaotic, hides nothing of the others
-        by_experiment = problem.repeatable_by_block(error, model_fit.correction, TRAINING)[:, 1]
-        usual = float(np.median(by_experiment)) if len(by_experiment) else noise
-        return max(_of_the_chain(problem, min(noise, usual)), counts)
+        usual = min(noise, _usual_noise(problem, error))
+        least = problem.policy.rest_part * noise if _exact(problem) else _of_the_chain(problem, usual)
+        return max(least, problem.comes_by_counts(TRAINING)[0])
 
     def of_the_chain(self, candidate: FittedCandidate) -> bool:
         """A lag that any current loop has."""
@@ -260,6 +255,16 @@ def _fall(problem: Problem, before: Floats, after: Floats) -> float:
 def _exact(problem: Problem) -> bool:
     """Whether the twin takes out all that the measurement chain does."""
     return problem.controller is not None and not problem.controller.in_band
+
+
+def _usual_noise(problem: Problem, error: Floats) -> float:
+    """Variance of what repeats do not share in the median experiment [(N m)²]; infinite without repeats."""
+    each = [
+        float(block.by_repeat(error).var(axis=0, ddof=1).mean())
+        for block in problem.data.blocks
+        if block.role == TRAINING and block.repeats > 1
+    ]
+    return float(np.median(each)) if each else math.inf
 
 
 def _of_the_chain(problem: Problem, noise: float) -> float:
