@@ -74,6 +74,8 @@ class ModelError:
         return self.error_rms / math.sqrt(max(float(np.mean(self.torque**2)), 1e-300))
 
 
+FAR = 1.5
+"""Times what the best law's twin leaves: a law that leaves so much more is another at any rate of its loop."""
 TIMES = (1.0, 1.5, 2.0, 3.0)
 """Times a drive's loop may be faster than at `TICK`."""
 
@@ -128,7 +130,7 @@ def told_by_twin(
             left = here.left_by(one, disturbance)
             if left < least:
                 best, least = one, left
-            if left > before:
+            if left > min(before, FAR * least):
                 break
             before = left
     return best, disturbance or STILL
