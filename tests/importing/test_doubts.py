@@ -127,7 +127,8 @@ def test_units_in_names(header: str, name: str, unit: str) -> None:
         ("Current actual value averaged", "mA", "current"), ("Iq", "", "current"), ("Uq", "", "voltage"),
         ("Following error actual value", "", ""), ("position error", "", ""), ("Time", "", "time"),
         ("motorTorque", "Nm", "torque"), ("Torque", "A", "current"), ("pos1", "", "position"), ("acceleration", "", ""),
-        ("Motor torque", "A", "current"),
+        ("Motor torque", "A", "current"), ("Sollposition", "°", "reference"), ("Istposition", "°", "position"),
+        ("Lageistwert", "mm", "position"), ("Drehmomentsollwert", "Nm", "torque_command"), ("Motorist", "", ""),
     ],
 )  # fmt: skip
 def test_names(name: str, unit: str, target: str) -> None:

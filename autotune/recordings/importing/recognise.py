@@ -30,6 +30,9 @@ _ROLES = {
     "other": "friction estimated est load disturbance limit max min std",
 }
 _WORDS = {word: quantity for quantity, words in _QUANTITIES.items() for word in words.split()}
+_COMPOUND = re.compile(
+    r"(?P<before>soll|ist)(?P<behind>[a-zäöü]{2,})|(?P<ahead>[a-zäöü]{2,}?)s?(?P<after>soll|ist)(wert)?"
+)
 _ROLE_WORDS = {word: role for role, words in _ROLES.items() for word in words.split()}
 _TARGETS = {
     ("time", ""): "time",
@@ -107,10 +110,19 @@ def guess(column: Column) -> Guess:
     return Guess(_TARGETS.get((quantity, role), ""), unit)
 
 
+def _parts(word: str) -> list[str]:
+    """A compound taken apart: Sollposition, Lageistwert."""
+    found = _COMPOUND.fullmatch(word)
+    if found is None:
+        return [word]
+    role, known = found["before"] or found["after"], found["behind"] or found["ahead"]
+    return [role, known] if known in _WORDS else [word]
+
+
 def _words(name: str) -> tuple[str, str]:
     """Quantity and role by the name's words; an unclear name has none."""
     spaced = re.sub(r"([a-z])([A-Z])", r"\1 \2", name.rsplit(".", 1)[-1])
-    words = [word for word in re.split(r"[^a-zäöüµ]+", spaced.lower()) if word]
+    words = [part for word in re.split(r"[^a-zäöüµ]+", spaced.lower()) if word for part in _parts(word)]
     if not words:
         return "", ""
     short = len(words) == 1
