@@ -57,6 +57,15 @@ def gain_and_z(before: Unseen, after: Unseen) -> tuple[float, float]:
     return gain, z
 
 
+def evenly(before: Unseen, after: Unseen) -> float:
+    """By how many standard errors of a coin more chunks err less than more: a sign test of the gain.
+
+    The paired z takes it for scatter that an effect is large in one experiment and small in another.
+    """
+    fell = int(np.sum(after.chunks < before.chunks))
+    return (2 * fell - len(before.chunks)) / math.sqrt(max(len(before.chunks), 1))
+
+
 @dataclass(frozen=True, slots=True)
 class Explained:
     """What a model explains of one role's residual: X the fall, U what is still explainable [(N m)²].
@@ -100,7 +109,7 @@ def shared(problem: Problem, fitted: Fitted, correction: Correction) -> float:
 
 def drift(problem: Problem, fitted: Fitted, correction: Correction, role: str) -> tuple[float, float]:
     """Variance that a friction level differing between repeats explains [(N m)²], and its z."""
-    column = _of_friction(problem, fitted, correction, role)
+    column = of_friction(problem, fitted, correction, role)
     if column is None:
         return 0.0, 0.0
     differences, levels = [], []
@@ -126,7 +135,7 @@ def drift(problem: Problem, fitted: Fitted, correction: Correction, role: str) -
     return 0.25 * slope**2 * power / len(d), z
 
 
-def _of_friction(problem: Problem, fitted: Fitted, correction: Correction, role: str) -> Floats | None:
+def of_friction(problem: Problem, fitted: Fitted, correction: Correction, role: str) -> Floats | None:
     """Sensitivity to Coulomb friction on the rows of a role, shape (m,); None where it was not fitted."""
     names = [f.name for f in fitted.free]
     if "coulomb" not in names:
