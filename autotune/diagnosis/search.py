@@ -356,7 +356,7 @@ class _Search:
             return True
         drifting = drift(problem, fitted, model_fit.correction, TRAINING)[0]
         left = still_explainable(problem, fitted, model_fit.correction, TRAINING) - drifting
-        return drifting > 0.0 or left > self.evidence.rest_that_is_none(problem, noise)
+        return drifting > 0.0 or left > self.evidence.rest_that_is_none(problem, fitted.error, noise)
 
     def _tidy(self) -> None:
         """Drops what is not needed beside the others, and refines what is left."""

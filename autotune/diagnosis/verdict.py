@@ -52,7 +52,7 @@ from autotune.estimation.coordinates import variance_shares
 from autotune.estimation.cross_validation import gain_and_z
 from autotune.estimation.data import TEST, TRAINING
 from autotune.estimation.disturbance_estimate import with_counts
-from autotune.estimation.model_error import model_error
+from autotune.estimation.model_error import model_error, with_misfit
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import Problem
 from autotune.models.drive_model import DriveModel
@@ -121,7 +121,7 @@ def diagnose(
     check_same_axis(model, recordings)
     data = prepared_to_fit(recordings, policy)
     problem, root, nominal, notes = begin(data, model, progress, policy=policy)
-    problem = with_counts(problem, root.fitted.packed)
+    problem = with_misfit(with_counts(problem, root.fitted.packed))
     if candidates is not None:
         problem = replace(problem, candidates=tuple(candidates))
     given = model_error(prepared_for(recordings, policy), model, policy)

@@ -14,9 +14,8 @@ from autotune.estimation.problem import CHUNK, Correction, Problem
 from autotune.estimation.residual import residual
 from autotune.models.drive_model import Packed
 
-COMES_AGAIN, MOST_OF_THE_FALL = 0.5, 0.25
-"""Of what a drive's loop makes of counts between the samples: it repeats with the trajectory, no effect explains it. Of
-what an effect explains: no more is put down to that."""
+MOST_OF_THE_FALL = 0.25
+"""Of what an effect explains: no more of what is left is put down to counts and to what a loop makes of them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +176,7 @@ def explained(
     left = whole = still_explainable(problem, after, correction, role)
     if role == VETO and not certain and _tells_nothing(problem, before, correction, counts):
         left = max(left - (problem.policy.rest_errors - 1.0) * error, 0.0)
-    of_chain = max(COMES_AGAIN * problem.chain_variance, counts)
+    of_chain = max(problem.of_chain(after.error, role), counts)
     of_chain = min(of_chain, MOST_OF_THE_FALL * max(fall, 0.0))
     still = max(left - of_chain, 0.0)
     return Explained(fall, still, certain, whole - still)

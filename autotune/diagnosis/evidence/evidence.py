@@ -97,8 +97,8 @@ class Evidence(ABC):
         """Whether one model errs less than another beyond chance."""
         return True
 
-    def rest_that_is_none(self, problem: Problem, noise: float) -> float:
-        """Variance [(N m)²]: where no more comes again in repeats, no further effect is looked for.
+    def rest_that_is_none(self, problem: Problem, error: Floats, noise: float) -> float:
+        """Variance [(N m)²]: where no more of an error comes again in repeats, no further effect is looked for.
 
         `noise` is the variance of what does not come again.
         """

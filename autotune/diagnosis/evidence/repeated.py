@@ -112,8 +112,8 @@ class RepeatedProgramme(Evidence):
         error = float(seconds.std(ddof=1)) / math.sqrt(len(seconds))
         return float(seconds.mean()) > problem.policy.apart_z * error
 
-    def rest_that_is_none(self, problem: Problem, noise: float) -> float:
-        least = problem.policy.rest_part * noise if _exact(problem) else _of_the_chain(problem, noise)
+    def rest_that_is_none(self, problem: Problem, error: Floats, noise: float) -> float:
+        least = problem.policy.rest_part * noise if _exact(problem) else _of_the_chain(problem, error, noise)
         return max(least, problem.comes_by_counts(TRAINING)[0])
 
     def of_the_chain(self, candidate: FittedCandidate) -> bool:
@@ -157,8 +157,9 @@ class RepeatedProgramme(Evidence):
         self, problem: Problem, model_fit: ModelFit, seen: _Shared, replicas: Sequence[_Shared]
     ) -> bool:
         """Whether the mean of all experiments, or one of them, shares more than chance, counts and replicas do."""
-        noise, policy = problem.noise_variance(model_fit.fitted.error, TRAINING), problem.policy
-        least = policy.structure_part * noise if _exact(problem) else _of_the_chain(problem, noise)
+        policy, rest = problem.policy, model_fit.fitted.error
+        noise = problem.noise_variance(rest, TRAINING)
+        least = policy.structure_part * noise if _exact(problem) else _of_the_chain(problem, rest, noise)
         if problem.controller is None or not problem.controller.exact:
             least = max(least, (policy.least_part * problem.scales.torque) ** 2)
         counts, scatter = problem.comes_by_counts(TRAINING)
@@ -255,9 +256,9 @@ def _exact(problem: Problem) -> bool:
     return problem.controller is not None and not problem.controller.in_band
 
 
-def _of_the_chain(problem: Problem, noise: float) -> float:
+def _of_the_chain(problem: Problem, error: Floats, noise: float) -> float:
     """Variance that may come again though no model lacks anything: counts shake a drive alike in every repeat."""
-    return max(STRUCTURE_WITHOUT_TWIN * noise, problem.chain_variance)
+    return max(STRUCTURE_WITHOUT_TWIN * noise, problem.of_chain(error, TRAINING))
 
 
 def _possible(problem: Problem) -> tuple[float, float]:
