@@ -110,6 +110,8 @@ def changed(world: World, change: str, rng: Rng) -> World:
         return world
     if change == "neighbour":
         return replace(world, alien=Alien(NEIGHBOUR, (rng.uniform(0.1, 0.3) * plant.coulomb, *[0.0] * 9)))
+    if change not in CHANGES:
+        raise ValueError(f"there is no change '{change}': {', '.join((*CHANGES, *DISTURBED))}")
     return world
 
 
