@@ -54,7 +54,8 @@ def arguments() -> argparse.Namespace:
 
 
 def chosen(given: argparse.Namespace) -> list[Case]:
-    counts = {kind: getattr(given, plural) for plural, kind in PLURALS.items()} | {"removed": given.removed}
+    counts = {kind: getattr(given, plural) for plural, kind in PLURALS.items()}
+    counts |= {kind: getattr(given, kind) for kind in SAME}
     cases = draw_batch(given.seed, counts)
     return [case for case in cases if not given.only or set(case.truth) & set(given.only)]
 
