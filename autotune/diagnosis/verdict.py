@@ -133,7 +133,7 @@ def diagnose(
         doubt = doubt_of(recordings, model, verdict.effects, progress, policy, problem.candidates)
         if doubt is not None and doubt.nowhere:
             said = (f"Not named: {doubt.why}.", *notes, *in_words(carried))
-            verdict = judge(replace(found, chosen=None), said, carried)
+            verdict = judge(replace(found, chosen=None), said, carried, refused=True)
         elif doubt is not None and verdict.confidence == CONFIRMED:
             notes = (f"Suspected only: {doubt.why}.", *verdict.notes)
             verdict = replace(verdict, confidence=SUSPECTED, notes=notes)
@@ -340,9 +340,15 @@ CASES: tuple[Case, ...] = (
 )
 
 
-def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]) -> Diagnosis:
-    """The verdict on what a search has found; `notes` are what was to be said before."""
+def judge(
+    found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult], *, refused: bool = False
+) -> Diagnosis:
+    """The verdict on what a search has found; `notes` are what was to be said before.
+
+    `refused`: something was found that is not named after all, so that something is left.
+    """
     facts = gathered(found, carried)
+    facts = replace(facts, left=facts.left or refused)
     case = next(case for case in CASES if case.holds(facts))
     effects: tuple[str, ...] = ()
     confidence = None
