@@ -34,7 +34,7 @@ class ScreenedCandidate:
     """An effect fitted on the measured motion, with the bias of the model without it.
 
     Attributes:
-        fall: of the mean square [(N m)²]; gain, z: on experiments held out.
+        fall: of the mean square [(N m)²]; gain, z, evenly: on experiments held out.
         others: where else it could begin: shorter fits, and their starts.
     """
 
@@ -44,6 +44,7 @@ class ScreenedCandidate:
     gain: float
     z: float
     others: tuple[Packed, ...] = ()
+    evenly: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

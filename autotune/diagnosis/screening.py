@@ -13,7 +13,7 @@ from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.starts import Context, FitStart, scouted, shapes, starts_of
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.coordinates import generic_columns
-from autotune.estimation.cross_validation import gain_and_z, held_out
+from autotune.estimation.cross_validation import evenly, gain_and_z, held_out
 from autotune.estimation.least_squares import Fitted, fit
 from autotune.estimation.problem import Problem, refit
 from autotune.models import layout
@@ -130,10 +130,13 @@ def _followed(
             free = [*start.free, *shapes(kind.name, start.packed)]
             finished = refit(problem, start.packed, free, model_fit.correction, effort.rounds, near)
             best = finished if finished.cost <= best.cost else best
-    gain, z = gain_and_z(model_fit.unseen, held_out(problem, best.error, best.jacobian))
+    unseen = held_out(problem, best.error, best.jacobian)
+    gain, z = gain_and_z(model_fit.unseen, unseen)
     before = [item.packed for item in found] + [item.start for item in tried]
     others = tuple(packed for packed in before if packed is not best.packed)
-    return ScreenedCandidate(kind.name, best, cost - best.cost, gain, z, others)
+    return ScreenedCandidate(
+        kind.name, best, cost - best.cost, gain, z, others, evenly(model_fit.unseen, unseen)
+    )
 
 
 def _promises(problem: Problem, evidence: Evidence, model_fit: ModelFit, short: Fitted) -> bool:

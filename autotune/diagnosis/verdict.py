@@ -21,7 +21,12 @@ from autotune.diagnosis.compare import check_same_axis
 from autotune.diagnosis.confirmation import confirm, in_words
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
-from autotune.diagnosis.evidence.time_driven import TimeLine, time_driven_line, without_line
+from autotune.diagnosis.evidence.time_driven import (
+    TimeLine,
+    breathing_friction,
+    time_driven_line,
+    without_line,
+)
 from autotune.diagnosis.first_alone import doubt_of
 from autotune.diagnosis.free_shape import any_course
 from autotune.diagnosis.search import Found, again_explained, search
@@ -32,9 +37,11 @@ from autotune.diagnosis.wording import (
     PRESLIDING_REST,
     TORQUE_CONSTANT,
     Candidate,
+    breathing_note,
     candidate_rows,
     likely_rivals,
     line_note,
+    nearest,
     next_experiment,
     nothing_note,
     unknown_note,
@@ -45,7 +52,7 @@ from autotune.estimation.coordinates import variance_shares
 from autotune.estimation.cross_validation import gain_and_z
 from autotune.estimation.data import TEST, TRAINING
 from autotune.estimation.disturbance_estimate import with_counts
-from autotune.estimation.model_error import model_error
+from autotune.estimation.model_error import model_error, with_misfit
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import Problem
 from autotune.models.drive_model import DriveModel
@@ -114,7 +121,7 @@ def diagnose(
     check_same_axis(model, recordings)
     data = prepared_to_fit(recordings, policy)
     problem, root, nominal, notes = begin(data, model, progress, policy=policy)
-    problem = with_counts(problem, root.fitted.packed)
+    problem = with_misfit(with_counts(problem, root.fitted.packed))
     if candidates is not None:
         problem = replace(problem, candidates=tuple(candidates))
     given = model_error(prepared_for(recordings, policy), model, policy)
@@ -126,7 +133,7 @@ def diagnose(
         doubt = doubt_of(recordings, model, verdict.effects, progress, policy, problem.candidates)
         if doubt is not None and doubt.nowhere:
             said = (f"Not named: {doubt.why}.", *notes, *in_words(carried))
-            verdict = judge(replace(found, chosen=None), said, carried)
+            verdict = judge(replace(found, chosen=None), said, carried, refused=True)
         elif doubt is not None and verdict.confidence == CONFIRMED:
             notes = (f"Suspected only: {doubt.why}.", *verdict.notes)
             verdict = replace(verdict, confidence=SUSPECTED, notes=notes)
@@ -146,9 +153,11 @@ class Facts:
         carried: what other trajectories said of the effects; `line`: a disturbance that follows the clock.
         coordinate, generic: the free function that gains most, and its gain.
         left: what the root leaves is more than noise, chance and the measurement chain make; where that is asked.
+        overlooked: a candidate that gains too much to be nothing, though it cannot be named.
         rivals: effects that explain as much as the chosen one.
         freed: those whose course was fitted freely, and whether their own law would have named them too.
         presliding: that of another law, which the root has.
+        breathing: a friction level that rises and falls with the clock; looked for where nothing is named.
     """
 
     problem: Problem
@@ -166,6 +175,8 @@ class Facts:
     freed: Mapping[str, bool] = field(default_factory=dict)
     presliding: FittedCandidate | None = None
     left: bool = True
+    breathing: TimeLine | None = None
+    overlooked: ScreenedCandidate | None = None
 
     @property
     def drowned(self) -> bool:
@@ -269,7 +280,10 @@ class Case:
 def _unknown(facts: Facts) -> str:
     if facts.drowned:
         return DROWNED
-    return unknown_note(facts.problem, facts.evidence, facts.coordinate, facts.generic, facts.chosen)
+    text = unknown_note(facts.problem, facts.evidence, facts.coordinate, facts.generic, facts.chosen)
+    if facts.chosen is not None or facts.overlooked is None:
+        return text
+    return f"{text} {nearest(facts.problem, facts.evidence, facts.root, facts.overlooked).capitalize()}"
 
 
 def _outdone(facts: Facts) -> str:
@@ -302,6 +316,10 @@ def _presliding_rest(facts: Facts) -> str:
     return PRESLIDING_REST if facts.left else ""
 
 
+def _breathing(facts: Facts) -> str:
+    return breathing_note(facts.breathing) if facts.breathing is not None else ""
+
+
 def _nothing(facts: Facts) -> str:
     return nothing_note(facts.problem, facts.evidence, facts.root, facts.first)
 
@@ -313,6 +331,7 @@ CASES: tuple[Case, ...] = (
     Case("other effects do as well", lambda f: f.accepted and bool(f.rivals), AMBIGUOUS, lambda f: ""),
     Case("an effect explains it", lambda f: f.accepted, NAMED, _its_course),
     Case("an effect explains most, by another law", lambda f: f.law_differs, NAMED, _another_law),
+    Case("friction rises and falls with the clock", lambda f: f.breathing is not None, UNKNOWN, _breathing),
     Case("only the law of presliding differs", lambda f: f.own_law, NONE, _presliding_rest),
     Case("an effect explains too little", lambda f: f.chosen is not None and f.left, UNKNOWN, _unknown),
     Case("another trajectory refutes it", lambda f: bool(f.carried), UNKNOWN, _unknown),
@@ -321,9 +340,15 @@ CASES: tuple[Case, ...] = (
 )
 
 
-def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]) -> Diagnosis:
-    """The verdict on what a search has found; `notes` are what was to be said before."""
+def judge(
+    found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult], *, refused: bool = False
+) -> Diagnosis:
+    """The verdict on what a search has found; `notes` are what was to be said before.
+
+    `refused`: something was found that is not named after all, so that something is left.
+    """
     facts = gathered(found, carried)
+    facts = replace(facts, left=facts.left or refused)
     case = next(case for case in CASES if case.holds(facts))
     effects: tuple[str, ...] = ()
     confidence = None
@@ -380,6 +405,10 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     facts = Facts(*seen, found.first, found.tried, found.freed, found.presliding)
     if (facts.accepted or facts.law_differs) and not facts.structured:
         return facts
+    breathing = (
+        breathing_friction(problem, (chosen.model_fit if chosen else root)) if evidence.repeats else None
+    )
+    facts = replace(facts, breathing=breathing, overlooked=evidence.overlooked(problem, root, found.first))
     return replace(facts, left=_something_left(facts))
 
 
@@ -390,7 +419,7 @@ def _something_left(facts: Facts) -> bool:
     says it.
     """
     problem, root, evidence, chosen = facts.problem, facts.root, facts.evidence, facts.chosen
-    if not evidence.repeats and (chosen is not None or facts.plainly):
+    if not evidence.repeats and (chosen is not None or facts.plainly or facts.overlooked is not None):
         return True
     if chosen is not None and chosen.share >= problem.policy.partly:
         noise = problem.noise_variance(root.fitted.error, TRAINING)

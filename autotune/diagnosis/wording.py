@@ -126,9 +126,14 @@ def nothing_note(
     best = max(first, key=lambda item: item.gain, default=None)
     if best is None or best.gain <= 0.0:
         return text + "; no candidate lowers it on unseen experiments."
+    return f"{text}; {nearest(problem, evidence, root, best)}"
+
+
+def nearest(problem: Problem, evidence: Evidence, root: ModelFit, best: ScreenedCandidate) -> str:
+    """The candidate that gains most, and what stopped it."""
     gate = evidence.stopped_by(problem, root, best) or "refuted or not borne out inside the twin"
     name = best.effect.replace("_", " ")
-    return f"{text}; {name} comes nearest, gain {100 * best.gain:.1f} % on unseen experiments: {gate}."
+    return f"{name} comes nearest, gain {100 * best.gain:.1f} % on unseen experiments: {gate}."
 
 
 def unknown_note(
@@ -149,6 +154,15 @@ def line_note(line: TimeLine) -> str:
     return (
         f"A disturbance of {line.hertz:.2f} Hz runs through all experiments whatever the motion "
         f"({100 * line.share:.0f} % of the residual's variance): look for mains, fans, pumps, neighbours."
+    )
+
+
+def breathing_note(line: TimeLine) -> str:
+    """What a friction level that follows the clock is, and where to look for it."""
+    return (
+        f"Friction rises and falls with {line.hertz:.2f} Hz whatever the motion "
+        f"({100 * line.share:.0f} % of what differs from repeat to repeat): no known effect does that; look for "
+        "a preload that something else moves: a pump, lubrication in strokes, a brake that is not quite open."
     )
 
 

@@ -14,9 +14,8 @@ from autotune.estimation.problem import CHUNK, Correction, Problem
 from autotune.estimation.residual import residual
 from autotune.models.drive_model import Packed
 
-COMES_AGAIN, MOST_OF_THE_FALL = 0.5, 0.25
-"""Of what a drive's loop makes of counts between the samples: it repeats with the trajectory, no effect explains it. Of
-what an effect explains: no more is put down to that."""
+MOST_OF_THE_FALL = 0.25
+"""Of what an effect explains: no more of what is left is put down to counts and to what a loop makes of them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +54,15 @@ def gain_and_z(before: Unseen, after: Unseen) -> tuple[float, float]:
     spread = float(fall.std(ddof=1)) if len(fall) > 1 else math.inf
     z = float(fall.mean() / max(spread / math.sqrt(len(fall)), 1e-300))
     return gain, z
+
+
+def evenly(before: Unseen, after: Unseen) -> float:
+    """By how many standard errors of a coin more chunks err less than more: a sign test of the gain.
+
+    The paired z takes it for scatter that an effect is large in one experiment and small in another.
+    """
+    fell = int(np.sum(after.chunks < before.chunks))
+    return (2 * fell - len(before.chunks)) / math.sqrt(max(len(before.chunks), 1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +108,7 @@ def shared(problem: Problem, fitted: Fitted, correction: Correction) -> float:
 
 def drift(problem: Problem, fitted: Fitted, correction: Correction, role: str) -> tuple[float, float]:
     """Variance that a friction level differing between repeats explains [(N m)²], and its z."""
-    column = _of_friction(problem, fitted, correction, role)
+    column = of_friction(problem, fitted, correction, role)
     if column is None:
         return 0.0, 0.0
     differences, levels = [], []
@@ -126,7 +134,7 @@ def drift(problem: Problem, fitted: Fitted, correction: Correction, role: str) -
     return 0.25 * slope**2 * power / len(d), z
 
 
-def _of_friction(problem: Problem, fitted: Fitted, correction: Correction, role: str) -> Floats | None:
+def of_friction(problem: Problem, fitted: Fitted, correction: Correction, role: str) -> Floats | None:
     """Sensitivity to Coulomb friction on the rows of a role, shape (m,); None where it was not fitted."""
     names = [f.name for f in fitted.free]
     if "coulomb" not in names:
@@ -168,7 +176,7 @@ def explained(
     left = whole = still_explainable(problem, after, correction, role)
     if role == VETO and not certain and _tells_nothing(problem, before, correction, counts):
         left = max(left - (problem.policy.rest_errors - 1.0) * error, 0.0)
-    of_chain = max(COMES_AGAIN * problem.chain_variance, counts)
+    of_chain = max(problem.of_chain(after.error, role), counts)
     of_chain = min(of_chain, MOST_OF_THE_FALL * max(fall, 0.0))
     still = max(left - of_chain, 0.0)
     return Explained(fall, still, certain, whole - still)

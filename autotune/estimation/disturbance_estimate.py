@@ -13,6 +13,7 @@ Beside it: by how much repeats differ if nothing but the disturbance does it, an
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -62,6 +63,8 @@ QUIETEST = 0.1
 """Of the chunks, where rows are written late."""
 CHAOTIC = 0.3
 """Of the measured power in the median band: what quantiser and friction make from which a spectrum is in doubt."""
+PARTS_ALONE = (0.7, 0.5, 0.35, 0.25)
+"""Of the level found in a recording without repeats, whose residual holds the model's error as well: what is tried."""
 LEVELS = (4.0, 8.0, 16.0, 32.0, 64.0)
 """Parts of the level that would make all differences between repeats: what is tried then."""
 STANDS_OUT = 8.0
@@ -128,7 +131,9 @@ def estimate_disturbance(problem: Problem, packed: Packed) -> Disturbance:
         matched = matcher.matched(matcher.bands(measured), np.mean(own, axis=0), len(chunks.starts), scatter)
         found = replace(matched, jitter=jitter)
     if chunks.paired and own and _chaotic(matcher.bands(measured), np.mean(own, axis=0)):
-        found = _of_least_cost(problem, packed, found)
+        found = _of_least_cost(problem, packed, (found, *_levels_of_all(problem, packed, found)))
+    elif own and not chunks.paired:
+        found = _of_least_cost(problem, packed, (found, *(found.louder(part) for part in PARTS_ALONE)))
     return replace(
         found,
         sensor=sensor,
@@ -142,21 +147,29 @@ def _chaotic(measured: Floats, own: Floats) -> bool:
     return float(np.median(own / np.maximum(measured, 1e-300))) > CHAOTIC
 
 
-def _of_least_cost(problem: Problem, packed: Packed, found: Disturbance) -> Disturbance:
-    """The disturbance with which the twin's bias leaves least: `found`, or a white one of another level.
+def _levels_of_all(problem: Problem, packed: Packed, found: Disturbance) -> list[Disturbance]:
+    """White disturbances of several levels, in parts of the one that would make all differences between repeats.
 
-    Where repeats differ by chaos a spectrum says little of what causes it. How much friction and counts are averaged
-    does: a twin that is shaken too much, or too little, leaves what comes again in every repeat.
+    Where repeats differ by chaos a spectrum says little of what causes it.
     """
     error = residual(problem.data, packed, problem.moved)
     whole = math.sqrt(problem.noise_variance(error, TRAINING) / float(np.sum(problem.data.taps**2)))
+    return [replace(STILL, white=whole / parts, jitter=found.jitter) for parts in LEVELS]
+
+
+def _of_least_cost(problem: Problem, packed: Packed, levels: Sequence[Disturbance]) -> Disturbance:
+    """The disturbance with which the twin's bias leaves least: the first where nothing tells.
+
+    How much friction and counts are averaged tells how much the axis is shaken: a twin that is shaken too much, or too
+    little, leaves what comes again in every repeat.
+    """
+    error = residual(problem.data, packed, problem.moved)
 
     def cost(disturbance: Disturbance) -> float:
         correction = replace(problem, disturbance=disturbance).correction(packed)
         return problem.mean_square(error - correction.bias, TRAINING) if correction.stable else math.inf
 
-    levels = [replace(STILL, white=whole / parts, jitter=found.jitter) for parts in LEVELS]
-    return min((found, *levels), key=cost)
+    return min(levels, key=cost)
 
 
 def _shaken(

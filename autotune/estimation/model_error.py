@@ -21,9 +21,9 @@ import numpy as np
 
 from autotune.core.arrays import Flags, Floats
 from autotune.estimation.alignment import best_shift, shifted, without_twin
-from autotune.estimation.controller import as_recorded, controllers_of, find_controller
+from autotune.estimation.controller import as_recorded, asked, controllers_of, find_controller
 from autotune.estimation.controller_law import NEXT, PositionController
-from autotune.estimation.controller_search import TICK
+from autotune.estimation.controller_search import PIECE_SECONDS, TICK
 from autotune.estimation.data import Prepared
 from autotune.estimation.disturbance import STILL, Disturbance
 from autotune.estimation.disturbance_estimate import estimate_disturbance
@@ -103,6 +103,26 @@ def by_chance(problem: Problem, correction: Correction) -> float:
     weight = problem.training
     blocks = zip(problem.data.blocks, correction.variance, strict=True)
     return float(sum(spare * weight[block.rows].sum() for block, spare in blocks)) / float(weight.sum())
+
+
+def with_misfit(problem: Problem) -> Problem:
+    """The problem, knowing what the law of a drive that works between the samples leaves of the recorded torque.
+
+    Less its mean over runs of `PIECE_SECONDS`: the law's sum wanders off by what jitter and interpolation add.
+    """
+    law, data = problem.controller, problem.data
+    if law is None or not law.in_band or not data.repeated or data.recorded_torque is data.sensed:
+        return replace(problem, misfit=None)
+    heard = data.torque - asked(data, law)
+    heard[1:] = 0.5 * (heard[1:] + heard[:-1])
+    misfit = smoothed(data, heard)
+    for block in data.blocks:
+        rows = block.by_repeat(np.arange(len(misfit)))
+        clock = data.grid[rows[0]] * data.period
+        for run in np.unique((clock - clock[0]) // PIECE_SECONDS):
+            own = rows[:, (clock - clock[0]) // PIECE_SECONDS == run]
+            misfit[own] -= misfit[own].mean(axis=1, keepdims=True)
+    return replace(problem, misfit=misfit)
 
 
 def told_by_twin(

@@ -27,7 +27,6 @@ from autotune.estimation.residual import (
     kind_of_pass,
     measured_motion,
     residual,
-    smoothed,
 )
 from autotune.estimation.twin import leading, steps_of_twin
 from autotune.models import layout
@@ -85,6 +84,8 @@ class Problem:
         by_counts: variance that comes again in repeats though no model lacks anything [(N m)²], of pairs of twins by
             block, shape (pairs, blocks): where the encoder's counts turn over, the loop answers alike in every repeat,
             and otherwise in a twin that is off by a little.
+        misfit: what the law leaves of the recorded torque, as errors are compared, shape (m,); None where it leaves
+            nothing that could come again (`with_misfit`).
         rough: a law whose twin is too far off to take anything out, but tells how much comes again by the chain alone.
         runs: of the twin, as far as they are known.
     """
@@ -100,6 +101,7 @@ class Problem:
     candidates: tuple[Kind, ...] = tuple(EFFECTS.values())
     expected: Floats | None = None
     by_counts: Floats | None = None
+    misfit: Floats | None = None
     rough: PositionController | None = None
     runs: KnownRuns = field(default_factory=lambda: KnownRuns(), repr=False, compare=False)
 
@@ -207,19 +209,26 @@ class Problem:
         levels, counts = np.array(known).T
         return max(measured - float(np.average(levels, weights=counts)), 0.0)
 
-    @property
-    def chain_variance(self) -> float:
-        """Of the residual, what a drive's loop between the samples makes of counts, within the bands [(N m)²].
+    def of_chain(self, error: Floats, role: str) -> float:
+        """Of what repeats of an error share, what a drive's loop between the samples makes of its torque [(N m)²].
 
-        It is no axis's torque as recorded, and about half of it comes again in a repeat, as the counts do. White noise
-        between the samples, or what the law leaves below the compared frequency where that is more.
+        It is no axis's torque as recorded: the law does not ask for it, and the error has it as well. What one repeat
+        of the error shares with the law's misfit in another tells how much; a misfit that is not in the error, as where
+        the law's sum wanders off, is no part of it.
         """
-        law, data = self.controller, self.data
-        if law is None or not law.in_band or data.recorded_torque is data.sensed:
+        if self.misfit is None:
             return 0.0
-        shaken = self.disturbance.sensor if math.isfinite(self.disturbance.sensor) else 0.0
-        white = shaken**2 * float(np.sum(np.convolve(data.taps, [0.5, 0.5]) ** 2))
-        return max(white, (1.0 - law.explained) * float(np.var(smoothed(data, data.torque))))
+        weight = along = size = 0.0
+        for block in self.data.blocks:
+            if block.role == role and block.repeats > 1:
+                own, law = self._compared(block, error), self._compared(block, self.misfit)
+                both, alone, left = (float(shared(table).mean()) for table in (own + law, own, law))
+                count = block.count * self._steadiness(block)
+                weight, along = weight + count, along + 0.5 * count * (both - alone - left)
+                size += count * left
+        if along <= 0.0 or size <= 0.0:
+            return 0.0
+        return along / weight * min(along / size, 1.0)
 
     def comes_by_counts(self, role: str) -> tuple[float, float]:
         """Of what repeats of a role share, what the encoder's counts make, and by how much that varies [(N m)²]."""

@@ -32,12 +32,13 @@ PLURALS = {
     "lones": "lone",
     "seconds": "second",
 }
+SAME = ("removed", "disturbed")
 
 
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--seed", type=int, default=0, help="first seed of each kind")
-    for name in (*PLURALS, "removed"):
+    for name in (*PLURALS, *SAME):
         parser.add_argument(f"--{name}", type=int, default=0, metavar="N")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("worlds.jsonl"))
@@ -53,7 +54,8 @@ def arguments() -> argparse.Namespace:
 
 
 def chosen(given: argparse.Namespace) -> list[Case]:
-    counts = {kind: getattr(given, plural) for plural, kind in PLURALS.items()} | {"removed": given.removed}
+    counts = {kind: getattr(given, plural) for plural, kind in PLURALS.items()}
+    counts |= {kind: getattr(given, kind) for kind in SAME}
     cases = draw_batch(given.seed, counts)
     return [case for case in cases if not given.only or set(case.truth) & set(given.only)]
 

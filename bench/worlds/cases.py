@@ -16,8 +16,10 @@ from bench.worlds.draw import draw_world
 from bench.worlds.play import RanAway
 from bench.worlds.world import World
 
-KINDS = ("single", "half", "null", "alien", "pair", "removed", "lone", "second")
-"""Of `lone` and `second` files there is one trajectory, without repeats; three in ten have nothing planted."""
+KINDS = ("single", "half", "null", "alien", "pair", "removed", "lone", "second", "disturbed")
+LONELY = ("lone", "second", "disturbed")
+"""Of these files there is one trajectory, without repeats; three in ten have nothing planted. The second file of
+`disturbed` ones is always taken under other circumstances."""
 STRIDE = 6  # worlds of the first six kinds alternate
 NULL_SHARE = 0.3
 TRIES, MOST_WORLDS = 12, 100
@@ -74,7 +76,7 @@ def draw_case(kind: str, seed: int) -> Case:
     rng = np.random.default_rng([seed, KINDS.index(kind), 1402])
     low, high = {"half": (0.5, 0.9), "pair": (1.5, 4.0), "alien": (1.5, 4.0)}.get(kind, (1.1, 4.0))
     ratio = float(np.exp(rng.uniform(np.log(low), np.log(high))))
-    if kind == "null" or (kind in ("lone", "second") and rng.uniform() < NULL_SHARE):
+    if kind == "null" or (kind in LONELY and rng.uniform() < NULL_SHARE):
         return Case(kind, seed, (), 0.0)
     if kind == "alien":
         return Case(kind, seed, ((names.ALIENS[seed % len(names.ALIENS)], 0),), ratio)

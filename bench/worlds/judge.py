@@ -12,8 +12,8 @@ import numpy as np
 import autotune
 from autotune.models.table import EFFECTS
 from bench.worlds import sizes
-from bench.worlds.cases import ANY, Case, Ready, Wanted, ready
-from bench.worlds.lone import CHANGES, TRAJECTORIES, alone, second_file
+from bench.worlds.cases import ANY, LONELY, Case, Ready, Wanted, ready
+from bench.worlds.lone import CHANGES, DISTURBED, TRAJECTORIES, alone, second_file
 from bench.worlds.names import LOOPS
 from bench.worlds.play import RanAway, recording, whole
 from bench.worlds.programme import Programme, programme
@@ -69,7 +69,7 @@ def _surroundings(made: Ready) -> Line:
 
 def diagnosed(made: Ready) -> Line:
     """Fit and diagnosis of the case's recording."""
-    if made.case.kind in ("lone", "second"):
+    if made.case.kind in LONELY:
         return _lonely(made)
     taken = whole(made.world)
     hidden = made.case.truth if made.case.kind == "removed" else ()
@@ -97,10 +97,10 @@ def _lonely(made: Ready) -> Line:
     """A trajectory without repeats, fitted and diagnosed; with a second file where the case has one."""
     rng = np.random.default_rng([made.world.seed, 1404])
     one, two = rng.permutation(list(TRAJECTORIES))[:2].tolist()
-    change = str(rng.choice(CHANGES))
+    change = str(rng.choice(DISTURBED if made.case.kind == "disturbed" else CHANGES))
     files = [alone(made.world, one, rng, 0)]
     line: Line = {"kinds": [one], "rows": len(files[0])}
-    if made.case.kind == "second":
+    if made.case.kind != "lone":
         files.append(second_file(made.world, change, two, rng, 1))
         line |= {"kinds": [one, two], "change": change}
     began = time.process_time()

@@ -17,6 +17,9 @@ from bench.worlds.world import Alien, Floats, World
 
 SECONDS = 40.0
 CHANGES = ("nothing", "load", "neighbour", "temperature", "homing")
+DISTURBED = ("load", "joint", "temperature", "all")
+"""Of a second file that is always taken under other circumstances: another load, a joint that moves beside it and sends
+a coloured torque through this one, warmer or colder friction; or all three."""
 Rng = np.random.Generator
 
 
@@ -97,8 +100,18 @@ def changed(world: World, change: str, rng: Rng) -> World:
         return replace(
             world, plant=replace(plant, coulomb=plant.coulomb * warm, viscous=plant.viscous * warm**2)
         )
+    if change == "joint":
+        slow = math.exp(-1e-3 / float(np.exp(rng.uniform(math.log(0.05), math.log(0.5)))))
+        around = replace(world.around, colour="coloured", memory=slow)
+        return replace(world, around=replace(around, level=rng.uniform(0.1, 0.4) * plant.coulomb))
+    if change == "all":
+        for one in DISTURBED[:-1]:
+            world = changed(world, one, rng)
+        return world
     if change == "neighbour":
         return replace(world, alien=Alien(NEIGHBOUR, (rng.uniform(0.1, 0.3) * plant.coulomb, *[0.0] * 9)))
+    if change not in CHANGES:
+        raise ValueError(f"there is no change '{change}': {', '.join((*CHANGES, *DISTURBED))}")
     return world
 
 

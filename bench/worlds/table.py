@@ -56,6 +56,10 @@ def _is(verdict: str) -> Callable[[Line], bool]:
     return lambda line: line.get("verdict") == verdict
 
 
+def _confirmed_wrongly(line: Line) -> bool:
+    return wrong(line) and line["confidence"] == "confirmed"
+
+
 def _share(rows: Sequence[Line], test: Callable[[Line], bool]) -> str:
     count = sum(test(row) for row in rows)
     return f"{count} of {len(rows)} ({100 * count / len(rows):.1f} %)"
@@ -86,9 +90,12 @@ _ROWS: tuple[tuple[str, str, str, Callable[[Line], bool]], ...] = (
     ("removed", "true effect removed: a name", "3 %", wrong),
     ("lone", "single recordings: a wrong name", "3 %", lambda r: wrong(r) and not doubted(r)),
     ("lone", "single recordings: named first", "", named_first),
-    ("second", "second files: a wrong name confirmed", "0.5 %", lambda r: wrong(r) and r["confidence"] == "confirmed"),
+    ("second", "second files: a wrong name confirmed", "0.5 %", _confirmed_wrongly),
     ("second", "second files: a wrong name", "", lambda r: wrong(r) and not doubted(r)),
     ("second", "second files: named first", "", named_first),
+    ("disturbed", "disturbed second files: a wrong name confirmed", "0.5 %", _confirmed_wrongly),
+    ("disturbed", "disturbed second files: a wrong name", "", lambda r: wrong(r) and not doubted(r)),
+    ("disturbed", "disturbed second files: named first", "", named_first),
 )  # fmt: skip
 
 

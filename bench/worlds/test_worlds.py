@@ -13,6 +13,7 @@ from bench.worlds import cases, names, planting
 from bench.worlds.draw import draw_world
 from bench.worlds.hysteresis import rub
 from bench.worlds.laws import pulled
+from bench.worlds.lone import changed
 from bench.worlds.names import EFFECTS, LAWS, RIPPLE, SPRING, STRIBECK
 from bench.worlds.plant import STATES, rigid
 from bench.worlds.play import recording, run
@@ -161,3 +162,13 @@ def test_programme_stays_inside_travel_and_speed() -> None:
         path = programme(world).reference
         assert np.abs(path).max() <= world.plant.travel * (1.0 + 1e-9)
         assert np.abs(np.diff(path)).max() <= 1.05 * world.plant.top_speed * world.loop.period
+
+
+def test_a_second_file_is_taken_under_other_circumstances() -> None:
+    world = quiet()
+    other = changed(world, "all", np.random.default_rng(4))
+    assert other.plant.inertia != world.plant.inertia
+    assert other.plant.coulomb != world.plant.coulomb
+    assert 0.1 <= other.around.level / other.plant.coulomb <= 0.6
+    with pytest.raises(ValueError, match="no change"):
+        changed(world, "weather", np.random.default_rng(4))

@@ -11,12 +11,11 @@ import pytest
 from autotune.diagnosis import baseline
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.estimation.bandwidth import prepared_to_fit
-from autotune.estimation.controller import as_recorded
+from autotune.estimation.controller import as_recorded, controller_of
 from autotune.estimation.controller_law import PositionController
-from autotune.estimation.data import Block
-from autotune.estimation.disturbance import Disturbance
+from autotune.estimation.data import TRAINING, Block
+from autotune.estimation.model_error import with_misfit
 from autotune.estimation.problem import new_problem
-from autotune.estimation.residual import smoothed
 from autotune.recordings.recording import Recording
 
 LAW = PositionController(1.0, 0.1, explained=0.998, source="identified", in_band=True)
@@ -36,21 +35,35 @@ def test_the_sensors_torque_is_taken_where_the_drives_loop_shakes_its_demand_bet
     assert np.array_equal(found.torque, data.sensed if sensed else demand)
 
 
-def test_a_rest_that_counts_shake_into_every_repeat_is_no_structure(short) -> None:
+def test_what_the_law_does_not_ask_for_and_the_error_has_as_well_is_no_structure(short) -> None:
+    """A misfit that comes again excuses as much of an error as it makes, and nothing of an error of another shape."""
     data = prepared_to_fit([short])
-    law = replace(LAW, explained=0.99999)
-    problem = new_problem(data, law)
-    shaken = replace(problem, disturbance=Disturbance(sensor=0.01))
-    taps = np.convolve(data.taps, [0.5, 0.5])
-    assert shaken.chain_variance == pytest.approx(1e-4 * float(taps @ taps))
-    assert replace(problem, controller=replace(law, explained=0.996)).chain_variance == pytest.approx(
-        0.004 * float(np.var(smoothed(data, data.torque)))
-    )
-    own = replace(data, sensed=data.recorded_torque)
-    assert replace(shaken, data=own).chain_variance == 0.0
-    assert replace(shaken, controller=replace(LAW, in_band=False)).chain_variance == 0.0
-    evidence, nothing = RepeatedProgramme(), np.zeros(len(data.grid))
-    assert evidence.rest_that_is_none(shaken, nothing, 1e-9) == shaken.chain_variance
+    problem, random = new_problem(data, LAW), np.random.default_rng(7)
+    noise = 0.1 * random.standard_normal(len(data.grid))
+    alike, other = np.zeros((2, len(data.grid)))
+    for block in data.blocks:
+        alike[block.rows], other[block.rows] = (
+            np.tile(random.standard_normal(block.count), block.repeats) for _ in range(2)
+        )
+    known = replace(problem, misfit=alike)
+    assert known.of_chain(0.5 * alike + noise, TRAINING) == pytest.approx(0.25, rel=0.15)
+    assert known.of_chain(alike + other, TRAINING) == pytest.approx(1.0, rel=0.2)
+    assert known.of_chain(other + noise, TRAINING) < 0.05
+    assert problem.of_chain(alike, TRAINING) == pytest.approx(0.0)
+    evidence = RepeatedProgramme()
+    assert evidence.rest_that_is_none(known, alike, 1e-9) == pytest.approx(known.of_chain(alike, TRAINING))
+
+
+def test_a_law_that_works_between_the_samples_is_held_against_the_torque_it_left(short) -> None:
+    data = prepared_to_fit([short])
+    law = controller_of(short)
+    pushed = replace(data, torque=data.torque + 0.02 * np.sin(np.arange(len(data.torque)) / 20.0))
+    left, plain = (with_misfit(new_problem(one, replace(law, in_band=True))).misfit for one in (pushed, data))
+    sine = data.blocks[0].rows  # where no torque is at its limit
+    assert np.std((left - plain)[sine]) == pytest.approx(0.02 / np.sqrt(2.0), rel=0.3)
+    own = replace(pushed, sensed=pushed.recorded_torque)
+    assert with_misfit(new_problem(own, replace(law, in_band=True))).misfit is None
+    assert with_misfit(new_problem(pushed, law)).misfit is None
 
 
 def thirds(blocks: Iterable[Block]) -> Iterator[Block]:

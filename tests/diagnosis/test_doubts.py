@@ -45,6 +45,32 @@ def test_a_lone_recording_must_keep_less_than_is_explained(
 
 
 @pytest.mark.parametrize(
+    ("gain", "part", "overlooked"), [(0.86, 0.016, True), (0.86, 0.004, False), (0.4, 0.016, False)]
+)
+def test_what_gains_half_of_a_lone_recording_is_never_nothing(
+    monkeypatch: pytest.MonkeyPatch, gain: float, part: float, overlooked: bool
+) -> None:
+    """Unless it is as small as what measurement chains leave: 0.7 % of the torque."""
+    monkeypatch.setattr(single, "part_of_torque", lambda *_: part)
+    item = SimpleNamespace(effect="nonlinear_viscous", gain=gain)
+    found = SingleRecording().overlooked(SimpleNamespace(policy=POLICY), SimpleNamespace(), [item])
+    assert (found is item) == overlooked
+
+
+@pytest.mark.parametrize(
+    ("gain", "evenly", "likely"), [(0.86, 2.8, True), (0.86, 1.4, False), (0.3, 2.8, False)]
+)
+def test_an_effect_that_lowers_every_stretch_by_half_is_no_chance(
+    monkeypatch: pytest.MonkeyPatch, gain: float, evenly: float, likely: bool
+) -> None:
+    """It may be large in one experiment and small in another, which the scatter of its fall takes for chance."""
+    monkeypatch.setattr(single, "visible", lambda *_: True)
+    item = SimpleNamespace(effect="nonlinear_viscous", gain=gain, z=1.9, evenly=evenly)
+    problem = SimpleNamespace(policy=POLICY, data=SimpleNamespace(periodic=()))
+    assert bool(SingleRecording()._likely(problem, [item], POLICY.least_gain_single)) == likely
+
+
+@pytest.mark.parametrize(
     ("effect", "least"), [("torque_lag", 0.5), ("elastic_transmission", 0.5), ("stribeck", 0.08)]
 )
 def test_what_bends_to_any_dynamics_must_be_plain_in_a_lone_recording(effect: str, least: float) -> None:

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from autotune.diagnosis import verdict
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.compare import compare
+from autotune.diagnosis.first_alone import Doubt
 from autotune.diagnosis.fitting import fit_model
 from autotune.diagnosis.free_shape import any_course
 from autotune.diagnosis.verdict import diagnose
@@ -143,13 +145,17 @@ def test_plain_friction_is_fitted_and_nothing_is_named() -> None:
 
 
 @pytest.mark.slow(5)
-def test_one_recording_suspects_and_a_second_trajectory_confirms() -> None:
+def test_one_recording_suspects_and_a_second_trajectory_confirms(monkeypatch) -> None:
+    """What both together show and neither by itself is unknown: it is no name, but it is not nothing."""
     one, other = (_recording(kind, ripple=0.015) for kind in ("slow", "quick"))
     model = fit_model([one]).model
     alone = diagnose([one], model)
     assert (alone.verdict, alone.effects, alone.confidence) == ("named", ("torque_ripple",), "suspected")
     both = diagnose([one, other], model)
     assert (both.effects, both.confidence) == (("torque_ripple",), "confirmed")
+    monkeypatch.setattr(verdict, "doubt_of", lambda *_: Doubt("no recording shows it", nowhere=True))
+    refused = diagnose([one, other], model)
+    assert (refused.verdict, refused.effects) == ("unknown", ())
     assert any("lowers the squared error there" in note for note in both.notes)
 
 

@@ -27,6 +27,7 @@ NOTHING = {
     "chosen": None,
     "carried": (),
     "left": False,
+    "breathing": None,
 }
 FOUND = {"chosen": object(), "accepted": True}
 
@@ -60,6 +61,9 @@ def test_what_another_law_of_presliding_leaves_is_said() -> None:
         ({"carried": ("refuted",)}, "unknown"),
         ({"left": True}, "unknown"),
         ({"structured": True}, "unknown"),
+        ({"breathing": TimeLine(0.4, 0.3)}, "unknown"),
+        ({"breathing": TimeLine(0.4, 0.3), "own_law": True}, "unknown"),
+        (FOUND | {"breathing": TimeLine(0.4, 0.3)}, "named"),
     ],
 )
 def test_facts_lead_to_a_verdict(facts: dict[str, object], verdict: str) -> None:
@@ -78,6 +82,7 @@ def test_every_row_can_be_reached_and_has_a_name_of_its_own() -> None:
         _row(own_law=True),
         _row(chosen=object(), left=True),
         _row(carried=("refuted",)),
+        _row(breathing=TimeLine(0.4, 0.3)),
         _row(left=True),
     }
     assert {name for _, name in reached} == {case.name for case in CASES}

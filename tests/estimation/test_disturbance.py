@@ -9,13 +9,14 @@ from scipy.signal import lfilter
 from autotune.estimation.controller import find_controller
 from autotune.estimation.data import Prepared, filtered_motion, prepare
 from autotune.estimation.disturbance import STILL, Disturbance, in_time, jitter_of, memory_of
-from autotune.estimation.disturbance_estimate import estimate_disturbance
+from autotune.estimation.disturbance_estimate import _of_least_cost, estimate_disturbance
 from autotune.estimation.problem import new_problem
 from autotune.estimation.residual import run_twin
 from autotune.models.drive_model import Packed, base_model
 from autotune.recordings.recording import Recording
 from tests.support.axes import NOMINAL, plain_axis
 from tests.support.diagnosis_programme import play, programme
+from tests.support.truth import true_model
 
 SENSOR = 3e-3  # N m
 LEVEL = 2e-3  # N m
@@ -104,3 +105,13 @@ def test_single_rows_that_are_written_late_are_taken_in_time(late: float) -> Non
     if late == 0.0:
         assert np.array_equal(found, position)
     assert np.std(found - right) <= 0.35 * np.std(position - right)
+
+
+def test_what_the_twin_leaves_tells_how_much_the_axis_is_shaken(recording: Recording) -> None:
+    """5 mN m on the simulated axis; a recording without repeats holds the model's error beside it, so that the spectrum
+    alone says too much, and a twin that is shaken three times as much averages its friction at low speed."""
+    data = prepare([recording])
+    problem = new_problem(data, find_controller(data))
+    levels = [Disturbance(white=part * 5e-3) for part in (3.0, 1.0, 0.1)]
+    truth = true_model(plain_axis(3).plant, ()).pack()
+    assert _of_least_cost(problem, truth, levels) is levels[1]

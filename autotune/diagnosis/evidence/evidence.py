@@ -116,6 +116,12 @@ class Evidence(ABC):
     def structure_left(self, problem: Problem, model_fit: ModelFit) -> bool:
         """Whether what the model leaves is large and not noise."""
 
+    def overlooked(
+        self, problem: Problem, model_fit: ModelFit, first: Sequence[ScreenedCandidate]
+    ) -> ScreenedCandidate | None:
+        """A candidate that gains so much on unseen data that something is missing, though it cannot be named."""
+        return None
+
     def doubted(
         self, problem: Problem, root: ModelFit, model_fit: ModelFit, first: Sequence[ScreenedCandidate] = ()
     ) -> bool:

@@ -115,7 +115,7 @@ class RepeatedProgramme(Evidence):
     def rest_that_is_none(self, problem: Problem, error: Floats, noise: float) -> float:
         # one experiment below a count, where motion is chaotic, hides nothing of the others
         usual = min(noise, _usual_noise(problem, error))
-        least = problem.policy.rest_part * noise if _exact(problem) else _of_the_chain(problem, usual)
+        least = problem.policy.rest_part * noise if _exact(problem) else _of_the_chain(problem, error, usual)
         return max(least, problem.comes_by_counts(TRAINING)[0])
 
     def of_the_chain(self, candidate: FittedCandidate) -> bool:
@@ -159,8 +159,9 @@ class RepeatedProgramme(Evidence):
         self, problem: Problem, model_fit: ModelFit, seen: _Shared, replicas: Sequence[_Shared]
     ) -> bool:
         """Whether the mean of all experiments, or one of them, shares more than chance, counts and replicas do."""
-        noise, policy = problem.noise_variance(model_fit.fitted.error, TRAINING), problem.policy
-        least = policy.structure_part * noise if _exact(problem) else _of_the_chain(problem, noise)
+        policy, rest = problem.policy, model_fit.fitted.error
+        noise = problem.noise_variance(rest, TRAINING)
+        least = policy.structure_part * noise if _exact(problem) else _of_the_chain(problem, rest, noise)
         if problem.controller is None or not problem.controller.exact:
             least = max(least, (policy.least_part * problem.scales.torque) ** 2)
         counts, scatter = problem.comes_by_counts(TRAINING)
@@ -267,9 +268,9 @@ def _usual_noise(problem: Problem, error: Floats) -> float:
     return float(np.median(each)) if each else math.inf
 
 
-def _of_the_chain(problem: Problem, noise: float) -> float:
+def _of_the_chain(problem: Problem, error: Floats, noise: float) -> float:
     """Variance that may come again though no model lacks anything: counts shake a drive alike in every repeat."""
-    return max(STRUCTURE_WITHOUT_TWIN * noise, problem.chain_variance)
+    return max(STRUCTURE_WITHOUT_TWIN * noise, problem.of_chain(error, TRAINING))
 
 
 def _possible(problem: Problem) -> tuple[float, float]:

@@ -71,7 +71,12 @@ class SingleRecording(Evidence):
     ) -> list[ScreenedCandidate]:
         policy = problem.policy
         least_z = policy.apart_z if problem.data.periodic else policy.least_z_single
-        likely = [i for i in ranked if i.gain >= least_of(policy, i, least) and i.z >= least_z]
+        likely = [
+            i
+            for i in ranked
+            if i.gain >= least_of(policy, i, least)
+            and max(i.z, i.evenly if i.gain >= policy.clear_single_gain else 0.0) >= least_z
+        ]
         return [item for item in likely if visible(problem, item)][:MOST_LIKELY]
 
     def stopped_by(self, problem: Problem, model_fit: ModelFit, item: ScreenedCandidate) -> str:
@@ -104,6 +109,16 @@ class SingleRecording(Evidence):
 
     def structure_left(self, problem: Problem, model_fit: ModelFit) -> bool:
         return alike_where_motion_is(problem, model_fit.fitted.error)
+
+    def overlooked(
+        self, problem: Problem, model_fit: ModelFit, first: Sequence[ScreenedCandidate]
+    ) -> ScreenedCandidate | None:
+        """One that explains half of unseen stretches, and more than measurement chains leave."""
+        policy = problem.policy
+        best = max(first, key=lambda item: item.gain, default=None)
+        if best is None or best.gain < policy.clear_single_gain:
+            return None
+        return best if part_of_torque(problem, model_fit, best) >= policy.least_part else None
 
     def doubted(
         self, problem: Problem, root: ModelFit, model_fit: ModelFit, first: Sequence[ScreenedCandidate] = ()

@@ -1,21 +1,29 @@
-"""Disturbances that follow the clock, not the motion: one frequency in every experiment.
+"""What follows the clock, not the motion: one frequency in every experiment, of a torque or of the friction's level.
 
-Repeats of a trajectory do not start in the phase of such a disturbance, so that it looks like noise; but
-its phase runs on through all experiments.
+Repeats of a trajectory do not start in the phase of it, so that it looks like noise; but its phase runs on through
+all experiments.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from autotune.core.arrays import Floats
+from autotune.estimation.bias_corrected_fit import ModelFit
+from autotune.estimation.cross_validation import of_friction
 from autotune.estimation.data import TRAINING
 from autotune.estimation.problem import Problem
 
 LEAST_HERTZ = 0.7
+BREATHS, QUICKEST_BREATH = 4.0, 2.5
+"""Of a friction level that rises and falls: periods in the recording, at least, and the highest frequency [Hz]: quicker
+ones change within the reversals that tell friction from torque."""
+FINE_BREATH = 0.5
+"""Of one over the length of the recording: steps of the frequency."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +65,90 @@ def without_line(problem: Problem, error: Floats, line: TimeLine) -> Floats:
     """An error without such a disturbance, shape (m,)."""
     terms, rows = _terms(_clock(problem), line.hertz), problem.training > 0
     return np.asarray(error - terms @ np.linalg.lstsq(terms[rows], error[rows], rcond=None)[0])
+
+
+def breathing_friction(problem: Problem, model_fit: ModelFit) -> TimeLine | None:
+    """A friction level that rises and falls with the clock, by what repeats do not share; None where there is none.
+
+    Repeats make the same motion at other moments: what they share drops out of their difference, and only a level that
+    turns its sign with the velocity explains it then. A torque that follows the clock explains more without that sign.
+    The share is that of what differs between repeats.
+    """
+    column = of_friction(problem, model_fit.fitted, model_fit.correction, TRAINING)
+    if column is None:
+        return None
+    parts = _differences(problem, model_fit.fitted.error, column)
+    if len(parts) < 3:
+        return None
+    seconds = float(max(part.times[-1].max() for part in parts) - min(part.times[0].min() for part in parts))
+    every = np.arange(BREATHS / seconds, QUICKEST_BREATH, FINE_BREATH / seconds)
+    if len(every) < 3:
+        return None
+    levels = _shares(parts, every)
+    best, policy = int(np.argmax(levels)), problem.policy
+    line = TimeLine(float(every[best]), float(levels[best]))
+    if line.share <= max(policy.drift_part, policy.line_contrast * float(np.median(levels))):
+        return None
+    as_torque = float(_shares([part.plain() for part in parts], every).max())
+    told = line.share > as_torque and _foretold(parts, line.hertz) > policy.drift_part
+    return line if told else None
+
+
+@dataclass(frozen=True, slots=True)
+class _Difference:
+    """Last less first repeat of an experiment: error, shape (k,); times and levels of both, shape (2, k)."""
+
+    error: Floats
+    times: Floats
+    levels: Floats
+
+    def plain(self) -> _Difference:
+        """The same for a torque that does not turn with the velocity."""
+        return _Difference(self.error, self.times, np.ones_like(self.levels))
+
+    def terms(self, hertz: float) -> Floats:
+        """What a level of that frequency makes, shape (k, 2)."""
+        first, last = (
+            _terms(t, hertz) * level[:, None] for t, level in zip(self.times, self.levels, strict=True)
+        )
+        return np.asarray(last - first)
+
+
+def _differences(problem: Problem, error: Floats, column: Floats) -> list[_Difference]:
+    clock, parts = _clock(problem), []
+    for block in problem.data.blocks:
+        if block.role != TRAINING or block.repeats < 2:
+            continue
+        ends = [0, -1]
+        counts = (block.by_repeat(problem.training)[ends] > 0).all(axis=0)
+        if counts.any():
+            apart, times, levels = (block.by_repeat(v)[ends][:, counts] for v in (error, clock, column))
+            parts.append(_Difference(apart[1] - apart[0], times, levels))
+    return parts
+
+
+def _shares(parts: Sequence[_Difference], every: Floats) -> Floats:
+    """Of the differences, what a level of each frequency explains, shape (f,)."""
+    error = np.concatenate([part.error for part in parts])
+    total = max(float(error @ error), 1e-300)
+    found = []
+    for hertz in every:
+        terms = np.concatenate([part.terms(float(hertz)) for part in parts])
+        along = terms.T @ error
+        found.append(float(along @ np.linalg.lstsq(terms.T @ terms, along, rcond=None)[0]) / total)
+    return np.array(found)
+
+
+def _foretold(parts: Sequence[_Difference], hertz: float) -> float:
+    """Of the differences of each experiment, what the level found in the others explains."""
+    before = after = 0.0
+    for i, part in enumerate(parts):
+        others = [one for k, one in enumerate(parts) if k != i]
+        terms = np.concatenate([one.terms(hertz) for one in others])
+        slope = np.linalg.lstsq(terms, np.concatenate([one.error for one in others]), rcond=None)[0]
+        before += float(part.error @ part.error)
+        after += float(np.sum((part.error - part.terms(hertz) @ slope) ** 2))
+    return 1.0 - after / max(before, 1e-300)
 
 
 def _of_the_motion(hertz: float, period: float, seconds: float) -> bool:

@@ -1,0 +1,54 @@
+"""What follows the clock: a friction level that rises and falls, told from a torque that does, and from noise."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from autotune.diagnosis.evidence import time_driven
+from autotune.estimation.data import TRAINING, Block
+from autotune.estimation.policy import POLICY
+
+PERIOD, COUNT, BLOCKS = 0.02, 400, 4
+"""Four experiments of eight seconds, one after the other, twice."""
+
+
+def _problem() -> tuple[SimpleNamespace, np.ndarray]:
+    """Grid rows go through each experiment's repeats; the clock runs through a round of all. And the level's column."""
+    rounds = np.arange(2)[None, :, None] * BLOCKS * COUNT
+    clock = np.arange(BLOCKS)[:, None, None] * COUNT + rounds + np.arange(COUNT)[None, None, :]
+    blocks = tuple(Block(f"part {i}", TRAINING, i * 2 * COUNT, 2, COUNT) for i in range(BLOCKS))
+    data = SimpleNamespace(blocks=blocks, grid=clock.ravel(), period=PERIOD)
+    turns = np.where((np.arange(COUNT) // 70) % 2, -1.0, 1.0)
+    return SimpleNamespace(data=data, training=np.ones(clock.size), policy=POLICY), np.tile(turns, 2 * BLOCKS)
+
+
+@pytest.mark.parametrize(
+    ("level", "torque", "told"),
+    [(0.0, 0.0, False), (1.0, 0.0, True), (0.0, 1.0, False), (0.25, 0.0, False)],
+    ids=["noise", "a level", "a torque", "a level of a fifteenth of what differs"],
+)
+def test_friction_that_breathes_is_told_from_noise_and_from_a_torque(
+    monkeypatch: pytest.MonkeyPatch, level: float, torque: float, told: bool
+) -> None:
+    """In noise of one; repeats are 32 s apart, eleven and a half periods, so that their difference has it twice."""
+    problem, column = _problem()
+    monkeypatch.setattr(time_driven, "of_friction", lambda *_: column)
+    wave = np.sin(2.0 * np.pi * 0.36 * problem.data.grid * PERIOD)
+    noise = np.random.default_rng(5).standard_normal(len(wave))
+    alike = np.concatenate([np.tile(np.sin(np.arange(COUNT) * (i + 1) / 30.0), 2) for i in range(BLOCKS)])
+    fitted = SimpleNamespace(error=level * column * wave + torque * wave + noise + alike)
+    found = time_driven.breathing_friction(problem, SimpleNamespace(fitted=fitted, correction=None))
+    assert (found is not None) == told
+    if found is not None:
+        assert found.hertz == pytest.approx(0.36, abs=0.02)
+        assert found.share == pytest.approx(0.5, abs=0.1)
+
+
+def test_a_model_without_friction_has_no_level(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, _ = _problem()
+    monkeypatch.setattr(time_driven, "of_friction", lambda *_: None)
+    model_fit = SimpleNamespace(fitted=SimpleNamespace(error=np.zeros(1)), correction=None)
+    assert time_driven.breathing_friction(problem, model_fit) is None
