@@ -20,8 +20,8 @@ from autotune.core.errors import ConfigurationError
 from autotune.core.units import torque_symbol
 from autotune.diagnosis.candidates import free_of_model
 from autotune.estimation.bandwidth import prepared_for
-from autotune.estimation.coordinates import coordinates, since_reversal, variance_shares
-from autotune.estimation.cross_validation import bins, held_out
+from autotune.estimation.coordinates import bins, coordinates, since_reversal, variance_shares
+from autotune.estimation.cross_validation import held_out
 from autotune.estimation.data import TEST, TRAINING, VETO, Prepared
 from autotune.estimation.disturbance import STILL
 from autotune.estimation.least_squares import fit

@@ -26,11 +26,12 @@ import scipy
 
 from autotune.core.arrays import Floats
 from autotune.diagnosis.candidates import FittedCandidate
-from autotune.diagnosis.refits import gain_on_veto, judged, without_effect
+from autotune.diagnosis.refits import judged, without_effect
 from autotune.diagnosis.screening import generic_gains
 from autotune.diagnosis.starts import Context, varying
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
-from autotune.estimation.cross_validation import gain_and_z
+from autotune.estimation.coordinates import without_rests
+from autotune.estimation.cross_validation import gain_and_z, rests_of
 from autotune.estimation.data import VETO
 from autotune.estimation.least_squares import Free
 from autotune.estimation.problem import Problem
@@ -113,14 +114,19 @@ def any_course(problem: Problem, model_fit: ModelFit) -> bool:
 
 
 def _predicts_better(problem: Problem, before: ModelFit, after: ModelFit) -> bool:
-    """Whether held-out experiments and the veto trajectory are explained better, beyond chance."""
+    """Whether data that were not fitted are explained better, beyond chance, whatever rests make of them.
+
+    The veto trajectory says it where there is one: a course is told by all experiments together, and one that is left
+    out of the fit may be the only one that goes as far or as fast.
+    """
     policy = problem.policy
-    gain, z = gain_and_z(before.unseen, after.unseen)
-    if gain < policy.least_gain:
-        return False
     if problem.has_veto:
-        return gain_on_veto(problem, before, after) >= policy.least_gain
-    return z >= policy.least_z or gain >= policy.clear_gain
+        rests = rests_of(problem, after.fitted.packed)
+        left = [problem.mean_square(without_rests(one.fitted.error, rests), VETO) for one in (before, after)]
+        fitted = after.fitted.cost <= (1.0 - policy.least_gain) * before.fitted.cost
+        return fitted and left[1] <= (1.0 - policy.least_gain) * left[0]
+    gain, z = gain_and_z(before.unseen, after.unseen)
+    return gain >= policy.least_gain and (z >= policy.least_z or gain >= policy.clear_gain)
 
 
 def with_own_presliding(problem: Problem, root: ModelFit, chosen: ModelFit) -> ModelFit | None:

@@ -9,7 +9,6 @@ import numpy as np
 import scipy
 
 from autotune.core.arrays import Flags, Floats, Integers
-from autotune.estimation.cross_validation import bins
 from autotune.estimation.data import STANDSTILL_COUNTS, STANDSTILL_SECONDS, Prepared
 from autotune.models.compiled import compiled
 
@@ -167,3 +166,10 @@ def without_rests(error: Floats, rests: Rests) -> Floats:
     rest_error = np.where(rest, 0.0, error)
     stretch = np.bincount(number, share * rest_error) / np.maximum(np.bincount(number, share**2), 1e-300)
     return np.asarray(rest_error - share * stretch[number])
+
+
+def bins(values: Floats, count: int, chosen: Flags) -> Floats:
+    """One column per bin of equal population, shape (m, bins)."""
+    edges = np.unique(np.quantile(values[chosen], np.linspace(0, 1, count + 1)[1:-1]))
+    index = np.searchsorted(edges, values)
+    return np.asarray(index[:, None] == np.arange(len(edges) + 1)[None, :], dtype=np.float64)

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from autotune.core.arrays import Flags, Floats
+from autotune.core.arrays import Floats
+from autotune.estimation.coordinates import Rests, since_rest, without_rests
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.least_squares import DIFFERENCE, Fitted
 from autotune.estimation.problem import CHUNK, Correction, Problem
 from autotune.estimation.residual import residual
+from autotune.models import layout
 from autotune.models.drive_model import Packed
 
 MOST_OF_THE_FALL = 0.25
@@ -69,32 +71,45 @@ def evenly(before: Unseen, after: Unseen) -> float:
 class Explained:
     """What a model explains of one role's residual: X the fall, U what is still explainable [(N m)²].
 
-    `certain`: what is left repeats beyond doubt, so that the model cannot be all of the truth. `excused`: what is left
-    beside U, but is put down to the measurement chain or to chance.
+    Attributes:
+        fall: X with what rests make; left: U without it.
+        certain: what is left repeats beyond doubt, so that the model cannot be all of the truth.
+        excused: what is left beside U, but is put down to the measurement chain or to chance.
+        moved: X without what rests make, a bristle's stretch; None where nothing is known of it.
     """
 
     fall: float
     left: float
     certain: bool = False
     excused: float = 0.0
+    moved: float | None = None
 
     @property
     def plain_share(self) -> float:
         """The share with nothing excused."""
-        return self.fall / (self.fall + self.left + self.excused) if self.fall > 0 else 0.0
+        return self._share(self.left + self.excused)
 
     @property
     def share(self) -> float:
         """X/(X + U), 0 where nothing was explained."""
-        return self.fall / (self.fall + self.left) if self.fall > 0 else 0.0
+        return self._share(self.left)
+
+    def _share(self, left: float) -> float:
+        moved = self.fall if self.moved is None else self.moved
+        return moved / (moved + left) if min(self.fall, moved) > 0.0 else 0.0
 
 
 def still_explainable(problem: Problem, fitted: Fitted, correction: Correction, role: str) -> float:
     """Repeatable variance, certain to one standard error, and drifting friction level [(N m)²]."""
-    variance, error = problem.repeatable(fitted.error, correction, role)
-    certain = problem.repeatable_for_certain(fitted.error, correction, role)
-    repeatable = max(variance - error, certain) if math.isfinite(variance) else 0.0
-    return repeatable + drift(problem, fitted, correction, role)[0]
+    again = _comes_again(problem, fitted.error, correction, role)
+    return again + drift(problem, fitted, correction, role)[0]
+
+
+def _comes_again(problem: Problem, error: Floats, correction: Correction, role: str) -> float:
+    """Repeatable variance of an error, certain to one standard error [(N m)²]; 0 without repeats."""
+    variance, spread = problem.repeatable(error, correction, role)
+    certain = problem.repeatable_for_certain(error, correction, role)
+    return max(variance - spread, certain) if math.isfinite(variance) else 0.0
 
 
 def shared(problem: Problem, fitted: Fitted, correction: Correction) -> float:
@@ -149,10 +164,35 @@ def of_friction(problem: Problem, fitted: Fitted, correction: Correction, role: 
     return np.asarray((moved - fitted.error - correction.bias) / DIFFERENCE)
 
 
-def _tells_nothing(problem: Problem, before: Fitted, correction: Correction, counts: float) -> bool:
+def _tells_nothing(problem: Problem, before: Floats, correction: Correction, counts: float) -> bool:
     """Whether on the veto trajectory not even what is missing is beyond doubt: training tells what is explained."""
-    missing, error = problem.repeatable(before.error, correction, VETO)
+    missing, error = problem.repeatable(before, correction, VETO)
     return missing - counts <= problem.policy.rest_errors * error
+
+
+def rests_of(problem: Problem, packed: Packed) -> Rests:
+    """The rests, and how far the bristle of a model has forgotten each."""
+    return since_rest(problem.data, float(packed.p[layout.COULOMB] / packed.p[layout.STIFFNESS]))
+
+
+def beyond_rests(
+    problem: Problem, error: Floats, correction: Correction, rests: Rests
+) -> tuple[Floats, Problem, Correction]:
+    """An error without what rests make, shape (m,); problem and correction, whose variances rests make likewise."""
+    rested = without_rests(error, rests)
+    quieter = np.array([
+        min(
+            block.by_repeat(rested).var(axis=0).mean()
+            / max(block.by_repeat(error).var(axis=0).mean(), 1e-300),
+            1.0,
+        )
+        for block in problem.data.blocks
+    ])  # fmt: skip
+    by_counts, expected = (
+        None if one is None else one * quieter for one in (problem.by_counts, problem.expected)
+    )
+    quiet = replace(problem, by_counts=by_counts, expected=expected)
+    return rested, quiet, replace(correction, variance=correction.variance * quieter)
 
 
 def explained(
@@ -160,30 +200,39 @@ def explained(
 ) -> Explained:
     """What `after` explains beyond `before` of a role's residual.
 
+    How far a bristle is stretched at a rest comes again in repeats, and no effect explains it: neither what counts as
+    explained nor what is left holds it.
+    """
+    fall = _explainable_fall(problem, before.error, after.error, role)
+    if not math.isfinite(problem.noise_variance(after.error, role)):
+        return Explained(fall, 0.0)
+    rests = rests_of(problem, after.packed)
+    rested, quiet, settled = beyond_rests(problem, after.error, correction, rests)
+    missing = without_rests(before.error, rests)
+    moved = _explainable_fall(quiet, missing, rested, role)
+    variance, error = quiet.repeatable(rested, settled, role)
+    counts, _ = quiet.comes_by_counts(role)
+    beyond = variance if variance > problem.policy.rest_errors * error else 0.0
+    beyond = max(beyond, quiet.repeatable_for_certain(rested, settled, role))
+    certain = beyond > max(problem.policy.rest_part * quiet.noise_variance(rested, role), counts)
+    left = whole = _comes_again(quiet, rested, settled, role) + drift(problem, after, correction, role)[0]
+    if role == VETO and not certain and _tells_nothing(quiet, missing, settled, counts):
+        left = max(left - (problem.policy.rest_errors - 1.0) * error, 0.0)
+    of_chain = max(quiet.of_chain(rested, role), counts)
+    of_chain = min(of_chain, MOST_OF_THE_FALL * max(moved, 0.0))
+    still = max(left - of_chain, 0.0)
+    return Explained(fall, still, certain, whole - still, moved)
+
+
+def _explainable_fall(problem: Problem, before: Floats, after: Floats, role: str) -> float:
+    """Fall of a role's mean square [(N m)²].
+
     Of what repeats do not share only what the disturbance does not make can be explained: a lag that smooths the
     noise of the torque explains nothing.
     """
-    fall = problem.mean_square(before.error, role) - problem.mean_square(after.error, role)
-    variance, error = problem.repeatable(after.error, correction, role)
-    counts, _ = problem.comes_by_counts(role)
-    noise = problem.noise_variance(after.error, role)
-    if math.isfinite(noise):
-        quieter = problem.noise_variance(before.error, role) - noise
-        fall -= max(quieter - problem.noise_explainable(before.error, role), 0.0)
-    beyond = variance if variance > problem.policy.rest_errors * error else 0.0
-    beyond = max(beyond, problem.repeatable_for_certain(after.error, correction, role))
-    certain = math.isfinite(variance) and beyond > max(problem.policy.rest_part * noise, counts)
-    left = whole = still_explainable(problem, after, correction, role)
-    if role == VETO and not certain and _tells_nothing(problem, before, correction, counts):
-        left = max(left - (problem.policy.rest_errors - 1.0) * error, 0.0)
-    of_chain = max(problem.of_chain(after.error, role), counts)
-    of_chain = min(of_chain, MOST_OF_THE_FALL * max(fall, 0.0))
-    still = max(left - of_chain, 0.0)
-    return Explained(fall, still, certain, whole - still)
-
-
-def bins(values: Floats, count: int, chosen: Flags) -> Floats:
-    """One column per bin of equal population, shape (m, bins)."""
-    edges = np.unique(np.quantile(values[chosen], np.linspace(0, 1, count + 1)[1:-1]))
-    index = np.searchsorted(edges, values)
-    return np.asarray(index[:, None] == np.arange(len(edges) + 1)[None, :], dtype=np.float64)
+    fall = problem.mean_square(before, role) - problem.mean_square(after, role)
+    noise = problem.noise_variance(after, role)
+    if not math.isfinite(noise):
+        return fall
+    quieter = problem.noise_variance(before, role) - noise
+    return fall - max(quieter - problem.noise_explainable(before, role), 0.0)

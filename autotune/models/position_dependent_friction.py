@@ -23,8 +23,8 @@ from autotune.models.torque_ripple import scale_slot
 _AT = block("position_dependent_friction")
 _SCALE = scale_slot()
 LEAST_FACTOR = 0.05
-KNOTS = 9
-"""Places of a course that is neither spot nor wave."""
+KNOTS = 21
+"""Places of a course that is neither spot nor wave; where the first of them is, is free."""
 
 
 @compiled
@@ -65,9 +65,11 @@ def starts(c: StartContext) -> Iterator[StartValues]:
 def free_shape(c: StartContext) -> StartValues:
     """A line through places that are evenly spaced over the travel."""
     low, high = float(np.min(c.position())), float(np.max(c.position()))
-    values = {"from": low, "step": (high - low) / (KNOTS - 1)}
+    step = (high - low) / (KNOTS - 2)
+    values = {"from": low - 0.5 * step, "step": step}
     rises = {f"rise_{i}": 0.0 for i in range(1, KNOTS + 1)}
-    return StartValues(values | rises, {name: Vary(0.2, 0.5) for name in rises})
+    raster = {"from": Vary(0.1 * step, 0.3 * step, low - step, low)}
+    return StartValues(values | rises, raster | {name: Vary(0.2, 0.5) for name in rises})
 
 
 def _likeliest_spot(c: StartContext, low: float, high: float) -> tuple[float, float]:

@@ -18,7 +18,8 @@ from autotune.models.look_alikes import IN_PLACE
 from autotune.models.start_values import StartContext, StartValues, Vary
 
 _AT = block("spring")
-RAMPS = 8
+RAMPS = 16
+"""Of equal length; where the first of them begins is free, so that a ramp begins where the course bends."""
 
 
 @compiled
@@ -40,12 +41,14 @@ def starts(c: StartContext) -> Iterator[StartValues]:
 def free_shape(c: StartContext) -> StartValues:
     """Ramps over the whole travel, in the direction of the spring."""
     low, high = float(np.min(c.position())), float(np.max(c.position()))
-    values = {"from": low, "step": (high - low) / RAMPS}
+    step = (high - low) / (RAMPS - 1)
+    values = {"from": low - 0.5 * step, "step": step}
     ramps = {f"ramp_{i}": 0.0 for i in range(1, RAMPS + 1)}
     pulls = c.p[_AT] >= 0.0
     vary = Vary(0.1 * c.coulomb, lower=0.0) if pulls else Vary(0.1 * c.coulomb, upper=0.0)
     straight = {"stiffness": Vary(c.coulomb / c.travel, lower=0.0 if pulls else -1e9)}
-    return StartValues(values | ramps, straight | dict.fromkeys(ramps, vary))
+    raster = {"from": Vary(0.1 * step, 0.3 * step, low - step, low)}
+    return StartValues(values | ramps, straight | raster | dict.fromkeys(ramps, vary))
 
 
 SPRING = Kind(

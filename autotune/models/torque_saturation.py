@@ -2,10 +2,12 @@
 
 T = u·(1 + c·|u/torque|ⁿ)^(−1/n), with c = (1 − loss)^(−n) − 1, so that `loss` is what is lost at the level `torque`.
 Small losses are u·(1 − loss·|u/torque|ⁿ). The exponent is 2 where iron saturates slowly, large where a limit cuts in.
+By another law more is lost from each of a few demands on: loss_i·(|u| − knee_i).
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 
 import numpy as np
@@ -13,6 +15,7 @@ import numpy as np
 from autotune.core.arrays import Flags, Floats
 from autotune.models.compiled import compiled
 from autotune.models.effect import Kind, Parameter
+from autotune.models.lanes import anywhere, where
 from autotune.models.layout import block, flag
 from autotune.models.look_alikes import AT_REVERSALS, IN_TORQUE
 from autotune.models.start_values import StartContext, StartValues, Vary, at_first
@@ -21,14 +24,25 @@ _AT = block("torque_saturation")
 SATURATES = flag("torque_saturation")
 
 
+KNEES = 4
+"""Demands from which on more of the torque is lost, by another law."""
+PLACES = (0.15, 0.3, 0.5, 0.75)
+"""Of the largest demand that was recorded: where they begin; each moves as far as half-way to the next."""
+
+
 @compiled
 def saturated(p: Floats, on: Flags, demand: float) -> float:
     """Torque that a demand gives in the long run [N m]."""
     if not on[SATURATES]:
         return demand
-    n = p[_AT + 2]
+    n, size = p[_AT + 2], abs(demand)
     c = (1.0 - p[_AT]) ** -n - 1.0
-    return float(demand * (1.0 + c * (abs(demand) / p[_AT + 1]) ** n) ** (-1.0 / n))
+    torque = size * (1.0 + c * (size / p[_AT + 1]) ** n) ** (-1.0 / n)
+    for i in range(KNEES):
+        if not anywhere(p[_AT + 4 + 2 * i] > 0.0):
+            break
+        torque -= p[_AT + 3 + 2 * i] * max(size - p[_AT + 4 + 2 * i], 0.0)
+    return float(where(demand < 0.0, -torque, torque))
 
 
 def torque_slope(p: Floats, on: Flags, demand: Floats) -> Floats | float:
@@ -41,7 +55,11 @@ def torque_slope(p: Floats, on: Flags, demand: Floats) -> Floats | float:
     n = p[_AT + 2]
     ratio = np.minimum(np.abs(demand) / p[_AT + 1], 1.0)
     c = (1.0 - p[_AT]) ** -n - 1.0
-    return np.asarray(np.maximum((1.0 + c * ratio**n) ** (-1.0 / n - 1.0), 0.05))
+    slope = (1.0 + c * ratio**n) ** (-1.0 / n - 1.0)
+    for i in range(KNEES):
+        if p[_AT + 4 + 2 * i] > 0.0:
+            slope = slope - p[_AT + 3 + 2 * i] * (np.abs(demand) > p[_AT + 4 + 2 * i])
+    return np.asarray(np.maximum(slope, 0.05))
 
 
 def starts(c: StartContext) -> Iterator[StartValues]:
@@ -57,12 +75,36 @@ def starts(c: StartContext) -> Iterator[StartValues]:
         )
 
 
+def free_shape(c: StartContext) -> StartValues:
+    """Any course that bends one way: more is lost from each of several demands on."""
+    between = [0.5 * (one + two) for one, two in itertools.pairwise((0.0, *PLACES, 1.0))]
+    values: dict[str, float] = {}
+    free: dict[str, Vary] = {}
+    for i, share in enumerate(PLACES, 1):
+        lower, upper = (c.largest_torque * edge for edge in between[i - 1 : i + 1])
+        values |= {f"loss_{i}": 0.0, f"knee_{i}": share * c.largest_torque}
+        free[f"loss_{i}"] = Vary(0.05, 0.1)
+        free[f"knee_{i}"] = Vary(0.2 * (upper - lower), 0.4 * (upper - lower), lower, upper)
+    return StartValues(values, free)
+
+
+def _knee(number: int) -> tuple[Parameter, Parameter]:
+    at = _AT + 1 + 2 * number
+    return (
+        Parameter(f"loss_{number}", "1", 0.0, 0.0, 0.6, "more of the torque lost beyond it", at, True),
+        Parameter(
+            f"knee_{number}", "N m", 0.0, 0.0, 1e9, "demand where that begins", at + 1, True, held=True
+        ),
+    )
+
+
 TORQUE_SATURATION = Kind(
     name="torque_saturation",
     parameters=(
         Parameter("loss", "1", 0.0, 0.0, 0.9, "relative loss of torque at that level", _AT),
         Parameter("torque", "N m", 1.0, 1e-9, 1e9, "level at which the loss is given", _AT + 1, held=True),
         Parameter("exponent", "1", 2.0, 1.0, 10.0, "how suddenly it sets in", _AT + 2, optional=True),
+        *(one for number in range(1, KNEES + 1) for one in _knee(number)),
     ),
     looks_like="Large torques have less effect than small ones; fast accelerations fall short.",
     cause="Iron of the motor that saturates, a weak magnet, a current limit, a low supply voltage.",
@@ -71,5 +113,6 @@ TORQUE_SATURATION = Kind(
     look_alikes=(IN_TORQUE, AT_REVERSALS),
     not_fed_forward="it acts where there is no torque in reserve",
     starts=starts,
+    free_shape=free_shape,
     quick=True,
 )

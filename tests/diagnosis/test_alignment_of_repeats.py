@@ -220,6 +220,30 @@ def test_what_ends_with_the_stretch_at_a_rest_is_no_break_away(begun: Begun, eff
     assert RepeatedProgramme().only_at_rests(problem, lacking, candidate) == only
 
 
+def test_how_bristles_are_stretched_at_rests_takes_nothing_from_what_an_effect_explains(begun: Begun) -> None:
+    """It comes again in repeats; what an effect leaves of its own beside it counts as before."""
+    problem, model_fit = begun
+    fitted, number = model_fit.fitted, since_rest(problem.data, 1e-3)[0]
+    crept = _crept(problem, fitted.packed)
+    for block in problem.data.blocks:
+        crept[block.rows] = np.tile(crept[block.rows][: block.count], block.repeats)
+    assert number.max() > 5
+    wave = _in_the_fastest(problem, 0.1)
+    clean, spoilt = (
+        explained(
+            problem,
+            replace(fitted, error=fitted.error + wave + beside),
+            replace(fitted, error=fitted.error + 0.4 * wave + beside),
+            model_fit.correction,
+            TRAINING,
+        )
+        for beside in (0.0, crept)
+    )
+    assert 0.8 < clean.share < 0.95
+    assert spoilt.share == pytest.approx(clean.share, abs=0.02)
+    assert spoilt.plain_share == pytest.approx(clean.plain_share, abs=0.02)
+
+
 def test_a_disturbance_that_follows_the_clock_is_no_structure(begun: Begun) -> None:
     """A line that repeats meet in phase comes again, and is gone once it is taken out."""
     problem = begun[0]

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from autotune.models import layout
 from autotune.models.drive_model import DriveModel, base_model
 from autotune.models.dwell_time_break_away import AGE, DWELL_TIME_BREAK_AWAY, grow_older
+from autotune.models.encoder_eccentricity import reading_error, true_motion
 from autotune.models.inverse import applied_torque, load_substeps, required
 from autotune.models.plant import simulate, substeps_for
 from autotune.models.table import EFFECTS
@@ -67,9 +68,30 @@ SHAPED: dict[str, dict[str, float]] = {
     "load_dependent_friction": {
         "factor": 0.2, "friction_share": -0.5, "exponent": 1.4, "typical": 0.5, "preload": 0.05,
     },
+    "torque_saturation": {
+        "loss": 0.02, "torque": 0.6, "loss_1": 0.1, "knee_1": 0.1, "loss_2": 0.2, "knee_2": 0.3,
+    },
+    "encoder_eccentricity": {"sin": 0.05, "cos": -0.02, "sin_2": 0.01, "cos_2": 0.005},
 }  # fmt: skip
 """Effects by a law of their own shape."""
 CHAOTIC = {"backlash", "elastic_transmission"}
+
+
+def test_what_a_tilted_disc_tells_is_undone_exactly() -> None:
+    """Place, speed and acceleration of the shaft from those of the reading; derivatives by differences of 0.1 ms."""
+    model = base_model(NUMBERS).with_effect(
+        EFFECTS["encoder_eccentricity"].make(SHAPED["encoder_eccentricity"])
+    )
+    p = model.pack().p
+    time = np.arange(0.0, 3.0, 1e-4)
+    shaft = 3.0 * np.sin(2.0 * time)
+    told = shaft + np.array([reading_error(p, x) for x in shaft])
+    speed = np.gradient(told, time)
+    found = np.array(
+        [true_motion(p, *row) for row in zip(told, speed, np.gradient(speed, time), strict=True)]
+    )
+    right = np.column_stack([shaft, 6.0 * np.cos(2.0 * time), -4.0 * shaft])
+    assert np.abs(found - right)[5:-5].max(axis=0) == pytest.approx(0.0, abs=2e-4)
 
 
 def _model(effect: str) -> DriveModel:

@@ -20,15 +20,14 @@ from autotune.diagnosis.evidence.single import folds_of
 from autotune.diagnosis.evidence.visibility import flank_in_sight
 from autotune.estimation.alignment import best_shift, shifted
 from autotune.estimation.bias_corrected_fit import ModelFit
-from autotune.estimation.coordinates import Rests, since_rest, without_rests
-from autotune.estimation.cross_validation import drift
+from autotune.estimation.coordinates import Rests, without_rests
+from autotune.estimation.cross_validation import beyond_rests, drift, rests_of
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.disturbance_estimate import null_errors
 from autotune.estimation.least_squares import followed
 from autotune.estimation.policy import Policy
 from autotune.estimation.problem import CHUNK, Correction, Problem
 from autotune.estimation.residual import measured_motion, smoothed
-from autotune.models import layout
 from autotune.models.effect import Kind
 from autotune.models.table import EFFECTS
 from autotune.models.torque_lag import TORQUE_LAG
@@ -134,7 +133,7 @@ class RepeatedProgramme(Evidence):
         if not EFFECTS[candidate.effect].needs_rests:
             return False
         after = candidate.model_fit
-        rests = _rests(problem, before)
+        rests = rests_of(problem, before.fitted.packed)
         rested = [without_rests(item.fitted.error, rests) for item in (before, after)]
         plain = _fall(problem, before.fitted.error, after.fitted.error)
         return _fall(problem, *rested) < problem.policy.partly * plain
@@ -146,7 +145,7 @@ class RepeatedProgramme(Evidence):
         """
         if drift(problem, model_fit.fitted, model_fit.correction, TRAINING)[0] > 0.0:
             return True
-        rests = _rests(problem, model_fit)
+        rests = rests_of(problem, model_fit.fitted.packed)
         seen = _shared(problem, model_fit.correction, model_fit.fitted.error, rests)
         if not math.isfinite(seen.variance) or not self._left(problem, model_fit, seen, []):
             return False
@@ -227,24 +226,9 @@ class _Shared:
 
 
 def _shared(problem: Problem, correction: Correction, error: Floats, rests: Rests) -> _Shared:
-    rested = without_rests(error, rests)
-    quieter = [
-        min(
-            block.by_repeat(rested).var(axis=0).mean()
-            / max(block.by_repeat(error).var(axis=0).mean(), 1e-300),
-            1.0,
-        )
-        for block in problem.data.blocks
-    ]
-    correction = replace(correction, variance=correction.variance * np.array(quieter))
-    found = problem.repeatable(rested, correction, TRAINING)
-    return _Shared(*found, problem.repeatable_by_block(rested, correction, TRAINING))
-
-
-def _rests(problem: Problem, model_fit: ModelFit) -> Rests:
-    """The rests, and how far the bristle of a model has forgotten each."""
-    p = model_fit.fitted.packed.p
-    return since_rest(problem.data, float(p[layout.COULOMB] / p[layout.STIFFNESS]))
+    rested, quiet, settled = beyond_rests(problem, error, correction, rests)
+    found = quiet.repeatable(rested, settled, TRAINING)
+    return _Shared(*found, quiet.repeatable_by_block(rested, settled, TRAINING))
 
 
 def _fall(problem: Problem, before: Floats, after: Floats) -> float:
