@@ -24,6 +24,7 @@ from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
 from autotune.diagnosis.evidence.time_driven import (
     TimeLine,
     breathing_friction,
+    limit_cycle,
     time_driven_line,
     without_line,
 )
@@ -33,6 +34,7 @@ from autotune.diagnosis.search import Found, again_explained, search
 from autotune.diagnosis.transmission import GAP, SPRING, hardly_a_gap
 from autotune.diagnosis.wording import (
     DROWNED,
+    HUNTS,
     OWN_PRESLIDING,
     PRESLIDING_REST,
     TORQUE_CONSTANT,
@@ -55,6 +57,7 @@ from autotune.estimation.disturbance_estimate import with_counts
 from autotune.estimation.model_error import model_error, with_misfit
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import Problem
+from autotune.models import layout
 from autotune.models.drive_model import DriveModel
 from autotune.models.effect import Kind
 from autotune.models.table import EFFECTS
@@ -158,6 +161,7 @@ class Facts:
         freed: those whose course was fitted freely, and whether their own law would have named them too.
         presliding: that of another law, which the root has.
         breathing: a friction level that rises and falls with the clock; looked for where nothing is named.
+        hunts: frequency of a limit cycle with more torque than friction [Hz]; 0 where there is none.
     """
 
     problem: Problem
@@ -177,6 +181,7 @@ class Facts:
     left: bool = True
     breathing: TimeLine | None = None
     overlooked: ScreenedCandidate | None = None
+    hunts: float = 0.0
 
     @property
     def drowned(self) -> bool:
@@ -324,7 +329,12 @@ def _nothing(facts: Facts) -> str:
     return nothing_note(facts.problem, facts.evidence, facts.root, facts.first)
 
 
+def _hunts(facts: Facts) -> str:
+    return HUNTS.format(hertz=facts.hunts)
+
+
 CASES: tuple[Case, ...] = (
+    Case("a limit cycle smooths its friction away", lambda f: f.hunts > 0.0, UNKNOWN, _hunts),
     Case("a disturbance in time hides it", lambda f: f.drowned, UNKNOWN, _unknown),
     Case("a free function explains more than any physics", lambda f: f.structured, UNKNOWN, _unknown),
     Case("what is not named explains far more", lambda f: bool(f.outdone), UNKNOWN, _outdone),
@@ -402,7 +412,8 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     line = time_driven_line(problem, (chosen.model_fit if chosen else root).fitted.error)
     rivals = tuple(_rivals(problem, evidence, root, chosen, found.tried)) if chosen is not None else ()
     seen = (problem, root, chosen, evidence, carried, line, coordinate, generic, lead, rivals)
-    facts = Facts(*seen, found.first, found.tried, found.freed, found.presliding)
+    hunts = limit_cycle(problem, float(root.fitted.packed.p[layout.COULOMB]))
+    facts = Facts(*seen, found.first, found.tried, found.freed, found.presliding, hunts=hunts)
     if (facts.accepted or facts.law_differs) and not facts.structured:
         return facts
     breathing = (

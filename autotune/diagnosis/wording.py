@@ -27,6 +27,11 @@ DROWNED = (
     "That disturbance is larger than all that an effect explains; what it hides cannot be told. Remove its source, or "
     "record while it is off."
 )
+HUNTS = (
+    "The axis hunts at {hertz:.0f} Hz, with more torque than its friction: the contact slides to and fro all the time, "
+    "and what is left below that frequency is not its friction. Nothing is named. Lower the gains until it is quiet, "
+    "and record again; play in the drive often is the cause."
+)
 OWN_PRESLIDING = (
     "After a reversal friction comes to its level sooner than the exponential of a bristle does: one contact that is "
     "elastic until it slides. This is the base model's presliding by another law and no effect that is missing; it was "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -52,3 +53,22 @@ def test_a_model_without_friction_has_no_level(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(time_driven, "of_friction", lambda *_: None)
     model_fit = SimpleNamespace(fitted=SimpleNamespace(error=np.zeros(1)), correction=None)
     assert time_driven.breathing_friction(problem, model_fit) is None
+
+
+@pytest.mark.parametrize(
+    ("level", "coulomb", "loud", "told"),
+    [(2.0, 1.0, 0.0, True), (0.5, 1.0, 0.0, False), (0.5, 0.0, 20.0, False), (0.0, 0.0, 0.0, False)],
+    ids=["more than friction", "less than friction", "hum beside much torque, no friction", "noise"],
+)
+def test_a_limit_cycle_is_told_where_it_outweighs_friction(
+    level: float, coulomb: float, loud: float, told: bool
+) -> None:
+    """Its level is that of a sine, amplitude over the root of two; its phase is another in the second repeat."""
+    problem, _ = _problem()
+    clock = np.arange(2 * BLOCKS * COUNT) * 0.001
+    phase = np.where(clock < BLOCKS * COUNT * 0.001, 0.0, 2.0)
+    hum = math.sqrt(2.0) * level * np.sin(2.0 * np.pi * 105.0 * clock + phase)
+    motion = loud * np.sign(np.sin(2.0 * np.pi * np.arange(len(clock)) / COUNT))
+    noise = 0.01 * np.random.default_rng(3).standard_normal(len(clock))
+    problem.data.torque, problem.data.period = hum + motion + noise, 0.001
+    assert time_driven.limit_cycle(problem, coulomb) == (pytest.approx(105.0, abs=2.5) if told else 0.0)

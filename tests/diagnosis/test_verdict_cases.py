@@ -28,6 +28,7 @@ NOTHING = {
     "carried": (),
     "left": False,
     "breathing": None,
+    "hunts": 0.0,
 }
 FOUND = {"chosen": object(), "accepted": True}
 
@@ -53,6 +54,8 @@ def test_what_another_law_of_presliding_leaves_is_said() -> None:
         (FOUND | {"outdone": "gravity_imbalance"}, "unknown"),
         ({"chosen": object(), "law_differs": True}, "named"),
         (FOUND | {"drowned": True, "rivals": ("spring",)}, "unknown"),
+        (FOUND | {"hunts": 105.0}, "unknown"),
+        ({"hunts": 105.0}, "unknown"),
         ({"chosen": object(), "left": True}, "unknown"),
         ({"chosen": object(), "left": True, "rivals": ("spring",)}, "unknown"),
         ({"chosen": object()}, "none"),
@@ -77,6 +80,7 @@ def test_every_row_can_be_reached_and_has_a_name_of_its_own() -> None:
         _row(**FOUND, rivals=("spring",)),
         _row(**FOUND, structured=True),
         _row(**FOUND, drowned=True),
+        _row(**FOUND, hunts=105.0),
         _row(**FOUND, outdone="gravity_imbalance"),
         _row(chosen=object(), law_differs=True),
         _row(own_law=True),

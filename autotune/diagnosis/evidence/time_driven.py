@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import welch
 
 from autotune.core.arrays import Floats
 from autotune.estimation.bias_corrected_fit import ModelFit
@@ -24,6 +25,9 @@ BREATHS, QUICKEST_BREATH = 4.0, 2.5
 ones change within the reversals that tell friction from torque."""
 FINE_BREATH = 0.5
 """Of one over the length of the recording: steps of the frequency."""
+HUNTS_ABOVE, NARROW, MOST, LOUD = 10.0, 0.1, 0.5, 0.1
+"""Of a limit cycle: the lowest frequency [Hz]; the width of its line, over that; its least share of all that repeats do
+not share there; its least level over the torque's, where an axis has next to no friction."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +63,41 @@ def time_driven_line(problem: Problem, error: Floats) -> TimeLine | None:
     share = _share(time, values, float(finest))
     everywhere = _everywhere(problem, error, float(finest))
     return TimeLine(float(finest), share) if share > problem.policy.line_part and everywhere else None
+
+
+def limit_cycle(problem: Problem, coulomb: float) -> float:
+    """Frequency at which the axis hunts with more torque than its friction [Hz]; 0 where it does not.
+
+    `coulomb` is its dry friction [N m]. A limit cycle has a phase of its own in every repeat, so that it is no part of
+    the motion, and keeps the contact sliding to and fro: what is left below it is not friction as any model has it.
+    """
+    data = problem.data
+    found = [(0.0, 0.0)]
+    for block in data.blocks:
+        if block.role != TRAINING or block.repeats < 2:
+            continue
+        first, second = data.grid[block.by_repeat(np.arange(len(data.grid)))][:2]
+        count = int(min(first[-1] - first[0], second[-1] - second[0]))
+        if count * data.period < 2.0 / HUNTS_ABOVE:
+            continue
+        one, other = (data.torque[rows[0] : rows[0] + count] for rows in (first, second))
+        level, hertz = _loudest((one - other) / math.sqrt(2.0), data.period)
+        found.append((level if level > LOUD * float(np.std(one)) else 0.0, hertz))
+    level, hertz = max(found)
+    return hertz if level > coulomb else 0.0
+
+
+def _loudest(values: Floats, period: float) -> tuple[float, float]:
+    """Level of the line that holds most of what is quick, and its frequency [Hz]; zeros where none does."""
+    hertz, power = welch(values, 1.0 / period, nperseg=min(len(values), round(1.0 / period)))
+    quick = hertz > HUNTS_ABOVE
+    if not quick.any():
+        return 0.0, 0.0
+    peak = float(hertz[quick][np.argmax(power[quick])])
+    line = quick & (np.abs(hertz - peak) <= NARROW * peak)
+    if float(power[line].sum()) < MOST * float(power[quick].sum()):
+        return 0.0, 0.0
+    return math.sqrt(float(power[line].sum() * hertz[1])), peak
 
 
 def without_line(problem: Problem, error: Floats, line: TimeLine) -> Floats:
