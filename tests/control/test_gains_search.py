@@ -109,7 +109,7 @@ LATE = {
 }  # fmt: skip
 
 
-@pytest.mark.slow(6)
+@pytest.mark.slow(3)
 def test_a_step_that_only_the_integral_brings_home_gets_one(monkeypatch: pytest.MonkeyPatch) -> None:
     """Three cycles late, stiff at rest: beside a broad valley with hardly an integral lies a narrow one, with ten
     times as much, in which steps arrive in three quarters of the time."""
