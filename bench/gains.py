@@ -27,7 +27,8 @@ from autotune.control.gains.hunting import predicted
 from autotune.control.gains.judge import Task
 from autotune.control.gains.loop import Gains, LoopTiming
 from autotune.control.gains.members import Family, family
-from autotune.control.gains.propose import Requirements, corners_of, propose, shaped, shortfall
+from autotune.control.gains.propose import propose
+from autotune.control.gains.requirements import Requirements, corners_of, shaped, shortfall
 from autotune.control.gains.sampled import torque_noise
 from autotune.control.gains.steps import HORIZON, step_sizes
 from autotune.core.errors import AutotuneError

@@ -22,7 +22,8 @@ import numpy as np
 from autotune.control.gains.judge import Task
 from autotune.control.gains.loop import Gains, LoopTiming
 from autotune.control.gains.members import family
-from autotune.control.gains.propose import corners_of, propose, shortfall
+from autotune.control.gains.propose import propose
+from autotune.control.gains.requirements import corners_of, shortfall
 from autotune.control.gains.steps import step_sizes
 from autotune.core.errors import AutotuneError
 from autotune.models.drive_model import DriveModel

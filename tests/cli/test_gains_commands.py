@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from autotune.cli.main import main
-from autotune.control.gains import members, propose
+from autotune.control.gains import members, search
 from autotune.control.gains.loop import Gains
 from autotune.control.gains.members import Family
 from autotune.control.structures.catalogue import Catalogue, Trials, catalogue
@@ -36,9 +36,10 @@ ENTRY = {"name", "sine_peak_error", "step_settling", "robustness", "torque_noise
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An axis file, a run with a model, two more models."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(propose, "POPULATION", 5)
-    monkeypatch.setattr(propose, "GENERATIONS", 2)
-    monkeypatch.setattr(propose, "POLISHED", 4)
+    for name in ("SHAPES", "POPULATION"):
+        monkeypatch.setattr(search, name, 8)
+    for name, value in {"GENERATIONS": 2, "POLISHED": 4, "VALLEYS": 1, "SOUGHT": (4, 31)}.items():
+        monkeypatch.setattr(search, name, value)
     monkeypatch.setattr(members, "_GROUPS", (("inertia", ("inertia",)),))
     monkeypatch.setattr(tuning_catalogue, "catalogue", once)
     monkeypatch.setattr(ceiling, "TRIALS", 1)

@@ -8,21 +8,16 @@ import numpy as np
 import pytest
 
 from autotune.control.gains import propose as proposing
+from autotune.control.gains import search
 from autotune.control.gains.judge import Task, judge
 from autotune.control.gains.loop import Gains, cascade
 from autotune.control.gains.members import ASSUMED, LEAST, MOST, TODAY, drawn, family
-from autotune.control.gains.propose import (
-    Corner,
-    Requirements,
-    corners_of,
-    expected_settling,
-    propose,
-    shortfall,
-)
+from autotune.control.gains.propose import propose
+from autotune.control.gains.requirements import Corner, Requirements, corners_of, shortfall
 from autotune.control.gains.sampled import Margins, margins
+from autotune.control.gains.search import expected_settling
 from autotune.control.gains.steps import step_sizes
 from autotune.control.gains.words import advice
-from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError
 from autotune.models.drive_model import DriveModel, base_model
 from autotune.models.table import EFFECTS
@@ -32,9 +27,11 @@ from tests.control.gains_axis import HOLDS, HUNTS, THESIS, TIMING, lugre, vertic
 
 @pytest.fixture(autouse=True)
 def _short_search(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(proposing, "POPULATION", 6)
-    monkeypatch.setattr(proposing, "GENERATIONS", 4)
-    monkeypatch.setattr(proposing, "POLISHED", 8)
+    """A tenth of the search, on a quarter of the axes."""
+    short = {"SHAPES": 16, "POPULATION": 16, "GENERATIONS": 4, "POLISHED": 8, "VALLEYS": 1}
+    for name, value in short.items():
+        monkeypatch.setattr(search, name, value)
+    monkeypatch.setattr(search, "SOUGHT", (4, 31))
 
 
 def task(model: DriveModel) -> Task:
@@ -103,20 +100,6 @@ def test_whether_a_lag_is_a_dead_time_is_an_end_of_the_intervals() -> None:
 
 def margins_of(corner: Corner, gains: Gains) -> Margins:
     return margins(corner.axis, gains, corner.period, corner.response)
-
-
-def test_the_end_of_the_search_is_taken_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    """From evolution's best points, with the cost of a search: never worse, and into the corner of a simple one."""
-
-    def cost(point: Floats) -> float:
-        kept = point[0] + point[1] <= 1.0
-        return float(3.0 - point[0] - 2.0 * point[1] + (point[2] - 1.0) ** 2) if kept else 100.0
-
-    monkeypatch.setattr(proposing, "POLISHED", 200)
-    ranked = np.array([(0.2, 0.5, 0.8), (0.3, 0.4, 1.2), (0.1, 0.5, 1.0), (0.3, 0.5, 0.9)])
-    edges = np.array([(0.0, 1.0), (0.0, 0.8), (0.0, 2.0)])
-    found = proposing._polished(cost, ranked, edges)
-    assert found == pytest.approx([0.2, 0.8, 1.0], abs=0.05)
 
 
 @pytest.mark.slow

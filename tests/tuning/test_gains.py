@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from autotune.control.gains.loop import Gains
-from autotune.control.gains.propose import Proposal, Requirements
+from autotune.control.gains.propose import Proposal
+from autotune.control.gains.requirements import Requirements
 from autotune.core.axis import Axis, read_axis
 from autotune.core.errors import ConfigurationError
 from autotune.core.paths import config_directory

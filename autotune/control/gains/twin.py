@@ -191,7 +191,7 @@ def shaken(timing: LoopTiming, count: int, seed: int) -> Floats | None:
     return timing.disturbance * _white(count, seed)
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=256)
 def _white(count: int, seed: int) -> Floats:
     return np.random.default_rng([SEED, seed]).normal(0.0, 1.0, count)
 

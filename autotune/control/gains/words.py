@@ -9,7 +9,8 @@ from autotune.control.gains.hunting import LimitCycle
 from autotune.control.gains.judge import Verdict
 from autotune.control.gains.loop import STRUCTURES, Gains
 from autotune.control.gains.members import ASSUMED, Family
-from autotune.control.gains.propose import Proposal, Requirements
+from autotune.control.gains.propose import Proposal
+from autotune.control.gains.requirements import Requirements
 from autotune.control.gains.routh import passivity_margin, pid_conditions
 from autotune.control.gains.steps import HORIZON
 from autotune.core.units import damping_symbol, torque_symbol
