@@ -16,7 +16,7 @@ from autotune.estimation.alignment import shifted, without_twin
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import as_rough, fitted_contact, sticking
 from autotune.estimation.controller import as_recorded, controllers_of, find_controller
-from autotune.estimation.controller_search import AS_MUCH
+from autotune.estimation.controller_between import AS_MUCH
 from autotune.estimation.controller_torque import loop_note, refuse_answers
 from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.disturbance import STILL

@@ -1,6 +1,7 @@
 """The position controller of a recording: the file's if it explains the torque demand, else identified.
 
-The law: `controller_law`; how it is found in the data: `controller_search`.
+The law: `controller_law`; how it is found in the data: `controller_search`, and for loops between the samples
+`controller_between`.
 """
 
 from __future__ import annotations
@@ -15,6 +16,12 @@ import numpy as np
 
 from autotune.core.arrays import Flags, Floats
 from autotune.estimation.alignment import shifted
+from autotune.estimation.controller_between import (
+    answering_late,
+    following_late,
+    laws_between,
+    smooth_between,
+)
 from autotune.estimation.controller_law import (
     BEFORE,
     MOMENT,
@@ -31,15 +38,7 @@ from autotune.estimation.controller_law import (
     share_explained,
     smeared_samples,
 )
-from autotune.estimation.controller_search import (
-    EXACT,
-    answering_late,
-    following_late,
-    law_from_data,
-    laws_between,
-    plainly_better,
-    smooth_between,
-)
+from autotune.estimation.controller_search import EXACT, law_from_data, plainly_better
 from autotune.estimation.data import Prepared, step_of, stretches_of
 from autotune.estimation.policy import POLICY, Policy
 from autotune.recordings.checks import at_limit, torque_of

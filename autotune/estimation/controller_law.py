@@ -14,7 +14,7 @@ that models are compared at what it makes of them can be computed from the sampl
 A torque that is recorded as at the sample is no mean: where set points are on straight lines, the loop answers to the
 change of their speed after each, and a sample sees always the same moment of that.
 
-Which of these laws it is: `controller_search`.
+Which of these laws it is: `controller_search`, `controller_between`.
 """
 
 from __future__ import annotations

@@ -22,8 +22,9 @@ import numpy as np
 from autotune.core.arrays import Flags, Floats
 from autotune.estimation.alignment import best_shift, shifted, without_twin
 from autotune.estimation.controller import as_recorded, asked, controllers_of, find_controller
+from autotune.estimation.controller_between import TICK
 from autotune.estimation.controller_law import NEXT, PositionController
-from autotune.estimation.controller_search import PIECE_SECONDS, TICK
+from autotune.estimation.controller_search import PIECE_SECONDS
 from autotune.estimation.data import Prepared
 from autotune.estimation.disturbance import STILL, Disturbance
 from autotune.estimation.disturbance_estimate import estimate_disturbance

@@ -23,7 +23,6 @@ from autotune.core.errors import NotEnoughExcitation
 from autotune.estimation.pieces import UNFITTED
 from autotune.identify.characteristic import CurveFit, Points, compare_shapes, fit_curve, speed_groups
 from autotune.identify.estimate import Estimate
-from autotune.identify.legs import Leg, find_legs
 from autotune.identify.ripple_lines import Line, columns, find_lines
 from autotune.models.direction_asymmetry import DIRECTION_ASYMMETRY
 from autotune.models.drive_model import DriveModel, base_model
@@ -32,6 +31,7 @@ from autotune.models.stribeck import STRIBECK
 from autotune.recordings.checks import clipped, guide_of, torque_of
 from autotune.recordings.recording import Recording
 from autotune.signals.filters import motion
+from autotune.signals.legs import Leg, find_legs
 
 LEAST_SPEEDS = 4
 _BLOCKS = 48

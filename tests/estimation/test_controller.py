@@ -7,6 +7,7 @@ import pytest
 from scipy import signal
 
 from autotune.estimation.controller import controller_of, find_controller, identified, loop_samples
+from autotune.estimation.controller_between import FED, answering_late, laws_between, smooth_between
 from autotune.estimation.controller_law import (
     LoopSamples,
     PositionController,
@@ -17,13 +18,7 @@ from autotune.estimation.controller_law import (
     law_terms,
     less_run_means,
 )
-from autotune.estimation.controller_search import (
-    FED,
-    _late_trials,
-    answering_late,
-    laws_between,
-    smooth_between,
-)
+from autotune.estimation.controller_search import _late_trials
 from autotune.estimation.data import prepare
 from autotune.estimation.disturbance import STILL
 from autotune.estimation.policy import POLICY

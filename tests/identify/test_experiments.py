@@ -7,10 +7,10 @@ from autotune.core.errors import NotEnoughExcitation
 from autotune.estimation.small_motion import SpringMass, from_difference
 from autotune.identify.characteristic import Points, compare_shapes, fit_curve, predict
 from autotune.identify.dahl import dahl_curve, identify_dahl
-from autotune.identify.legs import find_legs
 from autotune.identify.presliding import identify_presliding
 from autotune.identify.steady_state import identify_steady_state
 from autotune.models.lugre import SHAPES
+from autotune.signals.legs import find_legs
 
 
 def test_steady_state_finds_friction_offset_and_ripple(varied) -> None:
