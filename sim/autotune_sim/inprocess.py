@@ -282,11 +282,14 @@ class SimDrive:
         )
 
     def _fail(self, code: int) -> None:
-        """Stops the axis and raises the fault."""
+        """Stops the axis and raises the fault; in torque mode power goes at once, as 605Eh is set behind a wire."""
         self._fault = code
         error = fault_error(code, "while it was running", self._sample)
         self._note("fault", code=code)
-        self._stop()
+        if self._mode is ServoMode.TORQUE:
+            self._without_power()
+        else:
+            self._stop()
         raise error
 
     def _cause(self) -> int:

@@ -85,6 +85,23 @@ def test_an_answer_for_another_object_is_not_believed(client: Sdo, node: FakeNod
         other.read(SPEED)
 
 
+def test_an_answer_that_is_too_short_is_asked_for_again(client: Sdo, node: FakeNode) -> None:
+    whole, asked = node.objects[0x607F, 0], node._answer
+
+    def short_once(request: bytes) -> bytes | None:
+        node.objects[0x607F, 0] = whole[:2] if node.objects[0x607F, 0] == whole else whole
+        return asked(request)
+
+    node._answer = short_once  # type: ignore[method-assign]
+    assert client.read(SPEED) == 16
+
+
+def test_an_object_that_is_always_too_short_is_told(client: Sdo, node: FakeNode) -> None:
+    node.objects[0x607F, 0] = b"\x10\x00"
+    with pytest.raises(LinkError, match="came with 2 bytes, its type u32 has 4"):
+        client.read(SPEED)
+
+
 def test_an_abort_names_object_code_reason_and_remedy(client: Sdo, node: FakeNode) -> None:
     node.refuse[0x607F, 0, "write"] = 0x06090031
     with pytest.raises(TransferAborted) as caught:

@@ -112,9 +112,13 @@ class Sdo:
         """The object's value.
 
         Raises:
-            TransferAborted: the drive refuses. LinkTimeout: no answer. LinkError: not its type.
+            TransferAborted: the drive refuses. LinkTimeout: no answer. LinkError: not its type, each time.
         """
-        return ref.decode(self.read_bytes(ref, attempts))
+        for left in reversed(range(attempts)):
+            data = self.read_bytes(ref, attempts)
+            if len(data) >= ref.size or not left:
+                break
+        return ref.decode(data)
 
     def read_bytes(self, ref: ObjectRef, attempts: int = _ATTEMPTS) -> bytes:
         """The object's bytes (expedited or segmented)."""
