@@ -99,6 +99,11 @@ def test_a_generic_profile_moves_the_axis_too(running: Simulator) -> None:
     drive.close()
 
 
+def hold(drive: CanopenDrive, cycles: int) -> None:
+    for _ in range(cycles):
+        drive.step(HOLD)
+
+
 def test_the_temperature_is_known_from_the_first_cycle(running: Simulator) -> None:
     drive = connect(running)
     assert 10.0 < play(drive, [HOLD])[0].temperature < 60.0
@@ -148,8 +153,7 @@ def test_a_fault_in_torque_mode_is_not_braked_by_the_encoder(running: Simulator)
     mark = running.mark
     running.order("drive-fault")
     with pytest.raises(DriveFault):
-        for _ in range(1000):
-            drive.step(HOLD)
+        hold(drive, 1000)
     drive.disable()
     drive.close()
     running.wait_for("fault", mark)

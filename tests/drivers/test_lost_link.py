@@ -93,7 +93,7 @@ def test_a_guard_that_could_not_be_put_back_is_put_back_by_closing(
     running: Simulator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = bus.settings(running.port)
-    drive, wire = bad_wire(running)
+    drive, _ = bad_wire(running)
     drive.enable(Mode.POSITION)
     drive.step(HOLD)
     with monkeypatch.context() as during:
@@ -114,7 +114,7 @@ def test_what_a_lost_wire_leaves_is_told_where_nobody_was_told_before(
     drive._sdo._channel.timeout = 0.05
     monkeypatch.setattr("autotune_drivers.canopen.sdo.TIMEOUT", 0.05)
     wire.lost.add(SDO_ANSWERS)
-    with pytest.raises(LinkError, match="not left as it was found.*could not be set back"):
+    with pytest.raises(LinkError, match=r"not left as it was found.*could not be set back"):
         drive.close()
 
 

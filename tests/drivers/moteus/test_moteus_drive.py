@@ -83,9 +83,9 @@ def test_a_controller_that_may_have_power_keeps_what_it_stops_by(
     drive.enable(Mode.POSITION)
     hold(drive, 20)
     monkeypatch.setattr(drive._exchange, "stop", lambda seconds: None)
-    with pytest.raises(LinkError, match="was not confirmed.*emergency stop"):
+    with pytest.raises(LinkError, match=r"was not confirmed.*emergency stop"):
         drive.disable()
-    with pytest.raises(LinkError, match="power may still be on.*emergency stop"):
+    with pytest.raises(LinkError, match=r"power may still be on.*emergency stop"):
         drive.close()
     assert set_back == []
 
