@@ -102,8 +102,8 @@ def parquet_names(path: Path, file: pa.parquet.ParquetFile) -> list[str]:
     nested = [name for name in names if name in COLUMNS and name not in file.schema.names]
     if nested:
         raise RecordingError(
-            f"{path} has lists or structures in its column {nested[0]}, where a recording has one value a row: it is no "
-            "recording, or it is damaged"
+            f"{path} has lists or structures in its column {nested[0]}, where a recording has one value a row: it is "
+            "none, or it is damaged"
         )
     return names
 
