@@ -85,6 +85,36 @@ def test_an_answer_for_another_object_is_not_believed(client: Sdo, node: FakeNod
         other.read(SPEED)
 
 
+def test_a_write_that_arrives_at_another_object_is_repeated_and_told(client: Sdo, node: FakeNode) -> None:
+    node.objects[0x6073, 0] = b"\x05\0\0\0"
+    whole = node._answer
+
+    def changed_once(request: bytes) -> bytes | None:
+        node._answer = whole  # type: ignore[method-assign]
+        return whole(request[:1] + b"\x73\x60" + request[3:])
+
+    node._answer = changed_once  # type: ignore[method-assign]
+    client.write(SPEED, 20)
+    assert node.objects[0x607F, 0] == b"\x14\0\0\0"
+    (said,) = client.strays()
+    assert said.startswith("object 6073h:00 may have been written")
+
+
+def test_a_confirmation_that_comes_twice_is_not_the_next_one(client: Sdo, node: FakeNode) -> None:
+    node.objects[0x6073, 0] = b"\x05\0\0\0"
+    client.write(SPEED, 20)
+    whole = node._answer
+
+    def after_an_old_one(request: bytes) -> bytes | None:
+        node.reply((0x585, b"\x60\x7f\x60\0\0\0\0\0"))
+        return whole(request)
+
+    node._answer = after_an_old_one  # type: ignore[method-assign]
+    client.write(ObjectRef(0x6073, 0, "u32"), 6)
+    assert node.objects[0x6073, 0] == b"\x06\0\0\0"
+    assert client.strays() == []
+
+
 def test_an_answer_that_is_too_short_is_asked_for_again(client: Sdo, node: FakeNode) -> None:
     whole, asked = node.objects[0x607F, 0], node._answer
 

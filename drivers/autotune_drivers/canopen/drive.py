@@ -428,7 +428,7 @@ class CanopenDrive:
         if self._marks is not None:  # an armed recorder refuses that its settings are put back
             self._marks = None
             self._recorder.stop()
-        troubles = self._session.restore(self._leave_operational)
+        troubles = [*self._session.restore(self._leave_operational), *self._sdo.strays()]
         known = self._nmt_before in (OPERATIONAL, STOPPED)
         self._node.command(self._nmt_before if known else PRE_OPERATIONAL)
         return troubles
