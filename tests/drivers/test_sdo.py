@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -64,6 +64,34 @@ def test_silence_is_a_time_out_in_words(client: Sdo, node: FakeNode) -> None:
     node.swallow = 1000
     with pytest.raises(LinkTimeout, match=r"read speed limit \(607Fh:00\).*3 times. Check power"):
         client.read(SPEED)
+
+
+def test_a_drive_that_answers_at_once_is_asked_again_soon(
+    node: FakeNode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sdo_module, "TIMEOUT", 100.0)
+    monkeypatch.setattr(sdo_module, "_QUICK", 0.001)
+    client = Sdo(Wire(node, 127, 0.05), 5)
+    for _ in range(20):
+        client.read(SPEED)
+    asked: list[float] = []
+    wait = client._channel._wire.wait
+
+    def noting(seconds: float, until: Callable[[], bool]) -> bool:
+        asked.append(seconds)
+        return wait(seconds, until) if seconds < 10.0 else False
+
+    monkeypatch.setattr(client._channel._wire, "wait", noting)
+    node.swallow = 1000
+    with pytest.raises(LinkTimeout, match="within 100 s, 3 times"):
+        client.read(SPEED)
+    assert len(asked) == 3
+    assert asked[0] == asked[1] < 1.0
+    assert asked[2] == 100.0
+    asked.clear()
+    with pytest.raises(LinkTimeout, match="within 200 s, 3 times"):
+        client.write(SPEED, 1, timeout=200.0)
+    assert asked == [200.0] * 3
 
 
 def test_a_late_answer_is_not_taken_for_the_next_one(client: Sdo, node: FakeNode) -> None:

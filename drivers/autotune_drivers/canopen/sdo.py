@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import struct
 import threading
+import time
 from collections import deque
 from collections.abc import Callable
 from typing import TypeVar
@@ -24,6 +25,11 @@ from autotune_drivers.canopen.wire import Wire
 
 TIMEOUT = 0.5
 SLOW_TIMEOUT = 5.0
+_QUICK = (
+    0.2  # s; a drive that has always answered far sooner is asked again after so long, but for the last time
+)
+_LONGER = 10.0  # times its slowest answer so far
+_KNOWN = 20  # answers, from which on that is known
 _SLOW = (0x1010, 0x1011)
 _ATTEMPTS = 3
 _LONGEST = 1_000_000  # bytes in segments of seven; longer ones come in blocks
@@ -48,12 +54,15 @@ class _Channel(SdoClient):  # type: ignore[misc]
     """canopen's SDO client with its request and response put on our wire.
 
     Attributes:
+        answers, slowest: number of answers so far, and what the slowest took [s].
         strays: objects (index and sub-index as on the wire) whose writing was confirmed though nobody had asked for it.
     """
 
     def __init__(self, wire: Wire, node: int) -> None:
         super().__init__(0x600 + node, 0x580 + node, ObjectDictionary())
         self.timeout = TIMEOUT
+        self.answers, self.slowest = 0, 0.0
+        self._sent = 0.0
         self.strays: set[bytes] = set()
         self._written: set[bytes] = set()
         self._writes: bytes | None = None
@@ -83,6 +92,7 @@ class _Channel(SdoClient):  # type: ignore[misc]
         self._writes = bytes(request[1:4]) if writes else None
         if writes:
             self._written.add(bytes(request[1:4]))
+        self._sent = time.monotonic()
         self._wire.send((self.rx_cobid, bytes(request)))
 
     def read_response(self) -> bytes:
@@ -90,6 +100,7 @@ class _Channel(SdoClient):  # type: ignore[misc]
             if not self._wire.wait(self.timeout, lambda: bool(self._inbox)):
                 raise SdoCommunicationError("no answer")
             response = self._inbox.popleft()
+            self.answers, self.slowest = self.answers + 1, max(self.slowest, time.monotonic() - self._sent)
             if len(response) != 8:
                 raise SdoCommunicationError(f"an answer of {len(response)} bytes instead of 8")
             if response[0] == 0x80:
@@ -245,7 +256,9 @@ class Sdo:
                 self._owner = 0
 
     def _attempts(self, verb: str, ref: ObjectRef, call: Callable[[], Value], attempts: int) -> Value:
+        longest = self._channel.timeout
         for attempt in range(1, attempts + 1):
+            self._channel.timeout = longest if attempt == attempts else self._soon(longest)
             self._channel.forget()
             try:
                 return call()
@@ -259,6 +272,16 @@ class Sdo:
                         f"{self._channel.timeout:g} s, {attempts} times. Check power, cable and node number"
                     ) from error
         raise LinkTimeout(f"node {self.node}: no attempt was made to {verb} {ref}")
+
+    def _soon(self, longest: float) -> float:
+        """How long an answer may take before it is asked for again: a wire that loses a frame loses more of them.
+
+        What is known to take long, as storing does, is never hurried.
+        """
+        channel = self._channel
+        if channel.answers < _KNOWN or longest > TIMEOUT:
+            return longest
+        return min(longest, max(_QUICK, _LONGER * channel.slowest))
 
     def _refused(self, verb: str, ref: ObjectRef, error: SdoAbortedError) -> TransferAborted:
         text = SdoAbortedError.CODES.get(error.code, "a reason of the vendor's own")
