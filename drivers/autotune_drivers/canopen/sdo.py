@@ -28,7 +28,8 @@ SLOW_TIMEOUT = 5.0
 _QUICK = (
     0.2  # s; a drive that has always answered far sooner is asked again after so long, but for the last time
 )
-_LONGER = 10.0  # times its slowest answer so far
+_LONGER = 10.0  # times its slowest answer of late
+_FORGETS = 0.95  # an answer: a host that was held up once is not slow for ever
 _KNOWN = 20  # answers, from which on that is known
 _SLOW = (0x1010, 0x1011)
 _ATTEMPTS = 3
@@ -54,7 +55,8 @@ class _Channel(SdoClient):  # type: ignore[misc]
     """canopen's SDO client with its request and response put on our wire.
 
     Attributes:
-        answers, slowest: number of answers so far, and what the slowest took [s].
+        answers, slowest: number of answers so far, and what the slowest of late took [s]; without those that may take
+            longer than usual.
         strays: objects (index and sub-index as on the wire) whose writing was confirmed though nobody had asked for it.
     """
 
@@ -100,7 +102,9 @@ class _Channel(SdoClient):  # type: ignore[misc]
             if not self._wire.wait(self.timeout, lambda: bool(self._inbox)):
                 raise SdoCommunicationError("no answer")
             response = self._inbox.popleft()
-            self.answers, self.slowest = self.answers + 1, max(self.slowest, time.monotonic() - self._sent)
+            if self.timeout <= TIMEOUT:
+                self.answers += 1
+                self.slowest = max(time.monotonic() - self._sent, _FORGETS * self.slowest)
             if len(response) != 8:
                 raise SdoCommunicationError(f"an answer of {len(response)} bytes instead of 8")
             if response[0] == 0x80:
