@@ -299,6 +299,8 @@ def _second_start(evidence: Evidence, rig: Rig, folder: Path, others: list[Child
     before, after = evidence.settings("open"), evidence.settings("closed")
     if before is None or after is None or not different(before, after) or evidence.ending.code == 0:
         return evidence
+    if not rig.drive.running:
+        return evidence
     if evidence.case.proxy:
         _bypass(folder, others)
     for order in ("clear", "fault-reset"):
