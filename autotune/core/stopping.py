@@ -26,6 +26,7 @@ wrong unit, and the position's difference.
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 
 from autotune.core.axis import Axis, Limits
@@ -35,6 +36,7 @@ TURNS = 4
 AT_ONCE = 4.0
 SHOWN = 3.0
 PART = 0.5
+REMEMBERED = 4  # an encoder that lies may have begun to just before the stop
 TAKES_OVER = 2
 _SHARE = 0.1
 _DELAY_CYCLES = 2.0
@@ -78,12 +80,38 @@ def gain_allowed(speed: float, deceleration: float, period: float, resolution: f
     return _SHARE * speed + _DELAY_CYCLES * period * deceleration + _COUNTS * resolution / period
 
 
+class Ways:
+    """How far the axis has gone in each of the last `REMEMBERED` cycles; in whatever positions are counted in."""
+
+    __slots__ = ("_at", "_ways")
+
+    def __init__(self) -> None:
+        self._ways: deque[float] = deque(maxlen=REMEMBERED)
+        self._at: float | None = None
+
+    def begin(self) -> None:
+        """After a pause nothing is known."""
+        self._ways.clear()
+        self._at = None
+
+    def see(self, position: float, missed: int = 0) -> None:
+        """One cycle has ended at `position`; so many were lost before it."""
+        if self._at is not None:
+            self._ways.append(abs(position - self._at) / (missed + 1))
+        self._at = position
+
+    @property
+    def longest(self) -> float:
+        """Of them; nan where none is known."""
+        return max(self._ways, default=math.nan)
+
+
 class StopWatch:
     """One stop.
 
     Args:
-        velocity: that the drive told last, moved: that the positions of the last cycle before the stop show; nan where
-            that is not known.
+        velocity: that the drive told last, moved: the highest that positions have shown in the cycles before the stop
+            (`Ways`); nan where that is not known.
 
     Attributes:
         runs_away: speed has grown where it must fall; power has to go at once.

@@ -20,7 +20,7 @@ from autotune.core.errors import (
     LinkTimeout,
     StateError,
 )
-from autotune.core.stopping import StopWatch
+from autotune.core.stopping import StopWatch, Ways
 from autotune_sim.altered_commands import AlteredCommands
 from autotune_sim.drive_faults import OVER_CURRENT, REHEARSED, fault_error, in_words, refused
 from autotune_sim.drive_limits import DriveLimits
@@ -97,7 +97,8 @@ class SimDrive:
         self._conditions: set[str] = set()
         self._fault = 0
         self._mode = ServoMode.POSITION
-        self._demand = self._demand_before = self._way = 0.0
+        self._demand = self._demand_before = 0.0
+        self._ways = Ways()
         self._missed = 0
         self._altered = AlteredCommands(0.0)
         self._leap = LEAP
@@ -147,7 +148,8 @@ class SimDrive:
         self._mode = _MODES[mode]
         self._servo.power(True, self._mode)
         self._demand = self._demand_before = self._servo.position
-        self._missed, self._way = 0, 0.0
+        self._missed = 0
+        self._ways.begin()
         self._altered = AlteredCommands(self._demand)
         self._note("enabled", mode=mode.value)
 
@@ -206,7 +208,7 @@ class SimDrive:
     def _stop(self, agenda: Agenda | None = None) -> StopWatch:
         """Brakes on the drive's own ramp, then takes power off; meanwhile something of `agenda` may fail."""
         servo = self._servo
-        moved = self._way / servo.period
+        moved = self._ways.longest / servo.period
         watch = StopWatch(self._limits.stop(self._servo), self._sample.velocity, moved)
         try:
             if "enable-missing" not in self._conditions:
@@ -263,9 +265,8 @@ class SimDrive:
         velocity = min(max(velocity, -limits.speed), limits.speed)
         if not math.isfinite(velocity + torque + feedforward):
             raise DriveError(f"{command} cannot be sent to the simulated drive: every value must be finite")
-        at = self._sample.position
         self._sample = state = servo.cycle(position, velocity, torque, feedforward)
-        self._way = state.position - at
+        self._ways.see(state.position)
         self._demand_before, self._demand = self._demand, position
         code = limits.broken(state)
         if code:

@@ -8,13 +8,13 @@ has a SYNC counter, by that.
 
 from __future__ import annotations
 
-import math
 import struct
 import time
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 from autotune.core.errors import ConfigurationError, HostLate, LinkError, LinkTimeout
+from autotune.core.stopping import Ways
 from autotune_drivers.canopen.frames import Frame
 from autotune_drivers.canopen.node import PRE_OPERATIONAL, SILENT, STOPPED, Node
 from autotune_drivers.canopen.objects import ObjectRef, Raw
@@ -40,7 +40,7 @@ class Exchange:
         sync: the drive's SYNC counter in the last answer, low word; None where it tells none.
         values: what the drive told last: status, position, torque demand, torque, velocity, and then
             torque feedback where the profile has it.
-        rate: way in the last cycle, as the drive counts positions; nan after a pause.
+        ways: in the last cycles, as the drive counts positions.
         slow: what the slow PDO told last (temperature), raw; None while it told nothing.
         slow_overdue: it has told something, and `SLOW_LOST` of its messages in a row have not come since.
     """
@@ -62,8 +62,7 @@ class Exchange:
         self._tries = 1 if lock_step else profile.cycle.lost_cycles + 1
         self._due = 0.0
         self._expected: int | None = None
-        self.rate = math.nan
-        self._at: Raw | None = None
+        self.ways = Ways()
         self._boots = node.boots
         self._outputs: list[tuple[int, struct.Struct, int, int]] = []
         self._listen()
@@ -148,8 +147,7 @@ class Exchange:
         self._due = time.monotonic()
         self._expected = None
         self._boots = self._node.boots
-        self.rate = math.nan
-        self._at = None
+        self.ways.begin()
         self._wire.drain()
 
     def cycle(self, outputs: Sequence[Raw]) -> int:
@@ -173,8 +171,7 @@ class Exchange:
             if self._answered():
                 self.count += missed + 1
                 self.healthy = True
-                at, self._at = self._at, self.values[1]
-                self.rate = math.nan if at is None else (self.values[1] - at) / (missed + 1)
+                self.ways.see(self.values[1], missed)
                 return missed
             missed += 1
             self._expected = None

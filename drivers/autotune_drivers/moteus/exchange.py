@@ -20,6 +20,7 @@ from operator import itemgetter
 from typing import NamedTuple
 
 from autotune.core.errors import LinkError
+from autotune.core.stopping import Ways
 from autotune_drivers.moteus.multiplex import FAULT, MODE, Form, parse, read, reply_head
 from autotune_drivers.moteus.node import Heard, MoteusNode
 from autotune_drivers.moteus.profile import MoteusCycle
@@ -75,7 +76,7 @@ class MoteusExchange:
         healthy: the last cycle was answered.
         state: what the controller told last.
         temperature_overdue: it told a temperature before, but no number for `TEMPERATURE_AGE`.
-        rate: way in the last cycle [rev]; nan after a pause.
+        ways: in the last cycles [rev].
         punctuality: how late this host was.
     """
 
@@ -105,8 +106,7 @@ class MoteusExchange:
         self._due = 0.0
         self.punctuality = Punctuality()
         self._left = math.inf
-        self.rate = math.nan
-        self._at: float | None = None
+        self.ways = Ways()
         self._last_temperature = math.nan
         self._cold_cycles = 0
         self._temperature = TEMPERATURES.get(temperature)
@@ -155,8 +155,7 @@ class MoteusExchange:
         """The next cycle is due now; to be called after a pause."""
         self._due = time.monotonic()
         self._left = math.inf
-        self.rate = math.nan
-        self._at = None
+        self.ways.begin()
         self._node.port.drain()
 
     def cycle(self, target: Target) -> int:
@@ -179,7 +178,8 @@ class MoteusExchange:
                 self.count += missed + 1
                 self.healthy = True
                 self._left = time.monotonic()
-                self._note_rate(missed)
+                if self.state is not None:
+                    self.ways.see(self.state.position, missed)
                 return missed
             self._node.note_refusal(heard.refusal)
             if not heard.refusal:
@@ -188,10 +188,6 @@ class MoteusExchange:
             then = f"{self._tries} answers in a row did not come"
             raise host_late(f"controller {self._node.number}", self.punctuality.spell, self._timeout, then)
         raise self._node.silence(heard)
-
-    def _note_rate(self, missed: int) -> None:
-        at, self._at = self._at, None if self.state is None else self.state.position
-        self.rate = math.nan if at is None or self._at is None else (self._at - at) / (missed + 1)
 
     def _listen(self) -> Heard:
         """The answer; what came while this host was held up is looked at before it counts as lost."""

@@ -166,7 +166,7 @@ class MoteusPower:
         """
         if not self._exchange.healthy:
             self._exchange.look()
-        moved = self._exchange.rate * self._scale / self._period
+        moved = self._exchange.ways.longest * self._scale / self._period
         watch = StopWatch(self._limits, self._motion[1], moved)
         if not math.isfinite(velocity):
             velocity = 0.0  # nothing to begin a ramp with; the watch ends it at once
