@@ -12,7 +12,9 @@ by no more than it could lose; 2·q/T is what two counts q of the position senso
 
 A speed that vanishes at once is no braking: an encoder that is silent while, even with `AT_ONCE` times the
 deceleration that the drive brakes with, the axis had to show `SHOWN` counts a cycle has died, or something has stopped
-the axis; neither is to be braked by it.
+the axis; neither is to be braked by it. Nor is an encoder that shows less than `PART` of what even then had to be left
+of the speed that its own positions showed before: it tells a part of the motion, and a ramp that follows it drives
+the axis.
 
 A speed of half that allowance that turns round `TURNS` times is no braking either: the loop swings, by gains or by an
 encoder that tells a part, and would do so until the longest stop is over.
@@ -24,6 +26,7 @@ wrong unit, and the position's difference.
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 
 from autotune.core.axis import Axis, Limits
@@ -32,6 +35,8 @@ IN_A_ROW = 3
 TURNS = 4
 AT_ONCE = 4.0
 SHOWN = 3.0
+PART = 0.5
+REMEMBERED = 4  # an encoder that lies may have begun to just before the stop
 TAKES_OVER = 2
 _SHARE = 0.1
 _DELAY_CYCLES = 2.0
@@ -75,15 +80,45 @@ def gain_allowed(speed: float, deceleration: float, period: float, resolution: f
     return _SHARE * speed + _DELAY_CYCLES * period * deceleration + _COUNTS * resolution / period
 
 
+class Ways:
+    """How far the axis has gone in each of the last `REMEMBERED` cycles; in whatever positions are counted in."""
+
+    __slots__ = ("_at", "_ways")
+
+    def __init__(self) -> None:
+        self._ways: deque[float] = deque(maxlen=REMEMBERED)
+        self._at: float | None = None
+
+    def begin(self) -> None:
+        """After a pause nothing is known."""
+        self._ways.clear()
+        self._at = None
+
+    def see(self, position: float, missed: int = 0) -> None:
+        """One cycle has ended at `position`; so many were lost before it."""
+        if self._at is not None:
+            self._ways.append(abs(position - self._at) / (missed + 1))
+        self._at = position
+
+    @property
+    def longest(self) -> float:
+        """Of them; nan where none is known."""
+        return max(self._ways, default=math.nan)
+
+
 class StopWatch:
     """One stop.
+
+    Args:
+        velocity: that the drive told last, moved: the highest that positions have shown in the cycles before the stop
+            (`Ways`); nan where that is not known.
 
     Attributes:
         runs_away: speed has grown where it must fall; power has to go at once.
         trouble: what was seen, in words; empty where the stop was as it should be.
     """
 
-    def __init__(self, limits: StopLimits, velocity: float) -> None:
+    def __init__(self, limits: StopLimits, velocity: float, moved: float = math.nan) -> None:
         self.runs_away = False
         self.trouble = ""
         self._limits = limits
@@ -92,6 +127,9 @@ class StopWatch:
         self._seen = self._beyond = self._turns = 0
         self._way = 0.0
         self._least = self._speed  # that it must have had in the cycle before
+        self._shown = (
+            min(self._speed, abs(moved)) if math.isfinite(moved) else 0.0
+        )  # the same, by both velocities
 
     def see(self, position: float, velocity: float, missed: int = 0) -> None:
         """Takes the next sample; so many cycles were lost before it."""
@@ -114,8 +152,8 @@ class StopWatch:
         elif not self.runs_away and before is not None and self._vanishes(moved, cycles):
             self.runs_away = True
             self.trouble = (
-                f"its speed of {self._speed:.3g} {limits.unit}/s vanished at once: power was taken off, and it coasts "
-                "to rest. Check the position sensor and its cable, and what may have stopped the axis"
+                f"its speed of {self._speed:.3g} {limits.unit}/s vanished at once, or most of it: power was taken off, "
+                "and it coasts to rest. Check the position sensor and its cable, and what may have stopped the axis"
             )
         elif not self.runs_away and self._swings(velocity):
             self.runs_away = True
@@ -130,11 +168,13 @@ class StopWatch:
             )
 
     def _vanishes(self, moved: float, cycles: float) -> bool:
-        """Whether the axis shows nothing where it cannot rest yet."""
-        self._least -= AT_ONCE * self._limits.deceleration * cycles
-        return (
-            moved * cycles <= self._limits.count * 1.5 and self._least * cycles > SHOWN * self._limits.count
-        )
+        """Whether the axis shows nothing where it cannot rest yet, or far less than must be left."""
+        lost = AT_ONCE * self._limits.deceleration * cycles
+        self._least, self._shown = self._least - lost, self._shown - lost
+        way, count = moved * cycles, self._limits.count
+        if way <= 1.5 * count:
+            return self._least * cycles > SHOWN * count
+        return PART * (self._shown * cycles - count) > way + count
 
     def _swings(self, velocity: float) -> bool:
         """Whether it has turned round too often, each time at a speed that no rest has."""

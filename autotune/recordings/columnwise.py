@@ -28,6 +28,7 @@ from autotune.recordings.file_parts import (
     floats_of,
     integers_of,
     pairs_of,
+    parquet_names,
     reading,
     refuse_huge,
     spacing,
@@ -109,9 +110,9 @@ class _File:
 
     def __init__(self, path: Path, columns: Path, pairs: Mapping[str, str] | None = None) -> None:
         first = pa.parquet.ParquetFile(columns)
-        self.path, self.names, self.rows = path, tuple(first.schema_arrow.names), int(first.metadata.num_rows)
+        self.path, self.rows = path, int(first.metadata.num_rows)
         refuse_huge(path, self.rows, MOST_ROWS, "rows")
-        check_names(path, self.names)
+        self.names = tuple(parquet_names(path, first))
         self.pairs = pairs_of(first.schema_arrow) if pairs is None else pairs
         self.columns = tuple(name for name in FLOAT_COLUMNS if name in self.names)
         self._before: Floats | None = None

@@ -12,13 +12,14 @@ from typing import BinaryIO
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet
 from numpy.typing import NDArray
 
 from autotune.core.arrays import Floats
 from autotune.core.errors import AutotuneError, RecordingError, a_few
 from autotune.recordings.checksum import KEY as CHECKSUM
 from autotune.recordings.limits import refuse_names
-from autotune.recordings.recording import FLOAT_COLUMNS, REQUIRED_COLUMNS
+from autotune.recordings.recording import COLUMNS, FLOAT_COLUMNS, REQUIRED_COLUMNS
 
 PREFIX = b"autotune."
 CSV_TYPES = {name: pa.float64() for name in FLOAT_COLUMNS} | {
@@ -92,6 +93,19 @@ def check_names(path: Path, names: Sequence[str]) -> None:
             f"{path} has no column {', '.join(missing)}; it has {a_few(names)}. "
             "Map foreign columns with 'autotune data import --column NAME=FIELD'"
         )
+
+
+def parquet_names(path: Path, file: pa.parquet.ParquetFile) -> list[str]:
+    """Names of a Parquet file's columns. Raises RecordingError as `check_names`, and where one has parts of its own."""
+    names = list(file.schema_arrow.names)
+    check_names(path, names)
+    nested = [name for name in names if name in COLUMNS and name not in file.schema.names]
+    if nested:
+        raise RecordingError(
+            f"{path} has lists or structures in its column {nested[0]}, where a recording has one value a row: it is "
+            "none, or it is damaged"
+        )
+    return names
 
 
 def floats_of(table: pa.Table, name: str) -> Floats:

@@ -30,6 +30,7 @@ from autotune.recordings.file_parts import (
     floats_of,
     integers_of,
     pairs_of,
+    parquet_names,
     reading,
     refuse_huge,
     spacing,
@@ -152,12 +153,12 @@ def _read_parquet(path: Path) -> tuple[_Columns, dict[str, str]]:
     schema = file.schema_arrow
     rows = file.metadata.num_rows
     refuse_huge(path, rows, MOST_ROWS, "rows")
-    check_names(path, schema.names)
-    coded = [name for name in schema.names if name == "experiment"]
+    names = parquet_names(path, file)
+    coded = [name for name in names if name == "experiment"]
     file = pa.parquet.ParquetFile(
         path, page_checksum_verification=True, read_dictionary=coded, pre_buffer=False
     )
-    columns = _Columns([name for name in schema.names if name in COLUMNS], rows)
+    columns = _Columns([name for name in names if name in COLUMNS], rows)
     for batch in file.iter_batches(BATCH, columns=columns.names, use_threads=False):
         columns.append(pa.Table.from_batches([batch]))
     return columns, pairs_of(schema)

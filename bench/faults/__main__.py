@@ -41,7 +41,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--named", action="store_true", help="the cases of reported batches that stay, one by one"
     )
-    parser.add_argument("--keep", type=Path, help="with --case: folder for all that the cases leave")
+    parser.add_argument(
+        "--keep", type=Path, help="folder for what unsound cases leave; with --case for what all leave"
+    )
     parser.add_argument("--workers", type=int, default=2, help="(default: %(default)s)")
     parser.add_argument("--out", type=Path, help="results as JSON lines; cases in it are not played again")
     parser.add_argument(
@@ -97,7 +99,7 @@ def _played(options: argparse.Namespace, cases: Sequence[Case], template: Path |
     from bench.faults.pool import play, play_all
 
     if options.case is None:
-        yield from play_all(cases, template, options.workers)
+        yield from play_all(cases, template, options.workers, options.keep)
         return
     for case in cases:
         yield play(case, template, options.keep / str(case.seed) if options.keep else None)

@@ -261,7 +261,8 @@ def _end(evidence: Evidence, policy: Policy) -> list[str]:
     if len(rows) and (stalled := evidence.events("stalled")):
         still = stalled[-1].wall - float(rows["wall"][-1])
         found.append(
-            f"rig: the simulated drive has stood still for {still:.1f} s; what it would have done is not known"
+            f"rig: the simulated drive has stood still for {still:.1f} s ({stalled[-1].details.get('where')}); what it "
+            "would have done is not known"
         )
     elif len(rows) and "stage-stuck" not in evidence.case.faults:
         last = rows[-LAST:]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import shutil
 import tempfile
 from collections.abc import Iterable, Iterator
@@ -14,6 +15,8 @@ from bench.faults.evidence import Evidence
 from bench.faults.here import run_here
 from bench.faults.judge import Verdict, judge
 from bench.faults.wire import run_wire
+
+_MEMORY, _ROOM = Path("/dev/shm"), 2_000_000_000  # noqa: S108 - bytes; folders in it are made by mkdtemp
 
 
 @dataclass(frozen=True)
@@ -39,17 +42,32 @@ class Result:
         return f"{self.seed} {self.kind:6} {self.done} -> {self.outcome}, code {code}: {said}"
 
 
-def play(case: Case, template: Path | None, keep: Path | None = None) -> Result:
-    """Plays one case in a folder of its own and judges it; `keep` is where the folder stays."""
-    folder = keep or Path(tempfile.mkdtemp(prefix="hurt-"))
+def play(case: Case, template: Path | None, keep: Path | None = None, unsound: Path | None = None) -> Result:
+    """Plays one case in a folder of its own and judges it.
+
+    `keep` is where the folder stays; `unsound`, where those of cases with findings are put.
+    """
+    folder = keep or Path(tempfile.mkdtemp(prefix="hurt-", dir=in_memory()))
     folder.mkdir(parents=True, exist_ok=True)
     try:
         run = run_wire if case.kind in ("wire", "line") else run_here
         evidence = run(case, folder, template)
-        return result(evidence, judge(evidence))
+        found = result(evidence, judge(evidence))
+        if found.findings and unsound is not None:
+            shutil.copytree(folder, unsound / str(case.seed), symlinks=True, dirs_exist_ok=True)
+        return found
     finally:
         if keep is None:
             shutil.rmtree(folder, ignore_errors=True)
+
+
+def in_memory() -> Path | None:
+    """Where files are memory alone: a disk that others keep busy must not hold up a simulated drive. None: nowhere."""
+    try:
+        room = shutil.disk_usage(_MEMORY)
+    except OSError:
+        return None
+    return _MEMORY if room.free > _ROOM and os.access(_MEMORY, os.W_OK) else None
 
 
 def result(evidence: Evidence, verdict: Verdict) -> Result:
@@ -94,20 +112,23 @@ def _rounded(seconds: float | None) -> float | None:
     return None if seconds is None else round(seconds, 3)
 
 
-def play_all(cases: Iterable[Case], template: Path | None, workers: int = 2) -> Iterator[Result]:
+def play_all(
+    cases: Iterable[Case], template: Path | None, workers: int = 2, unsound: Path | None = None
+) -> Iterator[Result]:
     """Plays many cases; call `here.warm` before."""
     context = multiprocessing.get_context("fork")
-    with context.Pool(workers, initializer=_begin, initargs=(template,)) as pool:
+    with context.Pool(workers, initializer=_begin, initargs=(template, unsound)) as pool:
         yield from pool.imap_unordered(_work, cases)
 
 
 _template: Path | None = None
+_unsound: Path | None = None
 
 
-def _begin(template: Path | None) -> None:
-    global _template
-    _template = template
+def _begin(template: Path | None, unsound: Path | None) -> None:
+    global _template, _unsound
+    _template, _unsound = template, unsound
 
 
 def _work(case: Case) -> Result:
-    return play(case, _template)
+    return play(case, _template, unsound=_unsound)

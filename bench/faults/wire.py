@@ -6,6 +6,7 @@ second run of the same seed is the same case, not the same instant.
 
 from __future__ import annotations
 
+import faulthandler
 import os
 import shutil
 import signal
@@ -62,8 +63,23 @@ class Rig:
             events += (Event("closed", last.time, last.wall, last.details),)
         if not told:
             at = float(log.rows["time"][-1]) if len(log.rows) else 0.0
-            events += (Event("stalled", at, time.monotonic()),)
+            events += (Event("stalled", at, time.monotonic(), {"where": self._where()}),)
         return TruthFile(log.rows, events)
+
+    def _where(self) -> str:
+        """What the drive's process does, as the kernel and its own stack tell it."""
+        process = Path(f"/proc/{self.drive.pid}")
+        with suppress(OSError, IndexError):
+            state = (process / "stat").read_text(encoding="ascii").rpartition(")")[2].split()[0]
+            waits = (process / "wchan").read_text(encoding="ascii")
+            length = self.drive.output.stat().st_size
+            os.kill(self.drive.pid, signal.SIGUSR1)
+            _wait(lambda: self.drive.output.stat().st_size > length, 1.0)
+            with self.drive.output.open("rb") as file:
+                file.seek(length)
+                stack = file.read().decode("utf-8", "replace")
+            return f"state {state}, waits in {waits or 'nothing'}; {' < '.join(stack.split(chr(10))[1:6])}"
+        return "it is gone"
 
     def _events(self) -> list[Event]:
         return [event for event in read_log(self.folder / "truth").events if event.kind == "objects"]
@@ -114,6 +130,7 @@ def _start_drive(case: Case, folder: Path, link: str, number: int, port: Path) -
 
         os.dup2(read, 0)
         os.close(write)
+        faulthandler.register(signal.SIGUSR1)
         serve(
             "edm-vertical",
             port,
@@ -281,6 +298,8 @@ def _second_start(evidence: Evidence, rig: Rig, folder: Path, others: list[Child
     """Where settings are left: the cause is gone, somebody resets the drive, and the program starts again."""
     before, after = evidence.settings("open"), evidence.settings("closed")
     if before is None or after is None or not different(before, after) or evidence.ending.code == 0:
+        return evidence
+    if not rig.drive.running:
         return evidence
     if evidence.case.proxy:
         _bypass(folder, others)

@@ -7,6 +7,10 @@ from collections.abc import Callable
 from autotune.core.errors import AutotuneError, DriveFault, LinkError
 
 LOOK = "look whether the axis rests, and use the emergency stop if it does not"
+MAY_BE_ON = (
+    f"its power may still be on, and all that this session has set, its own guard for a silent host too, was left as "
+    f"it is: {LOOK}"
+)
 
 
 def off_after(error: BaseException, disable: Callable[[], None]) -> None:
@@ -57,7 +61,25 @@ def close_down(
         raise fault
 
 
-def unconfirmed(error: LinkError) -> LinkError:
+def tell_unconfirmed(error: LinkError, told: LinkError | None, unsure: bool) -> None:
+    """Says that power was not taken off in the usual way: in an error of its own, or beside the one that was told.
+
+    Args:
+        error: why not. told: the error that has told of the lost link already.
+        unsure: nor in any other way; nobody knows that the axis rests.
+
+    Raises:
+        LinkError: nobody has been told yet.
+    """
+    if told is None and not unsure:
+        raise error
+    if told is None:
+        raise _unconfirmed(error) from error
+    if unsure:
+        told.add_note(str(_unconfirmed(error)))
+
+
+def _unconfirmed(error: LinkError) -> LinkError:
     """The error for a drive that went silent while power was taken off: nobody knows that the axis rests."""
     return LinkError(
         f"the end of the motion was not confirmed: {error}. The drive stops its axis by its own guard for a silent "

@@ -20,7 +20,7 @@ from autotune.core.errors import (
     LinkTimeout,
     StateError,
 )
-from autotune.core.stopping import StopWatch
+from autotune.core.stopping import StopWatch, Ways
 from autotune_sim.altered_commands import AlteredCommands
 from autotune_sim.drive_faults import OVER_CURRENT, REHEARSED, fault_error, in_words, refused
 from autotune_sim.drive_limits import DriveLimits
@@ -98,6 +98,7 @@ class SimDrive:
         self._fault = 0
         self._mode = ServoMode.POSITION
         self._demand = self._demand_before = 0.0
+        self._ways = Ways()
         self._missed = 0
         self._altered = AlteredCommands(0.0)
         self._leap = LEAP
@@ -148,6 +149,7 @@ class SimDrive:
         self._servo.power(True, self._mode)
         self._demand = self._demand_before = self._servo.position
         self._missed = 0
+        self._ways.begin()
         self._altered = AlteredCommands(self._demand)
         self._note("enabled", mode=mode.value)
 
@@ -206,7 +208,8 @@ class SimDrive:
     def _stop(self, agenda: Agenda | None = None) -> StopWatch:
         """Brakes on the drive's own ramp, then takes power off; meanwhile something of `agenda` may fail."""
         servo = self._servo
-        watch = StopWatch(self._limits.stop(self._servo), self._sample.velocity)
+        moved = self._ways.longest / servo.period
+        watch = StopWatch(self._limits.stop(self._servo), self._sample.velocity, moved)
         try:
             if "enable-missing" not in self._conditions:
                 ramp = self._ramp()
@@ -263,6 +266,7 @@ class SimDrive:
         if not math.isfinite(velocity + torque + feedforward):
             raise DriveError(f"{command} cannot be sent to the simulated drive: every value must be finite")
         self._sample = state = servo.cycle(position, velocity, torque, feedforward)
+        self._ways.see(state.position)
         self._demand_before, self._demand = self._demand, position
         code = limits.broken(state)
         if code:
@@ -282,11 +286,14 @@ class SimDrive:
         )
 
     def _fail(self, code: int) -> None:
-        """Stops the axis and raises the fault."""
+        """Stops the axis and raises the fault; in torque mode power goes at once, as 605Eh is set behind a wire."""
         self._fault = code
         error = fault_error(code, "while it was running", self._sample)
         self._note("fault", code=code)
-        self._stop()
+        if self._mode is ServoMode.TORQUE:
+            self._without_power()
+        else:
+            self._stop()
         raise error
 
     def _cause(self) -> int:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from configparser import RawConfigParser, SectionProxy
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from autotune_sim.aborts import Abort, AbortCode
 Value = int | float | bytes
 
 REAL32, VISIBLE_STRING, OCTET_STRING, DOMAIN = 0x08, 0x09, 0x0A, 0x0F
+_LARGEST = 3.4028234663852886e38
 FORMATS = {1: "?", 2: "b", 3: "h", 4: "i", 5: "B", 6: "H", 7: "I", 8: "f", 0x11: "d", 0x15: "q", 0x1B: "Q"}
 _SECTION = re.compile(r"^([0-9A-Fa-f]{4})(?:sub([0-9A-Fa-f]{1,2}))?$")
 _CONTAINERS = (0x8, 0x9)
@@ -126,7 +127,7 @@ class Entry:
     def encode(self, value: Value) -> bytes:
         if self.packer is None:
             return value if isinstance(value, bytes) else b""
-        return self.packer.pack(value)
+        return packed(self.packer, (value,))
 
     def _parse(self, text: str, node_id: int) -> Value:
         if self.packer is None:
@@ -142,6 +143,24 @@ class Entry:
         if not text or self.packer is None:
             return None
         return float(text) if self.data_type in (REAL32, 0x11) else int(text, 0)
+
+
+def packed(packer: struct.Struct, values: Sequence[Value]) -> bytes:
+    """Values as bytes; what an object cannot hold is told as the most or the least that it can."""
+    try:
+        return packer.pack(*values)
+    except (struct.error, OverflowError):
+        return packer.pack(*map(_saturated, packer.format.lstrip("<"), values))
+
+
+def _saturated(form: str, value: Value) -> Value:
+    if isinstance(value, bytes) or form in "?d":
+        return value
+    if form == "f":
+        return math.copysign(math.inf, value) if abs(value) > _LARGEST else value
+    bits = 8 * struct.calcsize("<" + form)
+    low, high = (-(1 << bits - 1), (1 << bits - 1) - 1) if form.islower() else (0, (1 << bits) - 1)
+    return int(min(max(value, low), high))
 
 
 class ObjectDictionary:

@@ -10,7 +10,7 @@ import struct
 from collections.abc import Callable
 
 from autotune_sim.aborts import Abort, AbortCode
-from autotune_sim.object_dictionary import FORMATS, Entry, ObjectDictionary, Value
+from autotune_sim.object_dictionary import FORMATS, Entry, ObjectDictionary, Value, packed
 
 NUMBER = 4
 _INVALID = 0x80000000
@@ -167,7 +167,7 @@ class TransmitPdo(Pdo):
             raise Abort(AbortCode.STATE)
 
     def content(self) -> bytes:
-        return self.packer.pack(*[read() for read in self._reads])
+        return packed(self.packer, [read() for read in self._reads])
 
     def synchronous(self, counter: int) -> bool:
         """True where this SYNC (with its counter, or 0) asks for the PDO."""

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from enum import IntEnum
 
 from autotune_sim.aborts import Abort, AbortCode
-from autotune_sim.object_dictionary import FORMATS, ObjectDictionary, Value
+from autotune_sim.object_dictionary import FORMATS, ObjectDictionary, Value, packed
 
 CHANNELS = 8
 _RISING = 1
@@ -102,7 +102,7 @@ class Recorder:
         if self.status is Status.ARMED and self._triggered():
             self._begin()
             self._first -= 1
-        self._rows.append(self._packer.pack(*[read() for read in self._reads]))
+        self._rows.append(packed(self._packer, [read() for read in self._reads]))
         if self.status is Status.RECORDING and len(self._rows) >= self._wanted:
             self.status = Status.COMPLETE
             self.active = False

@@ -13,10 +13,17 @@ import pytest
 from autotune.core.arrays import Floats
 from autotune.core.axis import Axis, Mechanics
 from autotune.core.drive import HOLD, Command, Mode
-from autotune.core.errors import ConfigurationError, Interrupted, LinkError, StateError, TransferAborted
+from autotune.core.errors import (
+    ConfigurationError,
+    DriveFault,
+    Interrupted,
+    LinkError,
+    StateError,
+    TransferAborted,
+)
 from autotune.core.loop import ROW_FIELDS
 from autotune_drivers import open_loop
-from autotune_drivers.canopen.drive import CanopenDrive
+from autotune_drivers.canopen.drive import FAULT_REACTION, CanopenDrive
 from autotune_drivers.canopen.objects import ObjectRef
 from autotune_drivers.canopen.opening import CanopenOpener
 from autotune_drivers.cyclic.loop import CyclicLoop
@@ -92,6 +99,11 @@ def test_a_generic_profile_moves_the_axis_too(running: Simulator) -> None:
     drive.close()
 
 
+def hold(drive: CanopenDrive, cycles: int) -> None:
+    for _ in range(cycles):
+        drive.step(HOLD)
+
+
 def test_the_temperature_is_known_from_the_first_cycle(running: Simulator) -> None:
     drive = connect(running)
     assert 10.0 < play(drive, [HOLD])[0].temperature < 60.0
@@ -118,6 +130,56 @@ def test_a_guard_for_another_master_is_put_back(running: Simulator) -> None:
     drive.close()
     assert bus.settings(running.port) == before
     write(running, "1016:01 u32", 0)
+
+
+def test_in_torque_mode_alone_a_fault_takes_torque_away(running: Simulator) -> None:
+    before = bus.settings(running.port)
+    drive = connect(running)
+    shown = {}
+    for mode in (Mode.POSITION, Mode.TORQUE, Mode.POSITION, Mode.TORQUE):
+        drive.enable(mode)
+        drive.step(HOLD)
+        shown[mode] = drive._sdo.read(FAULT_REACTION)
+        drive.disable()
+    drive.close()
+    assert shown == {Mode.POSITION: 2, Mode.TORQUE: 0}
+    assert bus.settings(running.port) == before
+
+
+def test_a_fault_in_torque_mode_is_not_braked_by_the_encoder(running: Simulator) -> None:
+    drive = connect(running)
+    drive.enable(Mode.TORQUE)
+    drive.step(HOLD)
+    mark = running.mark
+    running.order("drive-fault")
+    with pytest.raises(DriveFault):
+        hold(drive, 1000)
+    drive.disable()
+    drive.close()
+    running.wait_for("fault", mark)
+    assert not any("quick stop begun" in line for line in running.lines[mark:])
+    running.order("clear")
+    running.order("fault-reset")
+
+
+def test_a_drive_that_always_brakes_is_left_as_it_is(
+    running: Simulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = bus.settings(running.port)
+    drive = connect(running)
+    write = drive._sdo.write
+
+    def refusing(ref: ObjectRef, raw: float, timeout: float | None = None) -> None:
+        if ref == FAULT_REACTION:
+            raise TransferAborted("refused", 0x06090030)
+        write(ref, raw, timeout)
+
+    monkeypatch.setattr(drive._sdo, "write", refusing)
+    drive.enable(Mode.TORQUE)
+    drive.step(HOLD)
+    drive.disable()
+    drive.close()
+    assert bus.settings(running.port) == before
 
 
 @pytest.mark.parametrize("area", ["1010:01 u32", "1010:04 u32"])

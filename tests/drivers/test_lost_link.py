@@ -50,6 +50,10 @@ def lose(drive: CanopenDrive, wire: BadWire, *lost: int) -> LinkTimeout:
     return caught.value
 
 
+def lost(*_: object) -> None:
+    raise LinkTimeout("no answer")
+
+
 def played(drive: CanopenDrive) -> None:
     try:
         drive.step(HOLD)
@@ -83,6 +87,35 @@ def test_a_drive_that_says_nothing_is_not_called_at_rest(
     wire.lost.clear()
     drive.close()
     assert not bus.powered(running.port)
+
+
+def test_a_guard_that_could_not_be_put_back_is_put_back_by_closing(
+    running: Simulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = bus.settings(running.port)
+    drive, _ = bad_wire(running)
+    drive.enable(Mode.POSITION)
+    drive.step(HOLD)
+    with monkeypatch.context() as during:
+        during.setattr(drive._session, "undo", lost)
+        drive.disable()
+    drive.close()
+    assert bus.settings(running.port) == before
+
+
+def test_what_a_lost_wire_leaves_is_told_where_nobody_was_told_before(
+    running: Simulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drive, wire = bad_wire(running)
+    drive.enable(Mode.POSITION)
+    drive.step(HOLD)
+    monkeypatch.setattr(drive._session, "undo", lost)
+    drive.disable()
+    drive._sdo._channel.timeout = 0.05
+    monkeypatch.setattr("autotune_drivers.canopen.sdo.TIMEOUT", 0.05)
+    wire.lost.add(SDO_ANSWERS)
+    with pytest.raises(LinkError, match=r"not left as it was found.*could not be set back"):
+        drive.close()
 
 
 def test_a_drive_that_may_have_power_keeps_its_own_guard(

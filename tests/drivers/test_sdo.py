@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -66,6 +66,34 @@ def test_silence_is_a_time_out_in_words(client: Sdo, node: FakeNode) -> None:
         client.read(SPEED)
 
 
+def test_a_drive_that_answers_at_once_is_asked_again_soon(
+    node: FakeNode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sdo_module, "TIMEOUT", 100.0)
+    monkeypatch.setattr(sdo_module, "_QUICK", 0.001)
+    client = Sdo(Wire(node, 127, 0.05), 5)
+    for _ in range(20):
+        client.read(SPEED)
+    asked: list[float] = []
+    wait = client._channel._wire.wait
+
+    def noting(seconds: float, until: Callable[[], bool]) -> bool:
+        asked.append(seconds)
+        return wait(seconds, until) if seconds < 10.0 else False
+
+    monkeypatch.setattr(client._channel._wire, "wait", noting)
+    node.swallow = 1000
+    with pytest.raises(LinkTimeout, match="within 100 s, 3 times"):
+        client.read(SPEED)
+    assert len(asked) == 3
+    assert asked[0] == asked[1] < 1.0
+    assert asked[2] == 100.0
+    asked.clear()
+    with pytest.raises(LinkTimeout, match="within 200 s, 3 times"):
+        client.write(SPEED, 1, timeout=200.0)
+    assert asked == [200.0] * 3
+
+
 def test_a_late_answer_is_not_taken_for_the_next_one(client: Sdo, node: FakeNode) -> None:
     node.reply((0x585, b"\x43\x00\x10\x00\x92\x01\x02\x00"))
     assert client.read(SPEED) == 16
@@ -83,6 +111,53 @@ def test_an_answer_for_another_object_is_not_believed(client: Sdo, node: FakeNod
     node.send = interloper  # type: ignore[method-assign]
     with pytest.raises(LinkTimeout, match="another SDO client"):
         other.read(SPEED)
+
+
+def test_a_write_that_arrives_at_another_object_is_repeated_and_told(client: Sdo, node: FakeNode) -> None:
+    node.objects[0x6073, 0] = b"\x05\0\0\0"
+    whole = node._answer
+
+    def changed_once(request: bytes) -> bytes | None:
+        node._answer = whole  # type: ignore[method-assign]
+        return whole(request[:1] + b"\x73\x60" + request[3:])
+
+    node._answer = changed_once  # type: ignore[method-assign]
+    client.write(SPEED, 20)
+    assert node.objects[0x607F, 0] == b"\x14\0\0\0"
+    (said,) = client.strays()
+    assert said.startswith("object 6073h:00 may have been written")
+
+
+def test_a_confirmation_that_comes_twice_is_not_the_next_one(client: Sdo, node: FakeNode) -> None:
+    node.objects[0x6073, 0] = b"\x05\0\0\0"
+    client.write(SPEED, 20)
+    whole = node._answer
+
+    def after_an_old_one(request: bytes) -> bytes | None:
+        node.reply((0x585, b"\x60\x7f\x60\0\0\0\0\0"))
+        return whole(request)
+
+    node._answer = after_an_old_one  # type: ignore[method-assign]
+    client.write(ObjectRef(0x6073, 0, "u32"), 6)
+    assert node.objects[0x6073, 0] == b"\x06\0\0\0"
+    assert client.strays() == []
+
+
+def test_an_answer_that_is_too_short_is_asked_for_again(client: Sdo, node: FakeNode) -> None:
+    whole, asked = node.objects[0x607F, 0], node._answer
+
+    def short_once(request: bytes) -> bytes | None:
+        node.objects[0x607F, 0] = whole[:2] if node.objects[0x607F, 0] == whole else whole
+        return asked(request)
+
+    node._answer = short_once  # type: ignore[method-assign]
+    assert client.read(SPEED) == 16
+
+
+def test_an_object_that_is_always_too_short_is_told(client: Sdo, node: FakeNode) -> None:
+    node.objects[0x607F, 0] = b"\x10\x00"
+    with pytest.raises(LinkError, match="came with 2 bytes, its type u32 has 4"):
+        client.read(SPEED)
 
 
 def test_an_abort_names_object_code_reason_and_remedy(client: Sdo, node: FakeNode) -> None:

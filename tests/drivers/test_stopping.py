@@ -22,11 +22,12 @@ LIMITS = StopLimits.of(AXIS)
 SPEED = AXIS.limits.speed
 
 
-def watched(speeds: list[float], position: float = 0.0) -> StopWatch:
-    watch = StopWatch(LIMITS, speeds[0])
+def watched(speeds: list[float], position: float = 0.0, unit: float = 1.0) -> StopWatch:
+    """`unit`: times the true velocity, as the drive tells it."""
+    watch = StopWatch(LIMITS, unit * speeds[0], speeds[0])
     for speed in speeds:
         position += speed * LIMITS.period
-        watch.see(position, speed)
+        watch.see(position, unit * speed)
         if watch.runs_away:
             break
     return watch
@@ -210,6 +211,27 @@ def test_a_speed_that_vanishes_at_once_is_not_braked_by(start: float) -> None:
     watch = watched([start, 0.0, 0.0, 0.0])
     assert watch.runs_away
     assert "vanished" in watch.trouble
+
+
+@pytest.mark.parametrize("start", [5.0, 8.0, -15.0])
+@pytest.mark.parametrize("gain", [0.1, 0.25])
+def test_an_encoder_that_tells_a_part_from_the_stop_on_is_not_braked_by(start: float, gain: float) -> None:
+    """In the moment of Ctrl-C it began to tell a tenth: the ramp that followed it drove the axis to 27 rad/s from 5."""
+    watch = watched([start, *[gain * start] * 4])
+    assert watch.runs_away
+    assert "most of it" in watch.trouble
+
+
+@pytest.mark.parametrize("unit", [0.1, 10.0])
+def test_a_velocity_in_another_unit_is_no_part_of_a_motion(unit: float) -> None:
+    slower = AXIS.limits.deceleration * LIMITS.period
+    while_it_moves = range(int(6.0 / slower))
+    assert not watched([6.0 - k * slower for k in while_it_moves], unit=unit).trouble
+
+
+def test_counts_alone_are_no_part_of_a_motion() -> None:
+    count = LIMITS.count / LIMITS.period
+    assert not watched([4.0 * count, *[k % 2 * 2.0 * count for k in range(20)]]).runs_away
 
 
 @pytest.mark.parametrize("start", [0.3, 1.0])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import struct
 from configparser import RawConfigParser
 
 import canopen
@@ -12,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autotune_sim.aborts import Abort, AbortCode
-from autotune_sim.object_dictionary import ObjectDictionary, read_eds
+from autotune_sim.object_dictionary import ObjectDictionary, packed, read_eds
 from tests.node.support import EDS, NODE
 
 
@@ -107,3 +108,11 @@ def test_reals_survive_the_wire(value: float) -> None:
 def test_what_is_no_number_is_refused(objects: ObjectDictionary, value: float) -> None:
     with pytest.raises(Abort):
         objects[0x2100, 9].put(value)
+
+
+@pytest.mark.parametrize(
+    ("value", "told"), [(5_000_000_000, 2**31 - 1), (-5_000_000_000, -(2**31)), (-1_483_640, -1_483_640)]
+)
+def test_what_an_object_cannot_hold_is_told_as_the_most_that_it_can(value: int, told: int) -> None:
+    """A target at the other end of its range makes a following error of 33 bits."""
+    assert struct.unpack("<Hif", packed(struct.Struct("<Hif"), (7, value, 1e300)))[:2] == (7, told)

@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autotune.core.errors import RecordingError
+from autotune.recordings.columnwise import walk_recording
 from autotune.recordings.files import read_recording, write_recording
 from autotune.recordings.recording import Controller, Metadata, Recording
 
@@ -46,6 +47,19 @@ def alike(one: Recording, other: Recording) -> bool:
         and one.segments() == other.segments()
         and np.array_equal(one.missed, other.missed)
     )
+
+
+@pytest.mark.parametrize("name", ["experiment", "temperature", "position"])
+def test_a_column_of_lists_is_refused_in_words(tmp_path: Path, name: str) -> None:
+    path, sound = tmp_path / "recording.parquet", tmp_path / "sound.parquet"
+    write_recording(measured(), sound)
+    table = pa.parquet.read_table(sound)
+    lists = pa.array([[value] for value in table.column(name).to_pylist()])
+    pa.parquet.write_table(table.set_column(table.column_names.index(name), name, lists), path)
+    with pytest.raises(RecordingError, match=f"lists or structures in its column {name}"):
+        read_recording(path)
+    with pytest.raises(RecordingError, match=f"lists or structures in its column {name}"):
+        walk_recording(path, lambda name, values: None)
 
 
 @pytest.mark.parametrize("ending", [".parquet", ".csv"])

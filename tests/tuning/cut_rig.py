@@ -48,8 +48,8 @@ NEVER = 1 << 60
 KINDS = ("host", "cable", "power")
 BLOCK = ("enabled", "inertia", "viscous", "coulomb", "break_away", "stribeck_velocity", "stiffness",
          "micro_damping", "offset")  # fmt: skip
-SESSION = ((0x1016, 1), (0x1016, 2), (0x1017, 0), (0x6007, 0), (0x605A, 0), (0x6060, 0), (0x60C2, 1), (0x60C2, 2),
-           (0x6085, 0))  # fmt: skip
+SESSION = ((0x1016, 1), (0x1016, 2), (0x1017, 0), (0x6007, 0), (0x605A, 0), (0x605E, 0), (0x6060, 0), (0x60C2, 1),
+           (0x60C2, 2), (0x6085, 0))  # fmt: skip
 OLD = dict(zip(BLOCK, (1.0, 2.5e-4, 0.002, 0.1, 0.125, 0.25, 16.0, 0.0625, -0.03125), strict=True))
 NEW = dict(zip(BLOCK, (1.0, 3.0e-4, 0.001, 0.2, 0.25, 0.5, 32.0, 0.03125, 0.015625), strict=True))
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from types import MappingProxyType
 
 from autotune.core.axis import Axis
@@ -42,16 +43,18 @@ from autotune_drivers.canopen.sdo import Sdo
 from autotune_drivers.canopen.session import Backup, Session
 from autotune_drivers.profile import Profile
 from autotune_drivers.signals import Signal
-from autotune_drivers.stopping import LOOK, close_down, off_after, unconfirmed
+from autotune_drivers.stopping import MAY_BE_ON, close_down, off_after, tell_unconfirmed
 from autotune_drivers.units import Units
 
 MODE_WANTED = ObjectRef(0x6060, 0, "i8", "mode of operation")
 MODE_SHOWN = ObjectRef(0x6061, 0, "i8", "mode of operation display")
+FAULT_REACTION = ObjectRef(0x605E, 0, "i16", "fault reaction option code")
 SUPPORTED_MODES = ObjectRef(0x6502, 0, "u32", "supported drive modes")
 INCLUDES = "torque.demand_includes_feedforward"
 """Not in the drive, but how it is read: 1 or 0, where the profile says that it has to be found."""
 _TARGET, _OFFSET = 1, 2  # their places in the outputs of a cycle
 _MODE_TIMEOUT = 0.5
+_TORQUE_OFF = 0  # of 605Eh: the drive function is disabled, the motor is free to turn
 
 
 class CanopenDrive:
@@ -101,9 +104,8 @@ class CanopenDrive:
         self._mode = Mode.POSITION
         self._held: Raw = 0
         self._mapped: Mode | None = None
-        self._live = self._asked_for_power = self._lost = self._closed = self._blind = False
-        self._unsure = False
-        self._loss: BaseException | None = None
+        self._live = self._asked_for_power = self._closed = self._blind = self._unsure = False
+        self._loss: LinkError | None = None  # that has told of a lost link
         self._scaling = Scaling(profile, units)
 
     def note(self) -> None:
@@ -111,6 +113,8 @@ class CanopenDrive:
         self._parameters.find_ripple()
         self._session.remember(self._guard)
         self._session.remember(MODE_WANTED)
+        with suppress(TransferAborted):
+            self._session.remember(FAULT_REACTION)
         for setting in self._exchange.settings(self._profile.commands.position.ref):
             self._session.remember_pdo(setting)
 
@@ -137,14 +141,13 @@ class CanopenDrive:
         if self._live:
             self.disable()
             raise StateError("enable was asked for while power was on; power is off now: disable first")
-        self._live, self._lost, self._unsure = True, False, False
+        self._live, self._loss, self._unsure = True, None, False
         try:
             self._prepare(mode)
             self._asked_for_power = True
             self._held = self._power.on(mode)
         except BaseException as error:
-            self._lost = isinstance(error, LinkError)
-            self._loss = error
+            self._loss = error if isinstance(error, LinkError) else None
             off_after(error, self.disable)
             raise
 
@@ -154,6 +157,7 @@ class CanopenDrive:
         if self._mapped is not mode:
             self._map(mode)
         self._select(mode)
+        self._choose_reaction(mode)
         if self._exchange.slow_signal is not None:
             self._exchange.told_slow(self._sdo.read(self._exchange.slow_signal))
         self._node.command(OPERATIONAL)
@@ -196,6 +200,18 @@ class CanopenDrive:
                 f"{mode.value}); see object 6502h for the modes that it has"
             )
 
+    def _choose_reaction(self, mode: Mode) -> None:
+        """In torque mode a drive in fault takes its torque away; in the other modes it does what it always does.
+
+        Within friction nothing is seen of an encoder that lies, a drive brakes by it in a loop that nobody can stop,
+        and there is no speed to brake. A drive that lacks the object, or does not take the value, is left as it is.
+        """
+        if mode is not Mode.TORQUE:
+            self._session.undo(FAULT_REACTION)
+            return
+        with suppress(TransferAborted):
+            self._session.write(FAULT_REACTION, _TORQUE_OFF)
+
     def disable(self) -> None:
         """See `Drive.disable`.
 
@@ -205,20 +221,14 @@ class CanopenDrive:
         """
         if not self._live:
             return
-        known = self._lost
         trouble: DriveError | None = None
         try:
             if self._asked_for_power:
                 trouble = self._power_off()
         except LinkError as error:
-            self._lost = True
+            told, self._loss = self._loss, self._loss or error
             self._unsure = not self._power.abandon(self._mode, not self._blind)
-            if not known and not self._unsure:
-                raise
-            if not known:
-                raise unconfirmed(error) from error
-            if self._unsure and self._loss is not None:
-                self._loss.add_note(str(unconfirmed(error)))
+            tell_unconfirmed(error, told, self._unsure)
             return
         finally:
             self._live = self._asked_for_power = False
@@ -237,12 +247,8 @@ class CanopenDrive:
 
     def _unguard(self) -> None:
         """Without power nobody has to watch us; what cannot be put back now is tried again by `close`."""
-        try:
+        with suppress(LinkError):
             self._session.undo(self._guard)
-        except TransferAborted:
-            return
-        except LinkError:
-            self._lost = True
 
     def _power_off(self) -> DriveError | None:
         """What was wrong with it; the guard is put back before it is told, where power is off."""
@@ -268,7 +274,6 @@ class CanopenDrive:
             outputs = (ENABLE_OPERATION, target, feedforward)
             missed = self._exchange.cycle(outputs)
         except LinkError as error:
-            self._lost = True
             self._loss = error
             raise
         except (ValueError, OverflowError, struct.error) as error:
@@ -410,22 +415,20 @@ class CanopenDrive:
             return
         self._closed = True
         hang_up, who = self._node.wire.link.close, f"node {self._node.number}"
-        close_down(self.disable, self._restore, hang_up, lambda: self._lost, who)
+        close_down(self.disable, self._restore, hang_up, lambda: self._loss is not None, who)
 
     def _restore(self) -> list[str]:
-        if self._lost and not self._answers():
+        if self._loss is not None and not self._answers():
             return []
-        self._lost = False
+        self._loss = None
         if self._unsure and not self._power.abandon(self._mode, not self._blind):
-            return [
-                f"its power may still be on, and its own guard for a silent host was left as it is: {LOOK}"
-            ]
+            return [MAY_BE_ON]
         self._power.acknowledge()
         self._node.wire.stop_heartbeat()
         if self._marks is not None:  # an armed recorder refuses that its settings are put back
             self._marks = None
             self._recorder.stop()
-        troubles = self._session.restore(self._leave_operational)
+        troubles = [*self._session.restore(self._leave_operational), *self._sdo.strays()]
         known = self._nmt_before in (OPERATIONAL, STOPPED)
         self._node.command(self._nmt_before if known else PRE_OPERATIONAL)
         return troubles
@@ -442,7 +445,7 @@ class CanopenDrive:
 
     def _answers(self) -> bool:
         try:
-            self._sdo.read(STATUS, attempts=1)
+            self._sdo.read(STATUS)
         except LinkError:
             return False
         return True

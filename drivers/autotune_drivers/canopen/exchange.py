@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 from autotune.core.errors import ConfigurationError, HostLate, LinkError, LinkTimeout
+from autotune.core.stopping import Ways
 from autotune_drivers.canopen.frames import Frame
 from autotune_drivers.canopen.node import PRE_OPERATIONAL, SILENT, STOPPED, Node
 from autotune_drivers.canopen.objects import ObjectRef, Raw
@@ -39,6 +40,7 @@ class Exchange:
         sync: the drive's SYNC counter in the last answer, low word; None where it tells none.
         values: what the drive told last: status, position, torque demand, torque, velocity, and then
             torque feedback where the profile has it.
+        ways: in the last cycles, as the drive counts positions.
         slow: what the slow PDO told last (temperature), raw; None while it told nothing.
         slow_overdue: it has told something, and `SLOW_LOST` of its messages in a row have not come since.
     """
@@ -60,6 +62,7 @@ class Exchange:
         self._tries = 1 if lock_step else profile.cycle.lost_cycles + 1
         self._due = 0.0
         self._expected: int | None = None
+        self.ways = Ways()
         self._boots = node.boots
         self._outputs: list[tuple[int, struct.Struct, int, int]] = []
         self._listen()
@@ -144,6 +147,7 @@ class Exchange:
         self._due = time.monotonic()
         self._expected = None
         self._boots = self._node.boots
+        self.ways.begin()
         self._wire.drain()
 
     def cycle(self, outputs: Sequence[Raw]) -> int:
@@ -167,6 +171,7 @@ class Exchange:
             if self._answered():
                 self.count += missed + 1
                 self.healthy = True
+                self.ways.see(self.values[1], missed)
                 return missed
             missed += 1
             self._expected = None

@@ -234,7 +234,8 @@ class Power:
         if not self._exchange.values:
             self._exchange.cycle(_outputs(QUICK_STOP, self._sdo.read(self._position), mode))
         hold = self._exchange.values[1]
-        watch = StopWatch(self._limits, self._motion[1])
+        moved = self._exchange.ways.longest * self._to_position / self._limits.period
+        watch = StopWatch(self._limits, self._motion[1], moved)
         self._exchange.restart()
         still = 0
         for turn in range(self._stop_patience):

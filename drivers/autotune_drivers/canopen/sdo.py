@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import struct
 import threading
+import time
 from collections import deque
 from collections.abc import Callable
 from typing import TypeVar
@@ -24,11 +25,18 @@ from autotune_drivers.canopen.wire import Wire
 
 TIMEOUT = 0.5
 SLOW_TIMEOUT = 5.0
+_QUICK = (
+    0.2  # s; a drive that has always answered far sooner is asked again after so long, but for the last time
+)
+_LONGER = 10.0  # times its slowest answer of late
+_FORGETS = 0.95  # an answer: a host that was held up once is not slow for ever
+_KNOWN = 20  # answers, from which on that is known
 _SLOW = (0x1010, 0x1011)
 _ATTEMPTS = 3
 _LONGEST = 1_000_000  # bytes in segments of seven; longer ones come in blocks
 _LATE = 0.02
 _UPLOAD = struct.Struct("<BHB4x")
+_KIND, _WRITE, _CONFIRMED = 0xE0, 0x20, 0x60  # of a request and an answer: initiate download
 _ADVICE = {
     0x06010001: "it can only be written",
     0x06010002: "it can only be read",
@@ -44,11 +52,22 @@ Value = TypeVar("Value")
 
 
 class _Channel(SdoClient):  # type: ignore[misc]
-    """canopen's SDO client with its request and response put on our wire."""
+    """canopen's SDO client with its request and response put on our wire.
+
+    Attributes:
+        answers, slowest: number of answers so far, and what the slowest of late took [s]; without those that may take
+            longer than usual.
+        strays: objects (index and sub-index as on the wire) whose writing was confirmed though nobody had asked for it.
+    """
 
     def __init__(self, wire: Wire, node: int) -> None:
         super().__init__(0x600 + node, 0x580 + node, ObjectDictionary())
         self.timeout = TIMEOUT
+        self.answers, self.slowest = 0, 0.0
+        self._sent = 0.0
+        self.strays: set[bytes] = set()
+        self._written: set[bytes] = set()
+        self._writes: bytes | None = None
         self._wire = wire
         self._inbox: deque[bytes] = deque()
         wire.on(0x580 + node, self._inbox.append)
@@ -71,17 +90,42 @@ class _Channel(SdoClient):  # type: ignore[misc]
         self._wire.wait(seconds, lambda: bool(self._inbox))
 
     def send_request(self, request: bytes) -> None:
+        writes = request[0] & _KIND == _WRITE
+        self._writes = bytes(request[1:4]) if writes else None
+        if writes:
+            self._written.add(bytes(request[1:4]))
+        self._sent = time.monotonic()
         self._wire.send((self.rx_cobid, bytes(request)))
 
     def read_response(self) -> bytes:
-        if not self._wire.wait(self.timeout, lambda: bool(self._inbox)):
-            raise SdoCommunicationError("no answer")
-        response = self._inbox.popleft()
-        if len(response) != 8:
-            raise SdoCommunicationError(f"an answer of {len(response)} bytes instead of 8")
-        if response[0] == 0x80:
-            raise SdoAbortedError(int.from_bytes(response[4:8], "little"))
-        return response
+        while True:
+            if not self._wire.wait(self.timeout, lambda: bool(self._inbox)):
+                raise SdoCommunicationError("no answer")
+            response = self._inbox.popleft()
+            if self.timeout <= TIMEOUT:
+                self.answers += 1
+                self.slowest = max(time.monotonic() - self._sent, _FORGETS * self.slowest)
+            if len(response) != 8:
+                raise SdoCommunicationError(f"an answer of {len(response)} bytes instead of 8")
+            if response[0] == 0x80:
+                raise SdoAbortedError(int.from_bytes(response[4:8], "little"))
+            if not self._is_late(response):
+                return response
+
+    def _is_late(self, response: bytes) -> bool:
+        """Whether it confirms an earlier write of ours, which a wire has doubled or held up.
+
+        Raises:
+            SdoCommunicationError: it confirms a write of an object that was never written: the request, or this
+                answer, has changed on its way.
+        """
+        told = response[1:4]
+        if self._writes is None or response[0] & _KIND != _CONFIRMED or told in (self._writes, b"\0\0\0"):
+            return False
+        if told not in self._written:
+            self.strays.add(told)
+            raise SdoCommunicationError(f"{_object(told)} was confirmed instead")
+        return True
 
     def abort(self, abort_code: int = 0x08000000) -> None:
         self.send_request(struct.pack("<BxxxL", 0x80, abort_code))
@@ -89,6 +133,10 @@ class _Channel(SdoClient):  # type: ignore[misc]
     def request_response(self, sdo_request: bytes) -> bytes:
         self.send_request(sdo_request)
         return self.read_response()
+
+
+def _object(place: bytes) -> str:
+    return f"object {int.from_bytes(place[:2], 'little'):04X}h:{place[2]:02X}"
 
 
 class _BlockUpload(BlockUploadStream):  # type: ignore[misc]
@@ -112,9 +160,13 @@ class Sdo:
         """The object's value.
 
         Raises:
-            TransferAborted: the drive refuses. LinkTimeout: no answer. LinkError: not its type.
+            TransferAborted: the drive refuses. LinkTimeout: no answer. LinkError: not its type, each time.
         """
-        return ref.decode(self.read_bytes(ref, attempts))
+        for left in reversed(range(attempts)):
+            data = self.read_bytes(ref, attempts)
+            if len(data) >= ref.size or not left:
+                break
+        return ref.decode(data)
 
     def read_bytes(self, ref: ObjectRef, attempts: int = _ATTEMPTS) -> bytes:
         """The object's bytes (expedited or segmented)."""
@@ -160,6 +212,13 @@ class Sdo:
 
         self._transfer("write", ref, download, _ATTEMPTS, timeout)
 
+    def strays(self) -> list[str]:
+        """Objects that the drive may have written by mistake, in words: frames that changed on an unprotected wire."""
+        return [
+            f"{_object(one)} may have been written by a frame that changed on its way; compare it with what it was"
+            for one in sorted(self._channel.strays)
+        ]
+
     def ask(self, ref: ObjectRef) -> None:
         """Asks for an object of at most 4 bytes without waiting; see `answer`. Raises LinkError."""
         self._channel.forget_answers()
@@ -201,7 +260,9 @@ class Sdo:
                 self._owner = 0
 
     def _attempts(self, verb: str, ref: ObjectRef, call: Callable[[], Value], attempts: int) -> Value:
+        longest = self._channel.timeout
         for attempt in range(1, attempts + 1):
+            self._channel.timeout = longest if attempt == attempts else self._soon(longest)
             self._channel.forget()
             try:
                 return call()
@@ -215,6 +276,16 @@ class Sdo:
                         f"{self._channel.timeout:g} s, {attempts} times. Check power, cable and node number"
                     ) from error
         raise LinkTimeout(f"node {self.node}: no attempt was made to {verb} {ref}")
+
+    def _soon(self, longest: float) -> float:
+        """How long an answer may take before it is asked for again: a wire that loses a frame loses more of them.
+
+        What is known to take long, as storing does, is never hurried.
+        """
+        channel = self._channel
+        if channel.answers < _KNOWN or longest > TIMEOUT:
+            return longest
+        return min(longest, max(_QUICK, _LONGER * channel.slowest))
 
     def _refused(self, verb: str, ref: ObjectRef, error: SdoAbortedError) -> TransferAborted:
         text = SdoAbortedError.CODES.get(error.code, "a reason of the vendor's own")

@@ -130,7 +130,13 @@ class Session:
         return now
 
     def _put_back(self, ref: ObjectRef, raw: Raw) -> None:
-        if not _equal(now := self._put(ref, raw), raw):
+        try:
+            now = self._put(ref, raw)
+        except TransferAborted:  # of a drive that never let it be changed
+            if not _equal(self._sdo.read(ref), raw):
+                raise
+            return
+        if not _equal(now, raw):
             raise TransferAborted(f"{ref} is {now} after {raw} was written; look at adapter and cable", 0)
 
     def _put_pdo_back(self, pdo: PdoSetting) -> None:

@@ -28,7 +28,7 @@ from autotune_drivers.moteus.faults import Mode as Told
 from autotune_drivers.moteus.multiplex import MODE, Form
 from autotune_drivers.moteus.power import MoteusPower
 from autotune_drivers.moteus.settings import MoteusSettings
-from autotune_drivers.stopping import close_down, off_after, unconfirmed
+from autotune_drivers.stopping import MAY_BE_ON, close_down, off_after, tell_unconfirmed
 
 TURN = 2.0 * math.pi
 _AGREES = 1e-5
@@ -66,8 +66,8 @@ class MoteusDrive:
         self._feedback_sign = self._direction * sign
         self._mode = Mode.POSITION
         self._held = self._rate = 0.0
-        self._live = self._lost = self._closed = self._blind = False
-        self._loss: BaseException | None = None
+        self._live = self._closed = self._blind = self._unsure = False
+        self._loss: LinkError | None = None  # that has told of a lost link
 
     @property
     def period(self) -> float:
@@ -91,14 +91,13 @@ class MoteusDrive:
         if self._live:
             self.disable()
             raise StateError("enable was asked for while power was on; power is off now: disable first")
-        self._live, self._lost = True, False
+        self._live, self._loss, self._unsure = True, None, False
         self._mode, self._rate = Mode.POSITION, 0.0
         try:
             self._held = self._power.on()
             self._mode = mode
         except BaseException as error:
-            self._lost = isinstance(error, LinkError)
-            self._loss = error
+            self._loss = error if isinstance(error, LinkError) else None
             off_after(error, self.disable)
             raise
 
@@ -111,16 +110,15 @@ class MoteusDrive:
         """
         if not self._live:
             return
-        known = self._lost
         try:
             self._power.off(*self._motion(), brake=not self._blind)
         except LinkError as error:
-            self._lost = True
-            self._power.abandon()
-            if not known:
-                raise unconfirmed(error) from error
-            if self._loss is not None:
-                self._loss.add_note(str(unconfirmed(error)))
+            told, self._loss = self._loss, self._loss or error
+            self._unsure = not self._power.abandon()
+            tell_unconfirmed(error, told, self._unsure)
+        except StateError:
+            self._unsure = True
+            raise
         finally:
             self._live = False
         self._power.look_back()
@@ -149,7 +147,6 @@ class MoteusDrive:
         try:
             missed = self._exchange.cycle(target)
         except LinkError as error:
-            self._lost = True
             self._loss = error
             raise
         except OverflowError as error:
@@ -252,16 +249,24 @@ class MoteusDrive:
             return
         self._closed = True
         node = self._settings.node
-        close_down(
-            self.disable, self._restore, node.port.close, lambda: self._lost, f"controller {node.number}"
-        )
+        hang_up, who = node.port.close, f"controller {node.number}"
+        close_down(self.disable, self._restore, hang_up, lambda: self._loss is not None, who)
 
     def _restore(self) -> list[str]:
+        """What could not be put back; nothing is, where a controller may have power and stop by what was set.
+
+        Raises:
+            LinkError: it does not answer.
+        """
         try:
-            self._power.acknowledge()
+            off = not self._unsure or self._power.abandon()
+            if off:
+                self._power.acknowledge()
+            else:
+                self._exchange.look()
         except LinkError:
-            if self._lost:
+            if self._loss is not None:
                 return []
             raise
-        self._lost = False
-        return self._settings.restore()
+        self._loss = None
+        return self._settings.restore() if off else [MAY_BE_ON]

@@ -20,6 +20,7 @@ from operator import itemgetter
 from typing import NamedTuple
 
 from autotune.core.errors import LinkError
+from autotune.core.stopping import Ways
 from autotune_drivers.moteus.multiplex import FAULT, MODE, Form, parse, read, reply_head
 from autotune_drivers.moteus.node import Heard, MoteusNode
 from autotune_drivers.moteus.profile import MoteusCycle
@@ -75,6 +76,7 @@ class MoteusExchange:
         healthy: the last cycle was answered.
         state: what the controller told last.
         temperature_overdue: it told a temperature before, but no number for `TEMPERATURE_AGE`.
+        ways: in the last cycles [rev].
         punctuality: how late this host was.
     """
 
@@ -104,6 +106,7 @@ class MoteusExchange:
         self._due = 0.0
         self.punctuality = Punctuality()
         self._left = math.inf
+        self.ways = Ways()
         self._last_temperature = math.nan
         self._cold_cycles = 0
         self._temperature = TEMPERATURES.get(temperature)
@@ -152,6 +155,7 @@ class MoteusExchange:
         """The next cycle is due now; to be called after a pause."""
         self._due = time.monotonic()
         self._left = math.inf
+        self.ways.begin()
         self._node.port.drain()
 
     def cycle(self, target: Target) -> int:
@@ -174,6 +178,8 @@ class MoteusExchange:
                 self.count += missed + 1
                 self.healthy = True
                 self._left = time.monotonic()
+                if self.state is not None:
+                    self.ways.see(self.state.position, missed)
                 return missed
             self._node.note_refusal(heard.refusal)
             if not heard.refusal:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import time
+from contextlib import suppress
 
 from autotune.core.errors import AutotuneError, DriveFault, LinkError, StateError
 from autotune.core.stopping import StopLimits, StopWatch
@@ -21,6 +22,7 @@ from autotune_drivers.punctuality import BLAMED, host_late, warn
 _REST_CYCLES = 20
 _REST_SPEED = 1e-3  # rev/s
 _STOP_TIMEOUT = 0.25
+_AT_ONCE = 0.01
 _LOOK = 0.005
 _REST_LOOKS = 4
 
@@ -164,7 +166,8 @@ class MoteusPower:
         """
         if not self._exchange.healthy:
             self._exchange.look()
-        watch = StopWatch(self._limits, self._motion[1])
+        moved = self._exchange.ways.longest * self._scale / self._period
+        watch = StopWatch(self._limits, self._motion[1], moved)
         if not math.isfinite(velocity):
             velocity = 0.0  # nothing to begin a ramp with; the watch ends it at once
         if self._state.mode == Mode.POSITION and brake:
@@ -251,9 +254,15 @@ class MoteusPower:
             return []
         return [fault_text(state.fault, self._texts)]
 
-    def abandon(self) -> None:
-        """Best effort for a controller that does not answer; its watchdog does the rest. Never raises LinkError."""
-        try:
-            self._exchange.stop(0.01)
-        except LinkError:
-            return
+    def abandon(self) -> bool:
+        """Best effort for a controller that does not answer; its watchdog does the rest. Never raises LinkError.
+
+        Returns:
+            Whether the controller has confirmed that power is off.
+        """
+        for patience in (_AT_ONCE, _STOP_TIMEOUT):
+            with suppress(LinkError):
+                state = self._exchange.stop(patience)
+                if state is not None and state.mode in (Mode.STOPPED, Mode.FAULT):
+                    return True
+        return False

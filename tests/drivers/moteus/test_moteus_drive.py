@@ -69,6 +69,40 @@ def test_a_controller_that_falls_silent_is_not_called_at_rest(
         drive.close()
 
 
+def test_a_controller_that_may_have_power_keeps_what_it_stops_by(
+    running: Simulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drive = moteus_opener(running.directory, watchdog=0.1)()
+    set_back: list[str] = []
+
+    def restore() -> list[str]:
+        set_back.append("all")
+        return []
+
+    monkeypatch.setattr(drive._settings, "restore", restore)
+    drive.enable(Mode.POSITION)
+    hold(drive, 20)
+    monkeypatch.setattr(drive._exchange, "stop", lambda seconds: None)
+    with pytest.raises(LinkError, match=r"was not confirmed.*emergency stop"):
+        drive.disable()
+    with pytest.raises(LinkError, match=r"power may still be on.*emergency stop"):
+        drive.close()
+    assert set_back == []
+
+
+def test_a_controller_that_confirms_its_stop_later_is_put_right_by_closing(running: Simulator) -> None:
+    before = settings(running.directory)
+    drive = moteus_opener(running.directory, watchdog=0.1)()
+    drive.enable(Mode.POSITION)
+    hold(drive, 20)
+    with pytest.MonkeyPatch.context() as silence:
+        silence.setattr(drive._exchange, "stop", lambda seconds: None)
+        with pytest.raises(LinkError, match="was not confirmed"):
+            drive.disable()
+    drive.close()
+    assert settings(running.directory) == before
+
+
 def test_a_killed_cyclic_process_is_stopped_by_the_watchdog_and_put_right_by_the_next(
     running: Simulator,
 ) -> None:
