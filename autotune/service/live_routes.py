@@ -11,6 +11,7 @@ from fastapi.responses import StreamingResponse
 
 from autotune.service.live_hub import ALIVE, AxisHub, Follower
 from autotune.service.manager import Manager
+from autotune.workbench.routes import REFUSALS
 
 POLL = 0.05
 HEARTBEAT = 5.0
@@ -26,7 +27,7 @@ _STREAM: dict[int | str, dict[str, Any]] = {
 
 def live_routes(manager: Manager) -> APIRouter:
     """The address of an axis's live traces."""
-    routes = APIRouter(prefix="/api/axes", tags=["axes"])
+    routes = APIRouter(prefix="/api/axes", tags=["axes"], responses=REFUSALS)
 
     @routes.get("/{axis}/live", response_class=StreamingResponse, responses=_STREAM)
     def live(axis: Annotated[str, Path(pattern=r"^[a-z0-9][a-z0-9-]{0,40}$")]) -> StreamingResponse:

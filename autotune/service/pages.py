@@ -16,7 +16,7 @@ from autotune.service.views import FileView, by_id, recordings, reports
 from autotune.view.web_files import REPORT_HEADERS
 from autotune.workbench.engine import Engine
 from autotune.workbench.files import Files
-from autotune.workbench.routes import Id, answer_error, page_of, page_routes, workbench_routes
+from autotune.workbench.routes import REFUSALS, Id, answer_error, page_of, page_routes, workbench_routes
 
 MOST_REPORTS = 200
 
@@ -53,7 +53,7 @@ def _entrance() -> APIRouter:
 
 
 def _reports(manager: Manager, files: Files) -> APIRouter:
-    routes = APIRouter(prefix="/api", tags=["pages"])
+    routes = APIRouter(prefix="/api", tags=["pages"], responses=REFUSALS)
 
     def of(axis: str) -> list[tuple[dict[str, Any], Path]]:
         return reports(manager.configuration.runs, axis)[:MOST_REPORTS]

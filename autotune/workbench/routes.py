@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, FastAPI, HTTPException, Path, Query, Request, Response
 from fastapi.responses import JSONResponse
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect
 
@@ -30,6 +30,21 @@ Id = Annotated[str, Path(pattern=r"^[0-9a-f]{32}$")]
 Name = Annotated[str, Query(min_length=1, max_length=200)]
 AT_ONCE = 4_000_000
 """Bytes of a file on its way that are written together."""
+REFUSALS: dict[int | str, dict[str, Any]] = {
+    code: {"description": why, "content": {"application/json": {"schema": {"type": "object"}}}}
+    for code, why in (
+        (400, "The body is not JSON, or broke off."),
+        (401, "No token."),
+        (403, "Another token, or a host name that the service does not go by."),
+        (404, "There is none of that id, or not any more."),
+        (408, "The body did not arrive in time."),
+        (413, "The body is too large."),
+        (422, "What was sent cannot be used; `detail` says why."),
+        (503, "Too busy now."),
+        (504, "No answer in time."),
+    )
+}
+"""What every address of the pages may answer instead."""
 
 
 class Wish(BaseModel):
@@ -68,7 +83,7 @@ def page_of(name: str) -> Response:
 
 def workbench_routes(files: Files, engine: Engine, axes: Sequence[Axis] = ()) -> APIRouter:
     """All addresses of the workbench; `axes`: of the service that it is part of."""
-    routes = APIRouter(tags=["workbench"])
+    routes = APIRouter(tags=["workbench"], responses=REFUSALS)
     _recordings(routes, files, axes)
     _jobs(routes, files, engine)
     return routes
@@ -119,8 +134,7 @@ def _recordings(routes: APIRouter, files: Files, axes: Sequence[Axis]) -> None:
         request: Request, name: Name, options: Annotated[str, Query(max_length=4000)]
     ) -> dict[str, Any]:
         """A file of somebody else as the body; `options` is a JSON object of `autotune data import`'s options."""
-        chosen = Foreign.model_validate_json(options)
-        wanted = chosen.model_dump(exclude_none=True)
+        wanted = _options(options)
         with files.incoming() as given:
             await _receive(request, given)
             return _view(await run_in_threadpool(files.add_foreign, given, name, wanted))
@@ -164,6 +178,22 @@ def _jobs(routes: APIRouter, files: Files, engine: Engine) -> None:
         """Ends it."""
         _job(engine, job)
         return _told(engine.stop(job))
+
+
+def _options(text: str) -> dict[str, Any]:
+    """How a foreign file is to be read.
+
+    Raises:
+        HTTPException: 422, it is no JSON object of these options; says which one is wrong.
+    """
+    try:
+        return Foreign.model_validate_json(text).model_dump(exclude_none=True)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False)[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise HTTPException(
+            422, f"options{'.' if where else ''}{where}: {first['msg']}; they are a JSON object, such as {{}}"
+        ) from None
 
 
 async def _receive(request: Request, given: Incoming) -> None:

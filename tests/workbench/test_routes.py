@@ -158,6 +158,21 @@ def test_wrong_wishes_are_said(client: TestClient) -> None:
     assert "known are" in answer.json()["detail"]
 
 
+@pytest.mark.parametrize("options", ["", "[]", "{", '{"format": 1}', '{"period": "x"}', '{"more": 1}'])
+def test_options_that_are_none_are_said(client: TestClient, options: str) -> None:
+    answer = client.post("/api/workbench/import", params={"name": "a.csv", "options": options}, content=b"1")
+    assert answer.status_code == 422
+    assert answer.json()["detail"].startswith("options")
+    assert "JSON object" in answer.json()["detail"]
+
+
+def test_every_refusal_is_in_the_description(tmp_path: Path) -> None:
+    app = FastAPI()
+    app.include_router(workbench_routes(Files(tmp_path), Engine()))
+    told = app.openapi()["paths"]["/api/workbench/jobs/{job}"]["get"]["responses"]
+    assert {"401", "403", "404", "422"} <= set(told)
+
+
 def test_a_computation_is_stopped(client: TestClient, tmp_path: Path) -> None:
     view = sent(client, made(100_000), tmp_path)
     job = client.post("/api/workbench/jobs", json={"kind": "fit", "recordings": [view["id"]]}).json()
