@@ -7,7 +7,6 @@ The law: `controller_law`; how it is found in the data: `controller_search`, and
 from __future__ import annotations
 
 import hashlib
-import math
 import threading
 from collections.abc import Callable
 from dataclasses import replace
@@ -55,7 +54,7 @@ SAME = 1e-9
 """Relative difference of two torques that are one value of the drive."""
 RECORDED_LATE = {MOMENT: 1.0, NEXT: 0.0, BEFORE: 2.0}
 """Half samples by which a torque is recorded late that acts from each sample to the next."""
-MOST_KNOWN = 8
+MOST_KNOWN = 32
 _KNOWN: dict[bytes, tuple[PositionController, ...]] = {}
 _LOCK = threading.Lock()
 
@@ -110,8 +109,9 @@ def controllers_of(
     if data.sensed is None:
         late = _remembered(b"late", samples, lambda: answering_late(samples, laws[-1]))
     else:
-        acted = felt(data).torque - data.feedforward
-        late = _some(following_late(samples, acted, laws[-1]))
+        acted = loop_samples(felt(data), policy)
+        what = b"follows" + _mark(samples)
+        late = _remembered(what, acted, lambda: _some(following_late(samples, acted.demand, laws[-1])))
     return (*laws, *smooth, *late)
 
 
@@ -187,10 +187,9 @@ def asked(data: Prepared, controller: PositionController) -> Floats:
 
 def _asked_between(late: LoopSamples, law: PositionController) -> Floats:
     """The same of a law that works between the samples, from each to the next as its torque is recorded."""
-    rate = -math.log(1.0 - law.derivative_filter) / late.period
     by_moment = law.taken == MOMENT
     now = replace(law, reference_delay=0, taken=MOMENT if by_moment else NEXT)
-    demand = np.asarray(between_terms(late, now, rate) @ law.terms_gains)
+    demand = np.asarray(between_terms(late, now, law.filter_rate(late.period)) @ law.terms_gains)
     return between_moments(demand) if by_moment else demand
 
 

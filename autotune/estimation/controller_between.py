@@ -68,13 +68,12 @@ def laws_between(
     What works from sample to sample would tell itself by an exact law; where both explain alike, it is the drive's.
     `other`: the samples hold another torque than the one the law was found in.
     """
-    banded = in_band(replace(samples, piece=PIECE_SECONDS))
+    banded = _banded(samples)
     between = _searched_between(banded)
     rate = found
     if other or (not found.in_band and found.explained > samples.policy.controller_explains):
         rate = searched_late(banded)
-    enough = between.explained > samples.policy.controller_explains_in_band
-    if not (enough and between.kp > 0.0 and between.kd > 0.0):
+    if not _tells(between, samples):
         return (found,)
     no_more = 1.0 - between.explained < AS_MUCH * (1.0 - rate.explained)
     return (between,) if no_more else (found, between)
@@ -86,11 +85,10 @@ def smooth_between(samples: LoopSamples, law: PositionController) -> PositionCon
 
     A torque as at the samples tells next to nothing of what is between them: only a twin chooses between the two.
     """
-    banded = in_band(replace(samples, piece=PIECE_SECONDS))
+    banded = _banded(samples)
     best = _best_rate(first_look(banded), replace(law, cubic=True, smooth=True))
-    found = _fitted_between(banded, best, _rate_of(best, samples.period))
-    enough = found.explained > samples.policy.controller_explains_in_band
-    return replace(found, in_band=True, why=law.why) if enough and found.kp > 0.0 and found.kd > 0.0 else None
+    found = _fitted_between(banded, best, best.filter_rate(samples.period))
+    return replace(found, in_band=True, why=law.why) if _tells(found, samples) else None
 
 
 def answering_late(samples: LoopSamples, law: PositionController) -> tuple[PositionController, ...]:
@@ -101,24 +99,17 @@ def answering_late(samples: LoopSamples, law: PositionController) -> tuple[Posit
     found in its place, and the loop of the twin is faster than that of the axis. Where counts are coarse the velocity's
     filter stands for a part of the delay: beside the law that explains most, the promptest that explains as much.
     """
-    banded = in_band(replace(samples, piece=PIECE_SECONDS))
+    banded = _banded(samples)
     coarse = first_look(banded)
-    ticks = max(LEAST_TICKS, round(samples.period / TICK))
+    ticks = _ticks(samples)
     delays = sorted({round(k * TICK / samples.period * ticks) / ticks for k in range(1, MOST_ANSWER + 1)})
-    form = replace(FED, ticks=ticks, cubic=law.cubic, smooth=True, taken=MOMENT)
-    trials = list(_late_answers(coarse, form, BETWEEN_RATES, delays))
+    trials = list(_late_answers(coarse, _as_felt(law, ticks), BETWEEN_RATES, delays))
     best = max(trials, key=lambda trial: trial.explained)
     alike = [trial for trial in trials if 1.0 - trial.explained <= AS_MUCH * (1.0 - best.explained)]
     soonest = min(trial.answer_delay for trial in alike)
     prompt = max((one for one in alike if one.answer_delay == soonest), key=lambda trial: trial.explained)
     found = [_refined_answer(banded, coarse, one) for one in dict.fromkeys((best, prompt))]
-    enough = samples.policy.controller_explains_in_band
-    why = f"{how_late(samples.period)} {BETWEEN}"
-    return tuple(
-        replace(one, ticks=ticks, in_band=True, why=why)
-        for one in found
-        if one.explained > enough and one.kp > 0.0 and one.kd > 0.0
-    )
+    return tuple(_said(replace(one, ticks=ticks), samples) for one in found if _tells(one, samples))
 
 
 def following_late(samples: LoopSamples, acted: Floats, law: PositionController) -> PositionController | None:
@@ -128,18 +119,39 @@ def following_late(samples: LoopSamples, acted: Floats, law: PositionController)
     Args:
         acted: torque by its sensor, less the feedforward that was recorded, shape (n,).
     """
-    banded = in_band(replace(samples, piece=PIECE_SECONDS))
+    banded = _banded(samples)
     coarse = first_look(banded)
-    ticks = max(LEAST_TICKS, round(samples.period / TICK))
-    form = replace(FED, ticks=ticks, cubic=law.cubic, smooth=True, taken=MOMENT)
+    form = _as_felt(law, _ticks(samples))
     best = max(_late_answers(coarse, form, BETWEEN_RATES, [0.0]), key=lambda trial: trial.explained)
     found = _best_rate(banded, best)
     late, follows = _follows_by(banded, in_band(replace(samples, demand=acted)).demand)
-    least = min(found.explained, follows)
-    if least <= samples.policy.controller_explains_in_band or found.kp <= 0.0 or found.kd <= 0.0:
-        return None
-    why = f"{how_late(samples.period)} {BETWEEN}"
-    return replace(found, answer_delay=late, explained=least, sensed=True, in_band=True, why=why)
+    found = replace(found, answer_delay=late, explained=min(found.explained, follows), sensed=True)
+    return _said(found, samples) if _tells(found, samples) else None
+
+
+def _banded(samples: LoopSamples) -> LoopSamples:
+    """The samples in which such laws are looked for."""
+    return in_band(replace(samples, piece=PIECE_SECONDS))
+
+
+def _ticks(samples: LoopSamples) -> int:
+    """Ticks of a loop from one sample to the next."""
+    return max(LEAST_TICKS, round(samples.period / TICK))
+
+
+def _as_felt(law: PositionController, ticks: int) -> PositionController:
+    """Form of a law whose torque is recorded as at the samples, on set points as those of `law`."""
+    return replace(FED, ticks=ticks, cubic=law.cubic, smooth=True, taken=MOMENT)
+
+
+def _tells(law: PositionController, samples: LoopSamples) -> bool:
+    """Whether it explains enough to drive a twin, by gains that hold an axis."""
+    return law.explained > samples.policy.controller_explains_in_band and law.kp > 0.0 and law.kd > 0.0
+
+
+def _said(law: PositionController, samples: LoopSamples) -> PositionController:
+    """The law, with what is to be said of it."""
+    return replace(law, in_band=True, why=f"{how_late(samples.period)} {BETWEEN}")
 
 
 def _follows_by(samples: LoopSamples, acted: Floats) -> tuple[float, float]:
@@ -165,12 +177,11 @@ def _refined_answer(
     banded: LoopSamples, coarse: LoopSamples, found: PositionController
 ) -> PositionController:
     """The law with filter and delay found more finely, beside where they are."""
-    ticks, rate = FINER * found.ticks, _rate_of(found, coarse.period)
+    ticks, rate = FINER * found.ticks, found.filter_rate(coarse.period)
     rates = [rate * math.exp(part * RATE_STEP) for part in (-0.5, -0.25, 0.0, 0.25, 0.5)]
     near = [found.answer_delay + part / ticks for part in (-1, 0, 1)]
-    form = replace(FED, ticks=ticks, cubic=found.cubic, smooth=True, taken=MOMENT)
-    best = max(_late_answers(coarse, form, rates, near), key=lambda trial: trial.explained)
-    return _fitted_between(banded, best, _rate_of(best, coarse.period))
+    best = max(_late_answers(coarse, _as_felt(found, ticks), rates, near), key=lambda trial: trial.explained)
+    return _fitted_between(banded, best, best.filter_rate(coarse.period))
 
 
 def _late_answers(
@@ -208,9 +219,8 @@ def _best_between(samples: LoopSamples, form: PositionController) -> PositionCon
     what the reference adds. Set points are late by whole samples. Of laws that explain alike the one whose reference
     does least by itself is taken: a law with another delay makes up for it with the reference's derivatives.
     """
-    ticks = max(LEAST_TICKS, round(samples.period / TICK))
     coarse = first_look(samples)
-    start = replace(form, ticks=ticks)
+    start = replace(form, ticks=_ticks(samples))
     trials = [trial for rate in BETWEEN_RATES for trial in _between_trials(coarse, rate, start)]
     most = (1.0 - max(trial.explained for trial in trials)) * HARDLY_MORE
     near = [trial for trial in trials if 1.0 - trial.explained <= most]
@@ -223,8 +233,7 @@ def _best_between(samples: LoopSamples, form: PositionController) -> PositionCon
             forms[trial.cubic, trial.taken] = trial
     refined = [_best_rate(coarse, form) for form in forms.values()]
     best = max(refined, key=lambda trial: trial.explained)
-    why = f"{how_late(samples.period)} {BETWEEN}"
-    return replace(_fitted_between(samples, best, _rate_of(best, samples.period)), in_band=True, why=why)
+    return _said(_fitted_between(samples, best, best.filter_rate(samples.period)), samples)
 
 
 def _best_rate(samples: LoopSamples, form: PositionController) -> PositionController:
@@ -233,13 +242,9 @@ def _best_rate(samples: LoopSamples, form: PositionController) -> PositionContro
     def law(logarithm: float) -> PositionController:
         return _fitted_between(samples, form, math.exp(logarithm))
 
-    near = math.log(_rate_of(form, samples.period))
+    near = math.log(form.filter_rate(samples.period))
     bounds = near - RATE_STEP, near + RATE_STEP
     return law(lowest(lambda logarithm: 1.0 - law(logarithm).explained, bounds, 0.05))
-
-
-def _rate_of(law: PositionController, period: float) -> float:
-    return -math.log(1.0 - law.derivative_filter) / period
 
 
 def _between_trials(

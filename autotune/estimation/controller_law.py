@@ -19,6 +19,7 @@ Which of these laws it is: `controller_search`, `controller_between`.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -114,6 +115,10 @@ class PositionController:
                 self.position_delay if self.ticks == 1 else self.ticks_late,
             ]
         )
+
+    def filter_rate(self, period: float) -> float:
+        """Rate of the velocity's filter [1/s]; the period in s."""
+        return -math.log(1.0 - self.derivative_filter) / period
 
     @property
     def ticks_late(self) -> float:
