@@ -44,6 +44,7 @@ from autotune.service.views import (
     view_job,
 )
 from autotune.tuning.backup import backup_ids
+from autotune.workbench.routes import REFUSED
 
 AxisName = Annotated[str, Path(pattern=r"^[a-z0-9][a-z0-9-]{0,40}$")]
 Id = Annotated[str, Path(pattern=r"^[0-9a-f]{32}$")]
@@ -51,17 +52,7 @@ Limit = Annotated[int, Query(ge=1, le=1000)]
 log = logging.getLogger("autotune.service")
 TICKS_LATE = 15.0  # s without a round after which the service is not healthy
 _COMMON: dict[int | str, dict[str, Any]] = {
-    code: {"model": Problem, "description": about}
-    for code, about in (
-        (400, "The body is not JSON."),
-        (401, "No token."),
-        (403, "Another token, or a host name that the service does not go by."),
-        (404, "There is none of that name or id."),
-        (408, "The body did not arrive in time."),
-        (413, "The body is too large."),
-        (503, "Too busy now."),
-        (504, "No answer in time."),
-    )
+    code: {"model": Problem, "description": why} for code, why in REFUSED.items() if code != 422
 }
 _CONFLICT: dict[int | str, dict[str, Any]] = {
     409: {"model": Problem, "description": "Not as things are now."}

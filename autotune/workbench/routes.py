@@ -30,21 +30,23 @@ Id = Annotated[str, Path(pattern=r"^[0-9a-f]{32}$")]
 Name = Annotated[str, Query(min_length=1, max_length=200)]
 AT_ONCE = 4_000_000
 """Bytes of a file on its way that are written together."""
+REFUSED = {
+    400: "The body is not JSON, or broke off.",
+    401: "No token.",
+    403: "Another token, or a host name that the service does not go by.",
+    404: "There is none of that name or id, or not any more.",
+    408: "The body did not arrive in time.",
+    413: "The body is too large.",
+    422: "What was sent cannot be used; `detail` says why.",
+    503: "Too busy now.",
+    504: "No answer in time.",
+}
+"""What every address may answer instead: status and reason."""
 REFUSALS: dict[int | str, dict[str, Any]] = {
     code: {"description": why, "content": {"application/json": {"schema": {"type": "object"}}}}
-    for code, why in (
-        (400, "The body is not JSON, or broke off."),
-        (401, "No token."),
-        (403, "Another token, or a host name that the service does not go by."),
-        (404, "There is none of that id, or not any more."),
-        (408, "The body did not arrive in time."),
-        (413, "The body is too large."),
-        (422, "What was sent cannot be used; `detail` says why."),
-        (503, "Too busy now."),
-        (504, "No answer in time."),
-    )
+    for code, why in REFUSED.items()
 }
-"""What every address of the pages may answer instead."""
+"""The same in the words of the pages' description."""
 
 
 class Wish(BaseModel):

@@ -7,6 +7,8 @@ import math
 import numpy as np
 
 from autotune.control.gains.loop import Gains, LoopTiming
+from autotune.control.gains.members import Member
+from autotune.control.gains.search import settle_on
 from autotune.core.arrays import Floats
 from autotune.models.drive_model import DriveModel, base_model
 from autotune.models.table import EFFECTS
@@ -55,3 +57,8 @@ def on_the_plant(gains: Gains, size: float, seconds: float, seed: int = 1) -> Fl
     for _ in range(600):
         servo.cycle(0.0)
     return np.array([servo.cycle(size).position for _ in range(round(seconds * 1e3))])
+
+
+def expected_settling(members: tuple[Member, ...], gains: Gains, size: float) -> float:
+    """The mean over axes, each under a disturbance of its own [s]."""
+    return float(np.mean([settle_on(one, gains, size, k) for k, one in enumerate(members)]))

@@ -15,14 +15,13 @@ from autotune.control.gains.members import ASSUMED, LEAST, MOST, TODAY, drawn, f
 from autotune.control.gains.propose import propose
 from autotune.control.gains.requirements import Corner, Requirements, corners_of, shortfall
 from autotune.control.gains.sampled import Margins, margins
-from autotune.control.gains.search import expected_settling
 from autotune.control.gains.steps import step_sizes
 from autotune.control.gains.words import advice
 from autotune.core.errors import ConfigurationError
 from autotune.models.drive_model import DriveModel, base_model
 from autotune.models.table import EFFECTS
 from autotune.models.total_friction import stiffness_at_rest, total_friction
-from tests.control.gains_axis import HOLDS, HUNTS, THESIS, TIMING, lugre, vertical
+from tests.control.gains_axis import HOLDS, HUNTS, THESIS, TIMING, expected_settling, lugre, vertical
 
 
 @pytest.fixture(autouse=True)

@@ -17,7 +17,6 @@ from autotune.control.gains.search import (
     apart,
     begun,
     edges_of,
-    expected_settling,
     highest_kept,
     later,
     polished,
@@ -27,7 +26,7 @@ from autotune.control.gains.search import (
 from autotune.control.gains.steps import HORIZON, step_sizes
 from autotune.core.arrays import Floats
 from autotune.models.drive_model import base_model
-from tests.control.gains_axis import TIMING, vertical
+from tests.control.gains_axis import TIMING, expected_settling, vertical
 
 ANY = Gains(1.0, 1.0, 1.0)
 
@@ -125,7 +124,8 @@ def test_a_step_that_only_the_integral_brings_home_gets_one(monkeypatch: pytest.
     model = base_model(LATE, {name: 0.005 * abs(value) for name, value in LATE.items()})
     timing = LoopTiming(1e-3, 2.1e-4, 5.96, 3.2e-3, 3e-4, 0.8, 0.015)
     task = Task(step_sizes(model, timing, 0.17), 1.7)
-    found = searched(family(model, timing), task, ANY, None, Requirements())
+    kin = family(model, timing)
+    found = searched(kin, corners_of(kin), task, ANY, None, Requirements())
     assert found is not None
     assert found.ki > 300.0
     others = drawn(model, timing, 8, 5)

@@ -49,7 +49,7 @@ def propose(
     _check_bandwidth(bandwidth, kin.nominal.timing.period, resonance)
     corners = corners_of(kin)
     for _ in range(ROUNDS):
-        found = searched(kin, task, current, bandwidth, wanted)
+        found = searched(kin, corners, task, current, bandwidth, wanted)
         if found is None:
             return Proposal(None, wanted, _none_found(corners, current, kin, wanted, bandwidth), resonance)
         verdict = judge(found, kin, task)

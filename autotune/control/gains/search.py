@@ -27,7 +27,7 @@ from autotune.control.gains.hunting import after_step
 from autotune.control.gains.judge import Task
 from autotune.control.gains.loop import Gains
 from autotune.control.gains.members import Family, Member, drawn
-from autotune.control.gains.requirements import Corner, Requirements, binding, corners_of, shaped, shortfall
+from autotune.control.gains.requirements import Corner, Requirements, binding, shaped, shortfall
 from autotune.control.gains.sampled import torque_noise
 from autotune.control.gains.steps import HORIZON, SHAKEN, settling_time
 from autotune.control.gains.stick_slip import sticks_at
@@ -56,15 +56,21 @@ FINALISTS, SAME = 12, 0.02
 """What the search ends with: so many, this far apart (in ln)."""
 ROUNDS = (8, 16, 32)
 """Axes on which they are compared, half of them each time."""
+MISSED = 100.0
+"""Cost from which on the requirements are missed."""
 ON_TARGET = 0.02
 """Relative: what counts as the bandwidth that was asked for."""
 
 
 def searched(
-    kin: Family, task: Task, current: Gains, bandwidth: float | None, wanted: Requirements
+    kin: Family,
+    corners: tuple[Corner, ...],
+    task: Task,
+    current: Gains,
+    bandwidth: float | None,
+    wanted: Requirements,
 ) -> Gains | None:
-    """The best of the search in the structure of `current`; None where nothing keeps the requirements."""
-    corners = corners_of(kin)
+    """The best of the search in the structure of `current`; None where nothing keeps the requirements at `corners`."""
     trial = _Trial(kin, corners, task, current, wanted)
     edges = edges_of(kin.nominal.timing.period, bandwidth)
     result = scipy.optimize.differential_evolution(
@@ -86,10 +92,6 @@ def searched(
         for one in apart([one for one in points if one.cost < MISSED], SAME, FINALISTS)
     )
     return trial.quickest([gains for gains in kept if gains is not None])
-
-
-MISSED = 100.0
-"""Cost from which on the requirements are missed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -256,11 +258,6 @@ def slower(times: Floats, best: Floats) -> bool:
 def settle_on(member: Member, gains: Gains, size: float, number: int, horizon: float = HORIZON) -> float:
     """Seconds to settle after a step on a drawn axis, under a disturbance of its own; `horizon` at most."""
     return settling_time(member.model, gains, member.timing, size, horizon, seeds=(SHAKEN[0] + number,))
-
-
-def expected_settling(members: tuple[Member, ...], gains: Gains, size: float) -> float:
-    """The mean over axes, each under a disturbance of its own [s]."""
-    return float(np.mean([settle_on(one, gains, size, k) for k, one in enumerate(members)]))
 
 
 def _backed_off(
