@@ -11,6 +11,7 @@ import numpy as np
 from autotune.diagnosis.candidates import Progress, ScreenedCandidate
 from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.starts import Context, FitStart, scouted, shapes, starts_of
+from autotune.diagnosis.transmission import adds_nothing
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.coordinates import generic_columns
 from autotune.estimation.cross_validation import evenly, gain_and_z, held_out
@@ -58,12 +59,15 @@ def rank(
     """All candidates that are not in the model, by their gain on unseen experiments.
 
     Beside an effect that is there already only those are followed to the end whose short fits come near the
-    best one, and near the fall of the mean square that a further effect is `worth` having for [(N m)²].
+    best one, and near the fall of the mean square that a further effect is `worth` having for [(N m)²]. No spring
+    is looked for beside a gap, which has one.
     """
     base = _walked_on(problem, model_fit)
     tried: list[tuple[Kind, list[_ShortFit]]] = []
     for kind in evidence.candidates(problem):
         if model_fit.fitted.packed.on[flag(kind.name)] and not kind.may_grow:
+            continue
+        if adds_nothing(kind, model_fit):
             continue
         progress(f"candidate {kind.name}")
         if fits := _short_fits(problem, base, nominal, kind):

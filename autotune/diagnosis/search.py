@@ -33,7 +33,11 @@ from autotune.diagnosis.refits import (
 )
 from autotune.diagnosis.ripple_orders import with_whole_orders
 from autotune.diagnosis.screening import NEAR_WORTH, generic_gains, rank, screen
-from autotune.diagnosis.transmission import other_transmission_tried, without_needless_gap
+from autotune.diagnosis.transmission import (
+    other_contact_tried,
+    other_transmission_tried,
+    without_needless_gap,
+)
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.cross_validation import Explained, drift, explained, shared, still_explainable
 from autotune.estimation.data import TRAINING, VETO
@@ -266,6 +270,8 @@ class _Search:
         if self.evidence.repeats and self._unsettled(best):
             best = refined(self.problem, self.root, best, self.progress)
             best = self._begun_anew(best)
+            if best.share < REFINED:
+                best = other_contact_tried(self.problem, self.root, best, self.progress)
         if self.evidence.repeats and (best.plain_share < REFINED or self._more_to_explain(best.model_fit)):
             best = self._freed(best)
         self.chosen = best

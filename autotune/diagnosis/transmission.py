@@ -7,12 +7,13 @@ other's place.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
 from autotune.diagnosis.candidates import FittedCandidate, Progress, error_left
 from autotune.diagnosis.refits import NEARLY, judged
-from autotune.diagnosis.starts import Context, FitStart, starts_of
+from autotune.diagnosis.starts import Context, FitStart, scouted, starts_of
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_from_starts
 from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Problem
@@ -20,7 +21,8 @@ from autotune.models import layout
 from autotune.models.backlash import BACKLASH
 from autotune.models.drive_model import Packed
 from autotune.models.effect import Kind
-from autotune.models.elastic_transmission import ELASTIC_TRANSMISSION
+from autotune.models.elastic_transmission import ELASTIC_TRANSMISSION, RESONANCES
+from autotune.models.load_side import AT_START
 
 SPRING, GAP = ELASTIC_TRANSMISSION, BACKLASH
 OF_THE_GAP = {"compliance": "contact_compliance"} | {
@@ -78,6 +80,45 @@ def hardly_a_gap(policy: Policy, model_fit: ModelFit) -> bool:
     p = model_fit.fitted.packed.p
     twist = p[GAP.slot("contact_compliance")] * p[layout.COULOMB]
     return bool(p[GAP.slot("gap")] < policy.hardly_a_gap * twist)
+
+
+def adds_nothing(kind: Kind, model_fit: ModelFit) -> bool:
+    """Whether it is a spring beside a gap: that has one in its contact, so that the two are one model."""
+    return kind is SPRING and GAP.name in model_fit.effects
+
+
+def other_contact_tried(
+    problem: Problem, root: ModelFit, chosen: FittedCandidate, progress: Progress
+) -> FittedCandidate:
+    """The chosen model with a harder or softer contact in its gap, where that does clearly better.
+
+    The size of a gap and the spring behind it make the same course of the torque as long as the gap is small, so that
+    a fit may end with the one in the place of the other.
+    """
+    model_fit = chosen.model_fit
+    if GAP.name not in model_fit.effects:
+        return chosen
+    progress(f"another contact of {GAP.name}")
+    slots = {GAP.slot(name) for name in OF_THE_GAP.values()}
+    moved = tuple(one for one in model_fit.free if one.slot in slots)
+    starts = [FitStart(_with_contact(model_fit.fitted.packed, hertz), moved) for hertz in RESONANCES]
+    led = [start.packed for start in scouted(problem, model_fit, starts)]
+    least = problem.policy.clearly_less
+    target = least * model_fit.fitted.cost
+    settled = fit_from_starts(problem, led, 0.0, list(model_fit.free), model_fit.effects, target)
+    if settled is None or error_left(problem, settled) > least * error_left(problem, model_fit):
+        return chosen
+    return replace(judged(problem, root, settled, chosen.effect), gain=chosen.gain)
+
+
+def _with_contact(packed: Packed, hertz: float) -> Packed:
+    """The model with a contact on which motor and load ring at that frequency [Hz], damped as where fits begin."""
+    p = packed.p.copy()
+    share = p[GAP.slot("load_inertia")]
+    reduced = share * (1.0 - share) * p[layout.INERTIA]
+    p[GAP.slot("contact_compliance")] = 1.0 / (reduced * (2.0 * math.pi * hertz) ** 2)
+    p[GAP.slot("damping")] = AT_START["damping"]
+    return Packed(p, packed.on)
 
 
 class _Exchange:
