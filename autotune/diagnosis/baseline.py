@@ -10,6 +10,7 @@ from autotune.core.errors import NotEnoughExcitation
 from autotune.diagnosis.candidates import Progress, free_of_model, no_progress
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence
+from autotune.diagnosis.evidence.time_driven import without_clocked
 from autotune.diagnosis.ripple_orders import MOST_LINES
 from autotune.diagnosis.starts import Context
 from autotune.estimation.alignment import shifted, without_twin
@@ -88,6 +89,7 @@ def begin(
     problem, settled = _aligned(*model_fit)
     problem, settled, said = _late_record(problem, settled)
     notes = (*notes, *said)
+    problem, settled = _without_clocked(problem, settled)
     notes = (*notes, *_refuse_misfit(problem, settled))
     dropped = 1.0 - float(np.mean(problem.weight > 0))
     if dropped > 0.0:
@@ -203,6 +205,18 @@ def _late_record(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelF
     if other.fitted.cost > CLEARLY_LESS * model_fit.fitted.cost:
         return problem, model_fit, ()
     return again, other, (LATE_RECORD,)
+
+
+def _without_clocked(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit]:
+    """Problem and fit without torques that follow the clock."""
+    while True:
+        again = without_clocked(problem, model_fit.fitted.packed, model_fit.fitted.error)
+        if again is None:
+            return problem, model_fit
+        other = fit_inside_twin(again, model_fit.fitted.packed, list(model_fit.free), 2)
+        if other is None or other.fitted.cost > model_fit.fitted.cost:
+            return problem, model_fit
+        problem, model_fit = again, other
 
 
 def _refuse_misfit(problem: Problem, model_fit: ModelFit) -> tuple[str, ...]:

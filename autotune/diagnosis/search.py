@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from autotune.diagnosis.candidates import FittedCandidate, Progress, ScreenedCandidate, error_left
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence
+from autotune.diagnosis.evidence.time_driven import without_clocked
 from autotune.diagnosis.free_shape import EFFECT as MEMORY
 from autotune.diagnosis.free_shape import with_free_shape, with_own_presliding
 from autotune.diagnosis.refits import (
@@ -262,6 +263,10 @@ class _Search:
         best = other_transmission_tried(self.problem, self.root, self.nominal, best, self.seen, self.progress)
         if self.evidence.repeats:
             self.problem, best = with_own_noise(self.problem, self.root, best)
+        fitted = best.model_fit.fitted
+        clockless = without_clocked(self.problem, fitted.packed, fitted.error)
+        if clockless is not None:
+            best = self._moved(clockless, best)
         again = self.evidence.aligned(self.problem, best.model_fit)
         if again is not self.problem:
             best = self._moved(again, best)

@@ -368,7 +368,7 @@ def judge(
         sure = sure and not facts.veto_silent
         confidence = CONFIRMED if sure else SUSPECTED
     confusable = _confusable(facts, case.verdict, effects, confidence, found)
-    said = [line_note(facts.line) if facts.line is not None else "", case.sentence(facts)]
+    said = [*(line_note(one) for one in _lines(facts)), case.sentence(facts)]
     said += [OWN_PRESLIDING] * (found.presliding is not None)
     chosen = None if facts.drowned else facts.chosen
     final = chosen.model_fit if chosen is not None and effects else facts.root
@@ -390,6 +390,15 @@ def judge(
         model_fit=final,
         root=root,
     )
+
+
+def _lines(facts: Facts) -> list[TimeLine]:
+    """What follows the clock, taken out or not; each frequency once, as loud as it was."""
+    lines = [TimeLine(one.hertz, one.share) for one in facts.problem.data.clocked]
+    if facts.line is not None:
+        lines.append(facts.line)
+    loudest = {round(one.hertz, 1): one for one in sorted(lines, key=lambda one: one.share)}
+    return list(loudest.values())
 
 
 def _as_chosen(found: Found) -> list[FittedCandidate]:

@@ -8,6 +8,7 @@ an experiment can be subtracted row by row. Segments `conditioning` are never fi
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -70,6 +71,27 @@ class Stretch:
 
 
 @dataclass(frozen=True, slots=True)
+class Clocked:
+    """A torque of one frequency [Hz] whose phase runs on through a whole recording: mains, a fan, a pump.
+
+    `sine` and `cosine` are its parts [N m or N]; `shift` is that of the torque when they were found, `share` what it
+    was of the variance that the model left.
+    """
+
+    hertz: float
+    sine: float
+    cosine: float
+    shift: float
+    share: float = 0.0
+
+    def torque(self, data: Prepared) -> Floats:
+        """Sample by sample, shape (n,)."""
+        late = 0.5 * (data.shift - self.shift)
+        angle = 2.0 * math.pi * self.hertz * data.period * (np.arange(len(data.torque)) + late)
+        return np.asarray(self.sine * np.sin(angle) + self.cosine * np.cos(angle))
+
+
+@dataclass(frozen=True, slots=True)
 class Prepared:
     """Arrays of shape (n,) by sample, (m,) by grid row. SI, motor side.
 
@@ -87,6 +109,7 @@ class Prepared:
         upsampling: rows for each one of the file.
         periodic: stretches whose motion repeats itself: they are held out by phase.
         pace: what lengths of time are multiplied by (`bandwidth.Bands.pace`).
+        clocked: torques that follow the clock; what is compared has none of them.
     """
 
     metadata: Metadata
@@ -116,6 +139,7 @@ class Prepared:
     periodic: tuple[Periodic, ...] = ()
     sensed: Floats | None = None
     pace: float = 1.0
+    clocked: tuple[Clocked, ...] = ()
 
     def role(self, *roles: str) -> Flags:
         """Grid rows of blocks with one of these roles, shape (m,)."""

@@ -83,7 +83,11 @@ def smoothed(data: Prepared, values: Floats) -> Floats:
 
 
 def measured_motion(data: Prepared) -> Motion:
-    return Motion(data.torque, data.position, data.velocity, data.acceleration)
+    """What was recorded, without torques that follow the clock."""
+    torque = data.torque
+    for one in data.clocked:
+        torque = torque - one.torque(data)
+    return Motion(torque, data.position, data.velocity, data.acceleration)
 
 
 def simulated_motion(data: Prepared, run: Simulated) -> Motion:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.signal import welch
@@ -16,10 +16,14 @@ from scipy.signal import welch
 from autotune.core.arrays import Floats
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.cross_validation import of_friction
-from autotune.estimation.data import TRAINING
+from autotune.estimation.data import TRAINING, Clocked
+from autotune.estimation.disturbance_estimate import estimate_disturbance, with_expected_noise
 from autotune.estimation.problem import Problem
+from autotune.estimation.residual import measured_motion, smoothed
+from autotune.models.drive_model import Packed
 
 LEAST_HERTZ = 0.7
+MOST_CLOCKED = 3
 BREATHS, QUICKEST_BREATH = 4.0, 2.5
 """Of a friction level that rises and falls: periods in the recording, at least, and the highest frequency [Hz]: quicker
 ones change within the reversals that tell friction from torque."""
@@ -63,6 +67,27 @@ def time_driven_line(problem: Problem, error: Floats) -> TimeLine | None:
     share = _share(time, values, float(finest))
     everywhere = _everywhere(problem, error, float(finest))
     return TimeLine(float(finest), share) if share > problem.policy.line_part and everywhere else None
+
+
+def without_clocked(problem: Problem, packed: Packed, error: Floats) -> Problem | None:
+    """The problem without the torque that follows the clock in what a model leaves; None where there is none.
+
+    Where experiments last whole periods of it, it comes again in every repeat, and no effect of the axis explains it.
+    The twin is shaken then as the axis is beside it.
+    """
+    data = problem.data
+    line = time_driven_line(problem, error) if len(data.clocked) < MOST_CLOCKED else None
+    if line is None:
+        return None
+    units = [Clocked(line.hertz, sine, cosine, data.shift) for sine, cosine in ((1.0, 0.0), (0.0, 1.0))]
+    terms = np.column_stack([smoothed(data, one.torque(data)) for one in units])
+    rows = problem.training > 0
+    sine, cosine = np.linalg.lstsq(terms[rows], error[rows], rcond=None)[0]
+    found = Clocked(line.hertz, float(sine), float(cosine), data.shift, line.share)
+    data = replace(data, clocked=(*data.clocked, found))
+    problem = replace(problem, data=data, moved=measured_motion(data))
+    problem = replace(problem, disturbance=estimate_disturbance(problem, packed))
+    return with_expected_noise(problem, packed)
 
 
 def limit_cycle(problem: Problem, coulomb: float) -> float:
