@@ -23,8 +23,10 @@ from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
 from autotune.diagnosis.evidence.time_driven import (
     TimeLine,
+    all_lines,
     breathing_friction,
     limit_cycle,
+    louder_than_all,
     time_driven_line,
     without_line,
 )
@@ -185,7 +187,12 @@ class Facts:
 
     @property
     def drowned(self) -> bool:
-        """What was found is smaller than a disturbance in time, and so may be its shadow."""
+        """What was found is smaller than a disturbance in time, and so may be its shadow.
+
+        Or nothing was found, and a disturbance that is not of the mains is louder than all else: it has a cause.
+        """
+        if self.chosen is None and louder_than_all(self.problem.data):
+            return True
         if self.line is None:
             return False
         if self.chosen is None:
@@ -368,7 +375,7 @@ def judge(
         sure = sure and not facts.veto_silent
         confidence = CONFIRMED if sure else SUSPECTED
     confusable = _confusable(facts, case.verdict, effects, confidence, found)
-    said = [*(line_note(one) for one in _lines(facts)), case.sentence(facts)]
+    said = [*(line_note(one) for one in all_lines(facts.problem.data, facts.line)), case.sentence(facts)]
     said += [OWN_PRESLIDING] * (found.presliding is not None)
     chosen = None if facts.drowned else facts.chosen
     final = chosen.model_fit if chosen is not None and effects else facts.root
@@ -390,15 +397,6 @@ def judge(
         model_fit=final,
         root=root,
     )
-
-
-def _lines(facts: Facts) -> list[TimeLine]:
-    """What follows the clock, taken out or not; each frequency once, as loud as it was."""
-    lines = [TimeLine(one.hertz, one.share) for one in facts.problem.data.clocked]
-    if facts.line is not None:
-        lines.append(facts.line)
-    loudest = {round(one.hertz, 1): one for one in sorted(lines, key=lambda one: one.share)}
-    return list(loudest.values())
 
 
 def _as_chosen(found: Found) -> list[FittedCandidate]:

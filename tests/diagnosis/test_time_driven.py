@@ -9,8 +9,12 @@ import numpy as np
 import pytest
 
 from autotune.diagnosis.evidence import time_driven
-from autotune.estimation.data import TRAINING, Block
+from autotune.diagnosis.verdict import NONE, diagnose
+from autotune.estimation.data import TRAINING, Block, Clocked
 from autotune.estimation.policy import POLICY
+from autotune.models.drive_model import base_model
+from tests.support.axes import NOMINAL, plain_axis
+from tests.support.diagnosis_programme import play
 
 PERIOD, COUNT, BLOCKS = 0.02, 400, 4
 """Four experiments of eight seconds, one after the other, twice."""
@@ -72,3 +76,41 @@ def test_a_limit_cycle_is_told_where_it_outweighs_friction(
     noise = 0.01 * np.random.default_rng(3).standard_normal(len(clock))
     problem.data.torque, problem.data.period = hum + motion + noise, 0.001
     assert time_driven.limit_cycle(problem, coulomb) == (pytest.approx(105.0, abs=2.5) if told else 0.0)
+
+
+@pytest.mark.parametrize(
+    ("hertz", "share", "louder"),
+    [
+        (7.3, 0.9, True),
+        (7.3, 0.3, False),
+        (50.02, 0.9, False),
+        (100.1, 0.9, False),
+        (33.33, 0.9, False),
+        (52.0, 0.6, True),
+    ],
+)
+def test_what_the_supply_makes_is_no_cause_to_look_for(hertz: float, share: float, louder: bool) -> None:
+    data = SimpleNamespace(clocked=(Clocked(hertz, 0.01, 0.0, 0.0, share),))
+    assert time_driven.louder_than_all(data) == louder
+
+
+def test_a_frequency_is_told_once_as_loud_as_it_was() -> None:
+    data = SimpleNamespace(clocked=(Clocked(50.0, 0.01, 0.0, 0.0, 0.6), Clocked(50.01, 0.002, 0.0, 0.0, 0.1)))
+    told = time_driven.all_lines(data, time_driven.TimeLine(24.3, 0.2))
+    assert sorted((line.hertz, line.share) for line in told) == [(24.3, 0.2), (50.0, 0.6)]
+
+
+@pytest.mark.long
+def test_a_hum_that_comes_again_in_repeats_is_taken_out() -> None:
+    """50 Hz are whole periods of any experiment in tenths of a second: repeats share the hum as they do an effect."""
+
+    def hum(time: float, position: float, velocity: float, acceleration: float) -> float:
+        return 0.012 * math.sin(2.0 * math.pi * 50.0 * time)
+
+    told = diagnose([play(plain_axis(31), 31, alien=hum)], base_model(NOMINAL))
+    assert told.verdict == NONE
+    assert told.problem is not None
+    (found,) = told.problem.data.clocked
+    assert found.hertz == pytest.approx(50.0, abs=0.01)
+    assert math.hypot(found.sine, found.cosine) == pytest.approx(0.012, rel=0.1)
+    assert any("50.0" in note for note in told.notes)

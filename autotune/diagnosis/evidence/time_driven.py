@@ -16,7 +16,7 @@ from scipy.signal import welch
 from autotune.core.arrays import Floats
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.cross_validation import of_friction
-from autotune.estimation.data import TRAINING, Clocked
+from autotune.estimation.data import TRAINING, Clocked, Prepared
 from autotune.estimation.disturbance_estimate import estimate_disturbance, with_expected_noise
 from autotune.estimation.problem import Problem
 from autotune.estimation.residual import measured_motion, smoothed
@@ -24,6 +24,10 @@ from autotune.models.drive_model import Packed
 
 LEAST_HERTZ = 0.7
 MOST_CLOCKED = 3
+MAINS, AS_STEADY = (50.0 / 3.0, 50.0, 60.0), 3e-3
+"""Hz, and how near the mains keep to it, relative: what is at one of these, or a multiple, comes from the supply."""
+LOUDER = 0.5
+"""Of what a model left: a torque that is more has a cause that matters more than all else."""
 BREATHS, QUICKEST_BREATH = 4.0, 2.5
 """Of a friction level that rises and falls: periods in the recording, at least, and the highest frequency [Hz]: quicker
 ones change within the reversals that tell friction from torque."""
@@ -88,6 +92,22 @@ def without_clocked(problem: Problem, packed: Packed, error: Floats) -> Problem 
     problem = replace(problem, data=data, moved=measured_motion(data))
     problem = replace(problem, disturbance=estimate_disturbance(problem, packed))
     return with_expected_noise(problem, packed)
+
+
+def louder_than_all(data: Prepared) -> bool:
+    """Whether a torque that was taken out, and is not of the mains, is most of what the model left."""
+    return any(one.share > LOUDER and not _of_the_mains(one.hertz) for one in data.clocked)
+
+
+def all_lines(data: Prepared, line: TimeLine | None) -> list[TimeLine]:
+    """What follows the clock, taken out or not: each frequency once, as loud as it was."""
+    lines = [TimeLine(one.hertz, one.share) for one in data.clocked] + ([] if line is None else [line])
+    loudest = {round(one.hertz, 1): one for one in sorted(lines, key=lambda one: one.share)}
+    return list(loudest.values())
+
+
+def _of_the_mains(hertz: float) -> bool:
+    return any(abs(hertz - max(round(hertz / base), 1) * base) <= AS_STEADY * hertz for base in MAINS)
 
 
 def limit_cycle(problem: Problem, coulomb: float) -> float:
