@@ -46,6 +46,7 @@ from autotune.diagnosis.wording import (
     nearest,
     next_experiment,
     nothing_note,
+    torque_path_notes,
     unknown_note,
 )
 from autotune.estimation.bandwidth import prepared_for, prepared_to_fit
@@ -368,7 +369,8 @@ def judge(
         sure = sure and not facts.veto_silent
         confidence = CONFIRMED if sure else SUSPECTED
     confusable = _confusable(facts, case.verdict, effects, confidence, found)
-    said = [line_note(facts.line) if facts.line is not None else "", case.sentence(facts)]
+    line = line_note(facts.line) if facts.line is not None else ""
+    said = [*torque_path_notes(facts.problem.data), line, case.sentence(facts)]
     said += [OWN_PRESLIDING] * (found.presliding is not None)
     chosen = None if facts.drowned else facts.chosen
     final = chosen.model_fit if chosen is not None and effects else facts.root
