@@ -23,6 +23,7 @@ from autotune.diagnosis.free_shape import resolved
 from autotune.diagnosis.refits import inside_twin, is_chance, without_insignificant_terms
 from autotune.diagnosis.ripple_orders import MOST_LINES, with_whole_orders
 from autotune.diagnosis.screening import screen
+from autotune.diagnosis.wording import torque_path_notes
 from autotune.estimation.bandwidth import prepared_for, prepared_to_fit
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import usual_damping
@@ -76,6 +77,7 @@ def fit_model(
     for effect in effects:
         progress(f"refit with {effect}")
         problem, _, model_fit = grown(problem, model_fit, nominal, effect, start)
+    notes = (*notes, *torque_path_notes(problem.data))
     errors = standard_errors(model_fit.fitted, problem.training)
     model = model_from(start, model_fit.fitted.packed, model_fit.fitted.free, errors)
     relative = relative_error(problem, model_fit)

@@ -158,7 +158,7 @@ def torque_late(diagnosis: Diagnosis) -> float | None:
     problem = diagnosis.problem
     if problem is None or not problem.twin or problem.controller is None or not problem.controller.exact:
         return None
-    return max(-0.5 * problem.data.shift * problem.data.period, 0.0)
+    return max(-0.5 * problem.data.shift * problem.data.period, 0.0) + problem.data.lag
 
 
 def _entry(problem: Problem, before: ModelFit, after: ModelFit, step: tuple[str, str, str]) -> HistoryEntry:

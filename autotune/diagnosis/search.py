@@ -231,7 +231,7 @@ class _Search:
         Where the fastest experiment alone shows an effect, its hold-out says nothing; the veto trajectory does.
         """
         problem = self.problem
-        fits = [f for f in fits if f.training.fall > 0.0 and not self.evidence.of_the_chain(f)]
+        fits = [f for f in fits if f.training.fall > 0.0 and not self.evidence.of_the_chain(problem, f)]
         if not fits:
             return None
         best = self.evidence.best(problem, fits)

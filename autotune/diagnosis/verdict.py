@@ -48,6 +48,7 @@ from autotune.diagnosis.wording import (
     nearest,
     next_experiment,
     nothing_note,
+    torque_path_notes,
     unknown_note,
 )
 from autotune.estimation.bandwidth import prepared_for, prepared_to_fit
@@ -375,7 +376,8 @@ def judge(
         sure = sure and not facts.veto_silent
         confidence = CONFIRMED if sure else SUSPECTED
     confusable = _confusable(facts, case.verdict, effects, confidence, found)
-    said = [*(line_note(one) for one in all_lines(facts.problem.data, facts.line)), case.sentence(facts)]
+    lines = [line_note(one) for one in all_lines(facts.problem.data, facts.line)]
+    said = [*torque_path_notes(facts.problem.data), *lines, case.sentence(facts)]
     said += [OWN_PRESLIDING] * (found.presliding is not None)
     chosen = None if facts.drowned else facts.chosen
     final = chosen.model_fit if chosen is not None and effects else facts.root

@@ -13,6 +13,7 @@ from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate
 from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.evidence.time_driven import TimeLine
 from autotune.estimation.bias_corrected_fit import ModelFit
+from autotune.estimation.data import Prepared
 from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Problem
 from autotune.models.table import looking_alike
@@ -41,6 +42,14 @@ PRESLIDING_REST = (
     "Beside it something still comes again, in one experiment at least: what that law is not exactly, or an effect "
     "that these data cannot tell from it."
 )
+CURRENT_LOOP_LATE = (
+    "The torque follows its demand {late:.2g} ± {error:.1g} ms late, as a current loop of {hertz:.0f} Hz does: any "
+    "drive has one, and it is no effect of the axis. It is taken out."
+)
+CYCLES_LATE = (
+    "The torque acts {cycles} of {period:.3g} ms after the row that it is recorded in, as one that goes over a bus "
+    "does. It is no effect of the axis, and taken out; a shorter one makes room for faster gains."
+)
 PROGRAMME = "autotune record AXIS.toml decide --from DIAGNOSIS.json --out FILE"
 """DIAGNOSIS.json is what `diagnose --json` printed; diagnosed are then both recordings."""
 OWN_RECORDER = (
@@ -68,6 +77,18 @@ class Candidate:
     accepted: bool
     why: str
     contribution: Floats | None = field(default=None, repr=False, compare=False)
+
+
+def torque_path_notes(data: Prepared) -> tuple[str, ...]:
+    """On what a demand goes through before it acts, and was taken out: cycles of a bus, and the current loop."""
+    notes = []
+    if data.cycles > 0:
+        cycles = f"{data.cycles} cycle" + "s" * (data.cycles > 1)
+        notes.append(CYCLES_LATE.format(cycles=cycles, period=1e3 * data.upsampling * data.period))
+    if data.lag > 2.0 * data.lag_error:
+        late, error, hertz = 1e3 * data.lag, 1e3 * data.lag_error, 1.0 / (2.0 * math.pi * data.lag)
+        notes.append(CURRENT_LOOP_LATE.format(late=late, error=error, hertz=hertz))
+    return tuple(notes)
 
 
 def candidate_rows(

@@ -112,7 +112,35 @@ def shifted(data: Prepared, half_samples: float) -> Prepared:
         rows = np.arange(stretch.start, stretch.stop, dtype=np.float64)
         recorded = data.recorded_torque[stretch.rows]
         torque[stretch.rows] = np.interp(rows + 0.5 * half_samples, rows, recorded)
-    return replace(data, torque=torque, shift=half_samples)
+    return replace(data, torque=torque, shift=half_samples, lag=0.0, lag_error=0.0, cycles=0)
+
+
+def behind_current_loop(data: Prepared, time_constant: float) -> Prepared:
+    """The data with the torque that a current loop of a time constant [s] makes of the recorded demand."""
+    prompt = shifted(data, data.shift)
+    torque = followed_late(prompt, prompt.torque, time_constant)
+    return replace(prompt, torque=torque, lag=time_constant, cycles=data.cycles)
+
+
+def followed_late(data: Prepared, demand: Floats, time_constant: float) -> Floats:
+    """Mean over each sample of what a first-order lag makes of a demand that is held, shape (n,); see `torque_path`.
+
+    The torque has long been what the first demand of a stretch makes of it.
+    """
+    if time_constant <= 0.0:
+        return demand
+    ratio = data.period / time_constant
+    left = math.exp(-ratio)
+    mean = (1.0 - left) / ratio
+    result = demand.copy()
+    for stretch in data.stretches:
+        given = demand[stretch.rows]
+        start = [left * given[0]]
+        at_sample = np.concatenate(
+            [given[:1], scipy.signal.lfilter([1.0 - left], [1.0, -left], given, zi=start)[0]]
+        )
+        result[stretch.rows] = given - (given - at_sample[:-1]) * mean
+    return result
 
 
 def aligned(data: Prepared) -> Prepared:

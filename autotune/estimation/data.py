@@ -101,7 +101,8 @@ class Prepared:
         grid: samples at the centre of each grid row.
         taps: zero-phase low-pass that every torque goes through, shape (odd,).
         sensed: the torque by its own sensor, where the files hold it beside the demand, shape (n,).
-        recorded_torque: as it was in the file; `torque` is this, moved by `shift` half samples.
+        recorded_torque: as it was in the file; `torque` is this, moved by `shift` half samples, in which are `cycles`
+            of the file that a bus takes, and through a current loop of time constant `lag` ± `lag_error` [s].
         filtered: one side was put through a low-pass that the file's other column had gone through.
         starts: first sample of each recording.
         temperature: °C, shape (n,); None unless every recording has it.
@@ -131,6 +132,9 @@ class Prepared:
     recorded_reference: bool
     recorded_torque: Floats
     shift: float = 0.0
+    lag: float = 0.0
+    lag_error: float = 0.0
+    cycles: int = 0
     filtered: bool = False
     starts: tuple[int, ...] = (0,)
     temperature: Floats | None = None

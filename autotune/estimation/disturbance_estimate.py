@@ -21,6 +21,7 @@ import scipy
 from numpy.typing import NDArray
 
 from autotune.core.arrays import Floats
+from autotune.estimation.alignment import behind_current_loop, followed_late
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.controller import asked
 from autotune.estimation.controller_law import PositionController
@@ -108,7 +109,8 @@ def estimate_disturbance(problem: Problem, packed: Packed) -> Disturbance:
         return STILL
     data = problem.data
     jitter = jitter_of(data.measured, [stretch.rows for stretch in data.stretches], data.period)
-    heard = np.asarray(data.torque - asked(data, problem.controller))
+    prompt = behind_current_loop(data, 0.0)
+    heard = np.asarray(data.torque - followed_late(data, asked(prompt, problem.controller), data.lag))
     # where rows are late, what their positions would have asked for is no torque; the slowest chunks hold least of it
     share = QUIETEST if jitter > 0.0 else 0.5
     sensor = float(np.sqrt(np.quantile(np.var(chunks.of(heard), axis=1), share)))

@@ -2,31 +2,41 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
+from autotune.core.arrays import Floats
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.candidates import FittedCandidate
 from autotune.diagnosis.evidence import repeated
+from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
+from autotune.diagnosis.evidence.single import SingleRecording
 from autotune.diagnosis.evidence.time_driven import TimeLine, without_line
+from autotune.diagnosis.found_model import torque_late
 from autotune.diagnosis.search import again_explained
-from autotune.estimation.alignment import shifted
+from autotune.diagnosis.wording import torque_path_notes
+from autotune.estimation.alignment import behind_current_loop, shifted
 from autotune.estimation.bandwidth import prepared_to_fit
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.contact_start import sticking
 from autotune.estimation.coordinates import since_rest, without_rests
 from autotune.estimation.cross_validation import Explained, explained
-from autotune.estimation.data import TRAINING
-from autotune.estimation.disturbance_estimate import null_errors, with_counts
+from autotune.estimation.data import TRAINING, Prepared
+from autotune.estimation.disturbance_estimate import estimate_disturbance, null_errors, with_counts
+from autotune.estimation.least_squares import Free
 from autotune.estimation.problem import Problem, refit
 from autotune.estimation.residual import measured_motion, residual
 from autotune.models import layout
 from autotune.models.drive_model import Packed, base_model
 from autotune.models.dwell_time_break_away import DWELL_TIME_BREAK_AWAY
-from autotune.models.torque_lag import TIME_CONSTANT
+from autotune.models.torque_lag import IS_LATE, MOTOR_TORQUE, TIME_CONSTANT
+from autotune.models.torque_path import delivered
 from tests.support.axes import NOMINAL
 
 Begun = tuple[Problem, ModelFit]
@@ -38,28 +48,114 @@ def begun(short) -> Begun:
     return begin(prepared_to_fit([short]), base_model(NOMINAL))[:2]
 
 
-@pytest.mark.parametrize(
-    ("late", "in_band", "applied"),
-    [(-0.3, False, True), (0.8, False, False), (0.8, True, True), (-3.5, True, False)],
-    ids=["a current loop", "held until the next sample", "recorded early", "more than any chain"],
-)
-def test_what_the_measurement_chain_can_do_is_taken_out(
-    begun: Begun, late: float, in_band: bool, applied: bool
-) -> None:
-    """`late`: half samples of 1 ms by which the torque must be moved to be where it was."""
+def _spoilt(begun: Begun, data: Prepared, exact: bool) -> Begun:
+    """Problem and fit with other data in place of those that fit, under a law of the samples or of a drive."""
     problem, model_fit = begun
-    law = replace(problem.controller, exact=not in_band, in_band=in_band)
-    spoilt = shifted(problem.data, -late)
-    spoilt = replace(spoilt, recorded_torque=spoilt.torque, shift=0.0)
-    problem = replace(problem, data=spoilt, moved=measured_motion(spoilt), controller=law)
-    model_fit = replace(
-        model_fit,
-        fitted=refit(problem, model_fit.fitted.packed, list(model_fit.free), model_fit.correction, 2),
-    )
+    law = replace(problem.controller, exact=exact, in_band=not exact)
+    data = replace(data, recorded_torque=data.torque, shift=0.0)
+    problem = replace(problem, data=data, moved=measured_motion(data), controller=law)
+    fitted = refit(problem, model_fit.fitted.packed, list(model_fit.free), model_fit.correction, 2)
+    return problem, replace(model_fit, fitted=fitted)
+
+
+@pytest.mark.parametrize(
+    ("late", "applied"), [(0.8, True), (-3.5, False)], ids=["recorded early", "more than any chain"]
+)
+def test_what_the_measurement_chain_can_do_is_taken_out(begun: Begun, late: float, applied: bool) -> None:
+    """`late`: half samples of 1 ms by which the torque of a drive's own loop must be moved to be where it was."""
+    problem, model_fit = _spoilt(begun, shifted(begun[0].data, -late), exact=False)
     again = RepeatedProgramme().aligned(problem, model_fit)
     assert (again is not problem) == applied
     if applied:
         assert again.data.shift == pytest.approx(late, abs=0.2)
+
+
+def _demand(data: Prepared, lag: float) -> Floats:
+    """What a current loop of this time constant [s] must be asked for to deliver the torque of these data."""
+    ratio = data.period / lag
+    left = math.exp(-ratio)
+    mean = (1.0 - left) / ratio
+    asked = data.torque.copy()
+    for stretch in data.stretches:
+        reached = float(data.torque[stretch.start])
+        for k in range(stretch.start, stretch.stop):
+            asked[k] = (data.torque[k] - reached * mean) / (1.0 - mean)
+            reached = asked[k] - (asked[k] - reached) * left
+    return asked
+
+
+@pytest.mark.parametrize(
+    ("lag", "cycles", "found"),
+    [(3e-4, 0, 3e-4), (2e-4, 2, 2e-4), (6e-4, 0, None), (1.3e-3, 0, None)],
+    ids=["a current loop", "behind a bus", "a slow one", "a filter of more than a cycle"],
+)
+@pytest.mark.parametrize("evidence", [RepeatedProgramme(), SingleRecording()], ids=["repeated", "single"])
+def test_an_ordinary_current_loop_behind_a_held_demand_is_taken_out(
+    begun: Begun, evidence: Evidence, lag: float, cycles: int, found: float | None
+) -> None:
+    """And whole cycles; a longer lag stays, whole cycles in its place would bend the torque otherwise."""
+    asked = replace(begun[0].data, torque=_demand(begun[0].data, lag))
+    asked = shifted(replace(asked, recorded_torque=asked.torque), 2.0 * cycles)
+    problem, model_fit = _spoilt(begun, asked, exact=True)
+    again = evidence.aligned(problem, model_fit)
+    if found is None:
+        assert again is problem
+        return
+    assert again.data.lag == pytest.approx(found, abs=3e-5)
+    assert again.data.cycles == cycles
+    assert 0.0 < again.data.lag_error < 3e-5
+    settled = replace(model_fit, fitted=replace(model_fit.fitted, error=residual_at(again, model_fit)))
+    assert evidence.aligned(again, settled) is again, "nothing is left to be taken out"
+    late = replace(again, data=replace(again.data, recorded_torque=problem.data.torque))
+    assert torque_late(cast(Any, SimpleNamespace(problem=late))) == pytest.approx(
+        cycles * 1e-3 + found, abs=3e-5
+    )
+    notes = torque_path_notes(again.data)
+    assert len(notes) == 1 + (cycles > 0)
+    assert all("no effect of the axis" in note for note in notes)
+
+
+def residual_at(problem: Problem, model_fit: ModelFit) -> Floats:
+    """Error of a fit in other data, with the bias that it was made with."""
+    return problem.raw(model_fit.fitted.packed) - model_fit.correction.bias
+
+
+def test_a_model_that_has_a_lag_keeps_it(begun: Begun) -> None:
+    asked = replace(begun[0].data, torque=_demand(begun[0].data, 3e-4))
+    problem, model_fit = _spoilt(begun, asked, exact=True)
+    packed = model_fit.fitted.packed
+    on = packed.on.copy()
+    on[IS_LATE] = True
+    own = replace(model_fit, fitted=replace(model_fit.fitted, packed=Packed(packed.p, on)))
+    assert RepeatedProgramme().aligned(problem, own) is problem
+
+
+def test_what_a_demand_becomes_behind_a_current_loop_is_what_the_model_makes_of_it(begun: Begun) -> None:
+    data = begun[0].data
+    data = replace(data, stretches=data.stretches[:1], torque=data.recorded_torque, shift=0.0)
+    rows, lag = slice(0, 2000), 7e-4
+    packed = begun[1].fitted.packed
+    p, on = packed.p.copy(), packed.on.copy()
+    p[TIME_CONSTANT], on[IS_LATE] = lag, True
+    state = np.zeros(layout.STATES)
+    state[MOTOR_TORQUE] = data.torque[rows][0]
+    modelled = np.array([delivered(p, on, state, float(u), data.period) for u in data.torque[rows]])
+    assert behind_current_loop(data, lag).torque[rows] == pytest.approx(modelled, rel=1e-9, abs=1e-12)
+    assert behind_current_loop(behind_current_loop(data, lag), 0.0).torque == pytest.approx(
+        data.recorded_torque
+    )
+
+
+def test_a_current_loop_is_no_noise_of_the_torque_sensor(begun: Begun) -> None:
+    problem, model_fit = begun
+    data = behind_current_loop(problem.data, 3e-4)
+    late = replace(problem, data=data, moved=measured_motion(data))
+    before, after = (estimate_disturbance(one, model_fit.fitted.packed) for one in (problem, late))
+    step = 1e-3 * float(np.std(problem.data.torque))
+    prompt = replace(late, data=replace(data, lag=0.0))
+    wrong = estimate_disturbance(prompt, model_fit.fitted.packed)
+    assert after.sensor < before.sensor + step
+    assert wrong.sensor > after.sensor + step
 
 
 def test_a_lag_is_no_candidate_where_nothing_tells_how_the_columns_belong_together(begun: Begun) -> None:
@@ -68,14 +164,33 @@ def test_a_lag_is_no_candidate_where_nothing_tells_how_the_columns_belong_togeth
     assert "torque_lag" not in {kind.name for kind in evidence.candidates(replace(problem, controller=None))}
 
 
-@pytest.mark.parametrize(("lag", "own"), [(1e-4, True), (5e-4, False)])
-def test_a_lag_that_any_current_loop_has_is_no_effect(begun: Begun, lag: float, own: bool) -> None:
-    packed = begun[1].fitted.packed
-    p = packed.p.copy()
+@pytest.mark.parametrize(
+    ("lag", "known", "before", "own"),
+    [(1e-4, True, 0.0, True), (5e-4, True, 0.0, False), (5e-4, False, 0.0, True), (2e-4, True, 4e-4, False)],
+    ids=["ordinary", "longer", "not beyond doubt", "longer with what was taken out"],
+)
+def test_a_lag_that_any_current_loop_has_is_no_effect(
+    begun: Begun, lag: float, known: bool, before: float, own: bool
+) -> None:
+    problem, fitted = begun[0], begun[1].fitted
+    problem = replace(problem, data=replace(problem.data, lag=before))
+    p = fitted.packed.p.copy()
     p[TIME_CONSTANT] = lag
-    model_fit = replace(begun[1], fitted=replace(begun[1].fitted, packed=replace(packed, p=p)))
+    free = Free("torque_lag.time_constant", TIME_CONSTANT, 0.0, 0.1, 1e-3)
+    error = np.sin(np.arange(len(fitted.error))) * problem.training
+    other = np.cos(np.arange(len(error)))[:, None] * (30.0 if known else 1.0)
+    fitted = replace(
+        fitted,
+        packed=replace(fitted.packed, p=p),
+        free=(free,),
+        error=error,
+        jacobian=other,
+        scales=np.array([1e-3]),
+    )
+    model_fit = replace(begun[1], fitted=fitted)
     candidate = FittedCandidate("torque_lag", model_fit, 0.1, Explained(1.0, 0.0), None, named=True)
-    assert RepeatedProgramme().of_the_chain(candidate) == own
+    for evidence in (RepeatedProgramme(), SingleRecording()):
+        assert evidence.of_the_chain(problem, candidate) == own
 
 
 def test_noise_that_is_swallowed_explains_nothing_again(begun: Begun) -> None:

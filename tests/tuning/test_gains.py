@@ -102,7 +102,9 @@ def test_only_a_torque_held_from_sample_to_sample_tells_how_late_it_acts(
     exact: bool, shift: float, late: float | None
 ) -> None:
     problem = SimpleNamespace(
-        twin=True, controller=SimpleNamespace(exact=exact), data=SimpleNamespace(shift=shift, period=1e-3)
+        twin=True,
+        controller=SimpleNamespace(exact=exact),
+        data=SimpleNamespace(shift=shift, lag=0.0, period=1e-3),
     )
     assert torque_late(cast(Any, SimpleNamespace(problem=problem))) == (
         None if late is None else pytest.approx(late)

@@ -1,20 +1,54 @@
-"""What one kind of recordings allows to be said of candidates: the methods that all kinds have."""
+"""What one kind of recordings allows to be said of candidates: the methods that all kinds have.
+
+How torque and position belong together in time is a property of the measurement chain: a torque is recorded as it is
+at the sample, or as its mean over the cycle before or after it, and a current loop follows its demand some tenths of a
+millisecond late. So much delay is a nuisance of every fit inside a twin and never an effect; more is a torque that
+lags.
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from autotune.core.arrays import Flags, Floats
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate
+from autotune.estimation.alignment import behind_current_loop, best_shift, shifted
 from autotune.estimation.bias_corrected_fit import ModelFit
+from autotune.estimation.controller_search import lowest
+from autotune.estimation.data import Prepared
+from autotune.estimation.least_squares import followed, standard_errors
 from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Problem
+from autotune.estimation.residual import measured_motion, smoothed
 from autotune.models.effect import Kind
+from autotune.models.torque_lag import IS_LATE, TIME_CONSTANT, TORQUE_LAG
 
 CLOSE_START = 0.4
 """Of the best start's fall: starts that come so near are followed too, as gaps and speeds have several minima."""
+CURRENT_LOOP = 0.45e-3
+"""s, time constant of the slowest ordinary current loop (350 Hz). Servo drives come with 1 to 2 kHz; a current loop
+must be five times as fast as the velocity loop around it, which is 75 Hz as drives are delivered."""
+MOST_LATE, FINE_LATE = 4.0, 0.01
+"""Of that: how far a lag is looked for, and what it is found to."""
+FINE_SHIFT = 2e-5
+"""s, what a delay is found to."""
+CYCLES = (1, 2, 3)
+"""Whole cycles by which a demand may act later than it is recorded: what a bus and a drive's input take."""
+CHAIN, BESIDE = (-0.5, 1.0), 0.2e-3
+"""Samples by which a torque may be recorded late where it was not held from each sample to the next; and s, by which it
+may be early beside that, by a usual current loop: half a sample is room for a slower one; more would hide a lag."""
+WORTH_ALIGNING = 0.998
+"""Of the mean square: what must be left at most for a shift of torque against motion to count."""
+CLEARLY_LESS = 0.98
+"""Of the mean square: what another delay must leave at most to be taken for it; what else a model lacks bends both."""
+SURE = 2.0
+"""Standard errors by which a lag must be longer than a current loop's to be more."""
+CORRELATED = 4.0
+"""Rows that count as one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,9 +138,17 @@ class Evidence(ABC):
         """
         return problem.policy.rest_part * noise
 
-    def of_the_chain(self, candidate: FittedCandidate) -> bool:
-        """Whether a candidate is so small that it is the measurement chain's own, and no effect."""
-        return False
+    def of_the_chain(self, problem: Problem, candidate: FittedCandidate) -> bool:
+        """Whether a candidate is the measurement chain's own, and no effect: a lag that any current loop has."""
+        if candidate.effect != TORQUE_LAG.name:
+            return False
+        fitted = candidate.model_fit.fitted
+        errors = standard_errors(fitted, problem.training)
+        error = max(
+            (e for e, one in zip(errors, fitted.free, strict=True) if one.slot == TIME_CONSTANT), default=0.0
+        )
+        lag = problem.data.lag + float(fitted.packed.p[TIME_CONSTANT])
+        return lag - SURE * float(error) <= CURRENT_LOOP
 
     def only_at_rests(self, problem: Problem, before: ModelFit, candidate: FittedCandidate) -> bool:
         """Whether an effect that rests show explains no more than a bristle's unknown stretch at each rest does."""
@@ -166,3 +208,113 @@ class Evidence(ABC):
     @abstractmethod
     def explains_part(self, chosen: FittedCandidate) -> str:
         """The same of one that explains a part of what is unknown."""
+
+
+def without_chain(problem: Problem, model_fit: ModelFit) -> Problem:
+    """The problem with the delay of torque against motion taken out, as far as the measurement chain can have it.
+
+    A law that explains the demand to rounding works at the samples: its torque is held until the next, comes whole
+    cycles later, and behind a current loop. Any other torque may be recorded at another moment too: it is moved.
+    """
+    law = problem.controller
+    if law is not None and law.exact:
+        return _without_current_loop(problem, model_fit)
+    data = problem.data
+    errors: dict[float, float] = {}
+
+    def cost(shift: float) -> float:
+        if shift not in errors:
+            errors[shift] = _cost(problem, _left(problem, model_fit, shifted(data, shift)))
+        return errors[shift]
+
+    best, lowest_cost = best_shift(cost, data.shift, step=min(0.1, FINE_SHIFT * 2.0 / data.period))
+    earliest, latest = -np.inf, np.inf
+    if law is not None:
+        early, late = CHAIN
+        earliest, latest = 2.0 * (early - BESIDE / data.period), 2.0 * late
+    if (
+        best == data.shift
+        or not earliest <= best <= latest
+        or lowest_cost > WORTH_ALIGNING * cost(data.shift)
+    ):
+        return problem
+    return _with(problem, shifted(data, best))
+
+
+@dataclass(frozen=True, slots=True)
+class _Late:
+    """Data with the torque some cycles and a current loop's lag later, and the error and cost that this leaves."""
+
+    data: Prepared
+    rest: Floats
+    cost: float
+
+
+def _without_current_loop(problem: Problem, model_fit: ModelFit) -> Problem:
+    """The torque as it acts: whole cycles after its demand, where a bus takes them, and behind the current loop.
+
+    The problem as it is where an ordinary current loop is not all that is late. A lag of a cycle bends the torque as a
+    delay of a cycle does not: where it explains clearly more, it is no delay.
+    """
+    if model_fit.fitted.packed.on[IS_LATE]:
+        return problem
+    plain = _late_by(problem, model_fit, 0)
+    whole = int(plain.data.lag / (problem.data.upsampling * problem.data.period))
+    trials = [plain, *(_late_by(problem, model_fit, count) for count in {whole, whole + 1} & set(CYCLES))]
+    usual = [one for one in trials if _is_current_loop(problem, model_fit, one)]
+    if not usual:
+        return problem
+    best = min(usual, key=lambda one: one.cost)
+    least = min(one.cost for one in trials)
+    here = _cost(problem, _left(problem, model_fit, problem.data))
+    if least < CLEARLY_LESS * best.cost or best.cost > WORTH_ALIGNING * here:
+        return problem
+    error = _error_of_lag(problem, model_fit, best)
+    data = behind_current_loop(best.data, min(best.data.lag, CURRENT_LOOP))
+    return _with(problem, replace(data, lag_error=error))
+
+
+def _is_current_loop(problem: Problem, model_fit: ModelFit, late: _Late) -> bool:
+    """Whether a lag is not beyond doubt longer than that of an ordinary current loop."""
+    return late.data.lag - SURE * _error_of_lag(problem, model_fit, late) <= CURRENT_LOOP
+
+
+def _late_by(problem: Problem, model_fit: ModelFit, cycles: int) -> _Late:
+    """The best lag behind so many cycles."""
+    data = problem.data
+    later = 2.0 * data.upsampling * (cycles - data.cycles)
+    prompt = replace(shifted(data, data.shift - later), cycles=cycles)
+
+    def late(lag: float) -> _Late:
+        moved = behind_current_loop(prompt, lag)
+        rest = _left(problem, model_fit, moved)
+        return _Late(moved, rest, _cost(problem, rest))
+
+    most = MOST_LATE * CURRENT_LOOP + max(CYCLES) * data.upsampling * data.period
+    return late(lowest(lambda lag: late(lag).cost, (0.0, most), FINE_LATE * CURRENT_LOOP))
+
+
+def _error_of_lag(problem: Problem, model_fit: ModelFit, found: _Late) -> float:
+    """Standard error [s]."""
+    step = FINE_LATE * CURRENT_LOOP
+    longer = _left(problem, model_fit, behind_current_loop(found.data, found.data.lag + step))
+    rows = problem.training > 0
+    slope = (longer - found.rest)[rows] / step
+    return float(np.sqrt(CORRELATED * np.mean(found.rest[rows] ** 2) / max(float(slope @ slope), 1e-300)))
+
+
+def _with(problem: Problem, data: Prepared) -> Problem:
+    return replace(problem, data=data, moved=measured_motion(data))
+
+
+def _left(problem: Problem, model_fit: ModelFit, moved: Prepared) -> Floats:
+    """Error with the torque moved and all parameters fitted again, linearised, shape (m,)."""
+    change = moved.torque - problem.data.torque
+    acted = np.concatenate([change[:1], 0.5 * (change[1:] + change[:-1])])
+    error = model_fit.fitted.error + smoothed(problem.data, acted)
+    return followed(model_fit.fitted.jacobian, error, problem.training)
+
+
+def _cost(problem: Problem, left: Floats) -> float:
+    """Of the training rows."""
+    return float(np.sum(problem.training * left**2))

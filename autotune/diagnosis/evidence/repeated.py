@@ -1,33 +1,25 @@
-"""A programme played more than once: what repeats do not share is noise, all else could be explained.
-
-How torque and position belong together in time is a property of the measurement chain: a torque is recorded as it is
-at the sample, or as its mean over the cycle before or after it, and a current loop follows its demand a tenth of a
-millisecond late. So much delay is a nuisance of every fit and never an effect; more is a torque that lags.
-"""
+"""A programme played more than once: what repeats do not share is noise, all else could be explained."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from autotune.core.arrays import Flags, Floats
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, error_left
-from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
+from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult, without_chain
 from autotune.diagnosis.evidence.single import folds_of
 from autotune.diagnosis.evidence.visibility import flank_in_sight
-from autotune.estimation.alignment import best_shift, shifted
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.coordinates import Rests, without_rests
 from autotune.estimation.cross_validation import beyond_rests, drift, rests_of
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.disturbance_estimate import null_errors
-from autotune.estimation.least_squares import followed
 from autotune.estimation.policy import Policy
 from autotune.estimation.problem import CHUNK, Correction, Problem
-from autotune.estimation.residual import measured_motion, smoothed
 from autotune.models.effect import Kind
 from autotune.models.table import EFFECTS
 from autotune.models.torque_lag import TORQUE_LAG
@@ -43,14 +35,6 @@ the mean of all. Where nothing is missing chance reaches 0.8 once in fifty exper
 two repeats); a motor that saturates in the fastest experiment only reaches 17."""
 FEW = 3
 """Replicas, of eight: where most run away their law tells nothing."""
-CURRENT_LOOP = 0.2e-3
-"""s, by which the torque of an ordinary current loop (800 Hz) is late."""
-FINE_SHIFT = 0.1
-"""Of that: what the delay is found to."""
-CHAIN = (-0.5, 1.0)
-"""Samples by which a torque may be recorded late where it was not held from each sample to the next."""
-WORTH_ALIGNING = 0.998
-"""Of the mean square: what must be left at most for a shift of torque against motion to count."""
 
 
 class RepeatedProgramme(Evidence):
@@ -67,22 +51,7 @@ class RepeatedProgramme(Evidence):
 
     def aligned(self, problem: Problem, model_fit: ModelFit) -> Problem:
         """Torque moved to where the model explains it best, if the measurement chain can be what moves it."""
-        data = problem.data
-        here = data.shift
-        errors: dict[float, float] = {}
-
-        def cost(shift: float) -> float:
-            if shift not in errors:
-                errors[shift] = _cost_moved(problem, model_fit, shift)
-            return errors[shift]
-
-        step = min(0.1, FINE_SHIFT * 2.0 * CURRENT_LOOP / data.period)
-        best, lowest = best_shift(cost, here, step=step)
-        earliest, latest = _possible(problem)
-        if best == here or not earliest <= best <= latest or lowest > WORTH_ALIGNING * cost(here):
-            return problem
-        moved = shifted(data, best)
-        return replace(problem, data=moved, moved=measured_motion(moved))
+        return without_chain(problem, model_fit)
 
     def worth_fitting(
         self, problem: Problem, model_fit: ModelFit, ranked: Sequence[ScreenedCandidate]
@@ -116,13 +85,6 @@ class RepeatedProgramme(Evidence):
         usual = min(noise, _usual_noise(problem, error))
         least = problem.policy.rest_part * noise if _exact(problem) else _of_the_chain(problem, error, usual)
         return max(least, problem.comes_by_counts(TRAINING)[0])
-
-    def of_the_chain(self, candidate: FittedCandidate) -> bool:
-        """A lag that any current loop has."""
-        if candidate.effect != TORQUE_LAG.name:
-            return False
-        lag = candidate.model_fit.fitted.packed.p[TORQUE_LAG.parameters[0].slot]
-        return bool(lag <= CURRENT_LOOP)
 
     def only_at_rests(self, problem: Problem, before: ModelFit, candidate: FittedCandidate) -> bool:
         """Less than half of what it explains is left where every rest and repeat has a stretch of its own.
@@ -255,24 +217,3 @@ def _usual_noise(problem: Problem, error: Floats) -> float:
 def _of_the_chain(problem: Problem, error: Floats, noise: float) -> float:
     """Variance that may come again though no model lacks anything: counts shake a drive alike in every repeat."""
     return max(STRUCTURE_WITHOUT_TWIN * noise, problem.of_chain(error, TRAINING))
-
-
-def _possible(problem: Problem) -> tuple[float, float]:
-    """Half samples by which the measurement chain may have recorded the torque late; any, where there is no twin.
-
-    A law that explains the demand to rounding works at the samples: its torque is held until the next.
-    """
-    lag = CURRENT_LOOP / problem.data.period
-    if problem.controller is None:
-        return -math.inf, math.inf
-    early, late = (0.0, 0.0) if problem.controller.exact else CHAIN
-    return 2.0 * (early - lag), 2.0 * late
-
-
-def _cost_moved(problem: Problem, model_fit: ModelFit, shift: float) -> float:
-    """Mean square of the training rows with the torque moved and all parameters fitted again, linearised."""
-    change = shifted(problem.data, shift).torque - problem.data.torque
-    acted = np.concatenate([change[:1], 0.5 * (change[1:] + change[:-1])])
-    error = model_fit.fitted.error + smoothed(problem.data, acted)
-    left = followed(model_fit.fitted.jacobian, error, problem.training)
-    return float(np.sum(problem.training * left**2))

@@ -20,7 +20,7 @@ import scipy
 
 from autotune.core.arrays import Flags, Floats, Integers
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate
-from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
+from autotune.diagnosis.evidence.evidence import WORTH_ALIGNING, Evidence, HoldoutResult, without_chain
 from autotune.diagnosis.evidence.visibility import highest_frequency, resolved_frequency, visible
 from autotune.estimation.alignment import best_shift, shifted
 from autotune.estimation.bias_corrected_fit import ModelFit
@@ -40,8 +40,6 @@ LEAST_REST = 0.25
 """Of the rows: with fewer left the other recordings say too little to be carried anywhere."""
 ITERATIONS = 10
 MOST_LIKELY, SURROGATES = 6, 20
-WORTH_ALIGNING = 0.998
-"""Of the cost: what must be left at most for a shift of torque against motion to count."""
 MOST_NEIGHBOURS, LEAST_NEIGHBOURS, NEIGHBOURS = 6000, 300, 40
 APART = 0.5  # s, between rows that are compared
 
@@ -144,9 +142,9 @@ class SingleRecording(Evidence):
         return list(folds_of(problem))
 
     def aligned(self, problem: Problem, model_fit: ModelFit) -> Problem:
-        """Also with other rows left out. Only where no controller says how the columns belong together."""
+        """Also with other rows left out, where no controller says how the columns belong together."""
         if problem.twin:
-            return problem
+            return without_chain(problem, model_fit)
         weight = without_outlying(problem, model_fit.fitted.error)
         if np.mean(weight != problem.weight) > 1e-3:
             problem = replace(problem, weight=weight)
