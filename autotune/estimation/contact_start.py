@@ -13,9 +13,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from autotune.core.arrays import Floats
+from autotune.core.arrays import Floats, Integers
 from autotune.estimation.controller import asked
-from autotune.estimation.coordinates import since_rest
+from autotune.estimation.coordinates import FORGOTTEN, since_rest
+from autotune.estimation.data import TRAINING
 from autotune.estimation.disturbance import STILL
 from autotune.estimation.least_squares import Fitted, Free, standard_errors
 from autotune.estimation.problem import Correction, Problem, refit
@@ -123,6 +124,46 @@ def sticking(problem: Problem, packed: Packed) -> tuple[Problem, tuple[Packed, .
     rigid = p.copy()
     rigid[layout.STIFFNESS] *= RIGID
     return replace(problem, weight=weight), (packed, Packed(rigid, packed.on))
+
+
+def less_after_rests(problem: Problem, fitted: Fitted) -> Problem:
+    """The problem with rows after a rest weighted by how unlike the bristle's stretch at that rest is in repeats.
+
+    Nothing tells how a bristle was stretched at a rest, and slow motion forgets it over its reach only. What one repeat
+    has of it and another has not is no level of friction that drifts; in an experiment that stays within that reach
+    most of it is that stretch, however quiet the rest is.
+    """
+    p = fitted.packed.p
+    number, left = since_rest(problem.data, float(p[layout.COULOMB] / p[layout.STIFFNESS]))
+    share = np.where(np.isnan(left), 1.0, left)
+    weight = problem.weight.copy()
+    for block in problem.data.blocks:
+        if block.role == TRAINING and block.repeats > 1:
+            known = _certainty(
+                block.by_repeat(fitted.error), block.by_repeat(share)[0], block.by_repeat(number)[0]
+            )
+            weight[block.rows] *= np.tile(known, block.repeats)
+    return replace(problem, weight=weight)
+
+
+def _certainty(error: Floats, share: Floats, rest: Integers) -> Floats:
+    """Variance of the noise over that with what stretches make, row by row; shape (rows,).
+
+    Args:
+        error: by repeat, shape (repeats, rows).
+        share, rest: what a bristle has left of its stretch at the last rest, and the number of that rest.
+    """
+    repeats = len(error)
+    unlike = (error - error.mean(axis=0)) * math.sqrt(repeats / (repeats - 1.0))
+    group = rest - rest.min()
+    power = np.bincount(group, share**2)
+    told = power > FORGOTTEN
+    stretch = np.array([np.bincount(group, share * row) for row in unlike]) / np.maximum(power, FORGOTTEN)
+    noise = float(np.mean((unlike - share * stretch[:, group]) ** 2))
+    beyond = float(np.sum(power * np.mean(stretch**2, axis=0) * told)) - noise * float(told.sum())
+    if beyond <= 0.0 or noise <= 0.0:
+        return np.ones(len(share))
+    return np.asarray(noise / (noise + beyond / float(power[told].sum()) * share**2))
 
 
 def as_rough(problem: Problem, packed: Packed) -> Problem:
