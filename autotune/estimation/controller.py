@@ -102,19 +102,21 @@ def controllers_of(
     if not found.usable:
         return (found,)
     samples = loop_samples(data, policy)
-    laws = (found,) if found.ticks > 1 else _or_between(data, samples, found)
+    laws = _or_between(data, samples, identified(samples) if found.ticks > 1 else found)
+    laws = laws if found in laws else (found,)
     plain = _plain(samples) if data.repeated and not found.exact else ()
-    if laws[-1].ticks == 1:
+    between = next((law for law in laws if law.ticks > 1), None)
+    if between is None:
         return tuple(dict.fromkeys((found, *plain)))
     quiet = quieter(data)
     heard = samples if quiet is data else loop_samples(quiet, policy)
-    smooth = _remembered(b"smooth", heard, lambda: _some(smooth_between(heard, laws[-1])))
+    smooth = _remembered(b"smooth", heard, lambda: _some(smooth_between(heard, between)))
     if data.sensed is None:
-        late = _remembered(b"late", samples, lambda: answering_late(samples, laws[-1]))
+        late = _remembered(b"late", samples, lambda: answering_late(samples, between))
     else:
         acted = loop_samples(felt(data), policy)
         what = b"follows" + _mark(samples)
-        late = _remembered(what, acted, lambda: _some(following_late(samples, acted.demand, laws[-1])))
+        late = _remembered(what, acted, lambda: _some(following_late(samples, acted.demand, between)))
     return (laws[0], *plain, *laws[1:], *smooth, *late)
 
 
