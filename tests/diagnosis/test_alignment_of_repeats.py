@@ -16,9 +16,9 @@ from autotune.diagnosis.search import again_explained
 from autotune.estimation.alignment import shifted
 from autotune.estimation.bandwidth import prepared_to_fit
 from autotune.estimation.bias_corrected_fit import ModelFit
-from autotune.estimation.contact_start import sticking
+from autotune.estimation.contact_start import less_after_rests, sticking
 from autotune.estimation.coordinates import since_rest, without_rests
-from autotune.estimation.cross_validation import Explained, explained
+from autotune.estimation.cross_validation import Explained, explained, rests_of
 from autotune.estimation.data import TRAINING
 from autotune.estimation.disturbance_estimate import null_errors, with_counts
 from autotune.estimation.problem import Problem, refit
@@ -252,6 +252,28 @@ def test_a_disturbance_that_follows_the_clock_is_no_structure(begun: Begun) -> N
     noise = 1e-3 * np.random.default_rng(5).standard_normal(len(line))
     left = without_line(problem, line + noise, TimeLine(16.7, 0.9))
     assert float(np.std(left)) == pytest.approx(1e-3, rel=0.05)
+
+
+def test_rows_after_a_rest_count_by_how_unlike_its_stretch_is_in_repeats(begun: Begun) -> None:
+    """A stretch that one repeat has and the other has not, and what both have alike."""
+    problem, model_fit = begun
+    fitted = model_fit.fitted
+    left = rests_of(problem, fitted.packed)[1]
+    share = np.where(np.isnan(left), 1.0, left)
+    unlike, alike = np.zeros(len(share)), np.zeros(len(share))
+    for block in problem.data.blocks:
+        first = block.by_repeat(share)[0]
+        alike[block.rows] = np.tile(first, block.repeats)
+        unlike[block.rows] = np.concatenate([first, *[-first] * (block.repeats - 1)])
+    noise = np.random.default_rng(5).normal(0.0, 1e-3, len(share))
+    size = 0.02
+    same = less_after_rests(problem, replace(fitted, error=noise + size * alike)).weight / problem.weight
+    less = less_after_rests(problem, replace(fitted, error=noise + size * unlike)).weight / problem.weight
+    rested = problem.data.role(TRAINING) & (alike > 0.9)
+    moved = problem.data.role(TRAINING) & (alike < 1e-3)
+    assert np.median(same[rested]) > 0.9
+    assert np.median(less[rested]) == pytest.approx((noise.std() / size) ** 2 / 2.0, rel=0.5)
+    assert less[moved] == pytest.approx(1.0, abs=0.01)
 
 
 def test_where_no_count_of_presliding_is_seen_rows_at_rest_are_left_out(begun: Begun) -> None:
