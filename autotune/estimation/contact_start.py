@@ -40,6 +40,8 @@ LOOSE = 1.0
 RIGID = 25.0
 """Times the stiffness: what is tried where the axis sticks without presliding."""
 CONTACT = ("stiffness", "micro_damping")
+WITHIN = 0.5
+"""Mean square of the stretch that is left, above which most rows of an experiment are within the bristle's reach."""
 
 
 def usual_damping(stiffness: float, inertia: float) -> float:
@@ -130,18 +132,17 @@ def less_after_rests(problem: Problem, fitted: Fitted) -> Problem:
     """The problem with rows after a rest weighted by how unlike the bristle's stretch at that rest is in repeats.
 
     Nothing tells how a bristle was stretched at a rest, and slow motion forgets it over its reach only. What one repeat
-    has of it and another has not is no level of friction that drifts; in an experiment that stays within that reach
-    most of it is that stretch, however quiet the rest is.
+    has of it and another has not is no level of friction that drifts. So it is in experiments most of whose rows stay
+    within that reach, which are little else, however quiet the rest is; in others few rows know of it.
     """
     p = fitted.packed.p
     number, left = since_rest(problem.data, float(p[layout.COULOMB] / p[layout.STIFFNESS]))
     share = np.where(np.isnan(left), 1.0, left)
     weight = problem.weight.copy()
     for block in problem.data.blocks:
-        if block.role == TRAINING and block.repeats > 1:
-            known = _certainty(
-                block.by_repeat(fitted.error), block.by_repeat(share)[0], block.by_repeat(number)[0]
-            )
+        kept = block.by_repeat(share)[0]
+        if block.role == TRAINING and block.repeats > 1 and float(np.mean(kept**2)) > WITHIN:
+            known = _certainty(block.by_repeat(fitted.error), kept, block.by_repeat(number)[0])
             weight[block.rows] *= np.tile(known, block.repeats)
     return replace(problem, weight=weight)
 
