@@ -15,9 +15,10 @@ from autotune.diagnosis.ripple_orders import MOST_LINES
 from autotune.diagnosis.starts import Context
 from autotune.estimation.alignment import shifted, without_twin
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
-from autotune.estimation.contact_start import as_rough, fitted_contact, sticking
+from autotune.estimation.contact_start import as_rough, fitted_contact, less_after_rests, sticking
 from autotune.estimation.controller import as_recorded, controllers_of, find_controller
 from autotune.estimation.controller_between import AS_MUCH
+from autotune.estimation.controller_law import NEXT
 from autotune.estimation.controller_torque import loop_note, refuse_answers
 from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.disturbance import STILL
@@ -118,7 +119,8 @@ def _first_fit(problem: Problem, packed: Packed, free: list[Free]) -> tuple[Prob
         if not correction.stable:
             return None
         fitted = refit(problem, fitted.packed, free, correction, 4)
-    problem = with_expected_noise(by_steadiness(problem, fitted.error), fitted.packed)
+    problem = less_after_rests(by_steadiness(problem, fitted.error), fitted)
+    problem = with_expected_noise(problem, fitted.packed)
     model_fit = fit_inside_twin(problem, fitted.packed, free, 2)
     if problem.two_masses(packed):  # with a held bias these fits walk off: the model may be nearer
         as_given = fit_inside_twin(problem, packed, free, 2)
@@ -186,7 +188,7 @@ def _late_record(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelF
     leave the same columns. Only what the axis does tells them apart: the loop of the first is the slower one.
     """
     law = problem.controller
-    if law is None or min(law.reference_delay, law.position_delay) < 1:
+    if law is None or law.taken != NEXT or min(law.reference_delay, law.position_delay) < 1:
         return problem, model_fit, ()
     prompt = replace(
         law, reference_delay=law.reference_delay - 1, position_delay=law.position_delay - 1, why=""

@@ -13,9 +13,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from autotune.core.arrays import Floats
+from autotune.core.arrays import Floats, Integers
 from autotune.estimation.controller import asked
-from autotune.estimation.coordinates import since_rest
+from autotune.estimation.coordinates import FORGOTTEN, since_rest
+from autotune.estimation.data import TRAINING
 from autotune.estimation.disturbance import STILL
 from autotune.estimation.least_squares import Fitted, Free, standard_errors
 from autotune.estimation.problem import Correction, Problem, refit
@@ -39,6 +40,8 @@ LOOSE = 1.0
 RIGID = 25.0
 """Times the stiffness: what is tried where the axis sticks without presliding."""
 CONTACT = ("stiffness", "micro_damping")
+WITHIN = 0.5
+"""Mean square of the stretch that is left, above which most rows of an experiment are within the bristle's reach."""
 
 
 def usual_damping(stiffness: float, inertia: float) -> float:
@@ -123,6 +126,45 @@ def sticking(problem: Problem, packed: Packed) -> tuple[Problem, tuple[Packed, .
     rigid = p.copy()
     rigid[layout.STIFFNESS] *= RIGID
     return replace(problem, weight=weight), (packed, Packed(rigid, packed.on))
+
+
+def less_after_rests(problem: Problem, fitted: Fitted) -> Problem:
+    """The problem with rows after a rest weighted by how unlike the bristle's stretch at that rest is in repeats.
+
+    Nothing tells how a bristle was stretched at a rest, and slow motion forgets it over its reach only. What one repeat
+    has of it and another has not is no level of friction that drifts. So it is in experiments most of whose rows stay
+    within that reach, which are little else, however quiet the rest is; in others few rows know of it.
+    """
+    p = fitted.packed.p
+    number, left = since_rest(problem.data, float(p[layout.COULOMB] / p[layout.STIFFNESS]))
+    share = np.where(np.isnan(left), 1.0, left)
+    weight = problem.weight.copy()
+    for block in problem.data.blocks:
+        kept = block.by_repeat(share)[0]
+        if block.role == TRAINING and block.repeats > 1 and float(np.mean(kept**2)) > WITHIN:
+            known = _certainty(block.by_repeat(fitted.error), kept, block.by_repeat(number)[0])
+            weight[block.rows] *= np.tile(known, block.repeats)
+    return replace(problem, weight=weight)
+
+
+def _certainty(error: Floats, share: Floats, rest: Integers) -> Floats:
+    """Variance of the noise over that with what stretches make, row by row; shape (rows,).
+
+    Args:
+        error: by repeat, shape (repeats, rows).
+        share, rest: what a bristle has left of its stretch at the last rest, and the number of that rest.
+    """
+    repeats = len(error)
+    unlike = (error - error.mean(axis=0)) * math.sqrt(repeats / (repeats - 1.0))
+    group = rest - rest.min()
+    power = np.bincount(group, share**2)
+    told = power > FORGOTTEN
+    stretch = np.array([np.bincount(group, share * row) for row in unlike]) / np.maximum(power, FORGOTTEN)
+    noise = float(np.mean((unlike - share * stretch[:, group]) ** 2))
+    beyond = float(np.sum(power * np.mean(stretch**2, axis=0) * told)) - noise * float(told.sum())
+    if beyond <= 0.0 or noise <= 0.0:
+        return np.ones(len(share))
+    return np.asarray(noise / (noise + beyond / float(power[told].sum()) * share**2))
 
 
 def as_rough(problem: Problem, packed: Packed) -> Problem:

@@ -37,7 +37,7 @@ from autotune.estimation.controller_law import (
     share_explained,
     smeared_samples,
 )
-from autotune.estimation.controller_search import EXACT, law_from_data, plainly_better
+from autotune.estimation.controller_search import EXACT, law_from_data, plain_in_band, plainly_better
 from autotune.estimation.data import Prepared, step_of, stretches_of
 from autotune.estimation.policy import POLICY, Policy
 from autotune.recordings.checks import at_limit, torque_of
@@ -74,6 +74,8 @@ def find_controller(data: Prepared, policy: Policy = POLICY) -> PositionControll
         return _none("parts were recorded without position control")
     samples = loop_samples(data, policy)
     found = identified(samples)
+    if not found.usable and data.repeated:
+        found = next(iter(_plain(samples)), found)
     if found.in_band and not data.repeated:
         # without repeats nothing tells what such a drive makes of counts from what a model lacks
         return replace(found, source="none", why=BETWEEN_SAMPLES)
@@ -100,19 +102,35 @@ def controllers_of(
     if not found.usable:
         return (found,)
     samples = loop_samples(data, policy)
-    laws = (found,) if found.ticks > 1 else _or_between(data, samples, found)
-    if laws[-1].ticks == 1:
-        return (found,)
+    laws = _or_between(data, samples, identified(samples) if found.ticks > 1 else found)
+    laws = laws if found in laws else (found,)
+    plain = _plain(samples) if data.repeated and not found.exact else ()
+    between = next((law for law in laws if law.ticks > 1), None)
+    if between is None:
+        return tuple(dict.fromkeys((found, *plain)))
     quiet = quieter(data)
     heard = samples if quiet is data else loop_samples(quiet, policy)
-    smooth = _remembered(b"smooth", heard, lambda: _some(smooth_between(heard, laws[-1])))
+    smooth = _remembered(b"smooth", heard, lambda: _some(smooth_between(heard, between)))
     if data.sensed is None:
-        late = _remembered(b"late", samples, lambda: answering_late(samples, laws[-1]))
+        late = _remembered(b"late", samples, lambda: answering_late(samples, between))
     else:
         acted = loop_samples(felt(data), policy)
         what = b"follows" + _mark(samples)
-        late = _remembered(what, acted, lambda: _some(following_late(samples, acted.demand, laws[-1])))
-    return (*laws, *smooth, *late)
+        late = _remembered(what, acted, lambda: _some(following_late(samples, acted.demand, between)))
+    return (laws[0], *plain, *laws[1:], *smooth, *late)
+
+
+def _plain(samples: LoopSamples) -> tuple[PositionController, ...]:
+    """The plain law below the compared frequency, and the same of a torque that is read when the next one is due."""
+    laws = _remembered(b"plain", samples, lambda: _some(plain_in_band(samples)))
+    return (*laws, *(read_late(law) for law in laws if law.position_delay > 0))
+
+
+def read_late(law: PositionController) -> PositionController:
+    """The law that leaves the same columns where it sees all a sample sooner, and its torque is recorded as late."""
+    return replace(
+        law, reference_delay=law.reference_delay - 1, position_delay=law.position_delay - 1, taken=BEFORE
+    )
 
 
 def _some(law: PositionController | None) -> tuple[PositionController, ...]:

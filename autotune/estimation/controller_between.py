@@ -69,14 +69,15 @@ def laws_between(
     `other`: the samples hold another torque than the one the law was found in.
     """
     banded = _banded(samples)
-    between = _searched_between(banded)
+    between, *others = _searched_between(banded)
     rate = found
     if other or (not found.in_band and found.explained > samples.policy.controller_explains):
         rate = searched_late(banded)
     if not _tells(between, samples):
         return (found,)
+    others = [law for law in others if _tells(law, samples)]
     no_more = 1.0 - between.explained < AS_MUCH * (1.0 - rate.explained)
-    return (between,) if no_more else (found, between)
+    return (between, *others) if no_more else (found, between, *others)
 
 
 def smooth_between(samples: LoopSamples, law: PositionController) -> PositionController | None:
@@ -200,24 +201,28 @@ def _late_answers(
                 )
 
 
-def _searched_between(samples: LoopSamples) -> PositionController:
-    """The best law of a drive whose loop works between the samples.
+def _searched_between(samples: LoopSamples) -> tuple[PositionController, ...]:
+    """The best law of a drive whose loop works between the samples, and those of a torque that is recorded otherwise.
 
     One that feeds the rate of its reference forward past its filter, as cascades do, where that leaves clearly less.
     """
     found = _best_between(samples, PositionController())
-    if 1.0 - found.explained <= NEARLY_EXACT:
+    if 1.0 - found[0].explained <= NEARLY_EXACT:
         return found
     fed = _best_between(samples, FED)
-    return fed if 1.0 - fed.explained < WORTH_DELAYS * (1.0 - found.explained) else found
+    return fed if 1.0 - fed[0].explained < WORTH_DELAYS * (1.0 - found[0].explained) else found
 
 
-def _best_between(samples: LoopSamples, form: PositionController) -> PositionController:
+def _best_between(samples: LoopSamples, form: PositionController) -> tuple[PositionController, ...]:
     """The best law of a drive whose loop works between the samples, on columns below the compared frequency.
 
     There what it makes of its set points can be computed from the samples: u = kp·e + kd·λ/(s + λ)·(b·ṙ − ẏ) + ki∫e and
     what the reference adds. Set points are late by whole samples. Of laws that explain alike the one whose reference
     does least by itself is taken: a law with another delay makes up for it with the reference's derivatives.
+
+    After it the best of each other way of recording a torque that explains as much: a mean over the last sample and a
+    later set point are the same below that frequency, but for a twin they are not. What a loop makes of its set points
+    from sample to sample is in a torque as at the samples, and not in a mean.
     """
     coarse = first_look(samples)
     start = replace(form, ticks=_ticks(samples))
@@ -227,13 +232,27 @@ def _best_between(samples: LoopSamples, form: PositionController) -> PositionCon
     plain = min(near, key=lambda trial: abs(trial.position_feedforward) / max(abs(trial.ki), 1e-300))
     alike = [trial for trial in near if trial.reference_delay == plain.reference_delay]
     best = max(alike, key=lambda trial: trial.explained)
+    enough = FINER_FILTER * most
     forms: dict[tuple[bool, str], PositionController] = {}
     for trial in sorted(trials, key=lambda trial: trial.explained):
-        if trial.reference_delay == best.reference_delay and 1.0 - trial.explained <= FINER_FILTER * most:
+        if trial.reference_delay == best.reference_delay and 1.0 - trial.explained <= enough:
             forms[trial.cubic, trial.taken] = trial
     refined = [_best_rate(coarse, form) for form in forms.values()]
     best = max(refined, key=lambda trial: trial.explained)
-    return _said(_fitted_between(samples, best, best.filter_rate(samples.period)), samples)
+    found = [best, *_recorded_otherwise(coarse, trials, best, enough)]
+    laws = [_fitted_between(samples, one, one.filter_rate(samples.period)) for one in found]
+    least = AS_MUCH * (1.0 - laws[0].explained)
+    return tuple(_said(law, samples) for law in laws if law is laws[0] or 1.0 - law.explained <= least)
+
+
+def _recorded_otherwise(
+    samples: LoopSamples, trials: Sequence[PositionController], best: PositionController, enough: float
+) -> Iterator[PositionController]:
+    """The best of the laws for each other way of recording a torque; `enough` is the largest share left of a trial."""
+    for taken in TAKEN:
+        ways = [one for one in trials if one.taken == taken and 1.0 - one.explained <= enough]
+        if ways and taken != best.taken:
+            yield _best_rate(samples, max(ways, key=lambda trial: trial.explained))
 
 
 def _best_rate(samples: LoopSamples, form: PositionController) -> PositionController:

@@ -34,6 +34,8 @@ from autotune.signals.filters import low_pass
 
 PIECE_SECONDS = 3.0
 """Of a run that shares a constant: a sum that a drive makes between the samples wanders away from theirs."""
+SHORT_PIECE = 1.0
+"""The same where rows may be late, so that the sum of what they are off by wanders [s]."""
 ROUGH_ROWS = 8_000
 """Of a first look over delays."""
 MOST_LATE = 4
@@ -186,6 +188,32 @@ def _of_recursion(gains: list[float], period: float, delay: int) -> PositionCont
         kp, kd, summed / period, min(share, 1.0), explained=1.0, source="identified", why=why
     )
     return replace(law, reference_delay=delay, position_delay=delay) if kp > 0.0 and summed >= 0.0 else None
+
+
+def plain_in_band(samples: LoopSamples) -> PositionController | None:
+    """The plain law that leaves least below the compared frequency; None where it explains too little for a twin.
+
+    A reading that is late, and a torque by its own sensor, leave no law exact. Least squares over all frequencies then
+    take gain from the rate, or put terms of the reference and another delay in its place. Both lie above that
+    frequency, nearly all: below it a host's law keeps its gains, and its delay.
+    """
+    banded = in_band(replace(samples, piece=SHORT_PIECE))
+    coarse = first_look(banded)
+    found = [
+        replace(
+            _best_filter(partial(fitted_pid, late_samples(coarse, late, late), cascaded=False)),
+            reference_delay=late,
+            position_delay=late,
+        )
+        for late in range(MOST_LATE + 1)
+    ]
+    best = max(found, key=lambda law: law.explained)
+    late = best.position_delay
+    law = fitted_pid(late_samples(banded, late, late), best.derivative_filter, cascaded=False)
+    if law.explained <= samples.policy.controller_explains_in_band or min(law.kp, law.kd) <= 0.0:
+        return None
+    why = how_late(samples.period) if late else ""
+    return replace(law, reference_delay=late, position_delay=late, why=why)
 
 
 def searched_late(samples: LoopSamples) -> PositionController:

@@ -297,7 +297,10 @@ def _columns(recording: Recording) -> dict[str, Floats]:
 
 
 def _sensed(recordings: Sequence[Recording]) -> Floats | None:
+    """Torque by its own sensor, where there is one: not the demand once more under another name."""
     if not all("torque_command" in recording and "torque" in recording for recording in recordings):
+        return None
+    if all(np.array_equal(recording["torque"], recording["torque_command"]) for recording in recordings):
         return None
     return np.concatenate([recording["torque"] for recording in recordings])
 

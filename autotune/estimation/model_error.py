@@ -134,7 +134,7 @@ def told_by_twin(
     How fast a drive's loop is shows in no sample below the compared frequency. It does in how its encoder's counts
     shake the contact: at rest, between two of them, friction lets go so much faster as the loop is late.
     """
-    if all(law.ticks == 1 for law in laws):
+    if len(laws) == 1 and laws[0].ticks == 1:
         return laws[0], STILL
     plain: dict[tuple[bool, str, bool], _Plain] = {}
     disturbance: Disturbance | None = None

@@ -19,6 +19,8 @@ from autotune.models.start_values import StartContext, StartValues, Vary
 _AT = block("thermal_drift")
 WARMTH = state_block("thermal_drift")
 WARMS = flag("thermal_drift")
+BY_ITSELF = 5.0
+"""Times the heat of friction: what comes from elsewhere, where an axis warms whether it moves or not."""
 
 
 @compiled
@@ -41,15 +43,16 @@ def warm(p: Floats, state: Floats, power: float, duration: float) -> None:
 
 
 def starts(c: StartContext) -> Iterator[StartValues]:
-    """A fast and a slow warming."""
+    """A fast and a slow warming by friction, and one by what is there at rest: motor, amplifier, the room."""
     power = c.coulomb * c.mean_speed
-    for seconds in (20.0, 90.0):
+    for seconds, idle in ((20.0, 0.5), (90.0, 0.5), (40.0, BY_ITSELF)):
+        heat = power * max(idle, 1.0)
         yield StartValues(
-            {"softening": 0.0, "time_constant": seconds, "idle": 0.5 * power},
+            {"softening": 0.0, "time_constant": seconds, "idle": idle * power},
             {
-                "softening": Vary(0.1 / power, 0.5 / power),
+                "softening": Vary(0.1 / heat, 0.5 / heat),
                 "time_constant": Vary(0.3 * seconds, 0.6 * seconds),
-                "idle": Vary(power, 2.0 * power),
+                "idle": Vary(heat, 2.0 * heat),
             },
         )
 

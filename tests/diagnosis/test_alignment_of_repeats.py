@@ -24,7 +24,7 @@ from autotune.diagnosis.wording import torque_path_notes
 from autotune.estimation.alignment import behind_current_loop, shifted
 from autotune.estimation.bandwidth import prepared_to_fit
 from autotune.estimation.bias_corrected_fit import ModelFit
-from autotune.estimation.contact_start import sticking
+from autotune.estimation.contact_start import _certainty, less_after_rests, sticking
 from autotune.estimation.coordinates import since_rest, without_rests
 from autotune.estimation.cross_validation import Explained, explained
 from autotune.estimation.data import TRAINING, Prepared
@@ -367,6 +367,24 @@ def test_a_disturbance_that_follows_the_clock_is_no_structure(begun: Begun) -> N
     noise = 1e-3 * np.random.default_rng(5).standard_normal(len(line))
     left = without_line(problem, line + noise, TimeLine(16.7, 0.9))
     assert float(np.std(left)) == pytest.approx(1e-3, rel=0.05)
+
+
+def test_rows_after_a_rest_count_by_how_unlike_its_stretch_is_in_repeats() -> None:
+    """Two rests, each forgotten after some hundred rows; a stretch that repeats share is no reason to doubt."""
+    way = np.tile(np.arange(600) / 100.0, 2)
+    share, rest = np.exp(-way), np.repeat([3, 4], 600)
+    noise = np.random.default_rng(5).normal(0.0, 1e-3, (2, 1200))
+    size = 0.02
+    same = _certainty(noise + size * share, share, rest)
+    unlike = _certainty(noise + size * share * np.array([[1.0], [-1.0]]), share, rest)
+    assert same.min() > 0.9
+    assert unlike[0] == pytest.approx((noise.std() / size) ** 2 / 2.0, rel=0.2)
+    assert unlike[599] == pytest.approx(1.0, abs=0.01)
+
+
+def test_experiments_that_leave_the_bristles_reach_keep_their_weights(begun: Begun) -> None:
+    problem, model_fit = begun
+    assert np.array_equal(less_after_rests(problem, model_fit.fitted).weight, problem.weight)
 
 
 def test_where_no_count_of_presliding_is_seen_rows_at_rest_are_left_out(begun: Begun) -> None:

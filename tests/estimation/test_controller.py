@@ -18,7 +18,7 @@ from autotune.estimation.controller_law import (
     law_terms,
     less_run_means,
 )
-from autotune.estimation.controller_search import _late_trials
+from autotune.estimation.controller_search import _late_trials, plain_in_band
 from autotune.estimation.data import prepare
 from autotune.estimation.disturbance import STILL
 from autotune.estimation.policy import POLICY
@@ -409,6 +409,49 @@ def test_a_law_is_found_in_the_rows_that_are_not_written_late() -> None:
     assert found.kp == pytest.approx(TRUE.kp, rel=1e-4)
     assert found.kd == pytest.approx(TRUE.kd, rel=1e-4)
     assert found.ki == pytest.approx(TRUE.ki, rel=1e-4)
+
+
+def test_a_hosts_law_keeps_its_gains_where_rows_are_late_and_the_torque_is_sensed() -> None:
+    """Every row some hundredths of a sample late, and a sensor with noise: no row holds the law exactly."""
+    recording = recorded(TRUE)
+    random = np.random.default_rng(8)
+    late = 0.02 * np.abs(random.normal(size=len(recording)))
+    moved = recording["position"] + late * np.gradient(recording["position"])
+    torque = recording["torque"] + random.normal(0.0, 0.01 * np.std(recording["torque"]), len(recording))
+    columns = dict(recording.floats) | {"position": moved, "torque": torque}
+    samples = loop_samples(prepare([Recording.from_columns(columns, recording.metadata, "motion")]))
+    found = plain_in_band(samples)
+    assert found is not None
+    assert (found.reference_delay, found.position_delay) == (0, 0)
+    assert (found.kp, found.kd) == pytest.approx((TRUE.kp, TRUE.kd), rel=0.03)
+    assert found.ki == pytest.approx(TRUE.ki, rel=0.2)  # the sum of what rows are off by wanders
+
+
+def test_a_demand_under_a_second_name_is_no_sensor() -> None:
+    recording = recorded(TRUE)
+    sensor = np.random.default_rng(2).normal(0.0, 1e-3, len(recording))
+    for beside, known in ((0.0, False), (sensor, True)):
+        columns = dict(recording.floats) | {"torque_command": recording["torque"] + beside}
+        both_named = Recording.from_columns(columns, recording.metadata, "motion")
+        assert (prepare([both_named]).sensed is not None) is known
+
+
+@pytest.mark.slow
+def test_steps_of_a_fed_acceleration_are_looked_for_in_a_torque_at_the_samples() -> None:
+    """A mean over the last sample and a later set point explain as much below the compared frequency."""
+    period, ticks = 2e-3, 8
+    slow = signal.butter(3, 12.0, fs=1.0 / period, output="sos")
+    wanted, place = signal.sosfilt(slow, np.random.default_rng(6).normal(size=(2, 4000)))
+    form = PositionController(6.0, 0.03, 100.0, derivative_filter=0.8, explained=0.5, ticks=ticks)
+    law = replace(form, acceleration_feedforward=2e-4, taken="moment", reference_delay=2)
+    free, stretch = np.zeros(len(wanted), dtype=np.bool_), (slice(20, len(wanted)),)
+    silent = LoopSamples(period, wanted, place, np.zeros(len(wanted)), free, stretch, None)
+    rate = -np.log(1.0 - law.derivative_filter) / period
+    told = between_terms(silent, law, rate) @ law.terms_gains
+    noise = np.random.default_rng(7).normal(0.0, 0.05 * np.std(told), len(told))
+    found = laws_between(replace(silent, demand=told + noise), form)
+    assert {"moment", "next", "before"} == {one.taken for one in found if one.ticks > 1}
+    assert len(found) <= 4  # with the law at the samples
 
 
 def test_where_counts_lie_is_moved_and_nothing_else() -> None:
