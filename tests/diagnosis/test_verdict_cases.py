@@ -12,6 +12,7 @@ from autotune.diagnosis.evidence.single import SingleRecording
 from autotune.diagnosis.evidence.speed_curve import SpeedCurve
 from autotune.diagnosis.evidence.time_driven import TimeLine
 from autotune.diagnosis.verdict import CASES, Facts
+from autotune.estimation.data import Clocked
 from autotune.estimation.policy import POLICY
 from autotune.models.drive_model import base_model
 from tests.support.axes import NOMINAL
@@ -154,9 +155,19 @@ def test_a_disturbance_that_follows_the_clock_hides_what_is_smaller_than_it(
     share: float, drowned: bool
 ) -> None:
     """Where nothing was found: mains that are a part of the noise are told, and hide nothing."""
-    problem = SimpleNamespace(policy=POLICY)
+    problem = SimpleNamespace(policy=POLICY, data=SimpleNamespace(clocked=()))
     line = TimeLine(50.0, share)
     facts = Facts(problem, SimpleNamespace(), None, RepeatedProgramme(), (), line, "", 0.0, 0.0, ())
+    assert facts.drowned == drowned
+
+
+@pytest.mark.parametrize(("hertz", "drowned"), [(7.3, True), (50.0, False)])
+def test_what_was_taken_out_hides_the_rest_where_it_has_a_cause_of_its_own(
+    hertz: float, drowned: bool
+) -> None:
+    data = SimpleNamespace(clocked=(Clocked(hertz, 0.01, 0.0, 0.0, 0.9),))
+    problem = SimpleNamespace(policy=POLICY, data=data)
+    facts = Facts(problem, SimpleNamespace(), None, RepeatedProgramme(), (), None, "", 0.0, 0.0, ())
     assert facts.drowned == drowned
 
 
