@@ -14,7 +14,7 @@ from autotune.diagnosis.candidates import FittedCandidate, Progress, ScreenedCan
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.free_shape import EFFECT as MEMORY
-from autotune.diagnosis.free_shape import with_free_shape, with_own_presliding
+from autotune.diagnosis.free_shape import with_free_shape, with_own_presliding, without_tail
 from autotune.diagnosis.refits import (
     REFINED,
     best_refined,
@@ -35,7 +35,15 @@ from autotune.diagnosis.ripple_orders import with_whole_orders
 from autotune.diagnosis.screening import NEAR_WORTH, generic_gains, rank, screen
 from autotune.diagnosis.transmission import other_transmission_tried, without_needless_gap
 from autotune.estimation.bias_corrected_fit import ModelFit
-from autotune.estimation.cross_validation import Explained, drift, explained, shared, still_explainable
+from autotune.estimation.cross_validation import (
+    Explained,
+    drift,
+    evenly,
+    explained,
+    gain_and_z,
+    shared,
+    still_explainable,
+)
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.parts import repeats_alike
 from autotune.estimation.problem import Problem
@@ -134,6 +142,10 @@ class _Search:
         own = with_own_presliding(self.problem, self.root, chosen.model_fit) if chosen is not None else None
         if own is None or chosen is None:
             return found
+        climbs = self._remembered_beyond(own)
+        if climbs is not None:
+            remembers = judged(self.problem, climbs, chosen.model_fit, chosen.effect)
+            return replace(found, root=climbs, chosen=remembers, presliding=chosen)
         others = tuple(effect for effect in chosen.model_fit.effects if effect != MEMORY)
         beside = (
             replace(chosen, effect=others[-1], model_fit=replace(chosen.model_fit, effects=others))
@@ -148,6 +160,22 @@ class _Search:
             tried=[item for item in self.tried if item.effect != MEMORY],
             presliding=chosen,
         )
+
+    def _remembered_beyond(self, own: ModelFit) -> ModelFit | None:
+        """The root with a presliding of its own, where elements that go on beyond it are a memory; else None.
+
+        That contact lets go at once, so that what goes on may be a small part of all friction; it must be an effect by
+        itself, as any other beside that root.
+        """
+        climbs = without_tail(self.problem, own)
+        if climbs is None:
+            return None
+        tail = judged(self.problem, climbs, replace(own, effects=(*own.effects, MEMORY)), MEMORY)
+        fall = climbs.fitted.cost - own.fitted.cost
+        gain, z = gain_and_z(climbs.unseen, own.unseen)
+        item = ScreenedCandidate(MEMORY, own.fitted, fall, gain, z, evenly=evenly(climbs.unseen, own.unseen))
+        stopped = self.evidence.stopped_by(self.problem, climbs, item)
+        return climbs if tail.named and not stopped and self._worth_having(tail, climbs) else None
 
     def _needed_beside(self, own: ModelFit, chosen: FittedCandidate) -> bool:
         """Whether effects explain most of what another law of presliding leaves: that law explains the rest of all."""
@@ -234,19 +262,19 @@ class _Search:
             best = replace(best, gain=gain_on_veto(problem, self._model_fit, best.model_fit))
         return best if self._worth_having(best) else None
 
-    def _worth_having(self, best: FittedCandidate) -> bool:
-        """Whether a fit explains enough, by itself and beside what is chosen already."""
-        problem, policy, before = self.problem, self.problem.policy, self._model_fit
+    def _worth_having(self, best: FittedCandidate, root: ModelFit | None = None) -> bool:
+        """Whether a fit explains enough, by itself and beside what is chosen already, or beside a `root`."""
+        problem, policy, before = self.problem, self.problem.policy, root or self._model_fit
         beside = explained_beside(problem, before, best.model_fit, TRAINING)
         worth = best.gain >= policy.least_gain
         worth &= not self.evidence.only_at_rests(problem, before, best)
-        if self.evidence.repeats and self.chosen is None:
-            left = problem.mean_square(self.root.fitted.error, TRAINING)
+        if self.evidence.repeats and (root is not None or self.chosen is None):
+            left = problem.mean_square((root or self.root).fitted.error, TRAINING)
             worth &= best.training.fall >= policy.least_gain * left
         if self.evidence.repeats and problem.twin:
             again = again_explained(problem, before, best.model_fit)
             worth &= again >= LEAST_AGAIN * beside.fall
-        if self.chosen is not None:
+        if root is None and self.chosen is not None:
             worth &= beside.fall >= least_fall(problem, self.chosen)
             worth &= not self.evidence.repeats or beside.share >= policy.partly
             if problem.has(VETO):
