@@ -158,11 +158,19 @@ def without_tail(problem: Problem, own: ModelFit) -> ModelFit | None:
     if not keep or len(keep) == len(_present(packed.p)):
         return None
     kept, free = kept_terms(REVERSAL_MEMORY, packed, own.free, keep)
-    most = MOST_OF_A_BRISTLE * sum((one.torque for one in _present(packed.p)), float(packed.p[layout.COULOMB]))
+    most = MOST_OF_A_BRISTLE * sum(
+        (one.torque for one in _present(packed.p)), float(packed.p[layout.COULOMB])
+    )
     p = kept.p.copy()
     p[layout.STIFFNESS] = max(p[layout.STIFFNESS], most / way)
-    bounds = {"coulomb": {"upper": most}, "stiffness": {"lower": most / way}}
-    short = [replace(one, **bounds.get(one.name, {})) for one in free]
+    short = [
+        replace(
+            one,
+            upper=most if one.name == "coulomb" else one.upper,
+            lower=most / way if one.name == "stiffness" else one.lower,
+        )
+        for one in free
+    ]
     return fit_inside_twin(problem, Packed(p, kept.on), short, ROUNDS + 1, own.effects)
 
 

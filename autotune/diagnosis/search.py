@@ -14,7 +14,11 @@ from autotune.diagnosis.candidates import FittedCandidate, Progress, ScreenedCan
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.free_shape import EFFECT as MEMORY
-from autotune.diagnosis.free_shape import with_free_shape, with_own_presliding, without_tail
+from autotune.diagnosis.free_shape import (
+    with_free_shape,
+    with_own_presliding,
+    without_tail,
+)
 from autotune.diagnosis.refits import (
     REFINED,
     best_refined,
@@ -37,10 +41,13 @@ from autotune.diagnosis.transmission import other_transmission_tried, without_ne
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.cross_validation import (
     Explained,
+    beyond_presliding,
     drift,
     evenly,
     explained,
     gain_and_z,
+    goes_with_place,
+    held_out,
     shared,
     still_explainable,
 )
@@ -74,6 +81,7 @@ class Found:
         generic: gain of free functions of each coordinate.
         freed: effects whose course is free, as their law differs; whether their own law would have named them too.
         presliding: elements that the root has for a presliding of its own, as they were found.
+        sliding: the problem where that contact slides, whatever its law; None where nothing depends on it.
     """
 
     problem: Problem
@@ -84,6 +92,7 @@ class Found:
     generic: Mapping[str, float]
     freed: Mapping[str, bool] = field(default_factory=dict)
     presliding: FittedCandidate | None = None
+    sliding: Problem | None = None
 
 
 def search(problem: Problem, root: ModelFit, nominal: Packed, progress: Progress) -> Found:
@@ -134,10 +143,7 @@ class _Search:
         return True
 
     def _beside_own_presliding(self, found: Found) -> Found:
-        """The same with elements that are no memory in the root: what was found beside them keeps its name.
-
-        No search begins anew there: what two masses make of the rest of such a shape would pass as an effect.
-        """
+        """The same with elements that are no memory in the root: what was found beside them keeps its name."""
         chosen = found.chosen
         own = with_own_presliding(self.problem, self.root, chosen.model_fit) if chosen is not None else None
         if own is None or chosen is None:
@@ -152,7 +158,7 @@ class _Search:
             if others
             else None
         )
-        return replace(
+        found = replace(
             found,
             root=own,
             chosen=beside if beside is not None and self._needed_beside(own, beside) else None,
@@ -160,6 +166,49 @@ class _Search:
             tried=[item for item in self.tried if item.effect != MEMORY],
             presliding=chosen,
         )
+        return found if found.chosen is not None else self._begun_beside(found)
+
+    def _begun_beside(self, found: Found) -> Found:
+        """The search begun anew beside a presliding of its own, where something is left while that contact slides.
+
+        What it leaves elsewhere is what no two laws of it have in common; an effect must hold where it slides.
+        """
+        own, problem = found.root, self.problem
+        sliding = beyond_presliding(problem, own.fitted.packed)
+        if sliding is None:
+            return found
+        there = replace(own, unseen=held_out(sliding, own.fitted.error, own.fitted.jacobian))
+        generic = generic_gains(sliding, there)
+        found = replace(found, generic=generic, sliding=sliding)
+        structured = max(generic.values(), default=0.0) > problem.policy.generic_gain
+        left = self.evidence.structure_left(sliding, own) if self.evidence.repeats else structured
+        left = left or goes_with_place(sliding, own.fitted)
+        if not left:
+            return found
+        again = _Search(problem, own, self.nominal, self.progress, self.evidence)
+        best = again._round(first=True)
+        if best is not None:
+            again._take(best)
+            again._tidy()
+        found = replace(found, first=again.first, tried=again.tried)
+        if again.chosen is None or again.problem is not problem:
+            return found
+        chosen = self._while_sliding(sliding, own, again.chosen)
+        return found if chosen is None else replace(found, chosen=chosen, freed=again._still_freed())
+
+    def _while_sliding(
+        self, sliding: Problem, own: ModelFit, chosen: FittedCandidate
+    ) -> FittedCandidate | None:
+        """An effect by what it explains while the contact slides; None where it hardly lowers what is left there.
+
+        On the rows around it leaves what the law of presliding is not exactly, which no effect explains.
+        """
+        policy = self.problem.policy
+        part = judged(sliding, own, chosen.model_fit, chosen.effect)
+        least = policy.least_gain if self.evidence.repeats else policy.least_gain_single
+        if part.training.fall < least * sliding.mean_square(own.fitted.error, TRAINING):
+            return None
+        return replace(part, gain=chosen.gain) if part.share >= policy.partly else None
 
     def _remembered_beyond(self, own: ModelFit) -> ModelFit | None:
         """The root with a presliding of its own, where elements that go on beyond it are a memory; else None.
