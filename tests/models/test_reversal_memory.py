@@ -15,6 +15,7 @@ from autotune.models.model_file import model_text, parse_model, read_model, writ
 from autotune.models.reversal_memory import (
     DAMPING,
     REVERSAL_MEMORY,
+    climbing,
     drawn_out,
     memory_damping,
     memory_torque,
@@ -45,6 +46,32 @@ def test_a_memory_draws_the_climb_out_and_one_contact_does_not(
         p[REVERSAL_MEMORY.slot(f"displacement_{number}")] = displacement
         p[REVERSAL_MEMORY.slot(f"torque_{number}")] = torque
     assert least - 1e-9 <= drawn_out(p) <= most + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("elements", "kept"),
+    [
+        ([(1.0, 1.0)], [1]),
+        ([(0.8, 0.5), (1.4, 0.5)], [1, 2]),
+        (
+            [(1.0, 0.94), (35.0, 0.03), (110.0, 0.03)],
+            [1],
+        ),  # a twentieth of all friction, but far beyond the contact
+    ],
+)
+def test_elements_that_go_on_beyond_the_contact_are_memory(
+    elements: list[tuple[float, float]], kept: list[int]
+) -> None:
+    p = base_model(NOMINAL).pack().p
+    p[layout.COULOMB], p[layout.STIFFNESS] = 1e-3, 1e-3
+    for number, (displacement, torque) in enumerate(elements, 1):
+        p[REVERSAL_MEMORY.slot(f"displacement_{number}")] = displacement
+        p[REVERSAL_MEMORY.slot(f"torque_{number}")] = torque
+    numbers, way = climbing(p)
+    assert numbers == kept
+    assert way == pytest.approx(
+        5.0, rel=0.1
+    )  # five times level over stiffness, which is about 1 in all of these
 
 
 DAMPED = {"displacement_1": 1e-3, "torque_1": 0.03, "displacement_2": 0.01, "torque_2": 0.1, "damping": 0.08}
