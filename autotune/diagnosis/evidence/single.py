@@ -115,8 +115,8 @@ class SingleRecording(Evidence):
     ) -> ScreenedCandidate | None:
         """One that explains half of unseen stretches, and more than measurement chains leave; or is only too small.
 
-        What is too small for a name may be the measurement chain, but no chance, and nothing of it is a presliding by
-        another law.
+        What is too small for a name may be the measurement chain, but no chance; it is neither a presliding by another
+        law nor a delay of the columns, nor what else bends to any dynamics.
         """
         policy = problem.policy
         best = max(first, key=lambda item: item.gain, default=None)
@@ -126,7 +126,8 @@ class SingleRecording(Evidence):
         small = [
             item
             for item in self._likely(problem, first, policy.least_gain_single)
-            if part_of_torque(problem, model_fit, item) >= policy.clear_single_part
+            if not _bends(item)
+            and part_of_torque(problem, model_fit, item) >= policy.clear_single_part
             and while_sliding(problem, model_fit, item)
             and beats_chance(problem, model_fit.fitted, item.fitted)
         ]
@@ -199,9 +200,12 @@ class SingleRecording(Evidence):
 
 def least_of(policy: Policy, item: ScreenedCandidate, least: float) -> float:
     """The least gain of a candidate: a lag and a second mass bend to what any dynamics leave, and must be plain."""
+    return max(least, policy.clear_single_gain) if _bends(item) else least
+
+
+def _bends(item: ScreenedCandidate) -> bool:
     kind = EFFECTS[item.effect]
-    plain = kind.lost_in_alignment or kind.in_transmission
-    return max(least, policy.clear_single_gain) if plain else least
+    return kind.lost_in_alignment or kind.in_transmission
 
 
 def matters(problem: Problem, model_fit: ModelFit, item: ScreenedCandidate) -> bool:
