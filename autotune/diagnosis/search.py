@@ -190,23 +190,26 @@ class _Search:
         if best is not None:
             again._take(best)
             again._tidy()
-        found = replace(found, first=again.first, tried=again.tried)
-        if again.chosen is None or again.problem is not problem:
-            return found
-        chosen = self._while_sliding(sliding, own, again.chosen)
-        return found if chosen is None else replace(found, chosen=chosen, freed=again._still_freed())
+        beside = replace(found, first=again.first, tried=again.tried)
+        if again.problem is not problem:  # aligned, or shaken, as the effect suggests
+            sliding = beyond_presliding(again.problem, again.root.fitted.packed)
+        if again.chosen is None or sliding is None:
+            return beside
+        chosen = again._while_sliding(sliding, again.chosen)
+        if chosen is None:
+            return beside
+        found = replace(beside, problem=again.problem, root=again.root, sliding=sliding)
+        return replace(found, chosen=chosen, freed=again._still_freed())
 
-    def _while_sliding(
-        self, sliding: Problem, own: ModelFit, chosen: FittedCandidate
-    ) -> FittedCandidate | None:
+    def _while_sliding(self, sliding: Problem, chosen: FittedCandidate) -> FittedCandidate | None:
         """An effect by what it explains while the contact slides; None where it hardly lowers what is left there.
 
         On the rows around it leaves what the law of presliding is not exactly, which no effect explains.
         """
-        policy = self.problem.policy
-        part = judged(sliding, own, chosen.model_fit, chosen.effect)
+        policy, root = self.problem.policy, self.root
+        part = judged(sliding, root, chosen.model_fit, chosen.effect)
         least = policy.least_gain if self.evidence.repeats else policy.least_gain_single
-        if part.training.fall < least * sliding.mean_square(own.fitted.error, TRAINING):
+        if part.training.fall < least * sliding.mean_square(root.fitted.error, TRAINING):
             return None
         return replace(part, gain=chosen.gain) if part.share >= policy.partly else None
 
