@@ -21,6 +21,7 @@ from autotune.models.reversal_memory import (
     memory_torque,
     share_damping,
 )
+from autotune.models.table import EFFECTS
 from autotune.models.total_friction import damping_at_rest
 from tests.support.axes import NOMINAL
 
@@ -114,6 +115,18 @@ def test_the_torque_of_a_small_motion_has_the_damping_of_all_elements() -> None:
             time > 0.05
         )  # away from the start, and from where it turns
         np.testing.assert_allclose(more[fast], left * velocity[fast], atol=0.02 * 0.08 * size * rate)
+
+
+def test_a_tight_spot_is_one_for_the_elements_too() -> None:
+    """All dry friction is higher there, bristle and elements alike, after travel along which all of them slide."""
+    spot = {"height": 0.3, "centre": 0.5, "width": 0.1}
+    tight = memory(damping=0.0).with_effect(EFFECTS["position_dependent_friction"].make(spot))
+    position = np.arange(1000) * 1e-3
+    motion = (position, np.full(1000, 1.0), np.zeros(1000), 1e-3)
+    more = tight.torque(*motion) - memory(damping=0.0).torque(*motion)
+    friction = NOMINAL["coulomb"] + DAMPED["torque_1"] + DAMPED["torque_2"]
+    assert more[500] == pytest.approx(0.3 * friction, rel=0.01)
+    assert more[900] == pytest.approx(0.0, abs=1e-6 * friction)
 
 
 def test_a_model_of_before_reads_as_before_and_moves_as_before(tmp_path: Path) -> None:
