@@ -161,7 +161,8 @@ class Facts:
         freed: those whose course was fitted freely, and whether their own law would have named them too.
         presliding: that of another law, which the root has.
         breathing: a friction level that rises and falls with the clock; looked for where nothing is named.
-        climbing: something is left beside another law of presliding, but not where its contact slides.
+        climbing: something is left beside another law of presliding, but not where its contact slides: the law's own
+            rest, where that law explains enough.
         hunts: frequency of a limit cycle with more torque than friction [Hz]; 0 where there is none.
     """
 
@@ -347,7 +348,7 @@ CASES: tuple[Case, ...] = (
     Case("only the law of presliding differs", lambda f: f.own_law, NONE, _presliding_rest),
     Case("an effect explains too little", lambda f: f.chosen is not None and f.left, UNKNOWN, _unknown),
     Case("another trajectory refutes it", lambda f: bool(f.carried), UNKNOWN, _unknown),
-    Case("what is left is no noise", lambda f: f.left, UNKNOWN, _unknown),
+    Case("what is left is no noise", lambda f: f.left or f.climbing, UNKNOWN, _unknown),
     Case("nothing is missing", lambda f: True, NONE, _nothing),
 )
 

@@ -27,6 +27,7 @@ NOTHING = {
     "chosen": None,
     "carried": (),
     "left": False,
+    "climbing": False,
     "breathing": None,
     "hunts": 0.0,
 }
@@ -63,6 +64,8 @@ def test_what_another_law_of_presliding_leaves_is_said() -> None:
         (FOUND | {"own_law": True}, "named"),
         ({"carried": ("refuted",)}, "unknown"),
         ({"left": True}, "unknown"),
+        ({"climbing": True}, "unknown"),  # beside a law of presliding that does not explain enough
+        ({"climbing": True, "own_law": True}, "none"),
         ({"structured": True}, "unknown"),
         ({"breathing": TimeLine(0.4, 0.3)}, "unknown"),
         ({"breathing": TimeLine(0.4, 0.3), "own_law": True}, "unknown"),
