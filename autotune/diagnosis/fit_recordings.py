@@ -177,7 +177,7 @@ def _with_error(result: FitResult, recordings: Sequence[Recording]) -> FitResult
     if compared is None:
         return result
     estimate = replace(result.estimate, relative_error=compared.relative_error)
-    if result.method == "programme" and compared.relative_error**2 > POLICY.misfit:
+    if result.method in ("programme", "twin") and compared.relative_error**2 > POLICY.misfit:
         why = HARDLY_ANY.format(percent=100.0 * compared.relative_error)
         reason = "; ".join(filter(None, (estimate.reason, why)))
         estimate = replace(estimate, valid=False, reason=reason)

@@ -209,7 +209,7 @@ def test_the_command_line_prints_one_error(tmp_path: Path, capsys: pytest.Captur
 
 
 @pytest.mark.parametrize(("error", "valid"), [(0.5, True), (1.11, False)])
-def test_a_fit_that_explains_hardly_any_torque_of_a_whole_programme_must_not_be_used(
+def test_a_fit_that_explains_hardly_any_torque_must_not_be_used(
     monkeypatch: pytest.MonkeyPatch, error: float, valid: bool
 ) -> None:
     """An encoder of 0.7 mm eccentricity: the fit was valid with an error of 111 % of the torque."""
