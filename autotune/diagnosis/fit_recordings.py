@@ -19,6 +19,7 @@ from autotune.diagnosis.candidates import no_progress
 from autotune.diagnosis.compare import Compared, compare, unseen_error
 from autotune.diagnosis.fit_result import FitResult
 from autotune.diagnosis.fitting import fit_model
+from autotune.estimation.policy import POLICY
 from autotune.identify.complexity import Complexity, judge_complexity
 from autotune.identify.estimate import Estimate, Quantity, judge_model
 from autotune.identify.first_guess import OneDirection
@@ -31,6 +32,11 @@ from autotune.recordings.axis_sizes import refuse_unlike_axis, sizes, sizes_line
 from autotune.recordings.importing.plausible import refuse_other_velocity
 from autotune.recordings.recording import Recording
 from autotune.recordings.turn_lines import unit_question
+
+HARDLY_ANY = (
+    "the model's error is {percent:.0f} % of the torque, so that it explains hardly any of it: a wrong sign or unit, "
+    "another axis, or an encoder whose error with the place shakes the axis"
+)
 
 Progress = Callable[[str], None]
 USUAL_ACCELERATION = 0.2 * (2.0 * math.pi) ** 2
@@ -170,9 +176,14 @@ def _with_error(result: FitResult, recordings: Sequence[Recording]) -> FitResult
     compared = compared_or_none(recordings, result.model)
     if compared is None:
         return result
+    estimate = replace(result.estimate, relative_error=compared.relative_error)
+    if result.method in ("programme", "twin") and compared.relative_error**2 > POLICY.misfit:
+        why = HARDLY_ANY.format(percent=100.0 * compared.relative_error)
+        reason = "; ".join(filter(None, (estimate.reason, why)))
+        estimate = replace(estimate, valid=False, reason=reason)
     return replace(
         result,
-        estimate=replace(result.estimate, relative_error=compared.relative_error),
+        estimate=estimate,
         refinement_relative_error=result.estimate.relative_error,
         error_rms=compared.error_rms,
         unseen=unseen_error(compared, result.model),

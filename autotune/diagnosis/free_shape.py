@@ -26,7 +26,7 @@ import scipy
 
 from autotune.core.arrays import Floats
 from autotune.diagnosis.candidates import FittedCandidate
-from autotune.diagnosis.refits import judged, without_effect
+from autotune.diagnosis.refits import judged, kept_terms, without_effect
 from autotune.diagnosis.screening import generic_gains
 from autotune.diagnosis.starts import Context, varying
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
@@ -37,7 +37,7 @@ from autotune.estimation.least_squares import Free
 from autotune.estimation.problem import Problem
 from autotune.models import layout
 from autotune.models.drive_model import Packed
-from autotune.models.reversal_memory import ELEMENTS, REVERSAL_MEMORY, drawn_out
+from autotune.models.reversal_memory import ELEMENTS, REVERSAL_MEMORY, climbing, drawn_out
 from autotune.models.table import EFFECTS
 
 EFFECT = REVERSAL_MEMORY.name
@@ -47,6 +47,7 @@ LEAST_COUNTS = 3.0
 KEPT = 0.1  # of the bristle
 SPENT = 0.05  # of all friction: a bristle that carries less is not taken apart
 IDLE = 0.01  # of all friction: an element that carries less is given up
+MOST_OF_A_BRISTLE = 0.5  # of all friction: beside a contact that lets go at once
 ROUNDS = 2
 MORE_FITS = 3
 LONGEST = 0.3  # of the travel: elements beyond it never slide
@@ -145,6 +146,32 @@ def with_own_presliding(problem: Problem, root: ModelFit, chosen: ModelFit) -> M
                 return None
             chosen = less.model_fit
     return replace(chosen, effects=root.effects)
+
+
+def without_tail(problem: Problem, own: ModelFit) -> ModelFit | None:
+    """A root with elements (`with_own_presliding`) without those that go on where a bristle has come to its level.
+
+    Nor may its bristle go on so far. None where there are no such elements, or the twin is unstable without them.
+    """
+    packed = own.fitted.packed
+    keep, way = climbing(packed.p)
+    if not keep or len(keep) == len(_present(packed.p)):
+        return None
+    kept, free = kept_terms(REVERSAL_MEMORY, packed, own.free, keep)
+    most = MOST_OF_A_BRISTLE * sum(
+        (one.torque for one in _present(packed.p)), float(packed.p[layout.COULOMB])
+    )
+    p = kept.p.copy()
+    p[layout.STIFFNESS] = max(p[layout.STIFFNESS], most / way)
+    short = [
+        replace(
+            one,
+            upper=most if one.name == "coulomb" else one.upper,
+            lower=most / way if one.name == "stiffness" else one.lower,
+        )
+        for one in free
+    ]
+    return fit_inside_twin(problem, Packed(p, kept.on), short, ROUNDS + 1, own.effects)
 
 
 def resolved(problem: Problem, model_fit: ModelFit) -> ModelFit | None:

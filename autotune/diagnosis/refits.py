@@ -274,7 +274,7 @@ def without_insignificant_terms(problem: Problem, model_fit: ModelFit) -> ModelF
             keep = _significant(
                 kind, kind.terms, packed, model_fit.free, spread, _chance(problem, packed, kind)
             )
-            packed, free = _kept(kind, packed, free, keep)
+            packed, free = kept_terms(kind, packed, free, keep)
     if len(free) == len(model_fit.free):
         return model_fit
     return fit_inside_twin(problem, packed, free, 2, model_fit.effects) or model_fit
@@ -354,7 +354,7 @@ def _without(value: Floats, spread: Floats, amplitudes: list[int], own: list[int
     return np.asarray(value + share @ change[own]), np.asarray(spread - share @ spread[own])
 
 
-def _kept(
+def kept_terms(
     kind: Kind, packed: Packed, free: tuple[Free, ...], keep: list[int]
 ) -> tuple[Packed, tuple[Free, ...]]:
     """The parameters with only the terms in `keep`, numbered anew from 1."""

@@ -15,7 +15,11 @@ from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.evidence.time_driven import without_clocked
 from autotune.diagnosis.free_shape import EFFECT as MEMORY
-from autotune.diagnosis.free_shape import with_free_shape, with_own_presliding
+from autotune.diagnosis.free_shape import (
+    with_free_shape,
+    with_own_presliding,
+    without_tail,
+)
 from autotune.diagnosis.refits import (
     REFINED,
     best_refined,
@@ -40,7 +44,18 @@ from autotune.diagnosis.transmission import (
     without_needless_gap,
 )
 from autotune.estimation.bias_corrected_fit import ModelFit
-from autotune.estimation.cross_validation import Explained, drift, explained, shared, still_explainable
+from autotune.estimation.cross_validation import (
+    Explained,
+    beyond_presliding,
+    drift,
+    evenly,
+    explained,
+    gain_and_z,
+    goes_with_place,
+    held_out,
+    shared,
+    still_explainable,
+)
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.parts import repeats_alike
 from autotune.estimation.problem import Problem
@@ -71,6 +86,7 @@ class Found:
         generic: gain of free functions of each coordinate.
         freed: effects whose course is free, as their law differs; whether their own law would have named them too.
         presliding: elements that the root has for a presliding of its own, as they were found.
+        sliding: the problem where that contact slides, whatever its law; None where nothing depends on it.
     """
 
     problem: Problem
@@ -81,6 +97,7 @@ class Found:
     generic: Mapping[str, float]
     freed: Mapping[str, bool] = field(default_factory=dict)
     presliding: FittedCandidate | None = None
+    sliding: Problem | None = None
 
 
 def search(problem: Problem, root: ModelFit, nominal: Packed, progress: Progress) -> Found:
@@ -131,21 +148,22 @@ class _Search:
         return True
 
     def _beside_own_presliding(self, found: Found) -> Found:
-        """The same with elements that are no memory in the root: what was found beside them keeps its name.
-
-        No search begins anew there: what two masses make of the rest of such a shape would pass as an effect.
-        """
+        """The same with elements that are no memory in the root: what was found beside them keeps its name."""
         chosen = found.chosen
         own = with_own_presliding(self.problem, self.root, chosen.model_fit) if chosen is not None else None
         if own is None or chosen is None:
             return found
+        climbs = self._remembered_beyond(own)
+        if climbs is not None:
+            remembers = judged(self.problem, climbs, chosen.model_fit, chosen.effect)
+            return replace(found, root=climbs, chosen=remembers, presliding=chosen)
         others = tuple(effect for effect in chosen.model_fit.effects if effect != MEMORY)
         beside = (
             replace(chosen, effect=others[-1], model_fit=replace(chosen.model_fit, effects=others))
             if others
             else None
         )
-        return replace(
+        found = replace(
             found,
             root=own,
             chosen=beside if beside is not None and self._needed_beside(own, beside) else None,
@@ -153,6 +171,68 @@ class _Search:
             tried=[item for item in self.tried if item.effect != MEMORY],
             presliding=chosen,
         )
+        return found if found.chosen is not None else self._begun_beside(found)
+
+    def _begun_beside(self, found: Found) -> Found:
+        """The search begun anew beside a presliding of its own, where something is left while that contact slides.
+
+        What it leaves elsewhere is what no two laws of it have in common; an effect must hold where it slides.
+        """
+        own, problem = found.root, self.problem
+        sliding = beyond_presliding(problem, own.fitted.packed)
+        if sliding is None:
+            return found
+        there = replace(own, unseen=held_out(sliding, own.fitted.error, own.fitted.jacobian))
+        generic = generic_gains(sliding, there)
+        found = replace(found, generic=generic, sliding=sliding)
+        structured = max(generic.values(), default=0.0) > problem.policy.generic_gain
+        left = self.evidence.structure_left(sliding, own) if self.evidence.repeats else structured
+        left = left or goes_with_place(sliding, own.fitted)
+        if not left:
+            return found
+        again = _Search(problem, own, self.nominal, self.progress, self.evidence)
+        best = again._round(first=True)
+        if best is not None:
+            again._take(best)
+            again._tidy()
+        beside = replace(found, first=again.first, tried=again.tried)
+        if again.problem is not problem:  # aligned, or shaken, as the effect suggests
+            sliding = beyond_presliding(again.problem, again.root.fitted.packed)
+        if again.chosen is None or sliding is None:
+            return beside
+        chosen = again._while_sliding(sliding, again.chosen)
+        if chosen is None:
+            return beside
+        found = replace(beside, problem=again.problem, root=again.root, sliding=sliding)
+        return replace(found, chosen=chosen, freed=again._still_freed())
+
+    def _while_sliding(self, sliding: Problem, chosen: FittedCandidate) -> FittedCandidate | None:
+        """An effect by what it explains while the contact slides; None where it hardly lowers what is left there.
+
+        On the rows around it leaves what the law of presliding is not exactly, which no effect explains.
+        """
+        policy, root = self.problem.policy, self.root
+        part = judged(sliding, root, chosen.model_fit, chosen.effect)
+        least = policy.least_gain if self.evidence.repeats else policy.least_gain_single
+        if part.training.fall < least * sliding.mean_square(root.fitted.error, TRAINING):
+            return None
+        return replace(part, gain=chosen.gain) if part.share >= policy.partly else None
+
+    def _remembered_beyond(self, own: ModelFit) -> ModelFit | None:
+        """The root with a presliding of its own, where elements that go on beyond it are a memory; else None.
+
+        That contact lets go at once, so that what goes on may be a small part of all friction; it must be an effect by
+        itself, as any other beside that root.
+        """
+        climbs = without_tail(self.problem, own)
+        if climbs is None:
+            return None
+        tail = judged(self.problem, climbs, replace(own, effects=(*own.effects, MEMORY)), MEMORY)
+        fall = climbs.fitted.cost - own.fitted.cost
+        gain, z = gain_and_z(climbs.unseen, own.unseen)
+        item = ScreenedCandidate(MEMORY, own.fitted, fall, gain, z, evenly=evenly(climbs.unseen, own.unseen))
+        stopped = self.evidence.stopped_by(self.problem, climbs, item)
+        return climbs if tail.named and not stopped and self._worth_having(tail, climbs) else None
 
     def _needed_beside(self, own: ModelFit, chosen: FittedCandidate) -> bool:
         """Whether effects explain most of what another law of presliding leaves: that law explains the rest of all."""
@@ -239,19 +319,19 @@ class _Search:
             best = replace(best, gain=gain_on_veto(problem, self._model_fit, best.model_fit))
         return best if self._worth_having(best) else None
 
-    def _worth_having(self, best: FittedCandidate) -> bool:
-        """Whether a fit explains enough, by itself and beside what is chosen already."""
-        problem, policy, before = self.problem, self.problem.policy, self._model_fit
+    def _worth_having(self, best: FittedCandidate, root: ModelFit | None = None) -> bool:
+        """Whether a fit explains enough, by itself and beside what is chosen already, or beside a `root`."""
+        problem, policy, before = self.problem, self.problem.policy, root or self._model_fit
         beside = explained_beside(problem, before, best.model_fit, TRAINING)
         worth = best.gain >= policy.least_gain
         worth &= not self.evidence.only_at_rests(problem, before, best)
-        if self.evidence.repeats and self.chosen is None:
-            left = problem.mean_square(self.root.fitted.error, TRAINING)
+        if self.evidence.repeats and (root is not None or self.chosen is None):
+            left = problem.mean_square((root or self.root).fitted.error, TRAINING)
             worth &= best.training.fall >= policy.least_gain * left
         if self.evidence.repeats and problem.twin:
             again = again_explained(problem, before, best.model_fit)
             worth &= again >= LEAST_AGAIN * beside.fall
-        if self.chosen is not None:
+        if root is None and self.chosen is not None:
             worth &= beside.fall >= least_fall(problem, self.chosen)
             worth &= not self.evidence.repeats or beside.share >= policy.partly
             if problem.has(VETO):

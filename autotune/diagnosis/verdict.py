@@ -54,7 +54,7 @@ from autotune.diagnosis.wording import (
 from autotune.estimation.bandwidth import prepared_for, prepared_to_fit
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.coordinates import variance_shares
-from autotune.estimation.cross_validation import gain_and_z
+from autotune.estimation.cross_validation import beyond_presliding, gain_and_z, goes_with_place
 from autotune.estimation.data import TEST, TRAINING
 from autotune.estimation.disturbance_estimate import with_counts
 from autotune.estimation.model_error import model_error, with_misfit
@@ -164,6 +164,8 @@ class Facts:
         freed: those whose course was fitted freely, and whether their own law would have named them too.
         presliding: that of another law, which the root has.
         breathing: a friction level that rises and falls with the clock; looked for where nothing is named.
+        climbing: something is left beside another law of presliding, but not where its contact slides: the law's own
+            rest, where that law explains enough.
         hunts: frequency of a limit cycle with more torque than friction [Hz]; 0 where there is none.
     """
 
@@ -185,6 +187,7 @@ class Facts:
     breathing: TimeLine | None = None
     overlooked: ScreenedCandidate | None = None
     hunts: float = 0.0
+    climbing: bool = False
 
     @property
     def drowned(self) -> bool:
@@ -277,7 +280,7 @@ class Facts:
     def own_law(self) -> bool:
         """Another law of presliding explains enough, and nothing else was found."""
         with_it = replace(self, chosen=self.presliding, freed={})
-        return self.chosen is None and (with_it.accepted or with_it.law_differs)
+        return self.chosen is None and not self.left and (with_it.accepted or with_it.law_differs)
 
 
 @dataclass(frozen=True, slots=True)
@@ -326,7 +329,7 @@ def _another_law(facts: Facts) -> str:
 
 
 def _presliding_rest(facts: Facts) -> str:
-    return PRESLIDING_REST if facts.left else ""
+    return PRESLIDING_REST if facts.climbing else ""
 
 
 def _breathing(facts: Facts) -> str:
@@ -353,7 +356,7 @@ CASES: tuple[Case, ...] = (
     Case("only the law of presliding differs", lambda f: f.own_law, NONE, _presliding_rest),
     Case("an effect explains too little", lambda f: f.chosen is not None and f.left, UNKNOWN, _unknown),
     Case("another trajectory refutes it", lambda f: bool(f.carried), UNKNOWN, _unknown),
-    Case("what is left is no noise", lambda f: f.left, UNKNOWN, _unknown),
+    Case("what is left is no noise", lambda f: f.left or f.climbing, UNKNOWN, _unknown),
     Case("nothing is missing", lambda f: True, NONE, _nothing),
 )
 
@@ -413,7 +416,7 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     """The facts of a search and of other trajectories."""
     problem, root, chosen = found.problem, found.root, found.chosen
     evidence = evidence_of(problem.data)
-    own = [] if found.presliding is None else [found.presliding.gain]
+    own = [] if found.presliding is None or found.sliding is not None else [found.presliding.gain]
     lead = max((*own, *(item.gain for item in found.first)), default=0.0)
     if chosen is not None:
         lead = max(lead, gain_and_z(root.unseen, chosen.model_fit.unseen)[0])
@@ -429,12 +432,20 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
         breathing_friction(problem, (chosen.model_fit if chosen else root)) if evidence.repeats else None
     )
     facts = replace(facts, breathing=breathing, overlooked=evidence.overlooked(problem, root, found.first))
-    return replace(facts, left=_something_left(facts))
+    left = _something_left(facts, found.sliding or problem)
+    left = left or (chosen is None and _of_place(problem, root))
+    climbing = found.sliding is not None and not left and _something_left(facts, problem)
+    return replace(facts, left=left, climbing=climbing)
 
 
-def _something_left(facts: Facts) -> bool:
+def _of_place(problem: Problem, root: ModelFit) -> bool:
+    return goes_with_place(beyond_presliding(problem, root.fitted.packed), root.fitted)
+
+
+def _something_left(facts: Facts, rows: Problem) -> bool:
     """Whether what the root leaves is more than noise; a disturbance that follows the clock is taken out first.
 
+    `rows`: the problem on those rows that tell; beside another law of presliding where its contact slides.
     So it is where the chosen effect lowers what repeats share by as much. Without repeats a gain on unseen stretches
     says it.
     """
@@ -448,7 +459,7 @@ def _something_left(facts: Facts) -> bool:
     if facts.line is not None:
         error = without_line(problem, root.fitted.error, facts.line)
         root = replace(root, fitted=replace(root.fitted, error=error))
-    return evidence.structure_left(problem, root)
+    return evidence.structure_left(rows, root)
 
 
 def _rivals(

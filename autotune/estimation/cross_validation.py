@@ -6,18 +6,29 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from autotune.core.arrays import Floats
-from autotune.estimation.coordinates import Rests, since_rest, without_rests
+from autotune.estimation.coordinates import (
+    Rests,
+    generic_columns,
+    since_rest,
+    travel_since_reversal,
+    without_rests,
+)
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.least_squares import DIFFERENCE, Fitted
 from autotune.estimation.problem import CHUNK, Correction, Problem
 from autotune.estimation.residual import residual
 from autotune.models import layout
 from autotune.models.drive_model import Packed
+from autotune.models.reversal_memory import CLIMBS, climbing
 
 MOST_OF_THE_FALL = 0.25
 """Of what an effect explains: no more of what is left is put down to counts and to what a loop makes of them."""
+
+LEAST_SLIDING = 0.1
+"""Of the rows that are fitted: with fewer on which the contact slides they tell too little."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,6 +184,42 @@ def _tells_nothing(problem: Problem, before: Floats, correction: Correction, cou
 def rests_of(problem: Problem, packed: Packed) -> Rests:
     """The rests, and how far the bristle of a model has forgotten each."""
     return since_rest(problem.data, float(packed.p[layout.COULOMB] / packed.p[layout.STIFFNESS]))
+
+
+def beyond_presliding(problem: Problem, packed: Packed) -> Problem | None:
+    """The problem on those rows where a contact slides, whatever its law: neither after a reversal nor after a rest.
+
+    As far as a bristle that is as stiff climbs; the filters reach from there into the rows around. None where the axis
+    hardly slides, or at constant speeds only.
+    """
+    data = problem.data
+    if data.steady:
+        return None
+    _, way = climbing(packed.p)
+    _, left = since_rest(data, way / CLIMBS)
+    climbs = travel_since_reversal(data) < way
+    near = scipy.ndimage.maximum_filter1d(climbs, len(data.taps))[data.grid]
+    slides = ~near & ~np.isnan(left) & (left < math.exp(-CLIMBS))
+    sliding = replace(problem, weight=problem.weight * slides)
+    enough = np.count_nonzero(sliding.training) >= LEAST_SLIDING * np.count_nonzero(problem.training)
+    return sliding if enough else None
+
+
+def goes_with_place(problem: Problem | None, fitted: Fitted) -> bool:
+    """Whether a function of the place explains experiments held out, where a contact slides (`beyond_presliding`).
+
+    No encoder's count and no loop between the samples follows the place, nor does any law of presliding: what they may
+    leave hides nothing of it.
+    """
+    if problem is None:
+        return False
+    policy = problem.policy
+    columns = generic_columns(problem.data, problem.training > 0)["position"]
+    base = fitted.jacobian
+    table = np.hstack([base, columns * float(np.std(fitted.error))])
+    before, after = (held_out(problem, fitted.error, one) for one in (base, table))
+    gain, z = gain_and_z(before, after)
+    return gain >= policy.clear_gain and z >= policy.least_z
 
 
 def beyond_rests(

@@ -146,7 +146,15 @@ class _Frame:
             yield self._from_kernel(FALLS, falling_level, "level = {}", named("velocity"), *terms)
         speed, place = named("velocity"), named("place")
         yield from self._from_kernels("level", "level = level + {}", None, None, speed)
-        yield from self._from_kernels("level_factor", "level = level * {}", None, None, place)
+        # what multiplies the level multiplies what the elements carry, too
+        carried = tuple(self._from_kernels("level_factor", "factor = factor * {}", None, None, place))
+        shared = bool(carried) and bool(self._on[REMEMBERS])
+        if shared:
+            yield Block("What all dry friction is multiplied by.", "factor = 1.0")
+            yield from carried
+            yield Block(f"Level of friction there [{torque}].", "level = level * factor")
+        else:
+            yield from self._from_kernels("level_factor", "level = level * {}", None, None, place)
         yield Block("The contact bends with the motion and slides at its limit.", self._bristle())
         yield Block(f"Viscous friction [{torque}].", f"coefficient = {self._slot(layout.VISCOUS)}")
         yield from self._from_kernels("viscous", "coefficient = coefficient + {}", None, speed)
@@ -157,7 +165,8 @@ class _Frame:
             if self._p[DAMPING] > 0.0:  # asked before the elements move
                 damped = "friction = friction + {} * velocity"
                 yield self._from_kernel(REMEMBERS, memory_damping, damped, None, None, travel)
-            yield self._from_kernel(REMEMBERS, memory_torque, "friction = friction + {}", None, None, travel)
+            use = "friction = friction + factor * {}" if shared else "friction = friction + {}"
+            yield self._from_kernel(REMEMBERS, memory_torque, use, None, None, travel)
         yield Block("What is not friction.", f"outside = {self._slot(layout.OFFSET)}")
         yield from self._from_kernels("torque", "outside = outside + {}", None, place)
 

@@ -71,9 +71,11 @@ def bend(
 
 
 @compiled
-def remembered(p: Floats, on: Flags, state: Floats, displacement: float) -> float:
-    """Torque of the hysteresis elements after a displacement [N m]."""
-    return memory_torque(p, state, displacement) if on[REMEMBERS] else 0.0
+def remembered(p: Floats, on: Flags, state: Floats, position: float, displacement: float) -> float:
+    """Torque of the hysteresis elements after a displacement [N m]; what multiplies the level does so with theirs."""
+    if not on[REMEMBERS]:
+        return 0.0
+    return _level_factor(memory_torque(p, state, displacement), p, on, state, position)
 
 
 @compiled
@@ -85,12 +87,14 @@ def remembered_damping(p: Floats, on: Flags, state: Floats, displacement: float)
 
 
 @compiled
-def remembered_in_motion(p: Floats, on: Flags, state: Floats, displacement: float, velocity: float) -> float:
+def remembered_in_motion(
+    p: Floats, on: Flags, state: Floats, position: float, displacement: float, velocity: float
+) -> float:
     """Torque of the hysteresis elements after a displacement, with their damping at its end [N m]."""
     if not on[REMEMBERS]:
         return 0.0
     damping = remembered_damping(p, on, state, displacement)
-    return memory_torque(p, state, displacement) + damping * velocity
+    return remembered(p, on, state, position, displacement) + damping * velocity
 
 
 @compiled

@@ -129,7 +129,7 @@ def required(
         friction = p[STIFFNESS] * state[BRISTLE] + p[MICRO_DAMPING] * rate
         friction += viscous_coefficient(p, on, state, v) * v
         friction *= 1.0 - rub
-        friction += remembered_in_motion(p, on, state, period * mean, v)
+        friction += remembered_in_motion(p, on, state, q, period * mean, v)
         outside = additive(p, on, q)
         passed = _load_side(p, on, state, shares, spring, q, v, period, substeps) if loaded else 0.0
         torque[k] = p[INERTIA] * (1.0 - mass) * a + friction + outside + passed

@@ -66,7 +66,7 @@ def one_mass(p: Floats, on: Flags, state: Floats, drive: float, step: float) -> 
     position, velocity = state[POSITION], state[VELOCITY]
     friction, slope = rubbing(p, on, state, BRISTLE, 1.0, position, velocity, step)
     damping = remembered_damping(p, on, state, step * velocity)
-    friction += remembered(p, on, state, step * velocity) + damping * velocity
+    friction += remembered(p, on, state, position, step * velocity) + damping * velocity
     slope += damping
     outside = additive(p, on, position + 0.5 * step * velocity)
     later = velocity + step * (drive - outside - friction) / (p[INERTIA] + 0.5 * step * slope)
@@ -91,7 +91,7 @@ def two_masses(p: Floats, on: Flags, state: Floats, drive: float, step: float) -
     passed = passed_torque(stiffness, damping, half, twist, velocity - speed)
     friction, slope = rubbing(p, on, state, BRISTLE, 1.0 - rub, position, velocity, step)
     held = remembered_damping(p, on, state, step * velocity)
-    friction += remembered(p, on, state, step * velocity) + held * velocity
+    friction += remembered(p, on, state, position, step * velocity) + held * velocity
     slope += held
     outside = additive(p, on, position + 0.5 * step * velocity)
     inertia = p[INERTIA] * (1.0 - mass)

@@ -123,6 +123,9 @@ def share_damping(p: Floats, on: Flags) -> None:
 STEPS = (0.5, 1.0, 2.0, 4.0, 9.0, 25.0, 80.0)
 """Of the bristle's reach: where the elements of a start slide."""
 NINE_TENTHS, HALVINGS = 0.9, 50
+CLIMBS = 5.0
+"""Times level over stiffness at rest: so far on a bristle's exponential has come to within a hundredth of its level, as
+the laws of all single contacts have."""
 IN_USE = 0.05
 """Of what all elements carry: an element that carries more may be moved."""
 
@@ -178,6 +181,18 @@ def drawn_out(p: Floats) -> float:
         least, far = (least, way) if enough else (way, far)
     slope = stiffness + float((torque / reach).sum())
     return far * slope * NINE_TENTHS / (-math.log1p(-NINE_TENTHS) * most)
+
+
+def climbing(p: Floats) -> tuple[list[int], float]:
+    """Numbers of the elements that slide while a bristle as stiff at rest still climbs, and the way on which it does.
+
+    Elements that go on beyond it [rad or m] are memory.
+    """
+    reach, torque = p[_AT : _AT + 2 * ELEMENTS : 2], p[_AT + 1 : _AT + 2 * ELEMENTS : 2]
+    used = np.flatnonzero(reach > 0.0)
+    level = float(p[COULOMB] + torque[used].sum())
+    way = CLIMBS * level / float(p[STIFFNESS] + (torque[used] / reach[used]).sum())
+    return [int(i) + 1 for i in used if reach[i] <= way], way
 
 
 def longest_displacement(p: Floats) -> float:

@@ -50,10 +50,36 @@ def test_a_lone_recording_must_keep_less_than_is_explained(
 def test_what_gains_half_of_a_lone_recording_is_never_nothing(
     monkeypatch: pytest.MonkeyPatch, gain: float, part: float, overlooked: bool
 ) -> None:
-    """Unless it is as small as what measurement chains leave: 0.7 % of the torque."""
+    """Unless it is as small as what measurement chains leave, 0.7 % of the torque, and may be chance."""
     monkeypatch.setattr(single, "part_of_torque", lambda *_: part)
+    monkeypatch.setattr(SingleRecording, "_likely", lambda *_: [])
     item = SimpleNamespace(effect="nonlinear_viscous", gain=gain)
     found = SingleRecording().overlooked(SimpleNamespace(policy=POLICY), SimpleNamespace(), [item])
+    assert (found is item) == overlooked
+
+
+@pytest.mark.parametrize(
+    ("part", "likely", "slides", "beats", "overlooked"),
+    [
+        (0.006, True, True, True, True),
+        (0.001, True, True, True, False),  # below what a current is resolved to
+        (0.006, False, True, True, False),
+        (0.006, True, False, True, False),  # another law of presliding
+        (0.006, True, True, False, False),
+    ],
+)
+def test_what_is_only_too_small_for_a_name_is_something(
+    monkeypatch: pytest.MonkeyPatch, part: float, likely: bool, slides: bool, beats: bool, overlooked: bool
+) -> None:
+    """Waves of 0.62 % of the torque, 13 standard errors beyond chance, were "nothing missing": a chain may make them,
+    but these data show them."""
+    item = SimpleNamespace(effect="torque_ripple", gain=0.2, fitted=None)
+    monkeypatch.setattr(single, "part_of_torque", lambda *_: part)
+    monkeypatch.setattr(single, "while_sliding", lambda *_: slides)
+    monkeypatch.setattr(single, "beats_chance", lambda *_: beats)
+    monkeypatch.setattr(SingleRecording, "_likely", lambda *_: [item] if likely else [])
+    root = SimpleNamespace(fitted=None)
+    found = SingleRecording().overlooked(SimpleNamespace(policy=POLICY), root, [item])
     assert (found is item) == overlooked
 
 

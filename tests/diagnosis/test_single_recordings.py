@@ -19,6 +19,7 @@ from autotune.diagnosis.free_shape import any_course
 from autotune.diagnosis.verdict import diagnose
 from autotune.estimation.alignment import aligned, best_shift, compensated
 from autotune.estimation.bandwidth import loud_below, prepared_for, without_rest
+from autotune.estimation.cross_validation import beyond_presliding, goes_with_place
 from autotune.estimation.data import prepare
 from autotune.estimation.least_squares import Free, with_values
 from autotune.models import layout
@@ -220,6 +221,30 @@ def test_an_imbalance_over_little_travel_is_a_sine_or_none(
     problem, root, _, _ = begin(prepared_for([recording]), model)
     assert any_course(problem, replace(root, effects=("gravity_imbalance",))) is any_will_do
     assert not any_course(problem, root)
+
+
+@pytest.mark.parametrize(("slope", "told"), [(0.0, False), (0.004, True)])
+def test_what_goes_with_the_place_is_told_where_the_contact_slides(slope: float, told: bool) -> None:
+    """tanh is another law than the bristle's: on all rows its misfit would stand beside what belongs to the place."""
+    values = {"inertia": INERTIA, "coulomb": COULOMB, "viscous": VISCOUS, "stiffness": 100.0}
+    model = base_model(values | {"micro_damping": 0.01, "offset": 0.0})
+    problem, root, _, _ = begin(prepared_for([_recording(slope=slope)]), model)
+    sliding = beyond_presliding(problem, root.fitted.packed)
+    assert sliding is not None
+    assert 0.5 < np.count_nonzero(sliding.weight) / np.count_nonzero(problem.weight) < 1.0
+    assert goes_with_place(sliding, root.fitted) is told
+
+
+def test_an_axis_that_hardly_slides_tells_nothing_of_its_place() -> None:
+    """Its bristle reaches further than it moves."""
+    values = {"inertia": INERTIA, "coulomb": COULOMB, "viscous": VISCOUS, "stiffness": 100.0}
+    model = base_model(values | {"micro_damping": 0.01, "offset": 0.0})
+    problem, root, _, _ = begin(prepared_for([_recording()]), model)
+    p = root.fitted.packed.p.copy()
+    p[layout.STIFFNESS] = p[layout.COULOMB] / 50.0
+    sliding = beyond_presliding(problem, replace(root.fitted.packed, p=p))
+    assert sliding is None
+    assert not goes_with_place(sliding, root.fitted)
 
 
 def test_samples_fast_enough_judge_every_effect() -> None:

@@ -28,6 +28,7 @@ NOTHING = {
     "chosen": None,
     "carried": (),
     "left": False,
+    "climbing": False,
     "breathing": None,
     "hunts": 0.0,
 }
@@ -41,8 +42,8 @@ def _row(**facts: object) -> tuple[str, str]:
 
 def test_what_another_law_of_presliding_leaves_is_said() -> None:
     case = next(case for case in CASES if "presliding" in case.name)
-    assert "still comes again" in case.sentence(SimpleNamespace(left=True))
-    assert not case.sentence(SimpleNamespace(left=False))
+    assert "still comes again" in case.sentence(SimpleNamespace(climbing=True))
+    assert not case.sentence(SimpleNamespace(climbing=False))
 
 
 @pytest.mark.parametrize(
@@ -64,6 +65,8 @@ def test_what_another_law_of_presliding_leaves_is_said() -> None:
         (FOUND | {"own_law": True}, "named"),
         ({"carried": ("refuted",)}, "unknown"),
         ({"left": True}, "unknown"),
+        ({"climbing": True}, "unknown"),  # beside a law of presliding that does not explain enough
+        ({"climbing": True, "own_law": True}, "none"),
         ({"structured": True}, "unknown"),
         ({"breathing": TimeLine(0.4, 0.3)}, "unknown"),
         ({"breathing": TimeLine(0.4, 0.3), "own_law": True}, "unknown"),
@@ -92,6 +95,21 @@ def test_every_row_can_be_reached_and_has_a_name_of_its_own() -> None:
     }
     assert {name for _, name in reached} == {case.name for case in CASES}
     assert len({case.name for case in CASES}) == len(CASES)
+
+
+@pytest.mark.parametrize(("left", "own"), [(False, True), (True, False)])
+def test_another_law_of_presliding_is_all_only_where_nothing_is_left_while_its_contact_slides(
+    left: bool, own: bool
+) -> None:
+    """An inertia that changes with the place left 1.5 times the noise beside such a law, and was "none"."""
+    fit = SimpleNamespace(
+        effects=("reversal_memory",), fitted=SimpleNamespace(packed=base_model(NOMINAL).pack())
+    )
+    law = SimpleNamespace(effect="reversal_memory", gain=0.9, share=0.99, model_fit=fit, named=True)
+    evidence = SimpleNamespace(repeats=True, accepts=lambda *_: True, doubted=lambda *_: False)
+    problem = SimpleNamespace(policy=POLICY, has_veto=True)
+    facts = Facts(problem, fit, None, evidence, (), None, "", 0.0, 0.4, (), presliding=law, left=left)
+    assert facts.own_law == own
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,9 +11,12 @@ import pytest
 import autotune
 from autotune.cli.main import main
 from autotune.core.errors import NotEnoughExcitation
+from autotune.diagnosis import fit_recordings as fit_module
 from autotune.diagnosis.compare import compare
 from autotune.diagnosis.fit_recordings import fit_recordings
+from autotune.diagnosis.fit_result import FitResult
 from autotune.diagnosis.verdict import diagnose
+from autotune.identify.estimate import Estimate
 from autotune.models.drive_model import DriveModel, base_model
 from autotune.models.model_file import read_model, write_model
 from autotune.models.table import EFFECTS
@@ -202,3 +206,17 @@ def test_the_command_line_prints_one_error(tmp_path: Path, capsys: pytest.Captur
         found.append((printed["error_rms"], printed["relative_error"]))
     assert found[0] == pytest.approx(found[1], rel=AGREE)
     assert found[2] == pytest.approx(found[1], rel=AGREE)
+
+
+@pytest.mark.parametrize(("error", "valid"), [(0.5, True), (1.11, False)])
+def test_a_fit_that_explains_hardly_any_torque_must_not_be_used(
+    monkeypatch: pytest.MonkeyPatch, error: float, valid: bool
+) -> None:
+    """An encoder of 0.7 mm eccentricity: the fit was valid with an error of 111 % of the torque."""
+    compared = SimpleNamespace(relative_error=error, error_rms=1.0)
+    monkeypatch.setattr(fit_module, "compared_or_none", lambda *_: compared)
+    monkeypatch.setattr(fit_module, "unseen_error", lambda *_: None)
+    result = FitResult(base_model(AXIS), "programme", Estimate("all", relative_error=0.02), ())
+    found = fit_module._with_error(result, ())
+    assert found.valid is valid
+    assert ("hardly any" in found.reason) is not valid

@@ -15,11 +15,13 @@ from autotune.models.model_file import model_text, parse_model, read_model, writ
 from autotune.models.reversal_memory import (
     DAMPING,
     REVERSAL_MEMORY,
+    climbing,
     drawn_out,
     memory_damping,
     memory_torque,
     share_damping,
 )
+from autotune.models.table import EFFECTS
 from autotune.models.total_friction import damping_at_rest
 from tests.support.axes import NOMINAL
 
@@ -45,6 +47,32 @@ def test_a_memory_draws_the_climb_out_and_one_contact_does_not(
         p[REVERSAL_MEMORY.slot(f"displacement_{number}")] = displacement
         p[REVERSAL_MEMORY.slot(f"torque_{number}")] = torque
     assert least - 1e-9 <= drawn_out(p) <= most + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("elements", "kept"),
+    [
+        ([(1.0, 1.0)], [1]),
+        ([(0.8, 0.5), (1.4, 0.5)], [1, 2]),
+        (
+            [(1.0, 0.94), (35.0, 0.03), (110.0, 0.03)],
+            [1],
+        ),  # a twentieth of all friction, but far beyond the contact
+    ],
+)
+def test_elements_that_go_on_beyond_the_contact_are_memory(
+    elements: list[tuple[float, float]], kept: list[int]
+) -> None:
+    p = base_model(NOMINAL).pack().p
+    p[layout.COULOMB], p[layout.STIFFNESS] = 1e-3, 1e-3
+    for number, (displacement, torque) in enumerate(elements, 1):
+        p[REVERSAL_MEMORY.slot(f"displacement_{number}")] = displacement
+        p[REVERSAL_MEMORY.slot(f"torque_{number}")] = torque
+    numbers, way = climbing(p)
+    assert numbers == kept
+    assert way == pytest.approx(
+        5.0, rel=0.1
+    )  # five times level over stiffness, which is about 1 in all of these
 
 
 DAMPED = {"displacement_1": 1e-3, "torque_1": 0.03, "displacement_2": 0.01, "torque_2": 0.1, "damping": 0.08}
@@ -87,6 +115,18 @@ def test_the_torque_of_a_small_motion_has_the_damping_of_all_elements() -> None:
             time > 0.05
         )  # away from the start, and from where it turns
         np.testing.assert_allclose(more[fast], left * velocity[fast], atol=0.02 * 0.08 * size * rate)
+
+
+def test_a_tight_spot_is_one_for_the_elements_too() -> None:
+    """All dry friction is higher there, bristle and elements alike, after travel along which all of them slide."""
+    spot = {"height": 0.3, "centre": 0.5, "width": 0.1}
+    tight = memory(damping=0.0).with_effect(EFFECTS["position_dependent_friction"].make(spot))
+    position = np.arange(1000) * 1e-3
+    motion = (position, np.full(1000, 1.0), np.zeros(1000), 1e-3)
+    more = tight.torque(*motion) - memory(damping=0.0).torque(*motion)
+    friction = NOMINAL["coulomb"] + DAMPED["torque_1"] + DAMPED["torque_2"]
+    assert more[500] == pytest.approx(0.3 * friction, rel=0.01)
+    assert more[900] == pytest.approx(0.0, abs=1e-6 * friction)
 
 
 def test_a_model_of_before_reads_as_before_and_moves_as_before(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ from autotune.estimation.alignment import best_shift, shifted
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.controller_torque import loop_like
 from autotune.estimation.coordinates import coordinates
-from autotune.estimation.cross_validation import gain_and_z, held_out
+from autotune.estimation.cross_validation import beyond_presliding, gain_and_z, held_out
 from autotune.estimation.data import VETO
 from autotune.estimation.least_squares import Fitted
 from autotune.estimation.policy import Policy
@@ -111,12 +111,25 @@ class SingleRecording(Evidence):
     def overlooked(
         self, problem: Problem, model_fit: ModelFit, first: Sequence[ScreenedCandidate]
     ) -> ScreenedCandidate | None:
-        """One that explains half of unseen stretches, and more than measurement chains leave."""
+        """One that explains half of unseen stretches, and more than measurement chains leave; or is only too small.
+
+        What is too small for a name may be the measurement chain, but no chance; it is neither a presliding by another
+        law nor a delay of the columns, nor what else bends to any dynamics.
+        """
         policy = problem.policy
         best = max(first, key=lambda item: item.gain, default=None)
-        if best is None or best.gain < policy.clear_single_gain:
-            return None
-        return best if part_of_torque(problem, model_fit, best) >= policy.least_part else None
+        half = best is not None and best.gain >= policy.clear_single_gain
+        if best is not None and half and part_of_torque(problem, model_fit, best) >= policy.least_part:
+            return best
+        small = [
+            item
+            for item in self._likely(problem, first, policy.least_gain_single)
+            if not _bends(item)
+            and part_of_torque(problem, model_fit, item) >= policy.clear_single_part
+            and while_sliding(problem, model_fit, item)
+            and beats_chance(problem, model_fit.fitted, item.fitted)
+        ]
+        return max(small, key=lambda item: item.gain, default=None)
 
     def doubted(
         self, problem: Problem, root: ModelFit, model_fit: ModelFit, first: Sequence[ScreenedCandidate] = ()
@@ -185,9 +198,12 @@ class SingleRecording(Evidence):
 
 def least_of(policy: Policy, item: ScreenedCandidate, least: float) -> float:
     """The least gain of a candidate: a lag and a second mass bend to what any dynamics leave, and must be plain."""
+    return max(least, policy.clear_single_gain) if _bends(item) else least
+
+
+def _bends(item: ScreenedCandidate) -> bool:
     kind = EFFECTS[item.effect]
-    plain = kind.lost_in_alignment or kind.in_transmission
-    return max(least, policy.clear_single_gain) if plain else least
+    return kind.lost_in_alignment or kind.in_transmission
 
 
 def matters(problem: Problem, model_fit: ModelFit, item: ScreenedCandidate) -> bool:
@@ -196,6 +212,16 @@ def matters(problem: Problem, model_fit: ModelFit, item: ScreenedCandidate) -> b
     part = part_of_torque(problem, model_fit, item)
     clear = item.gain >= policy.clear_single_gain and item.z >= policy.least_z
     return part >= (policy.clear_single_part if clear else policy.least_part)
+
+
+def while_sliding(problem: Problem, model_fit: ModelFit, item: ScreenedCandidate) -> bool:
+    """Whether a candidate gains beyond chance where the contact slides, too."""
+    policy, sliding = problem.policy, beyond_presliding(problem, model_fit.fitted.packed)
+    if sliding is None:
+        return False
+    unseen = [held_out(sliding, one.error, one.jacobian) for one in (model_fit.fitted, item.fitted)]
+    gain, z = gain_and_z(*unseen)
+    return gain >= policy.least_gain_single and z >= policy.least_z_single
 
 
 def part_of_torque(problem: Problem, model_fit: ModelFit, item: ScreenedCandidate) -> float:
