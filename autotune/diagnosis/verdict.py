@@ -29,7 +29,7 @@ from autotune.diagnosis.evidence.time_driven import (
     without_line,
 )
 from autotune.diagnosis.first_alone import doubt_of
-from autotune.diagnosis.free_shape import any_course
+from autotune.diagnosis.free_shape import any_course, at_an_edge, like_a_parabola
 from autotune.diagnosis.search import Found, again_explained, search
 from autotune.diagnosis.transmission import GAP, SPRING, hardly_a_gap
 from autotune.diagnosis.wording import (
@@ -47,6 +47,7 @@ from autotune.diagnosis.wording import (
     next_experiment,
     nothing_note,
     unknown_note,
+    usual_rivals,
 )
 from autotune.estimation.bandwidth import prepared_for, prepared_to_fit
 from autotune.estimation.bias_corrected_fit import ModelFit
@@ -161,6 +162,7 @@ class Facts:
         freed: those whose course was fitted freely, and whether their own law would have named them too.
         presliding: that of another law, which the root has.
         breathing: a friction level that rises and falls with the clock; looked for where nothing is named.
+        unlike: an experiment in which one effect leaves what it explains in all others; looked for where it is named.
         hunts: frequency of a limit cycle with more torque than friction [Hz]; 0 where there is none.
     """
 
@@ -182,6 +184,7 @@ class Facts:
     breathing: TimeLine | None = None
     overlooked: ScreenedCandidate | None = None
     hunts: float = 0.0
+    unlike: str = ""
 
     @property
     def drowned(self) -> bool:
@@ -329,6 +332,15 @@ def _nothing(facts: Facts) -> str:
     return nothing_note(facts.problem, facts.evidence, facts.root, facts.first)
 
 
+def _unlike(facts: Facts) -> str:
+    chosen = facts.chosen
+    name = chosen.effect.replace("_", " ") if chosen is not None else ""
+    return (
+        f"{name.capitalize()} explains nearly all of most experiments, but not of '{facts.unlike}', where something "
+        "comes again that it does not make; so it may be another effect that it resembles, and nothing is named."
+    )
+
+
 def _hunts(facts: Facts) -> str:
     return HUNTS.format(hertz=facts.hunts)
 
@@ -338,6 +350,7 @@ CASES: tuple[Case, ...] = (
     Case("a disturbance in time hides it", lambda f: f.drowned, UNKNOWN, _unknown),
     Case("a free function explains more than any physics", lambda f: f.structured, UNKNOWN, _unknown),
     Case("what is not named explains far more", lambda f: bool(f.outdone), UNKNOWN, _outdone),
+    Case("one experiment says the contrary", lambda f: bool(f.unlike), UNKNOWN, _unlike),
     Case("other effects do as well", lambda f: f.accepted and bool(f.rivals), AMBIGUOUS, lambda f: ""),
     Case("an effect explains it", lambda f: f.accepted, NAMED, _its_course),
     Case("an effect explains most, by another law", lambda f: f.law_differs, NAMED, _another_law),
@@ -414,13 +427,31 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     seen = (problem, root, chosen, evidence, carried, line, coordinate, generic, lead, rivals)
     hunts = limit_cycle(problem, float(root.fitted.packed.p[layout.COULOMB]))
     facts = Facts(*seen, found.first, found.tried, found.freed, found.presliding, hunts=hunts)
-    if (facts.accepted or facts.law_differs) and not facts.structured:
+    named = (facts.accepted or facts.law_differs) and not facts.structured
+    if named and chosen is not None and len(chosen.model_fit.effects) == 1:
+        facts = replace(facts, unlike=evidence.unlike_in_one(problem, root, chosen.model_fit))
+        if not facts.rivals and not facts.unlike:
+            facts = replace(facts, rivals=_untold(facts))
+    if named and not facts.unlike:
         return facts
     breathing = (
         breathing_friction(problem, (chosen.model_fit if chosen else root)) if evidence.repeats else None
     )
     facts = replace(facts, breathing=breathing, overlooked=evidence.overlooked(problem, root, found.first))
     return replace(facts, left=_something_left(facts))
+
+
+def _untold(facts: Facts) -> tuple[str, ...]:
+    """Effects that the chosen one becomes where it lies, and that gain half as much, or were no candidates."""
+    problem, chosen = facts.problem, facts.chosen
+    if chosen is None or not (
+        like_a_parabola(problem, facts.root, chosen.model_fit, facts.evidence.alike(problem))
+        or at_an_edge(problem, chosen.model_fit)
+    ):
+        return ()
+    gains = {item.effect: item.gain for item in facts.first}
+    least = problem.policy.rival_gain * gains.get(chosen.effect, chosen.gain)
+    return tuple(one for one in usual_rivals(chosen.effect) if gains.get(one, math.inf) >= least)
 
 
 def _something_left(facts: Facts) -> bool:
