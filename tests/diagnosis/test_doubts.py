@@ -104,10 +104,14 @@ def test_one_experiment_says_the_contrary(
         noise_variance=lambda *_: noise,
     )
     root, fit = (
-        SimpleNamespace(correction=None, fitted=SimpleNamespace(error=error, packed=None))
+        SimpleNamespace(
+            correction=None, fitted=SimpleNamespace(error=error, packed=None), effects=("spring",)
+        )
         for error in (missing, left)
     )
     assert RepeatedProgramme().unlike_in_one(problem, root, fit) == told
+    elements = SimpleNamespace(correction=None, fitted=fit.fitted, effects=("reversal_memory",))
+    assert not RepeatedProgramme().unlike_in_one(problem, root, elements)
 
 
 @pytest.mark.parametrize(

@@ -181,8 +181,10 @@ class RepeatedProgramme(Evidence):
         effects.
 
         What takes the place of another effect explains nearly all in most experiments, and in some it does not: there
-        the other one acts otherwise.
+        the other one acts otherwise. An approximate law leaves some of its own.
         """
+        if any(EFFECTS[name].approximate for name in model_fit.effects):
+            return ""
         rests = rests_of(problem, model_fit.fitted.packed)
         missing = _shared(problem, root.correction, root.fitted.error, rests).blocks[:, 0]
         seen = _shared(problem, model_fit.correction, model_fit.fitted.error, rests)
