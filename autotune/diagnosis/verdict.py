@@ -163,6 +163,7 @@ class Facts:
         presliding: that of another law, which the root has.
         breathing: a friction level that rises and falls with the clock; looked for where nothing is named.
         unlike: an experiment in which one effect leaves what it explains in all others; looked for where it is named.
+        edge: the one effect would go on beyond the bounds of its law; likewise.
         hunts: frequency of a limit cycle with more torque than friction [Hz]; 0 where there is none.
     """
 
@@ -185,6 +186,7 @@ class Facts:
     overlooked: ScreenedCandidate | None = None
     hunts: float = 0.0
     unlike: str = ""
+    edge: bool = False
 
     @property
     def drowned(self) -> bool:
@@ -332,12 +334,22 @@ def _nothing(facts: Facts) -> str:
     return nothing_note(facts.problem, facts.evidence, facts.root, facts.first)
 
 
-def _unlike(facts: Facts) -> str:
+def _contrary(facts: Facts) -> str:
     chosen = facts.chosen
     name = chosen.effect.replace("_", " ") if chosen is not None else ""
     return (
-        f"{name.capitalize()} explains nearly all of most experiments, but not of '{facts.unlike}', where something "
-        "comes again that it does not make; so it may be another effect that it resembles, and nothing is named."
+        f"{name.capitalize()} explains most, but it would go on beyond the bounds of its law, and of "
+        f"'{facts.unlike}' it leaves more than a tenth of what comes again: it stands for something else, and nothing "
+        "is named."
+    )
+
+
+def _unlike(facts: Facts) -> str:
+    if not facts.unlike:
+        return ""
+    return (
+        f"Of '{facts.unlike}' more than a tenth of what comes again is left, beyond doubt: the effect has another law, "
+        "or it is another one that it resembles."
     )
 
 
@@ -345,13 +357,17 @@ def _hunts(facts: Facts) -> str:
     return HUNTS.format(hertz=facts.hunts)
 
 
+def _alike(facts: Facts) -> bool:
+    return bool(facts.rivals) and (facts.accepted or facts.law_differs)
+
+
 CASES: tuple[Case, ...] = (
     Case("a limit cycle smooths its friction away", lambda f: f.hunts > 0.0, UNKNOWN, _hunts),
     Case("a disturbance in time hides it", lambda f: f.drowned, UNKNOWN, _unknown),
     Case("a free function explains more than any physics", lambda f: f.structured, UNKNOWN, _unknown),
     Case("what is not named explains far more", lambda f: bool(f.outdone), UNKNOWN, _outdone),
-    Case("one experiment says the contrary", lambda f: bool(f.unlike), UNKNOWN, _unlike),
-    Case("other effects do as well", lambda f: f.accepted and bool(f.rivals), AMBIGUOUS, lambda f: ""),
+    Case("it stands for something else", lambda f: bool(f.unlike) and f.edge, UNKNOWN, _contrary),
+    Case("other effects do as well", _alike, AMBIGUOUS, lambda f: ""),
     Case("an effect explains it", lambda f: f.accepted, NAMED, _its_course),
     Case("an effect explains most, by another law", lambda f: f.law_differs, NAMED, _another_law),
     Case("friction rises and falls with the clock", lambda f: f.breathing is not None, UNKNOWN, _breathing),
@@ -378,11 +394,11 @@ def judge(
     if facts.chosen is not None and case.verdict in (NAMED, AMBIGUOUS):
         effects = facts.chosen.model_fit.effects
         sure = case.verdict == NAMED and facts.evidence.confirms(facts.problem, effects, carried)
-        sure = sure and not facts.veto_silent
+        sure = sure and not (facts.veto_silent or facts.unlike)
         confidence = CONFIRMED if sure else SUSPECTED
     confusable = _confusable(facts, case.verdict, effects, confidence, found)
     said = [line_note(facts.line) if facts.line is not None else "", case.sentence(facts)]
-    said += [OWN_PRESLIDING] * (found.presliding is not None)
+    said += [_unlike(facts)] * bool(effects) + [OWN_PRESLIDING] * (found.presliding is not None)
     chosen = None if facts.drowned else facts.chosen
     final = chosen.model_fit if chosen is not None and effects else facts.root
     problem, root = facts.problem, facts.root
@@ -429,10 +445,10 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     facts = Facts(*seen, found.first, found.tried, found.freed, found.presliding, hunts=hunts)
     named = (facts.accepted or facts.law_differs) and not facts.structured
     if named and chosen is not None and len(chosen.model_fit.effects) == 1:
-        facts = replace(facts, unlike=evidence.unlike_in_one(problem, root, chosen.model_fit))
-        if not facts.rivals and not facts.unlike:
-            facts = replace(facts, rivals=_untold(facts))
-    if named and not facts.unlike:
+        unlike = evidence.unlike_in_one(problem, root, chosen.model_fit)
+        facts = replace(facts, unlike=unlike, edge=at_an_edge(problem, chosen.model_fit))
+        facts = replace(facts, rivals=facts.rivals or _untold(facts))
+    if named:
         return facts
     breathing = (
         breathing_friction(problem, (chosen.model_fit if chosen else root)) if evidence.repeats else None
@@ -442,11 +458,14 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
 
 
 def _untold(facts: Facts) -> tuple[str, ...]:
-    """Effects that the chosen one becomes where it lies, and that gain half as much, or were no candidates."""
+    """Look-alikes of one effect that is not quite what these data show: those that gain half as much, or were no
+    candidates.
+    """
     problem, chosen = facts.problem, facts.chosen
     if chosen is None or not (
-        like_a_parabola(problem, facts.root, chosen.model_fit, facts.evidence.alike(problem))
-        or at_an_edge(problem, chosen.model_fit)
+        facts.unlike
+        or facts.edge
+        or like_a_parabola(problem, facts.root, chosen.model_fit, facts.evidence.alike(problem))
     ):
         return ()
     gains = {item.effect: item.gain for item in facts.first}

@@ -30,6 +30,7 @@ NOTHING = {
     "breathing": None,
     "hunts": 0.0,
     "unlike": "",
+    "edge": False,
 }
 FOUND = {"chosen": object(), "accepted": True}
 
@@ -53,8 +54,10 @@ def test_what_another_law_of_presliding_leaves_is_said() -> None:
         (FOUND | {"rivals": ("spring",)}, "ambiguous"),
         (FOUND | {"structured": True}, "unknown"),
         (FOUND | {"outdone": "gravity_imbalance"}, "unknown"),
-        (FOUND | {"unlike": "dwells", "rivals": ("stribeck",)}, "unknown"),
-        ({"chosen": object(), "law_differs": True, "unlike": "dwells"}, "unknown"),
+        (FOUND | {"unlike": "dwells", "edge": True, "rivals": ("stribeck",)}, "unknown"),
+        (FOUND | {"unlike": "dwells"}, "named"),
+        (FOUND | {"edge": True}, "named"),
+        ({"chosen": object(), "law_differs": True, "rivals": ("stribeck",)}, "ambiguous"),
         ({"chosen": object(), "law_differs": True}, "named"),
         (FOUND | {"drowned": True, "rivals": ("spring",)}, "unknown"),
         (FOUND | {"hunts": 105.0}, "unknown"),
@@ -85,7 +88,7 @@ def test_every_row_can_be_reached_and_has_a_name_of_its_own() -> None:
         _row(**FOUND, drowned=True),
         _row(**FOUND, hunts=105.0),
         _row(**FOUND, outdone="gravity_imbalance"),
-        _row(**FOUND, unlike="dwells"),
+        _row(**FOUND, unlike="dwells", edge=True),
         _row(chosen=object(), law_differs=True),
         _row(own_law=True),
         _row(chosen=object(), left=True),
