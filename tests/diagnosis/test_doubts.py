@@ -16,7 +16,7 @@ from autotune.diagnosis.starts import varying
 from autotune.estimation import contact_start
 from autotune.estimation.coordinates import coordinates, generic_columns
 from autotune.estimation.policy import POLICY
-from autotune.estimation.problem import Problem
+from autotune.estimation.problem import Problem, without_outlying
 from autotune.models.drive_model import base_model
 from autotune.models.start_values import Vary
 from autotune.models.table import EFFECTS
@@ -225,3 +225,14 @@ def test_the_usual_damping_is_not_put_where_the_recording_contradicts_it(
     monkeypatch.setattr(contact_start, "_twin_cost", lambda _, packed: 1.0 if packed is undamped else cost)
     found = contact_start.quiet_contact(SimpleNamespace(twin=True), undamped)
     assert (found is not None) == taken
+
+
+@pytest.mark.parametrize(("events", "left_out"), [(1, 250), (3, 750), (4, 0)])
+def test_what_happens_again_and_again_belongs_to_the_axis(events: int, left_out: int) -> None:
+    """A knock is left out; a load that rings at every start is what is missing."""
+    error = np.random.default_rng(4).normal(size=20_000)
+    for i in range(events):
+        error[2000 + 3000 * i : 2250 + 3000 * i] *= 20.0
+    data = SimpleNamespace(pace=1.0, period=1e-3, grid=np.arange(20_000))
+    problem = SimpleNamespace(weight=np.ones(20_000), data=data, twin=True)
+    assert np.sum(without_outlying(problem, error) == 0.0) == left_out
