@@ -19,6 +19,7 @@ it slides. That is the law of the base and no memory.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,15 +27,15 @@ import scipy
 
 from autotune.core.arrays import Floats
 from autotune.diagnosis.candidates import FittedCandidate
-from autotune.diagnosis.refits import judged, kept_terms, without_effect
+from autotune.diagnosis.refits import judged, kept_terms, taken_out, without_effect
 from autotune.diagnosis.screening import generic_gains
 from autotune.diagnosis.starts import Context, varying
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.coordinates import without_rests
 from autotune.estimation.cross_validation import gain_and_z, rests_of
 from autotune.estimation.data import VETO
-from autotune.estimation.least_squares import Free
-from autotune.estimation.problem import Problem
+from autotune.estimation.least_squares import Free, followed
+from autotune.estimation.problem import CHUNK, Problem
 from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.reversal_memory import ELEMENTS, REVERSAL_MEMORY, climbing, drawn_out
@@ -51,6 +52,8 @@ MOST_OF_A_BRISTLE = 0.5  # of all friction: beside a contact that lets go at onc
 ROUNDS = 2
 MORE_FITS = 3
 LONGEST = 0.3  # of the travel: elements beyond it never slide
+NEAR_AN_EDGE = 0.01
+"""Of a parameter's scale: a bound that is so near is met."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +115,60 @@ def any_course(problem: Problem, model_fit: ModelFit) -> bool:
     ):
         return False
     return gain >= problem.policy.least_gain
+
+
+def like_a_parabola(problem: Problem, root: ModelFit, model_fit: ModelFit, alike: float) -> bool:
+    """Whether a parabola of place explains as much as the one effect found, over too little travel to show its course.
+
+    It has as many coefficients as a wave of free phase; no better than it, a wave is a spring as well. `alike`: of the
+    fall, what counts as no better.
+    """
+    if len(model_fit.effects) != 1:
+        return False
+    kind, fitted = EFFECTS[model_fit.effects[0]], model_fit.fitted
+    if kind.shows_course is None or kind.shows_course(fitted.packed.p, problem.scales.travel):
+        return False
+    base = fitted.jacobian[:, [one.slot not in {q.slot for q in kind.parameters} for one in fitted.free]]
+    without = problem.raw(taken_out(root, model_fit, kind.name)) - model_fit.correction.bias
+    place = problem.data.position[problem.data.grid] / problem.scales.travel
+    weight = problem.training
+    left = [
+        weight * followed(columns, error, weight) ** 2
+        for columns, error in (
+            (fitted.jacobian, fitted.error),
+            (np.column_stack([base, place, place**2]), without),
+            (base, without),
+        )
+    ]
+    surplus = left[1] - left[0]
+    if surplus.sum() < alike * (left[2] - left[0]).sum():
+        return True
+    seconds = np.array([part.sum() for part in np.array_split(surplus, max(3, len(surplus) // CHUNK))])
+    chance = float(seconds.std(ddof=1)) / math.sqrt(len(seconds))
+    return float(seconds.mean()) <= problem.policy.apart_z * chance
+
+
+def at_an_edge(problem: Problem, model_fit: ModelFit) -> bool:
+    """Whether the one effect found would go on beyond a bound of its law, by more than chance.
+
+    There it is another effect: contacts that age within a tenth of a second are friction that falls with speed, and
+    friction that the load presses and that falls with itself is a motor that saturates.
+    """
+    if len(model_fit.effects) != 1:
+        return False
+    fitted, weight = model_fit.fitted, problem.training
+    own = {one.slot for one in EFFECTS[model_fit.effects[0]].parameters if not one.optional}
+    for i, one in enumerate(fitted.free):
+        value, near = fitted.packed.p[one.slot], NEAR_AN_EDGE * one.scale
+        at = int(value - one.lower <= near) - int(one.upper - value <= near)
+        if one.slot not in own or at == 0:
+            continue
+        column = followed(np.delete(fitted.jacobian, i, axis=1), fitted.jacobian[:, i], weight)
+        slope = at * weight * column * fitted.error
+        pieces = np.array([part.sum() for part in np.array_split(slope, max(3, len(slope) // CHUNK))])
+        if pieces.sum() > problem.policy.apart_z * math.sqrt(float(pieces @ pieces)):
+            return True
+    return False
 
 
 def _predicts_better(problem: Problem, before: ModelFit, after: ModelFit) -> bool:

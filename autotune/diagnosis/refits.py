@@ -131,7 +131,7 @@ def without_effect(
     kept = {f.name for f in root.free}
     free = [f for f in model_fit.free if f.slot not in slots or f.name in kept]
     effects = tuple(name for name in model_fit.effects if name != effect)
-    settled = fit_inside_twin(problem, _taken_out(root, model_fit, effect), free, 2, effects)
+    settled = fit_inside_twin(problem, taken_out(root, model_fit, effect), free, 2, effects)
     if settled is None:
         return None
     return judged(problem, root, settled, effects[-1])
@@ -144,7 +144,7 @@ def root_from(problem: Problem, root: ModelFit, model_fit: ModelFit) -> ModelFit
     """
     if len(model_fit.effects) != len(root.effects) + 1:
         return None
-    packed = _taken_out(root, model_fit, model_fit.effects[-1])
+    packed = taken_out(root, model_fit, model_fit.effects[-1])
     least = problem.policy.clearly_less * root.fitted.cost
     if refit(problem, packed, list(root.free), model_fit.correction, ROOT_STEPS).cost >= least:
         return None
@@ -152,7 +152,7 @@ def root_from(problem: Problem, root: ModelFit, model_fit: ModelFit) -> ModelFit
     return again if again is not None and again.fitted.cost < least else None
 
 
-def _taken_out(root: ModelFit, model_fit: ModelFit, effect: str) -> Packed:
+def taken_out(root: ModelFit, model_fit: ModelFit, effect: str) -> Packed:
     """The parameters without those of an effect, which are the root's."""
     p, on = model_fit.fitted.packed.p.copy(), model_fit.fitted.packed.on.copy()
     for parameter in EFFECTS[effect].parameters:

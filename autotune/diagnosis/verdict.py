@@ -31,7 +31,7 @@ from autotune.diagnosis.evidence.time_driven import (
     without_line,
 )
 from autotune.diagnosis.first_alone import doubt_of
-from autotune.diagnosis.free_shape import any_course
+from autotune.diagnosis.free_shape import any_course, at_an_edge, like_a_parabola
 from autotune.diagnosis.search import Found, again_explained, search
 from autotune.diagnosis.transmission import GAP, SPRING, hardly_a_gap
 from autotune.diagnosis.wording import (
@@ -50,6 +50,7 @@ from autotune.diagnosis.wording import (
     nothing_note,
     torque_path_notes,
     unknown_note,
+    usual_rivals,
 )
 from autotune.estimation.bandwidth import prepared_for, prepared_to_fit
 from autotune.estimation.bias_corrected_fit import ModelFit
@@ -166,6 +167,8 @@ class Facts:
         breathing: a friction level that rises and falls with the clock; looked for where nothing is named.
         climbing: something is left beside another law of presliding, but not where its contact slides: the law's own
             rest, where that law explains enough.
+        unlike: an experiment in which one effect leaves what it explains in all others; looked for where it is named.
+        edge: the one effect would go on beyond the bounds of its law; likewise.
         hunts: frequency of a limit cycle with more torque than friction [Hz]; 0 where there is none.
     """
 
@@ -188,6 +191,8 @@ class Facts:
     overlooked: ScreenedCandidate | None = None
     hunts: float = 0.0
     climbing: bool = False
+    unlike: str = ""
+    edge: bool = False
 
     @property
     def drowned(self) -> bool:
@@ -340,8 +345,31 @@ def _nothing(facts: Facts) -> str:
     return nothing_note(facts.problem, facts.evidence, facts.root, facts.first)
 
 
+def _contrary(facts: Facts) -> str:
+    chosen = facts.chosen
+    name = chosen.effect.replace("_", " ") if chosen is not None else ""
+    return (
+        f"{name.capitalize()} explains most, but it would go on beyond the bounds of its law, and of "
+        f"'{facts.unlike}' it leaves more than a tenth of what comes again: it stands for something else, and nothing "
+        "is named."
+    )
+
+
+def _unlike(facts: Facts) -> str:
+    if not facts.unlike:
+        return ""
+    return (
+        f"Of '{facts.unlike}' more than a tenth of what comes again is left, beyond doubt: the effect has another law, "
+        "or it is another one that it resembles."
+    )
+
+
 def _hunts(facts: Facts) -> str:
     return HUNTS.format(hertz=facts.hunts)
+
+
+def _alike(facts: Facts) -> bool:
+    return bool(facts.rivals) and (facts.accepted or facts.law_differs)
 
 
 CASES: tuple[Case, ...] = (
@@ -349,7 +377,8 @@ CASES: tuple[Case, ...] = (
     Case("a disturbance in time hides it", lambda f: f.drowned, UNKNOWN, _unknown),
     Case("a free function explains more than any physics", lambda f: f.structured, UNKNOWN, _unknown),
     Case("what is not named explains far more", lambda f: bool(f.outdone), UNKNOWN, _outdone),
-    Case("other effects do as well", lambda f: f.accepted and bool(f.rivals), AMBIGUOUS, lambda f: ""),
+    Case("it stands for something else", lambda f: bool(f.unlike) and f.edge, UNKNOWN, _contrary),
+    Case("other effects do as well", _alike, AMBIGUOUS, lambda f: ""),
     Case("an effect explains it", lambda f: f.accepted, NAMED, _its_course),
     Case("an effect explains most, by another law", lambda f: f.law_differs, NAMED, _another_law),
     Case("friction rises and falls with the clock", lambda f: f.breathing is not None, UNKNOWN, _breathing),
@@ -376,12 +405,12 @@ def judge(
     if facts.chosen is not None and case.verdict in (NAMED, AMBIGUOUS):
         effects = facts.chosen.model_fit.effects
         sure = case.verdict == NAMED and facts.evidence.confirms(facts.problem, effects, carried)
-        sure = sure and not facts.veto_silent
+        sure = sure and not (facts.veto_silent or facts.unlike)
         confidence = CONFIRMED if sure else SUSPECTED
     confusable = _confusable(facts, case.verdict, effects, confidence, found)
     lines = [line_note(one) for one in all_lines(facts.problem.data, facts.line)]
     said = [*torque_path_notes(facts.problem.data), *lines, case.sentence(facts)]
-    said += [OWN_PRESLIDING] * (found.presliding is not None)
+    said += [_unlike(facts)] * bool(effects) + [OWN_PRESLIDING] * (found.presliding is not None)
     chosen = None if facts.drowned else facts.chosen
     final = chosen.model_fit if chosen is not None and effects else facts.root
     problem, root = facts.problem, facts.root
@@ -426,7 +455,12 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     seen = (problem, root, chosen, evidence, carried, line, coordinate, generic, lead, rivals)
     hunts = limit_cycle(problem, float(root.fitted.packed.p[layout.COULOMB]))
     facts = Facts(*seen, found.first, found.tried, found.freed, found.presliding, hunts=hunts)
-    if (facts.accepted or facts.law_differs) and not facts.structured:
+    named = (facts.accepted or facts.law_differs) and not facts.structured
+    if named and chosen is not None and len(chosen.model_fit.effects) == 1:
+        unlike = evidence.unlike_in_one(problem, root, chosen.model_fit)
+        facts = replace(facts, unlike=unlike, edge=at_an_edge(problem, chosen.model_fit))
+        facts = replace(facts, rivals=facts.rivals or _untold(facts))
+    if named:
         return facts
     breathing = (
         breathing_friction(problem, (chosen.model_fit if chosen else root)) if evidence.repeats else None
@@ -440,6 +474,22 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
 
 def _of_place(problem: Problem, root: ModelFit) -> bool:
     return goes_with_place(beyond_presliding(problem, root.fitted.packed), root.fitted)
+
+
+def _untold(facts: Facts) -> tuple[str, ...]:
+    """Look-alikes of one effect that is not quite what these data show: those that gain half as much, or were no
+    candidates.
+    """
+    problem, chosen = facts.problem, facts.chosen
+    if chosen is None or not (
+        facts.unlike
+        or facts.edge
+        or like_a_parabola(problem, facts.root, chosen.model_fit, facts.evidence.alike(problem))
+    ):
+        return ()
+    gains = {item.effect: item.gain for item in facts.first}
+    least = problem.policy.rival_gain * gains.get(chosen.effect, chosen.gain)
+    return tuple(one for one in usual_rivals(chosen.effect) if gains.get(one, math.inf) >= least)
 
 
 def _something_left(facts: Facts, rows: Problem) -> bool:

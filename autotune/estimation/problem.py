@@ -43,6 +43,8 @@ OUTLYING, OUTLYING_SECONDS = 12.0, 0.25
 """Times the median power: a piece of so many seconds with more is left out."""
 OUTLYING_SIZE, FEW = 6.0, 0.02
 """Standard deviations beyond which samples are left out, where they are so few of the rows."""
+MOST_EVENTS = 3
+"""Stretches that are left out where a twin starts and stops as the axis does: what happens more often belongs to it."""
 LEAST_WEIGHT = 0.1
 """Of the steadiest experiment: an unsteady one is never left out."""
 LEAST_COULOMB = 0.005  # of the torque
@@ -411,7 +413,8 @@ def without_outlying(problem: Problem, error: Floats) -> Floats:
     if np.mean(weight > 0) <= 0.5:
         weight = np.ones_like(weight)
     if problem.twin:
-        return weight
+        events = int(np.sum(np.diff(weight, prepend=1.0) < 0.0))
+        return weight if events <= MOST_EVENTS else np.ones_like(weight)
     size = np.abs(error)
     outlying = size > OUTLYING_SIZE * float(np.median(size[weight > 0])) / 0.6745
     if np.mean(outlying) < FEW:  # more of them are structure

@@ -87,7 +87,7 @@ _ROWS: tuple[tuple[str, str, str, Callable[[Line], bool]], ...] = (
     ("alien", "aliens: a name", "", wrong),
     ("pair", "pairs: both named", "90 %", named_first),
     ("pair", "pairs: a wrong third", "3 %", wrong),
-    ("removed", "true effect removed: a name", "3 %", wrong),
+    ("removed", "true effect removed: a name", "3 %", lambda r: wrong(r) and not doubted(r)),
     ("lone", "single recordings: a wrong name", "3 %", lambda r: wrong(r) and not doubted(r)),
     ("lone", "single recordings: named first", "", named_first),
     ("second", "second files: a wrong name confirmed", "0.5 %", _confirmed_wrongly),

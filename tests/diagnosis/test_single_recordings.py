@@ -15,13 +15,14 @@ from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.compare import compare
 from autotune.diagnosis.first_alone import Doubt
 from autotune.diagnosis.fitting import fit_model
-from autotune.diagnosis.free_shape import any_course
+from autotune.diagnosis.free_shape import any_course, like_a_parabola
 from autotune.diagnosis.verdict import diagnose
 from autotune.estimation.alignment import aligned, best_shift, compensated
 from autotune.estimation.bandwidth import loud_below, prepared_for, without_rest
 from autotune.estimation.cross_validation import beyond_presliding, goes_with_place
 from autotune.estimation.data import prepare
 from autotune.estimation.least_squares import Free, with_values
+from autotune.estimation.policy import POLICY
 from autotune.models import layout
 from autotune.models.drive_model import base_model
 from autotune.models.table import EFFECTS
@@ -203,24 +204,41 @@ def test_two_files_that_do_not_tell_rivals_apart_confirm_neither() -> None:
 
 
 @pytest.mark.parametrize(
-    ("sine", "hardening", "second", "size", "any_will_do"),
-    [(0.03, 0.0, 0.0, 0.4, False), (0.0, 0.02, 0.0, 0.4, True), (0.03, 0.0, 0.01, 3.0, False)],
+    ("sine", "spring", "hardening", "second", "size", "any_will_do", "parabola"),
+    [
+        (0.03, 0.0, 0.0, 0.0, 0.4, False, True),
+        (0.03, 0.0, 0.0, 0.0, 1.5, False, False),
+        (0.0, 0.02, 0.02, 0.0, 0.4, True, True),
+        (0.0, 0.02, 0.0, 0.0, 0.4, False, True),
+        (0.03, 0.0, 0.0, 0.01, 3.0, False, False),
+    ],
 )
 def test_an_imbalance_over_little_travel_is_a_sine_or_none(
-    sine: float, hardening: float, second: float, size: float, any_will_do: bool
+    sine: float,
+    spring: float,
+    hardening: float,
+    second: float,
+    size: float,
+    any_will_do: bool,
+    parabola: bool,
 ) -> None:
-    """A spring that hardens comes near to a sine over a quarter of a turn; over two turns a lever may change."""
+    """A spring comes near to a sine over a quarter of a turn, and a parabola to both; over two turns a lever may
+    change.
+    """
     time = np.arange(0.0, 20.0, PERIOD)
     q = size * (1.5 * np.sin(2 * np.pi * 0.31 * time) + 0.8 * np.sin(2 * np.pi * 0.73 * time + 1.0))
-    load = sine * np.sin(q) + second * np.sin(2 * q) + hardening * (q + q**3)
+    load = sine * np.sin(q) + second * np.sin(2 * q) + spring * q + hardening * q**3
     torque = _torque(q) + load + np.random.default_rng(5).normal(0.0, 2e-3, len(q))
     recording = _with(_recording(), position=np.round(q / COUNT) * COUNT, torque=torque)
     values = {"inertia": INERTIA, "coulomb": COULOMB, "viscous": VISCOUS, "stiffness": 100.0}
     plain = base_model(values | {"micro_damping": 0.01, "offset": 0.0})
     model = plain.with_effect(EFFECTS["gravity_imbalance"].make({"sin": 0.03, "cos": 0.0}))
     problem, root, _, _ = begin(prepared_for([recording]), model)
-    assert any_course(problem, replace(root, effects=("gravity_imbalance",))) is any_will_do
+    found = replace(root, effects=("gravity_imbalance",))
+    assert any_course(problem, found) is any_will_do
     assert not any_course(problem, root)
+    bare = replace(root, fitted=replace(root.fitted, packed=plain.pack()))
+    assert like_a_parabola(problem, bare, found, POLICY.alike_single) is parabola
 
 
 @pytest.mark.parametrize(("slope", "told"), [(0.0, False), (0.004, True)])

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from autotune.diagnosis import verdict
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.diagnosis.evidence.single import SingleRecording
@@ -31,6 +32,8 @@ NOTHING = {
     "climbing": False,
     "breathing": None,
     "hunts": 0.0,
+    "unlike": "",
+    "edge": False,
 }
 FOUND = {"chosen": object(), "accepted": True}
 
@@ -54,6 +57,10 @@ def test_what_another_law_of_presliding_leaves_is_said() -> None:
         (FOUND | {"rivals": ("spring",)}, "ambiguous"),
         (FOUND | {"structured": True}, "unknown"),
         (FOUND | {"outdone": "gravity_imbalance"}, "unknown"),
+        (FOUND | {"unlike": "dwells", "edge": True, "rivals": ("stribeck",)}, "unknown"),
+        (FOUND | {"unlike": "dwells"}, "named"),
+        (FOUND | {"edge": True}, "named"),
+        ({"chosen": object(), "law_differs": True, "rivals": ("stribeck",)}, "ambiguous"),
         ({"chosen": object(), "law_differs": True}, "named"),
         (FOUND | {"drowned": True, "rivals": ("spring",)}, "unknown"),
         (FOUND | {"hunts": 105.0}, "unknown"),
@@ -86,6 +93,7 @@ def test_every_row_can_be_reached_and_has_a_name_of_its_own() -> None:
         _row(**FOUND, drowned=True),
         _row(**FOUND, hunts=105.0),
         _row(**FOUND, outdone="gravity_imbalance"),
+        _row(**FOUND, unlike="dwells", edge=True),
         _row(chosen=object(), law_differs=True),
         _row(own_law=True),
         _row(chosen=object(), left=True),
@@ -207,3 +215,46 @@ def test_a_free_function_that_gains_on_noise_says_nothing(left: bool, structured
     )
     assert facts.plainly
     assert facts.structured == structured
+
+
+@pytest.mark.parametrize(
+    ("signs", "gains", "rivals"),
+    [
+        ({}, {"dwell_time_break_away": 0.9}, set()),
+        (
+            {"edge": True},
+            {"dwell_time_break_away": 0.9, "reversal_memory": 0.02, "thermal_drift": 0.0},
+            {"stribeck"},
+        ),
+        (
+            {"unlike": "dwells"},
+            {"dwell_time_break_away": 0.9, "stribeck": 0.5},
+            {"stribeck", "thermal_drift", "reversal_memory"},
+        ),
+        (
+            {"unlike": "dwells"},
+            {"dwell_time_break_away": 0.9, "stribeck": 0.2, "reversal_memory": 0.0, "thermal_drift": 0.0},
+            set(),
+        ),
+    ],
+)
+def test_an_effect_that_is_not_quite_what_data_show_stands_beside_its_look_alikes(
+    monkeypatch: pytest.MonkeyPatch, signs: dict[str, object], gains: dict[str, float], rivals: set[str]
+) -> None:
+    """Those that gain half as much, or that nothing was tried of."""
+    monkeypatch.setattr(verdict, "like_a_parabola", lambda *_: False)
+    fit = SimpleNamespace(effects=("dwell_time_break_away",))
+    chosen = SimpleNamespace(effect="dwell_time_break_away", gain=0.9, model_fit=fit)
+    first = [SimpleNamespace(effect=effect, gain=gain) for effect, gain in gains.items()]
+    problem = SimpleNamespace(policy=POLICY, data=SimpleNamespace(starts=(0,)))
+    known = (problem, fit, chosen, RepeatedProgramme(), (), None, "", 0.0, 0.9, (), first)
+    assert set(verdict._untold(Facts(*known, **signs))) == rivals
+
+
+def test_what_speaks_against_an_effect_is_said() -> None:
+    facts = SimpleNamespace(chosen=SimpleNamespace(effect="dwell_time_break_away"), unlike="sine", edge=True)
+    case = next(case for case in CASES if case.holds(SimpleNamespace(**(NOTHING | vars(facts)))))
+    assert "'sine'" in case.sentence(facts)
+    assert "Dwell time break away" in case.sentence(facts)
+    assert "another law" in verdict._unlike(facts)
+    assert not verdict._unlike(SimpleNamespace(unlike=""))

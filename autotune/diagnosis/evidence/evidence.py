@@ -173,6 +173,10 @@ class Evidence(ABC):
         """
         return False
 
+    def unlike_in_one(self, problem: Problem, root: ModelFit, model_fit: ModelFit) -> str:
+        """An experiment in which effects leave what they explain in all others; empty where there is none."""
+        return ""
+
     @abstractmethod
     def confirms(self, problem: Problem, effects: Sequence[str], carried: Sequence[HoldoutResult]) -> bool:
         """Whether data that were not fitted confirm every effect."""

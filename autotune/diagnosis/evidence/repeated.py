@@ -133,13 +133,41 @@ class RepeatedProgramme(Evidence):
             error = max(error, math.hypot(seen.error, float(levels.std(ddof=1))))
         if seen.variance - counts > policy.structure_errors * error and seen.variance > least:
             return True
-        usual = np.maximum(seen.blocks[:, 1], least)
-        if problem.by_counts is not None:
-            known = zip(problem.by_counts.mean(axis=0), problem.data.blocks, strict=True)
-            usual = np.maximum(usual, [v for v, b in known if b.role == TRAINING and b.repeats > 1])
+        usual = _usual(problem, seen, least)
         for one in replicas:  # which experiment chance makes loud differs from replica to replica
             usual = np.maximum(usual, one.blocks[:, 0].max())
         return bool(np.any(seen.blocks[:, 0] > STANDS_OUT * usual))
+
+    def unlike_in_one(self, problem: Problem, root: ModelFit, model_fit: ModelFit) -> str:
+        """Where more than a tenth of what comes again is left, far above noise, and not so in replicas that have these
+        effects.
+
+        What takes the place of another effect explains nearly all in most experiments, and in some it does not: there
+        the other one acts otherwise. An approximate law leaves some of its own.
+        """
+        if any(EFFECTS[name].approximate for name in model_fit.effects):
+            return ""
+        rests = rests_of(problem, model_fit.fitted.packed)
+        missing = _shared(problem, root.correction, root.fitted.error, rests).blocks[:, 0]
+        seen = _shared(problem, model_fit.correction, model_fit.fitted.error, rests)
+        noise = problem.noise_variance(model_fit.fitted.error, TRAINING)
+        floor = 0.0 if _exact(problem) else _of_the_chain(problem, model_fit.fitted.error, noise)
+        least = np.maximum(
+            (1.0 - problem.policy.named) * missing, STANDS_OUT * np.maximum(seen.blocks[:, 1], floor)
+        )
+        if not np.any(seen.blocks[:, 0] > least):
+            return ""
+        replicas = np.array([
+            _shared(problem, model_fit.correction, error, rests).blocks[:, 0]
+            for error in null_errors(problem, model_fit)
+        ])  # fmt: skip
+        if len(replicas) < FEW:
+            loud = seen.blocks[:, 0] > np.maximum(least, STANDS_OUT * _usual(problem, seen, floor))
+        else:
+            left = seen.blocks[:, 0] - np.maximum(replicas.mean(axis=0), 0.0)
+            loud = left > np.maximum(least, problem.policy.rest_errors * replicas.std(axis=0, ddof=1))
+        names = [block.name for block in problem.data.blocks if block.role == TRAINING and block.repeats > 1]
+        return names[int(np.argmax(loud * seen.blocks[:, 0]))] if loud.any() else ""
 
     def doubted(
         self, problem: Problem, root: ModelFit, model_fit: ModelFit, first: Sequence[ScreenedCandidate] = ()
@@ -191,6 +219,15 @@ def _shared(problem: Problem, correction: Correction, error: Floats, rests: Rest
     rested, quiet, settled = beyond_rests(problem, error, correction, rests)
     found = quiet.repeatable(rested, settled, TRAINING)
     return _Shared(*found, quiet.repeatable_by_block(rested, settled, TRAINING))
+
+
+def _usual(problem: Problem, seen: _Shared, least: float) -> Floats:
+    """What of the variance of each experiment is noise or counts, shape (b,) [(N m)²]; at least `least`."""
+    usual = np.maximum(seen.blocks[:, 1], least)
+    if problem.by_counts is None:
+        return np.asarray(usual)
+    known = zip(problem.by_counts.mean(axis=0), problem.data.blocks, strict=True)
+    return np.maximum(usual, [v for v, b in known if b.role == TRAINING and b.repeats > 1])
 
 
 def _fall(problem: Problem, before: Floats, after: Floats) -> float:

@@ -27,7 +27,7 @@ from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.controller_torque import loop_like
 from autotune.estimation.coordinates import coordinates
 from autotune.estimation.cross_validation import beyond_presliding, gain_and_z, held_out
-from autotune.estimation.data import VETO
+from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.least_squares import Fitted
 from autotune.estimation.policy import Policy
 from autotune.estimation.problem import CHUNK, Problem, refit, without_outlying
@@ -136,8 +136,11 @@ class SingleRecording(Evidence):
     ) -> bool:
         """Whether more is left that some model could explain than the effects explain.
 
-        That is what goes with the motion still, or what is more than measurement chains leave.
+        That is what goes with the motion still, or what is more than measurement chains leave; or the rows that were
+        left out say the contrary.
         """
+        if worse_on_the_whole(problem, root, model_fit):
+            return True
         near = _neighbours(problem)
         if near is None:
             return False
@@ -258,6 +261,16 @@ def _randomised(problem: Problem, error: Floats, random: np.random.Generator) ->
 
 def _error_elsewhere(problem: Problem, folds: Sequence[Flags], model_fit: ModelFit) -> float:
     return sum(float(np.sum(carried_error(problem, model_fit, held)[held] ** 2)) for held in folds)
+
+
+def worse_on_the_whole(problem: Problem, before: ModelFit, after: ModelFit) -> bool:
+    """Whether effects raise the error of the rows that were left out by more than they lower that of the others.
+
+    A single event neither falls nor rises much with an effect that the axis has. Where starts and stops were left out
+    because what is missing rings there, an effect that is none of it is bent to what is left.
+    """
+    change = problem.data.role(TRAINING) * (after.fitted.error**2 - before.fitted.error**2)
+    return float(change.sum()) > 0.0
 
 
 def alike_where_motion_is(problem: Problem, error: Floats) -> bool:
