@@ -354,8 +354,8 @@ def taken_at(fine: Floats, ticks: int, taken: str) -> Floats:
 
 
 def between_moments(values: Floats) -> Floats:
-    """Mean of each of the values, recorded as at the samples, and the next; shape (n,)."""
-    return np.asarray(0.5 * (values + np.concatenate([values[1:], values[-1:]])))
+    """Mean of each of the values, recorded as at the samples, and the next; shape (…, n)."""
+    return np.asarray(0.5 * (values + np.concatenate([values[..., 1:], values[..., -1:]], axis=-1)))
 
 
 def position_terms(samples: LoopSamples, rate: float, ticks: int) -> Floats:

@@ -163,13 +163,13 @@ def _of_least_cost(problem: Problem, packed: Packed, levels: Sequence[Disturbanc
     How much friction and counts are averaged tells how much the axis is shaken: a twin that is shaken too much, or too
     little, leaves what comes again in every repeat.
     """
-    error = residual(problem.data, packed, problem.moved)
-
-    def cost(disturbance: Disturbance) -> float:
-        correction = replace(problem, disturbance=disturbance).correction(packed)
-        return problem.mean_square(error - correction.bias, TRAINING) if correction.stable else math.inf
-
-    return min(levels, key=cost)
+    problem = problem.until_trained()
+    error = problem.raw(packed)
+    costs = [
+        problem.mean_square(error - one.bias, TRAINING) if one.stable else math.inf
+        for one in problem.corrections_under(levels, packed)
+    ]
+    return levels[int(np.argmin(costs))]
 
 
 def _shaken(
@@ -178,7 +178,8 @@ def _shaken(
     """Spectra of the twin's chunks, and what quantiser and friction have in them; None where it is unstable."""
     if problem.controller is None:
         return None
-    run = run_twin(problem.data, packed, problem.controller, found, np.random.default_rng([SEED, number]))
+    random = np.random.default_rng([SEED, number])
+    run = run_twin(problem.data, packed, problem.controller, found, random, loops=problem.runs.loops)
     if not run.stable:
         return None
     if found.jitter > 0.0:  # the noise of the torque's sensor is in the measured residual then
@@ -342,7 +343,8 @@ def with_expected_noise(problem: Problem, packed: Packed) -> Problem:
     data, disturbance = problem.data, problem.disturbance
     if problem.controller is None or not data.repeated or not math.isfinite(disturbance.sensor):
         return replace(problem, expected=None)
-    run = run_twin(data, packed, problem.controller, disturbance, np.random.default_rng([SEED, 1]))
+    random = np.random.default_rng([SEED, 1])
+    run = run_twin(data, packed, problem.controller, disturbance, random, loops=problem.runs.loops)
     if not run.stable:
         return replace(problem, expected=None)
     error = residual(data, packed, simulated_motion(data, run))

@@ -12,6 +12,7 @@ difference between speeds look like noise. Recordings of anything else are fitte
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -23,6 +24,8 @@ from autotune.models import layout
 from autotune.models.table import EFFECTS
 from autotune.recordings.recording import Recording, Segment
 
+SETTLED = 2.0
+"""Periods of the motion's cut-off: so far away a filter does not feel the end of what it is given."""
 SAME_PLACE = 0.01
 """Of the travel: repeats that are further apart are not the same motion."""
 _DRIFTING = [layout.flag(kind.name) for kind in EFFECTS.values() if kind.drifts]
@@ -33,7 +36,8 @@ def until_last(data: Prepared, rows: Flags) -> Prepared:
     needed = data.grid[rows]
     if len(needed) == 0:
         return data
-    end = int(needed.max()) + len(data.taps) // 2 + 1
+    beyond = len(data.taps) // 2 + 1 + math.ceil(SETTLED / (data.motion_cutoff * data.period))
+    end = int(needed.max()) + beyond
     stretches = (Stretch(s.start, min(s.stop, end), s.closed) for s in data.stretches if s.start < end)
     return replace(data, stretches=tuple(stretches))
 

@@ -17,7 +17,14 @@ from autotune.core.arrays import Floats, Integers
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import Prepared, Stretch, filtered_motion
 from autotune.estimation.disturbance import Disturbance
-from autotune.estimation.twin import simulate_stretch, simulate_stretches, started_torque, steps_of_twin
+from autotune.estimation.twin import (
+    Loop,
+    loop_along,
+    simulate_stretch,
+    simulate_stretches,
+    started_torque,
+    steps_of_twin,
+)
 from autotune.models import layout
 from autotune.models.compiled import compiled
 from autotune.models.drive_model import Packed
@@ -33,6 +40,7 @@ from autotune.models.torque_saturation import SATURATES, torque_slope
 
 SEED = 20_240
 KNOWN_RUNS = 24  # models
+KNOWN_LOOPS = 4  # stretches
 GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 """Of a count: from run to run, so that few of them lie evenly."""
 
@@ -219,10 +227,11 @@ def run_twin(
     noise: Disturbance,
     random: np.random.Generator,
     quantised: bool = True,
+    loops: KnownLoops | None = None,
 ) -> Simulated:
     """Simulates all stretches from their references, each from where it was measured to start."""
     resolution = data.resolution if quantised else 0.0
-    run = _run(data, packed, controller, *shaken(data, noise, random), resolution)
+    run = _run(data, packed, controller, *shaken(data, noise, random), resolution, loops or KnownLoops())
     if noise.jitter == 0.0:
         return run
     position = run.position.copy()
@@ -252,6 +261,7 @@ def _run(
     disturbance: Floats,
     unsure: Floats,
     resolution: float,
+    loops: KnownLoops,
 ) -> Simulated:
     n = len(data.reference)
     position, torque = np.zeros(n), np.zeros(n)
@@ -267,6 +277,7 @@ def _run(
             resolution,
             disturbance[rows],
             unsure[rows],
+            loops.along(data, controller, stretch),
         )
         stable &= inside
     return Simulated(position, torque, disturbance, stable and _follows(data, position))
@@ -285,15 +296,17 @@ def run_twins(
     models: Sequence[Packed],
     controller: PositionController,
     noise: Sequence[tuple[Floats, Floats]],
+    loops: KnownLoops | None = None,
 ) -> list[Simulated]:
     """A run of each of several models, each with its own `noise` (`shaken`): those that each would make by itself."""
+    loops = loops or KnownLoops()
     runs: dict[int, Simulated] = {}
     keys = [(packed.on.tobytes(), steps_of_twin(packed, data.period, controller)) for packed in models]
     for chosen in _batches(keys):
         together = [(models[i], noise[i]) for i in chosen]
-        found = _runs_in_lanes(data, together, controller) if len(chosen) > 1 else None
+        found = _runs_in_lanes(data, together, controller, loops) if len(chosen) > 1 else None
         if found is None:  # one alone, or one of them leaves all bounds
-            found = [_run(data, one, controller, *own, data.resolution) for one, own in together]
+            found = [_run(data, one, controller, *own, data.resolution, loops) for one, own in together]
         runs |= dict(zip(chosen, found, strict=True))
     return [runs[i] for i in range(len(models))]
 
@@ -302,6 +315,7 @@ def _runs_in_lanes(
     data: Prepared,
     together: Sequence[tuple[Packed, tuple[Floats, Floats]]],
     controller: PositionController,
+    loops: KnownLoops,
 ) -> list[Simulated] | None:
     """Runs of two to eight models with the same effects and steps; None where one of them leaves all bounds."""
     n, count = len(data.reference), len(together)
@@ -314,6 +328,7 @@ def _runs_in_lanes(
             controller,
             (data.metadata.torque_limit or np.inf, data.resolution),
             *(_abreast([noise[part][rows] for _, noise in together]) for part in (0, 1)),
+            loops.along(data, controller, stretch),
         )
         if done is None:
             return None
@@ -322,6 +337,21 @@ def _runs_in_lanes(
         Simulated(position[i], torque[i], noise[0], _follows(data, position[i]))
         for i, (_, noise) in enumerate(together)
     ]
+
+
+class KnownLoops:
+    """What the loops of twins were given along the stretches that were simulated last, whatever their models."""
+
+    def __init__(self) -> None:
+        self._known: list[tuple[Prepared, PositionController, Stretch, Loop]] = []
+
+    def along(self, data: Prepared, controller: PositionController, stretch: Stretch) -> Loop:
+        for known in self._known:
+            if known[0] is data and known[1] is controller and known[2] is stretch:
+                return known[3]
+        loop = loop_along(_recorded(data, controller, stretch), controller)
+        self._known = [*self._known[1 - KNOWN_LOOPS :], (data, controller, stretch, loop)]
+        return loop
 
 
 class Noise:
@@ -359,6 +389,7 @@ class TwinRuns:
     packed: Packed
     controller: PositionController
     noise: Noise
+    loops: KnownLoops
     biases: list[Floats] = field(default_factory=list)
     stable: bool = True
     raw: Floats | None = None
@@ -372,7 +403,7 @@ def add_runs(many: Sequence[TwinRuns], count: int, measured: Motion) -> None:
     data, controller = many[0].data, many[0].controller
     jobs = [(one, i) for one in many if one.stable for i in range(len(one.biases), count)]
     noise = [one.noise.of(i) for one, i in jobs]
-    runs = run_twins(data, [one.packed for one, _ in jobs], controller, noise)
+    runs = run_twins(data, [one.packed for one, _ in jobs], controller, noise, many[0].loops)
     asked: list[tuple[TwinRuns, Simulated | None]] = [(one, None) for one in many if one.raw is None]
     for (one, _), made in zip(jobs, runs, strict=True):
         one.stable &= made.stable
@@ -419,6 +450,7 @@ class KnownRuns:
     def __init__(self) -> None:
         self._runs: dict[tuple[bytes, bytes], TwinRuns] = {}
         self._noise: Noise | None = None
+        self.loops = KnownLoops()
 
     def of(
         self, data: Prepared, packed: Packed, controller: PositionController, disturbance: Disturbance
@@ -430,7 +462,7 @@ class KnownRuns:
         if known is None or not same or known.noise.disturbance is not disturbance:
             own = Packed(packed.p.copy(), packed.on.copy())
             counts = data.resolution if controller.adrift else 0.0
-            known = TwinRuns(data, own, controller, self._noise_of(data, disturbance, counts))
+            known = TwinRuns(data, own, controller, self._noise_of(data, disturbance, counts), self.loops)
         self._runs[key] = known
         while len(self._runs) > KNOWN_RUNS:
             del self._runs[next(iter(self._runs))]
