@@ -27,11 +27,9 @@ from autotune.estimation.controller_law import (
     SHORTEST_RUN,
     LoopSamples,
     PositionController,
-    between_moments,
     between_terms,
     late_samples,
     law_terms,
-    less_run_means,
     regular_rows,
     share_explained,
     smeared_samples,
@@ -41,7 +39,9 @@ from autotune.estimation.data import Prepared, step_of, stretches_of
 from autotune.estimation.policy import POLICY, Policy
 from autotune.recordings.checks import at_limit, torque_of
 from autotune.recordings.recording import Controller, Recording
+from autotune.signals.between_samples import between_moments
 from autotune.signals.filters import low_pass
+from autotune.signals.triangle import less_run_means
 
 IMPORT_REFERENCE = "import it with one if there is: autotune data import FILE --column reference=FIELD"
 NAME_GAINS = (

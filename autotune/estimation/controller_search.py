@@ -25,12 +25,15 @@ from autotune.estimation.controller_law import (
     fitted_whole,
     late_rows,
     late_samples,
+    law_rows,
     law_terms,
     smeared_samples,
+    whole_law,
 )
 from autotune.estimation.data import compared_below, step_of
 from autotune.estimation.disturbance import in_time
 from autotune.signals.filters import low_pass
+from autotune.signals.triangle import reduced
 
 PIECE_SECONDS = 3.0
 """Of a run that shares a constant: a sum that a drive makes between the samples wanders away from theirs."""
@@ -54,6 +57,9 @@ SAME_DEMAND = 1e-6
 """Of what a demand changes by: less is no chance."""
 ROWS_LATE = "Rows are written late: the controller was identified by those that are not."
 IN_BAND = "It was found below {:.0f} Hz: what the drive does between the samples is left out."
+ROUGHLY, BESIDE, AT_EDGE, MOST_WINDOWS = 3e-3, 0.03, 0.05, 8
+"""Of a derivative filter: to how much a first look finds it, how far beside that it is looked for on all rows, what
+part of that is its edge, and how often the search may go on beyond."""
 _ROUGH_FILTERS = (0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0)
 _FILTERS = (0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 
@@ -96,21 +102,39 @@ def plainly_better(samples: LoopSamples, one: PositionController, other: Positio
 def _searched(samples: LoopSamples, cascaded: bool) -> PositionController:
     """The best law with its own share of the reference's rate, or with a velocity feedforward; unfiltered where that
     explains as much."""
-    found = _best_filter(partial(fitted_pid, samples, cascaded=cascaded))
+    found = _best_filter(samples, partial(fitted_pid, cascaded=cascaded))
     at_one = fitted_pid(samples, 1.0, cascaded)
     return at_one if 1.0 - at_one.explained <= 1.0001 * (1.0 - found.explained) else found
 
 
-def _best_filter(law: Callable[[float], PositionController]) -> PositionController:
-    """The law of the derivative filter that leaves least: the best of a grid, and then beside it."""
+def _best_filter(
+    samples: LoopSamples, law: Callable[[LoopSamples, float], PositionController]
+) -> PositionController:
+    """The law of the derivative filter that leaves least: roughly in a first look, and then beside it on all rows.
 
-    def unexplained(smoothing: float) -> float:
-        return 1.0 - law(float(smoothing)).explained
+    Where the best on all rows is at the edge of what is beside it, the search goes on beyond.
+    """
+    looked = first_look(samples)
 
-    costs = [unexplained(value) for value in _FILTERS]
+    def left(of: LoopSamples) -> Callable[[float], float]:
+        return lambda smoothing: 1.0 - law(of, float(smoothing)).explained
+
+    costs = [left(looked)(value) for value in _FILTERS]
     best = int(np.argmin(costs))
-    bounds = _FILTERS[max(best - 1, 0)], _FILTERS[min(best + 1, len(_FILTERS) - 1)]
-    return law(lowest(unexplained, bounds, 1e-4))
+    low, high = _FILTERS[max(best - 1, 0)], _FILTERS[min(best + 1, len(_FILTERS) - 1)]
+    near = lowest(left(looked), (low, high), ROUGHLY)
+    for _ in range(MOST_WINDOWS):
+        low, high = max(near - BESIDE, _FILTERS[0]), min(near + BESIDE, 1.0)
+        near, before = lowest(left(samples), (low, high), 1e-4), near
+        inside = min(near - low, high - near) > AT_EDGE * (high - low)
+        if (
+            inside
+            or abs(near - before) < AT_EDGE * BESIDE
+            or near >= 1.0 - 1e-3
+            or near <= _FILTERS[0] + 1e-3
+        ):
+            break
+    return law(samples, near)
 
 
 def lowest(cost: Callable[[float], float], bounds: tuple[float, float], within: float) -> float:
@@ -192,21 +216,51 @@ def searched_late(samples: LoopSamples) -> PositionController:
     """The best of the laws whose reference and position come late; first roughly, over delays and filters."""
     trials = list(_late_trials(first_look(samples)))
     _, r, y = max(trials, key=lambda trial: trial[0].explained)
-    late = late_samples(samples, r, y)
-    found = _best_filter(partial(_fitted_late, late))
+    found = _best_filter(late_samples(samples, r, y), _fitted_late)
     return replace(found, reference_delay=r, position_delay=y, why=how_late(samples.period))
 
 
 def _late_trials(samples: LoopSamples) -> Iterator[tuple[PositionController, int, int]]:
-    """Laws of all delays and rough filters, with their delays: what a filter makes of late samples comes as late."""
-    filtered = {smoothing: law_terms(samples, smoothing)[:, [1, 3]].T for smoothing in _ROUGH_FILTERS}
-    for r in range(MOST_LATE + 2):
-        for y in range(min(r, MOST_LATE) + 1):
-            late = late_samples(samples, r, y)
-            terms = law_terms(late, 1.0)
-            for smoothing, (moved, wanted) in filtered.items():
-                terms[:, 1], terms[:, 3] = late_rows(moved, samples, y), late_rows(wanted, samples, r)
-                yield fitted_whole(late, terms, smoothing), r, y
+    """Laws of all delays and rough filters, with their delays: what a filter makes of late samples comes as late.
+
+    All delays of one filter are in one triangle.
+    """
+    for smoothing in _ROUGH_FILTERS:
+        chosen, run = law_rows(samples, smoothing)
+        seen = [_seen_late(samples, samples.reference, smoothing, late) for late in range(MOST_LATE + 2)]
+        moved = [_seen_late(samples, samples.position, smoothing, late)[:3] for late in range(MOST_LATE + 1)]
+        columns = np.concatenate([*seen, *moved])[:, chosen].T
+        triangle = reduced(columns, samples.demand[chosen], run)
+        for r in range(MOST_LATE + 2):
+            for y in range(min(r, MOST_LATE) + 1):
+                yield whole_law(triangle.fitted(_late_mixing(r, y)), smoothing), r, y
+
+
+def _seen_late(samples: LoopSamples, values: Floats, smoothing: float, late: int) -> Floats:
+    """Values some samples ago, their held sum, their filtered rate, their rate and its change, shape (5, n)."""
+    shown, h = late_rows(values, samples, late), samples.period
+    terms = np.zeros((5, len(values)))
+    for rows in samples.stretches:
+        here, start = shown[rows], samples.position[rows.start]
+        rate = np.diff(here, prepend=here[0]) / h
+        filtered = scipy.signal.lfilter([smoothing], [1.0, smoothing - 1.0], rate)
+        terms[:, rows] = (
+            here, np.cumsum((here - start) * ~samples.clamped[rows]) * h, filtered, rate,
+            np.diff(rate, prepend=rate[:1]) / h,
+        )  # fmt: skip
+    return terms
+
+
+def _late_mixing(r: int, y: int) -> Floats:
+    """Terms as in `law_terms` as mixtures of what `_late_trials` reduces, of a reference and a position so late."""
+    wanted, moved = 5 * r, 5 * (MOST_LATE + 2) + 3 * y
+    mixing = np.zeros((5 * (MOST_LATE + 2) + 3 * (MOST_LATE + 1), 7))
+    for term, place in ((0, 0), (2, 1)):
+        mixing[[wanted + place, moved + place], term] = 1.0, -1.0
+    mixing[moved + 2, 1] = -1.0
+    for term, place in ((3, 2), (4, 3), (5, 0), (6, 4)):
+        mixing[wanted + place, term] = 1.0
+    return mixing
 
 
 def _fitted_late(samples: LoopSamples, smoothing: float) -> PositionController:

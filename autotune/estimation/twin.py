@@ -14,14 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from autotune.core.arrays import Flags, Floats
-from autotune.estimation.controller_law import (
-    MOMENT,
-    PositionController,
-    between_moments,
-    delayed,
-    finer,
-    later,
-)
+from autotune.estimation.controller_law import MOMENT, PositionController
 from autotune.models import layout
 from autotune.models.compiled import compiled
 from autotune.models.contact import additive, friction_limit, viscous_coefficient
@@ -31,6 +24,7 @@ from autotune.models.layout import MICRO_DAMPING, STIFFNESS
 from autotune.models.plant import seen_late, simulate, simulate_in_lanes, substeps_for
 from autotune.models.torque_lag import MOTOR_TORQUE, STAGES
 from autotune.models.torque_saturation import saturated
+from autotune.signals.between_samples import between_moments, delayed, finer, later
 
 START_SECONDS = 0.02
 LEADING = 6.0
