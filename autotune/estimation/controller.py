@@ -330,8 +330,6 @@ def _checked(samples: LoopSamples, known: Controller) -> PositionController:
         known.ki,
         known.derivative_filter,
         constant=float(np.mean(rest)) if known.ki == 0.0 else 0.0,
-        explained=share_explained(
-            less_run_means(rest[:, None], run)[:, 0], less_run_means(samples.demand[rows][:, None], run)[:, 0]
-        ),
+        explained=share_explained(less_run_means(rest, run), less_run_means(samples.demand[rows], run)),
         source="metadata",
     )

@@ -258,8 +258,8 @@ def _between_trials(
 class _Between:
     """Samples in which laws that work between them are looked for, and what has been computed there.
 
-    What lies between the samples is the same for every filter, and the triangle of one filter for every delay of the set
-    points and every gain: a search asks for hundreds of laws, and a dozen of them differ in nothing else.
+    What lies between the samples is the same for every filter, and the triangle of one filter for every delay of the
+    set points and every gain: a search asks for hundreds of laws, and a dozen of them differ in nothing else.
     """
 
     def __init__(self, samples: LoopSamples) -> None:
@@ -310,7 +310,7 @@ class _Between:
             at = late_places(samples, chosen, delay)
             place, summed, bend, speed = wanted[:, at]
             columns += [place - here[0], summed - here[1], filtered[1][at], speed, bend]
-        triangle = reduced(np.column_stack(columns), samples.demand[chosen], run)
+        triangle = reduced(columns, samples.demand[chosen], run)
         self._last = key, triangle
         return triangle
 

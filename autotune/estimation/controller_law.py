@@ -265,7 +265,7 @@ def law_rows(samples: LoopSamples, smoothing: float) -> tuple[Integers, Integers
 def _least_squares(samples: LoopSamples, terms: Floats, smoothing: float) -> Solved:
     """The demand by terms of shape (n, k), with a constant for every run."""
     chosen, run = law_rows(samples, smoothing)
-    return reduced(terms[chosen], samples.demand[chosen], run).fitted()
+    return reduced(terms[chosen].T, samples.demand[chosen], run).fitted()
 
 
 def _constant(fitted: Solved) -> float:
@@ -348,7 +348,7 @@ def filtered_rate(samples: LoopSamples, fine: Floats, ticks: int, rate: float) -
 
 
 def between_terms(samples: LoopSamples, law: PositionController, rate: float) -> Floats:
-    """Regressors of a law that works between the samples, as its torque is recorded: as in `law_terms`, shape (n, 7)."""
+    """Regressors of a law that works between the samples, as its torque is recorded: as `law_terms`, shape (n, 7)."""
     late = late_samples(samples, law.reference_delay, 0)
     fine = fine_reference(late, law), fine_position(samples, law.ticks)
     rates = np.array([filtered_rate(samples, one[0], law.ticks, rate) for one in fine])

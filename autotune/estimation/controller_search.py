@@ -57,9 +57,11 @@ SAME_DEMAND = 1e-6
 """Of what a demand changes by: less is no chance."""
 ROWS_LATE = "Rows are written late: the controller was identified by those that are not."
 IN_BAND = "It was found below {:.0f} Hz: what the drive does between the samples is left out."
-ROUGHLY, BESIDE, AT_EDGE, MOST_WINDOWS = 3e-3, 0.03, 0.05, 8
-"""Of a derivative filter: to how much a first look finds it, how far beside that it is looked for on all rows, what
-part of that is its edge, and how often the search may go on beyond."""
+ROUGHLY = 3e-3
+"""Of a derivative filter: to how much a first look finds it."""
+FIRST_STEP, LAST_STEP, MOST_PARABOLAS = 1e-2, 1e-4, 12
+NO_FALL = 1e-3
+"""Of what is left: it is known to no better than a hundredth."""
 _ROUGH_FILTERS = (0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0)
 _FILTERS = (0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 
@@ -110,10 +112,7 @@ def _searched(samples: LoopSamples, cascaded: bool) -> PositionController:
 def _best_filter(
     samples: LoopSamples, law: Callable[[LoopSamples, float], PositionController]
 ) -> PositionController:
-    """The law of the derivative filter that leaves least: roughly in a first look, and then beside it on all rows.
-
-    Where the best on all rows is at the edge of what is beside it, the search goes on beyond.
-    """
+    """The law of the derivative filter that leaves least: roughly in a first look, and from there on all rows."""
     looked = first_look(samples)
 
     def left(of: LoopSamples) -> Callable[[float], float]:
@@ -122,19 +121,42 @@ def _best_filter(
     costs = [left(looked)(value) for value in _FILTERS]
     best = int(np.argmin(costs))
     low, high = _FILTERS[max(best - 1, 0)], _FILTERS[min(best + 1, len(_FILTERS) - 1)]
-    near = lowest(left(looked), (low, high), ROUGHLY)
-    for _ in range(MOST_WINDOWS):
-        low, high = max(near - BESIDE, _FILTERS[0]), min(near + BESIDE, 1.0)
-        near, before = lowest(left(samples), (low, high), 1e-4), near
-        inside = min(near - low, high - near) > AT_EDGE * (high - low)
-        if (
-            inside
-            or abs(near - before) < AT_EDGE * BESIDE
-            or near >= 1.0 - 1e-3
-            or near <= _FILTERS[0] + 1e-3
-        ):
+    return law(
+        samples, settled(left(samples), lowest(left(looked), (low, high), ROUGHLY), (_FILTERS[0], 1.0))
+    )
+
+
+def settled(cost: Callable[[float], float], near: float, bounds: tuple[float, float]) -> float:
+    """Where a smooth cost is lowest, from near there: down parabolas through three of its values.
+
+    It ends where the next of them promises a fall of the cost that no data tell, or a step of no consequence.
+    """
+    step = FIRST_STEP
+    here = cost(near)
+    for _ in range(MOST_PARABOLAS):
+        low, high = max(near - step, bounds[0]), min(near + step, bounds[1])
+        sides = cost(low), cost(high)
+        at = np.array([low, near, high]) - near
+        slope, bend = _slope_and_bend(at, np.array([sides[0], here, sides[1]]) - here)
+        best = min((sides[0], low), (sides[1], high), (here, near))
+        if bend > 0.0:
+            ahead = min(max(near - slope / bend, near - 4.0 * step, bounds[0]), near + 4.0 * step, bounds[1])
+            best = min(best, (cost(ahead), ahead))
+        won, moved = here - best[0], abs(best[1] - near)
+        here, near = best
+        if step <= LAST_STEP or (moved <= step and won <= NO_FALL * here):
             break
-    return law(samples, near)
+        step = max(LAST_STEP, 0.25 * step) if moved <= step else step
+    return near
+
+
+def _slope_and_bend(at: Floats, values: Floats) -> tuple[float, float]:
+    """Slope and second derivative, at 0, of the parabola through 0 at 0 and two more points; 0 where there is none."""
+    (one, _, two), (left, _, right) = at.tolist(), values.tolist()
+    if one == 0.0 or two == 0.0:
+        return 0.0, 0.0
+    bend = 2.0 * (right / two - left / one) / (two - one)
+    return right / two - 0.5 * bend * two, bend
 
 
 def lowest(cost: Callable[[float], float], bounds: tuple[float, float], within: float) -> float:
@@ -229,8 +251,7 @@ def _late_trials(samples: LoopSamples) -> Iterator[tuple[PositionController, int
         chosen, run = law_rows(samples, smoothing)
         seen = [_seen_late(samples, samples.reference, smoothing, late) for late in range(MOST_LATE + 2)]
         moved = [_seen_late(samples, samples.position, smoothing, late)[:3] for late in range(MOST_LATE + 1)]
-        columns = np.concatenate([*seen, *moved])[:, chosen].T
-        triangle = reduced(columns, samples.demand[chosen], run)
+        triangle = reduced(np.concatenate([*seen, *moved])[:, chosen], samples.demand[chosen], run)
         for r in range(MOST_LATE + 2):
             for y in range(min(r, MOST_LATE) + 1):
                 yield whole_law(triangle.fitted(_late_mixing(r, y)), smoothing), r, y

@@ -6,6 +6,7 @@ same rest, but for rounding (Golub and Van Loan, Matrix Computations, 4th ed., 5
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,19 +52,22 @@ class Triangle:
         return Solved(np.asarray(gains), float(self.means[-1] - means @ gains), explained)
 
 
-def reduced(columns: Floats, target: Floats, run: Integers) -> Triangle:
-    """A triangle of columns of shape (n, k) and a target, shape (n,), with a constant for every run; `run` ascends."""
-    table = np.column_stack([columns, target])
-    if len(table) == 0:
-        return Triangle(table, np.zeros(table.shape[1]))
-    return Triangle(np.linalg.qr(less_run_means(table, run), mode="r"), table.mean(axis=0))
+def reduced(columns: Sequence[Floats] | Floats, target: Floats, run: Integers) -> Triangle:
+    """A triangle of columns and a target, each of shape (m,), with a constant for every run.
+
+    Args:
+        run: number of the run that each row belongs to, shape (m,), ascending.
+    """
+    table = np.array([*columns, target])
+    means = table.mean(axis=1) if len(target) else np.zeros(len(table))
+    return Triangle(np.linalg.qr(less_run_means(table, run).T, mode="r"), means)
 
 
 def less_run_means(values: Floats, run: Integers) -> Floats:
-    """Values of shape (m, k) less their mean in the run that each row belongs to; `run` of shape (m,), ascending."""
+    """Values of shape (…, m) less their mean in the run that each belongs to; `run` of shape (m,), ascending."""
     if len(run) == 0:
         return values
     first = np.flatnonzero(np.diff(run, prepend=run[0] - 1))
     count = np.diff(first, append=len(run))
-    means = np.add.reduceat(values, first) / count[:, None]
-    return np.asarray(values - np.repeat(means, count, axis=0))
+    means = np.add.reduceat(values, first, axis=-1) / count
+    return np.asarray(values - np.repeat(means, count, axis=-1))

@@ -167,11 +167,11 @@ def test_a_filter_s_answer_to_late_samples_is_its_answer_late() -> None:
 
 def test_the_mean_of_each_run_is_taken_out() -> None:
     run = np.array([0, 0, 0, 2, 2, 5])  # of a run too short for every n-th row nothing may be left
-    values = np.arange(12.0).reshape(6, 2) ** 2
+    values = np.arange(12.0).reshape(2, 6) ** 2
     for number in (0, 2, 5):
-        left = less_run_means(values, run)[run == number]
-        assert left == pytest.approx(values[run == number] - values[run == number].mean(axis=0))
-    assert less_run_means(values[:0], run[:0]).shape == (0, 2)
+        left, own = less_run_means(values, run)[:, run == number], values[:, run == number]
+        assert left == pytest.approx(own - own.mean(axis=1, keepdims=True))
+    assert less_run_means(values[:, :0], run[:0]).shape == (2, 0)
 
 
 @pytest.mark.slow
