@@ -45,6 +45,8 @@ its reference."""
 LOOKS, LOOK_SECONDS = 8, 4.0
 """Pieces of the data for a first look over delays."""
 MOST_SMEARED, MOST_TRIED = 0.95, 40
+HOPELESS = 2.0
+"""Times more that a law may leave in a first look than in all of the data, beside another."""
 EXACT = 1e-6
 """Share of the demand left that rounding explains: nothing is left for another law then."""
 NEARLY_EXACT, WORTH_DELAYS = 1e-5, 0.5
@@ -79,9 +81,9 @@ def law_from_data(samples: LoopSamples) -> PositionController:
         late = searched_late(samples)
         if 1.0 - late.explained < WORTH_DELAYS * (1.0 - found.explained):
             found = late
-        plain = _searched_smeared(samples, found)
         enough = HARDLY_MORE if found.reference_delay or found.position_delay else WORTH_DELAYS
-        if 1.0 - plain.explained < enough * (1.0 - found.explained):
+        plain = _searched_smeared(samples, found, enough)
+        if plain is not None and 1.0 - plain.explained < enough * (1.0 - found.explained):
             found = plain
     wandering = replace(samples, piece=PIECE_SECONDS)
     if found.explained <= samples.policy.controller_explains:
@@ -289,10 +291,23 @@ def _fitted_late(samples: LoopSamples, smoothing: float) -> PositionController:
     return fitted_whole(samples, law_terms(samples, smoothing), smoothing)
 
 
-def _searched_smeared(samples: LoopSamples, near: PositionController) -> PositionController:
+def _left_in(samples: LoopSamples, law: PositionController) -> float:
+    """Share of the demand that a law of this form and filter leaves in other samples."""
+    if law.reference_delay or law.position_delay:
+        late = late_samples(samples, law.reference_delay, law.position_delay)
+        return 1.0 - _fitted_late(late, law.derivative_filter).explained
+    return 1.0 - fitted_pid(samples, law.derivative_filter, law.velocity_feedforward == 0.0).explained
+
+
+def _searched_smeared(
+    samples: LoopSamples, near: PositionController, enough: float
+) -> PositionController | None:
     """The best plain law whose torque was recorded with a part of the sample before; delays as those of `near` or one
-    off, as what a current loop smears was taken there for a delay, or for terms of the reference."""
-    coarse = replace(first_look(samples), most_rows=samples.most_rows)
+    off, as what a current loop smears was taken there for a delay, or for terms of the reference.
+
+    None where a first look shows that it leaves far more than `enough` times what `near` leaves.
+    """
+    coarse = first_look(samples)
     begin = [near.derivative_filter, 0.1]
 
     def best(late: LoopSamples, start: list[float], simplex: float) -> tuple[float, list[float]]:
@@ -309,6 +324,8 @@ def _searched_smeared(samples: LoopSamples, near: PositionController) -> Positio
     delays = [d for d in range(near.position_delay - 1, near.position_delay + 2) if 0 <= d <= MOST_LATE]
     found = {d: best(late_samples(coarse, d, d), begin, 0.1) for d in delays}
     d = min(delays, key=lambda delay: found[delay][0])
+    if found[d][0] > HOPELESS * enough * _left_in(coarse, near):
+        return None
     late = late_samples(samples, d, d)
     _, (smoothing, share) = best(late, found[d][1], 0.01)
     smoothing, share = min(max(smoothing, _FILTERS[0]), 1.0), min(max(share, 0.0), MOST_SMEARED)

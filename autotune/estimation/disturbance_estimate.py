@@ -27,6 +27,7 @@ from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.disturbance import STILL, Disturbance, coloured_power, jitter_of
 from autotune.estimation.least_squares import followed
+from autotune.estimation.parts import until_sample
 from autotune.estimation.problem import Problem, shared
 from autotune.estimation.residual import SEED, raw_residual, residual, run_twin, simulated_motion
 from autotune.models import layout
@@ -108,11 +109,12 @@ def estimate_disturbance(problem: Problem, packed: Packed) -> Disturbance:
         return STILL
     data = problem.data
     jitter = jitter_of(data.measured, [stretch.rows for stretch in data.stretches], data.period)
-    heard = np.asarray(data.torque - asked(data, problem.controller))
+    heard = problem.runs.heard(data, problem.controller, asked)
     # where rows are late, what their positions would have asked for is no torque; the slowest chunks hold least of it
     share = QUIETEST if jitter > 0.0 else 0.5
     sensor = float(np.sqrt(np.quantile(np.var(chunks.of(heard), axis=1), share)))
-    raw = raw_residual(data, packed, problem.moved)
+    shaken = replace(problem, data=until_sample(data, int(chunks.starts.max()) + chunks.length))
+    raw = raw_residual(shaken.data, packed, problem.moved)
     if jitter == 0.0:
         raw[1:] -= 0.5 * (heard[1:] + heard[:-1])
     matcher = _matcher(problem, packed, chunks)
@@ -121,7 +123,7 @@ def estimate_disturbance(problem: Problem, packed: Packed) -> Disturbance:
     own: list[Floats] = []
     uneven: list[Floats] = []
     for number in range(ROUNDS):
-        again = _shaken(problem, packed, replace(found, sensor=sensor), chunks, number)
+        again = _shaken(shaken, packed, replace(found, sensor=sensor), chunks, number)
         if again is None:
             break
         simulated = again[0]
@@ -179,13 +181,14 @@ def _shaken(
     if problem.controller is None:
         return None
     random = np.random.default_rng([SEED, number])
-    run = run_twin(problem.data, packed, problem.controller, found, random, loops=problem.runs.loops)
+    data = problem.data
+    run = run_twin(data, packed, problem.controller, found, random, loops=problem.runs.loops)
     if not run.stable:
         return None
     if found.jitter > 0.0:  # the noise of the torque's sensor is in the measured residual then
         heard = found.sensor * np.random.default_rng([SEED, 9 + number]).standard_normal(len(run.torque))
         run = replace(run, torque=run.torque + heard)
-    raw = raw_residual(problem.data, packed, simulated_motion(problem.data, run))
+    raw = raw_residual(data, packed, simulated_motion(data, run))
     own = raw.copy()
     own[1:] += 0.5 * (run.disturbance[1:] + run.disturbance[:-1])
     return chunks.power(raw), chunks.power(own)

@@ -36,8 +36,12 @@ def until_last(data: Prepared, rows: Flags) -> Prepared:
     needed = data.grid[rows]
     if len(needed) == 0:
         return data
-    beyond = len(data.taps) // 2 + 1 + math.ceil(SETTLED / (data.motion_cutoff * data.period))
-    end = int(needed.max()) + beyond
+    return until_sample(data, int(needed.max()) + len(data.taps) // 2 + 1)
+
+
+def until_sample(data: Prepared, end: int) -> Prepared:
+    """The data up to a sample, and as far beyond as filters need."""
+    end += math.ceil(SETTLED / (data.motion_cutoff * data.period))
     stretches = (Stretch(s.start, min(s.stop, end), s.closed) for s in data.stretches if s.start < end)
     return replace(data, stretches=tuple(stretches))
 

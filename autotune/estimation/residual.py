@@ -8,8 +8,9 @@ effects visible. The injected noise is known, so that its own part is taken out 
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -38,6 +39,7 @@ from autotune.models.inverse import (
 from autotune.models.lanes import WIDTH, along, filled, side_by_side
 from autotune.models.torque_saturation import SATURATES, torque_slope
 
+Asked: TypeAlias = Callable[[Prepared, PositionController], Floats]
 SEED = 20_240
 KNOWN_RUNS = 24  # models
 KNOWN_LOOPS = 4  # stretches
@@ -450,6 +452,7 @@ class KnownRuns:
     def __init__(self) -> None:
         self._runs: dict[tuple[bytes, bytes], TwinRuns] = {}
         self._noise: Noise | None = None
+        self._heard: tuple[Prepared, PositionController, Floats] | None = None
         self.loops = KnownLoops()
 
     def of(
@@ -472,6 +475,13 @@ class KnownRuns:
         """Residual of the measured motion at a model, where it is known."""
         known = self._runs.get((packed.p.tobytes(), packed.on.tobytes()))
         return known.raw if known is not None and known.data is data else None
+
+    def heard(self, data: Prepared, controller: PositionController, asked: Asked) -> Floats:
+        """What the recorded torque has beside what a controller asks for [N m], shape (n,); the last is known."""
+        known = self._heard
+        if known is None or known[0] is not data or known[1] is not controller:
+            self._heard = known = data, controller, np.asarray(data.torque - asked(data, controller))
+        return known[2]
 
     def _noise_of(self, data: Prepared, disturbance: Disturbance, counts: float) -> Noise:
         if self._noise is None or not self._noise.fits(data, disturbance, counts):
