@@ -341,7 +341,7 @@ class _Between:
             self._rates = {known: fine for known, fine in self._rates.items() if known[0] == rate}
             fine = self._between(form, wants)[0]
             self._rates[key] = filtered_rate(self.samples, fine, form.ticks, rate)
-        return answered(self.samples, self._rates[key][None], form)[0]
+        return np.asarray(answered(self.samples, self._rates[key][None], form)[0])
 
 
 def _mixing(place: int, count: int, past: bool) -> Floats:
@@ -351,9 +351,9 @@ def _mixing(place: int, count: int, past: bool) -> Floats:
     what neither is.
     """
     mixing = np.zeros((2 + 5 * count, 7))
-    error, summed, filtered, speed, bend = 2 + 5 * place + np.arange(5)
+    error, summed, filtered, speed, bend = range(2 + 5 * place, 7 + 5 * place)
     mixing[error, 0] = mixing[summed, 2] = mixing[bend, 6] = 1.0
     mixing[1, 1] = -1.0
     mixing[speed if past else filtered, 4 if past else 3] = 1.0
-    mixing[[0, error], 5] = 1.0
+    mixing[0, 5] = mixing[error, 5] = 1.0
     return mixing

@@ -15,6 +15,7 @@ from typing import TypeAlias
 import numpy as np
 
 from autotune.core.arrays import Floats, Integers
+from autotune.core.remembered import LastOf
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import Prepared, Stretch, filtered_motion
 from autotune.estimation.disturbance import Disturbance
@@ -43,6 +44,7 @@ Asked: TypeAlias = Callable[[Prepared, PositionController], Floats]
 SEED = 20_240
 KNOWN_RUNS = 24  # models
 KNOWN_LOOPS = 4  # stretches
+Loops: TypeAlias = LastOf[Loop]
 GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 """Of a count: from run to run, so that few of them lie evenly."""
 
@@ -229,11 +231,13 @@ def run_twin(
     noise: Disturbance,
     random: np.random.Generator,
     quantised: bool = True,
-    loops: KnownLoops | None = None,
+    loops: Loops | None = None,
 ) -> Simulated:
     """Simulates all stretches from their references, each from where it was measured to start."""
     resolution = data.resolution if quantised else 0.0
-    run = _run(data, packed, controller, *shaken(data, noise, random), resolution, loops or KnownLoops())
+    run = _run(
+        data, packed, controller, *shaken(data, noise, random), resolution, loops or LastOf(KNOWN_LOOPS)
+    )
     if noise.jitter == 0.0:
         return run
     position = run.position.copy()
@@ -263,7 +267,7 @@ def _run(
     disturbance: Floats,
     unsure: Floats,
     resolution: float,
-    loops: KnownLoops,
+    loops: Loops,
 ) -> Simulated:
     n = len(data.reference)
     position, torque = np.zeros(n), np.zeros(n)
@@ -279,7 +283,7 @@ def _run(
             resolution,
             disturbance[rows],
             unsure[rows],
-            loops.along(data, controller, stretch),
+            loop=_loop(data, controller, stretch, loops),
         )
         stable &= inside
     return Simulated(position, torque, disturbance, stable and _follows(data, position))
@@ -298,10 +302,10 @@ def run_twins(
     models: Sequence[Packed],
     controller: PositionController,
     noise: Sequence[tuple[Floats, Floats]],
-    loops: KnownLoops | None = None,
+    loops: Loops | None = None,
 ) -> list[Simulated]:
     """A run of each of several models, each with its own `noise` (`shaken`): those that each would make by itself."""
-    loops = loops or KnownLoops()
+    loops = loops or LastOf(KNOWN_LOOPS)
     runs: dict[int, Simulated] = {}
     keys = [(packed.on.tobytes(), steps_of_twin(packed, data.period, controller)) for packed in models]
     for chosen in _batches(keys):
@@ -317,20 +321,22 @@ def _runs_in_lanes(
     data: Prepared,
     together: Sequence[tuple[Packed, tuple[Floats, Floats]]],
     controller: PositionController,
-    loops: KnownLoops,
+    loops: Loops,
 ) -> list[Simulated] | None:
     """Runs of two to eight models with the same effects and steps; None where one of them leaves all bounds."""
     n, count = len(data.reference), len(together)
     position, torque = np.zeros((2, count, n))
     for stretch in data.stretches:
         rows = stretch.rows
+        shaken, unsure = (_abreast([noise[part][rows] for _, noise in together]) for part in (0, 1))
         done = simulate_stretches(
             _recorded(data, controller, stretch),
             [packed for packed, _ in together],
             controller,
             (data.metadata.torque_limit or np.inf, data.resolution),
-            *(_abreast([noise[part][rows] for _, noise in together]) for part in (0, 1)),
-            loops.along(data, controller, stretch),
+            shaken,
+            unsure,
+            _loop(data, controller, stretch, loops),
         )
         if done is None:
             return None
@@ -341,19 +347,11 @@ def _runs_in_lanes(
     ]
 
 
-class KnownLoops:
-    """What the loops of twins were given along the stretches that were simulated last, whatever their models."""
-
-    def __init__(self) -> None:
-        self._known: list[tuple[Prepared, PositionController, Stretch, Loop]] = []
-
-    def along(self, data: Prepared, controller: PositionController, stretch: Stretch) -> Loop:
-        for known in self._known:
-            if known[0] is data and known[1] is controller and known[2] is stretch:
-                return known[3]
-        loop = loop_along(_recorded(data, controller, stretch), controller)
-        self._known = [*self._known[1 - KNOWN_LOOPS :], (data, controller, stretch, loop)]
-        return loop
+def _loop(data: Prepared, controller: PositionController, stretch: Stretch, loops: Loops) -> Loop:
+    """What the loop of a twin is given along a stretch, whatever its model."""
+    return loops.answer(
+        (data, controller, stretch), lambda: loop_along(_recorded(data, controller, stretch), controller)
+    )
 
 
 class Noise:
@@ -391,7 +389,7 @@ class TwinRuns:
     packed: Packed
     controller: PositionController
     noise: Noise
-    loops: KnownLoops
+    loops: Loops
     biases: list[Floats] = field(default_factory=list)
     stable: bool = True
     raw: Floats | None = None
@@ -452,8 +450,8 @@ class KnownRuns:
     def __init__(self) -> None:
         self._runs: dict[tuple[bytes, bytes], TwinRuns] = {}
         self._noise: Noise | None = None
-        self._heard: tuple[Prepared, PositionController, Floats] | None = None
-        self.loops = KnownLoops()
+        self._heard: LastOf[Floats] = LastOf(1)
+        self.loops: Loops = LastOf(KNOWN_LOOPS)
 
     def of(
         self, data: Prepared, packed: Packed, controller: PositionController, disturbance: Disturbance
@@ -478,10 +476,9 @@ class KnownRuns:
 
     def heard(self, data: Prepared, controller: PositionController, asked: Asked) -> Floats:
         """What the recorded torque has beside what a controller asks for [N m], shape (n,); the last is known."""
-        known = self._heard
-        if known is None or known[0] is not data or known[1] is not controller:
-            self._heard = known = data, controller, np.asarray(data.torque - asked(data, controller))
-        return known[2]
+        return self._heard.answer(
+            (data, controller), lambda: np.asarray(data.torque - asked(data, controller))
+        )
 
     def _noise_of(self, data: Prepared, disturbance: Disturbance, counts: float) -> Noise:
         if self._noise is None or not self._noise.fits(data, disturbance, counts):

@@ -132,6 +132,31 @@ def _measured(p: Floats, on: Flags, position: float, noise: float, resolution: f
 
 
 @compiled
+def _seen(loop: Floats, room: int, place: int, late: int, part: float, measured: float) -> float:
+    """What the controller sees of a reading now, so many ticks and a part of one late; kept in the room of the loop."""
+    if room == 0:
+        return measured
+    loop[LOOP + place] = measured
+    seen = loop[LOOP + (place - late) % room]
+    if part > 0.0:
+        seen += part * (loop[LOOP + (place - late - 1) % room] - seen)
+    return float(seen)
+
+
+@compiled
+def _asked(gains: Floats, weight: float, loop: Floats, command: float, pushed: float, seen: float) -> float:
+    """What the controller asks for [N m], beyond the limit too; its memory in the loop is moved on."""
+    period = loop[0]
+    error = command - seen
+    change = (weight * (command - loop[5]) - seen + loop[6]) / period
+    loop[4] += gains[3] * (change - loop[4])
+    demand = gains[0] * error + gains[1] * loop[4] + gains[2] * (loop[3] + error * period) + pushed
+    loop[3] += where(abs(demand) <= loop[1], error * period, 0.0)
+    loop[5] = command
+    return float(demand)
+
+
+@compiled
 def simulate(
     p: Floats,
     on: Flags,
@@ -166,50 +191,30 @@ def simulate(
     Returns:
         How many samples were simulated before the state left all bounds; n if it did not; 0 without that room.
     """
-    period, limit, resolution = loop[0], loop[1], loop[2]
-    total, rate, last_reference, last_position = loop[3], loop[4], loop[5], loop[6]
-    kp, kd, ki, smoothing = gains[0], gains[1], gains[2], gains[3]
+    limit = loop[1]
     weight, late, part = (gains[4], int(gains[5]), gains[5] % 1.0) if len(gains) > 5 else (1.0, 0, 0.0)
-    room, place = len(loop) - LOOP, 0
+    room, ticks = len(loop) - LOOP, len(command) // len(torque)
     if (late > 0 or part > 0.0) and room < late + 2:
         return 0
     for i in range(room):
-        loop[LOOP + i] = last_position  # what was seen until then
-    ticks = len(command) // len(torque)
-    k = 0
-    for row in range(len(torque)):
-        asked = 0.0 * total
-        for tick in range(ticks):
-            measured = _measured(p, on, state[POSITION], position_noise[row], resolution)
-            if tick == 0:
-                position[row] = measured
-            seen = measured
-            if room > 0:
-                loop[LOOP + place] = measured
-                seen = loop[LOOP + (place - late) % room]
-                if part > 0.0:
-                    seen += part * (loop[LOOP + (place - late - 1) % room] - seen)
-                place = (place + 1) % room
-            if closed:
-                error = command[k] - seen
-                change = (weight * (command[k] - last_reference) - seen + last_position) / period
-                rate += smoothing * (change - rate)
-                demand = kp * error + kd * rate + ki * (total + error * period) + feedforward[k]
-                total += where(abs(demand) <= limit, error * period, 0.0)
-                last_reference = command[k]
-            else:
-                demand = command[k]
-            last_position = seen
-            demand = min(max(demand, -limit), limit)
-            if averaged or tick == 0:
-                asked += demand
-            actual = delivered(p, on, state, demand, period)
-            advance(p, on, state, actual + disturbance[row], period, substeps)
-            if anywhere(abs(state[VELOCITY]) >= 1e6) or anywhere(state[VELOCITY] != state[VELOCITY]):
-                return row
-            k += 1
-        torque[row] = asked / ticks if averaged else asked
-    loop[3], loop[4], loop[5], loop[6] = total, rate, last_reference, last_position
+        loop[LOOP + i] = loop[6]  # what was seen until then
+    summed = 0.0 * loop[6]
+    for k in range(len(command)):
+        row, tick = k // ticks, k % ticks
+        measured = _measured(p, on, state[POSITION], position_noise[row], loop[2])
+        seen = _seen(loop, room, k % max(room, 1), late, part, measured)
+        demand = _asked(gains, weight, loop, command[k], feedforward[k], seen) if closed else command[k]
+        loop[6] = seen
+        demand = min(max(demand, -limit), limit)
+        if tick == 0:
+            position[row], torque[row], summed = measured, demand, 0.0 * demand
+        summed += demand
+        if averaged and tick == ticks - 1:
+            torque[row] = summed / ticks
+        actual = delivered(p, on, state, demand, loop[0])
+        advance(p, on, state, actual + disturbance[row], loop[0], substeps)
+        if anywhere(abs(state[VELOCITY]) >= 1e6) or anywhere(state[VELOCITY] != state[VELOCITY]):
+            return row
     return len(torque)
 
 

@@ -60,7 +60,7 @@ def reduced(columns: Sequence[Floats] | Floats, target: Floats, run: Integers) -
     """
     table = np.array([*columns, target])
     means = table.mean(axis=1) if len(target) else np.zeros(len(table))
-    return Triangle(np.linalg.qr(less_run_means(table, run).T, mode="r"), means)
+    return Triangle(np.asarray(np.linalg.qr(less_run_means(table, run).T, mode="r")), means)
 
 
 def less_run_means(values: Floats, run: Integers) -> Floats:
