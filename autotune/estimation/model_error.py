@@ -173,15 +173,11 @@ def _question(
     data: Prepared, laws: Sequence[PositionController], model: Packed, policy: Policy
 ) -> tuple[object, ...]:
     """What is told by a twin, told apart by content."""
-    columns = [
-        data.reference,
-        data.measured,
-        data.torque,
-        data.recorded_torque,
-        data.feedforward,
-        data.position,
-    ]
-    columns += [data.taps, data.grid, model.p, model.on, *([] if data.sensed is None else [data.sensed])]
+    sensed = () if data.sensed is None else (data.sensed,)
+    content = digest_of(
+        data.reference, data.measured, data.torque, data.recorded_torque, data.feedforward, data.position,
+        data.taps, data.grid, model.p, model.on, *sensed,
+    )  # fmt: skip
     rest = (
         data.period,
         data.stretches,
@@ -191,7 +187,7 @@ def _question(
         data.pace,
         data.metadata,
     )
-    return *(repr(one) for one in (*laws, policy, *rest)), digest_of(*columns)
+    return *(repr(one) for one in (*laws, policy, *rest)), content
 
 
 def _faster(law: PositionController, least: int, period: float) -> list[PositionController]:
