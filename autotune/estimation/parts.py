@@ -98,6 +98,8 @@ REPEATS = 2
 def fitted_part(recording: Recording) -> Recording:
     """The position-controlled experiments; each stroke of the steady state by a name of its own.
 
+    A recording that is none of the standard programme is given back as it is.
+
     Every second speed and two repeats of Dahl's curve say as much as all of them, in half the time.
     """
     segments = recording.segments()
@@ -110,6 +112,8 @@ def fitted_part(recording: Recording) -> Recording:
         keep[segments[i].rows] = False
         if i > 0 and segments[i - 1].experiment == _BETWEEN:
             keep[segments[i - 1].rows] = False
+    if keep.all() and all(segment.experiment != _STROKES for segment in segments):
+        return recording
     kept = recording.rows(keep)
     names = kept.experiment.astype(f"<U{max(kept.experiment.dtype.itemsize // 4, len(_STROKES) + 5)}")
     for segment in kept.segments():
