@@ -24,7 +24,7 @@ from autotune.models import layout
 from autotune.models.table import EFFECTS
 from autotune.recordings.recording import Recording, Segment
 
-SETTLED = 2.0
+SETTLED = 6.0
 """Periods of the motion's cut-off: so far away a filter does not feel the end of what it is given."""
 SAME_PLACE = 0.01
 """Of the travel: repeats that are further apart are not the same motion."""
