@@ -52,7 +52,7 @@ from autotune.diagnosis.wording import (
     unknown_note,
     usual_rivals,
 )
-from autotune.estimation.bandwidth import prepared_for, prepared_to_fit
+from autotune.estimation.bandwidth import prepared_both
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.coordinates import variance_shares
 from autotune.estimation.cross_validation import beyond_presliding, gain_and_z, goes_with_place
@@ -126,12 +126,12 @@ def diagnose(
         NotEnoughExcitation: nothing to fit, or a model that does not fit the axis at all.
     """
     check_same_axis(model, recordings)
-    data = prepared_to_fit(recordings, policy)
+    data, whole = prepared_both(recordings, policy)
     problem, root, nominal, notes = begin(data, model, progress, policy=policy)
     problem = with_misfit(with_counts(problem, root.fitted.packed))
     if candidates is not None:
         problem = replace(problem, candidates=tuple(candidates))
-    given = model_error(prepared_for(recordings, policy), model, policy)
+    given = model_error(whole, model, policy)
     found = search(problem, root, nominal, progress)
     progress("does another trajectory confirm it")
     chosen, carried = confirm(found, nominal)

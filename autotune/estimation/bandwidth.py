@@ -259,6 +259,18 @@ def prepared_to_fit(recordings: Sequence[Recording], policy: Policy = POLICY) ->
     return prepared_for([fitted_part(recording) for recording in recordings], policy)
 
 
+def prepared_both(recordings: Sequence[Recording], policy: Policy = POLICY) -> tuple[Prepared, Prepared]:
+    """Recordings made ready for a fit, and whole; the same where nothing of them is left out.
+
+    Raises:
+        RecordingError, NotEnoughExcitation: as `prepare`.
+    """
+    parts = [fitted_part(recording) for recording in recordings]
+    data = prepared_for(parts, policy)
+    whole = all(part is recording for part, recording in zip(parts, recordings, strict=True))
+    return data, data if whole else prepared_for(recordings, policy)
+
+
 def prepared_for(recordings: Sequence[Recording], policy: Policy = POLICY) -> Prepared:
     """Recordings made ready: as the diagnosis programme wants it, or as a single trajectory allows.
 

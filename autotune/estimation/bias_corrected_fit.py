@@ -15,7 +15,6 @@ from autotune.core.arrays import Floats
 from autotune.estimation.cross_validation import Unseen, held_out
 from autotune.estimation.data import TRAINING
 from autotune.estimation.least_squares import Fitted, Free, fit
-from autotune.estimation.parts import until_last
 from autotune.estimation.problem import Correction, Problem, refit
 from autotune.models.drive_model import Packed
 
@@ -151,7 +150,7 @@ def _step_by_step(
 ) -> ModelFit | None:
     """A fit whose every step is judged by its own bias."""
 
-    fitted_part = replace(problem, data=until_last(problem.data, problem.training > 0))
+    fitted_part = problem.until_trained()
 
     def judged(models: Sequence[Packed]) -> list[tuple[Floats, Floats] | None]:
         models = models[: fitted_part.twins_alike(models)]

@@ -6,14 +6,13 @@ The law: `controller_law`; how it is found in the data: `controller_search`, and
 
 from __future__ import annotations
 
-import hashlib
-import threading
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from autotune.core.arrays import Flags, Floats
+from autotune.core.remembered import Remembered, digest_of
 from autotune.estimation.alignment import shifted
 from autotune.estimation.controller_between import (
     answering_late,
@@ -28,11 +27,9 @@ from autotune.estimation.controller_law import (
     SHORTEST_RUN,
     LoopSamples,
     PositionController,
-    between_moments,
     between_terms,
     late_samples,
     law_terms,
-    less_run_means,
     regular_rows,
     share_explained,
     smeared_samples,
@@ -42,7 +39,9 @@ from autotune.estimation.data import Prepared, step_of, stretches_of
 from autotune.estimation.policy import POLICY, Policy
 from autotune.recordings.checks import at_limit, torque_of
 from autotune.recordings.recording import Controller, Recording
+from autotune.signals.between_samples import between_moments
 from autotune.signals.filters import low_pass
+from autotune.signals.triangle import less_run_means
 
 IMPORT_REFERENCE = "import it with one if there is: autotune data import FILE --column reference=FIELD"
 NAME_GAINS = (
@@ -54,9 +53,7 @@ SAME = 1e-9
 """Relative difference of two torques that are one value of the drive."""
 RECORDED_LATE = {MOMENT: 1.0, NEXT: 0.0, BEFORE: 2.0}
 """Half samples by which a torque is recorded late that acts from each sample to the next."""
-MOST_KNOWN = 32
-_KNOWN: dict[bytes, tuple[PositionController, ...]] = {}
-_LOCK = threading.Lock()
+_KNOWN: Remembered[tuple[PositionController, ...]] = Remembered()
 
 
 def is_closed(recording: Recording) -> bool:
@@ -115,7 +112,7 @@ def controllers_of(
         late = _remembered(b"late", samples, lambda: answering_late(samples, between))
     else:
         acted = loop_samples(felt(data), policy)
-        what = b"follows" + _mark(samples)
+        what = b"follows" + repr(_mark(samples)).encode()
         late = _remembered(what, acted, lambda: _some(following_late(samples, acted.demand, between)))
     return (laws[0], *plain, *laws[1:], *smooth, *late)
 
@@ -261,16 +258,7 @@ def identified(samples: LoopSamples) -> PositionController:
 def _remembered(
     what: bytes, samples: LoopSamples, find: Callable[[], tuple[PositionController, ...]]
 ) -> tuple[PositionController, ...]:
-    key = what + _mark(samples)
-    with _LOCK:
-        known = _KNOWN.get(key)
-    if known is None:
-        known = find()
-        with _LOCK:
-            _KNOWN[key] = known
-            while len(_KNOWN) > MOST_KNOWN:
-                del _KNOWN[next(iter(_KNOWN))]
-    return known
+    return _KNOWN.answer((what, *_mark(samples)), find)
 
 
 def _to_rounding(samples: LoopSamples, explained: float) -> bool:
@@ -280,14 +268,10 @@ def _to_rounding(samples: LoopSamples, explained: float) -> bool:
     return (1.0 - explained) * float(np.var(samples.demand)) < least
 
 
-def _mark(samples: LoopSamples) -> bytes:
+def _mark(samples: LoopSamples) -> tuple[bytes, str]:
     """What tells samples apart: a digest of all that a law is identified from."""
-    digest = hashlib.blake2b(digest_size=16)
-    for values in (samples.reference, samples.position, samples.demand, samples.clamped):
-        digest.update(np.ascontiguousarray(values).tobytes())
     rest = samples.period, samples.stretches, samples.known, samples.policy, samples.most_rows, samples.piece
-    digest.update(repr(rest).encode())
-    return digest.digest()
+    return digest_of(samples.reference, samples.position, samples.demand, samples.clamped), repr(rest)
 
 
 def _identified(samples: LoopSamples) -> PositionController:
@@ -364,8 +348,6 @@ def _checked(samples: LoopSamples, known: Controller) -> PositionController:
         known.ki,
         known.derivative_filter,
         constant=float(np.mean(rest)) if known.ki == 0.0 else 0.0,
-        explained=share_explained(
-            less_run_means(rest[:, None], run)[:, 0], less_run_means(samples.demand[rows][:, None], run)[:, 0]
-        ),
+        explained=share_explained(less_run_means(rest, run), less_run_means(samples.demand[rows], run)),
         source="metadata",
     )

@@ -7,6 +7,7 @@ searched for together with the gains.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -20,14 +21,13 @@ from autotune.estimation.controller_law import (
     LoopSamples,
     PositionController,
     answered,
-    between_table,
-    between_terms,
-    fitted_whole,
-    late_rows,
-    position_terms,
-    reference_terms,
+    filtered_rate,
+    fine_position,
+    fine_reference,
+    late_places,
+    law_rows,
     share_explained,
-    taken_at,
+    whole_law,
 )
 from autotune.estimation.controller_search import (
     HARDLY_MORE,
@@ -41,6 +41,7 @@ from autotune.estimation.controller_search import (
     lowest,
     searched_late,
 )
+from autotune.signals.triangle import Triangle, reduced
 
 TICK, LEAST_TICKS = 250e-6, 4
 """s, between what a drive's loop is computed at where it is identified, and how many to a sample at least."""
@@ -87,8 +88,8 @@ def smooth_between(samples: LoopSamples, law: PositionController) -> PositionCon
     A torque as at the samples tells next to nothing of what is between them: only a twin chooses between the two.
     """
     banded = _banded(samples)
-    best = _best_rate(first_look(banded), replace(law, cubic=True, smooth=True))
-    found = _fitted_between(banded, best, best.filter_rate(samples.period))
+    best = _best_rate(_Between(first_look(banded)), replace(law, cubic=True, smooth=True))
+    found = _Between(banded).law(best, best.filter_rate(samples.period))
     return replace(found, in_band=True, why=law.why) if _tells(found, samples) else None
 
 
@@ -101,7 +102,7 @@ def answering_late(samples: LoopSamples, law: PositionController) -> tuple[Posit
     filter stands for a part of the delay: beside the law that explains most, the promptest that explains as much.
     """
     banded = _banded(samples)
-    coarse = first_look(banded)
+    coarse = _Between(first_look(banded))
     ticks = _ticks(samples)
     delays = sorted({round(k * TICK / samples.period * ticks) / ticks for k in range(1, MOST_ANSWER + 1)})
     trials = list(_late_answers(coarse, _as_felt(law, ticks), BETWEEN_RATES, delays))
@@ -109,7 +110,8 @@ def answering_late(samples: LoopSamples, law: PositionController) -> tuple[Posit
     alike = [trial for trial in trials if 1.0 - trial.explained <= AS_MUCH * (1.0 - best.explained)]
     soonest = min(trial.answer_delay for trial in alike)
     prompt = max((one for one in alike if one.answer_delay == soonest), key=lambda trial: trial.explained)
-    found = [_refined_answer(banded, coarse, one) for one in dict.fromkeys((best, prompt))]
+    whole = _Between(banded)
+    found = [_refined_answer(whole, coarse, one) for one in dict.fromkeys((best, prompt))]
     return tuple(_said(replace(one, ticks=ticks), samples) for one in found if _tells(one, samples))
 
 
@@ -121,10 +123,11 @@ def following_late(samples: LoopSamples, acted: Floats, law: PositionController)
         acted: torque by its sensor, less the feedforward that was recorded, shape (n,).
     """
     banded = _banded(samples)
-    coarse = first_look(banded)
+    coarse = _Between(first_look(banded))
     form = _as_felt(law, _ticks(samples))
     best = max(_late_answers(coarse, form, BETWEEN_RATES, [0.0]), key=lambda trial: trial.explained)
-    found = _best_rate(banded, best)
+    best = _best_rate(coarse, best)
+    found = _Between(banded).law(best, best.filter_rate(samples.period))
     late, follows = _follows_by(banded, in_band(replace(samples, demand=acted)).demand)
     found = replace(found, answer_delay=late, explained=min(found.explained, follows), sensed=True)
     return _said(found, samples) if _tells(found, samples) else None
@@ -174,31 +177,22 @@ def _follows_by(samples: LoopSamples, acted: Floats) -> tuple[float, float]:
     return late, 1.0 - left(late)
 
 
-def _refined_answer(
-    banded: LoopSamples, coarse: LoopSamples, found: PositionController
-) -> PositionController:
+def _refined_answer(whole: _Between, coarse: _Between, found: PositionController) -> PositionController:
     """The law with filter and delay found more finely, beside where they are."""
-    ticks, rate = FINER * found.ticks, found.filter_rate(coarse.period)
+    ticks, rate = FINER * found.ticks, found.filter_rate(coarse.samples.period)
     rates = [rate * math.exp(part * RATE_STEP) for part in (-0.5, -0.25, 0.0, 0.25, 0.5)]
     near = [found.answer_delay + part / ticks for part in (-1, 0, 1)]
     best = max(_late_answers(coarse, _as_felt(found, ticks), rates, near), key=lambda trial: trial.explained)
-    return _fitted_between(banded, best, best.filter_rate(coarse.period))
+    return whole.law(best, best.filter_rate(coarse.samples.period))
 
 
 def _late_answers(
-    samples: LoopSamples, form: PositionController, rates: Sequence[float], delays: Sequence[float]
+    samples: _Between, form: PositionController, rates: Sequence[float], delays: Sequence[float]
 ) -> Iterator[PositionController]:
     """Laws of one form with these filters and delays of their answer, on set points late by whole samples."""
     for rate in rates:
-        moved, wanted = position_terms(samples, rate, form.ticks), reference_terms(samples, form, rate)
         for delay in delays:
-            one = replace(form, answer_delay=delay)
-            seen, given = (answered(samples, terms, one) for terms in (moved, wanted))
-            for late in range(MOST_SET_POINTS + 1):
-                rows = np.array([late_rows(row, samples, late) for row in given])
-                yield _with_gains(
-                    samples, replace(one, reference_delay=late), rate, between_table(rows, seen)
-                )
+            yield from samples.laws(replace(form, answer_delay=delay), rate, range(MOST_SET_POINTS + 1))
 
 
 def _searched_between(samples: LoopSamples) -> tuple[PositionController, ...]:
@@ -206,14 +200,20 @@ def _searched_between(samples: LoopSamples) -> tuple[PositionController, ...]:
 
     One that feeds the rate of its reference forward past its filter, as cascades do, where that leaves clearly less.
     """
-    found = _best_between(samples, PositionController())
-    if 1.0 - found[0].explained <= NEARLY_EXACT:
+    coarse = _Between(first_look(samples))
+    trials = _between_trials(coarse, _ticks(samples), (PositionController(), FED))
+    found = _best_between(samples, coarse, trials[0])
+    left = 1.0 - found[0].explained
+    least = (1.0 - max(trial.explained for trial in trials[1])) / FINER_FILTER**2
+    if left <= NEARLY_EXACT or least >= WORTH_DELAYS * left:
         return found
-    fed = _best_between(samples, FED)
-    return fed if 1.0 - fed[0].explained < WORTH_DELAYS * (1.0 - found[0].explained) else found
+    fed = _best_between(samples, coarse, trials[1])
+    return fed if 1.0 - fed[0].explained < WORTH_DELAYS * left else found
 
 
-def _best_between(samples: LoopSamples, form: PositionController) -> tuple[PositionController, ...]:
+def _best_between(
+    samples: LoopSamples, coarse: _Between, trials: Sequence[PositionController]
+) -> tuple[PositionController, ...]:
     """The best law of a drive whose loop works between the samples, on columns below the compared frequency.
 
     There what it makes of its set points can be computed from the samples: u = kp·e + kd·λ/(s + λ)·(b·ṙ − ẏ) + ki∫e and
@@ -224,9 +224,6 @@ def _best_between(samples: LoopSamples, form: PositionController) -> tuple[Posit
     later set point are the same below that frequency, but for a twin they are not. What a loop makes of its set points
     from sample to sample is in a torque as at the samples, and not in a mean.
     """
-    coarse = first_look(samples)
-    start = replace(form, ticks=_ticks(samples))
-    trials = [trial for rate in BETWEEN_RATES for trial in _between_trials(coarse, rate, start)]
     most = (1.0 - max(trial.explained for trial in trials)) * HARDLY_MORE
     near = [trial for trial in trials if 1.0 - trial.explained <= most]
     plain = min(near, key=lambda trial: abs(trial.position_feedforward) / max(abs(trial.ki), 1e-300))
@@ -240,67 +237,144 @@ def _best_between(samples: LoopSamples, form: PositionController) -> tuple[Posit
     refined = [_best_rate(coarse, form) for form in forms.values()]
     best = max(refined, key=lambda trial: trial.explained)
     found = [best, *_recorded_otherwise(coarse, trials, best, enough)]
-    laws = [_fitted_between(samples, one, one.filter_rate(samples.period)) for one in found]
+    whole = _Between(samples)
+    laws = [whole.law(one, one.filter_rate(samples.period)) for one in found]
     least = AS_MUCH * (1.0 - laws[0].explained)
     return tuple(_said(law, samples) for law in laws if law is laws[0] or 1.0 - law.explained <= least)
 
 
 def _recorded_otherwise(
-    samples: LoopSamples, trials: Sequence[PositionController], best: PositionController, enough: float
+    coarse: _Between, trials: Sequence[PositionController], best: PositionController, enough: float
 ) -> Iterator[PositionController]:
     """The best of the laws for each other way of recording a torque; `enough` is the largest share left of a trial."""
     for taken in TAKEN:
         ways = [one for one in trials if one.taken == taken and 1.0 - one.explained <= enough]
         if ways and taken != best.taken:
-            yield _best_rate(samples, max(ways, key=lambda trial: trial.explained))
+            yield _best_rate(coarse, max(ways, key=lambda trial: trial.explained))
 
 
-def _best_rate(samples: LoopSamples, form: PositionController) -> PositionController:
+def _best_rate(samples: _Between, form: PositionController) -> PositionController:
     """A law of this form with the filter that leaves least."""
 
     def law(logarithm: float) -> PositionController:
-        return _fitted_between(samples, form, math.exp(logarithm))
+        return samples.law(form, math.exp(logarithm))
 
-    near = math.log(form.filter_rate(samples.period))
+    near = math.log(form.filter_rate(samples.samples.period))
     bounds = near - RATE_STEP, near + RATE_STEP
     return law(lowest(lambda logarithm: 1.0 - law(logarithm).explained, bounds, 0.05))
 
 
 def _between_trials(
-    samples: LoopSamples, rate: float, start: PositionController
-) -> Iterator[PositionController]:
-    """Laws with one filter: all delays, both kinds of interpolation, all ways of recording a torque."""
-    ticks = start.ticks
-    moved = position_terms(samples, rate, ticks)
-    for cubic in (False, True):
-        wanted = reference_terms(samples, replace(start, cubic=cubic), rate)
-        for taken in TAKEN:
-            at_rows = [np.array([taken_at(row, ticks, taken) for row in terms]) for terms in (wanted, moved)]
-            for late in range(MOST_LATE + 2):
-                delayed_rows = np.array([late_rows(row, samples, late) for row in at_rows[0]])
-                form = replace(start, reference_delay=late, cubic=cubic, taken=taken)
-                yield _with_gains(samples, form, rate, between_table(delayed_rows, at_rows[1]))
+    samples: _Between, ticks: int, forms: Sequence[PositionController]
+) -> list[list[PositionController]]:
+    """For each of several forms laws of all filters and delays, both interpolations, all ways of recording a torque."""
+    trials: list[list[PositionController]] = [[] for _ in forms]
+    for rate, cubic, taken in itertools.product(BETWEEN_RATES, (False, True), TAKEN):
+        for form, laws in zip(forms, trials, strict=True):
+            one = replace(form, ticks=ticks, cubic=cubic, taken=taken)
+            laws += samples.laws(one, rate, range(MOST_LATE + 2))
+    return trials
 
 
-def _fitted_between(samples: LoopSamples, form: PositionController, rate: float) -> PositionController:
-    """A law of the same form with another filter, by least squares."""
-    return _with_gains(samples, form, rate, between_terms(samples, form, rate))
+class _Between:
+    """Samples in which laws that work between them are looked for, and what has been computed there.
+
+    What lies between the samples is the same for every filter, and the triangle of one filter for every delay of the
+    set points and every gain: a search asks for hundreds of laws, and a dozen of them differ in nothing else.
+    """
+
+    def __init__(self, samples: LoopSamples) -> None:
+        self.samples = samples
+        self._fine: dict[tuple[object, ...], Floats] = {}
+        self._recorded: dict[tuple[object, ...], Floats] = {}
+        self._last: tuple[tuple[object, ...], Triangle] | None = None
+        self._rates: dict[tuple[object, ...], Floats] = {}
+
+    def law(self, form: PositionController, rate: float) -> PositionController:
+        """The law of this form, delay of its set points included, with a filter at `rate` [1/s]."""
+        return self.laws(form, rate, [form.reference_delay])[0]
+
+    def laws(self, form: PositionController, rate: float, delays: Sequence[int]) -> list[PositionController]:
+        """Laws of this form with a filter, on set points late by these samples."""
+        triangle = self._triangle(form, rate, delays)
+        smoothing = min(1.0, rate * self.samples.period)
+        found = []
+        for place, delay in enumerate(delays):
+            fitted = triangle.fitted(_mixing(place, len(delays), form.velocity_feedforward != 0.0))
+            found.append(
+                replace(
+                    whole_law(fitted, smoothing),
+                    reference_delay=delay,
+                    derivative_filter=1.0 - math.exp(-min(rate * self.samples.period, FASTEST)),
+                    ticks=form.ticks,
+                    cubic=form.cubic,
+                    smooth=form.smooth,
+                    taken=form.taken,
+                    answer_delay=form.answer_delay,
+                    sensed=form.sensed,
+                )
+            )
+        return found
+
+    def _triangle(self, form: PositionController, rate: float, delays: Sequence[int]) -> Triangle:
+        """Of position, its filtered rate, and for every delay error, its sum, filtered rate, rate and bend of r."""
+        key = form.ticks, form.cubic, form.smooth, form.taken, form.answer_delay, rate, tuple(delays)
+        if self._last is not None and self._last[0] == key:
+            return self._last[1]
+        samples = self.samples
+        chosen, run = law_rows(samples, min(1.0, rate * samples.period))
+        moved, wanted = self._as_recorded(form, False), self._as_recorded(form, True)
+        filtered = [self._filtered(form, rate, wants) for wants in (False, True)]
+        here = moved[:, chosen]
+        columns = [here[0], filtered[0][chosen]]
+        for delay in delays:
+            at = late_places(samples, chosen, delay)
+            place, summed, bend, speed = wanted[:, at]
+            columns += [place - here[0], summed - here[1], filtered[1][at], speed, bend]
+        triangle = reduced(columns, samples.demand[chosen], run)
+        self._last = key, triangle
+        return triangle
+
+    def _between(self, form: PositionController, wants: bool) -> Floats:
+        """`fine_reference` or `fine_position`."""
+        key = (form.ticks, form.cubic, form.smooth) if wants else (form.ticks,)
+        if key not in self._fine:
+            self._fine = {known: fine for known, fine in self._fine.items() if known[0] == form.ticks}
+            now = replace(form, reference_delay=0)
+            self._fine[key] = (
+                fine_reference(self.samples, now) if wants else fine_position(self.samples, form.ticks)
+            )
+        return self._fine[key]
+
+    def _as_recorded(self, form: PositionController, wants: bool) -> Floats:
+        """The same as the torque that answers to it is recorded."""
+        shape = (form.cubic, form.smooth) if wants else ()
+        key = wants, form.ticks, form.taken, form.answer_delay, *shape
+        if key not in self._recorded:
+            self._recorded[key] = answered(self.samples, self._between(form, wants), form)
+        return self._recorded[key]
+
+    def _filtered(self, form: PositionController, rate: float, wants: bool) -> Floats:
+        """Filtered rate of reference or position, as the torque that answers to it is recorded, shape (n,)."""
+        shape = (form.cubic,) if wants else ()
+        key = rate, wants, form.ticks, *shape
+        if key not in self._rates:
+            self._rates = {known: fine for known, fine in self._rates.items() if known[0] == rate}
+            fine = self._between(form, wants)[0]
+            self._rates[key] = filtered_rate(self.samples, fine, form.ticks, rate)
+        return np.asarray(answered(self.samples, self._rates[key][None], form)[0])
 
 
-def _with_gains(
-    samples: LoopSamples, form: PositionController, rate: float, table: Floats
-) -> PositionController:
-    # through the filter or past it: with both, large gains of nearly equal terms make up for what neither is
-    table[:, 3 if form.velocity_feedforward != 0.0 else 4] = 0.0
-    fitted = fitted_whole(samples, table, min(1.0, rate * samples.period))
-    return replace(
-        fitted,
-        reference_delay=form.reference_delay,
-        derivative_filter=1.0 - math.exp(-min(rate * samples.period, FASTEST)),
-        ticks=form.ticks,
-        cubic=form.cubic,
-        smooth=form.smooth,
-        taken=form.taken,
-        answer_delay=form.answer_delay,
-        sensed=form.sensed,
-    )
+def _mixing(place: int, count: int, past: bool) -> Floats:
+    """Terms as in `law_terms` as mixtures of the columns of a triangle, shape (2 + 5·count, 7).
+
+    The reference's rate goes through the filter or past it: with both, large gains of nearly equal terms make up for
+    what neither is.
+    """
+    mixing = np.zeros((2 + 5 * count, 7))
+    error, summed, filtered, speed, bend = range(2 + 5 * place, 7 + 5 * place)
+    mixing[error, 0] = mixing[summed, 2] = mixing[bend, 6] = 1.0
+    mixing[1, 1] = -1.0
+    mixing[speed if past else filtered, 4 if past else 3] = 1.0
+    mixing[0, 5] = mixing[error, 5] = 1.0
+    return mixing

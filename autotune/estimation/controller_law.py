@@ -28,6 +28,8 @@ import scipy
 from autotune.core.arrays import Flags, Floats, Integers
 from autotune.estimation.policy import POLICY, Policy
 from autotune.recordings.recording import Controller
+from autotune.signals.between_samples import bend_between, delayed, finer, later, rate_between
+from autotune.signals.triangle import Solved, reduced
 
 SHORTEST_RUN = 50  # samples between two clamps
 SHORTEST_STRETCH = 100  # samples
@@ -35,8 +37,6 @@ MOST_ROWS = 40_000
 MOMENT, NEXT, BEFORE = "moment", "next", "before"
 TAKEN = (MOMENT, NEXT, BEFORE)
 """A recorded torque is that of the sample's moment, or the mean until the next, or since the one before."""
-ALIKE = 1e-10
-"""Of the largest singular value: terms that differ by less are one, and share its gain."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,18 +152,6 @@ class PositionController:
         return later(np.asarray(moved), self.ticks_late)
 
 
-def later(values: Floats, count: float) -> Floats:
-    """Values of shape (…, n) so many places later, on straight lines between them; the first stays until then."""
-    if count == 0.0:
-        return values
-    whole = int(count)
-    first, last = values[..., :1], values.shape[-1]
-    held = np.concatenate([np.repeat(first, whole + 1, axis=-1), values], axis=-1)
-    return np.asarray(
-        held[..., 1 : last + 1] + (count - whole) * (held[..., :last] - held[..., 1 : last + 1])
-    )
-
-
 @dataclass(frozen=True, slots=True)
 class LoopSamples:
     """What a controller is found in; arrays of shape (n,).
@@ -203,12 +191,11 @@ def late_rows(values: Floats, samples: LoopSamples, late: int) -> Floats:
     return shown
 
 
-def delayed(values: Floats, late: int, before: float) -> Floats:
-    """Values `late` samples ago, shape (n,); `before` where that is before the first."""
-    if late == 0:
-        return values
-    shown: Floats = np.concatenate([np.full(min(late, len(values)), before), values[:-late]])
-    return shown
+def late_places(samples: LoopSamples, rows: Integers, late: int) -> Integers:
+    """Where values are that rows see some samples late: their own place less the delay, in the same stretch."""
+    starts = np.array([stretch.start for stretch in samples.stretches])
+    first = starts[np.searchsorted(starts, rows, side="right") - 1]
+    return np.asarray(np.maximum(rows - late, first))
 
 
 def smeared_samples(samples: LoopSamples, share: float) -> LoopSamples:
@@ -231,7 +218,7 @@ def fitted_pid(samples: LoopSamples, smoothing: float, cascaded: bool) -> Positi
     else:
         table = np.column_stack([terms[:, 0], terms[:, 1] + terms[:, 3], terms[:, 2], terms[:, 4]])
     fitted = _least_squares(samples, table, smoothing)
-    kp, kd, ki, last = fitted.gains
+    kp, kd, ki, last = fitted.gains.tolist()
     return PositionController(
         kp,
         kd,
@@ -239,7 +226,7 @@ def fitted_pid(samples: LoopSamples, smoothing: float, cascaded: bool) -> Positi
         smoothing,
         reference_rate=(last / kd if kd != 0.0 else 0.0) if cascaded else 1.0,
         velocity_feedforward=0.0 if cascaded else last,
-        constant=fitted.constant,
+        constant=_constant(fitted),
         explained=fitted.explained,
         source="identified",
     )
@@ -247,8 +234,12 @@ def fitted_pid(samples: LoopSamples, smoothing: float, cascaded: bool) -> Positi
 
 def fitted_whole(samples: LoopSamples, terms: Floats, smoothing: float) -> PositionController:
     """Gains by least squares of the law with all terms of the reference, of shape (n, 7) as in `law_terms`."""
-    fitted = _least_squares(samples, terms, smoothing)
-    kp, kd, ki, wanted, velocity, place, acceleration = fitted.gains
+    return whole_law(_least_squares(samples, terms, smoothing), smoothing)
+
+
+def whole_law(fitted: Solved, smoothing: float) -> PositionController:
+    """The law of gains of the terms as in `law_terms`."""
+    kp, kd, ki, wanted, velocity, place, acceleration = fitted.gains.tolist()
     return PositionController(
         kp,
         kd,
@@ -258,38 +249,30 @@ def fitted_whole(samples: LoopSamples, terms: Floats, smoothing: float) -> Posit
         velocity_feedforward=velocity,
         position_feedforward=place,
         acceleration_feedforward=acceleration,
-        constant=fitted.constant,
+        constant=_constant(fitted),
         explained=fitted.explained,
         source="identified",
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Fitted:
-    """Gains of the terms, the constant where there is no integral to hold it, and the share explained."""
-
-    gains: list[float]
-    constant: float
-    explained: float
-
-
-def _least_squares(samples: LoopSamples, terms: Floats, smoothing: float) -> _Fitted:
-    """The demand by terms of shape (n, k), with a constant for every run."""
+def law_rows(samples: LoopSamples, smoothing: float) -> tuple[Integers, Integers]:
+    """Rows that a law is fitted to, of all that tell it, shape (m,), and the run of each of them."""
     rows, run = regular_rows(samples, smoothing)
     every = slice(None, None, max(1, int(rows.sum()) // samples.most_rows))
-    chosen = np.flatnonzero(rows)[every]
-    table, demand = terms[chosen], samples.demand[chosen]
-    centred = less_run_means(np.column_stack([table, demand]), run[every])
-    size = np.maximum(np.sqrt(np.einsum("ij,ij->j", centred, centred)[:-1]), 1e-300)
-    told = size > 1e-300
-    gains = np.linalg.lstsq(centred[:, :-1] / size, centred[:, -1], rcond=ALIKE)[0] / size * told
-    kp, ki = float(gains[0]), float(gains[2])
+    return np.flatnonzero(rows)[every], run[every]
+
+
+def _least_squares(samples: LoopSamples, terms: Floats, smoothing: float) -> Solved:
+    """The demand by terms of shape (n, k), with a constant for every run."""
+    chosen, run = law_rows(samples, smoothing)
+    return reduced(terms[chosen].T, samples.demand[chosen], run).fitted()
+
+
+def _constant(fitted: Solved) -> float:
+    """The constant where there is no integral to hold it."""
+    kp, ki = float(fitted.gains[0]), float(fitted.gains[2])
     held = abs(ki) >= 1e-9 * abs(kp) and ki > 0.0
-    return _Fitted(
-        [float(value) for value in gains],
-        0.0 if held else float(np.mean(demand - table @ gains)),
-        share_explained(centred[:, -1] - centred[:, :-1] @ gains, centred[:, -1]),
-    )
+    return 0.0 if held else fitted.rest
 
 
 def share_explained(rest: Floats, demand: Floats) -> float:
@@ -315,35 +298,6 @@ def law_terms(samples: LoopSamples, smoothing: float) -> Floats:
     return terms
 
 
-def finer(values: Floats, ticks: int, cubic: bool) -> Floats:
-    """Values of shape (n,) on the way from each to the next, shape (n·ticks,); beyond the last as before it.
-
-    On straight lines, or on the cubics whose slopes at the samples are those of their neighbours (Catmull and Rom).
-    """
-    beyond = 2.0 * values[-1:] - values[-2:-1]
-    known = np.concatenate([values[:1], values, beyond, beyond])
-    zero, one, two, three = (known[i : i + len(values), None] for i in range(4))
-    parts = np.arange(ticks)[None, :] / ticks
-    if not cubic:
-        return np.asarray(one + parts * (two - one)).ravel()
-    bend = 2.0 * zero - 5.0 * one + 4.0 * two - three + parts * (3.0 * (one - two) + three - zero)
-    return np.asarray(one + 0.5 * parts * (two - zero + parts * bend)).ravel()
-
-
-def bend_between(reference: Floats, period: float, ticks: int, smooth: bool) -> Floats:
-    """Second difference around each set point, which a drive knows on its way to it; on lines if smooth, else held."""
-    rate = np.diff(reference) / period
-    bend = np.asarray(np.diff(rate, prepend=rate[:1], append=rate[-1:]) / period)
-    return finer(bend, ticks, cubic=False) if smooth else np.repeat(bend, ticks)
-
-
-def rate_between(reference: Floats, fine: Floats, period: float, ticks: int, smooth: bool) -> Floats:
-    """Rate of the reference between set points: on lines from one to the next if smooth, else by its steps."""
-    if smooth:
-        return finer(np.asarray(np.gradient(reference)) / period, ticks, cubic=False)
-    return np.asarray(np.diff(fine, prepend=fine[:1]) * (ticks / period))
-
-
 def taken_at(fine: Floats, ticks: int, taken: str) -> Floats:
     """Rows of values of shape (n·ticks,) as a torque is recorded, shape (n,)."""
     table = fine.reshape(-1, ticks)
@@ -353,51 +307,54 @@ def taken_at(fine: Floats, ticks: int, taken: str) -> Floats:
     return np.asarray(np.concatenate([mean[:1], mean[:-1]]) if taken == BEFORE else mean)
 
 
-def between_moments(values: Floats) -> Floats:
-    """Mean of each of the values, recorded as at the samples, and the next; shape (n,)."""
-    return np.asarray(0.5 * (values + np.concatenate([values[1:], values[-1:]])))
-
-
-def position_terms(samples: LoopSamples, rate: float, ticks: int) -> Floats:
-    """Position, its sum, and its rate through a filter at `rate` [1/s], between the samples; shape (3, n·ticks)."""
+def fine_position(samples: LoopSamples, ticks: int) -> Floats:
+    """Position and its sum between the samples, shape (2, n·ticks)."""
     step = samples.period / ticks
-    terms = np.zeros((3, len(samples.position) * ticks))
+    terms = np.zeros((2, len(samples.position) * ticks))
     for rows in samples.stretches:
         inside = slice(rows.start * ticks, rows.stop * ticks)
         values = samples.position[rows]
         fine = finer(values, ticks, cubic=False)
         at = np.arange((len(values) - 1) * ticks) / ticks
         fine[: len(at)] = scipy.interpolate.make_interp_spline(np.arange(len(values)), values, 3)(at)
-        terms[:, inside] = fine, step * np.cumsum(fine - fine[0]), _filtered_rate(fine, step, rate)
+        terms[:, inside] = fine, step * np.cumsum(fine - fine[0])
     return terms
 
 
-def reference_terms(samples: LoopSamples, law: PositionController, rate: float) -> Floats:
-    """The same of the reference, its second difference and its rate, as a law has them; shape (5, n·ticks)."""
+def fine_reference(samples: LoopSamples, law: PositionController) -> Floats:
+    """The same of the reference, its second difference and its rate, as a law has them; shape (4, n·ticks)."""
     ticks, step = law.ticks, samples.period / law.ticks
-    terms = np.zeros((5, len(samples.reference) * ticks))
+    terms = np.zeros((4, len(samples.reference) * ticks))
     for rows in samples.stretches:
         inside = slice(rows.start * ticks, rows.stop * ticks)
         fine = finer(samples.reference[rows], ticks, law.cubic)
         summed = step * np.cumsum(fine - samples.position[rows.start])
         bend = bend_between(samples.reference[rows], samples.period, ticks, law.smooth)
         moved = rate_between(samples.reference[rows], fine, samples.period, ticks, law.smooth)
-        terms[:, inside] = fine, summed, _filtered_rate(fine, step, rate), bend, moved
+        terms[:, inside] = fine, summed, bend, moved
     return terms
 
 
-def _filtered_rate(fine: Floats, step: float, rate: float) -> Floats:
+def filtered_rate(samples: LoopSamples, fine: Floats, ticks: int, rate: float) -> Floats:
+    """Rate of values between the samples through a filter at `rate` [1/s], shape (n·ticks,)."""
+    step = samples.period / ticks
     share = 1.0 - np.exp(-rate * step)
-    moved = np.diff(fine, prepend=fine[:1]) / step
-    return np.asarray(scipy.signal.lfilter([share], [1.0, share - 1.0], moved))
+    moved = np.zeros(len(fine))
+    for rows in samples.stretches:
+        inside = slice(rows.start * ticks, rows.stop * ticks)
+        change = np.diff(fine[inside], prepend=fine[inside.start]) / step
+        moved[inside] = scipy.signal.lfilter([share], [1.0, share - 1.0], change)
+    return moved
 
 
 def between_terms(samples: LoopSamples, law: PositionController, rate: float) -> Floats:
-    """Regressors of a law that works between the samples, as its torque is recorded, shape (n, 7)."""
+    """Regressors of a law that works between the samples, as its torque is recorded: as `law_terms`, shape (n, 7)."""
     late = late_samples(samples, law.reference_delay, 0)
-    parts = reference_terms(late, law, rate), position_terms(samples, rate, law.ticks)
-    wanted, moved = (answered(samples, terms, law) for terms in parts)
-    return between_table(wanted, moved)
+    fine = fine_reference(late, law), fine_position(samples, law.ticks)
+    rates = np.array([filtered_rate(samples, one[0], law.ticks, rate) for one in fine])
+    wanted, moved, filtered = (answered(samples, terms, law) for terms in (*fine, rates))
+    error, summed = wanted[0] - moved[0], wanted[1] - moved[1]
+    return np.column_stack([error, -filtered[1], summed, filtered[0], wanted[3], wanted[0], wanted[2]])
 
 
 def answered(samples: LoopSamples, terms: Floats, law: PositionController) -> Floats:
@@ -409,18 +366,6 @@ def answered(samples: LoopSamples, terms: Floats, law: PositionController) -> Fl
             inside = slice(rows.start * law.ticks, rows.stop * law.ticks)
             shown[:, inside] = later(terms[:, inside], law.answer_delay * law.ticks)
     return np.array([taken_at(row, law.ticks, law.taken) for row in shown])
-
-
-def between_table(wanted: Floats, moved: Floats) -> Floats:
-    """Regressors as in `law_terms`, shape (n, 7).
-
-    Args:
-        wanted, moved: `reference_terms` and `position_terms`, shape (5, n) and (3, n).
-    """
-    table = np.zeros((wanted.shape[1], 7))
-    table[:, 0], table[:, 1], table[:, 2] = wanted[0] - moved[0], -moved[2], wanted[1] - moved[1]
-    table[:, 3], table[:, 4], table[:, 5], table[:, 6] = wanted[2], wanted[4], wanted[0], wanted[3]
-    return table
 
 
 def regular_rows(samples: LoopSamples, smoothing: float) -> tuple[Flags, Integers]:
@@ -446,13 +391,3 @@ def regular_rows(samples: LoopSamples, smoothing: float) -> tuple[Flags, Integer
                 number[start:stop] = count + np.arange(stop - start) * pieces // (stop - start)
                 count += pieces
     return kept, number[kept]
-
-
-def less_run_means(values: Floats, run: Integers) -> Floats:
-    """Values of shape (m, k) less their mean in the run that each row belongs to; `run` of shape (m,), ascending."""
-    if len(run) == 0:
-        return values
-    first = np.flatnonzero(np.diff(run, prepend=run[0] - 1))
-    count = np.diff(first, append=len(run))
-    means = np.add.reduceat(values, first) / count[:, None]
-    return np.asarray(values - np.repeat(means, count, axis=0))

@@ -25,12 +25,15 @@ from autotune.estimation.controller_law import (
     fitted_whole,
     late_rows,
     late_samples,
+    law_rows,
     law_terms,
     smeared_samples,
+    whole_law,
 )
 from autotune.estimation.data import compared_below, step_of
 from autotune.estimation.disturbance import in_time
 from autotune.signals.filters import low_pass
+from autotune.signals.triangle import reduced
 
 PIECE_SECONDS = 3.0
 """Of a run that shares a constant: a sum that a drive makes between the samples wanders away from theirs."""
@@ -44,6 +47,8 @@ its reference."""
 LOOKS, LOOK_SECONDS = 8, 4.0
 """Pieces of the data for a first look over delays."""
 MOST_SMEARED, MOST_TRIED = 0.95, 40
+HOPELESS = 2.0
+"""Times more that a law may leave in a first look than in all of the data, beside another."""
 EXACT = 1e-6
 """Share of the demand left that rounding explains: nothing is left for another law then."""
 NEARLY_EXACT, WORTH_DELAYS = 1e-5, 0.5
@@ -56,6 +61,11 @@ SAME_DEMAND = 1e-6
 """Of what a demand changes by: less is no chance."""
 ROWS_LATE = "Rows are written late: the controller was identified by those that are not."
 IN_BAND = "It was found below {:.0f} Hz: what the drive does between the samples is left out."
+ROUGHLY = 3e-3
+"""Of a derivative filter: to how much a first look finds it."""
+FIRST_STEP, LAST_STEP, MOST_PARABOLAS = 1e-2, 1e-4, 12
+NO_FALL = 1e-3
+"""Of what is left: it is known to no better than a hundredth."""
 _ROUGH_FILTERS = (0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0)
 _FILTERS = (0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 
@@ -73,9 +83,9 @@ def law_from_data(samples: LoopSamples) -> PositionController:
         late = searched_late(samples)
         if 1.0 - late.explained < WORTH_DELAYS * (1.0 - found.explained):
             found = late
-        plain = _searched_smeared(samples, found)
         enough = HARDLY_MORE if found.reference_delay or found.position_delay else WORTH_DELAYS
-        if 1.0 - plain.explained < enough * (1.0 - found.explained):
+        plain = _searched_smeared(samples, found, enough)
+        if plain is not None and 1.0 - plain.explained < enough * (1.0 - found.explained):
             found = plain
     wandering = replace(samples, piece=PIECE_SECONDS)
     if found.explained <= samples.policy.controller_explains:
@@ -98,21 +108,59 @@ def plainly_better(samples: LoopSamples, one: PositionController, other: Positio
 def _searched(samples: LoopSamples, cascaded: bool) -> PositionController:
     """The best law with its own share of the reference's rate, or with a velocity feedforward; unfiltered where that
     explains as much."""
-    found = _best_filter(partial(fitted_pid, samples, cascaded=cascaded))
+    found = _best_filter(samples, partial(fitted_pid, cascaded=cascaded))
     at_one = fitted_pid(samples, 1.0, cascaded)
     return at_one if 1.0 - at_one.explained <= 1.0001 * (1.0 - found.explained) else found
 
 
-def _best_filter(law: Callable[[float], PositionController]) -> PositionController:
-    """The law of the derivative filter that leaves least: the best of a grid, and then beside it."""
+def _best_filter(
+    samples: LoopSamples, law: Callable[[LoopSamples, float], PositionController]
+) -> PositionController:
+    """The law of the derivative filter that leaves least: roughly in a first look, and from there on all rows."""
+    looked = first_look(samples)
 
-    def unexplained(smoothing: float) -> float:
-        return 1.0 - law(float(smoothing)).explained
+    def left(of: LoopSamples) -> Callable[[float], float]:
+        return lambda smoothing: 1.0 - law(of, float(smoothing)).explained
 
-    costs = [unexplained(value) for value in _FILTERS]
+    costs = [left(looked)(value) for value in _FILTERS]
     best = int(np.argmin(costs))
-    bounds = _FILTERS[max(best - 1, 0)], _FILTERS[min(best + 1, len(_FILTERS) - 1)]
-    return law(lowest(unexplained, bounds, 1e-4))
+    low, high = _FILTERS[max(best - 1, 0)], _FILTERS[min(best + 1, len(_FILTERS) - 1)]
+    return law(
+        samples, settled(left(samples), lowest(left(looked), (low, high), ROUGHLY), (_FILTERS[0], 1.0))
+    )
+
+
+def settled(cost: Callable[[float], float], near: float, bounds: tuple[float, float]) -> float:
+    """Where a smooth cost is lowest, from near there: down parabolas through three of its values.
+
+    It ends where the next of them promises a fall of the cost that no data tell, or a step of no consequence.
+    """
+    step = FIRST_STEP
+    here = cost(near)
+    for _ in range(MOST_PARABOLAS):
+        low, high = max(near - step, bounds[0]), min(near + step, bounds[1])
+        sides = cost(low), cost(high)
+        at = np.array([low, near, high]) - near
+        slope, bend = _slope_and_bend(at, np.array([sides[0], here, sides[1]]) - here)
+        best = min((sides[0], low), (sides[1], high), (here, near))
+        if bend > 0.0:
+            ahead = min(max(near - slope / bend, near - 4.0 * step, bounds[0]), near + 4.0 * step, bounds[1])
+            best = min(best, (cost(ahead), ahead))
+        won, moved = here - best[0], abs(best[1] - near)
+        here, near = best
+        if step <= LAST_STEP or (moved <= step and won <= NO_FALL * here):
+            break
+        step = max(LAST_STEP, 0.25 * step) if moved <= step else step
+    return near
+
+
+def _slope_and_bend(at: Floats, values: Floats) -> tuple[float, float]:
+    """Slope and second derivative, at 0, of the parabola through 0 at 0 and two more points; 0 where there is none."""
+    (one, _, two), (left, _, right) = at.tolist(), values.tolist()
+    if one == 0.0 or two == 0.0:
+        return 0.0, 0.0
+    bend = 2.0 * (right / two - left / one) / (two - one)
+    return right / two - 0.5 * bend * two, bend
 
 
 def lowest(cost: Callable[[float], float], bounds: tuple[float, float], within: float) -> float:
@@ -201,7 +249,7 @@ def plain_in_band(samples: LoopSamples) -> PositionController | None:
     coarse = first_look(banded)
     found = [
         replace(
-            _best_filter(partial(fitted_pid, late_samples(coarse, late, late), cascaded=False)),
+            _best_filter(late_samples(coarse, late, late), partial(fitted_pid, cascaded=False)),
             reference_delay=late,
             position_delay=late,
         )
@@ -220,21 +268,50 @@ def searched_late(samples: LoopSamples) -> PositionController:
     """The best of the laws whose reference and position come late; first roughly, over delays and filters."""
     trials = list(_late_trials(first_look(samples)))
     _, r, y = max(trials, key=lambda trial: trial[0].explained)
-    late = late_samples(samples, r, y)
-    found = _best_filter(partial(_fitted_late, late))
+    found = _best_filter(late_samples(samples, r, y), _fitted_late)
     return replace(found, reference_delay=r, position_delay=y, why=how_late(samples.period))
 
 
 def _late_trials(samples: LoopSamples) -> Iterator[tuple[PositionController, int, int]]:
-    """Laws of all delays and rough filters, with their delays: what a filter makes of late samples comes as late."""
-    filtered = {smoothing: law_terms(samples, smoothing)[:, [1, 3]].T for smoothing in _ROUGH_FILTERS}
-    for r in range(MOST_LATE + 2):
-        for y in range(min(r, MOST_LATE) + 1):
-            late = late_samples(samples, r, y)
-            terms = law_terms(late, 1.0)
-            for smoothing, (moved, wanted) in filtered.items():
-                terms[:, 1], terms[:, 3] = late_rows(moved, samples, y), late_rows(wanted, samples, r)
-                yield fitted_whole(late, terms, smoothing), r, y
+    """Laws of all delays and rough filters, with their delays: what a filter makes of late samples comes as late.
+
+    All delays of one filter are in one triangle.
+    """
+    for smoothing in _ROUGH_FILTERS:
+        chosen, run = law_rows(samples, smoothing)
+        seen = [_seen_late(samples, samples.reference, smoothing, late) for late in range(MOST_LATE + 2)]
+        moved = [_seen_late(samples, samples.position, smoothing, late)[:3] for late in range(MOST_LATE + 1)]
+        triangle = reduced(np.concatenate([*seen, *moved])[:, chosen], samples.demand[chosen], run)
+        for r in range(MOST_LATE + 2):
+            for y in range(min(r, MOST_LATE) + 1):
+                yield whole_law(triangle.fitted(_late_mixing(r, y)), smoothing), r, y
+
+
+def _seen_late(samples: LoopSamples, values: Floats, smoothing: float, late: int) -> Floats:
+    """Values some samples ago, their held sum, their filtered rate, their rate and its change, shape (5, n)."""
+    shown, h = late_rows(values, samples, late), samples.period
+    terms = np.zeros((5, len(values)))
+    for rows in samples.stretches:
+        here, start = shown[rows], samples.position[rows.start]
+        rate = np.diff(here, prepend=here[0]) / h
+        filtered = scipy.signal.lfilter([smoothing], [1.0, smoothing - 1.0], rate)
+        terms[:, rows] = (
+            here, np.cumsum((here - start) * ~samples.clamped[rows]) * h, filtered, rate,
+            np.diff(rate, prepend=rate[:1]) / h,
+        )  # fmt: skip
+    return terms
+
+
+def _late_mixing(r: int, y: int) -> Floats:
+    """Terms as in `law_terms` as mixtures of what `_late_trials` reduces, of a reference and a position so late."""
+    wanted, moved = 5 * r, 5 * (MOST_LATE + 2) + 3 * y
+    mixing = np.zeros((5 * (MOST_LATE + 2) + 3 * (MOST_LATE + 1), 7))
+    for term, place in ((0, 0), (2, 1)):
+        mixing[[wanted + place, moved + place], term] = 1.0, -1.0
+    mixing[moved + 2, 1] = -1.0
+    for term, place in ((3, 2), (4, 3), (5, 0), (6, 4)):
+        mixing[wanted + place, term] = 1.0
+    return mixing
 
 
 def _fitted_late(samples: LoopSamples, smoothing: float) -> PositionController:
@@ -242,10 +319,23 @@ def _fitted_late(samples: LoopSamples, smoothing: float) -> PositionController:
     return fitted_whole(samples, law_terms(samples, smoothing), smoothing)
 
 
-def _searched_smeared(samples: LoopSamples, near: PositionController) -> PositionController:
+def _left_in(samples: LoopSamples, law: PositionController) -> float:
+    """Share of the demand that a law of this form and filter leaves in other samples."""
+    if law.reference_delay or law.position_delay:
+        late = late_samples(samples, law.reference_delay, law.position_delay)
+        return 1.0 - _fitted_late(late, law.derivative_filter).explained
+    return 1.0 - fitted_pid(samples, law.derivative_filter, law.velocity_feedforward == 0.0).explained
+
+
+def _searched_smeared(
+    samples: LoopSamples, near: PositionController, enough: float
+) -> PositionController | None:
     """The best plain law whose torque was recorded with a part of the sample before; delays as those of `near` or one
-    off, as what a current loop smears was taken there for a delay, or for terms of the reference."""
-    coarse = replace(first_look(samples), most_rows=samples.most_rows)
+    off, as what a current loop smears was taken there for a delay, or for terms of the reference.
+
+    None where a first look shows that it leaves far more than `enough` times what `near` leaves.
+    """
+    coarse = first_look(samples)
     begin = [near.derivative_filter, 0.1]
 
     def best(late: LoopSamples, start: list[float], simplex: float) -> tuple[float, list[float]]:
@@ -262,6 +352,8 @@ def _searched_smeared(samples: LoopSamples, near: PositionController) -> Positio
     delays = [d for d in range(near.position_delay - 1, near.position_delay + 2) if 0 <= d <= MOST_LATE]
     found = {d: best(late_samples(coarse, d, d), begin, 0.1) for d in delays}
     d = min(delays, key=lambda delay: found[delay][0])
+    if found[d][0] > HOPELESS * enough * _left_in(coarse, near):
+        return None
     late = late_samples(samples, d, d)
     _, (smoothing, share) = best(late, found[d][1], 0.01)
     smoothing, share = min(max(smoothing, _FILTERS[0]), 1.0), min(max(share, 0.0), MOST_SMEARED)

@@ -28,6 +28,7 @@ from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.disturbance import STILL, Disturbance, coloured_power, jitter_of
 from autotune.estimation.least_squares import followed
+from autotune.estimation.parts import until_sample
 from autotune.estimation.problem import Problem, shared
 from autotune.estimation.residual import SEED, raw_residual, residual, run_twin, simulated_motion
 from autotune.models import layout
@@ -109,12 +110,12 @@ def estimate_disturbance(problem: Problem, packed: Packed) -> Disturbance:
         return STILL
     data = problem.data
     jitter = jitter_of(data.measured, [stretch.rows for stretch in data.stretches], data.period)
-    prompt = behind_current_loop(data, 0.0)
-    heard = np.asarray(data.torque - followed_late(data, asked(prompt, problem.controller), data.lag))
+    heard = problem.runs.heard(data, problem.controller, _asked_late)
     # where rows are late, what their positions would have asked for is no torque; the slowest chunks hold least of it
     share = QUIETEST if jitter > 0.0 else 0.5
     sensor = float(np.sqrt(np.quantile(np.var(chunks.of(heard), axis=1), share)))
-    raw = raw_residual(data, packed, problem.moved)
+    shaken = replace(problem, data=until_sample(data, int(chunks.starts.max()) + chunks.length))
+    raw = raw_residual(shaken.data, packed, problem.moved)
     if jitter == 0.0:
         raw[1:] -= 0.5 * (heard[1:] + heard[:-1])
     matcher = _matcher(problem, packed, chunks)
@@ -123,7 +124,7 @@ def estimate_disturbance(problem: Problem, packed: Packed) -> Disturbance:
     own: list[Floats] = []
     uneven: list[Floats] = []
     for number in range(ROUNDS):
-        again = _shaken(problem, packed, replace(found, sensor=sensor), chunks, number)
+        again = _shaken(shaken, packed, replace(found, sensor=sensor), chunks, number)
         if again is None:
             break
         simulated = again[0]
@@ -142,6 +143,11 @@ def estimate_disturbance(problem: Problem, packed: Packed) -> Disturbance:
         uneven=_unevenness(measured, simulated),
         lines=_lines(matcher.hertz, measured, simulated) if chunks.paired else (),
     )
+
+
+def _asked_late(data: Prepared, law: PositionController) -> Floats:
+    """What a law asks for, behind the current loop that the recorded torque was put behind, shape (n,)."""
+    return followed_late(data, asked(behind_current_loop(data, 0.0), law), data.lag)
 
 
 def _chaotic(measured: Floats, own: Floats) -> bool:
@@ -165,13 +171,13 @@ def _of_least_cost(problem: Problem, packed: Packed, levels: Sequence[Disturbanc
     How much friction and counts are averaged tells how much the axis is shaken: a twin that is shaken too much, or too
     little, leaves what comes again in every repeat.
     """
-    error = residual(problem.data, packed, problem.moved)
-
-    def cost(disturbance: Disturbance) -> float:
-        correction = replace(problem, disturbance=disturbance).correction(packed)
-        return problem.mean_square(error - correction.bias, TRAINING) if correction.stable else math.inf
-
-    return min(levels, key=cost)
+    problem = problem.until_trained()
+    error = problem.raw(packed)
+    costs = [
+        problem.mean_square(error - one.bias, TRAINING) if one.stable else math.inf
+        for one in problem.corrections_under(levels, packed)
+    ]
+    return levels[int(np.argmin(costs))]
 
 
 def _shaken(
@@ -180,13 +186,15 @@ def _shaken(
     """Spectra of the twin's chunks, and what quantiser and friction have in them; None where it is unstable."""
     if problem.controller is None:
         return None
-    run = run_twin(problem.data, packed, problem.controller, found, np.random.default_rng([SEED, number]))
+    random = np.random.default_rng([SEED, number])
+    data = problem.data
+    run = run_twin(data, packed, problem.controller, found, random, loops=problem.runs.loops)
     if not run.stable:
         return None
     if found.jitter > 0.0:  # the noise of the torque's sensor is in the measured residual then
         heard = found.sensor * np.random.default_rng([SEED, 9 + number]).standard_normal(len(run.torque))
         run = replace(run, torque=run.torque + heard)
-    raw = raw_residual(problem.data, packed, simulated_motion(problem.data, run))
+    raw = raw_residual(data, packed, simulated_motion(data, run))
     own = raw.copy()
     own[1:] += 0.5 * (run.disturbance[1:] + run.disturbance[:-1])
     return chunks.power(raw), chunks.power(own)
@@ -344,7 +352,8 @@ def with_expected_noise(problem: Problem, packed: Packed) -> Problem:
     data, disturbance = problem.data, problem.disturbance
     if problem.controller is None or not data.repeated or not math.isfinite(disturbance.sensor):
         return replace(problem, expected=None)
-    run = run_twin(data, packed, problem.controller, disturbance, np.random.default_rng([SEED, 1]))
+    random = np.random.default_rng([SEED, 1])
+    run = run_twin(data, packed, problem.controller, disturbance, random, loops=problem.runs.loops)
     if not run.stable:
         return replace(problem, expected=None)
     error = residual(data, packed, simulated_motion(data, run))

@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from autotune.core.arrays import Flags, Floats
+from autotune.core.remembered import Remembered, digest_of
 from autotune.estimation.alignment import best_shift, shifted, without_twin
 from autotune.estimation.controller import as_recorded, asked, controllers_of, find_controller
 from autotune.estimation.controller_between import TICK
@@ -75,6 +76,7 @@ class ModelError:
         return self.error_rms / math.sqrt(max(float(np.mean(self.torque**2)), 1e-300))
 
 
+_TOLD: Remembered[tuple[PositionController, Disturbance]] = Remembered()
 FAR = 1.5
 """Times what the best law's twin leaves: a law that leaves so much more is another at any rate of its loop."""
 TIMES = (1.0, 1.5, 2.0, 3.0)
@@ -82,15 +84,19 @@ TIMES = (1.0, 1.5, 2.0, 3.0)
 
 
 @dataclass(frozen=True, slots=True)
-class _Plain:
-    """A model fitted without any twin, and what no change of its parameters makes of its error."""
+class PlainFit:
+    """A model fitted without any twin, and what no change of its parameters makes of its error.
+
+    `trained` is the problem up to the last row that is fitted.
+    """
 
     problem: Problem
+    trained: Problem
     fitted: Fitted
 
     def left_by(self, law: PositionController, disturbance: Disturbance) -> float:
         """Mean square of the training rows that a law's twin leaves once the parameters have followed [(N m)²]."""
-        problem = replace(self.problem, controller=law, disturbance=disturbance)
+        problem = replace(self.trained, controller=law, disturbance=disturbance)
         correction = problem.correction(self.fitted.packed)
         if not correction.stable:
             return math.inf
@@ -136,13 +142,19 @@ def told_by_twin(
     """
     if len(laws) == 1 and laws[0].ticks == 1:
         return laws[0], STILL
-    plain: dict[tuple[bool, str, bool], _Plain] = {}
+    return _TOLD.answer(_question(data, laws, model, policy), lambda: _told(data, laws, model, policy))
+
+
+def _told(
+    data: Prepared, laws: Sequence[PositionController], model: Packed, policy: Policy
+) -> tuple[PositionController, Disturbance]:
+    plain: dict[tuple[bool, str, bool], PlainFit] = {}
     disturbance: Disturbance | None = None
     best, least = laws[0], math.inf
     for law in reversed(laws):
         key = law.in_band, law.taken, law.sensed
         if key not in plain:
-            plain[key] = _plain(as_recorded(data, law), model, policy)
+            plain[key] = plain_fit(as_recorded(data, law), model, policy)
         here = plain[key]
         if disturbance is None:
             disturbance = estimate_disturbance(replace(here.problem, controller=law), here.fitted.packed)
@@ -157,6 +169,27 @@ def told_by_twin(
     return best, disturbance or STILL
 
 
+def _question(
+    data: Prepared, laws: Sequence[PositionController], model: Packed, policy: Policy
+) -> tuple[object, ...]:
+    """What is told by a twin, told apart by content."""
+    sensed = () if data.sensed is None else (data.sensed,)
+    content = digest_of(
+        data.reference, data.measured, data.torque, data.recorded_torque, data.feedforward, data.position,
+        data.taps, data.grid, model.p, model.on, *sensed,
+    )  # fmt: skip
+    rest = (
+        data.period,
+        data.stretches,
+        data.blocks,
+        data.motion_cutoff,
+        data.resolution,
+        data.pace,
+        data.metadata,
+    )
+    return *(repr(one) for one in (*laws, policy, *rest)), content
+
+
 def _faster(law: PositionController, least: int, period: float) -> list[PositionController]:
     """The law with a loop that is so many times as fast as the samples or faster, the slowest first."""
     if law.ticks == 1:
@@ -165,11 +198,13 @@ def _faster(law: PositionController, least: int, period: float) -> list[Position
     return [replace(law, ticks=count) for count in counts if count >= least]
 
 
-def _plain(data: Prepared, model: Packed, policy: Policy) -> _Plain:
+def plain_fit(data: Prepared, model: Packed, policy: Policy) -> PlainFit:
     problem = new_problem(data, None, policy)
     packed = Packed(model.p.copy(), model.on.copy())
     free = base_free(packed, problem.scales, data.metadata.motion_unit)
-    return _Plain(problem, refit(problem, packed, free, problem.correction(packed), 8))
+    return PlainFit(
+        problem, problem.until_trained(), refit(problem, packed, free, problem.correction(packed), 8)
+    )
 
 
 def model_error(data: Prepared, model: DriveModel, policy: Policy = POLICY) -> ModelError:

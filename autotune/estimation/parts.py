@@ -12,6 +12,7 @@ difference between speeds look like noise. Recordings of anything else are fitte
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -23,6 +24,8 @@ from autotune.models import layout
 from autotune.models.table import EFFECTS
 from autotune.recordings.recording import Recording, Segment
 
+SETTLED = 6.0
+"""Periods of the motion's cut-off: so far away a filter does not feel the end of what it is given."""
 SAME_PLACE = 0.01
 """Of the travel: repeats that are further apart are not the same motion."""
 _DRIFTING = [layout.flag(kind.name) for kind in EFFECTS.values() if kind.drifts]
@@ -33,7 +36,12 @@ def until_last(data: Prepared, rows: Flags) -> Prepared:
     needed = data.grid[rows]
     if len(needed) == 0:
         return data
-    end = int(needed.max()) + len(data.taps) // 2 + 1
+    return until_sample(data, int(needed.max()) + len(data.taps) // 2 + 1)
+
+
+def until_sample(data: Prepared, end: int) -> Prepared:
+    """The data up to a sample, and as far beyond as filters need."""
+    end += math.ceil(SETTLED / (data.motion_cutoff * data.period))
     stretches = (Stretch(s.start, min(s.stop, end), s.closed) for s in data.stretches if s.start < end)
     return replace(data, stretches=tuple(stretches))
 
@@ -90,6 +98,8 @@ REPEATS = 2
 def fitted_part(recording: Recording) -> Recording:
     """The position-controlled experiments; each stroke of the steady state by a name of its own.
 
+    A recording that is none of the standard programme is given back as it is.
+
     Every second speed and two repeats of Dahl's curve say as much as all of them, in half the time.
     """
     segments = recording.segments()
@@ -102,6 +112,8 @@ def fitted_part(recording: Recording) -> Recording:
         keep[segments[i].rows] = False
         if i > 0 and segments[i - 1].experiment == _BETWEEN:
             keep[segments[i - 1].rows] = False
+    if keep.all() and all(segment.experiment != _STROKES for segment in segments):
+        return recording
     kept = recording.rows(keep)
     names = kept.experiment.astype(f"<U{max(kept.experiment.dtype.itemsize // 4, len(_STROKES) + 5)}")
     for segment in kept.segments():

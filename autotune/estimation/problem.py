@@ -17,10 +17,12 @@ from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import TRAINING, VETO, Block, Prepared
 from autotune.estimation.disturbance import STILL, Disturbance
 from autotune.estimation.least_squares import Fitted, Free, fit
+from autotune.estimation.parts import until_last
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.residual import (
     KnownRuns,
     Motion,
+    Noise,
     TwinRuns,
     add_runs,
     alike,
@@ -126,6 +128,24 @@ class Problem:
             return [self._led(packed, count) for packed in models]
         found = [self.runs.of(self.data, one, self.controller, self.disturbance) for one in models]
         return _corrected(self.data, found, count, self.moved)
+
+    def corrections_under(self, disturbances: Sequence[Disturbance], packed: Packed) -> list[Correction]:
+        """`correction` under each of several disturbances; nothing to correct without a controller."""
+        if self.controller is None:
+            return [_uncorrected(self.data)] * len(disturbances)
+        counts = self.data.resolution if self.controller.adrift else 0.0
+        raw = self.raw(packed)
+        found = [
+            TwinRuns(
+                self.data, packed, self.controller, Noise(self.data, one, counts), self.runs.loops, raw=raw
+            )
+            for one in disturbances
+        ]
+        return _corrected(self.data, found, self.simulations, self.moved)
+
+    def until_trained(self) -> Problem:
+        """The problem up to the last row that is fitted: costs are the same, and nothing after it is computed."""
+        return replace(self, data=until_last(self.data, self.training > 0))
 
     def twins_alike(self, models: Sequence[Packed]) -> int:
         """How many of the first models one pass of simulation and of inverse can take together."""

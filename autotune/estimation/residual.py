@@ -8,16 +8,25 @@ effects visible. The injected noise is known, so that its own part is taken out 
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeAlias
 
 import numpy as np
 
 from autotune.core.arrays import Floats, Integers
+from autotune.core.remembered import LastOf
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import Prepared, Stretch, filtered_motion
 from autotune.estimation.disturbance import Disturbance
-from autotune.estimation.twin import simulate_stretch, simulate_stretches, started_torque, steps_of_twin
+from autotune.estimation.twin import (
+    Loop,
+    loop_along,
+    simulate_stretch,
+    simulate_stretches,
+    started_torque,
+    steps_of_twin,
+)
 from autotune.models import layout
 from autotune.models.compiled import compiled
 from autotune.models.drive_model import Packed
@@ -31,8 +40,11 @@ from autotune.models.inverse import (
 from autotune.models.lanes import WIDTH, along, filled, side_by_side
 from autotune.models.torque_saturation import SATURATES, torque_slope
 
+Asked: TypeAlias = Callable[[Prepared, PositionController], Floats]
 SEED = 20_240
 KNOWN_RUNS = 24  # models
+KNOWN_LOOPS = 4  # stretches
+Loops: TypeAlias = LastOf[Loop]
 GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 """Of a count: from run to run, so that few of them lie evenly."""
 
@@ -223,10 +235,13 @@ def run_twin(
     noise: Disturbance,
     random: np.random.Generator,
     quantised: bool = True,
+    loops: Loops | None = None,
 ) -> Simulated:
     """Simulates all stretches from their references, each from where it was measured to start."""
     resolution = data.resolution if quantised else 0.0
-    run = _run(data, packed, controller, *shaken(data, noise, random), resolution)
+    run = _run(
+        data, packed, controller, *shaken(data, noise, random), resolution, loops or LastOf(KNOWN_LOOPS)
+    )
     if noise.jitter == 0.0:
         return run
     position = run.position.copy()
@@ -256,6 +271,7 @@ def _run(
     disturbance: Floats,
     unsure: Floats,
     resolution: float,
+    loops: Loops,
 ) -> Simulated:
     n = len(data.reference)
     position, torque = np.zeros(n), np.zeros(n)
@@ -271,6 +287,7 @@ def _run(
             resolution,
             disturbance[rows],
             unsure[rows],
+            loop=_loop(data, controller, stretch, loops),
         )
         stable &= inside
     return Simulated(position, torque, disturbance, stable and _follows(data, position))
@@ -289,15 +306,17 @@ def run_twins(
     models: Sequence[Packed],
     controller: PositionController,
     noise: Sequence[tuple[Floats, Floats]],
+    loops: Loops | None = None,
 ) -> list[Simulated]:
     """A run of each of several models, each with its own `noise` (`shaken`): those that each would make by itself."""
+    loops = loops or LastOf(KNOWN_LOOPS)
     runs: dict[int, Simulated] = {}
     keys = [(packed.on.tobytes(), steps_of_twin(packed, data.period, controller)) for packed in models]
     for chosen in _batches(keys):
         together = [(models[i], noise[i]) for i in chosen]
-        found = _runs_in_lanes(data, together, controller) if len(chosen) > 1 else None
+        found = _runs_in_lanes(data, together, controller, loops) if len(chosen) > 1 else None
         if found is None:  # one alone, or one of them leaves all bounds
-            found = [_run(data, one, controller, *own, data.resolution) for one, own in together]
+            found = [_run(data, one, controller, *own, data.resolution, loops) for one, own in together]
         runs |= dict(zip(chosen, found, strict=True))
     return [runs[i] for i in range(len(models))]
 
@@ -306,18 +325,22 @@ def _runs_in_lanes(
     data: Prepared,
     together: Sequence[tuple[Packed, tuple[Floats, Floats]]],
     controller: PositionController,
+    loops: Loops,
 ) -> list[Simulated] | None:
     """Runs of two to eight models with the same effects and steps; None where one of them leaves all bounds."""
     n, count = len(data.reference), len(together)
     position, torque = np.zeros((2, count, n))
     for stretch in data.stretches:
         rows = stretch.rows
+        shaken, unsure = (_abreast([noise[part][rows] for _, noise in together]) for part in (0, 1))
         done = simulate_stretches(
             _recorded(data, controller, stretch),
             [packed for packed, _ in together],
             controller,
             (data.metadata.torque_limit or np.inf, data.resolution),
-            *(_abreast([noise[part][rows] for _, noise in together]) for part in (0, 1)),
+            shaken,
+            unsure,
+            _loop(data, controller, stretch, loops),
         )
         if done is None:
             return None
@@ -326,6 +349,13 @@ def _runs_in_lanes(
         Simulated(position[i], torque[i], noise[0], _follows(data, position[i]))
         for i, (_, noise) in enumerate(together)
     ]
+
+
+def _loop(data: Prepared, controller: PositionController, stretch: Stretch, loops: Loops) -> Loop:
+    """What the loop of a twin is given along a stretch, whatever its model."""
+    return loops.answer(
+        (data, controller, stretch), lambda: loop_along(_recorded(data, controller, stretch), controller)
+    )
 
 
 class Noise:
@@ -363,6 +393,7 @@ class TwinRuns:
     packed: Packed
     controller: PositionController
     noise: Noise
+    loops: Loops
     biases: list[Floats] = field(default_factory=list)
     stable: bool = True
     raw: Floats | None = None
@@ -376,7 +407,7 @@ def add_runs(many: Sequence[TwinRuns], count: int, measured: Motion) -> None:
     data, controller = many[0].data, many[0].controller
     jobs = [(one, i) for one in many if one.stable for i in range(len(one.biases), count)]
     noise = [one.noise.of(i) for one, i in jobs]
-    runs = run_twins(data, [one.packed for one, _ in jobs], controller, noise)
+    runs = run_twins(data, [one.packed for one, _ in jobs], controller, noise, many[0].loops)
     asked: list[tuple[TwinRuns, Simulated | None]] = [(one, None) for one in many if one.raw is None]
     for (one, _), made in zip(jobs, runs, strict=True):
         one.stable &= made.stable
@@ -423,6 +454,8 @@ class KnownRuns:
     def __init__(self) -> None:
         self._runs: dict[tuple[bytes, bytes], TwinRuns] = {}
         self._noise: Noise | None = None
+        self._heard: LastOf[Floats] = LastOf(1)
+        self.loops: Loops = LastOf(KNOWN_LOOPS)
 
     def of(
         self, data: Prepared, packed: Packed, controller: PositionController, disturbance: Disturbance
@@ -434,7 +467,7 @@ class KnownRuns:
         if known is None or not same or known.noise.disturbance is not disturbance:
             own = Packed(packed.p.copy(), packed.on.copy())
             counts = data.resolution if controller.adrift else 0.0
-            known = TwinRuns(data, own, controller, self._noise_of(data, disturbance, counts))
+            known = TwinRuns(data, own, controller, self._noise_of(data, disturbance, counts), self.loops)
         self._runs[key] = known
         while len(self._runs) > KNOWN_RUNS:
             del self._runs[next(iter(self._runs))]
@@ -444,6 +477,12 @@ class KnownRuns:
         """Residual of the measured motion at a model, where it is known."""
         known = self._runs.get((packed.p.tobytes(), packed.on.tobytes()))
         return known.raw if known is not None and known.data is data else None
+
+    def heard(self, data: Prepared, controller: PositionController, asked: Asked) -> Floats:
+        """What the recorded torque has beside what a controller asks for [N m], shape (n,); the last is known."""
+        return self._heard.answer(
+            (data, controller), lambda: np.asarray(data.torque - asked(data, controller))
+        )
 
     def _noise_of(self, data: Prepared, disturbance: Disturbance, counts: float) -> Noise:
         if self._noise is None or not self._noise.fits(data, disturbance, counts):

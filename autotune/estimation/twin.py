@@ -14,23 +14,17 @@ from typing import Protocol
 import numpy as np
 
 from autotune.core.arrays import Flags, Floats
-from autotune.estimation.controller_law import (
-    MOMENT,
-    PositionController,
-    between_moments,
-    delayed,
-    finer,
-    later,
-)
+from autotune.estimation.controller_law import MOMENT, PositionController
 from autotune.models import layout
 from autotune.models.compiled import compiled
 from autotune.models.contact import additive, friction_limit, viscous_coefficient
 from autotune.models.drive_model import Packed
 from autotune.models.lanes import WIDTH, filled
 from autotune.models.layout import MICRO_DAMPING, STIFFNESS
-from autotune.models.plant import simulate, simulate_in_lanes, substeps_for
+from autotune.models.plant import seen_late, simulate, simulate_in_lanes, substeps_for
 from autotune.models.torque_lag import MOTOR_TORQUE, STAGES
 from autotune.models.torque_saturation import saturated
+from autotune.signals.between_samples import between_moments, delayed, finer, later
 
 START_SECONDS = 0.02
 LEADING = 6.0
@@ -168,6 +162,7 @@ def simulate_stretch(
     resolution: float,
     disturbance: Floats,
     position_noise: Floats,
+    loop: Loop | None = None,
 ) -> tuple[Floats, Floats, bool]:
     """Position and torque as the drive would have logged them, shape (n,), and whether all stayed in bounds.
 
@@ -177,11 +172,10 @@ def simulate_stretch(
         limit: of the torque; infinite where unknown.
         resolution: of the encoder; 0 for none.
         disturbance, position_noise: torque after the demand, and position before it is quantised; shape (n,).
+        loop: what `loop_along` gives, where it is known.
     """
-    loop = _between_samples if recorded.closed and controller.ticks > 1 else _at_samples
-    given = loop(recorded, controller)
-    ticks, n = given.ticks, len(given.command)
-    period = recorded.period / ticks
+    given = loop or loop_along(recorded, controller)
+    n, period = len(disturbance), recorded.period / given.ticks
     offset = float(position_noise.mean()) if controller.adrift else 0.0
     position, torque = np.zeros(n), np.zeros(n)
     done = simulate(
@@ -191,27 +185,16 @@ def simulate_stretch(
         given.gains,
         np.array([period, limit, resolution, *given.begun(offset)]),
         recorded.closed,
-        substeps_for(packed.p, period, packed.on),
-        given.command + offset * recorded.closed,
+        _steps(packed, period, given.ticks),
+        given.command + offset if offset and recorded.closed else given.command,
         given.feedforward,
-        np.repeat(disturbance, ticks),
-        np.repeat(position_noise, ticks),
+        disturbance,
+        position_noise,
         position,
         torque,
+        given.averaged,
     )
-    return position[::ticks] - offset, _recorded_torque(torque, controller), done == n
-
-
-def _recorded_torque(fine: Floats, controller: PositionController) -> Floats:
-    """What a torque comes to from each sample to the next by its record, shape (n,).
-
-    Of a demand as at the samples that is the mean of two, which is not what acted between them. A current that follows
-    its demand changes too little between them for that.
-    """
-    ticks = controller.ticks
-    if ticks == 1 or controller.taken != MOMENT or controller.answer_delay > 0.0:
-        return np.asarray(fine.reshape(-1, ticks).mean(axis=1))
-    return between_moments(fine[::ticks])
+    return position - offset, given.recorded_torque(torque), done == n
 
 
 def simulate_stretches(
@@ -221,6 +204,7 @@ def simulate_stretches(
     bounds: tuple[float, float],
     disturbance: Floats,
     position_noise: Floats,
+    given: Loop,
 ) -> tuple[Floats, Floats] | None:
     """`simulate_stretch` of up to eight models in one pass: positions and torques, shape (8, n).
 
@@ -229,20 +213,16 @@ def simulate_stretches(
     Args:
         bounds: limit of the torque and resolution, as there.
         disturbance, position_noise: as there, shape (8, n).
+        given: what `loop_along` gives.
     """
-    loop = _between_samples if recorded.closed and controller.ticks > 1 else _at_samples
-    given = loop(recorded, controller)
-    ticks, n = given.ticks, len(given.command)
-    period = recorded.period / ticks
-    if ticks > 1:
-        disturbance, position_noise = (np.repeat(x, ticks, axis=1) for x in (disturbance, position_noise))
+    n, period = len(recorded.reference), recorded.period / given.ticks
     offset = np.broadcast_to(position_noise.mean(axis=1) if controller.adrift else 0.0, WIDTH)
     commands = given.command[None]
     if recorded.closed and np.any(offset != 0.0):
         commands = given.command + offset[:, None]
     models = [*models, *[models[-1]] * (WIDTH - len(models))]
     begun = {id(packed): start_state(recorded, packed) for packed in models}
-    position, torque = np.zeros((WIDTH, n)), np.zeros((WIDTH, n))
+    position, torque = np.zeros((2, WIDTH, n))
     done = simulate_in_lanes(
         filled([packed.p for packed in models]),
         models[0].on,
@@ -250,37 +230,43 @@ def simulate_stretches(
         given.gains,
         filled([np.array([period, *bounds, *given.begun(float(off))]) for off in offset]),
         recorded.closed,
-        substeps_for(models[0].p, period, models[0].on),
+        _steps(models[0], period, given.ticks),
         commands,
         given.feedforward[None],
         disturbance,
         position_noise,
         position,
         torque,
+        given.averaged,
     )
     if done < n:
         return None
-    position -= offset[:, None]
-    if ticks == 1:
-        return position, torque
-    logged = np.array([_recorded_torque(fine, controller) for fine in torque])
-    return position[:, ::ticks], logged
+    if controller.adrift:
+        position -= offset[:, None]
+    return position, given.recorded_torque(torque)
 
 
 def steps_of_twin(packed: Packed, period: float, controller: PositionController) -> tuple[int, int]:
     """Steps that a twin needs at the samples, and between them where its loop works there."""
-    return substeps_for(packed.p, period, packed.on), substeps_for(
-        packed.p, period / controller.ticks, packed.on
-    )
+    ticks = controller.ticks
+    return _steps(packed, period, 1), _steps(packed, period / ticks, ticks)
+
+
+def _steps(packed: Packed, tick: float, ticks: int) -> int:
+    """Steps in a tick of a loop: two of a sample at least, which ticks are parts of already."""
+    return substeps_for(packed.p, tick, packed.on, least=1 if ticks > 1 else 2)
 
 
 @dataclass(frozen=True, slots=True)
-class _Loop:
+class Loop:
     """What the twin's loop is given; arrays of shape (n·ticks,).
 
     Attributes:
         command: the reference, or in torque mode the torque.
         memory: the controller's sum, filtered derivative, reference and position before the first tick.
+        averaged: whether a torque comes to the mean over a sample's ticks. Of a demand as at the samples it comes to
+            the mean of two, which is not what acted between them; a current that follows its demand changes too little
+            between them for that.
     """
 
     ticks: int
@@ -288,26 +274,38 @@ class _Loop:
     command: Floats
     feedforward: Floats
     memory: tuple[float, float, float, float]
+    averaged: bool = True
 
-    def begun(self, offset: float) -> tuple[float, float, float, float]:
-        """The memory where reference and reading are off by so much."""
+    def begun(self, offset: float) -> tuple[float, ...]:
+        """The memory where reference and reading are off by so much, and room for the readings that are seen late."""
         total, rate, reference, position = self.memory
-        return total, rate, reference + offset, position + offset
+        room = np.zeros(seen_late(float(self.gains[5]))).tolist()
+        return total, rate, reference + offset, position + offset, *room
+
+    def recorded_torque(self, torque: Floats) -> Floats:
+        """What a simulated torque comes to from each sample to the next by its record, shape (…, n)."""
+        return torque if self.averaged else between_moments(torque)
 
 
-def _at_samples(recorded: Recorded, controller: PositionController) -> _Loop:
+def loop_along(recorded: Recorded, controller: PositionController) -> Loop:
+    """What the twin's loop is given along a stretch, whatever the model."""
+    between = recorded.closed and controller.ticks > 1
+    return (_between_samples if between else _at_samples)(recorded, controller)
+
+
+def _at_samples(recorded: Recorded, controller: PositionController) -> Loop:
     """The loop of a drive that works at the samples, or none: torque mode."""
     feedforward = recorded.feedforward * recorded.closed
     if not recorded.closed:
         before = 0.0, 0.0, recorded.last_reference, recorded.last_position
-        return _Loop(1, controller.gains, recorded.torque, feedforward, before)
+        return Loop(1, controller.gains, recorded.torque, feedforward, before)
     reference = delayed(recorded.reference, controller.reference_delay, recorded.last_reference)
     feedforward = feedforward + controller.feedforward(reference, recorded.last_reference, recorded.period)
     memory = _memory(recorded, controller, float(feedforward[0]))
-    return _Loop(1, controller.gains, reference, feedforward, memory)
+    return Loop(1, controller.gains, reference, feedforward, memory)
 
 
-def _between_samples(recorded: Recorded, controller: PositionController) -> _Loop:
+def _between_samples(recorded: Recorded, controller: PositionController) -> Loop:
     """The loop of a drive that works between the samples."""
     ticks = controller.ticks
     share = 1.0 - (1.0 - controller.derivative_filter) ** (1.0 / ticks)
@@ -322,7 +320,9 @@ def _between_samples(recorded: Recorded, controller: PositionController) -> _Loo
         total = float(rest - controller.kd * rate) / controller.ki
     gains = replace(controller, derivative_filter=share).gains
     fine = later(fine, controller.ticks_late)
-    return _Loop(ticks, gains, fine, pushed, (total, rate, fine[0], recorded.measured[0]))
+    memory = total, rate, float(fine[0]), float(recorded.measured[0])
+    averaged = controller.taken != MOMENT or controller.answer_delay > 0.0
+    return Loop(ticks, gains, fine, pushed, memory, averaged)
 
 
 def start_state(recorded: Recorded, packed: Packed) -> Floats:

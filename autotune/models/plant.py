@@ -42,6 +42,8 @@ from autotune.models.transmission import (
 )
 
 MOST_SUBSTEPS = 64
+LOOP = 7
+"""Numbers of a twin's loop before the readings that it sees late."""
 
 
 @compiled
@@ -130,6 +132,31 @@ def _measured(p: Floats, on: Flags, position: float, noise: float, resolution: f
 
 
 @compiled
+def _seen(loop: Floats, room: int, place: int, late: int, part: float, measured: float) -> float:
+    """What the controller sees of a reading now, so many ticks and a part of one late; kept in the room of the loop."""
+    if room == 0:
+        return measured
+    loop[LOOP + place] = measured
+    seen = loop[LOOP + (place - late) % room]
+    if part > 0.0:
+        seen += part * (loop[LOOP + (place - late - 1) % room] - seen)
+    return float(seen)
+
+
+@compiled
+def _asked(gains: Floats, weight: float, loop: Floats, command: float, pushed: float, seen: float) -> float:
+    """What the controller asks for [N m], beyond the limit too; its memory in the loop is moved on."""
+    period = loop[0]
+    error = command - seen
+    change = (weight * (command - loop[5]) - seen + loop[6]) / period
+    loop[4] += gains[3] * (change - loop[4])
+    demand = gains[0] * error + gains[1] * loop[4] + gains[2] * (loop[3] + error * period) + pushed
+    loop[3] += where(abs(demand) <= loop[1], error * period, 0.0)
+    loop[5] = command
+    return float(demand)
+
+
+@compiled
 def simulate(
     p: Floats,
     on: Flags,
@@ -144,52 +171,56 @@ def simulate(
     position_noise: Floats,
     position: Floats,
     torque: Floats,
+    averaged: bool = True,
 ) -> int:
-    """The twin: plant, quantiser and controller, sample by sample.
+    """The twin: plant, quantiser and controller, tick by tick; what is recorded, and what shakes it, by sample.
 
     Args:
         gains: kp, kd, ki, derivative filter, and optionally both the part of the reference's rate in the derivative,
-            and how many samples late the controller sees the position; on a straight line between two of them.
-        loop: sample period [s], torque limit [N m], position resolution (0: none), then the controller's
+            and how many ticks late the controller sees the position; on a straight line between two of them.
+        loop: length of a tick [s], torque limit [N m], position resolution (0: none), then the controller's
             state to start from, and in place the one it ends with: sum Σe·h, filtered derivative,
-            reference and position of the sample before.
+            reference and position of the tick before; then room for the readings that are seen late (`seen_late`).
         closed: whether `command` is the position reference (else it is the torque demand).
-        feedforward, disturbance: added to the demand before, and to the torque after it [N m].
+        command, feedforward: arrays of shape (n·ticks,); the latter is added to the demand [N m].
+        disturbance: added to the torque after the demand [N m]; like all below an array of shape (n,).
         position_noise: added to the position before it is quantised.
-        position, torque: results, as the drive would report them; arrays of shape (n,).
+        position, torque: results, as the drive would report them: the reading of a sample's first tick, and the mean
+            of the demands of all its ticks; where that is not `averaged`, the demand of the first.
 
     Returns:
-        How many samples were simulated before the state left all bounds; n if it did not.
+        How many samples were simulated before the state left all bounds; n if it did not; 0 without that room.
     """
-    period, limit, resolution = loop[0], loop[1], loop[2]
-    total, rate, last_reference, last_position = loop[3], loop[4], loop[5], loop[6]
-    kp, kd, ki, smoothing = gains[0], gains[1], gains[2], gains[3]
+    limit = loop[1]
     weight, late, part = (gains[4], int(gains[5]), gains[5] % 1.0) if len(gains) > 5 else (1.0, 0, 0.0)
-    before = last_position  # what was seen until then
+    room, ticks = len(loop) - LOOP, len(command) // len(torque)
+    if (late > 0 or part > 0.0) and room < late + 2:
+        return 0
+    for i in range(room):
+        loop[LOOP + i] = loop[6]  # what was seen until then
+    summed = 0.0 * loop[6]
     for k in range(len(command)):
-        measured = _measured(p, on, state[POSITION], position_noise[k], resolution)
-        position[k] = measured
-        seen = position[k - late] if k >= late else before
-        if part > 0.0:
-            seen += part * ((position[k - late - 1] if k > late else before) - seen)
-        if closed:
-            error = command[k] - seen
-            change = (weight * (command[k] - last_reference) - seen + last_position) / period
-            rate += smoothing * (change - rate)
-            demand = kp * error + kd * rate + ki * (total + error * period) + feedforward[k]
-            total += where(abs(demand) <= limit, error * period, 0.0)
-            last_reference = command[k]
-        else:
-            demand = command[k]
-        last_position = seen
+        row, tick = k // ticks, k % ticks
+        measured = _measured(p, on, state[POSITION], position_noise[row], loop[2])
+        seen = _seen(loop, room, k % max(room, 1), late, part, measured)
+        demand = _asked(gains, weight, loop, command[k], feedforward[k], seen) if closed else command[k]
+        loop[6] = seen
         demand = min(max(demand, -limit), limit)
-        torque[k] = demand
-        actual = delivered(p, on, state, demand, period)
-        advance(p, on, state, actual + disturbance[k], period, substeps)
+        if tick == 0:
+            position[row], torque[row], summed = measured, demand, 0.0 * demand
+        summed += demand
+        if averaged and tick == ticks - 1:
+            torque[row] = summed / ticks
+        actual = delivered(p, on, state, demand, loop[0])
+        advance(p, on, state, actual + disturbance[row], loop[0], substeps)
         if anywhere(abs(state[VELOCITY]) >= 1e6) or anywhere(state[VELOCITY] != state[VELOCITY]):
-            return k
-    loop[3], loop[4], loop[5], loop[6] = total, rate, last_reference, last_position
-    return len(command)
+            return row
+    return len(torque)
+
+
+def seen_late(ticks: float) -> int:
+    """Room for readings in a loop that sees them so many ticks late."""
+    return math.floor(ticks) + 2 if ticks > 0.0 else 0
 
 
 @compiled
@@ -207,6 +238,7 @@ def simulate_in_lanes(
     position_noise: Floats,
     position: Floats,
     torque: Floats,
+    averaged: bool = True,
 ) -> int:
     """`simulate` for eight twins of one command: up to the first of them that leaves all bounds.
 
@@ -226,6 +258,7 @@ def simulate_in_lanes(
         along(position_noise),
         along(position),
         along(torque),
+        averaged,
     )
 
 
@@ -244,10 +277,10 @@ def _fastest(p: Floats, on: Flags) -> float:
     return float(max(max(math.sqrt(stiffness / p[INERTIA]), damping / inertia), coupled))
 
 
-def substeps_for(p: Floats, period: float, on: Flags | None = None) -> int:
+def substeps_for(p: Floats, period: float, on: Flags | None = None, least: int = 2) -> int:
     """Steps a sample that resolve the bristle's oscillation and damping to about 0.1 rad a step."""
     if on is None:
         fastest = max(math.sqrt(p[STIFFNESS] / p[INERTIA]), p[MICRO_DAMPING] / p[INERTIA])
     else:
         fastest = _fastest(p, on)
-    return int(min(max(math.ceil(10.0 * period * fastest), 2), MOST_SUBSTEPS))
+    return int(min(max(math.ceil(10.0 * period * fastest), least), MOST_SUBSTEPS))

@@ -7,7 +7,7 @@ import numpy as np
 from autotune.estimation.controller_law import PositionController
 from autotune.models import layout
 from autotune.models.drive_model import DriveModel, base_model
-from autotune.models.plant import simulate, substeps_for
+from autotune.models.plant import seen_late, simulate, substeps_for
 from autotune.recordings.recording import Controller, Metadata, Recording
 
 PERIOD = 1e-3
@@ -44,8 +44,9 @@ def recorded(
     reference = 2.0 * np.sum(tones, axis=0) * np.minimum(time / 0.5, 1.0) ** 2
     packed = (model or base_model(AXIS)).pack()
     position, torque = np.empty_like(time), np.empty_like(time)
-    loop = np.array([period, limit or np.inf, RESOLUTION, 0.0, 0.0, reference[0], 0.0])
-    simulate(
+    seen = np.zeros(seen_late(law.position_delay))
+    loop = np.array([period, limit or np.inf, RESOLUTION, 0.0, 0.0, reference[0], 0.0, *seen])
+    done = simulate(
         packed.p,
         packed.on,
         np.zeros(layout.STATES),
@@ -60,6 +61,7 @@ def recorded(
         position,
         torque,
     )
+    assert done == len(time)
     metadata = Metadata(
         sample_period=period, position_resolution=RESOLUTION, torque_limit=limit, controller=known
     )

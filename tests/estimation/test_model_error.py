@@ -8,7 +8,8 @@ import pytest
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import Prepared, filtered_motion, prepare
 from autotune.estimation.disturbance import STILL, Disturbance
-from autotune.estimation.model_error import told_by_twin
+from autotune.estimation.model_error import PlainFit, plain_fit, told_by_twin
+from autotune.estimation.policy import POLICY
 from autotune.estimation.residual import run_twin
 from autotune.models.drive_model import base_model
 from autotune.recordings.recording import Metadata, Recording
@@ -21,7 +22,7 @@ LAW = PositionController(
 )
 
 
-def _driven(ticks: int) -> Prepared:
+def _driven(ticks: int, seed: int) -> Prepared:
     """Moves of 0.4 s and rests of 0.6 s, in which the loop swings between two counts."""
     time = np.arange(8_000) * PERIOD
     moved = 0.5 - 0.5 * np.cos(np.pi * np.minimum(time % 1.0, 0.4) / 0.4)
@@ -29,7 +30,7 @@ def _driven(ticks: int) -> Prepared:
     columns = {"time": time, "reference": wanted, "position": wanted + 1e-9, "torque": np.cos(time)}
     metadata = Metadata(sample_period=PERIOD, position_resolution=COUNTS)
     data = prepare([Recording.from_columns(columns, metadata, "motion")])
-    shaken, random = Disturbance(white=3e-4), np.random.default_rng(3)
+    shaken, random = Disturbance(white=3e-4), np.random.default_rng(seed)
     run = run_twin(data, base_model(AXIS).pack(), replace(LAW, ticks=ticks), shaken, random)
     assert run.stable
     motion = filtered_motion(run.position, data.stretches, PERIOD, data.motion_cutoff)
@@ -39,14 +40,41 @@ def _driven(ticks: int) -> Prepared:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(("ticks", "told"), [(6, (4, 6, 8)), (12, (12,))])
-def test_how_fast_a_drives_loop_is_shows_in_how_it_rests_between_two_counts(
-    ticks: int, told: tuple[int, ...]
-) -> None:
-    """Identified with 4 ticks a sample; the torque that a rest begins with goes faster behind a later loop."""
-    law, _ = told_by_twin(_driven(ticks), [LAW], base_model(AXIS).pack())
-    assert law.ticks in told
+def _left(ticks: int, others: tuple[int, ...]) -> list[float]:
+    """Mean square that the twins of loops leave of a loop with so many ticks, over several disturbances."""
+    every = []
+    for seed in range(6):
+        plain = plain_fit(_driven(ticks, seed), base_model(AXIS).pack(), POLICY)
+        every.append([plain.left_by(replace(LAW, ticks=count), STILL) for count in others])
+    return [float(mean) for mean in np.mean(every, axis=0)]
+
+
+def test_how_fast_a_drives_loop_is_shows_in_how_it_rests_between_two_counts() -> None:
+    """The torque that a rest begins with goes faster behind a later loop; a single rest is a matter of luck."""
+    slow, fast = _left(6, (6, 12))
+    assert slow < fast
+    slow, fast = _left(12, (4, 12))
+    assert fast < slow
+
+
+def test_which_loop_leaves_least_is_told_and_nothing_else_of_its_law() -> None:
+    law, _ = told_by_twin(_driven(6, 3), [LAW], base_model(AXIS).pack())
+    assert law.ticks in (4, 6, 8)
     assert replace(law, ticks=LAW.ticks) == LAW
+
+
+def test_a_question_that_was_asked_is_not_simulated_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the same data, laws and model; a diagnosis asks it twice."""
+    asked: list[int] = []
+    original = PlainFit.left_by
+    monkeypatch.setattr(PlainFit, "left_by", lambda *given: asked.append(1) or original(*given))
+    model = base_model(AXIS).pack()
+    first = told_by_twin(_driven(6, 5), [LAW], model)
+    count = len(asked)
+    assert told_by_twin(_driven(6, 5), [LAW], model) == first
+    assert count == len(asked) > 0
+    told_by_twin(_driven(6, 5), [replace(LAW, kp=1.01 * LAW.kp)], model)
+    assert len(asked) > count
 
 
 def test_a_law_of_the_samples_is_not_asked_about() -> None:

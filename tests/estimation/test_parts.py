@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from autotune.estimation.bandwidth import prepared_both
 from autotune.estimation.parts import fitted_part
 from autotune.recordings.recording import Metadata, Recording
+from tests.estimation.simulated import TRUE, recorded
 
 
 def recording_of(*segments: tuple[str, int, int]) -> Recording:
@@ -51,6 +53,13 @@ def test_every_second_speed_and_two_repeats_are_fitted() -> None:
         [("steady_state/6", 6), ("steady_state/7", 7)],
     )
     assert kept == [*fast, *slow, ("dahl", 0), ("dahl", 1)]
+
+
+def test_a_recording_of_anything_else_is_prepared_once() -> None:
+    other = recorded(TRUE, seconds=20.0)
+    assert fitted_part(other) is other
+    data, whole = prepared_both([other])
+    assert whole is data
 
 
 def test_a_recording_without_presliding_is_fitted_whole() -> None:

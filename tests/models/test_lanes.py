@@ -16,7 +16,7 @@ from autotune.models.inverse import (
     required_in_lanes,
 )
 from autotune.models.lanes import WIDTH, along, anywhere, filled, side_by_side, where
-from autotune.models.plant import simulate, simulate_in_lanes, substeps_for
+from autotune.models.plant import seen_late, simulate, simulate_in_lanes, substeps_for
 from autotune.models.table import EFFECTS
 from tests.models.test_effects import NUMBERS, SHAPED, VALUES
 
@@ -128,3 +128,36 @@ def test_functions_and_choices_lane_by_lane() -> None:
     with np.errstate(all="ignore"):
         right = np.where(given > 2.0, -np.floor(given), np.exp(given))
     np.testing.assert_allclose(result.T, right, rtol=1e-15)
+
+
+@pytest.mark.parametrize("late", [0.0, 0.4, 2.0, 3.7])
+def test_ticks_of_a_loop_say_at_each_sample_what_a_twin_of_its_ticks_says(late: float) -> None:
+    """A torque is told as the mean over a sample, or as at its beginning; readings that are late come from ticks."""
+    model, ticks = base_model(NUMBERS).pack(), 4
+    gains = np.array([8.0, 0.05, 20.0, 0.5, 1.0, late])
+    loop = np.concatenate([_loop(), np.zeros(seen_late(late))])
+    command, still = np.repeat(POSITION, ticks), np.zeros(ROWS * ticks)
+    shaken = 0.02 * np.random.default_rng(4).normal(size=ROWS)
+    every, asked = np.empty((2, ROWS * ticks))
+    simulate(
+        model.p, model.on, np.zeros(layout.STATES), gains, loop.copy(), True, 2, command, still,
+        np.repeat(shaken, ticks), still, every, asked,
+    )  # fmt: skip
+    assert np.ptp(every) > 0.0
+    if late > 0.0:  # without room for what is seen late nothing is simulated
+        nothing = simulate(
+            model.p, model.on, np.zeros(layout.STATES), gains, _loop(), True, 2, command, still, shaken, shaken,
+            np.empty(ROWS), np.empty(ROWS),
+        )  # fmt: skip
+        assert nothing == 0
+    for averaged in (True, False):
+        position, torque = np.empty((2, WIDTH, ROWS))
+        done = simulate_in_lanes(
+            filled([model.p] * WIDTH), model.on, np.zeros((layout.STATES, WIDTH)), gains, filled([loop] * WIDTH),
+            True, 2, command[None], still[None], shaken[None], np.zeros((1, ROWS)), position, torque, averaged,
+        )  # fmt: skip
+        assert done == ROWS
+        told = asked.reshape(-1, ticks)
+        wanted = told.mean(axis=1) if averaged else told[:, 0]
+        np.testing.assert_allclose(position[3], every[::ticks], rtol=0.0, atol=ROUNDING)
+        np.testing.assert_allclose(torque[3], wanted, rtol=0.0, atol=1e3 * ROUNDING)

@@ -1,0 +1,61 @@
+"""What is between the samples of a signal, and signals that come late."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from autotune.core.arrays import Floats
+
+
+def delayed(values: Floats, late: int, before: float) -> Floats:
+    """Values `late` samples ago, shape (n,); `before` where that is before the first."""
+    if late == 0:
+        return values
+    shown: Floats = np.concatenate([np.full(min(late, len(values)), before), values[:-late]])
+    return shown
+
+
+def later(values: Floats, count: float) -> Floats:
+    """Values of shape (…, n) so many places later, on straight lines between them; the first stays until then."""
+    if count == 0.0:
+        return values
+    whole = int(count)
+    first, last = values[..., :1], values.shape[-1]
+    held = np.concatenate([np.repeat(first, whole + 1, axis=-1), values], axis=-1)
+    return np.asarray(
+        held[..., 1 : last + 1] + (count - whole) * (held[..., :last] - held[..., 1 : last + 1])
+    )
+
+
+def finer(values: Floats, ticks: int, cubic: bool) -> Floats:
+    """Values of shape (n,) on the way from each to the next, shape (n·ticks,); beyond the last as before it.
+
+    On straight lines, or on the cubics whose slopes at the samples are those of their neighbours (Catmull and Rom).
+    """
+    beyond = 2.0 * values[-1:] - values[-2:-1]
+    known = np.concatenate([values[:1], values, beyond, beyond])
+    zero, one, two, three = (known[i : i + len(values), None] for i in range(4))
+    parts = np.arange(ticks)[None, :] / ticks
+    if not cubic:
+        return np.asarray(one + parts * (two - one)).ravel()
+    bend = 2.0 * zero - 5.0 * one + 4.0 * two - three + parts * (3.0 * (one - two) + three - zero)
+    return np.asarray(one + 0.5 * parts * (two - zero + parts * bend)).ravel()
+
+
+def bend_between(reference: Floats, period: float, ticks: int, smooth: bool) -> Floats:
+    """Second difference around each set point, which a drive knows on its way to it; on lines if smooth, else held."""
+    rate = np.diff(reference) / period
+    bend = np.asarray(np.diff(rate, prepend=rate[:1], append=rate[-1:]) / period)
+    return finer(bend, ticks, cubic=False) if smooth else np.repeat(bend, ticks)
+
+
+def rate_between(reference: Floats, fine: Floats, period: float, ticks: int, smooth: bool) -> Floats:
+    """Rate of the reference between set points: on lines from one to the next if smooth, else by its steps."""
+    if smooth:
+        return finer(np.asarray(np.gradient(reference)) / period, ticks, cubic=False)
+    return np.asarray(np.diff(fine, prepend=fine[:1]) * (ticks / period))
+
+
+def between_moments(values: Floats) -> Floats:
+    """Mean of each of the values, recorded as at the samples, and the next; shape (…, n)."""
+    return np.asarray(0.5 * (values + np.concatenate([values[..., 1:], values[..., -1:]], axis=-1)))
