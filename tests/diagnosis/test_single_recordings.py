@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 from autotune.diagnosis import verdict
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.compare import compare
-from autotune.diagnosis.first_alone import Doubt
+from autotune.diagnosis.confirmation import Doubt
 from autotune.diagnosis.fitting import fit_model
 from autotune.diagnosis.free_shape import any_course, like_a_parabola
 from autotune.diagnosis.verdict import diagnose

@@ -6,13 +6,14 @@ from types import SimpleNamespace
 
 import pytest
 
-from autotune.diagnosis import verdict
+from autotune.diagnosis import facts, verdict
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.diagnosis.evidence.single import SingleRecording
 from autotune.diagnosis.evidence.speed_curve import SpeedCurve
 from autotune.diagnosis.evidence.time_driven import TimeLine
-from autotune.diagnosis.verdict import CASES, Facts
+from autotune.diagnosis.facts import Facts
+from autotune.diagnosis.verdict import CASES
 from autotune.estimation.data import Clocked
 from autotune.estimation.policy import POLICY
 from autotune.models.drive_model import base_model
@@ -242,13 +243,13 @@ def test_an_effect_that_is_not_quite_what_data_show_stands_beside_its_look_alike
     monkeypatch: pytest.MonkeyPatch, signs: dict[str, object], gains: dict[str, float], rivals: set[str]
 ) -> None:
     """Those that gain half as much, or that nothing was tried of."""
-    monkeypatch.setattr(verdict, "like_a_parabola", lambda *_: False)
+    monkeypatch.setattr(facts, "like_a_parabola", lambda *_: False)
     fit = SimpleNamespace(effects=("dwell_time_break_away",))
     chosen = SimpleNamespace(effect="dwell_time_break_away", gain=0.9, model_fit=fit)
     first = [SimpleNamespace(effect=effect, gain=gain) for effect, gain in gains.items()]
     problem = SimpleNamespace(policy=POLICY, data=SimpleNamespace(starts=(0,)))
     known = (problem, fit, chosen, RepeatedProgramme(), (), None, "", 0.0, 0.9, (), first)
-    assert set(verdict._untold(Facts(*known, **signs))) == rivals
+    assert set(facts._untold(Facts(*known, **signs))) == rivals
 
 
 def test_what_speaks_against_an_effect_is_said() -> None:

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from autotune.diagnosis import first_alone
-from autotune.diagnosis.first_alone import doubt_of, with_effects
+from autotune.diagnosis import confirmation
+from autotune.diagnosis.confirmation import doubt_of, with_effects
 from autotune.estimation.policy import POLICY
 from autotune.models.drive_model import base_model
 from autotune.models.layout import INERTIA, flag
@@ -34,12 +34,12 @@ def _alone(monkeypatch, effects: tuple[str, ...], share: float) -> None:
     model_fit = SimpleNamespace(effects=effects, fitted=SimpleNamespace(error=np.ones(3)))
     chosen = SimpleNamespace(model_fit=model_fit) if effects else None
     found = SimpleNamespace(chosen=chosen, problem=None)
-    monkeypatch.setattr(first_alone, "prepared_for", lambda *_: None)
-    monkeypatch.setattr(first_alone, "begin", lambda *_, **__: (None, None, None, ()))
-    monkeypatch.setattr(first_alone, "replace", lambda problem, **_: problem)
-    monkeypatch.setattr(first_alone, "search", lambda *_: found)
-    monkeypatch.setattr(first_alone, "unexplained", lambda *_: share)
-    monkeypatch.setattr(first_alone, "_elsewhere", lambda *_: None)
+    monkeypatch.setattr(confirmation, "prepared_for", lambda *_: None)
+    monkeypatch.setattr(confirmation, "begin", lambda *_, **__: (None, None, None, ()))
+    monkeypatch.setattr(confirmation, "replace", lambda problem, **_: problem)
+    monkeypatch.setattr(confirmation, "search", lambda *_: found)
+    monkeypatch.setattr(confirmation, "unexplained", lambda *_: share)
+    monkeypatch.setattr(confirmation, "_elsewhere", lambda *_: None)
 
 
 @pytest.mark.parametrize(
@@ -62,9 +62,9 @@ def test_confirmed_is_what_the_first_recording_names_by_itself(monkeypatch, effe
 def test_what_another_recording_shows_by_itself_stays_suspected(monkeypatch) -> None:
     """Only what no recording shows by itself is no name: a base that is two, warmer in one of them, makes such."""
     _alone(monkeypatch, ("spring",), 0.1)
-    spring = first_alone.search()
+    spring = confirmation.search()
     found = iter((SimpleNamespace(chosen=None, problem=None), spring))
-    monkeypatch.setattr(first_alone, "search", lambda *_: next(found))
+    monkeypatch.setattr(confirmation, "search", lambda *_: next(found))
     doubt = doubt_of([None, None], None, ["spring"], print, POLICY, CANDIDATES)
     assert doubt is not None
     assert not doubt.nowhere

@@ -1,0 +1,281 @@
+"""What a verdict stands on: what a search found, what other trajectories said of it, and what speaks against it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from autotune.diagnosis.candidates import (
+    FittedCandidate,
+    ScreenedCandidate,
+    error_left,
+)
+from autotune.diagnosis.evidence import evidence_of
+from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
+from autotune.diagnosis.evidence.time_driven import (
+    TimeLine,
+    breathing_friction,
+    limit_cycle,
+    louder_than_all,
+    time_driven_line,
+    without_line,
+)
+from autotune.diagnosis.free_shape import any_course, at_an_edge, like_a_parabola
+from autotune.diagnosis.search import Found, again_explained
+from autotune.diagnosis.transmission import GAP, SPRING, hardly_a_gap
+from autotune.diagnosis.wording import (
+    usual_rivals,
+)
+from autotune.estimation.bias_corrected_fit import ModelFit
+from autotune.estimation.cross_validation import beyond_presliding, gain_and_z, goes_with_place
+from autotune.estimation.data import TRAINING
+from autotune.estimation.problem import Problem
+from autotune.models import layout
+from autotune.models.table import EFFECTS
+
+OUTDONE = 1.5
+"""Times the gain of what is named: what a candidate that could not pass may gain at most beside it."""
+LAW_DIFFERS, LAW_LEAD = 0.9, 0.6
+"""Share explained from which one effect is named though its law differs, and what another may gain of its gain."""
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """All that a verdict depends on.
+
+    Attributes:
+        carried: what other trajectories said of the effects; `line`: a disturbance that follows the clock.
+        coordinate, generic: the free function that gains most, and its gain.
+        left: what the root leaves is more than noise, chance and the measurement chain make; where that is asked.
+        overlooked: a candidate that gains too much to be nothing, though it cannot be named.
+        rivals: effects that explain as much as the chosen one.
+        freed: those whose course was fitted freely, and whether their own law would have named them too.
+        presliding: that of another law, which the root has.
+        breathing: a friction level that rises and falls with the clock; looked for where nothing is named.
+        climbing: something is left beside another law of presliding, but not where its contact slides: the law's own
+            rest, where that law explains enough.
+        unlike: an experiment in which one effect leaves what it explains in all others; looked for where it is named.
+        edge: the one effect would go on beyond the bounds of its law; likewise.
+        hunts: frequency of a limit cycle with more torque than friction [Hz]; 0 where there is none.
+    """
+
+    problem: Problem
+    root: ModelFit
+    chosen: FittedCandidate | None
+    evidence: Evidence
+    carried: Sequence[HoldoutResult]
+    line: TimeLine | None
+    coordinate: str
+    generic: float
+    lead: float
+    rivals: tuple[str, ...]
+    first: Sequence[ScreenedCandidate] = ()
+    tried: Sequence[FittedCandidate] = ()
+    freed: Mapping[str, bool] = field(default_factory=dict)
+    presliding: FittedCandidate | None = None
+    left: bool = True
+    breathing: TimeLine | None = None
+    overlooked: ScreenedCandidate | None = None
+    hunts: float = 0.0
+    climbing: bool = False
+    unlike: str = ""
+    edge: bool = False
+
+    @property
+    def drowned(self) -> bool:
+        """What was found is smaller than a disturbance in time, and so may be its shadow.
+
+        Or nothing was found, and a disturbance that is not of the mains is louder than all else: it has a cause.
+        """
+        if self.chosen is None and louder_than_all(self.problem.data):
+            return True
+        if self.line is None:
+            return False
+        if self.chosen is None:
+            return self.line.share > 1.0 - self.line.share
+        left = self.problem.mean_square(self.chosen.model_fit.fitted.error, TRAINING)
+        fall = self.chosen.training.fall
+        if self.evidence.repeats:
+            fall = min(fall, again_explained(self.problem, self.root, self.chosen.model_fit))
+        return fall < self.line.share * left
+
+    @property
+    def structured(self) -> bool:
+        """A free function of one coordinate explains plainly more than any physics, and something is missing."""
+        chosen = self.chosen
+        return (self.plainly and self.left) or (
+            chosen is not None and any_course(self.problem, chosen.model_fit)
+        )
+
+    @property
+    def plainly(self) -> bool:
+        policy = self.problem.policy
+        return self.generic > max(policy.generic_gain, policy.generic_lead * self.lead)
+
+    @property
+    def accepted(self) -> bool:
+        """Enough is explained for a name, and a gap is no name for chance."""
+        policy = self.problem.policy
+        chosen = self.chosen
+        return (
+            chosen is not None
+            and self.evidence.accepts(policy, chosen)
+            and not hardly_a_gap(policy, chosen.model_fit)
+            and (all(self.freed.values()) or self.leads)
+            and not self.evidence.doubted(self.problem, self.root, chosen.model_fit, self.first)
+        )
+
+    @property
+    def leads(self) -> bool:
+        """No other effect gains nearly as much as the chosen one by its own law; several together always lead."""
+        chosen = self.chosen
+        if chosen is None or len(chosen.model_fit.effects) > 1:
+            return chosen is not None
+        others = [item.gain for item in self.first if item.effect != chosen.effect]
+        others += [item.gain for item in self.tried if item.effect != chosen.effect]
+        own = next((item.gain for item in self.first if item.effect == chosen.effect), chosen.gain)
+        return max(others, default=0.0) <= LAW_LEAD * max(own, chosen.gain)
+
+    @property
+    def outdone(self) -> str:
+        """A candidate that is not named although it gains far more than all that is; empty where there is none."""
+        if self.chosen is None or self.evidence.repeats:
+            return ""
+        own = gain_and_z(self.root.unseen, self.chosen.model_fit.unseen)[0]
+        own = max(own, self.chosen.gain)
+        others = [item for item in self.first if item.effect not in self.chosen.model_fit.effects]
+        best = max(others, key=lambda item: item.gain, default=None)
+        return best.effect if best is not None and best.gain > OUTDONE * own else ""
+
+    @property
+    def law_differs(self) -> bool:
+        """One effect explains most of the error, far ahead of any other, but not all that its place holds.
+
+        Not two masses: with stiffness, damping and shares free they take the shape of much that a twin is not.
+        """
+        policy, chosen = self.problem.policy, self.chosen
+        if chosen is None or not self.evidence.repeats or len(chosen.model_fit.effects) > 1:
+            return False
+        if hardly_a_gap(policy, chosen.model_fit) or not self.problem.has_veto:
+            return False
+        if EFFECTS[chosen.effect].in_transmission:
+            return False
+        return chosen.share >= LAW_DIFFERS and self.leads
+
+    @property
+    def veto_silent(self) -> bool:
+        """On the veto trajectory less than half is explained unless what is left there is excused: it tells nothing."""
+        veto = self.chosen.veto if self.chosen is not None else None
+        return veto is not None and veto.plain_share < self.problem.policy.partly
+
+    @property
+    def own_law(self) -> bool:
+        """Another law of presliding explains enough, and nothing else was found."""
+        with_it = replace(self, chosen=self.presliding, freed={})
+        return self.chosen is None and not self.left and (with_it.accepted or with_it.law_differs)
+
+
+def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
+    """The facts of a search and of other trajectories."""
+    problem, root, chosen = found.problem, found.root, found.chosen
+    evidence = evidence_of(problem.data)
+    own = [] if found.presliding is None or found.sliding is not None else [found.presliding.gain]
+    lead = max((*own, *(item.gain for item in found.first)), default=0.0)
+    if chosen is not None:
+        lead = max(lead, gain_and_z(root.unseen, chosen.model_fit.unseen)[0])
+    coordinate, generic = max(found.generic.items(), key=lambda item: item[1], default=("", 0.0))
+    line = time_driven_line(problem, (chosen.model_fit if chosen else root).fitted.error)
+    rivals = tuple(_rivals(problem, evidence, root, chosen, found.tried)) if chosen is not None else ()
+    seen = (problem, root, chosen, evidence, carried, line, coordinate, generic, lead, rivals)
+    hunts = limit_cycle(problem, float(root.fitted.packed.p[layout.COULOMB]))
+    facts = Facts(*seen, found.first, found.tried, found.freed, found.presliding, hunts=hunts)
+    named = (facts.accepted or facts.law_differs) and not facts.structured
+    if named and chosen is not None and len(chosen.model_fit.effects) == 1:
+        unlike = evidence.unlike_in_one(problem, root, chosen.model_fit)
+        facts = replace(facts, unlike=unlike, edge=at_an_edge(problem, chosen.model_fit))
+        facts = replace(facts, rivals=facts.rivals or _untold(facts))
+    if named:
+        return facts
+    breathing = (
+        breathing_friction(problem, (chosen.model_fit if chosen else root)) if evidence.repeats else None
+    )
+    facts = replace(facts, breathing=breathing, overlooked=evidence.overlooked(problem, root, found.first))
+    left = _something_left(facts, found.sliding or problem)
+    left = left or (chosen is None and _of_place(problem, root))
+    climbing = found.sliding is not None and not left and _something_left(facts, problem)
+    return replace(facts, left=left, climbing=climbing)
+
+
+def _of_place(problem: Problem, root: ModelFit) -> bool:
+    return goes_with_place(beyond_presliding(problem, root.fitted.packed), root.fitted)
+
+
+def _untold(facts: Facts) -> tuple[str, ...]:
+    """Look-alikes of one effect that is not quite what these data show: those that gain half as much, or were no
+    candidates.
+    """
+    problem, chosen = facts.problem, facts.chosen
+    if chosen is None or not (
+        facts.unlike
+        or facts.edge
+        or like_a_parabola(problem, facts.root, chosen.model_fit, facts.evidence.alike(problem))
+    ):
+        return ()
+    gains = {item.effect: item.gain for item in facts.first}
+    least = problem.policy.rival_gain * gains.get(chosen.effect, chosen.gain)
+    return tuple(one for one in usual_rivals(chosen.effect) if gains.get(one, math.inf) >= least)
+
+
+def _something_left(facts: Facts, rows: Problem) -> bool:
+    """Whether what the root leaves is more than noise; a disturbance that follows the clock is taken out first.
+
+    `rows`: the problem on those rows that tell; beside another law of presliding where its contact slides.
+    So it is where the chosen effect lowers what repeats share by as much. Without repeats a gain on unseen stretches
+    says it.
+    """
+    problem, root, evidence, chosen = facts.problem, facts.root, facts.evidence, facts.chosen
+    if not evidence.repeats and (chosen is not None or facts.plainly or facts.overlooked is not None):
+        return True
+    if chosen is not None and chosen.share >= problem.policy.partly:
+        noise = problem.noise_variance(root.fitted.error, TRAINING)
+        if again_explained(problem, root, chosen.model_fit) > problem.policy.structure_part * noise:
+            return True
+    if facts.line is not None:
+        error = without_line(problem, root.fitted.error, facts.line)
+        root = replace(root, fitted=replace(root.fitted, error=error))
+    return evidence.structure_left(rows, root)
+
+
+def _rivals(
+    problem: Problem,
+    evidence: Evidence,
+    root: ModelFit,
+    chosen: FittedCandidate,
+    tried: Sequence[FittedCandidate],
+) -> list[str]:
+    """Single effects that explain as much as the chosen single one; hardly a gap is no rival of a spring.
+
+    What need not be excused in the chosen one is not excused in a rival.
+    """
+    if len(chosen.model_fit.effects) != 1:
+        return []
+    strict = chosen.plain_share >= problem.policy.named
+    best = error_left(problem, chosen.model_fit)
+    near = evidence.alike(problem) * (error_left(problem, root) - best)
+    return [
+        item.effect
+        for item in tried
+        if item.effect != chosen.effect
+        and item.named
+        and (not strict or item.plain_share >= problem.policy.named)
+        and not (
+            chosen.effect == SPRING.name
+            and item.effect == GAP.name
+            and hardly_a_gap(problem.policy, item.model_fit)
+        )
+        and (
+            error_left(problem, item.model_fit) - best < near
+            or not evidence.apart(problem, chosen.model_fit, item.model_fit)
+        )
+    ]
