@@ -287,12 +287,17 @@ def _most_gained(normal: Floats, slope: Floats) -> float:
 def _step(
     normal: Floats, slope: Floats, damping: float, packed: Packed, free: Sequence[Free], scales: Floats
 ) -> Floats:
-    """A damped step that ends inside the bounds; parameters that would leave them are held there."""
+    """A damped step that ends inside the bounds, and no further than each parameter may go at once.
+
+    Parameters that would go beyond are held there, and the others solved for: scaled down as a whole, a step would be
+    as short as the one that has furthest to go makes it.
+    """
     size = len(free)
     values = packed.p[[f.slot for f in free]]
-    lower = np.array([f.lower if f.above < 0 else max(f.lower, packed.p[f.above]) for f in free])
-    upper = np.array([f.upper for f in free])
     limit = np.array([f.step_at(v) for f, v in zip(free, values, strict=True)])
+    lower = np.array([f.lower if f.above < 0 else max(f.lower, packed.p[f.above]) for f in free])
+    lower = np.maximum(lower, values - limit)
+    upper = np.minimum(np.array([f.upper for f in free]), values + limit)
     change = np.zeros(size)
     active = np.ones(size, dtype=np.bool_)
     ridge = damping * np.diag(normal) + 1e-9 * float(np.trace(normal)) / size
@@ -308,8 +313,7 @@ def _step(
         active &= ~outside
         if not active.any():
             break
-    ratio = np.max(np.abs(change) / limit, initial=0.0)
-    return np.asarray(change / max(ratio, 1.0))
+    return change
 
 
 def followed(jacobian: Floats, error: Floats, weight: Floats) -> Floats:

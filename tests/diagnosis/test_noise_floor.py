@@ -105,7 +105,10 @@ def test_waves_that_chance_made_are_pruned_and_the_real_one_kept(recorded, nomin
     pruned = without_insignificant_terms(problem, crowded)
     assert RIPPLE.terms_in_use(pruned.fitted.packed.p) == kept
     orders = [model_fit.fitted.packed.p[RIPPLE.parameter(f"order_{i}").slot] for i in kept]
-    assert [pruned.fitted.packed.p[RIPPLE.parameter(f"order_{i}").slot] for i in kept] == orders
+    found = [pruned.fitted.packed.p[RIPPLE.parameter(f"order_{i}").slot] for i in kept]
+    assert found == pytest.approx(orders, abs=0.01), (
+        "far within what the travel of one and a half turns resolves"
+    )
 
 
 def test_an_effect_that_is_chance_alone_is_said_to_be_where_it_was_asked_for() -> None:

@@ -22,7 +22,7 @@ from autotune.estimation.controller_search import lowest
 from autotune.estimation.data import Prepared
 from autotune.estimation.least_squares import followed, standard_errors
 from autotune.estimation.policy import Policy
-from autotune.estimation.problem import Problem
+from autotune.estimation.problem import Problem, refit
 from autotune.estimation.residual import measured_motion, smoothed
 from autotune.models.effect import Kind
 from autotune.models.torque_lag import IS_LATE, TIME_CONSTANT, TORQUE_LAG
@@ -41,6 +41,8 @@ CYCLES = (1, 2, 3)
 CHAIN, BESIDE = (-0.5, 1.0), 0.2e-3
 """Samples by which a torque may be recorded late where it was not held from each sample to the next; and s, by which it
 may be early beside that, by a usual current loop: half a sample is room for a slower one; more would hide a lag."""
+SETTLED = 4
+"""Steps of a fit after torque and motion were moved."""
 WORTH_ALIGNING = 0.998
 """Of the mean square: what must be left at most for a shift of torque against motion to count."""
 CLEARLY_LESS = 0.98
@@ -218,8 +220,17 @@ def without_chain(problem: Problem, model_fit: ModelFit) -> Problem:
     """The problem with the delay of torque against motion taken out, as far as the measurement chain can have it.
 
     A law that explains the demand to rounding works at the samples: its torque is held until the next, comes whole
-    cycles later, and behind a current loop. Any other torque may be recorded at another moment too: it is moved.
+    cycles later, and behind a current loop. Any other torque may be recorded at another moment too: it is moved. A
+    model that was fitted before has taken over a part of a delay of cycles: the rest is found beside the model after.
     """
+    again = _moved_once(problem, model_fit)
+    if again is problem:
+        return problem
+    fitted = refit(again, model_fit.fitted.packed, list(model_fit.free), model_fit.correction, SETTLED)
+    return _moved_once(again, replace(model_fit, fitted=fitted))
+
+
+def _moved_once(problem: Problem, model_fit: ModelFit) -> Problem:
     law = problem.controller
     if law is not None and law.exact:
         return _without_current_loop(problem, model_fit)
