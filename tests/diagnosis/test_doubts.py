@@ -205,7 +205,8 @@ def test_motor_and_load_ring_where_it_is_compared(compliance: float, doubted: bo
     values = {"compliance": compliance, "load_inertia": 0.5, "load_friction": 0.3, "damping": 0.05}
     packed = base_model(NOMINAL | {"inertia": 1.07e-4}).with_effect(kind.make(values)).pack()
     fit = SimpleNamespace(effects=(kind.name,), fitted=SimpleNamespace(packed=packed))
-    problem = SimpleNamespace(data=SimpleNamespace(period=1e-3, taps=np.ones(41)), policy=POLICY)
+    data = SimpleNamespace(period=1e-3, taps=np.ones(41))
+    problem = SimpleNamespace(data=data, policy=POLICY, controller=None)
     evidence = RepeatedProgramme()
     assert evidence.doubted(problem, fit, fit) == doubted
     found, near, far = (
@@ -214,6 +215,10 @@ def test_motor_and_load_ring_where_it_is_compared(compliance: float, doubted: bo
     )
     assert evidence.doubted(problem, fit, fit, [found, near]) == doubted
     assert not evidence.doubted(problem, fit, fit, [found, far])
+    drive = SimpleNamespace(data=data, policy=POLICY, controller=SimpleNamespace(within=True))
+    assert evidence.doubted(drive, fit, fit, [found, far]), (
+        "a drive's law is not known above what is compared"
+    )
 
 
 def test_a_repeated_programme_without_veto_is_confirmed_by_another_recording_only() -> None:

@@ -116,7 +116,7 @@ def test_another_law_of_presliding_is_all_only_where_nothing_is_left_while_its_c
     )
     law = SimpleNamespace(effect="reversal_memory", gain=0.9, share=0.99, model_fit=fit, named=True)
     evidence = SimpleNamespace(repeats=True, accepts=lambda *_: True, doubted=lambda *_: False)
-    problem = SimpleNamespace(policy=POLICY, has_veto=True)
+    problem = SimpleNamespace(policy=POLICY, has_veto=True, controller=None)
     facts = Facts(problem, fit, None, evidence, (), None, "", 0.0, 0.4, (), presliding=law, left=left)
     assert facts.own_law == own
 
@@ -151,7 +151,7 @@ def test_a_law_differs_where_most_is_explained_and_no_other_comes_near(
     fit = SimpleNamespace(effects=(effect,), fitted=SimpleNamespace(packed=base_model(NOMINAL).pack()))
     chosen = SimpleNamespace(effect=effect, gain=0.4, share=share, model_fit=fit)
     first = [SimpleNamespace(effect=effect, gain=0.4), SimpleNamespace(effect="stribeck", gain=0.4 * other)]
-    problem = SimpleNamespace(policy=POLICY, has_veto=True)
+    problem = SimpleNamespace(policy=POLICY, has_veto=True, controller=None)
     facts = Facts(problem, fit, chosen, RepeatedProgramme(), (), None, "", 0.0, 0.4, (), first)
     assert facts.law_differs == named
 
@@ -172,7 +172,7 @@ def test_a_free_course_names_only_what_no_other_effect_comes_near(
     fit = SimpleNamespace(effects=("spring",), fitted=SimpleNamespace(packed=base_model(NOMINAL).pack()))
     chosen = SimpleNamespace(effect="spring", gain=0.4, share=0.97, named=True, model_fit=fit)
     first = [SimpleNamespace(effect="spring", gain=0.4), SimpleNamespace(effect="stribeck", gain=0.4 * other)]
-    problem = SimpleNamespace(policy=POLICY, has_veto=True)
+    problem = SimpleNamespace(policy=POLICY, has_veto=True, controller=None)
     known = (problem, fit, chosen, RepeatedProgramme(), (), None, "", 0.0, 0.4, (), first)
     assert Facts(*known, freed=freed).accepted == named
 

@@ -12,7 +12,7 @@ from autotune.core.arrays import Flags, Floats
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, error_left
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult, without_chain
 from autotune.diagnosis.evidence.single import folds_of
-from autotune.diagnosis.evidence.visibility import flank_in_sight
+from autotune.diagnosis.evidence.visibility import flank_in_sight, law_hides_ringing
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.coordinates import Rests, without_rests
 from autotune.estimation.cross_validation import beyond_rests, drift, rests_of
@@ -176,6 +176,8 @@ class RepeatedProgramme(Evidence):
 
         A lag tells itself where it is among the candidates: one that gains far less is not what was found.
         """
+        if law_hides_ringing(problem, model_fit):
+            return True
         if flank_in_sight(problem, model_fit):
             return False
         gains = {item.effect: item.gain for item in first}

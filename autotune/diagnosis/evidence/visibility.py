@@ -43,9 +43,23 @@ def visible(problem: Problem, item: ScreenedCandidate) -> bool:
 
 def flank_in_sight(problem: Problem, model_fit: ModelFit) -> bool:
     """Whether motor and load of a model ring where a programme that was repeated shows at least the flank of it."""
+    return _rings_below(problem, model_fit, FLANK)
+
+
+def law_hides_ringing(problem: Problem, model_fit: ModelFit) -> bool:
+    """Whether motor and load ring above all that is compared, beside a drive's law that is known below that only.
+
+    What its loop makes between the samples, and how its torque was recorded, bends what is compared as they would.
+    """
+    law = problem.controller
+    return law is not None and law.within and not _rings_below(problem, model_fit, 1.0)
+
+
+def _rings_below(problem: Problem, model_fit: ModelFit, times: float) -> bool:
+    """Whether motor and load ring below so many times the cut-off; a single mass does."""
     measures = (EFFECTS[name].resonance for name in model_fit.effects)
     p = model_fit.fitted.packed.p
-    return all(measure is None or measure(p) < FLANK * _cutoff(problem) for measure in measures)
+    return all(measure is None or measure(p) < times * _cutoff(problem) for measure in measures)
 
 
 def _parameters_in_sight(problem: Problem, kind: Kind, p: Floats) -> bool:
