@@ -39,8 +39,8 @@ def _repeated(disturbance: Disturbance, seed: int) -> Recording:
 @pytest.mark.slow(3)
 @pytest.mark.parametrize("milliseconds", [0.0, 4.5, 20.0])
 def test_friction_is_as_stated_whatever_the_colour_of_what_shakes_the_axis(milliseconds: float) -> None:
-    """4 % of Coulomb friction. A twin shaken by white noise as rough stated 2 % too much Coulomb friction, 20 to 80 %
-    too little viscous friction and 3 % too little stiffness of such a recording, six to seven half intervals off.
+    """4 % of Coulomb friction. A twin shaken by white noise as rough stated 1 to 2 % too much Coulomb friction, 50 to
+    80 % too little viscous friction and 3 % too little stiffness of a coloured one, three to seven half intervals off.
 
     1.5 half intervals: three parameters of three recordings are all within them in 97 of 100 draws.
     """
