@@ -19,6 +19,7 @@ import numpy as np
 import scipy
 
 from autotune.core.arrays import Floats, Integers
+from autotune.core.errors import NotEnoughExcitation, RecordingError
 from autotune.estimation.alignment import aligned, linear_fit, needed, upsampled
 from autotune.estimation.controller import find_controller
 from autotune.estimation.coordinates import travel_since_reversal
@@ -269,6 +270,21 @@ def prepared_both(recordings: Sequence[Recording], policy: Policy = POLICY) -> t
     data = prepared_for(parts, policy)
     whole = all(part is recording for part, recording in zip(parts, recordings, strict=True))
     return data, data if whole else prepared_for(recordings, policy)
+
+
+def prepared_repeats(recordings: Sequence[Recording]) -> Prepared | None:
+    """Of recordings with repeats what can be fitted in one twin, made ready; None without any, or of too little."""
+    recordings = [fitted_part(recording) for recording in recordings]
+    if not any(len(recording) for recording in recordings):
+        return None
+    longest = max(recordings, key=len)
+    bands = Bands.of(longest)
+    most = max(compared_below(longest.period), bands.error)
+    try:
+        data = _quiet(recordings, most, min(1.0, bands.pace))
+    except (NotEnoughExcitation, RecordingError):
+        return None
+    return data if data.repeated else None
 
 
 def prepared_for(recordings: Sequence[Recording], policy: Policy = POLICY) -> Prepared:

@@ -310,7 +310,9 @@ def _matcher(problem: Problem, packed: Packed, chunks: _Chunks) -> _Matcher:
     angle = 2.0 * np.pi * hertz * data.period
     passed = 1.0 / (1.0 + (hertz / data.motion_cutoff) ** 8)
     felt = float(packed.p[layout.INERTIA]) * (2.0 - 2.0 * np.cos(angle)) / data.period**2 * passed
-    return _Matcher(hertz, np.array(wide), data.period, np.cos(0.5 * angle) ** 2, felt**2)
+    # where no loop answers any more, a disturbance is seen by the acceleration it makes: as far as its filter passes it
+    seen = np.cos(0.5 * angle) ** 2 * passed**2
+    return _Matcher(hertz, np.array(wide), data.period, seen, felt**2)
 
 
 def _cutoff(data: Prepared) -> float:

@@ -17,6 +17,7 @@ import scipy
 
 from autotune.core.arrays import Floats
 from autotune.estimation.bandwidth import Bands
+from autotune.estimation.disturbance_estimate import estimate_disturbance
 from autotune.estimation.least_squares import Free, with_values
 from autotune.estimation.normal_equations import BLOCK_SECONDS, Normal, Part, assemble, whitener
 from autotune.estimation.pieces import (
@@ -28,6 +29,7 @@ from autotune.estimation.pieces import (
     torque_error,
     with_motion,
 )
+from autotune.estimation.problem import Problem
 from autotune.estimation.small_motion import small_motion, suits
 from autotune.models.drive_model import DriveModel, Packed, surface_parameter
 
@@ -92,15 +94,18 @@ def refine(
     names: Sequence[str],
     seed: int = 0,
     iterations: int = ITERATIONS,
+    repeats: Problem | None = None,
 ) -> Refined:
     """Refines the parameters of `model` that are named, as on every surface, on all pieces.
+
+    `repeats`: the same recording where it has any; they tell the colour of the disturbance (`surrounded`).
 
     First with few runs of the twin until steps are small against the standard errors; then the noise is
     calibrated anew, as a bad start looks like noise, and with more runs a few steps follow. Steps stay at
     a few tenths of a standard error for ever, as the twin's noise differs from the axis's.
     """
     free, pieces, packed = free_by_name(model, names), list(pieces), model.pack()
-    sweep = _Sweep(pieces, calibrated(packed, pieces, around, bands, seed), bands, free, seed)
+    sweep = _Sweep(pieces, surrounded(packed, pieces, around, bands, seed, repeats), bands, free, seed)
     values = packed.p[[parameter.slot for parameter in free]]
     runs, passes = _COARSE, 0
     linear = sweep.linearise(packed, runs)
@@ -112,7 +117,7 @@ def refine(
         packed = with_values(packed, free, values)
         if runs == _COARSE and (converged or iteration >= iterations - MOST_FINE):
             runs = _FINE
-            sweep = replace(sweep, around=calibrated(packed, pieces, around, bands, seed))
+            sweep = replace(sweep, around=surrounded(packed, pieces, around, bands, seed, repeats))
         passes += runs == _FINE
         linear = sweep.linearise(packed, runs)
         converged, still = _judged(linear.normal)
@@ -274,6 +279,26 @@ def _large_change(model: DriveModel, name: str, unit: str) -> float:
     elif unit == "N m s/rad":
         least = 0.1 * model["viscous"]
     return max(abs(model[name]), least) or 1.0
+
+
+def surrounded(
+    packed: Packed,
+    pieces: list[Piece],
+    around: Surroundings,
+    bands: Bands,
+    seed: int,
+    repeats: Problem | None,
+) -> Surroundings:
+    """Surroundings with the noise that shakes the axis: by what repeats do not share, where that has a memory.
+
+    Friction averages what shakes the velocity, and how much that is depends on the colour: white noise that is as rough
+    in what is compared takes out too much or too little. Without repeats the model's error would look like a memory.
+    """
+    around = calibrated(packed, pieces, around, bands, seed)
+    if repeats is None:
+        return around
+    found = estimate_disturbance(repeats, packed)
+    return replace(around, disturbance=found) if found.coloured > 0.0 else around
 
 
 def calibrated(

@@ -20,6 +20,7 @@ from autotune.core.errors import NotEnoughExcitation
 from autotune.estimation.bandwidth import Bands
 from autotune.estimation.controller import is_closed
 from autotune.estimation.controller_law import PositionController
+from autotune.estimation.disturbance import STILL, Disturbance
 from autotune.estimation.residual import Motion, stretch_residual
 from autotune.estimation.twin import leading, simulate_stretch, start_state
 from autotune.models.drive_model import Packed
@@ -248,6 +249,7 @@ class Surroundings:
         limit: of the torque; infinite where unknown.
         process_noise, position_noise: standard deviations of a torque that changes every sample [N m],
             and of the position before it is quantised.
+        disturbance: what shakes the twin in place of both, where its colour is known.
     """
 
     controller: PositionController
@@ -255,6 +257,15 @@ class Surroundings:
     limit: float = np.inf
     process_noise: float = 0.0
     position_noise: float = 0.0
+    disturbance: Disturbance = STILL
+
+    def shaken(self, noise: np.random.Generator, size: int, period: float) -> tuple[Floats, Floats]:
+        """Torque [N m] and position noise of a twin, shape (size,)."""
+        known = self.disturbance
+        if known.process > 0.0:
+            return known.drawn(noise, size, period), noise.normal(0.0, 1.0, size) * known.position
+        torque = noise.normal(0.0, 1.0, size) * self.process_noise
+        return torque, noise.normal(0.0, 1.0, size) * self.position_noise
 
 
 @dataclass(frozen=True, slots=True)
@@ -285,9 +296,8 @@ def run_twin(
     if free:
         piece, controller, noise = led(piece), leading(packed, piece.pace), None
     n = len(piece)
-    zero = np.zeros(n)
-    disturbed = zero if noise is None else noise.normal(0.0, 1.0, n) * around.process_noise
-    position_noise = zero if noise is None else noise.normal(0.0, 1.0, n) * around.position_noise
+    still = np.zeros(n), np.zeros(n)
+    disturbed, position_noise = still if noise is None else around.shaken(noise, n, piece.period)
     resolution = around.resolution if quantised else 0.0
     seen = 0.0 if free else resolution
     position, torque, inside = simulate_stretch(

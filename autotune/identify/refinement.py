@@ -10,12 +10,13 @@ from types import MappingProxyType
 import numpy as np
 import scipy
 
-from autotune.estimation.bandwidth import Bands
+from autotune.estimation.bandwidth import Bands, prepared_repeats
 from autotune.estimation.contact_start import usual_damping
-from autotune.estimation.controller import controller_of
+from autotune.estimation.controller import as_recorded, controller_of
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.joint_fit import Refined, refine
 from autotune.estimation.pieces import UNFITTED, Piece, Surroundings, cut, marked_sticking
+from autotune.estimation.problem import Problem, new_problem
 from autotune.identify.estimate import Estimate, Quantity
 from autotune.models.drive_model import DriveModel, surface_parameter
 from autotune.models.effect import Value
@@ -84,8 +85,9 @@ def refine_recording(
     pieces = cut(recording, bands, controller, unfitted)
     displacement = max(model["coulomb"], 1e-12) / model["stiffness"]
     refined = refine(
-        model, marked_sticking(pieces, displacement), surroundings(recording, controller), bands, names, seed
-    )
+        model, marked_sticking(pieces, displacement), surroundings(recording, controller), bands, names, seed,
+        repeats=_repeats(recording, controller),
+    )  # fmt: skip
     estimate = _estimate(refined)
     estimate = replace(estimate, notes=(*estimate.notes, *controller.notes))
     return Joint(estimate, refined.model, refined, controller)
@@ -203,6 +205,14 @@ def _shared(refined: Refined, alike: float) -> tuple[float, float]:
 def free_parameters(model: DriveModel) -> list[str]:
     """What a refinement moves: everything but what is held, as the orders of ripple."""
     return [name for name in model.parameters if not surface_parameter(name).held]
+
+
+def _repeats(recording: Recording, controller: PositionController) -> Problem | None:
+    """What repeats do not share tells what shakes the axis, where a twin can be led; None where nothing does."""
+    if not controller.usable:
+        return None
+    data = prepared_repeats([recording])
+    return None if data is None else new_problem(as_recorded(data, controller), controller)
 
 
 def surroundings(recording: Recording, controller: PositionController) -> Surroundings:

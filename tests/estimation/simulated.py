@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from autotune.core.arrays import Floats
 from autotune.estimation.controller_law import PositionController
 from autotune.models import layout
 from autotune.models.drive_model import DriveModel, base_model
@@ -42,8 +43,25 @@ def recorded(
         np.sin(2.0 * np.pi * f * time + a) / f for f, a in zip((0.5, 1.1, 2.3, 4.9, 9.7), phases, strict=True)
     ]
     reference = 2.0 * np.sum(tones, axis=0) * np.minimum(time / 0.5, 1.0) ** 2
-    packed = (model or base_model(AXIS)).pack()
-    position, torque = np.empty_like(time), np.empty_like(time)
+    shaken = random.normal(0.0, noise * np.sqrt(PERIOD / period), len(time))
+    columns = followed(reference, shaken, law, model or base_model(AXIS), limit, period)
+    metadata = Metadata(
+        sample_period=period, position_resolution=RESOLUTION, torque_limit=limit, controller=known
+    )
+    return Recording.from_columns(columns, metadata, "motion")
+
+
+def followed(
+    reference: Floats,
+    disturbance: Floats,
+    law: PositionController,
+    model: DriveModel,
+    limit: float | None = None,
+    period: float = PERIOD,
+) -> dict[str, Floats]:
+    """Columns of a recording of an axis that follows a reference while a torque disturbs it, shape (n,) each."""
+    packed = model.pack()
+    position, torque = np.empty_like(reference), np.empty_like(reference)
     seen = np.zeros(seen_late(law.position_delay))
     loop = np.array([period, limit or np.inf, RESOLUTION, 0.0, 0.0, reference[0], 0.0, *seen])
     done = simulate(
@@ -56,14 +74,11 @@ def recorded(
         substeps_for(packed.p, period, packed.on),
         reference,
         law.feedforward(reference, reference[0], period),
-        random.normal(0.0, noise * np.sqrt(PERIOD / period), len(time)),
-        np.zeros_like(time),
+        disturbance,
+        np.zeros_like(reference),
         position,
         torque,
     )
-    assert done == len(time)
-    metadata = Metadata(
-        sample_period=period, position_resolution=RESOLUTION, torque_limit=limit, controller=known
-    )
-    columns = {"time": time, "reference": reference, "position": position, "torque": torque}
-    return Recording.from_columns(columns, metadata, "motion")
+    assert done == len(reference)
+    time = np.arange(len(reference)) * period
+    return {"time": time, "reference": reference, "position": position, "torque": torque}
