@@ -84,10 +84,10 @@ def judged(
     ]
     veto = parts[1] if problem.has(VETO) else None
     found = FittedCandidate(effect, settled, gain, parts[0], veto, named=False)
-    return replace(found, named=found.share >= _enough(problem, found))
+    return replace(found, named=found.share >= needed_share(problem, found))
 
 
-def _enough(problem: Problem, found: FittedCandidate) -> float:
+def needed_share(problem: Problem, found: FittedCandidate) -> float:
     """Share for a name: more where something that repeats is left beyond doubt, unless the law is approximate."""
     certain = found.training.certain or (found.veto is not None and found.veto.certain)
     approximate = any(EFFECTS[name].approximate for name in found.model_fit.effects)

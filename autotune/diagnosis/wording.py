@@ -12,6 +12,7 @@ from autotune.core.arrays import Floats
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate
 from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.evidence.time_driven import TimeLine
+from autotune.diagnosis.refits import needed_share
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.data import Prepared
 from autotune.estimation.policy import Policy
@@ -120,6 +121,18 @@ def _taken(root: ModelFit, item: ScreenedCandidate, fits: Mapping[str, FittedCan
     return root.fitted.error - (fit.model_fit.fitted if fit is not None and alone else item.fitted).error
 
 
+def _short_of_a_name(
+    problem: Problem, evidence: Evidence, fit: FittedCandidate, effects: Sequence[str]
+) -> str:
+    """What a candidate lacks that was followed to the end; `effects` are those that are named."""
+    if effects:
+        return "not the best explanation"
+    needed = needed_share(problem, fit)
+    if evidence.repeats and fit.share < needed:
+        return f"{100 * needed:.0f} % are needed for a name"
+    return "not beyond doubt"
+
+
 def why(
     problem: Problem,
     evidence: Evidence,
@@ -132,8 +145,9 @@ def why(
     accepted = item.effect in effects
     if item.effect in fits:
         text = evidence.explains(fits[item.effect])
-        left = "; not the best explanation" if effects else "; too little for a name, or not beyond doubt"
-        return text if accepted else text + left
+        return (
+            text if accepted else f"{text}; {_short_of_a_name(problem, evidence, fits[item.effect], effects)}"
+        )
     if accepted:
         return "taken beside the others: lowers what they leave"
     gain = f"gain {100 * max(item.gain, WORST_GAIN):.1f} % on unseen experiments"
