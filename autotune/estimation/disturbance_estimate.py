@@ -30,7 +30,7 @@ from autotune.estimation.disturbance import STILL, Disturbance, coloured_power, 
 from autotune.estimation.least_squares import followed
 from autotune.estimation.parts import until_sample
 from autotune.estimation.problem import Problem, shared
-from autotune.estimation.residual import SEED, raw_residual, residual, run_twin, simulated_motion
+from autotune.estimation.residual import SEED, compared_motion, raw_residual, residual, run_twin
 from autotune.models import layout
 from autotune.models.drive_model import BASE, Packed
 from autotune.models.transmission import has_load
@@ -194,7 +194,7 @@ def _shaken(
     if found.jitter > 0.0:  # the noise of the torque's sensor is in the measured residual then
         heard = found.sensor * np.random.default_rng([SEED, 9 + number]).standard_normal(len(run.torque))
         run = replace(run, torque=run.torque + heard)
-    raw = raw_residual(data, packed, simulated_motion(data, run))
+    raw = raw_residual(data, packed, compared_motion(data, run))
     own = raw.copy()
     own[1:] += 0.5 * (run.disturbance[1:] + run.disturbance[:-1])
     return chunks.power(raw), chunks.power(own)
@@ -358,7 +358,7 @@ def with_expected_noise(problem: Problem, packed: Packed) -> Problem:
     run = run_twin(data, packed, problem.controller, disturbance, random, loops=problem.runs.loops)
     if not run.stable:
         return replace(problem, expected=None)
-    error = residual(data, packed, simulated_motion(data, run))
+    error = residual(data, packed, compared_motion(data, run))
     heard = disturbance.sensor**2 * float(np.sum(np.convolve(data.taps, [0.5, 0.5]) ** 2))
     expected = np.full(len(data.blocks), heard)
     for i, block in enumerate(data.blocks):
@@ -382,7 +382,7 @@ def with_counts(problem: Problem, packed: Packed) -> Problem:
         nudged = _off_by_a_little(packed, random)
         run = run_twin(data, nudged, _nudged(problem.controller, random), problem.disturbance, random)
         if run.stable:
-            errors.append(residual(data, nudged, simulated_motion(data, run)))
+            errors.append(residual(data, nudged, compared_motion(data, run)))
     if len(errors) < 2:
         return replace(problem, by_counts=None)
     pairs = [one - other for i, one in enumerate(errors) for other in errors[:i]]
@@ -411,7 +411,7 @@ def null_errors(problem: Problem, root: ModelFit) -> list[Floats]:
         nudged = _off_by_a_little(packed, random)
         run = run_twin(data, nudged, _nudged(law, random), disturbance.louder(factor), random)
         if run.stable:
-            error = residual(data, nudged, simulated_motion(data, run)) - root.correction.bias
+            error = residual(data, nudged, compared_motion(data, run)) - root.correction.bias
             errors.append(followed(root.fitted.jacobian, error, problem.training))
     return errors
 

@@ -96,16 +96,25 @@ def smoothed(data: Prepared, values: Floats) -> Floats:
 
 def measured_motion(data: Prepared) -> Motion:
     """What was recorded, without torques that follow the clock."""
-    torque = data.torque
-    for one in data.clocked:
-        torque = torque - one.torque(data)
-    return Motion(torque, data.position, data.velocity, data.acceleration)
+    return Motion(_clockless(data, data.torque), data.position, data.velocity, data.acceleration)
 
 
 def simulated_motion(data: Prepared, run: Simulated) -> Motion:
     """A simulation through the same filters as the measurement."""
     parts = filtered_motion(run.position, data.stretches, data.period, data.motion_cutoff)
     return Motion(run.torque, *parts)
+
+
+def compared_motion(data: Prepared, run: Simulated) -> Motion:
+    """The same without the torques that follow the clock, as the measured motion has none: `measured_motion`."""
+    moved = simulated_motion(data, run)
+    return replace(moved, torque=_clockless(data, moved.torque))
+
+
+def _clockless(data: Prepared, torque: Floats) -> Floats:
+    for one in data.clocked:
+        torque = torque - one.torque(data)
+    return torque
 
 
 def raw_residual(data: Prepared, packed: Packed, moved: Motion) -> Floats:
@@ -257,9 +266,14 @@ def _late_rows(position: Floats, spread: float, resolution: float, random: np.ra
 
 
 def shaken(data: Prepared, noise: Disturbance, random: np.random.Generator) -> tuple[Floats, Floats]:
-    """Torque and position noise of a run, shape (n,); late rows are no bias, but for chance, and are not in it."""
+    """Torque and position noise of a run, shape (n,); late rows are no bias, but for chance, and are not in it.
+
+    What follows the clock shakes every run as it shook the axis: it smooths friction away as any other dither does.
+    """
     n = len(data.reference)
     disturbance = noise.drawn(random, n, data.period) if noise.process > 0.0 else np.zeros(n)
+    for one in data.clocked:  # what is missing of the torque that the motion needs acted beside the drive's
+        disturbance = disturbance - one.torque(data)
     unsure = random.normal(0.0, noise.position, n) if noise.position > 0.0 else np.zeros(n)
     return disturbance, unsure
 

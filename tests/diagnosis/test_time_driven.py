@@ -11,7 +11,9 @@ import pytest
 from autotune.diagnosis.evidence import time_driven
 from autotune.diagnosis.verdict import NONE, diagnose
 from autotune.estimation.data import TRAINING, Block, Clocked
+from autotune.estimation.disturbance import STILL
 from autotune.estimation.policy import POLICY
+from autotune.estimation.residual import shaken
 from autotune.models.drive_model import base_model
 from tests.support.axes import NOMINAL, plain_axis
 from tests.support.diagnosis_programme import play
@@ -98,6 +100,17 @@ def test_a_frequency_is_told_once_as_loud_as_it_was() -> None:
     data = SimpleNamespace(clocked=(Clocked(50.0, 0.01, 0.0, 0.0, 0.6), Clocked(50.01, 0.002, 0.0, 0.0, 0.1)))
     told = time_driven.all_lines(data, time_driven.TimeLine(24.3, 0.2))
     assert sorted((line.hertz, line.share) for line in told) == [(24.3, 0.2), (50.0, 0.6)]
+
+
+def test_a_twin_is_shaken_by_what_was_taken_out() -> None:
+    """A torque that the motion lacks by c acted as -c."""
+    hum = Clocked(50.0, 0.01, 0.0, 0.0)
+    data = SimpleNamespace(
+        reference=np.zeros(100), torque=np.zeros(100), period=1e-3, shift=0.0, clocked=(hum,)
+    )
+    torque, position = shaken(data, STILL, np.random.default_rng(1))
+    assert torque == pytest.approx(-0.01 * np.sin(2.0 * np.pi * 50.0 * 1e-3 * np.arange(100)))
+    assert not position.any()
 
 
 @pytest.mark.long
