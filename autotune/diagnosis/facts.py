@@ -6,11 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from autotune.diagnosis.candidates import (
-    FittedCandidate,
-    ScreenedCandidate,
-    error_left,
-)
+from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, error_left
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
 from autotune.diagnosis.evidence.time_driven import (
@@ -24,9 +20,7 @@ from autotune.diagnosis.evidence.time_driven import (
 from autotune.diagnosis.free_shape import any_course, at_an_edge, like_a_parabola
 from autotune.diagnosis.search import Found, again_explained
 from autotune.diagnosis.transmission import GAP, SPRING, hardly_a_gap
-from autotune.diagnosis.wording import (
-    usual_rivals,
-)
+from autotune.diagnosis.wording import usual_rivals
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.cross_validation import beyond_presliding, gain_and_z, goes_with_place
 from autotune.estimation.data import TRAINING
@@ -185,7 +179,8 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     if chosen is not None:
         lead = max(lead, gain_and_z(root.unseen, chosen.model_fit.unseen)[0])
     coordinate, generic = max(found.generic.items(), key=lambda item: item[1], default=("", 0.0))
-    line = time_driven_line(problem, (chosen.model_fit if chosen else root).fitted.error)
+    final = chosen.model_fit if chosen is not None else root
+    line = time_driven_line(problem, final.fitted.error)
     rivals = tuple(_rivals(problem, evidence, root, chosen, found.tried)) if chosen is not None else ()
     seen = (problem, root, chosen, evidence, carried, line, coordinate, generic, lead, rivals)
     hunts = limit_cycle(problem, float(root.fitted.packed.p[layout.COULOMB]))
@@ -197,9 +192,7 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
         facts = replace(facts, rivals=facts.rivals or _untold(facts))
     if named:
         return facts
-    breathing = (
-        breathing_friction(problem, (chosen.model_fit if chosen else root)) if evidence.repeats else None
-    )
+    breathing = breathing_friction(problem, final) if evidence.repeats else None
     facts = replace(facts, breathing=breathing, overlooked=evidence.overlooked(problem, root, found.first))
     left = _something_left(facts, found.sliding or problem)
     left = left or (chosen is None and _of_place(problem, root))

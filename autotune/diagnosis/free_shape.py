@@ -35,7 +35,7 @@ from autotune.estimation.coordinates import without_rests
 from autotune.estimation.cross_validation import gain_and_z, rests_of
 from autotune.estimation.data import VETO
 from autotune.estimation.least_squares import Free, followed
-from autotune.estimation.problem import CHUNK, Problem
+from autotune.estimation.problem import Problem, beyond_chance, by_second
 from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.reversal_memory import ELEMENTS, REVERSAL_MEMORY, climbing, drawn_out
@@ -143,9 +143,7 @@ def like_a_parabola(problem: Problem, root: ModelFit, model_fit: ModelFit, alike
     surplus = left[1] - left[0]
     if surplus.sum() < alike * (left[2] - left[0]).sum():
         return True
-    seconds = np.array([part.sum() for part in np.array_split(surplus, max(3, len(surplus) // CHUNK))])
-    chance = float(seconds.std(ddof=1)) / math.sqrt(len(seconds))
-    return float(seconds.mean()) <= problem.policy.apart_z * chance
+    return not beyond_chance(surplus, problem.policy.apart_z)
 
 
 def at_an_edge(problem: Problem, model_fit: ModelFit) -> bool:
@@ -164,8 +162,7 @@ def at_an_edge(problem: Problem, model_fit: ModelFit) -> bool:
         if one.slot not in own or at == 0:
             continue
         column = followed(np.delete(fitted.jacobian, i, axis=1), fitted.jacobian[:, i], weight)
-        slope = at * weight * column * fitted.error
-        pieces = np.array([part.sum() for part in np.array_split(slope, max(3, len(slope) // CHUNK))])
+        pieces = by_second(at * weight * column * fitted.error)
         if pieces.sum() > problem.policy.apart_z * math.sqrt(float(pieces @ pieces)):
             return True
     return False

@@ -14,7 +14,7 @@ from autotune.diagnosis.starts import Context, FitStart, scouted, shapes, starts
 from autotune.diagnosis.transmission import adds_nothing
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.coordinates import generic_columns
-from autotune.estimation.cross_validation import evenly, gain_and_z, held_out
+from autotune.estimation.cross_validation import evenly, gain_and_z, held_out, with_columns
 from autotune.estimation.least_squares import Fitted, fit
 from autotune.estimation.problem import Problem, refit
 from autotune.models import layout
@@ -65,9 +65,8 @@ def rank(
     base = _walked_on(problem, model_fit)
     tried: list[tuple[Kind, list[_ShortFit]]] = []
     for kind in evidence.candidates(problem):
-        if model_fit.fitted.packed.on[flag(kind.name)] and not kind.may_grow:
-            continue
-        if adds_nothing(kind, model_fit):
+        there = model_fit.fitted.packed.on[flag(kind.name)] and not kind.may_grow
+        if there or adds_nothing(kind, model_fit):
             continue
         progress(f"candidate {kind.name}")
         if fits := _short_fits(problem, base, nominal, kind):
@@ -172,6 +171,5 @@ def generic_gains(problem: Problem, model_fit: ModelFit) -> dict[str, float]:
     """Gain on unseen experiments of free functions of a coordinate."""
     gains: dict[str, float] = {}
     for name, columns in generic_columns(problem.data, problem.training > 0).items():
-        table = np.hstack([model_fit.fitted.jacobian, columns * float(np.std(model_fit.fitted.error))])
-        gains[name] = gain_and_z(model_fit.unseen, held_out(problem, model_fit.fitted.error, table))[0]
+        gains[name] = gain_and_z(model_fit.unseen, with_columns(problem, model_fit.fitted, columns))[0]
     return gains

@@ -7,7 +7,6 @@ other's place.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -22,7 +21,7 @@ from autotune.models.backlash import BACKLASH
 from autotune.models.drive_model import Packed
 from autotune.models.effect import Kind
 from autotune.models.elastic_transmission import ELASTIC_TRANSMISSION, RESONANCES
-from autotune.models.load_side import AT_START
+from autotune.models.load_side import AT_START, ringing_compliance
 
 SPRING, GAP = ELASTIC_TRANSMISSION, BACKLASH
 OF_THE_GAP = {"compliance": "contact_compliance"} | {
@@ -106,17 +105,28 @@ def other_contact_tried(
     least = problem.policy.clearly_less
     target = least * model_fit.fitted.cost
     settled = fit_from_starts(problem, led, 0.0, list(model_fit.free), model_fit.effects, target)
-    if settled is None or error_left(problem, settled) > least * error_left(problem, model_fit):
+    return _instead(problem, root, chosen, settled, chosen.effect, least)
+
+
+def _instead(
+    problem: Problem,
+    root: ModelFit,
+    chosen: FittedCandidate,
+    settled: ModelFit | None,
+    effect: str,
+    least: float,
+) -> FittedCandidate:
+    """Another model in place of the chosen one where it leaves at most `least` of its error."""
+    if settled is None or error_left(problem, settled) > least * error_left(problem, chosen.model_fit):
         return chosen
-    return replace(judged(problem, root, settled, chosen.effect), gain=chosen.gain)
+    return replace(judged(problem, root, settled, effect), gain=chosen.gain)
 
 
 def _with_contact(packed: Packed, hertz: float) -> Packed:
     """The model with a contact on which motor and load ring at that frequency [Hz], damped as where fits begin."""
     p = packed.p.copy()
     share = p[GAP.slot("load_inertia")]
-    reduced = share * (1.0 - share) * p[layout.INERTIA]
-    p[GAP.slot("contact_compliance")] = 1.0 / (reduced * (2.0 * math.pi * hertz) ** 2)
+    p[GAP.slot("contact_compliance")] = ringing_compliance(p[layout.INERTIA], share, hertz)
     p[GAP.slot("damping")] = AT_START["damping"]
     return Packed(p, packed.on)
 
@@ -139,10 +149,8 @@ class _Exchange:
         effects = tuple(self.new.name if name == self.old.name else name for name in model_fit.effects)
         target = max(self.least, 1.0) * model_fit.fitted.cost
         settled = fit_from_starts(problem, starts, 0.0, free, effects, target)
-        if settled is None or error_left(problem, settled) > self.least * error_left(problem, model_fit):
-            return chosen
         effect = self.new.name if chosen.effect == self.old.name else chosen.effect
-        return replace(judged(problem, root, settled, effect), gain=chosen.gain)
+        return _instead(problem, root, chosen, settled, effect, self.least)
 
     def _start(self, start: FitStart, root: ModelFit) -> Packed:
         """A start of the new one without the old one; a spring begins where the gap's contact is."""

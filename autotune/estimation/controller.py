@@ -125,9 +125,7 @@ def _plain(samples: LoopSamples) -> tuple[PositionController, ...]:
 
 def read_late(law: PositionController) -> PositionController:
     """The law that leaves the same columns where it sees all a sample sooner, and its torque is recorded as late."""
-    return replace(
-        law, reference_delay=law.reference_delay - 1, position_delay=law.position_delay - 1, taken=BEFORE
-    )
+    return replace(law.sooner(), taken=BEFORE)
 
 
 def _some(law: PositionController | None) -> tuple[PositionController, ...]:

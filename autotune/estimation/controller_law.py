@@ -116,6 +116,10 @@ class PositionController:
             ]
         )
 
+    def sooner(self) -> PositionController:
+        """The law that sees reference and position a sample sooner."""
+        return replace(self, reference_delay=self.reference_delay - 1, position_delay=self.position_delay - 1)
+
     def filter_rate(self, period: float) -> float:
         """Rate of the velocity's filter [1/s]; the period in s."""
         return -math.log(1.0 - self.derivative_filter) / period

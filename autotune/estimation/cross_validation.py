@@ -205,6 +205,12 @@ def beyond_presliding(problem: Problem, packed: Packed) -> Problem | None:
     return sliding if enough else None
 
 
+def with_columns(problem: Problem, fitted: Fitted, columns: Floats) -> Unseen:
+    """Errors of experiments held out, with free functions of a coordinate beside a model; `columns`: shape (m, k)."""
+    table = np.hstack([fitted.jacobian, columns * float(np.std(fitted.error))])
+    return held_out(problem, fitted.error, table)
+
+
 def goes_with_place(problem: Problem | None, fitted: Fitted) -> bool:
     """Whether a function of the place explains experiments held out, where a contact slides (`beyond_presliding`).
 
@@ -215,10 +221,8 @@ def goes_with_place(problem: Problem | None, fitted: Fitted) -> bool:
         return False
     policy = problem.policy
     columns = generic_columns(problem.data, problem.training > 0)["position"]
-    base = fitted.jacobian
-    table = np.hstack([base, columns * float(np.std(fitted.error))])
-    before, after = (held_out(problem, fitted.error, one) for one in (base, table))
-    gain, z = gain_and_z(before, after)
+    before = held_out(problem, fitted.error, fitted.jacobian)
+    gain, z = gain_and_z(before, with_columns(problem, fitted, columns))
     return gain >= policy.clear_gain and z >= policy.least_z
 
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from autotune.core.arrays import Flags, Floats, Integers
 from autotune.core.errors import NotEnoughExcitation
 from autotune.estimation.disturbance import in_time
-from autotune.estimation.periodic import Periodic, periodic
+from autotune.signals.periodic import Periodic, periodic
 from autotune.recordings.checks import check_recording, torque_of
 from autotune.recordings.recording import Metadata, Recording, Segment, refuse_mixture
 from autotune.signals.filters import motion

@@ -28,7 +28,6 @@ class Disturbance:
         position: of the position before it is quantised.
         sensor: of the recorded torque [N m]; the axis does not feel it. nan where unknown.
         uneven: variance of stretches over what it is usually, where that is more than chance; else 1.
-        lines: frequencies that stand out [Hz].
         jitter: of the moment at which a row is written [s]; the axis does not feel it.
     """
 
@@ -38,7 +37,6 @@ class Disturbance:
     position: float = 0.0
     sensor: float = math.nan
     uneven: float = 1.0
-    lines: tuple[float, ...] = ()
     jitter: float = 0.0
 
     @property

@@ -69,8 +69,6 @@ PARTS_ALONE = (0.7, 0.5, 0.35, 0.25)
 """Of the level found in a recording without repeats, whose residual holds the model's error as well: what is tried."""
 LEVELS = (4.0, 8.0, 16.0, 32.0, 64.0)
 """Parts of the level that would make all differences between repeats: what is tried then."""
-STANDS_OUT = 8.0
-"""Times its neighbourhood: a line."""
 UNEVEN = 2.5
 """Mean over median power of chunks, over what it is in the twin: no steady noise."""
 NUDGE, NUDGED = 0.01, 4
@@ -137,12 +135,7 @@ def estimate_disturbance(problem: Problem, packed: Packed) -> Disturbance:
         found = _of_least_cost(problem, packed, (found, *_levels_of_all(problem, packed, found)))
     elif own and not chunks.paired:
         found = _of_least_cost(problem, packed, (found, *(found.louder(part) for part in PARTS_ALONE)))
-    return replace(
-        found,
-        sensor=sensor,
-        uneven=_unevenness(measured, simulated),
-        lines=_lines(matcher.hertz, measured, simulated) if chunks.paired else (),
-    )
+    return replace(found, sensor=sensor, uneven=_unevenness(measured, simulated))
 
 
 def _asked_late(data: Prepared, law: PositionController) -> Floats:
@@ -333,17 +326,6 @@ def _unevenness(measured: Floats, simulated: Floats) -> float:
         ratios.append(float(np.mean(total) / max(float(np.median(total)), 1e-300)))
     uneven = ratios[0] / ratios[1]
     return uneven if uneven > UNEVEN else 1.0
-
-
-def _lines(hertz: Floats, measured: Floats, simulated: Floats) -> tuple[float, ...]:
-    """Frequencies at which the measured spectrum stands out of its neighbourhood and of the twin's."""
-    ratio = measured.mean(axis=0) / np.maximum(simulated.mean(axis=0), 1e-300)
-    around = scipy.signal.medfilt(ratio, 2 * (len(ratio) // 16) + 5)
-    high = ratio > STANDS_OUT * around
-    found = [
-        i for i in np.flatnonzero(high[1:-1]) + 1 if ratio[i] >= ratio[i - 1] and ratio[i] >= ratio[i + 1]
-    ]
-    return tuple(float(hertz[i]) for i in found)
 
 
 def with_expected_noise(problem: Problem, packed: Packed) -> Problem:

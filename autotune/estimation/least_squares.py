@@ -21,6 +21,8 @@ from autotune.models.drive_model import Packed
 Judged: TypeAlias = Callable[[Sequence[Packed]], Sequence[tuple[Floats, Floats] | None]]
 """Residuals of the first of some models, as many as cost little more than one, and the biases that belong to them,
 shape (m,) each; None where the twin is unstable."""
+CORRELATED = 4.0
+"""Rows of a residual that count as one, as it went through a low-pass."""
 BASE_STEP = 0.3
 DIFFERENCE = 2e-3
 STALE = 0.02
@@ -325,7 +327,7 @@ def followed(jacobian: Floats, error: Floats, weight: Floats) -> Floats:
     return np.asarray(error - columns @ slope)
 
 
-def covariance(fitted: Fitted, weight: Floats, correlated: float = 4.0) -> Floats:
+def covariance(fitted: Fitted, weight: Floats, correlated: float = CORRELATED) -> Floats:
     """Of the free parameters, in their units, shape (k, k); `correlated` rows count as one."""
     rows = weight > 0
     columns = fitted.jacobian[rows]
@@ -335,6 +337,6 @@ def covariance(fitted: Fitted, weight: Floats, correlated: float = 4.0) -> Float
     return np.asarray(inverse * variance * np.outer(fitted.scales, fitted.scales))
 
 
-def standard_errors(fitted: Fitted, weight: Floats, correlated: float = 4.0) -> Floats:
+def standard_errors(fitted: Fitted, weight: Floats, correlated: float = CORRELATED) -> Floats:
     """Of the free parameters, in their units; `correlated` rows count as one."""
     return np.asarray(np.sqrt(np.maximum(np.diag(covariance(fitted, weight, correlated)), 0.0)))

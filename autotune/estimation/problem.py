@@ -480,6 +480,18 @@ def _chunk_means(values: Floats) -> Floats:
     return np.array([[part.mean(), len(part)] for part in np.array_split(values, pieces)])
 
 
+def by_second(values: Floats) -> Floats:
+    """Sums of the values of rows over every second or so, three of them at least."""
+    return np.array([part.sum() for part in np.array_split(values, max(3, len(values) // CHUNK))])
+
+
+def beyond_chance(values: Floats, times: float) -> bool:
+    """Whether the mean of rows is more than so many times its standard error, second by second."""
+    seconds = by_second(values)
+    error = float(seconds.std(ddof=1)) / math.sqrt(len(seconds))
+    return float(seconds.mean()) > times * error
+
+
 def _mean_and_error(chunks: list[Floats]) -> tuple[float, float]:
     if not chunks:
         return float("nan"), float("nan")

@@ -272,10 +272,8 @@ def shaken(data: Prepared, noise: Disturbance, random: np.random.Generator) -> t
     """
     n = len(data.reference)
     disturbance = noise.drawn(random, n, data.period) if noise.process > 0.0 else np.zeros(n)
-    for one in data.clocked:  # what is missing of the torque that the motion needs acted beside the drive's
-        disturbance = disturbance - one.torque(data)
     unsure = random.normal(0.0, noise.position, n) if noise.position > 0.0 else np.zeros(n)
-    return disturbance, unsure
+    return _clockless(data, disturbance), unsure  # what the motion lacks acted beside the drive's torque
 
 
 def _run(

@@ -38,9 +38,12 @@ def load_varies() -> dict[str, Vary]:
 
 def compliance_at(c: StartContext, hertz: float) -> float:
     """Compliance with which the load of a start rings at `hertz` [rad/(N m)]."""
-    share = AT_START["load_inertia"]
-    reduced = share * (1.0 - share) * float(c.p[INERTIA])
-    return 1.0 / (reduced * (2 * math.pi * hertz) ** 2)
+    return ringing_compliance(float(c.p[INERTIA]), AT_START["load_inertia"], hertz)
+
+
+def ringing_compliance(inertia: float, share: float, hertz: float) -> float:
+    """Compliance on which a load that is this share of the inertia rings against the motor at `hertz` [rad/(N m)]."""
+    return 1.0 / (share * (1.0 - share) * inertia * (2 * math.pi * hertz) ** 2)
 
 
 def least_compliance(c: StartContext) -> float:

@@ -11,7 +11,7 @@ from autotune.core.errors import NotEnoughExcitation, RecordingError
 from autotune.diagnosis.fitting import fit_model
 from autotune.diagnosis.verdict import diagnose
 from autotune.estimation.data import TEST, TRAINING, VETO, prepare
-from autotune.estimation.periodic import period_of
+from autotune.signals.periodic import period_of
 from autotune.recordings.recording import Metadata, Recording
 
 

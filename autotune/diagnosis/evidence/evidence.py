@@ -20,7 +20,7 @@ from autotune.estimation.alignment import behind_current_loop, best_shift, shift
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.controller_search import lowest
 from autotune.estimation.data import Prepared
-from autotune.estimation.least_squares import followed, standard_errors
+from autotune.estimation.least_squares import CORRELATED, followed, standard_errors
 from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Problem, refit
 from autotune.estimation.residual import measured_motion, smoothed
@@ -49,8 +49,6 @@ CLEARLY_LESS = 0.98
 """Of the mean square: what another delay must leave at most to be taken for it; what else a model lacks bends both."""
 SURE = 2.0
 """Standard errors by which a lag must be longer than a current loop's to be more."""
-CORRELATED = 4.0
-"""Rows that count as one."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ from autotune.estimation.cross_validation import beyond_rests, drift, rests_of
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.disturbance_estimate import null_errors
 from autotune.estimation.policy import Policy
-from autotune.estimation.problem import CHUNK, Correction, Problem
+from autotune.estimation.problem import Correction, Problem, beyond_chance
 from autotune.models.effect import Kind
 from autotune.models.table import EFFECTS
 from autotune.models.torque_lag import TORQUE_LAG
@@ -76,9 +76,7 @@ class RepeatedProgramme(Evidence):
         """Second by second of training and veto."""
         weight = problem.weight * problem.data.role(TRAINING, VETO)
         surplus = weight * (worse.fitted.error**2 - better.fitted.error**2)
-        seconds = np.array([part.sum() for part in np.array_split(surplus, max(3, len(surplus) // CHUNK))])
-        error = float(seconds.std(ddof=1)) / math.sqrt(len(seconds))
-        return float(seconds.mean()) > problem.policy.apart_z * error
+        return beyond_chance(surplus, problem.policy.apart_z)
 
     def rest_that_is_none(self, problem: Problem, error: Floats, noise: float) -> float:
         # one experiment below a count, where motion is chaotic, hides nothing of the others
