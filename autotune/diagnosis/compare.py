@@ -27,7 +27,8 @@ from autotune.estimation.disturbance import STILL
 from autotune.estimation.least_squares import fit
 from autotune.estimation.model_error import ModelError, NoiseFloor, model_error, noise_floor
 from autotune.estimation.problem import Problem, base_free
-from autotune.estimation.residual import residual, run_twin
+from autotune.estimation.residual import residual
+from autotune.estimation.twin_runs import run_twin
 from autotune.models import layout
 from autotune.models.drive_model import DriveModel, Packed
 from autotune.recordings.recording import Recording

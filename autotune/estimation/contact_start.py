@@ -20,7 +20,8 @@ from autotune.estimation.data import TRAINING
 from autotune.estimation.disturbance import STILL
 from autotune.estimation.least_squares import Fitted, Free, standard_errors
 from autotune.estimation.problem import Correction, Problem, refit
-from autotune.estimation.residual import SEED, residual, run_twin
+from autotune.estimation.residual import residual
+from autotune.estimation.twin_runs import SEED, run_twin
 from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.transmission import has_load

@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from autotune.core.arrays import Flags, Floats, Integers
 from autotune.core.errors import NotEnoughExcitation
 from autotune.estimation.disturbance import in_time
-from autotune.signals.periodic import Periodic, periodic
 from autotune.recordings.checks import check_recording, torque_of
 from autotune.recordings.recording import Metadata, Recording, Segment, refuse_mixture
 from autotune.signals.filters import motion
+from autotune.signals.periodic import Periodic, periodic
 
 MOTION_CUTOFF = 150.0  # Hz, of position, velocity and acceleration
 CUTOFF = 60.0  # Hz, of everything that is compared

@@ -30,7 +30,8 @@ from autotune.estimation.disturbance import STILL, Disturbance, coloured_power, 
 from autotune.estimation.least_squares import followed
 from autotune.estimation.parts import until_sample
 from autotune.estimation.problem import Problem, shared
-from autotune.estimation.residual import SEED, compared_motion, raw_residual, residual, run_twin
+from autotune.estimation.residual import compared_motion, raw_residual, residual
+from autotune.estimation.twin_runs import SEED, run_twin
 from autotune.models import layout
 from autotune.models.drive_model import BASE, Packed
 from autotune.models.transmission import has_load

@@ -19,18 +19,9 @@ from autotune.estimation.disturbance import STILL, Disturbance
 from autotune.estimation.least_squares import Fitted, Free, fit
 from autotune.estimation.parts import until_last
 from autotune.estimation.policy import POLICY, Policy
-from autotune.estimation.residual import (
-    KnownRuns,
-    Motion,
-    Noise,
-    TwinRuns,
-    add_runs,
-    alike,
-    kind_of_pass,
-    measured_motion,
-    residual,
-)
+from autotune.estimation.residual import Motion, alike, kind_of_pass, measured_motion, residual
 from autotune.estimation.twin import leading, steps_of_twin
+from autotune.estimation.twin_runs import KnownRuns, Noise, TwinRuns, add_runs
 from autotune.models import layout
 from autotune.models.drive_model import BASE, Packed
 from autotune.models.effect import Kind

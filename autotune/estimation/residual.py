@@ -3,30 +3,19 @@
 T is what lag and saturation make of the demand, L a zero-phase low-pass on a coarse grid. The same
 measurement chain applied to a simulation of the model itself (with quantiser, controller and process
 noise) gives the bias that filters, derivatives and quantisation cause; subtracting it is what makes small
-effects visible. The injected noise is known, so that its own part is taken out of the bias.
+effects visible (`twin_runs`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from typing import TypeAlias
+from collections.abc import Hashable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from autotune.core.arrays import Floats, Integers
-from autotune.core.remembered import LastOf
-from autotune.estimation.controller_law import PositionController
-from autotune.estimation.data import Prepared, Stretch, filtered_motion
-from autotune.estimation.disturbance import Disturbance
-from autotune.estimation.twin import (
-    Loop,
-    loop_along,
-    simulate_stretch,
-    simulate_stretches,
-    started_torque,
-    steps_of_twin,
-)
+from autotune.estimation.data import Prepared, filtered_motion
+from autotune.estimation.twin import started_torque
 from autotune.models import layout
 from autotune.models.compiled import compiled
 from autotune.models.drive_model import Packed
@@ -39,14 +28,6 @@ from autotune.models.inverse import (
 )
 from autotune.models.lanes import WIDTH, along, filled, side_by_side
 from autotune.models.torque_saturation import SATURATES, torque_slope
-
-Asked: TypeAlias = Callable[[Prepared, PositionController], Floats]
-SEED = 20_240
-KNOWN_RUNS = 24  # models
-KNOWN_LOOPS = 4  # stretches
-Loops: TypeAlias = LastOf[Loop]
-GOLDEN = 0.5 * (5.0**0.5 - 1.0)
-"""Of a count: from run to run, so that few of them lie evenly."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +77,7 @@ def smoothed(data: Prepared, values: Floats) -> Floats:
 
 def measured_motion(data: Prepared) -> Motion:
     """What was recorded, without torques that follow the clock."""
-    return Motion(_clockless(data, data.torque), data.position, data.velocity, data.acceleration)
+    return Motion(clockless(data, data.torque), data.position, data.velocity, data.acceleration)
 
 
 def simulated_motion(data: Prepared, run: Simulated) -> Motion:
@@ -108,10 +89,10 @@ def simulated_motion(data: Prepared, run: Simulated) -> Motion:
 def compared_motion(data: Prepared, run: Simulated) -> Motion:
     """The same without the torques that follow the clock, as the measured motion has none: `measured_motion`."""
     moved = simulated_motion(data, run)
-    return replace(moved, torque=_clockless(data, moved.torque))
+    return replace(moved, torque=clockless(data, moved.torque))
 
 
-def _clockless(data: Prepared, torque: Floats) -> Floats:
+def clockless(data: Prepared, torque: Floats) -> Floats:
     for one in data.clocked:
         torque = torque - one.torque(data)
     return torque
@@ -171,10 +152,10 @@ def residuals(data: Prepared, models: Sequence[Packed], moved: Motion) -> Floats
 
 def _together(data: Prepared, models: Sequence[Packed]) -> Iterator[list[int]]:
     """Numbers of the models that one pass can take: the same effects, as many steps a sample."""
-    return _batches([kind_of_pass(data, packed) for packed in models])
+    return batches([kind_of_pass(data, packed) for packed in models])
 
 
-def _batches(keys: Sequence[Hashable]) -> Iterator[list[int]]:
+def batches(keys: Sequence[Hashable]) -> Iterator[list[int]]:
     """Places of equal keys, at most eight of them together."""
     alike: dict[Hashable, list[int]] = {}
     for i, key in enumerate(keys):
@@ -202,7 +183,7 @@ def _raw_in_lanes(data: Prepared, models: Sequence[Packed], moved: Sequence[Moti
     substeps = load_substeps(models[0].p, on, data.period)
     for stretch in data.stretches:
         torque, position, velocity, acceleration = (
-            _abreast([getattr(one, name)[stretch.rows] for one in moved])
+            abreast([getattr(one, name)[stretch.rows] for one in moved])
             for name in ("torque", "position", "velocity", "acceleration")
         )
         first = np.broadcast_to(torque[:, 0], WIDTH)
@@ -220,7 +201,7 @@ def _raw_in_lanes(data: Prepared, models: Sequence[Packed], moved: Sequence[Moti
     return rest
 
 
-def _abreast(values: Sequence[Floats]) -> Floats:
+def abreast(values: Sequence[Floats]) -> Floats:
     """Values of shape (n,), for each lane, as a kernel takes them: one for all (1, n), or (8, n)."""
     if len(values) == 1:
         return np.ascontiguousarray(values[0])[None]
@@ -235,204 +216,6 @@ def _smoothed_in_lanes(data: Prepared, raw: Floats) -> Floats:
     result = np.empty((WIDTH, len(data.grid)))
     _smooth_in_lanes(raw, data.taps, data.grid, result)
     return result
-
-
-def run_twin(
-    data: Prepared,
-    packed: Packed,
-    controller: PositionController,
-    noise: Disturbance,
-    random: np.random.Generator,
-    quantised: bool = True,
-    loops: Loops | None = None,
-) -> Simulated:
-    """Simulates all stretches from their references, each from where it was measured to start."""
-    resolution = data.resolution if quantised else 0.0
-    run = _run(
-        data, packed, controller, *shaken(data, noise, random), resolution, loops or LastOf(KNOWN_LOOPS)
-    )
-    if noise.jitter == 0.0:
-        return run
-    position = run.position.copy()
-    for rows in (stretch.rows for stretch in data.stretches):
-        position[rows] = _late_rows(position[rows], noise.jitter / data.period, resolution, random)
-    return replace(run, position=position)
-
-
-def _late_rows(position: Floats, spread: float, resolution: float, random: np.random.Generator) -> Floats:
-    """Positions as they are when rows are written at moments that scatter by `spread` samples."""
-    late = position + spread * random.standard_normal(len(position)) * np.gradient(position)
-    return np.asarray(np.round(late / resolution) * resolution if resolution > 0.0 else late)
-
-
-def shaken(data: Prepared, noise: Disturbance, random: np.random.Generator) -> tuple[Floats, Floats]:
-    """Torque and position noise of a run, shape (n,); late rows are no bias, but for chance, and are not in it.
-
-    What follows the clock shakes every run as it shook the axis: it smooths friction away as any other dither does.
-    """
-    n = len(data.reference)
-    disturbance = noise.drawn(random, n, data.period) if noise.process > 0.0 else np.zeros(n)
-    unsure = random.normal(0.0, noise.position, n) if noise.position > 0.0 else np.zeros(n)
-    return _clockless(data, disturbance), unsure  # what the motion lacks acted beside the drive's torque
-
-
-def _run(
-    data: Prepared,
-    packed: Packed,
-    controller: PositionController,
-    disturbance: Floats,
-    unsure: Floats,
-    resolution: float,
-    loops: Loops,
-) -> Simulated:
-    n = len(data.reference)
-    position, torque = np.zeros(n), np.zeros(n)
-    limit = data.metadata.torque_limit or np.inf
-    stable = True
-    for stretch in data.stretches:
-        rows = stretch.rows
-        position[rows], torque[rows], inside = simulate_stretch(
-            _recorded(data, controller, stretch),
-            packed,
-            controller,
-            limit,
-            resolution,
-            disturbance[rows],
-            unsure[rows],
-            loop=_loop(data, controller, stretch, loops),
-        )
-        stable &= inside
-    return Simulated(position, torque, disturbance, stable and _follows(data, position))
-
-
-def _follows(data: Prepared, position: Floats) -> bool:
-    """Whether a simulated axis stays near where the axis was."""
-    if not np.all(np.isfinite(position)):
-        return False
-    lag = max(float(np.max(np.abs((position - data.measured)[s.rows]))) for s in data.stretches)
-    return bool(lag < 0.5 * np.ptp(data.measured) + 1e3 * data.resolution)
-
-
-def run_twins(
-    data: Prepared,
-    models: Sequence[Packed],
-    controller: PositionController,
-    noise: Sequence[tuple[Floats, Floats]],
-    loops: Loops | None = None,
-) -> list[Simulated]:
-    """A run of each of several models, each with its own `noise` (`shaken`): those that each would make by itself."""
-    loops = loops or LastOf(KNOWN_LOOPS)
-    runs: dict[int, Simulated] = {}
-    keys = [(packed.on.tobytes(), steps_of_twin(packed, data.period, controller)) for packed in models]
-    for chosen in _batches(keys):
-        together = [(models[i], noise[i]) for i in chosen]
-        found = _runs_in_lanes(data, together, controller, loops) if len(chosen) > 1 else None
-        if found is None:  # one alone, or one of them leaves all bounds
-            found = [_run(data, one, controller, *own, data.resolution, loops) for one, own in together]
-        runs |= dict(zip(chosen, found, strict=True))
-    return [runs[i] for i in range(len(models))]
-
-
-def _runs_in_lanes(
-    data: Prepared,
-    together: Sequence[tuple[Packed, tuple[Floats, Floats]]],
-    controller: PositionController,
-    loops: Loops,
-) -> list[Simulated] | None:
-    """Runs of two to eight models with the same effects and steps; None where one of them leaves all bounds."""
-    n, count = len(data.reference), len(together)
-    position, torque = np.zeros((2, count, n))
-    for stretch in data.stretches:
-        rows = stretch.rows
-        shaken, unsure = (_abreast([noise[part][rows] for _, noise in together]) for part in (0, 1))
-        done = simulate_stretches(
-            _recorded(data, controller, stretch),
-            [packed for packed, _ in together],
-            controller,
-            (data.metadata.torque_limit or np.inf, data.resolution),
-            shaken,
-            unsure,
-            _loop(data, controller, stretch, loops),
-        )
-        if done is None:
-            return None
-        position[:, rows], torque[:, rows] = (values[:count] for values in done)
-    return [
-        Simulated(position[i], torque[i], noise[0], _follows(data, position[i]))
-        for i, (_, noise) in enumerate(together)
-    ]
-
-
-def _loop(data: Prepared, controller: PositionController, stretch: Stretch, loops: Loops) -> Loop:
-    """What the loop of a twin is given along a stretch, whatever its model."""
-    return loops.answer(
-        (data, controller, stretch), lambda: loop_along(_recorded(data, controller, stretch), controller)
-    )
-
-
-class Noise:
-    """What shakes one run of the twin after another: the same for every model, so that it is drawn once."""
-
-    def __init__(self, data: Prepared, disturbance: Disturbance, counts: float = 0.0) -> None:
-        self.disturbance, self._data, self._counts = disturbance, data, counts
-        self._random = np.random.default_rng(SEED)
-        self._drawn: list[tuple[Floats, Floats]] = []
-
-    def fits(self, data: Prepared, disturbance: Disturbance, counts: float) -> bool:
-        """Whether it is what shakes the twin of these data."""
-        same = disturbance is self.disturbance and counts == self._counts
-        return same and len(data.reference) == len(self._data.reference)
-
-    def of(self, number: int) -> tuple[Floats, Floats]:
-        """Torque and position noise of a run, shape (n,)."""
-        while len(self._drawn) <= number:
-            torque, position = shaken(self._data, self.disturbance, self._random)
-            if self._counts > 0.0:
-                position = position + self._counts * ((len(self._drawn) * GOLDEN + 0.25) % 1.0 - 0.5)
-            self._drawn.append((torque, position))
-        return self._drawn[number]
-
-
-@dataclass(slots=True)
-class TwinRuns:
-    """Biases that runs of the twin give one after another, each with noise of its own, at one model.
-
-    Attributes:
-        raw: residual of the measured motion at the same model, where it is known.
-    """
-
-    data: Prepared
-    packed: Packed
-    controller: PositionController
-    noise: Noise
-    loops: Loops
-    biases: list[Floats] = field(default_factory=list)
-    stable: bool = True
-    raw: Floats | None = None
-
-
-def add_runs(many: Sequence[TwinRuns], count: int, measured: Motion) -> None:
-    """Runs of each of several models in the same data until there are `count` of it, and its residual of the motion.
-
-    Where a twin leaves all bounds there is no further run of it, now and later.
-    """
-    data, controller = many[0].data, many[0].controller
-    jobs = [(one, i) for one in many if one.stable for i in range(len(one.biases), count)]
-    noise = [one.noise.of(i) for one, i in jobs]
-    runs = run_twins(data, [one.packed for one, _ in jobs], controller, noise, many[0].loops)
-    asked: list[tuple[TwinRuns, Simulated | None]] = [(one, None) for one in many if one.raw is None]
-    for (one, _), made in zip(jobs, runs, strict=True):
-        one.stable &= made.stable
-        if one.stable:
-            asked.append((one, made))
-    motions = [measured if run is None else simulated_motion(data, run) for _, run in asked]
-    acted = [None if run is None else run.disturbance for _, run in asked]
-    errors = residuals_of_each(data, [one.packed for one, _ in asked], motions, acted)
-    for (one, run), error in zip(asked, errors, strict=True):
-        if run is None:
-            one.raw = error
-        else:
-            one.biases.append(error)
 
 
 def residuals_of_each(
@@ -458,86 +241,3 @@ def residuals_of_each(
         smooth = smoothed(data, raw[:, 0])[None] if len(chosen) == 1 else _smoothed_in_lanes(data, raw)
         result |= dict(zip(chosen, smooth, strict=False))
     return [result[i] for i in range(len(models))]
-
-
-class KnownRuns:
-    """Runs of the twin at the models that were asked for last: half of all questions come again."""
-
-    def __init__(self) -> None:
-        self._runs: dict[tuple[bytes, bytes], TwinRuns] = {}
-        self._noise: Noise | None = None
-        self._heard: LastOf[Floats] = LastOf(1)
-        self.loops: Loops = LastOf(KNOWN_LOOPS)
-
-    def of(
-        self, data: Prepared, packed: Packed, controller: PositionController, disturbance: Disturbance
-    ) -> TwinRuns:
-        """Runs at a model as far as they are known; none of those of other data, controllers or disturbances."""
-        key = packed.p.tobytes(), packed.on.tobytes()
-        known = self._runs.pop(key, None)
-        same = known is not None and known.data is data and known.controller is controller
-        if known is None or not same or known.noise.disturbance is not disturbance:
-            own = Packed(packed.p.copy(), packed.on.copy())
-            counts = data.resolution if controller.adrift else 0.0
-            known = TwinRuns(data, own, controller, self._noise_of(data, disturbance, counts), self.loops)
-        self._runs[key] = known
-        while len(self._runs) > KNOWN_RUNS:
-            del self._runs[next(iter(self._runs))]
-        return known
-
-    def raw(self, data: Prepared, packed: Packed) -> Floats | None:
-        """Residual of the measured motion at a model, where it is known."""
-        known = self._runs.get((packed.p.tobytes(), packed.on.tobytes()))
-        return known.raw if known is not None and known.data is data else None
-
-    def heard(self, data: Prepared, controller: PositionController, asked: Asked) -> Floats:
-        """What the recorded torque has beside what a controller asks for [N m], shape (n,); the last is known."""
-        return self._heard.answer(
-            (data, controller), lambda: np.asarray(data.torque - asked(data, controller))
-        )
-
-    def _noise_of(self, data: Prepared, disturbance: Disturbance, counts: float) -> Noise:
-        if self._noise is None or not self._noise.fits(data, disturbance, counts):
-            self._noise = Noise(data, disturbance, counts)
-        return self._noise
-
-
-@dataclass(frozen=True, slots=True)
-class _Recorded:
-    """A stretch of prepared data, as the twin takes it."""
-
-    period: float
-    closed: bool
-    measured: Floats
-    reference: Floats
-    torque: Floats
-    feedforward: Floats
-    position: Floats
-    velocity: Floats
-    acceleration: Floats
-    rate: float
-    last_reference: float
-    last_position: float
-    pace: float
-
-
-def _recorded(data: Prepared, controller: PositionController, stretch: Stretch) -> _Recorded:
-    """Nothing was recorded before a stretch: the controller is taken to have followed the motion it starts with."""
-    rows = stretch.rows
-    reference, velocity = data.reference[rows], data.velocity[rows]
-    wanted = float(reference[1] - reference[0]) / data.period
-    return _Recorded(
-        data.period,
-        stretch.closed,
-        data.measured[rows],
-        reference,
-        data.torque[rows],
-        data.feedforward[rows],
-        data.position[rows],
-        velocity,
-        data.acceleration[rows],
-        controller.reference_rate * wanted - float(velocity[0]),
-        float(reference[0]) - wanted * data.period,
-        float(data.measured[stretch.start]) - float(velocity[0]) * data.period,
-        data.pace,
-    )

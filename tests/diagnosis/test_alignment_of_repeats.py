@@ -32,7 +32,8 @@ from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.disturbance_estimate import estimate_disturbance, null_errors, with_counts
 from autotune.estimation.least_squares import Free
 from autotune.estimation.problem import Problem, refit
-from autotune.estimation.residual import SEED, measured_motion, residual
+from autotune.estimation.residual import measured_motion, residual
+from autotune.estimation.twin_runs import SEED
 from autotune.models import layout
 from autotune.models.drive_model import Packed, base_model
 from autotune.models.dwell_time_break_away import DWELL_TIME_BREAK_AWAY

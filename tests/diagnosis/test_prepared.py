@@ -11,8 +11,8 @@ from autotune.core.errors import NotEnoughExcitation, RecordingError
 from autotune.diagnosis.fitting import fit_model
 from autotune.diagnosis.verdict import diagnose
 from autotune.estimation.data import TEST, TRAINING, VETO, prepare
-from autotune.signals.periodic import period_of
 from autotune.recordings.recording import Metadata, Recording
+from autotune.signals.periodic import period_of
 
 
 def test_repeats_are_paired_row_by_row(short) -> None:

@@ -13,7 +13,7 @@ from autotune.diagnosis.verdict import NONE, diagnose
 from autotune.estimation.data import TRAINING, Block, Clocked
 from autotune.estimation.disturbance import STILL
 from autotune.estimation.policy import POLICY
-from autotune.estimation.residual import shaken
+from autotune.estimation.twin_runs import shaken
 from autotune.models.drive_model import base_model
 from tests.support.axes import NOMINAL, plain_axis
 from tests.support.diagnosis_programme import play

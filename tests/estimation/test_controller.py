@@ -20,7 +20,7 @@ from autotune.estimation.controller_search import _late_trials, plain_in_band
 from autotune.estimation.data import prepare
 from autotune.estimation.disturbance import STILL
 from autotune.estimation.policy import POLICY
-from autotune.estimation.residual import run_twin, run_twins
+from autotune.estimation.twin_runs import run_twin, run_twins
 from autotune.models.drive_model import base_model
 from autotune.recordings.recording import Controller, Recording
 from autotune.signals.between_samples import delayed

@@ -11,7 +11,7 @@ from autotune.estimation.data import Prepared, filtered_motion, prepare
 from autotune.estimation.disturbance import STILL, Disturbance, in_time, jitter_of, memory_of
 from autotune.estimation.disturbance_estimate import _of_least_cost, estimate_disturbance
 from autotune.estimation.problem import new_problem
-from autotune.estimation.residual import run_twin
+from autotune.estimation.twin_runs import run_twin
 from autotune.models.drive_model import Packed, base_model
 from autotune.recordings.recording import Recording
 from tests.support.axes import NOMINAL, plain_axis

@@ -10,7 +10,7 @@ from autotune.estimation.data import Prepared, filtered_motion, prepare
 from autotune.estimation.disturbance import STILL, Disturbance
 from autotune.estimation.model_error import PlainFit, plain_fit, told_by_twin
 from autotune.estimation.policy import POLICY
-from autotune.estimation.residual import run_twin
+from autotune.estimation.twin_runs import run_twin
 from autotune.models.drive_model import base_model
 from autotune.recordings.recording import Metadata, Recording
 from tests.estimation.simulated import AXIS, PERIOD, TRUE, recorded

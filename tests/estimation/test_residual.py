@@ -12,16 +12,15 @@ from autotune.estimation.disturbance import STILL, Disturbance
 from autotune.estimation.pieces import cut
 from autotune.estimation.problem import new_problem
 from autotune.estimation.residual import (
-    KnownRuns,
     Motion,
     measured_motion,
     raw_residual,
     residual,
     residuals,
-    run_twin,
     stretch_residual,
 )
 from autotune.estimation.twin import start_state
+from autotune.estimation.twin_runs import KnownRuns, run_twin
 from autotune.models.drive_model import Packed, base_model
 from autotune.models.table import EFFECTS
 from tests.estimation.simulated import AXIS, OF_TRUE, TRUE, recorded

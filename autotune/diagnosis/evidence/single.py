@@ -31,7 +31,8 @@ from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.least_squares import Fitted
 from autotune.estimation.policy import Policy
 from autotune.estimation.problem import CHUNK, Problem, refit, without_outlying
-from autotune.estimation.residual import SEED, measured_motion
+from autotune.estimation.residual import measured_motion
+from autotune.estimation.twin_runs import SEED
 from autotune.models.effect import Kind
 from autotune.models.table import EFFECTS
 
