@@ -16,6 +16,7 @@ from autotune.diagnosis.compare import compare
 from autotune.diagnosis.confirmation import Doubt
 from autotune.diagnosis.fitting import fit_model
 from autotune.diagnosis.free_shape import any_course, like_a_parabola
+from autotune.diagnosis.search import search
 from autotune.diagnosis.verdict import diagnose
 from autotune.estimation.alignment import aligned, best_shift, compensated
 from autotune.estimation.bandwidth import loud_below, prepared_for, without_rest
@@ -151,10 +152,13 @@ def test_one_recording_suspects_and_a_second_trajectory_confirms(monkeypatch) ->
     """What both together show and neither by itself is unknown: it is no name, but it is not nothing."""
     one, other = (_recording(kind, ripple=0.015) for kind in ("slow", "quick"))
     model = fit_model([one]).model
+    searches = []
+    monkeypatch.setattr(verdict, "search", lambda *told: searches.append(search(*told)) or searches[-1])
     alone = diagnose([one], model)
     assert (alone.verdict, alone.effects, alone.confidence) == ("named", ("torque_ripple",), "suspected")
     both = diagnose([one, other], model)
     assert (both.effects, both.confidence) == (("torque_ripple",), "confirmed")
+    monkeypatch.setattr(verdict, "search", lambda *_: searches[-1])
     monkeypatch.setattr(verdict, "doubt_of", lambda *_: Doubt("no recording shows it", nowhere=True))
     refused = diagnose([one, other], model)
     assert (refused.verdict, refused.effects) == ("unknown", ())
