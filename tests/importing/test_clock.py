@@ -87,9 +87,13 @@ def test_runs_with_the_same_reference_are_repetitions(tmp_path: Path, signals: d
     assert [(s.experiment, s.repeat) for s in recording.segments()] == [("r", 0), ("r", 1), ("r", 2)]
 
 
-def test_a_column_of_repetitions_cuts(tmp_path: Path, signals: dict[str, Floats]) -> None:
+@pytest.mark.parametrize("period", [None, 0.001], ids=["stamps", "--period"])
+def test_a_column_of_repetitions_cuts(
+    tmp_path: Path, signals: dict[str, Floats], period: float | None
+) -> None:
     signals["cycle"] = np.repeat([1.0, 2.0], 1000)
-    recording = bring_in(write_table(tmp_path / "c.csv", signals), columns=("repeat=cycle",)).recording
+    table = write_table(tmp_path / "c.csv", signals)
+    recording = bring_in(table, columns=("repeat=cycle",), period=period).recording
     assert [(s.experiment, s.repeat, s.stop) for s in recording.segments()] == [
         ("c", 1, 1000),
         ("c", 2, 2000),

@@ -10,7 +10,7 @@ beside an encoder step at most a tenth of it), torque linearly.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -85,12 +85,22 @@ def split_runs(columns: Mapping[str, Floats], path: Path, notes: list[str]) -> l
     _refuse_duplicates(columns, step, path)
     if len(backward):
         notes.append(f"the clock starts again {len(backward)} times: {len(starts) - 1} segments")
-    if "repeat" in columns:
-        changes = np.flatnonzero(np.diff(columns["repeat"]) != 0) + 1
-        starts = sorted({*starts, *changes.tolist()})
+    return cut_at(columns, sorted({*starts, *new_repeats(columns)}))
+
+
+def new_repeats(columns: Mapping[str, Floats]) -> list[int]:
+    """Rows at which `repeat` changes; none where the file does not count them."""
+    if "repeat" not in columns:
+        return []
+    changes: list[int] = (np.flatnonzero(np.diff(columns["repeat"]) != 0) + 1).tolist()
+    return changes
+
+
+def cut_at(columns: Mapping[str, Floats], edges: Sequence[int]) -> list[RegularPiece]:
+    """A run from each edge to the next."""
     return [
         RegularPiece({name: values[a:b] for name, values in columns.items()}, row=a, run=number)
-        for number, (a, b) in enumerate(itertools.pairwise(starts))
+        for number, (a, b) in enumerate(itertools.pairwise(edges))
     ]
 
 

@@ -12,8 +12,10 @@ from autotune.recordings.importing.cleaning import unwrapped, wrap_length
 from autotune.recordings.importing.clock import (
     LEAST_ROWS,
     RegularPiece,
+    cut_at,
     fitted_period,
     median_period,
+    new_repeats,
     regular,
     split_gaps,
     split_runs,
@@ -61,7 +63,7 @@ def _runs_by_period(
     """With `--period` the rows are regular and stamps only jitter; they must agree on the whole."""
     time = columns["time"]
     if not np.any(np.diff(time) < 0):
-        runs = [RegularPiece(columns)]
+        runs = cut_at(columns, [0, *new_repeats(columns), len(time)])
     else:
         runs = split_runs(columns, path, lines)
     regular_runs = []
