@@ -35,6 +35,7 @@ from autotune.estimation.bandwidth import prepared_for
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.cross_validation import Unseen, gain_and_z
 from autotune.estimation.data import TRAINING
+from autotune.estimation.pieces import UNFITTED
 from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Problem, refit
 from autotune.estimation.residual import smoothed
@@ -214,8 +215,12 @@ def doubt_of(
 ) -> Doubt | None:
     """What speaks against calling effects confirmed that all recordings together have named; None if nothing does.
 
-    Together alone they name what a base bends into that is two: warmer, or heavier, in one of them.
+    Together alone they name what a base bends into that is two: warmer, or heavier, in one of them. A file that holds
+    nothing but a veto, a test or conditioning is no recording of its own.
     """
+    recordings = [
+        one for one in recordings if any(part.experiment not in UNFITTED for part in one.segments())
+    ]
     if len(recordings) < 2:
         return None
     try:

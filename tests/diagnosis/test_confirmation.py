@@ -29,6 +29,18 @@ def test_effects_are_carried_and_the_base_is_not() -> None:
     assert carried.p[INERTIA] == pytest.approx(NOMINAL["inertia"])
 
 
+def _of(experiment: str) -> SimpleNamespace:
+    return SimpleNamespace(segments=lambda: [SimpleNamespace(experiment=experiment)])
+
+
+TWO = [_of("slow"), _of("quick")]
+
+
+def test_a_file_of_a_veto_alone_is_no_recording_to_be_held_against(short, nominal) -> None:
+    """A programme that was imported segment by segment: it says nothing by itself, and is no reason to doubt."""
+    assert doubt_of([short, _of("veto")], nominal, ["spring"], print, POLICY, CANDIDATES) is None
+
+
 def _alone(monkeypatch, effects: tuple[str, ...], share: float) -> None:
     """The first recording by itself names these, and leaves this share of the torque."""
     model_fit = SimpleNamespace(effects=effects, fitted=SimpleNamespace(error=np.ones(3)))
@@ -53,7 +65,7 @@ def _alone(monkeypatch, effects: tuple[str, ...], share: float) -> None:
 )
 def test_confirmed_is_what_the_first_recording_names_by_itself(monkeypatch, effects, share, why) -> None:
     _alone(monkeypatch, effects, share)
-    doubt = doubt_of([None, None], None, ["spring"], print, POLICY, CANDIDATES)
+    doubt = doubt_of(TWO, None, ["spring"], print, POLICY, CANDIDATES)
     assert (doubt is None) == (why is None)
     if why is not None:
         assert why in doubt.why
@@ -65,11 +77,11 @@ def test_what_another_recording_shows_by_itself_stays_suspected(monkeypatch) -> 
     spring = confirmation.search()
     found = iter((SimpleNamespace(chosen=None, problem=None), spring))
     monkeypatch.setattr(confirmation, "search", lambda *_: next(found))
-    doubt = doubt_of([None, None], None, ["spring"], print, POLICY, CANDIDATES)
+    doubt = doubt_of(TWO, None, ["spring"], print, POLICY, CANDIDATES)
     assert doubt is not None
     assert not doubt.nowhere
     _alone(monkeypatch, ("stribeck",), 0.1)
-    doubt = doubt_of([None, None], None, ["spring"], print, POLICY, CANDIDATES)
+    doubt = doubt_of(TWO, None, ["spring"], print, POLICY, CANDIDATES)
     assert doubt is not None
     assert doubt.nowhere
 
@@ -77,7 +89,7 @@ def test_what_another_recording_shows_by_itself_stays_suspected(monkeypatch) -> 
 def test_one_name_of_two_that_no_recording_shows_is_none(monkeypatch) -> None:
     """Of three names that two files together bore, a lag was none of either file's."""
     _alone(monkeypatch, ("spring",), 0.1)
-    doubt = doubt_of([None, None], None, ["spring", "torque_lag"], print, POLICY, CANDIDATES)
+    doubt = doubt_of(TWO, None, ["spring", "torque_lag"], print, POLICY, CANDIDATES)
     assert doubt is not None
     assert doubt.nowhere
     assert "shows torque lag" in doubt.why
