@@ -24,10 +24,11 @@ from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.disturbance import STILL
 from autotune.estimation.disturbance_estimate import estimate_disturbance, with_expected_noise
 from autotune.estimation.least_squares import Free
-from autotune.estimation.model_error import by_chance, told_by_twin
+from autotune.estimation.model_error import CLEARLY_LESS, by_chance, told_by_twin
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import (
     Problem,
+    Told,
     base_free,
     by_steadiness,
     new_problem,
@@ -38,8 +39,6 @@ from autotune.identify.ripple_lines import columns
 from autotune.models.drive_model import DriveModel, Packed
 from autotune.models.torque_ripple import TORQUE_RIPPLE
 
-CLEARLY_LESS = 0.98
-"""Of the cost: the chance of a twin's bias."""
 LATE_RECORD = "The torque is taken as recorded a sample late: so the axis answers to it."
 
 
@@ -63,10 +62,14 @@ def begin(
         data, said = without_twin(data)
         no_twin = () if data.steady else (f"No twin: {found.why}. Confidence is lower.",)
         notes = (*no_twin, *said, *loop_note(data, policy))
-    law, disturbance = told_by_twin(data, controllers_of(data, found, policy), packed, policy)
+    laws = controllers_of(data, found, policy)
+    law, disturbance = told_by_twin(data, laws, packed, policy)
     notes = (*law.notes, *notes)
+    told = Told(data, laws) if len(laws) > 1 else None
     data = as_recorded(data, law)
-    problem = replace(new_problem(data, law, policy), simulations=simulations, disturbance=disturbance)
+    problem = replace(
+        new_problem(data, law, policy), simulations=simulations, disturbance=disturbance, told=told
+    )
     progress("fit of the model as it is")
     free = [
         *base_free(packed, problem.scales, data.metadata.motion_unit),
