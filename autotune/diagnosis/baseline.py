@@ -39,6 +39,10 @@ from autotune.identify.ripple_lines import columns
 from autotune.models.drive_model import DriveModel, Packed
 from autotune.models.torque_ripple import TORQUE_RIPPLE
 
+NO_TWIN = "No twin: "
+TWIN_AFTER_ALL = (
+    "A twin explained less than none of the model as it was, but more beside what was found: it is used."
+)
 LATE_RECORD = "The torque is taken as recorded a sample late: so the axis answers to it."
 
 
@@ -60,12 +64,12 @@ def begin(
     notes: tuple[str, ...] = ()
     if not found.usable:
         data, said = without_twin(data)
-        no_twin = () if data.steady else (f"No twin: {found.why}. Confidence is lower.",)
+        no_twin = () if data.steady else (f"{NO_TWIN}{found.why}. Confidence is lower.",)
         notes = (*no_twin, *said, *loop_note(data, policy))
     laws = controllers_of(data, found, policy)
     law, disturbance = told_by_twin(data, laws, packed, policy)
     notes = (*law.notes, *notes)
-    told = Told(data, laws) if len(laws) > 1 else None
+    told = Told(data, laws) if any(one.within for one in laws) else None
     data = as_recorded(data, law)
     problem = replace(
         new_problem(data, law, policy), simulations=simulations, disturbance=disturbance, told=told
@@ -82,8 +86,8 @@ def begin(
     if model_fit is None and problem.twin:
         data, said = without_twin(data)
         why = "is unstable, rings or explains less than none"
-        notes = (f"No twin: a simulation of the model with this controller {why}.", *said)
-        problem = replace(new_problem(data, None, policy), rough=problem.controller)
+        notes = (f"{NO_TWIN}a simulation of the model with this controller {why}.", *said)
+        problem = replace(new_problem(data, None, policy), rough=problem.controller, told=told)
         model_fit = _first_fit(problem, packed, free)
     if model_fit is None:
         raise NotEnoughExcitation(
@@ -99,6 +103,13 @@ def begin(
     if dropped > 0.0:
         notes = (*notes, f"{100 * dropped:.1f} % of the rows were left out: starts, stops or disturbances.")
     return problem, settled, packed, (*notes, *evidence_of(problem.data).limits(problem))
+
+
+def notes_after(notes: tuple[str, ...], before: Problem, after: Problem) -> tuple[str, ...]:
+    """What was said at the beginning of a diagnosis, as it is where a twin was told beside what was found."""
+    if before.twin or not after.twin:
+        return notes
+    return (*(note for note in notes if not note.startswith(NO_TWIN)), TWIN_AFTER_ALL)
 
 
 def _first_fit(problem: Problem, packed: Packed, free: list[Free]) -> tuple[Problem, ModelFit] | None:

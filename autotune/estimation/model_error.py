@@ -219,10 +219,10 @@ def _least_left(
 def told_beside(problem: Problem, fitted: Fitted) -> Problem:
     """The problem with the law that is told beside a model; the same where it leaves no less than the one it has.
 
-    It was told by a model that lacked an effect, and what was missing may have told another: one whose torque was
-    recorded at another moment.
+    It was told by a model that lacked an effect, and what was missing may have told another, one whose torque was
+    recorded at another moment, or drowned what every twin took out, so that none was used.
     """
-    law, known = problem.controller, problem.told
+    law, known = problem.controller or problem.rough, problem.told
     if known is None or law is None:
         return problem
 
@@ -232,12 +232,12 @@ def told_beside(problem: Problem, fitted: Fitted) -> Problem:
         return PlainFit(its, its.until_trained(), replace(fitted, error=its.raw(fitted.packed)))
 
     laws = [replace(one, adrift=law.adrift) for one in known.laws]
-    best = _least_left(laws, beside, problem.data.period, problem.disturbance)
-    if best.left > CLEARLY_LESS * fitted.cost:
+    best = _least_left(laws, beside, problem.data.period, problem.disturbance if problem.twin else None)
+    if best.law == problem.controller or best.left > CLEARLY_LESS * fitted.cost:
         return problem
     its = beside(best.law).problem
     data = shifted(its.data, its.data.shift - best.later)
-    its = replace(its, data=data, moved=measured_motion(data), controller=best.law)
+    its = replace(its, data=data, moved=measured_motion(data), rough=None)
     its = replace(its, disturbance=estimate_disturbance(its, fitted.packed))
     return with_misfit(with_counts(with_expected_noise(its, fitted.packed), fitted.packed))
 
