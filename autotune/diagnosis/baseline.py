@@ -24,10 +24,11 @@ from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.disturbance import STILL
 from autotune.estimation.disturbance_estimate import estimate_disturbance, with_expected_noise
 from autotune.estimation.least_squares import Free
-from autotune.estimation.model_error import by_chance, told_by_twin
+from autotune.estimation.model_error import CLEARLY_LESS, by_chance, told_by_twin
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import (
     Problem,
+    Told,
     base_free,
     by_steadiness,
     new_problem,
@@ -38,8 +39,10 @@ from autotune.identify.ripple_lines import columns
 from autotune.models.drive_model import DriveModel, Packed
 from autotune.models.torque_ripple import TORQUE_RIPPLE
 
-CLEARLY_LESS = 0.98
-"""Of the cost: the chance of a twin's bias."""
+NO_TWIN = "No twin: "
+TWIN_AFTER_ALL = (
+    "A twin explained less than none of the model as it was, but more beside what was found: it is used."
+)
 LATE_RECORD = "The torque is taken as recorded a sample late: so the axis answers to it."
 
 
@@ -61,12 +64,16 @@ def begin(
     notes: tuple[str, ...] = ()
     if not found.usable:
         data, said = without_twin(data)
-        no_twin = () if data.steady else (f"No twin: {found.why}. Confidence is lower.",)
+        no_twin = () if data.steady else (f"{NO_TWIN}{found.why}. Confidence is lower.",)
         notes = (*no_twin, *said, *loop_note(data, policy))
-    law, disturbance = told_by_twin(data, controllers_of(data, found, policy), packed, policy)
+    laws = controllers_of(data, found, policy)
+    law, disturbance = told_by_twin(data, laws, packed, policy)
     notes = (*law.notes, *notes)
+    told = Told(data, laws) if any(one.within for one in laws) else None
     data = as_recorded(data, law)
-    problem = replace(new_problem(data, law, policy), simulations=simulations, disturbance=disturbance)
+    problem = replace(
+        new_problem(data, law, policy), simulations=simulations, disturbance=disturbance, told=told
+    )
     progress("fit of the model as it is")
     free = [
         *base_free(packed, problem.scales, data.metadata.motion_unit),
@@ -79,8 +86,8 @@ def begin(
     if model_fit is None and problem.twin:
         data, said = without_twin(data)
         why = "is unstable, rings or explains less than none"
-        notes = (f"No twin: a simulation of the model with this controller {why}.", *said)
-        problem = replace(new_problem(data, None, policy), rough=problem.controller)
+        notes = (f"{NO_TWIN}a simulation of the model with this controller {why}.", *said)
+        problem = replace(new_problem(data, None, policy), rough=problem.controller, told=told)
         model_fit = _first_fit(problem, packed, free)
     if model_fit is None:
         raise NotEnoughExcitation(
@@ -96,6 +103,13 @@ def begin(
     if dropped > 0.0:
         notes = (*notes, f"{100 * dropped:.1f} % of the rows were left out: starts, stops or disturbances.")
     return problem, settled, packed, (*notes, *evidence_of(problem.data).limits(problem))
+
+
+def notes_after(notes: tuple[str, ...], before: Problem, after: Problem) -> tuple[str, ...]:
+    """What was said at the beginning of a diagnosis, as it is where a twin was told beside what was found."""
+    if before.twin or not after.twin:
+        return notes
+    return (*(note for note in notes if not note.startswith(NO_TWIN)), TWIN_AFTER_ALL)
 
 
 def _first_fit(problem: Problem, packed: Packed, free: list[Free]) -> tuple[Problem, ModelFit] | None:

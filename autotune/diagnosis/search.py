@@ -57,6 +57,7 @@ from autotune.estimation.cross_validation import (
     still_explainable,
 )
 from autotune.estimation.data import TRAINING, VETO
+from autotune.estimation.model_error import told_beside
 from autotune.estimation.parts import repeats_alike
 from autotune.estimation.problem import Problem
 from autotune.models.drive_model import Packed
@@ -357,10 +358,25 @@ class _Search:
             best = self._begun_anew(best)
             if best.share < REFINED:
                 best = other_contact_tried(self.problem, self.root, best, self.progress)
+            best = self._told_beside(best)
         if self.evidence.repeats and (best.plain_share < REFINED or self._more_to_explain(best.model_fit)):
             best = self._freed(best)
         self.chosen = best
         self.seen.append(best.model_fit)
+        return best
+
+    def _told_beside(self, best: FittedCandidate) -> FittedCandidate:
+        """The best candidate beside the law that is told by it, where it leaves less so."""
+        before = self.problem, self.root, self.tried
+        again = told_beside(self.problem, best.model_fit.fitted)
+        if again is self.problem:
+            return best
+        self.progress("another law of the controller")
+        moved = self._moved(again, best)
+        moved = refined(self.problem, self.root, moved, self.progress)
+        if moved.model_fit.fitted.cost < best.model_fit.fitted.cost:
+            return moved
+        self.problem, self.root, self.tried = before
         return best
 
     def _moved(self, problem: Problem, best: FittedCandidate) -> FittedCandidate:

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from autotune.diagnosis.baseline import begin
+from autotune.diagnosis.baseline import begin, notes_after
 from autotune.diagnosis.candidates import (
     FittedCandidate,
     Progress,
@@ -114,6 +114,7 @@ def diagnose(
         problem = replace(problem, candidates=tuple(candidates))
     given = model_error(whole, model, policy)
     found = search(problem, root, nominal, progress)
+    notes = notes_after(notes, problem, found.problem)
     progress("does another trajectory confirm it")
     chosen, carried = confirm(found, nominal)
     verdict = judge(replace(found, chosen=chosen), (*notes, *in_words(carried)), carried)

@@ -14,21 +14,28 @@ has about ν = n·(k − 1)/(1 + 2·Σ r_l²) degrees of freedom, and its varian
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from autotune.core.arrays import Flags, Floats
 from autotune.core.remembered import Remembered, digest_of
-from autotune.estimation.alignment import best_shift, shifted, without_twin
+from autotune.estimation.alignment import (
+    BESIDE,
+    CURRENT_LOOP,
+    best_shift,
+    half_a_sample_later,
+    shifted,
+    without_twin,
+)
 from autotune.estimation.controller import as_recorded, asked, controllers_of, find_controller
 from autotune.estimation.controller_between import TICK
 from autotune.estimation.controller_law import NEXT, PositionController
 from autotune.estimation.controller_search import PIECE_SECONDS
 from autotune.estimation.data import Prepared
 from autotune.estimation.disturbance import STILL, Disturbance
-from autotune.estimation.disturbance_estimate import estimate_disturbance
+from autotune.estimation.disturbance_estimate import estimate_disturbance, with_counts, with_expected_noise
 from autotune.estimation.least_squares import Fitted, followed
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import (
@@ -77,6 +84,8 @@ class ModelError:
 
 
 _TOLD: Remembered[tuple[PositionController, Disturbance]] = Remembered()
+CLEARLY_LESS = 0.98
+"""Of the cost: the chance of a twin's bias."""
 FAR = 1.5
 """Times what the best law's twin leaves: a law that leaves so much more is another at any rate of its loop."""
 TIMES = (1.0, 1.5, 2.0, 3.0)
@@ -94,15 +103,25 @@ class PlainFit:
     trained: Problem
     fitted: Fitted
 
-    def left_by(self, law: PositionController, disturbance: Disturbance) -> float:
-        """Mean square of the training rows that a law's twin leaves once the parameters have followed [(N m)²]."""
+    def left_by(self, law: PositionController, disturbance: Disturbance) -> tuple[float, float]:
+        """Mean square of the training rows that a law's twin leaves once the parameters have followed [(N m)²].
+
+        And the torque the motion, by as much as an ordinary current loop takes: the model is aligned once a law is
+        told, and a law that is right but for that delay must not lose to one that has another in its place. By how
+        many half samples the torque acts later so is the second.
+        """
         problem = replace(self.trained, controller=law, disturbance=disturbance)
         correction = problem.correction(self.fitted.packed)
         if not correction.stable:
-            return math.inf
-        weight = problem.training
-        left = followed(self.fitted.jacobian, self.fitted.error - correction.bias, weight)
-        return float(np.sum(weight * left**2)) / float(np.sum(weight))
+            return math.inf, 0.0
+        weight, jacobian = problem.training, self.fitted.jacobian
+        left = followed(jacobian, self.fitted.error - correction.bias, weight)
+        later = followed(jacobian, half_a_sample_later(problem.data), weight)
+        moved = -float((weight * later) @ left) / max(float((weight * later) @ later), 1e-300)
+        half = 0.5 * problem.data.period
+        moved = min(max(moved, -BESIDE / half), CURRENT_LOOP / half)
+        left = left + moved * later
+        return float(np.sum(weight * left**2)) / float(np.sum(weight)), moved
 
 
 def by_chance(problem: Problem, correction: Correction) -> float:
@@ -148,25 +167,79 @@ def told_by_twin(
 def _told(
     data: Prepared, laws: Sequence[PositionController], model: Packed, policy: Policy
 ) -> tuple[PositionController, Disturbance]:
+    def fitted(law: PositionController) -> PlainFit:
+        return plain_fit(as_recorded(data, law), model, policy)
+
+    told = _least_left(laws, fitted, data.period)
+    return told.law, told.disturbance
+
+
+@dataclass(frozen=True, slots=True)
+class _Least:
+    """The law whose twin leaves least [(N m)²], under a disturbance, its torque so many half samples later."""
+
+    law: PositionController
+    disturbance: Disturbance
+    left: float = math.inf
+    later: float = 0.0
+
+
+def _least_left(
+    laws: Sequence[PositionController],
+    fitted: Callable[[PositionController], PlainFit],
+    period: float,
+    disturbance: Disturbance | None = None,
+) -> _Least:
+    """Of laws, with the ticks of their loops, the one whose twin leaves least; `fitted`: what is fitted to its torque.
+
+    Where no disturbance is known yet, the first law that is told takes its own; later ones begin at the ticks of the
+    best of those before.
+    """
+    every = disturbance is not None
     plain: dict[tuple[bool, str, bool], PlainFit] = {}
-    disturbance: Disturbance | None = None
-    best, least = laws[0], math.inf
+    best = _Least(laws[0], disturbance or STILL)
     for law in reversed(laws):
         key = law.in_band, law.taken, law.sensed
         if key not in plain:
-            plain[key] = plain_fit(as_recorded(data, law), model, policy)
+            plain[key] = fitted(law)
         here = plain[key]
         if disturbance is None:
             disturbance = estimate_disturbance(replace(here.problem, controller=law), here.fitted.packed)
         before = math.inf
-        for one in _faster(law, best.ticks if math.isfinite(least) else 1, data.period):
-            left = here.left_by(one, disturbance)
-            if left < least:
-                best, least = one, left
-            if left > min(before, FAR * least):
+        for one in _faster(law, 1 if every or math.isinf(best.left) else best.law.ticks, period):
+            left, later = here.left_by(one, disturbance)
+            if left < best.left:
+                best = _Least(one, disturbance, left, later)
+            if left > min(before, FAR * best.left):
                 break
             before = left
-    return best, disturbance or STILL
+    return replace(best, disturbance=disturbance or STILL)
+
+
+def told_beside(problem: Problem, fitted: Fitted) -> Problem:
+    """The problem with the law that is told beside a model; the same where it leaves no less than the one it has.
+
+    It was told by a model that lacked an effect, and what was missing may have told another, one whose torque was
+    recorded at another moment, or drowned what every twin took out, so that none was used.
+    """
+    law, known = problem.controller or problem.rough, problem.told
+    if known is None or law is None:
+        return problem
+
+    def beside(one: PositionController) -> PlainFit:
+        data = replace(as_recorded(known.data, one), clocked=problem.data.clocked)
+        its = replace(problem, data=data, moved=measured_motion(data), controller=one)
+        return PlainFit(its, its.until_trained(), replace(fitted, error=its.raw(fitted.packed)))
+
+    laws = [replace(one, adrift=law.adrift) for one in known.laws]
+    best = _least_left(laws, beside, problem.data.period, problem.disturbance if problem.twin else None)
+    if best.law == problem.controller or best.left > CLEARLY_LESS * fitted.cost:
+        return problem
+    its = beside(best.law).problem
+    data = shifted(its.data, its.data.shift - best.later)
+    its = replace(its, data=data, moved=measured_motion(data), rough=None)
+    its = replace(its, disturbance=estimate_disturbance(its, fitted.packed))
+    return with_misfit(with_counts(with_expected_noise(its, fitted.packed), fitted.packed))
 
 
 def _question(

@@ -70,6 +70,14 @@ class Scales:
 
 
 @dataclass(frozen=True, slots=True)
+class Told:
+    """Laws that explain a demand alike, of which a twin told one, and the data before their torque was taken for it."""
+
+    data: Prepared
+    laws: tuple[PositionController, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Problem:
     """Everything a candidate is judged by.
 
@@ -82,6 +90,7 @@ class Problem:
         misfit: what the law leaves of the recorded torque, as errors are compared, shape (m,); None where it leaves
             nothing that could come again (`with_misfit`).
         rough: a law whose twin is too far off to take anything out, but tells how much comes again by the chain alone.
+        told: what the law was told from; None where there was no choice.
         runs: of the twin, as far as they are known.
     """
 
@@ -98,6 +107,7 @@ class Problem:
     by_counts: Floats | None = None
     misfit: Floats | None = None
     rough: PositionController | None = None
+    told: Told | None = None
     runs: KnownRuns = field(default_factory=lambda: KnownRuns(), repr=False, compare=False)
 
     @property

@@ -5,11 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from autotune.core.arrays import Floats
+from autotune.estimation.alignment import CURRENT_LOOP, shifted
 from autotune.estimation.controller_law import PositionController
-from autotune.estimation.data import Prepared, filtered_motion, prepare
+from autotune.estimation.data import TRAINING, Prepared, filtered_motion, prepare
 from autotune.estimation.disturbance import STILL, Disturbance
-from autotune.estimation.model_error import PlainFit, plain_fit, told_by_twin
+from autotune.estimation.model_error import PlainFit, plain_fit, told_beside, told_by_twin
 from autotune.estimation.policy import POLICY
+from autotune.estimation.problem import Problem, Told
 from autotune.estimation.twin_runs import run_twin
 from autotune.models.drive_model import base_model
 from autotune.recordings.recording import Metadata, Recording
@@ -21,12 +24,19 @@ LAW = PositionController(
     26.0, 0.086, 1400.0, 1.0 - np.exp(-2.2), explained=0.9999, source="identified", in_band=True, ticks=4
 )
 
+LATE = replace(LAW, reference_delay=20, ticks=6)
+
 
 def _driven(ticks: int, seed: int) -> Prepared:
     """Moves of 0.4 s and rests of 0.6 s, in which the loop swings between two counts."""
     time = np.arange(8_000) * PERIOD
     moved = 0.5 - 0.5 * np.cos(np.pi * np.minimum(time % 1.0, 0.4) / 0.4)
-    wanted = 0.3 * np.where(time % 2.0 < 1.0, moved, 1.0 - moved)
+    return _along(0.3 * np.where(time % 2.0 < 1.0, moved, 1.0 - moved), ticks, seed)
+
+
+def _along(wanted: Floats, ticks: int, seed: int) -> Prepared:
+    """What the loop with so many ticks makes of a reference [rad], shape (n,)."""
+    time = np.arange(len(wanted)) * PERIOD
     columns = {"time": time, "reference": wanted, "position": wanted + 1e-9, "torque": np.cos(time)}
     metadata = Metadata(sample_period=PERIOD, position_resolution=COUNTS)
     data = prepare([Recording.from_columns(columns, metadata, "motion")])
@@ -45,7 +55,7 @@ def _left(ticks: int, others: tuple[int, ...]) -> list[float]:
     every = []
     for seed in range(6):
         plain = plain_fit(_driven(ticks, seed), base_model(AXIS).pack(), POLICY)
-        every.append([plain.left_by(replace(LAW, ticks=count), STILL) for count in others])
+        every.append([plain.left_by(replace(LAW, ticks=count), STILL)[0] for count in others])
     return [float(mean) for mean in np.mean(every, axis=0)]
 
 
@@ -80,3 +90,36 @@ def test_a_question_that_was_asked_is_not_simulated_again(monkeypatch: pytest.Mo
 def test_a_law_of_the_samples_is_not_asked_about() -> None:
     law = replace(TRUE, source="identified")
     assert told_by_twin(prepare([recorded(TRUE)]), [law], base_model(AXIS).pack()) == (law, STILL)
+
+
+@pytest.mark.parametrize(("late", "most"), [(0.3e-3, 0.3e-3), (1.5e-3, CURRENT_LOOP)])
+def test_a_law_is_told_beside_an_ordinary_delay_of_its_torque(late: float, most: float) -> None:
+    """The recorded demand acts so much later; what is longer than a current loop takes stays for a torque lag."""
+    time = np.arange(6_000) * PERIOD
+    data = _along(0.5 * np.sin(6.0 * time) + 0.05 * np.sin(60.0 * time), 6, 1)
+    told = replace(data, recorded_torque=shifted(data, 2.0 * late / PERIOD).torque)
+    plain = plain_fit(shifted(told, 0.0), base_model(AXIS).pack(), POLICY)
+    _, later = plain.left_by(replace(LAW, ticks=6), STILL)
+    assert 0.5 * PERIOD * later == pytest.approx(most, abs=0.06e-3)
+
+
+def _asked_again(data: Prepared, law: PositionController | None, rough: PositionController | None) -> Problem:
+    """The problem with a law, asked beside the model that fits these data, of the true law and a late one."""
+    plain = plain_fit(data, base_model(AXIS).pack(), POLICY)
+    known = Told(data, (LAW, LATE))
+    problem = replace(plain.problem, controller=law, rough=rough, told=known, disturbance=STILL)
+    error = problem.raw(plain.fitted.packed) - problem.correction(plain.fitted.packed).bias
+    return told_beside(problem, replace(plain.fitted, error=error, cost=problem.mean_square(error, TRAINING)))
+
+
+@pytest.mark.parametrize("twin", [True, False])
+def test_what_is_found_tells_the_law_again(twin: bool) -> None:
+    """Whether another one was told without it, or none was good enough; asked once more it stays."""
+    data = _driven(6, 2)
+    again = _asked_again(data, LATE if twin else None, None if twin else LATE)
+    law = again.controller
+    assert law is not None
+    assert law == replace(LAW, ticks=law.ticks)
+    assert again.rough is None
+    if twin:
+        assert _asked_again(data, law, None).data is data

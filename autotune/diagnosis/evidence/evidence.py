@@ -16,7 +16,7 @@ import numpy as np
 
 from autotune.core.arrays import Flags, Floats
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate
-from autotune.estimation.alignment import behind_current_loop, best_shift, shifted
+from autotune.estimation.alignment import BESIDE, CURRENT_LOOP, behind_current_loop, best_shift, shifted
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.controller_search import lowest
 from autotune.estimation.data import Prepared
@@ -29,18 +29,15 @@ from autotune.models.torque_lag import IS_LATE, TIME_CONSTANT, TORQUE_LAG
 
 CLOSE_START = 0.4
 """Of the best start's fall: starts that come so near are followed too, as gaps and speeds have several minima."""
-CURRENT_LOOP = 0.45e-3
-"""s, time constant of the slowest ordinary current loop (350 Hz). Servo drives come with 1 to 2 kHz; a current loop
-must be five times as fast as the velocity loop around it, which is 75 Hz as drives are delivered."""
 MOST_LATE, FINE_LATE = 4.0, 0.01
 """Of that: how far a lag is looked for, and what it is found to."""
 FINE_SHIFT = 2e-5
 """s, what a delay is found to."""
 CYCLES = (1, 2, 3)
 """Whole cycles by which a demand may act later than it is recorded: what a bus and a drive's input take."""
-CHAIN, BESIDE = (-0.5, 1.0), 0.2e-3
-"""Samples by which a torque may be recorded late where it was not held from each sample to the next; and s, by which it
-may be early beside that, by a usual current loop: half a sample is room for a slower one; more would hide a lag."""
+CHAIN = (-0.5, 1.0)
+"""Samples by which a torque may be recorded late where it was not held from each sample to the next; half a sample
+early is room for a slower current loop than `BESIDE`."""
 SETTLED = 4
 """Steps of a fit after torque and motion were moved."""
 WORTH_ALIGNING = 0.998
