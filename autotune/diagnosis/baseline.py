@@ -22,7 +22,7 @@ from autotune.estimation.controller_law import NEXT
 from autotune.estimation.controller_torque import loop_note, refuse_answers
 from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.disturbance import STILL
-from autotune.estimation.disturbance_estimate import estimate_disturbance, with_expected_noise
+from autotune.estimation.disturbance_estimate import by_certainty, estimate_disturbance, with_expected_noise
 from autotune.estimation.least_squares import Free
 from autotune.estimation.model_error import CLEARLY_LESS, by_chance, told_by_twin
 from autotune.estimation.policy import POLICY, Policy
@@ -133,6 +133,7 @@ def _first_fit(problem: Problem, packed: Packed, free: list[Free]) -> tuple[Prob
         if not correction.stable:
             return None
         fitted = refit(problem, fitted.packed, free, correction, 4)
+    problem = by_certainty(problem, fitted.packed)
     problem = less_after_rests(by_steadiness(problem, fitted.error), fitted)
     problem = with_expected_noise(problem, fitted.packed)
     model_fit = fit_inside_twin(problem, fitted.packed, free, 2)

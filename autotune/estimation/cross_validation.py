@@ -233,8 +233,8 @@ def beyond_rests(
     rested = without_rests(error, rests)
     quieter = np.array([
         min(
-            block.by_repeat(rested).var(axis=0).mean()
-            / max(block.by_repeat(error).var(axis=0).mean(), 1e-300),
+            problem.data.in_usual_noise(block, rested).var(axis=0).mean()
+            / max(problem.data.in_usual_noise(block, error).var(axis=0).mean(), 1e-300),
             1.0,
         )
         for block in problem.data.blocks

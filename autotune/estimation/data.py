@@ -111,6 +111,7 @@ class Prepared:
         periodic: stretches whose motion repeats itself: they are held out by phase.
         pace: what lengths of time are multiplied by (`bandwidth.Bands.pace`).
         clocked: torques that follow the clock; what is compared has none of them.
+        certainty: of each grid row, its usual noise over its own (variances), at most 1; None: all alike.
     """
 
     metadata: Metadata
@@ -144,6 +145,7 @@ class Prepared:
     sensed: Floats | None = None
     pace: float = 1.0
     clocked: tuple[Clocked, ...] = ()
+    certainty: Floats | None = None
 
     def role(self, *roles: str) -> Flags:
         """Grid rows of blocks with one of these roles, shape (m,)."""
@@ -151,6 +153,21 @@ class Prepared:
         for block in self.blocks:
             chosen[block.rows] = block.role in roles
         return chosen
+
+    def in_usual_noise(self, block: Block, values: Floats) -> Floats:
+        """Values on the grid's rows as a table of an experiment, shape (repeats, count), each by its row's certainty.
+
+        Mean squares of it are those of `values` where all rows are alike, else by how much a row tells.
+        """
+        table = block.by_repeat(values)
+        return table if self.certainty is None else table * np.sqrt(self.share_of_rows(block))
+
+    def share_of_rows(self, block: Block) -> Floats:
+        """How much each row of a repeat of an experiment counts beside the others, shape (count,), 1 on average."""
+        if self.certainty is None:
+            return np.ones(block.count)
+        certainty = block.by_repeat(self.certainty)[0]
+        return np.asarray(certainty / certainty.mean())
 
     @property
     def folds(self) -> Integers:

@@ -25,7 +25,7 @@ from autotune.estimation.alignment import behind_current_loop, followed_late
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.controller import asked
 from autotune.estimation.controller_law import PositionController
-from autotune.estimation.data import TRAINING, Prepared
+from autotune.estimation.data import TRAINING, VETO, Prepared
 from autotune.estimation.disturbance import STILL, Disturbance, coloured_power, jitter_of
 from autotune.estimation.least_squares import followed
 from autotune.estimation.parts import until_sample
@@ -72,6 +72,9 @@ LEVELS = (4.0, 8.0, 16.0, 32.0, 64.0)
 """Parts of the level that would make all differences between repeats: what is tried then."""
 UNEVEN = 2.5
 """Mean over median power of chunks, over what it is in the twin: no steady noise."""
+TWINS_BY_ROW, ALIKE, LEAST_CERTAIN = 2, 30, 0.04
+"""Twins that tell how quiet a row is; rows beside each other, about a seventh of a second, that are taken as alike; and
+the least weight of a row, a fifth of the usual error: where a twin is chaotic it does not know how much."""
 NUDGE, NUDGED = 0.01, 4
 """Relative change of base parameters by which twins are set apart, and how many of them: what a good fit is off by."""
 LOUDNESS = (0.7, 0.78, 0.87, 0.96, 1.05, 1.15, 1.27, 1.4)
@@ -346,8 +349,41 @@ def with_expected_noise(problem: Problem, packed: Packed) -> Problem:
     expected = np.full(len(data.blocks), heard)
     for i, block in enumerate(data.blocks):
         if block.repeats > 1:
-            expected[i] += disturbance.uneven * float(block.by_repeat(error).var(axis=0, ddof=1).mean())
+            table = data.in_usual_noise(block, error)
+            expected[i] += disturbance.uneven * float(table.var(axis=0, ddof=1).mean())
     return replace(problem, expected=expected)
+
+
+def by_certainty(problem: Problem, packed: Packed) -> Problem:
+    """The problem with every row of an experiment weighted by how quiet the twin is there.
+
+    Motion below the encoder's counts is chaotic, and rows written late err with the speed: a tenth of the rows then has
+    most of the error that any model leaves, and drowns what the others tell. The twin says where; repeats would too,
+    but they differ where friction remembers as well.
+    """
+    data = problem.data
+    if problem.controller is None or not data.repeated or not math.isfinite(problem.disturbance.sensor):
+        return problem
+    random = np.random.default_rng([SEED, 7])
+    errors: list[Floats] = []
+    for _ in range(TWINS_BY_ROW):
+        run = run_twin(
+            data, packed, problem.controller, problem.disturbance, random, loops=problem.runs.loops
+        )
+        if not run.stable:
+            return problem
+        errors.append(residual(data, packed, compared_motion(data, run)))
+    heard = problem.disturbance.sensor**2 * float(np.sum(np.convolve(data.taps, [0.5, 0.5]) ** 2))
+    certainty = np.ones(len(data.grid))
+    for block in data.blocks:
+        if block.role not in (TRAINING, VETO) or block.repeats < 2:
+            continue
+        levels = np.mean([block.by_repeat(error).var(axis=0, ddof=1) for error in errors], axis=0)
+        level = heard + scipy.ndimage.uniform_filter1d(levels, min(ALIKE, block.count), mode="nearest")
+        known = np.clip(np.median(level) / np.maximum(level, 1e-300), LEAST_CERTAIN, 1.0)
+        certainty[block.rows] = np.tile(known, block.repeats)
+    data = replace(data, certainty=certainty)
+    return replace(problem, data=data, weight=problem.weight * certainty)
 
 
 def with_counts(problem: Problem, packed: Packed) -> Problem:
@@ -372,7 +408,7 @@ def with_counts(problem: Problem, packed: Packed) -> Problem:
     level = np.zeros((len(pairs), len(data.blocks)))
     for i, block in enumerate(data.blocks):
         if block.repeats > 1:
-            level[:, i] = [shared(block.by_repeat(pair)).mean() for pair in pairs]
+            level[:, i] = [shared(data.in_usual_noise(block, pair)).mean() for pair in pairs]
     return replace(problem, by_counts=level)
 
 

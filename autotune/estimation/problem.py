@@ -199,9 +199,10 @@ class Problem:
 
         Experiments count by their weight, or, where it is asked for `plain`, by their length only.
         """
+        own = replace(self, data=replace(self.data, certainty=None)) if plain else self
         values = [
             (
-                self._compared(block, error).var(axis=0, ddof=1).mean(),
+                own._compared(block, error).var(axis=0, ddof=1).mean(),
                 block.count * (1.0 if plain else self._steadiness(block)),
             )
             for block in self.data.blocks
@@ -271,9 +272,13 @@ class Problem:
         return float(np.dot(weight, error**2)) / total if total > 0.0 else float("nan")
 
     def _compared(self, block: Block, error: Floats) -> Floats:
-        """An experiment's error by repeat, the rows that count in each; one of zeros where none does."""
+        """An experiment's error by repeat, rows as far as they count in each; one of zeros where none does."""
         counts = np.all(block.by_repeat(self.weight) > 0.0, axis=0)
-        return block.by_repeat(error)[:, counts] if counts.any() else np.zeros((block.repeats, 1))
+        return (
+            self.data.in_usual_noise(block, error)[:, counts]
+            if counts.any()
+            else np.zeros((block.repeats, 1))
+        )
 
     def _steadiness(self, block: Block) -> float:
         return float(self.weight[block.rows].max(initial=0.0))
@@ -389,7 +394,7 @@ def _noise_by_block(problem: Problem, error: Floats) -> Iterator[tuple[int, Floa
         if block.role != TRAINING or block.repeats < 2:
             continue
         values: list[float] = []
-        table, sign = block.by_repeat(error), block.by_repeat(direction)
+        table, sign = problem.data.in_usual_noise(block, error), block.by_repeat(direction)
         difference = (table[1:] - table[:-1]) / math.sqrt(2.0)
         pieces = max(1, block.count // NOISE_CHUNK)
         for part in np.array_split(np.arange(block.count), pieces):
@@ -466,7 +471,8 @@ def _averaged(data: Prepared, runs: Floats) -> Correction:
         table = runs[:, block.rows].reshape(-1, block.count)
         bias[block.rows] = np.tile(table.mean(axis=0), block.repeats)
         if len(table) > 1:
-            variance[i] = float(table.var(axis=0, ddof=1).mean()) / len(table)
+            levels = table.var(axis=0, ddof=1) * data.share_of_rows(block)
+            variance[i] = float(levels.mean()) / len(table)
     return Correction(bias, variance)
 
 

@@ -29,7 +29,12 @@ from autotune.estimation.contact_start import _certainty, less_after_rests, stic
 from autotune.estimation.coordinates import since_rest, without_rests
 from autotune.estimation.cross_validation import Explained, explained
 from autotune.estimation.data import TRAINING, Prepared
-from autotune.estimation.disturbance_estimate import estimate_disturbance, null_errors, with_counts
+from autotune.estimation.disturbance_estimate import (
+    by_certainty,
+    estimate_disturbance,
+    null_errors,
+    with_counts,
+)
 from autotune.estimation.least_squares import Free
 from autotune.estimation.problem import Problem, refit
 from autotune.estimation.residual import measured_motion, residual
@@ -64,12 +69,17 @@ def _spoilt(begun: Begun, data: Prepared, exact: bool) -> Begun:
     ("late", "applied"), [(0.8, True), (-3.5, False)], ids=["recorded early", "more than any chain"]
 )
 def test_what_the_measurement_chain_can_do_is_taken_out(begun: Begun, late: float, applied: bool) -> None:
-    """`late`: half samples of 1 ms by which the torque of a drive's own loop must be moved to be where it was."""
+    """`late`: half samples of 1 ms by which the torque of a drive's own loop must be moved to be where it was.
+
+    This axis has a quarter of a half sample of its own, whatever `late` is; the difference of two has not.
+    """
     problem, model_fit = _spoilt(begun, shifted(begun[0].data, -late), exact=False)
     again = RepeatedProgramme().aligned(problem, model_fit)
     assert (again is not problem) == applied
     if applied:
-        assert again.data.shift == pytest.approx(late, abs=0.2)
+        other = RepeatedProgramme().aligned(*_spoilt(begun, shifted(begun[0].data, late), exact=False))
+        assert again.data.shift - other.data.shift == pytest.approx(2.0 * late, abs=0.1)
+        assert again.data.shift == pytest.approx(late, abs=0.3)
 
 
 def _demand(data: Prepared, lag: float) -> Floats:
@@ -225,6 +235,36 @@ def test_counts_that_are_coarse_come_again_in_each_twin_and_differ_between_twins
     noise = problem.noise_variance(begun[1].fitted.error, TRAINING)
     assert fine < 0.15 * noise
     assert much > 5.0 * fine
+
+
+def test_rows_where_the_twin_is_chaotic_count_less(begun: Begun) -> None:
+    """Between counts a twin has a course of its own in every repeat; where it moves on all twins agree."""
+    problem, model_fit = begun
+    plain = replace(
+        problem,
+        data=replace(problem.data, certainty=None),
+        weight=np.ones_like(problem.weight),
+        disturbance=replace(problem.disturbance, jitter=0.0),
+    )
+    weighted = by_certainty(plain, model_fit.fitted.packed)
+    certainty = weighted.data.certainty
+    assert certainty is not None
+    assert weighted.weight == pytest.approx(certainty)
+    rows = problem.data.role(TRAINING)
+    speed = np.abs(problem.data.velocity[problem.data.grid])[rows]
+    slow, quick = speed < np.quantile(speed, 0.1), speed > np.quantile(speed, 0.5)
+    assert np.mean(certainty[rows][slow]) < 0.6 * np.mean(certainty[rows][quick])
+    # what all rows have alike is the same either way
+    alike = np.random.default_rng(3).normal(0.0, 1e-3, len(rows))
+    for one in (plain, weighted):
+        assert one.noise_variance(alike, TRAINING) == pytest.approx(1e-6, rel=0.15)
+        assert one.noise_variance(alike, TRAINING, plain=True) == pytest.approx(1e-6, rel=0.1)
+        assert one.mean_square(alike, TRAINING) == pytest.approx(1e-6, rel=0.15)
+
+
+def test_without_a_twin_all_rows_count_alike(begun: Begun) -> None:
+    without = replace(begun[0], controller=None)
+    assert by_certainty(without, begun[1].fitted.packed) is without
 
 
 def test_what_counts_make_come_again_is_no_structure_and_is_excused_in_part(begun: Begun) -> None:

@@ -244,7 +244,7 @@ def _exact(problem: Problem) -> bool:
 def _usual_noise(problem: Problem, error: Floats) -> float:
     """Variance of what repeats do not share in the median experiment [(N m)²]; infinite without repeats."""
     each = [
-        float(block.by_repeat(error).var(axis=0, ddof=1).mean())
+        float(problem.data.in_usual_noise(block, error).var(axis=0, ddof=1).mean())
         for block in problem.data.blocks
         if block.role == TRAINING and block.repeats > 1
     ]
