@@ -18,6 +18,7 @@ from autotune.diagnosis.evidence.time_driven import (
     without_line,
 )
 from autotune.diagnosis.free_shape import any_course, at_an_edge, like_a_parabola
+from autotune.diagnosis.refits import REFINED
 from autotune.diagnosis.search import Found, again_explained
 from autotune.diagnosis.transmission import GAP, SPRING, hardly_a_gap
 from autotune.diagnosis.wording import usual_rivals
@@ -122,14 +123,24 @@ class Facts:
 
     @property
     def leads(self) -> bool:
-        """No other effect gains nearly as much as the chosen one by its own law; several together always lead."""
+        """No other effect gains nearly as much as the chosen one by its own law; several together always lead.
+
+        Or nothing is left with the chosen one, with nothing excused, and each that gains as much errs more beyond
+        chance, fitted inside the twin and its own course as free.
+        """
         chosen = self.chosen
         if chosen is None or len(chosen.model_fit.effects) > 1:
             return chosen is not None
-        others = [item.gain for item in self.first if item.effect != chosen.effect]
-        others += [item.gain for item in self.tried if item.effect != chosen.effect]
         own = next((item.gain for item in self.first if item.effect == chosen.effect), chosen.gain)
-        return max(others, default=0.0) <= LAW_LEAD * max(own, chosen.gain)
+        least = LAW_LEAD * max(own, chosen.gain)
+        near = {item.effect for item in (*self.first, *self.tried) if item.gain > least} - {chosen.effect}
+        if chosen.plain_share < REFINED:
+            return not near
+        fitted = {item.effect: item.model_fit for item in self.tried}
+        return all(
+            effect in fitted and self.evidence.apart(self.problem, chosen.model_fit, fitted[effect])
+            for effect in near
+        )
 
     @property
     def outdone(self) -> str:
