@@ -60,8 +60,8 @@ WEIGHED, PROMPT = 30, 0.05
 SAME_DEMAND = 1e-6
 """Of what a demand changes by: less is no chance."""
 ROUNDED, BESIDE, WITHIN_ROUNDING = 2.0, 3.0, 0.85
-"""Standard deviations within which 0.96 lie of what rounding leaves; times that, and of the rows that leave so little those
-within, at least: where noise is as large a half are."""
+"""Standard deviations within which 0.96 lie of what rounding leaves; times that, and of the rows that leave so little
+those within, at least: where noise is as large a half are."""
 ROUGHER, SETTLING = (4.0, 2.0), 4
 """Times what rounding leaves, at first, and rounds after."""
 ROWS_LATE = "Rows are written late: the controller was identified by those that are not."

@@ -2,9 +2,10 @@
 
 The contact ages: a' = (1 − a)/time_constant − a·|slip'|/slip, and the friction level is higher by rise·a
 (after Rabinowicz 1958; Dieterich and Kilgore 1994). By another law it ages at rest only, the first term times
-e^(−(slip'/rest)²): a slow motion finds it as young as a fast one. Where any motion rubs, as in laws that know a velocity
-and no bristle, the way that `bending` takes counts as slip too. Contacts that age slower and faster beside it,
-`rise_2` and `rise_3` with time constants of their own, make a rise that never ends: a logarithm or a root of the rest.
+e^(−(slip'/rest)²): a slow motion finds it as young as a fast one. Where any motion rubs, as in laws that know a
+velocity and no bristle, the way that bends the bristle counts as slip too (`bending`). Contacts that age slower and
+faster beside it, `rise_2` and `rise_3` with time constants of their own, make a rise that never ends: a logarithm or a
+root of the rest.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ def age_level(p: Floats, state: Floats, velocity: float) -> float:
 
 @compiled
 def grow_older(p: Floats, state: Floats, slip: float, way: float, duration: float) -> None:
-    """Lets the contact rest for `duration` [s] and slip by `slip` [rad], of a `way` [rad] that bends the bristle too."""
+    """Lets the contact rest for `duration` [s] and slip by `slip` of its `way` [rad], which bends the bristle too."""
     slip += p[_AT + 8] * (way - slip)
     lost = slip / p[_AT + 2]
     rest = duration + 0.0 * lost
