@@ -133,7 +133,9 @@ class Facts:
             return chosen is not None
         own = next((item.gain for item in self.first if item.effect == chosen.effect), chosen.gain)
         least = LAW_LEAD * max(own, chosen.gain)
-        near = {item.effect for item in (*self.first, *self.tried) if item.gain > least} - {chosen.effect}
+        gains = [(item.effect, item.gain) for item in self.first]
+        gains += [(item.effect, item.gain) for item in self.tried]
+        near = {effect for effect, gain in gains if gain > least and effect != chosen.effect}
         if chosen.plain_share < REFINED:
             return not near
         fitted = {item.effect: item.model_fit for item in self.tried}
