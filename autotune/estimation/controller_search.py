@@ -82,7 +82,7 @@ def law_from_data(samples: LoopSamples) -> PositionController:
         other = _searched(samples, cascaded=False)
         found = other if plainly_better(samples, other, found) else found
     if 1.0 - found.explained > NEARLY_EXACT:
-        prompt = _of_prompt_rows(samples)
+        prompt = None if _rounding_explains(samples, found) else _of_prompt_rows(samples)
         if prompt is not None:
             return prompt
         late = searched_late(samples)
@@ -205,6 +205,12 @@ def _of_prompt_rows(samples: LoopSamples) -> PositionController | None:
         if told and step == 0.0:
             break
     return best
+
+
+def _rounding_explains(samples: LoopSamples, law: PositionController) -> bool:
+    """Whether a law leaves no more than steps of the demand come to."""
+    left = (1.0 - law.explained) * float(np.var(samples.demand))
+    return left < (ROUNDED * step_of(samples.demand)) ** 2 / 12.0
 
 
 def _told(left: Floats, change: Floats, gains: Floats, step: float) -> int:
