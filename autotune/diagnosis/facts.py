@@ -125,8 +125,9 @@ class Facts:
     def leads(self) -> bool:
         """No other effect gains nearly as much as the chosen one by its own law; several together always lead.
 
-        Or nothing is left with the chosen one, with nothing excused, and each that gains as much errs more beyond
-        chance, fitted inside the twin and its own course as free.
+        What gains on the measured motion only, and inside the twin does not even partly explain it, is no rival. Or
+        nothing is left with the chosen one, with nothing excused, and each that gains as much errs more beyond chance,
+        fitted inside the twin and its own course as free.
         """
         chosen = self.chosen
         if chosen is None or len(chosen.model_fit.effects) > 1:
@@ -135,12 +136,13 @@ class Facts:
         least = LAW_LEAD * max(own, chosen.gain)
         gains = [(item.effect, item.gain) for item in self.first]
         gains += [(item.effect, item.gain) for item in self.tried]
-        near = {effect for effect, gain in gains if gain > least and effect != chosen.effect}
+        fitted = {item.effect: item for item in self.tried}
+        refuted = {item.effect for item in self.tried if item.share < self.problem.policy.partly}
+        near = {effect for effect, gain in gains if gain > least} - {chosen.effect} - refuted
         if chosen.plain_share < REFINED:
             return not near
-        fitted = {item.effect: item.model_fit for item in self.tried}
         return all(
-            effect in fitted and self.evidence.apart(self.problem, chosen.model_fit, fitted[effect])
+            effect in fitted and self.evidence.apart(self.problem, chosen.model_fit, fitted[effect].model_fit)
             for effect in near
         )
 

@@ -199,7 +199,10 @@ def _of_prompt_rows(samples: LoopSamples) -> PositionController | None:
         if step > 0.0:
             gains = _of_rounded(table, change[rows], gains, step)
         followed = np.diff(late.reference, prepend=late.reference[:1])[rows] != 0.0
-        told = _told(np.abs(change[rows] - table @ gains)[followed], change[rows][followed], gains, step)
+        rounded = ROUNDED * _by_rounding(gains, step)
+        same = max(SAME_DEMAND * float(np.std(change[rows])), rounded)
+        moved = followed & (np.abs(change[rows]) > rounded)
+        told = _told(np.abs(change[rows] - table @ gains)[moved], same, rounded)
         if told > most:
             best, most = _of_recursion(gains.tolist(), samples.period, delay), told
         if told and step == 0.0:
@@ -213,14 +216,14 @@ def _rounding_explains(samples: LoopSamples, law: PositionController) -> bool:
     return left < (ROUNDED * step_of(samples.demand)) ** 2 / 12.0
 
 
-def _told(left: Floats, change: Floats, gains: Floats, step: float) -> int:
-    """How many rows a recursion explains, to what rounding leaves of it; 0 where they tell no law."""
-    rounded = ROUNDED * _by_rounding(gains, step)
-    moved = np.abs(change) > rounded
-    same = int(np.sum(moved & (left < max(SAME_DEMAND * float(np.std(change)), rounded))))
-    near = int(np.sum(moved & (left < BESIDE * rounded)))
-    enough = same > max(PROMPT * max(int(np.sum(moved)), SHORTEST_STRETCH), WITHIN_ROUNDING * near)
-    return same if enough else 0
+def _told(left: Floats, least: float, rounded: float) -> int:
+    """How many rows a recursion explains to `least` [N m], by what it leaves of those that move; 0 where they tell no
+    law.
+
+    Of what lies near what rounding leaves (`rounded`) most must lie within.
+    """
+    same, near = int(np.sum(left < least)), int(np.sum(left < BESIDE * rounded))
+    return same if same > max(PROMPT * max(len(left), SHORTEST_STRETCH), WITHIN_ROUNDING * near) else 0
 
 
 def _by_rounding(gains: Floats, step: float) -> float:

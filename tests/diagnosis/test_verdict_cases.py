@@ -184,20 +184,27 @@ def test_a_free_course_names_only_what_no_other_effect_comes_near(
 
 
 @pytest.mark.parametrize(
-    ("plain", "apart", "leads"), [(0.995, True, True), (0.995, False, False), (0.97, True, False)]
+    ("plain", "share", "apart", "leads"),
+    [
+        (0.995, 0.96, True, True),
+        (0.995, 0.96, False, False),
+        (0.97, 0.96, True, False),
+        (0.97, 0.03, False, True),
+    ],
 )
-def test_a_rival_that_errs_more_inside_the_twin_is_none_where_nothing_is_left(
-    plain: float, apart: bool, leads: bool
-) -> None:
+def test_a_rival_is_refuted_inside_the_twin(plain: float, share: float, apart: bool, leads: bool) -> None:
     """A knee in the motor's torque on measured motion gains less than friction that depends on load; inside the twin
-    its course leaves nothing, and that friction a twentieth."""
+    its course leaves nothing, and that friction a twentieth. What explains next to nothing there is no rival of any."""
     fit = SimpleNamespace(effects=("torque_saturation",))
     chosen = SimpleNamespace(effect="torque_saturation", gain=0.7, plain_share=plain, model_fit=fit)
-    rival = SimpleNamespace(effect="load_dependent_friction", gain=0.9, model_fit=SimpleNamespace())
+    rival = SimpleNamespace(
+        effect="load_dependent_friction", gain=0.9, share=share, model_fit=SimpleNamespace()
+    )
     evidence = SimpleNamespace(
         apart=lambda _problem, better, worse: apart and better is fit and worse is not fit
     )
-    known = (None, None, chosen, evidence, (), None, "", 0.0, 0.9, ())
+    problem = SimpleNamespace(policy=POLICY)
+    known = (problem, None, chosen, evidence, (), None, "", 0.0, 0.9, ())
     assert Facts(*known, first=[chosen, rival], tried=[rival]).leads is leads
 
 
