@@ -18,6 +18,7 @@ from autotune.diagnosis.evidence.time_driven import (
     without_line,
 )
 from autotune.diagnosis.free_shape import any_course, at_an_edge, like_a_parabola
+from autotune.diagnosis.refits import REFINED
 from autotune.diagnosis.search import Found, again_explained
 from autotune.diagnosis.transmission import GAP, SPRING, hardly_a_gap
 from autotune.diagnosis.wording import usual_rivals
@@ -122,14 +123,28 @@ class Facts:
 
     @property
     def leads(self) -> bool:
-        """No other effect gains nearly as much as the chosen one by its own law; several together always lead."""
+        """No other effect gains nearly as much as the chosen one by its own law; several together always lead.
+
+        What gains on the measured motion only, and inside the twin does not even partly explain it, is no rival. Or
+        nothing is left with the chosen one, with nothing excused, and each that gains as much errs more beyond chance,
+        fitted inside the twin and its own course as free.
+        """
         chosen = self.chosen
         if chosen is None or len(chosen.model_fit.effects) > 1:
             return chosen is not None
-        others = [item.gain for item in self.first if item.effect != chosen.effect]
-        others += [item.gain for item in self.tried if item.effect != chosen.effect]
         own = next((item.gain for item in self.first if item.effect == chosen.effect), chosen.gain)
-        return max(others, default=0.0) <= LAW_LEAD * max(own, chosen.gain)
+        least = LAW_LEAD * max(own, chosen.gain)
+        gains = [(item.effect, item.gain) for item in self.first]
+        gains += [(item.effect, item.gain) for item in self.tried]
+        fitted = {item.effect: item for item in self.tried}
+        refuted = {item.effect for item in self.tried if item.share < self.problem.policy.partly}
+        near = {effect for effect, gain in gains if gain > least} - {chosen.effect} - refuted
+        if chosen.plain_share < REFINED:
+            return not near
+        return all(
+            effect in fitted and self.evidence.apart(self.problem, chosen.model_fit, fitted[effect].model_fit)
+            for effect in near
+        )
 
     @property
     def outdone(self) -> str:

@@ -34,6 +34,9 @@ SPACING = 0.35
 """Of what the travel can tell apart: distance of the orders that are tried."""
 SAME = 0.7
 """Of what the travel can tell apart: a line so near to one in the model is that one."""
+MOST_PERIODS, MOST_IN_A_TURN = 2000.0, 400.0
+"""Over the travel, and in a turn where that is more: so many are looked for at most. Behind a gear, over little travel,
+a turn holds thousands."""
 MOST_ORDERS = 3000
 MOST_VALUES = 8e6
 """Of all columns that are kept at a time."""
@@ -119,7 +122,9 @@ def candidate_orders(problem: Problem, angle: float) -> Floats:
     travel = problem.scales.travel * angle / (2 * math.pi)
     speed = np.abs(problem.data.velocity[problem.data.grid])
     slow = float(np.percentile(speed, 25)) * angle / (2 * math.pi)
-    most = 400.0 if angle == 1.0 else 2000.0 / max(travel, 1e-9)
+    most = MOST_PERIODS / max(travel, 1e-9)
+    if angle == 1.0:
+        most = max(most, MOST_IN_A_TURN)
     highest = min(most, 0.8 * _cutoff(problem) / max(slow, 1e-9))
     lowest = 1.5 / max(travel, 1e-9)
     if angle == 1.0:
@@ -130,7 +135,7 @@ def candidate_orders(problem: Problem, angle: float) -> Floats:
     found = np.arange(lowest, highest, step)
     if angle != 1.0:
         return np.asarray(found)
-    whole = np.arange(math.ceil(lowest), min(most, 0.8 * _cutoff(problem) / max(slow, 1e-9)) + 1.0)
+    whole = np.arange(math.ceil(lowest), min(MOST_IN_A_TURN, 0.8 * _cutoff(problem) / max(slow, 1e-9)) + 1.0)
     return np.unique(np.concatenate([found, whole]))
 
 

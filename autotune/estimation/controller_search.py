@@ -59,6 +59,11 @@ WEIGHED, PROMPT = 30, 0.05
 """Rounds of a fit that rows which are late shall not lead, and of all rows those that are not, at least."""
 SAME_DEMAND = 1e-6
 """Of what a demand changes by: less is no chance."""
+ROUNDED, BESIDE, WITHIN_ROUNDING = 2.0, 3.0, 0.85
+"""Standard deviations within which 0.96 lie of what rounding leaves; times that, and of the rows that leave so little
+those within, at least: where noise is as large a half are."""
+ROUGHER, SETTLING = (4.0, 2.0), 4
+"""Times what rounding leaves, at first, and rounds after."""
 ROWS_LATE = "Rows are written late: the controller was identified by those that are not."
 IN_BAND = "It was found below {:.0f} Hz: what the drive does between the samples is left out."
 ROUGHLY = 3e-3
@@ -77,7 +82,7 @@ def law_from_data(samples: LoopSamples) -> PositionController:
         other = _searched(samples, cascaded=False)
         found = other if plainly_better(samples, other, found) else found
     if 1.0 - found.explained > NEARLY_EXACT:
-        prompt = _of_prompt_rows(samples)
+        prompt = None if _rounding_explains(samples, found) else _of_prompt_rows(samples)
         if prompt is not None:
             return prompt
         late = searched_late(samples)
@@ -177,6 +182,8 @@ def _of_prompt_rows(samples: LoopSamples) -> PositionController | None:
     with β = 1 − α, A = kp, B = kd·α/h, C = ki·h. Slow rows are hardly off.
     """
     slow = np.abs(np.gradient(samples.position))
+    step = step_of(samples.demand)
+    best, most = None, 0
     for delay in range(MOST_LATE + 1):
         late = late_samples(samples, delay, delay)
         error, change = late.reference - late.position, np.diff(late.demand, prepend=late.demand[:1])
@@ -185,27 +192,76 @@ def _of_prompt_rows(samples: LoopSamples) -> PositionController | None:
         rows = rows[np.diff(error, 2, prepend=error[:2])[rows] != 0.0]
         rows = rows[:: max(1, len(rows) // samples.most_rows)]
         if len(rows) < SHORTEST_STRETCH:
-            return None
+            break
         table = np.column_stack([change[rows - 1], *(error[rows - back] for back in range(3))])
         slowest = np.argsort(slow[rows], kind="stable")[: len(rows) // 3]
-        gains = _least_absolute(table[slowest], change[rows[slowest]])
-        same = np.abs(change[rows] - table @ gains) < SAME_DEMAND * np.std(change[rows])
-        followed = (np.diff(late.reference, prepend=late.reference[:1])[rows] != 0.0) & (change[rows] != 0.0)
-        told = max(int(np.sum(followed)), SHORTEST_STRETCH)
-        if int(np.sum(same & followed)) > PROMPT * told:
-            return _of_recursion(gains.tolist(), samples.period, delay)
-    return None
+        gains = _least_absolute(table[slowest], change[rows[slowest]], step)
+        if step > 0.0:
+            gains = _of_rounded(table, change[rows], gains, step)
+        followed = np.diff(late.reference, prepend=late.reference[:1])[rows] != 0.0
+        rounded = ROUNDED * _by_rounding(gains, step)
+        same = max(SAME_DEMAND * float(np.std(change[rows])), rounded)
+        moved = followed & (np.abs(change[rows]) > rounded)
+        told = _told(np.abs(change[rows] - table @ gains)[moved], same, rounded)
+        if told > most:
+            best, most = _of_recursion(gains.tolist(), samples.period, delay), told
+        if told and step == 0.0:
+            break
+    return best
 
 
-def _least_absolute(table: Floats, wanted: Floats) -> Floats:
+def _rounding_explains(samples: LoopSamples, law: PositionController) -> bool:
+    """Whether a law leaves no more than steps of the demand come to."""
+    left = (1.0 - law.explained) * float(np.var(samples.demand))
+    return left < (ROUNDED * step_of(samples.demand)) ** 2 / 12.0
+
+
+def _told(left: Floats, least: float, rounded: float) -> int:
+    """How many rows a recursion explains to `least` [N m], by what it leaves of those that move; 0 where they tell no
+    law.
+
+    Of what lies near what rounding leaves (`rounded`) most must lie within.
+    """
+    same, near = int(np.sum(left < least)), int(np.sum(left < BESIDE * rounded))
+    return same if same > max(PROMPT * max(len(left), SHORTEST_STRETCH), WITHIN_ROUNDING * near) else 0
+
+
+def _by_rounding(gains: Floats, step: float) -> float:
+    """Standard deviation of what three demands that are rounded to steps leave of the recursion."""
+    memory = float(gains[0])
+    return step * float(np.sqrt((1.0 + (1.0 + memory) ** 2 + memory**2) / 12.0))
+
+
+def _of_rounded(table: Floats, wanted: Floats, gains: Floats, step: float) -> Floats:
+    """The gains told by all rows that they explain to rounding: slow rows, whose demand changes by a few steps, tell
+    them roughly.
+
+    The change before, the first column, is rounded as the wanted one is: two demands each, one of them in both. Without
+    their moments least squares would take it for smaller.
+    """
+    size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+    variance = step**2 / 12.0
+    for times in (*ROUGHER, *(1.0 for _ in range(SETTLING))):
+        rows = np.abs(wanted - table @ gains) < times * ROUNDED * _by_rounding(gains, step)
+        if np.count_nonzero(rows) < SHORTEST_STRETCH:
+            break
+        part, told = table[rows] / size, int(np.count_nonzero(rows))
+        inner, along = part.T @ part, part.T @ wanted[rows]
+        inner[0, 0] -= 2.0 * told * variance / size[0] ** 2
+        along[0] += told * variance / size[0]
+        gains = np.linalg.lstsq(inner, along, rcond=1e-14)[0] / size
+    return np.asarray(gains)
+
+
+def _least_absolute(table: Floats, wanted: Floats, step: float = 0.0) -> Floats:
     """Gains of the columns that leave least in absolute value, shape (k,): rows that are wrong do not count.
 
-    Least squares that weigh every row by what it left before.
+    Least squares that weigh every row by what it left before, or by the `step` that demands are rounded to.
     """
     size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
     weight = np.ones(len(wanted))
     gains = np.zeros(table.shape[1])
-    least = SAME_DEMAND**2 * float(np.std(wanted))
+    least = max(SAME_DEMAND**2 * float(np.std(wanted)), step)
     for _ in range(WEIGHED):
         gains = np.linalg.lstsq(table / size * weight[:, None], weight * wanted, rcond=1e-12)[0] / size
         weight = 1.0 / np.sqrt(np.maximum(np.abs(wanted - table @ gains), least))

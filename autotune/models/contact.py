@@ -66,7 +66,7 @@ def bend(
     state[at] = bristle_step(before, velocity, limit, duration)
     if on[AGES]:
         slip = abs(velocity * duration - (state[at] - before))
-        grow_older(p, state, slip, duration)
+        grow_older(p, state, slip, abs(velocity * duration), duration)
     return limit
 
 

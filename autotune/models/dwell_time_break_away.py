@@ -2,8 +2,10 @@
 
 The contact ages: a' = (1 − a)/time_constant − a·|slip'|/slip, and the friction level is higher by rise·a
 (after Rabinowicz 1958; Dieterich and Kilgore 1994). By another law it ages at rest only, the first term times
-e^(−(slip'/rest)²): a slow motion finds it as young as a fast one. Contacts that age slower and faster beside it,
-`rise_2` and `rise_3` with time constants of their own, make a rise that never ends: a logarithm or a root of the rest.
+e^(−(slip'/rest)²): a slow motion finds it as young as a fast one. Where any motion rubs, as in laws that know a
+velocity and no bristle, the way that bends the bristle counts as slip too (`bending`). Contacts that age slower and
+faster beside it, `rise_2` and `rise_3` with time constants of their own, make a rise that never ends: a logarithm or a
+root of the rest.
 """
 
 from __future__ import annotations
@@ -33,8 +35,9 @@ def age_level(p: Floats, state: Floats, velocity: float) -> float:
 
 
 @compiled
-def grow_older(p: Floats, state: Floats, slip: float, duration: float) -> None:
-    """Lets the contact rest for `duration` [s] and slip by `slip` [rad]."""
+def grow_older(p: Floats, state: Floats, slip: float, way: float, duration: float) -> None:
+    """Lets the contact rest for `duration` [s] and slip by `slip` of its `way` [rad], which bends the bristle too."""
+    slip += p[_AT + 8] * (way - slip)
     lost = slip / p[_AT + 2]
     rest = duration + 0.0 * lost
     if anywhere(p[_AT + 7] > 0.0):
@@ -69,8 +72,9 @@ def starts(c: StartContext) -> Iterator[StartValues]:
             "slip": Vary(0.5 * slip, 0.7 * slip),
         }
         if rest > 0.0:
-            values["rest"] = rest
+            values |= {"rest": rest, "bending": 1.0}
             free["rest"] = Vary(0.5 * rest, 0.7 * rest, lower=0.05 * rest)
+            free["bending"] = Vary(0.3, 0.5)
         yield StartValues(values, free)
 
 
@@ -110,6 +114,16 @@ DWELL_TIME_BREAK_AWAY = Kind(
             1e6,
             "speed of slip above which it ages no more; 0: it always does",
             _AT + 7,
+            True,
+        ),
+        Parameter(
+            "bending",
+            "1",
+            0.0,
+            0.0,
+            1.0,
+            "of the way that bends the bristle, that counts as slip",
+            _AT + 8,
             True,
         ),
     ),

@@ -47,6 +47,20 @@ def test_orders_that_are_no_whole_numbers_are_found(problem, waves) -> None:
     assert len(found) == 2
 
 
+def test_waves_of_thousands_a_turn_are_found_over_little_travel(problem) -> None:
+    """Behind a gear: narrow humps, of which all but the first wave are above 400 a turn."""
+    rest = _rest(problem, ())
+    little = problem.data.position * (0.15 / problem.scales.travel)
+    data = replace(
+        problem.data, position=little, velocity=problem.data.velocity * (0.15 / problem.scales.travel)
+    )
+    small = replace(problem, data=data, scales=replace(problem.scales, travel=0.15))
+    place = little[problem.data.grid[rest.rows]]
+    error = rest.error + 10e-3 * np.exp(2.0 * np.cos(330.0 * place) - 2.0)
+    found = find_orders(small, replace(rest, error=error - error.mean()), 1.0, [], 7)
+    assert sorted(found)[:3] == pytest.approx([330.0, 660.0, 990.0], rel=0.01)
+
+
 def test_waves_that_hide_one_another_are_found_beside_each_other(problem) -> None:
     """Two as strong as each other, 1.4 of what the travel tells apart from each other, and a third further off."""
     waves = ((20.3, 10e-3), (21.2, 9e-3), (47.6, 7e-3))

@@ -149,7 +149,7 @@ def test_a_law_differs_where_most_is_explained_and_no_other_comes_near(
     library has not, others explain 0.74 to 0.88 of it (a lag for friction that depends on load, that for saturation);
     so does a second mass where nothing is missing and the torque was recorded two samples late."""
     fit = SimpleNamespace(effects=(effect,), fitted=SimpleNamespace(packed=base_model(NOMINAL).pack()))
-    chosen = SimpleNamespace(effect=effect, gain=0.4, share=share, model_fit=fit)
+    chosen = SimpleNamespace(effect=effect, gain=0.4, share=share, plain_share=share, model_fit=fit)
     first = [SimpleNamespace(effect=effect, gain=0.4), SimpleNamespace(effect="stribeck", gain=0.4 * other)]
     problem = SimpleNamespace(policy=POLICY, has_veto=True, controller=None)
     facts = Facts(problem, fit, chosen, RepeatedProgramme(), (), None, "", 0.0, 0.4, (), first)
@@ -157,24 +157,55 @@ def test_a_law_differs_where_most_is_explained_and_no_other_comes_near(
 
 
 @pytest.mark.parametrize(
-    ("freed", "other", "named"),
+    ("freed", "other", "plain", "named"),
     [
-        ({}, 0.9, True),
-        ({"spring": True}, 0.9, True),
-        ({"spring": False}, 0.5, True),
-        ({"spring": False}, 0.9, False),
+        ({}, 0.9, 0.97, True),
+        ({"spring": True}, 0.9, 0.97, True),
+        ({"spring": False}, 0.5, 0.97, True),
+        ({"spring": False}, 0.9, 0.97, False),
+        ({"spring": False}, 0.9, 0.995, False),
     ],
 )
 def test_a_free_course_names_only_what_no_other_effect_comes_near(
-    freed: dict[str, bool], other: float, named: bool
+    freed: dict[str, bool], other: float, plain: float, named: bool
 ) -> None:
-    """By its own law an effect that explains enough is named; with a course of its own it must lead as well."""
+    """By its own law an effect that explains enough is named; with a course of its own it must lead as well.
+
+    A rival that was not followed inside the twin is not refuted there.
+    """
     fit = SimpleNamespace(effects=("spring",), fitted=SimpleNamespace(packed=base_model(NOMINAL).pack()))
-    chosen = SimpleNamespace(effect="spring", gain=0.4, share=0.97, named=True, model_fit=fit)
+    chosen = SimpleNamespace(
+        effect="spring", gain=0.4, share=0.97, plain_share=plain, named=True, model_fit=fit
+    )
     first = [SimpleNamespace(effect="spring", gain=0.4), SimpleNamespace(effect="stribeck", gain=0.4 * other)]
     problem = SimpleNamespace(policy=POLICY, has_veto=True, controller=None)
     known = (problem, fit, chosen, RepeatedProgramme(), (), None, "", 0.0, 0.4, (), first)
     assert Facts(*known, freed=freed).accepted == named
+
+
+@pytest.mark.parametrize(
+    ("plain", "share", "apart", "leads"),
+    [
+        (0.995, 0.96, True, True),
+        (0.995, 0.96, False, False),
+        (0.97, 0.96, True, False),
+        (0.97, 0.03, False, True),
+    ],
+)
+def test_a_rival_is_refuted_inside_the_twin(plain: float, share: float, apart: bool, leads: bool) -> None:
+    """A knee in the motor's torque on measured motion gains less than friction that depends on load; inside the twin
+    its course leaves nothing, and that friction a twentieth. What explains next to nothing there is no rival of any."""
+    fit = SimpleNamespace(effects=("torque_saturation",))
+    chosen = SimpleNamespace(effect="torque_saturation", gain=0.7, plain_share=plain, model_fit=fit)
+    rival = SimpleNamespace(
+        effect="load_dependent_friction", gain=0.9, share=share, model_fit=SimpleNamespace()
+    )
+    evidence = SimpleNamespace(
+        apart=lambda _problem, better, worse: apart and better is fit and worse is not fit
+    )
+    problem = SimpleNamespace(policy=POLICY)
+    known = (problem, None, chosen, evidence, (), None, "", 0.0, 0.9, ())
+    assert Facts(*known, first=[chosen, rival], tried=[rival]).leads is leads
 
 
 @pytest.mark.parametrize(("share", "drowned"), [(0.06, False), (0.45, False), (0.7, True)])

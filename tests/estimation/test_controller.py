@@ -413,6 +413,23 @@ def test_a_law_is_found_in_the_rows_that_are_not_written_late() -> None:
     assert found.ki == pytest.approx(TRUE.ki, rel=1e-4)
 
 
+def test_rows_that_are_not_late_tell_a_law_of_a_rounded_demand() -> None:
+    """One row of twenty late by a tenth of a sample, and the demand in steps of half a hundredth of its size."""
+    recording = recorded(TRUE)
+    random = np.random.default_rng(8)
+    late = np.where(random.uniform(size=len(recording)) < 0.05, 0.1 * PERIOD, 0.0)
+    moved = recording["position"] + late * np.gradient(recording["position"], PERIOD)
+    step = 5e-3 * float(np.std(recording["torque"]))
+    columns = dict(recording.floats) | {
+        "position": np.round(moved / RESOLUTION) * RESOLUTION,
+        "torque": np.round(recording["torque"] / step) * step,
+    }
+    found = controller_of(Recording.from_columns(columns, recording.metadata, "motion"))
+    assert found.exact
+    assert "written late" in found.why
+    assert (found.kp, found.kd, found.ki) == pytest.approx((TRUE.kp, TRUE.kd, TRUE.ki), rel=0.01)
+
+
 def test_a_hosts_law_keeps_its_gains_where_rows_are_late_and_the_torque_is_sensed() -> None:
     """Every row some hundredths of a sample late, and a sensor with noise: no row holds the law exactly."""
     recording = recorded(TRUE)

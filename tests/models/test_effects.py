@@ -63,7 +63,7 @@ SHAPED: dict[str, dict[str, float]] = {
     "torque_lag": {"time_constant": 2e-2, "steepness": 0.6},
     "dwell_time_break_away": {
         "rise": 0.1, "time_constant": 0.1, "slip": 2e-3, "rise_2": 0.1, "time_constant_2": 0.01, "rise_3": 0.2,
-        "time_constant_3": 1.0, "rest": 0.02,
+        "time_constant_3": 1.0, "rest": 0.02, "bending": 0.6,
     },
     "load_dependent_friction": {
         "factor": 0.2, "friction_share": -0.5, "exponent": 1.4, "typical": 0.5, "preload": 0.05,
@@ -221,7 +221,7 @@ def _aged(rest: float, speed: float) -> float:
     p = base_model(NUMBERS).with_effect(DWELL_TIME_BREAK_AWAY.make(values)).pack().p
     state = np.zeros(layout.STATES)
     for _ in range(1000):
-        grow_older(p, state, speed * 1e-3, 1e-3)
+        grow_older(p, state, speed * 1e-3, speed * 1e-3, 1e-3)
     return float(state[AGE])
 
 
