@@ -111,6 +111,8 @@ class Prepared:
         periodic: stretches whose motion repeats itself: they are held out by phase.
         pace: what lengths of time are multiplied by (`bandwidth.Bands.pace`).
         clocked: torques that follow the clock; what is compared has none of them.
+        load_in_twin: a load beyond a transmission moves in runs of the twin only; motions go through the inverse of the
+            rigid axis, the measured one and the twin's (`residual`).
     """
 
     metadata: Metadata
@@ -144,6 +146,12 @@ class Prepared:
     sensed: Floats | None = None
     pace: float = 1.0
     clocked: tuple[Clocked, ...] = ()
+    load_in_twin: bool = False
+
+    @property
+    def cutoff(self) -> float:
+        """Frequency below which torques are compared [Hz]."""
+        return 0.9 / (self.period * max(len(self.taps) // 2, 1))
 
     def role(self, *roles: str) -> Flags:
         """Grid rows of blocks with one of these roles, shape (m,)."""
