@@ -51,7 +51,7 @@ def test_the_fit_comes_as_low_as_the_truth(begun: Begun) -> None:
 
 @pytest.mark.slow(5)
 def test_a_load_that_floats_in_a_gap_is_explained_by_its_true_model() -> None:
-    """Through an inverse with a gap the truth erred more than a rigid axis: every small error moved the load's blows."""
+    """By an inverse with a gap the truth erred more than a rigid axis: every small error moved the load's blows."""
     axis = plain_axis(SEED, {"backlash": planted_size("backlash", MEDIUM["backlash"])})
     axis = replace(axis, plant=replace(axis.plant, load_friction=0.0))
     problem, root, _ = begin(prepared_for([play(axis, SEED)]), base_model(NOMINAL))[:3]

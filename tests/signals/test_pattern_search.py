@@ -38,7 +38,7 @@ def test_it_never_ends_higher_than_it_began_nor_where_there_is_nothing() -> None
 
     place, cost = lowest_by_parabolas(walled, np.zeros(3), np.full(3, 0.5), rounds=10)
     assert place[0] <= 0.2
-    assert np.isfinite(cost) and cost <= _bowl(np.zeros((1, 3)))[0]
+    assert cost <= _bowl(np.zeros((1, 3)))[0]
 
 
 def test_no_round_is_a_look_at_the_start() -> None:
