@@ -155,7 +155,8 @@ def at_an_edge(problem: Problem, model_fit: ModelFit) -> bool:
     if len(model_fit.effects) != 1:
         return False
     fitted, weight = model_fit.fitted, problem.training
-    own = {one.slot for one in EFFECTS[model_fit.effects[0]].parameters if not one.optional}
+    parameters = EFFECTS[model_fit.effects[0]].parameters
+    own = {one.slot for one in parameters if not (one.optional or one.whole)}
     for i, one in enumerate(fitted.free):
         value, near = fitted.packed.p[one.slot], NEAR_AN_EDGE * one.scale
         at = int(value - one.lower <= near) - int(one.upper - value <= near)

@@ -12,7 +12,7 @@ from autotune.diagnosis.candidates import Progress, ScreenedCandidate
 from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.starts import Context, FitStart, scouted, shapes, starts_of
 from autotune.diagnosis.transmission import adds_nothing
-from autotune.estimation.bias_corrected_fit import ModelFit
+from autotune.estimation.bias_corrected_fit import STEPS_A_ROUND, ModelFit, stepped, twinned
 from autotune.estimation.coordinates import generic_columns
 from autotune.estimation.cross_validation import evenly, gain_and_z, held_out, with_columns
 from autotune.estimation.least_squares import Fitted, fit
@@ -22,6 +22,7 @@ from autotune.models.drive_model import Packed
 from autotune.models.effect import Kind
 from autotune.models.layout import flag
 from autotune.models.table import EFFECTS
+from autotune.models.transmission import BETWEEN
 
 PROMISING = 0.009
 """Relative fall of the cost in a short fit that is followed to its end: a third of the least gain."""
@@ -100,7 +101,16 @@ def _short_fits(problem: Problem, model_fit: ModelFit, nominal: Packed, kind: Ki
 
 
 def _short_fit(problem: Problem, model_fit: ModelFit, start: FitStart) -> Fitted | None:
-    """Two steps from a start, with the sensitivities of what is already in the model taken from there."""
+    """Two steps from a start, with the sensitivities of what is already in the model taken from there.
+
+    What a second mass does only its own twin tells, from which a fit inside it goes on.
+    """
+    if problem.two_masses(start.packed) and start.free and start.free[0].slot in BETWEEN:
+        here = twinned(problem, start.packed)
+        if here is None:
+            return None
+        hopeful = (1.0 - HOPEFUL) * model_fit.fitted.cost
+        return stepped(problem, here, [*model_fit.free, *start.free], STEPS_A_ROUND, hopeful=hopeful)
     same = start.packed.p[layout.INERTIA] == model_fit.fitted.packed.p[layout.INERTIA]
     known = (model_fit.fitted.jacobian, model_fit.fitted.scales) if same else None
     fitted = fit(

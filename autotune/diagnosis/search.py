@@ -426,11 +426,12 @@ class _Search:
         """Each effect looked for again beside the others, where together they do not explain what they should.
 
         The first of them took its shape while the second was missing: a wave over the travel for a tight spot. A
-        single one is begun anew where it is a second mass, whose way downhill depends on where it begins.
+        single one is begun anew where it is a second mass, whose way downhill depends on where it begins; with a
+        twin it has begun where that is best.
         """
         policy = self.problem.policy
         alone = len(chosen.model_fit.effects) < 2
-        if alone and not has_load(chosen.model_fit.fitted.packed.on):
+        if alone and (self.problem.twin or not has_load(chosen.model_fit.fitted.packed.on)):
             return chosen
         for effect in chosen.model_fit.effects:
             if chosen.share >= REFINED if alone else chosen.named:

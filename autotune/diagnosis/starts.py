@@ -1,15 +1,16 @@
 """How a fit of each effect begins: what the effect's own starts (`Kind.starts`) find in the data.
 
 Here stands what a start may look at (`Context`), and how the best of many starts are found (`scouted`). Two masses
-need that: a step of a fit follows the slope of one place, and contact is rough there. On the measured motion, with the
-twin's bias held and all that is in the model solved for linearly (variable projection, [golub-1973]), the cost is one
-pass of the inverse, and its valleys are wide: all starts are looked at, and the best followed without slopes.
+need that: a step of a fit follows the slope of one place, and contact is rough there. All that is in the model is
+solved for linearly (variable projection, [golub-1973]), so that valleys are wide. With a twin every start costs some
+runs of it, and all are looked at. Without one, on the measured motion, the cost is one pass of the inverse: the best
+are followed without slopes.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,7 +20,7 @@ from autotune.diagnosis.ripple_orders import find_orders
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.data import Prepared
 from autotune.estimation.least_squares import Fitted, Free, with_values
-from autotune.estimation.parts import first_round, spread
+from autotune.estimation.parts import first_round, repeats_alike, spread
 from autotune.estimation.problem import Problem
 from autotune.estimation.residual import kind_of_pass, residual, residuals
 from autotune.models import layout
@@ -29,20 +30,24 @@ from autotune.models.lanes import WIDTH
 from autotune.models.start_values import StartValues, Vary
 from autotune.models.table import EFFECTS
 from autotune.models.torque_ripple import TORQUE_RIPPLE, scale_slot
+from autotune.signals.pattern_search import lowest_by_parabolas
 from autotune.signals.simplex import Descent, lowest_places
 
 PASSES, PROBING = 45, 18
 """Passes of the inverse by which a start is followed, and those after which it must have shown something."""
 FOLLOWED, AS_GOOD = 2, 1.3
-"""Starts that are followed with the bias of the model without the effect, and times the cost of the best of them."""
-LOOKED_AT = 5
-"""Starts that are looked at inside the twin."""
+"""Starts that are followed, and times the cost of the best of them."""
+LOOKED_AT = 8
+"""Starts that are looked at more closely: their twins fill a pass."""
 PROMISED = 0.995
 """Of the cost without the effect: what probing must get below."""
 ENOUGH, NEAR = 1e-2, 0.1
 """Relative difference of the cost, and of places in steps, below which a valley's floor is reached."""
 FELT, FAR = (layout.INERTIA, layout.COULOMB), 1.5
 """What must have gone how far from the model that was given, for a fit to begin there too."""
+PROBED, ROUNDS, FIRST_ROOT = 2, 6, 1.0 / 3.0
+"""Rounds in which a start is led by its twins, to see which is the better one and then to its floor; and the first
+steps, of the root of what is large."""
 FIRST_STEP = 0.5
 """Of the longest step of a parameter."""
 
@@ -125,6 +130,10 @@ class Context:
     @property
     def period(self) -> float:
         return self.problem.data.period
+
+    @property
+    def cutoff(self) -> float:
+        return self.problem.data.cutoff
 
     @property
     def constant_speeds(self) -> bool:
@@ -225,24 +234,71 @@ def shapes(effect: str, packed: Packed) -> tuple[Free, ...]:
 
 
 def scouted(problem: Problem, model_fit: ModelFit, starts: Sequence[FitStart]) -> list[FitStart]:
-    """The best of the starts, led down their valleys.
-
-    The best two with the twin's bias of the model without the effect, and the best with its own: a load that rings
-    changes the bias by as much as its valley is deep; that of a gap far from its size is chance.
-    """
+    """The best of the starts: by their own twins, or led down their valleys where there is no twin."""
+    if problem.twin:
+        return _by_own_twins(_Projected.of(_one_of_each(problem, starts), model_fit), starts)
     projected = _Projected.of(problem, model_fit)
-    held = model_fit.correction.bias
+    none = model_fit.correction.bias
     changes = projected.changes([start.packed for start in starts])
-    costs = np.array([projected.cost(change, held) for change in changes])
-    order = [int(i) for i in np.argsort(costs, kind="stable")[:LOOKED_AT] if math.isfinite(costs[i])]
-    if not order:
-        return []
-    own = zip(order, problem.corrections([starts[i].packed for i in order]), strict=True)
-    ringing = [(projected.cost(changes[i], twin.bias), i, twin.bias) for i, twin in own if twin.stable]
-    ringing.sort(key=lambda item: item[0])
-    led = [(costs[i], i, held) for i in order[:FOLLOWED] if costs[i] <= AS_GOOD * costs[order[0]]]
-    valleys = [_Valley(starts[i], bias, ENOUGH * cost) for cost, i, bias in [*led, *ringing[:1]]]
+    costs = np.array([projected.cost(change, none) for change in changes])
+    order = [int(i) for i in np.argsort(costs, kind="stable")[:FOLLOWED] if math.isfinite(costs[i])]
+    led = [i for i in order if costs[i] <= AS_GOOD * costs[order[0]]]
+    valleys = [_Valley(starts[i], none, ENOUGH * float(costs[i])) for i in led]
     return _led_down(projected, valleys, PROMISED * model_fit.fitted.cost)
+
+
+def _one_of_each(problem: Problem, starts: Sequence[FitStart]) -> Problem:
+    """The problem with the first repeat of each experiment only: a run of the twin takes half as long."""
+    once = first_round(problem.data, starts[0].packed.on) if starts else problem.data
+    if len(once.stretches) == len(problem.data.stretches) and once.stretches == problem.data.stretches:
+        return problem
+    if not repeats_alike(problem.data):
+        return problem.until_trained()
+    return replace(problem, data=replace(once, blocks=tuple(replace(one, repeats=1) for one in once.blocks)))
+
+
+def _by_own_twins(projected: _Projected, starts: Sequence[FitStart]) -> list[FitStart]:
+    """The best starts by their own twins, the best first; led down where one is better than the model without it.
+
+    All are looked at with one run, and the better ones with as many as a fit takes.
+    """
+    problem = projected.problem
+
+    def costs_of(models: Sequence[Packed], runs: int = 1) -> Floats:
+        twins = problem.corrections(models, runs)
+        return np.array([projected.cost(0.0, twin.bias) if twin.stable else math.inf for twin in twins])
+
+    first = costs_of([start.packed for start in starts])
+    order = np.argsort(first, kind="stable")[:LOOKED_AT]
+    closer = costs_of([starts[i].packed for i in order], problem.simulations + 1)
+    near = [int(i) for i in np.argsort(closer, kind="stable")[:FOLLOWED] if math.isfinite(closer[i])]
+    if not near or closer[near[0]] > PROMISED * projected.before:
+        return [starts[order[i]] for i in near[:1]]
+    led = [_led_by_twins(starts[order[i]], costs_of, PROBED) for i in near]
+    best, _ = min(led, key=lambda item: item[1])
+    return [_led_by_twins(best, costs_of, ROUNDS)[0]]
+
+
+def _led_by_twins(
+    start: FitStart, costs_of: Callable[[Sequence[Packed]], Floats], rounds: int
+) -> tuple[FitStart, float]:
+    """A start moved towards where its twin leaves least, and what it leaves there.
+
+    What is between two masses is positive, and goes by its root: a gap by the time in which it is crossed, compliance
+    by the period of what rings.
+    """
+    free = start.free
+    bounds = [np.array([getattr(f, end) for f in free]) for end in ("lower", "upper")]
+
+    def at(place: Floats) -> Packed:
+        return with_values(start.packed, free, np.clip(np.maximum(place, 0.0) ** 2, *bounds))
+
+    begin = np.sqrt(start.packed.p[[f.slot for f in free]])
+    steps = FIRST_ROOT * np.sqrt([f.scale for f in free])
+    end, cost = lowest_by_parabolas(
+        lambda places: costs_of([at(place) for place in places]), begin, steps, rounds
+    )
+    return FitStart(at(end), free), cost
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,6 +308,7 @@ class _Projected:
     Attributes:
         once: the data that sensitivities need; `without`: residual there without the effect, shape (m,).
         raw: residual without the effect and without a bias, shape (m,).
+        held: bias of the twin without the effect, shape (m,).
         weight, basis: of the training rows, shape (r,), and the fitted columns there, shape (r, parameters).
     """
 
@@ -259,6 +316,7 @@ class _Projected:
     once: Prepared
     without: Floats
     raw: Floats
+    held: Floats
     weight: Floats
     basis: Floats
 
@@ -268,8 +326,14 @@ class _Projected:
         weight = np.sqrt(problem.training[rows])
         basis = np.linalg.qr(before.jacobian[rows] * weight[:, None])[0]
         once = first_round(problem.data, before.packed.on)
-        raw = before.error + model_fit.correction.bias
-        return cls(problem, once, residual(once, before.packed, problem.moved), raw, weight, basis)
+        held = model_fit.correction.bias
+        without = residual(once, before.packed, problem.moved)
+        return cls(problem, once, without, before.error + held, held, weight, basis)
+
+    @property
+    def before(self) -> float:
+        """Mean square on the training rows without the effect [(N m)²]."""
+        return self.cost(0.0, self.held)
 
     def changes(self, models: Sequence[Packed]) -> Floats:
         """What the effect changes of the residual, for each of several models; shape (k, m)."""
@@ -278,7 +342,7 @@ class _Projected:
             spread(self.problem.data, change[:, None], packed.on)
         return found
 
-    def cost(self, change: Floats, bias: Floats) -> float:
+    def cost(self, change: Floats | float, bias: Floats) -> float:
         """Mean square on the training rows [(N m)²], with the twin's `bias`, shape (m,)."""
         error: Floats = (self.raw + change - bias)[self.problem.training > 0] * self.weight
         left = float(error @ error) - float(np.sum((self.basis.T @ error) ** 2))

@@ -7,6 +7,7 @@ other's place.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -53,16 +54,19 @@ def other_transmission_tried(
 ) -> FittedCandidate:
     """The chosen model with the other transmission, where that does better.
 
-    A spring is tried for every gap; a gap for a spring where that alone does not explain enough, and the gap was not
-    `seen` by itself.
+    A spring is tried for every gap; what is hardly a gap can have no other name. A gap is tried for a spring where that
+    alone does not explain enough, and the gap was not `seen` by itself. Of single ones with a twin each was looked for
+    everywhere.
     """
     effects, policy = chosen.model_fit.effects, problem.policy
     if GAP.name in effects:
-        least = (
-            policy.spring_instead if hardly_a_gap(policy, chosen.model_fit) else policy.spring_instead_beside
-        )
-        exchange = _Exchange(GAP, SPRING, least)
-    elif effects == (SPRING.name,) and not chosen.named and all(one.effects != (GAP.name,) for one in seen):
+        hardly = hardly_a_gap(policy, chosen.model_fit)
+        if problem.twin and effects == (GAP.name,) and not hardly:
+            return chosen
+        exchange = _Exchange(GAP, SPRING, math.inf if hardly else policy.spring_instead_beside)
+    elif effects == (SPRING.name,) and not (
+        problem.twin or chosen.named or any(one.effects == (GAP.name,) for one in seen)
+    ):
         exchange = _Exchange(SPRING, GAP, policy.clearly_less)
     else:
         return chosen
@@ -100,7 +104,8 @@ def other_contact_tried(
     progress(f"another contact of {GAP.name}")
     slots = {GAP.slot(name) for name in OF_THE_GAP.values()}
     moved = tuple(one for one in model_fit.free if one.slot in slots)
-    starts = [FitStart(_with_contact(model_fit.fitted.packed, hertz), moved) for hertz in RESONANCES]
+    contacts = [_with_contact(model_fit.fitted.packed, ratio * problem.data.cutoff) for ratio in RESONANCES]
+    starts = [FitStart(contact, moved) for contact in contacts]
     led = [start.packed for start in scouted(problem, model_fit, starts)]
     least = problem.policy.clearly_less
     target = least * model_fit.fitted.cost
@@ -147,7 +152,7 @@ class _Exchange:
         slots = {parameter.slot for parameter in self.old.parameters}
         free = [*(f for f in model_fit.free if f.slot not in slots), *begun[-1].free]
         effects = tuple(self.new.name if name == self.old.name else name for name in model_fit.effects)
-        target = max(self.least, 1.0) * model_fit.fitted.cost
+        target = max(self.least, 1.0) * model_fit.fitted.cost if self.new is GAP else math.inf
         settled = fit_from_starts(problem, starts, 0.0, free, effects, target)
         effect = self.new.name if chosen.effect == self.old.name else chosen.effect
         return _instead(problem, root, chosen, settled, effect, self.least)

@@ -2,7 +2,7 @@
 
 On a rigid axis the bias changes slowly with the parameters: it is held during a fit and renewed after it.
 Two masses ring, and their bias changes as fast as the residual itself: there every single step is judged by
-the bias that belongs to it.
+the bias that belongs to it, and what is between them moves in the twin only, so that runs of it tell how (`_sensed`).
 """
 
 from __future__ import annotations
@@ -11,12 +11,15 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from autotune.core.arrays import Floats
 from autotune.estimation.cross_validation import Unseen, held_out
 from autotune.estimation.data import TRAINING
-from autotune.estimation.least_squares import Fitted, Free, fit
+from autotune.estimation.least_squares import Fitted, Free, fit, jacobian
 from autotune.estimation.problem import Correction, Problem, refit
 from autotune.models.drive_model import Packed
+from autotune.models.transmission import BETWEEN
 
 LEVEL_GROUND = 1.005
 """What the cost may rise by from a twin to the next: its noise."""
@@ -24,10 +27,13 @@ MOST_HALVINGS = 3
 ACROSS_A_RIDGE = 1.5
 """What the cost may rise by where only a whole step is left to try."""
 STEPS_A_ROUND = 4
-COARSE = 0.03
-"""Of a parameter's scale: difference for sensitivities of two masses, whose contact makes small ones noise."""
+COARSE = 0.15
+"""Of a parameter between two masses, or of its scale where that is less: difference for its sensitivities; contact
+makes small ones noise."""
 STUCK, NEAR = 0.9, 0.5
 """Of the cost at its start: a fit that comes no lower has not found its way, unless it began so near the end."""
+LEAST_CHANGE = 0.2
+"""Of the scale of a parameter between two masses that has come near zero: what its difference goes by."""
 MOST_PLACES = 4
 NEAR_NOISE = 1.5
 """Times the variance between repeats: a fit that comes so low has found its way."""
@@ -149,7 +155,23 @@ def _step_by_step(
     target: float,
 ) -> ModelFit | None:
     """A fit whose every step is judged by its own bias."""
+    found = stepped(problem, here, free, steps, target)
+    sharp = twinned(problem, found.packed, SHARP if found.cost < target else None)
+    if sharp is None:
+        return None
+    fitted = replace(found, error=sharp.error, cost=sharp.cost)
+    return replace(_model_fit(problem, fitted, sharp.correction, effects), converged=found.converged)
 
+
+def stepped(
+    problem: Problem,
+    here: Twinned,
+    free: Sequence[Free],
+    steps: int,
+    target: float = math.inf,
+    hopeful: float = math.inf,
+) -> Fitted:
+    """So many steps between two masses, each with the bias that belongs to it; `target`, `hopeful`: see `fit`."""
     fitted_part = problem.until_trained()
 
     def judged(models: Sequence[Packed]) -> list[tuple[Floats, Floats] | None]:
@@ -160,18 +182,40 @@ def _step_by_step(
             for packed, correction in zip(models, found, strict=True)
         ]
 
-    fitted = fit(
+    def sensed(packed: Packed, bias: Floats) -> tuple[Floats, Floats]:
+        return _sensed(fitted_part, packed, free, bias)
+
+    return fit(
         problem.data, problem.moved, here.packed, free, here.correction.bias, problem.training, steps,
-        ENOUGH, judged=judged, difference=COARSE, whole=False,
-        target=target,
+        ENOUGH, judged=judged, sensed=sensed, whole=False, target=target,
+        hopeful=hopeful,
     )  # fmt: skip
-    sharp = twinned(problem, fitted.packed, SHARP if fitted.cost < target else None)
-    if sharp is None:
-        return None
-    model_fit = _model_fit(
-        problem, replace(fitted, error=sharp.error, cost=sharp.cost), sharp.correction, effects
-    )
-    return replace(model_fit, converged=fitted.converged)
+
+
+def _sensed(problem: Problem, packed: Packed, free: Sequence[Free], bias: Floats) -> tuple[Floats, Floats]:
+    """Sensitivities between two masses, as `least_squares.jacobian` gives them.
+
+    What acts at the motor changes the inverse of the measured motion, and the bias hardly: it is held. What is between
+    the masses changes the bias alone, by runs that are all shaken alike.
+    """
+    columns, scales = jacobian(problem.data, problem.moved, packed, free, problem.raw(packed))
+    between = [i for i, one in enumerate(free) if one.slot in BETWEEN]
+    models: list[Packed] = []
+    changes: list[float] = []
+    for i in between:
+        value = float(packed.p[free[i].slot])
+        change = COARSE * max(min(free[i].scale, abs(value)), LEAST_CHANGE * free[i].scale)
+        changes.append(change if value + change <= free[i].upper else -change)
+        p = packed.p.copy()
+        p[free[i].slot] = value + changes[-1]
+        models.append(Packed(p, packed.on))
+    rows = problem.training > 0
+    for i, change, moved in zip(
+        between, changes, problem.corrections(models, problem.simulations + 1), strict=True
+    ):
+        known = (bias - moved.bias) * (scales[i] / change) if moved.stable else np.zeros(len(bias))
+        columns[:, i] = np.where(rows, known, 0.0)
+    return columns, scales
 
 
 @dataclass(frozen=True, slots=True)

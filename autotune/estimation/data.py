@@ -112,6 +112,8 @@ class Prepared:
         pace: what lengths of time are multiplied by (`bandwidth.Bands.pace`).
         clocked: torques that follow the clock; what is compared has none of them.
         certainty: of each grid row, its usual noise over its own (variances), at most 1; None: all alike.
+        load_in_twin: a load beyond a transmission moves in runs of the twin only; motions go through the inverse of the
+            rigid axis, the measured one and the twin's (`residual`).
     """
 
     metadata: Metadata
@@ -146,6 +148,12 @@ class Prepared:
     pace: float = 1.0
     clocked: tuple[Clocked, ...] = ()
     certainty: Floats | None = None
+    load_in_twin: bool = False
+
+    @property
+    def cutoff(self) -> float:
+        """Frequency below which torques are compared [Hz]."""
+        return 0.9 / (self.period * max(len(self.taps) // 2, 1))
 
     def role(self, *roles: str) -> Flags:
         """Grid rows of blocks with one of these roles, shape (m,)."""

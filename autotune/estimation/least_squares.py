@@ -17,10 +17,13 @@ from autotune.estimation.data import Prepared
 from autotune.estimation.parts import first_round, spread, until_last
 from autotune.estimation.residual import Motion, alike, kind_of_pass, residual, residuals
 from autotune.models.drive_model import Packed
+from autotune.models.transmission import BETWEEN
 
 Judged: TypeAlias = Callable[[Sequence[Packed]], Sequence[tuple[Floats, Floats] | None]]
 """Residuals of the first of some models, as many as cost little more than one, and the biases that belong to them,
 shape (m,) each; None where the twin is unstable."""
+Sensed: TypeAlias = Callable[[Packed, Floats], tuple[Floats, Floats]]
+"""Sensitivities and scales, as `jacobian` gives them, at a model whose bias is given, shape (m,)."""
 CORRELATED = 4.0
 """Rows of a residual that count as one, as it went through a low-pass."""
 BASE_STEP = 0.3
@@ -108,12 +111,11 @@ def jacobian(
     free: Sequence[Free],
     at: Floats,
     known: tuple[Floats, Floats] | None = None,
-    difference: float = DIFFERENCE,
 ) -> tuple[Floats, Floats]:
     """Sensitivities of the residual on training rows, shape (m, parameters), and the scales of its columns.
 
     `at` is the residual at `packed`; `known` are columns and scales of the first parameters, from a fit
-    nearby, taken over to save time. `difference` is the change, in scales, that a column is taken over.
+    nearby, taken over to save time.
     """
     once = first_round(data, packed.on)
     columns = np.empty((len(at), len(free)), order="F")
@@ -127,7 +129,7 @@ def jacobian(
     for i, parameter in enumerate(free[first:], first):
         value = packed.p[parameter.slot]
         scales[i] = parameter.scale_at(value)
-        change = difference * scales[i]
+        change = DIFFERENCE * scales[i]
         if value + change > parameter.upper:
             change = -change
         p = packed.p.copy()
@@ -152,7 +154,7 @@ def fit(
     known: tuple[Floats, Floats] | None = None,
     hopeful: float = np.inf,
     judged: Judged | None = None,
-    difference: float = DIFFERENCE,
+    sensed: Sensed | None = None,
     whole: bool = True,
     target: float = np.inf,
 ) -> Fitted:
@@ -161,15 +163,15 @@ def fit(
     `correction` is the twin's bias, subtracted from the residual. The result is never worse than the start.
     `known`: see `jacobian`. `hopeful`: a fit that cannot be expected to get below this cost, as its linear
     model at the start has it without any bounds, is not begun. `judged` renews the bias at every step
-    (a step is rejected where the twin is unstable). `difference`: see `jacobian`. Unless the `whole`
-    error is asked for, it is right up to the last fitted row only. A fit is given up where a few steps as good
-    as the last would not reach the cost `target`.
+    (a step is rejected where the twin is unstable), `sensed` gives sensitivities in place of the measured motion's;
+    without it, what moves in the twin only is held. Unless the `whole` error is asked for, it is right up to the
+    last fitted row only. A fit is given up where a few steps as good as the last would not reach the cost `target`.
     """
     rows = weight > 0
     part = until_last(data, rows)
-    problem = _Problem(part, moved, rows, weight[rows], tuple(free), judged)
+    problem = _Problem(part, moved, rows, weight[rows], tuple(free), judged, sensed)
     here = problem.at(packed, correction)
-    columns, scales = jacobian(data, moved, packed, free, here.raw, known, difference)
+    columns, scales = problem.sensitivities(data, here, known)
     known = known if known is not None and known[0].shape[1] < len(free) else None
     damping, converged = 1e-4, False
     for _ in range(iterations):
@@ -191,7 +193,7 @@ def fit(
         if fall < stop or here.cost - HOPE * gained > target:
             break
         if fall > STALE:
-            columns, scales = jacobian(data, moved, here.packed, free, here.raw, known, difference)
+            columns, scales = problem.sensitivities(data, here, known)
     raw = here.raw
     if whole and part.stretches != data.stretches:
         raw = residual(data, here.packed, moved)
@@ -219,6 +221,7 @@ class _Problem:
     share: Floats
     free: tuple[Free, ...]
     judged: Judged | None
+    sensed: Sensed | None
 
     @property
     def total(self) -> float:
@@ -244,6 +247,17 @@ class _Problem:
         models = models[: alike([kind_of_pass(self.data, packed) for packed in models])]
         found_raw = zip(models, residuals(self.data, models, self.moved), strict=True)
         return [self._place(packed, raw, correction) for packed, raw in found_raw]
+
+    def sensitivities(
+        self, data: Prepared, here: _Place, known: tuple[Floats, Floats] | None
+    ) -> tuple[Floats, Floats]:
+        """Columns and their scales, `known` ones where they are not sensed; nothing of what moves in the twin only."""
+        if self.sensed is not None:
+            return self.sensed(here.packed, here.correction)
+        columns, scales = jacobian(data, self.moved, here.packed, self.free, here.raw, known)
+        if data.load_in_twin:
+            columns[:, [i for i, one in enumerate(self.free) if one.slot in BETWEEN]] = 0.0
+        return columns, scales
 
     def linearised(self, here: _Place, columns: Floats) -> tuple[Floats, Floats]:
         """Matrix and right side of the normal equations."""

@@ -300,13 +300,13 @@ def _error_inside(data: Prepared, found: PositionController, model: DriveModel, 
         data, said = without_twin(data)
         data = data if data.repeated or data.steady else best_aligned(data, packed)
         problem, notes = new_problem(data, None, policy), (*notes, *said)
-    raw = residual(data, packed, problem.moved)
     if problem.twin:
         problem = replace(problem, disturbance=estimate_disturbance(problem, packed))
     correction = problem.correction(packed, SIMULATIONS)
     if not correction.stable:
-        problem, correction = replace(problem, controller=None), replace(correction, stable=True)
-    error = raw - correction.bias
+        alone = replace(problem.data, load_in_twin=False)
+        problem, correction = replace(problem, data=alone, controller=None), replace(correction, stable=True)
+    error = residual(problem.data, packed, problem.moved) - correction.bias
     if not data.repeated and not data.steady:
         problem = replace(problem, weight=without_outlying(problem, error))
     rows = np.asarray(problem.weight > 0)

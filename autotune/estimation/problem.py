@@ -304,6 +304,8 @@ def led(data: Prepared) -> Prepared:
 
 def new_problem(data: Prepared, controller: PositionController | None, policy: Policy = POLICY) -> Problem:
     """A problem before anything is known about noise."""
+    usable = controller if controller is not None and controller.usable else None
+    data = replace(data, load_in_twin=usable is not None)
     moved = measured_motion(data)
     rows = data.grid
     scales = Scales(
@@ -315,7 +317,6 @@ def new_problem(data: Prepared, controller: PositionController | None, policy: P
         _one_way(data.velocity[rows]),
         data.steady,
     )
-    usable = controller if controller is not None and controller.usable else None
     return Problem(data, moved, usable, STILL, scales, np.ones(len(rows)), policy=policy)
 
 

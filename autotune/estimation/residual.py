@@ -4,6 +4,11 @@ T is what lag and saturation make of the demand, L a zero-phase low-pass on a co
 measurement chain applied to a simulation of the model itself (with quantiser, controller and process
 noise) gives the bias that filters, derivatives and quantisation cause; subtracting it is what makes small
 effects visible (`twin_runs`).
+
+Where there is a twin, both motions go through the inverse of the rigid axis, also where motor and load are two masses
+(`Prepared.load_in_twin`): what is left is what the twin did not do as the axis did, an output error. The inverse of two
+masses rings at the antiresonance, and a load that floats in a gap meets its walls there whenever a small error of the
+measured motion wants it to.
 """
 
 from __future__ import annotations
@@ -28,6 +33,7 @@ from autotune.models.inverse import (
 )
 from autotune.models.lanes import WIDTH, along, filled, side_by_side
 from autotune.models.torque_saturation import SATURATES, torque_slope
+from autotune.models.transmission import has_load, of_one_mass
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +106,7 @@ def clockless(data: Prepared, torque: Floats) -> Floats:
 
 def raw_residual(data: Prepared, packed: Packed, moved: Motion) -> Floats:
     """Torque that acted less the torque the model needs, sample by sample, shape (n,)."""
+    packed = _inverted(data, packed)
     rest = np.zeros(len(moved.torque))
     for stretch in data.stretches:
         rows = stretch.rows
@@ -108,6 +115,13 @@ def raw_residual(data: Prepared, packed: Packed, moved: Motion) -> Floats:
         )
         rest[rows] = stretch_residual(packed, np.zeros(layout.STATES), part, data.period)
     return rest
+
+
+def _inverted(data: Prepared, packed: Packed) -> Packed:
+    """The model whose inverse motions go through."""
+    if not (data.load_in_twin and has_load(packed.on)):
+        return packed
+    return Packed(packed.p, of_one_mass(packed.on))
 
 
 def stretch_residual(packed: Packed, start: Floats, moved: Motion, period: float) -> Floats:
@@ -172,12 +186,13 @@ def alike(keys: Sequence[Hashable]) -> int:
 
 def kind_of_pass(data: Prepared, packed: Packed) -> tuple[bytes, int]:
     """What must be equal for models that one pass of the inverse can take."""
+    packed = _inverted(data, packed)
     return packed.on.tobytes(), load_substeps(packed.p, packed.on, data.period)
 
 
 def _raw_in_lanes(data: Prepared, models: Sequence[Packed], moved: Sequence[Motion]) -> Floats:
     """`raw_residual` of up to eight models, each with its motion or all with one, shape (n, 8)."""
-    models = [*models, *[models[-1]] * (WIDTH - len(models))]
+    models = [_inverted(data, one) for one in (*models, *[models[-1]] * (WIDTH - len(models)))]
     rest = np.zeros((len(moved[0].torque), WIDTH))
     p, on = filled([packed.p for packed in models]), models[0].on
     substeps = load_substeps(models[0].p, on, data.period)

@@ -7,9 +7,10 @@ from collections.abc import Iterator
 
 from autotune.core.arrays import Floats
 from autotune.models.effect import Kind, Parameter
-from autotune.models.layout import block, flag
+from autotune.models.layout import INERTIA, block, flag
 from autotune.models.load_side import (
     AT_START,
+    SHARES,
     SPLITS,
     compliance_at,
     least_compliance,
@@ -21,23 +22,28 @@ from autotune.models.start_values import StartContext, StartValues, Vary
 
 GAP = block("backlash")
 HAS_GAP = flag("backlash")
-CONTACT = 200.0
-"""Resonance of motor and load in contact [Hz]: softer than most: samples can tell no more of a harder one."""
-REACHES = (0.15, 0.4, 0.8, 1.5, 3.0, 7.0)
-"""Gaps, measured by the travel over which the bristle bends."""
+CONTACT = 3.0
+"""Resonance of motor and load in contact, in cut-offs: softer than most; what is compared tells little of a harder one.
+"""
+CROSSINGS = (0.06, 0.085, 0.12, 0.17, 0.24, 0.34, 0.48, 0.68)
+"""Times in which a motor that its friction stops crosses gaps, in periods of the cut-off: shorter, nobody sees them."""
 
 
 def starts(c: StartContext) -> Iterator[StartValues]:
-    """Gaps of many sizes, with friction on both sides or on one."""
-    least, compliance = least_compliance(c), compliance_at(c, CONTACT)
-    for reaches, split in itertools.product(REACHES, SPLITS):
-        gap = max(reaches * c.reach, 4.0 * c.resolution)
+    """Gaps of many sizes, with friction on both sides or on one.
+
+    After a reversal, or at a stop, motor and load part by ½·(F/J)·t² in a time t.
+    """
+    least = least_compliance(c)
+    for periods, share, split in itertools.product(CROSSINGS, SHARES, SPLITS):
+        compliance = compliance_at(c, share, CONTACT)
+        gap = 0.5 * c.coulomb / float(c.p[INERTIA]) * (periods / c.cutoff) ** 2
         free = {
             "gap": Vary(0.5 * gap, 0.6 * gap),
             "contact_compliance": Vary(compliance, compliance, lower=least),
         }
-        values = {"gap": gap, "contact_compliance": compliance, **AT_START, "load_friction": split}
-        yield StartValues(values, free | load_varies())
+        values = {"gap": gap, "contact_compliance": compliance, **AT_START}
+        yield StartValues(values | {"load_inertia": share, "load_friction": split}, free | load_varies())
 
 
 def width(p: Floats) -> float:

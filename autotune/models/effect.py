@@ -36,6 +36,7 @@ class Parameter:
         slot: place in the vector of parameters (see `layout`).
         optional: an effect may be without it (a further ripple order, for example).
         held: a refit of a model leaves it as it is: a raster, a reference level, a gear ratio.
+        whole: a share of which none or all is as plain a case as any: its bounds are no edges of a law.
         refined: how far a refinement on measured periods of the benchmark may move it, as a part of all friction;
             0: such a slow motion says next to nothing about it.
         like_offset: without presliding it can hardly be told from the offset; held at neutral where it is vague.
@@ -50,6 +51,7 @@ class Parameter:
     slot: int
     optional: bool = False
     held: bool = False
+    whole: bool = False
     like_offset: bool = False
     refined: float = 0.0
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 
@@ -10,6 +11,7 @@ from autotune.models.effect import Kind, Parameter
 from autotune.models.layout import INERTIA, block, flag
 from autotune.models.load_side import (
     AT_START,
+    SHARES,
     SPLITS,
     compliance_at,
     least_compliance,
@@ -21,18 +23,18 @@ from autotune.models.start_values import StartContext, StartValues, Vary
 
 COMPLIANCE = block("elastic_transmission")
 IS_ELASTIC = flag("elastic_transmission")
-RESONANCES = (15.0, 22.0, 33.0, 50.0, 75.0, 110.0, 160.0, 240.0)
-"""Hz."""
+RESONANCES = (0.37, 0.55, 0.83, 1.25, 1.83, 2.67, 4.0, 6.0)
+"""In cut-offs: where torques are compared, and as far above as they still tell of it."""
 
 
 def starts(c: StartContext) -> Iterator[StartValues]:
-    """Many resonances, with friction on both sides or on one."""
+    """Many resonances, with small loads and large ones, with friction on both sides or on one."""
     least = least_compliance(c)
-    for hertz in RESONANCES:
-        compliance = compliance_at(c, hertz)
+    for cutoffs, share, split in itertools.product(RESONANCES, SHARES, SPLITS):
+        compliance = compliance_at(c, share, cutoffs)
         free = {"compliance": Vary(compliance, 0.6 * compliance, lower=least)} | load_varies()
-        for split in SPLITS:
-            yield StartValues({"compliance": compliance, **AT_START, "load_friction": split}, free)
+        values = {"compliance": compliance, **AT_START, "load_inertia": share, "load_friction": split}
+        yield StartValues(values, free)
 
 
 def resonance(p: Floats) -> float:

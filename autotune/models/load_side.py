@@ -14,15 +14,17 @@ STIFFEST = 2.0 * math.pi * 500.0
 """Angular frequency [rad/s] above which a resonance of two equal masses is not looked for, or half the
 sampling rate where that is higher."""
 AT_START = {"load_inertia": 0.4, "load_friction": 0.4, "damping": 0.1}
-SPLITS = (0.02, 0.2, 0.45, 0.8)
-"""Shares of the friction on the load that are looked at: all of it at the motor, both sides, most at the load."""
+SHARES = (0.2, 0.4, 0.65)
+"""Of the inertia on the load that are looked at: with a wrong one the loop hardly holds the axis."""
+SPLITS = (0.0, 0.2, 0.6)
+"""Shares of the friction on the load that are looked at: none of it, so that it floats in a gap; both sides; most."""
 
 
 def load_parameters(at: int) -> tuple[Parameter, ...]:
     """Share of the inertia, share of the friction and damping, from place `at` on."""
     return (
         Parameter("load_inertia", "1", 0.4, 0.02, 0.98, "share of the inertia beyond it", at),
-        Parameter("load_friction", "1", 0.4, 0.0, 1.0, "share of the friction beyond it", at + 1),
+        Parameter("load_friction", "1", 0.4, 0.0, 1.0, "share of the friction beyond it", at + 1, whole=True),
         Parameter("damping", "1", 0.05, 0.0, 2.0, "share of critical damping", at + 2),
     )
 
@@ -36,9 +38,9 @@ def load_varies() -> dict[str, Vary]:
     }
 
 
-def compliance_at(c: StartContext, hertz: float) -> float:
-    """Compliance with which the load of a start rings at `hertz` [rad/(N m)]."""
-    return ringing_compliance(float(c.p[INERTIA]), AT_START["load_inertia"], hertz)
+def compliance_at(c: StartContext, share: float, cutoffs: float) -> float:
+    """Compliance with which a load of this share rings at so many cut-offs [rad/(N m)]."""
+    return ringing_compliance(float(c.p[INERTIA]), share, cutoffs * c.cutoff)
 
 
 def ringing_compliance(inertia: float, share: float, hertz: float) -> float:

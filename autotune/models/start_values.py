@@ -120,6 +120,11 @@ class StartContext(Protocol):
         ...
 
     @property
+    def cutoff(self) -> float:
+        """Frequency below which torques are compared [Hz]."""
+        ...
+
+    @property
     def constant_speeds(self) -> bool:
         """Whether the data are mean torques at constant speeds."""
         ...

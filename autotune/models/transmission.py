@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from autotune.core.arrays import Flags, Floats
-from autotune.models.backlash import GAP, HAS_GAP
+from autotune.models.backlash import BACKLASH, GAP, HAS_GAP
 from autotune.models.compiled import compiled
 from autotune.models.elastic_transmission import COMPLIANCE, ELASTIC_TRANSMISSION, IS_ELASTIC
 from autotune.models.lanes import anywhere, where
@@ -17,6 +17,10 @@ from autotune.models.layout import INERTIA, state_block
 
 _STATE = state_block(ELASTIC_TRANSMISSION.name)
 LOAD_POSITION, LOAD_VELOCITY, LOAD_BRISTLE, STARTED = _STATE, _STATE + 1, _STATE + 2, _STATE + 3
+BETWEEN = frozenset(
+    parameter.slot for kind in (ELASTIC_TRANSMISSION, BACKLASH) for parameter in kind.parameters
+)
+"""Places of all parameters between motor and load."""
 STIFFEST_RATE = 8e3  # rad/s, what the integration still resolves
 
 
@@ -24,6 +28,13 @@ STIFFEST_RATE = 8e3  # rad/s, what the integration still resolves
 def has_load(on: Flags) -> bool:
     """Whether motor and load are two masses."""
     return bool(on[IS_ELASTIC] or on[HAS_GAP])
+
+
+def of_one_mass(on: Flags) -> Flags:
+    """The flags of the same axis with motor and load in one piece."""
+    rigid = on.copy()
+    rigid[[IS_ELASTIC, HAS_GAP]] = False
+    return rigid
 
 
 @compiled

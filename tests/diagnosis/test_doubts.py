@@ -205,7 +205,7 @@ def test_motor_and_load_ring_where_it_is_compared(compliance: float, doubted: bo
     values = {"compliance": compliance, "load_inertia": 0.5, "load_friction": 0.3, "damping": 0.05}
     packed = base_model(NOMINAL | {"inertia": 1.07e-4}).with_effect(kind.make(values)).pack()
     fit = SimpleNamespace(effects=(kind.name,), fitted=SimpleNamespace(packed=packed))
-    data = SimpleNamespace(period=1e-3, taps=np.ones(41))
+    data = SimpleNamespace(cutoff=45.0)
     problem = SimpleNamespace(data=data, policy=POLICY, controller=None)
     evidence = RepeatedProgramme()
     assert evidence.doubted(problem, fit, fit) == doubted

@@ -59,14 +59,14 @@ def _rings_below(problem: Problem, model_fit: ModelFit, times: float) -> bool:
     """Whether motor and load ring below so many times the cut-off; a single mass does."""
     measures = (EFFECTS[name].resonance for name in model_fit.effects)
     p = model_fit.fitted.packed.p
-    return all(measure is None or measure(p) < times * _cutoff(problem) for measure in measures)
+    return all(measure is None or measure(p) < times * problem.data.cutoff for measure in measures)
 
 
 def _parameters_in_sight(problem: Problem, kind: Kind, p: Floats) -> bool:
     policy = problem.policy
     if kind.extent is not None and not kind.extent(p) > policy.least_counts * problem.data.resolution:
         return False
-    if kind.resonance is not None and not kind.resonance(p) < policy.beyond * _cutoff(problem):
+    if kind.resonance is not None and not kind.resonance(p) < policy.beyond * problem.data.cutoff:
         return False
     if kind.slow_change is not None:
         long = problem.scales.seconds > TIME_CONSTANTS * policy.least_warming
@@ -98,7 +98,3 @@ def highest_frequency(problem: Problem) -> float:
 def resolved_frequency(problem: Problem) -> float:
     """Highest frequency that the samples of the file allow [Hz]."""
     return FASTEST / (problem.data.upsampling * problem.data.period)
-
-
-def _cutoff(problem: Problem) -> float:
-    return 0.9 / (problem.data.period * max(len(problem.data.taps) // 2, 1))
