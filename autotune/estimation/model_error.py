@@ -227,7 +227,12 @@ def told_beside(problem: Problem, fitted: Fitted) -> Problem:
         return problem
 
     def beside(one: PositionController) -> PlainFit:
-        data = replace(as_recorded(known.data, one), clocked=problem.data.clocked)
+        data = replace(
+            as_recorded(known.data, one),
+            clocked=problem.data.clocked,
+            certainty=problem.data.certainty,
+            load_in_twin=True,
+        )
         its = replace(problem, data=data, moved=measured_motion(data), controller=one)
         return PlainFit(its, its.until_trained(), replace(fitted, error=its.raw(fitted.packed)))
 
