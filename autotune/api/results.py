@@ -191,6 +191,8 @@ class DiagnosisResult(Result):
     def found_model(self, source: str = "") -> DriveModel | None:
         """The model with the named effects, fitted together, as `autotune run` writes it; None where none is named.
 
+        Where nothing is missing but a law of the base is another one, the model with that law.
+
         `source`: what the data were, for the model's history.
         """
         from autotune.diagnosis.found_model import found_model

@@ -154,7 +154,7 @@ def diagnose(
             say("nothing is named, so that nothing was written")
             raise typer.Exit(NOTHING)
         write_model(found, apply)
-        say(f"the model with {', '.join(result.effects)}: {apply}")
+        say(f"the model with {', '.join(result.effects) or 'another law of its base'}: {apply}")
 
 
 @model.command()

@@ -17,7 +17,7 @@ from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.least_squares import Fitted, Free
 from autotune.estimation.problem import Problem, Scales
 from autotune.models import layout
-from autotune.models.drive_model import DriveModel, Packed, surface_parameter
+from autotune.models.drive_model import DAMPING_VELOCITY, FADING, DriveModel, Packed, surface_parameter
 from autotune.models.effect import Effect, Kind, Parameter
 from autotune.models.table import EFFECTS
 
@@ -112,12 +112,21 @@ def model_from(
     """The model with fitted values, and effects that the fit has added."""
     table = {f.name: (errors[i] if errors is not None else None) for i, f in enumerate(free)}
     for name, kind in EFFECTS.items():
-        if (packed.on[layout.flag(name)] and name not in model) or (kind.terms is not None and name in model):
+        new = packed.on[layout.flag(name)] and name not in model
+        if new or (name in model and (kind.terms is not None or _reshaped(model, kind, packed))):
             model = model.with_effect(_effect(kind, packed, table))
+    if (packed.p[layout.DAMPING_VELOCITY] > 0.0) != (DAMPING_VELOCITY.name in model.base):
+        model = model.with_fading(*(float(packed.p[parameter.slot]) for parameter in FADING))
     values = {surface: float(packed.p[_slot(surface)]) for surface in model.parameters}
     return model.with_values(
         values, {k: float(v) for k, v in table.items() if v is not None and np.isfinite(v)}
     )
+
+
+def _reshaped(model: DriveModel, kind: Kind, packed: Packed) -> bool:
+    """Whether an effect of the model was fitted with a shape for which the model has no values."""
+    there = model.effect(kind).values
+    return any(packed.p[one.slot] != one.neutral for one in kind.parameters if one.name not in there)
 
 
 def _slot(surface: str) -> int:

@@ -52,6 +52,7 @@ class Facts:
             rest, where that law explains enough.
         unlike: an experiment in which one effect leaves what it explains in all others; looked for where it is named.
         edge: the one effect would go on beyond the bounds of its law; likewise.
+        base: sentences on laws of the base that were found: they are no effects.
         hunts: frequency of a limit cycle with more torque than friction [Hz]; 0 where there is none.
     """
 
@@ -76,6 +77,7 @@ class Facts:
     climbing: bool = False
     unlike: str = ""
     edge: bool = False
+    base: tuple[str, ...] = ()
 
     @property
     def drowned(self) -> bool:
@@ -199,7 +201,9 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     rivals = tuple(_rivals(problem, evidence, root, chosen, found.tried)) if chosen is not None else ()
     seen = (problem, root, chosen, evidence, carried, line, coordinate, generic, lead, rivals)
     hunts = limit_cycle(problem, float(root.fitted.packed.p[layout.COULOMB]))
-    facts = Facts(*seen, found.first, found.tried, found.freed, found.presliding, hunts=hunts)
+    facts = Facts(
+        *seen, found.first, found.tried, found.freed, found.presliding, hunts=hunts, base=found.base
+    )
     named = (facts.accepted or facts.law_differs) and not facts.structured
     if named and chosen is not None and len(chosen.model_fit.effects) == 1:
         unlike = evidence.unlike_in_one(problem, root, chosen.model_fit)

@@ -15,7 +15,7 @@ import numpy as np
 from autotune.core.errors import AutotuneError
 from autotune.diagnosis.compare import roles_unseen
 from autotune.diagnosis.fitting import held_out_errors, updated_model
-from autotune.diagnosis.free_shape import resolved
+from autotune.diagnosis.free_shape import fades, resolved, without_fading
 from autotune.diagnosis.refits import without_effect
 from autotune.diagnosis.verdict import Diagnosis
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
@@ -50,15 +50,19 @@ class FoundModel:
 
 
 def found_model(diagnosis: Diagnosis, model: DriveModel, when: str, source: str) -> FoundModel | None:
-    """The richer model, its history step by step; None where nothing is named.
+    """The richer model, its history step by step; None where nothing is named and no law of the base was found.
 
     Args:
         model: as it was given to the diagnosis.
         when, source: for the model's history: the time, and what the data were.
     """
     problem, root, model_fit = diagnosis.problem, diagnosis.root, diagnosis.model_fit
-    if diagnosis.verdict != "named" or problem is None or root is None or model_fit is None:
+    if problem is None or root is None or model_fit is None:
         return None
+    if diagnosis.verdict != "named":
+        return (
+            _of_base(diagnosis, problem, root, model, (when, source)) if diagnosis.verdict == "none" else None
+        )
     fine = resolved(problem, model_fit)
     final = fine or model_fit
     steps = _steps(problem, root, model_fit, diagnosis.effects)
@@ -71,6 +75,22 @@ def found_model(diagnosis: Diagnosis, model: DriveModel, when: str, source: str)
     before, after, floor, unseen = held_out_errors(problem, root, final)
     for action, lower, upper in steps:
         richer = richer.with_history(_entry(problem, lower, upper, (when, action, source)))
+    return FoundModel(richer, before, after, floor if math.isfinite(floor) else None, unseen)
+
+
+def _of_base(
+    diagnosis: Diagnosis, problem: Problem, root: ModelFit, model: DriveModel, told: tuple[str, str]
+) -> FoundModel | None:
+    """The model with laws of its base that were found where nothing else is missing; None where there are none.
+
+    `told`: when, from which data.
+    """
+    if not diagnosis.base:
+        return None
+    less = (without_fading(problem, root) if fades(root.fitted.packed) else None) or root
+    before, after, floor, unseen = held_out_errors(problem, less, root)
+    step = (told[0], "another law of the base", told[1])
+    richer = updated_model(model, problem, root.fitted).with_history(_entry(problem, less, root, step))
     return FoundModel(richer, before, after, floor if math.isfinite(floor) else None, unseen)
 
 

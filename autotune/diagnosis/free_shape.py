@@ -13,6 +13,9 @@ bristle is taken apart into elements of its own, started on its virgin curve, an
 inside the twin: torques and displacements of all elements. What the elements carry at rest together, with
 what is left of the bristle, is the one stiffness that presliding and Dahl's curve have in common.
 
+The base itself may have another law: damping in presliding that fades with speed, and a Stribeck curve of another shape
+where the model has one. Both are the base's, no effects, and are asked before anything else is.
+
 Elements may also say that friction comes to its level sooner than a bristle's exponential: one contact, elastic until
 it slides. That is the law of the base and no memory.
 """
@@ -30,14 +33,17 @@ from autotune.diagnosis.candidates import FittedCandidate
 from autotune.diagnosis.refits import judged, kept_terms, taken_out, without_effect
 from autotune.diagnosis.screening import generic_gains
 from autotune.diagnosis.starts import Context, varying
+from autotune.diagnosis.wording import FADING_DAMPING, OTHER_CURVE
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
+from autotune.estimation.contact_start import usual_damping
 from autotune.estimation.coordinates import without_rests
 from autotune.estimation.cross_validation import gain_and_z, rests_of
 from autotune.estimation.data import VETO
 from autotune.estimation.least_squares import Free, followed
-from autotune.estimation.problem import Problem, beyond_chance, by_second
+from autotune.estimation.problem import Problem, beyond_chance, by_second, fading_free, refit
 from autotune.models import layout
-from autotune.models.drive_model import Packed
+from autotune.models.drive_model import FADING, Packed
+from autotune.models.effect import Kind
 from autotune.models.reversal_memory import ELEMENTS, REVERSAL_MEMORY, climbing, drawn_out
 from autotune.models.table import EFFECTS
 
@@ -54,6 +60,13 @@ MORE_FITS = 3
 LONGEST = 0.3  # of the travel: elements beyond it never slide
 NEAR_AN_EDGE = 0.01
 """Of a parameter's scale: a bound that is so near is met."""
+
+
+FADES = (3e-3, 1e-2, 3e-2, 1e-1)
+"""Of the speed: where fits begin of a damping in presliding that fades."""
+FADING_SLOTS = tuple(parameter.slot for parameter in FADING)
+SHORT = 3
+"""Steps of a fit by which its start is judged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,6 +196,96 @@ def _predicts_better(problem: Problem, before: ModelFit, after: ModelFit) -> boo
         return fitted and left[1] <= (1.0 - policy.least_gain) * left[0]
     gain, z = gain_and_z(before.unseen, after.unseen)
     return gain >= policy.least_gain and (z >= policy.least_z or gain >= policy.clear_gain)
+
+
+def asked_for(problem: Problem, before: ModelFit, after: ModelFit) -> bool:
+    """Whether data ask for another law of the base: held-out experiments and the veto trajectory, beyond chance.
+
+    What only the quickest experiment shows scatters over the others; the veto trajectory tells then.
+    """
+    policy = problem.policy
+    gain, z = gain_and_z(before.unseen, after.unseen)
+    least = policy.least_gain if problem.twin else policy.clear_gain
+    clear = z >= policy.least_z or gain >= policy.clear_gain
+    if problem.has_veto and not clear:
+        fall = problem.weight * (before.fitted.error**2 - after.fitted.error**2)
+        clear = beyond_chance(fall[problem.data.role(VETO)], policy.least_z)
+    return gain >= least and clear and _predicts_better(problem, before, after)
+
+
+def fades(packed: Packed) -> bool:
+    """Whether the damping in presliding fades with speed."""
+    return bool(packed.p[layout.DAMPING_VELOCITY] > 0.0)
+
+
+def with_fading(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
+    """The model with damping in presliding that fades with speed; None where the data do not ask for it."""
+    fitted = model_fit.fitted
+    damped = any(one.slot == layout.MICRO_DAMPING for one in model_fit.free)
+    if fades(fitted.packed) or not damped or problem.data.steady or problem.two_masses(fitted.packed):
+        return None
+    found = []
+    for share in FADES:
+        p = fitted.packed.p.copy()
+        p[layout.DAMPING_VELOCITY] = share * problem.scales.velocity
+        usual = usual_damping(p[layout.STIFFNESS], p[layout.INERTIA])
+        p[layout.MICRO_DAMPING] = max(
+            p[layout.MICRO_DAMPING], usual
+        )  # the same at all speeds it may have gone to 0
+        free = [*model_fit.free, *fading_free(p, problem.scales)]
+        found.append(
+            refit(problem, Packed(p, fitted.packed.on), free, model_fit.correction, SHORT, near=fitted)
+        )
+    best = min(found, key=lambda one: one.cost)
+    if not best.cost < (1.0 - problem.policy.least_gain) * fitted.cost:
+        return None
+    faded = fit_inside_twin(problem, best.packed, list(best.free), ROUNDS, model_fit.effects)
+    return faded if faded is not None and asked_for(problem, model_fit, faded) else None
+
+
+def without_fading(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
+    """The model with the same damping in presliding at all speeds; None where the twin is unstable."""
+    p = model_fit.fitted.packed.p.copy()
+    p[list(FADING_SLOTS)] = 0.0
+    free = [one for one in model_fit.free if one.slot not in FADING_SLOTS]
+    packed = Packed(p, model_fit.fitted.packed.on)
+    return fit_inside_twin(problem, packed, free, ROUNDS, model_fit.effects)
+
+
+def told_of_base(root: Packed, nominal: Packed, motion_unit: str) -> tuple[str, ...]:
+    """Sentences on laws of the base that the root has, and the model that was given has not."""
+    notes = []
+    if fades(root) and not fades(nominal):
+        speed = float(root.p[layout.DAMPING_VELOCITY])
+        notes.append(FADING_DAMPING.format(speed=speed, unit=f"{motion_unit}/s"))
+    for kind in _in_textbooks(root):
+        slots = [parameter.slot for parameter in kind.parameters if parameter.optional]
+        if np.any(root.p[slots] != nominal.p[slots]):
+            notes.append(OTHER_CURVE)
+    return tuple(notes)
+
+
+def _in_textbooks(packed: Packed) -> list[Kind]:
+    """Kinds in the model that every textbook's base has."""
+    return [kind for kind in EFFECTS.values() if kind.in_lugre and packed.on[layout.flag(kind.name)]]
+
+
+def with_base_shapes(problem: Problem, root: ModelFit, nominal: Packed) -> ModelFit | None:
+    """The model with the shape of what is in every textbook's base free, where it has that and the data ask for it."""
+    best: ModelFit | None = None
+    for kind in _in_textbooks(root.fitted.packed):
+        here = best or root
+        packed = here.fitted.packed
+        start = kind.free_shape(Context(problem, here.fitted, nominal)) if kind.free_shape else None
+        if start is None:
+            continue
+        shape = [varying(kind, name, vary) for name, vary in start.free.items()]
+        slots = {one.slot for one in shape}
+        free = [*(one for one in here.free if one.slot not in slots), *shape]
+        shaped = fit_inside_twin(problem, packed, free, ROUNDS + 1, here.effects)
+        if shaped is not None and asked_for(problem, here, shaped):
+            best = shaped
+    return best
 
 
 def with_own_presliding(problem: Problem, root: ModelFit, chosen: ModelFit) -> ModelFit | None:

@@ -20,11 +20,11 @@ import scipy
 from autotune.core.arrays import Floats
 from autotune.diagnosis.candidates import FittedCandidate, Progress, ScreenedCandidate
 from autotune.diagnosis.ripple_orders import candidate_orders
-from autotune.estimation.bias_corrected_fit import ModelFit, fit_from_starts, fit_inside_twin
+from autotune.estimation.bias_corrected_fit import LEVEL_GROUND, ModelFit, fit_from_starts, fit_inside_twin
 from autotune.estimation.contact_start import CONTACT, best_contact, identifiable
 from autotune.estimation.cross_validation import explained, gain_and_z
 from autotune.estimation.data import TRAINING, VETO
-from autotune.estimation.disturbance_estimate import estimate_disturbance, with_expected_noise
+from autotune.estimation.disturbance_estimate import estimate_disturbance, with_counts, with_expected_noise
 from autotune.estimation.least_squares import Free, covariance
 from autotune.estimation.problem import Problem, base_free, refit
 from autotune.models.drive_model import Packed
@@ -247,6 +247,21 @@ def with_own_noise(
     if settled is None or settled.fitted.cost > model_fit.fitted.cost:
         return problem, chosen
     return quieter, judged(quieter, root, settled, chosen.effect)
+
+
+def with_noise_of(problem: Problem, root: ModelFit) -> tuple[Problem, ModelFit]:
+    """The twin disturbed as much as the axis is by another root, and that root settled in it."""
+    packed = root.fitted.packed
+    if not problem.twin:
+        return problem, root
+    again = replace(problem, disturbance=estimate_disturbance(problem, packed))
+    if problem.by_counts is not None:
+        again = with_counts(again, packed)
+    again = with_expected_noise(again, packed)
+    settled = fit_inside_twin(again, packed, list(root.free), 2, root.effects, root.fitted)
+    if settled is None or settled.fitted.cost > LEVEL_GROUND * root.fitted.cost:
+        return problem, root
+    return again, settled
 
 
 def fitted_again(

@@ -16,8 +16,14 @@ from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.evidence.time_driven import without_clocked
 from autotune.diagnosis.free_shape import EFFECT as MEMORY
 from autotune.diagnosis.free_shape import (
+    FADING_SLOTS,
+    asked_for,
+    fades,
+    with_base_shapes,
+    with_fading,
     with_free_shape,
     with_own_presliding,
+    without_fading,
     without_tail,
 )
 from autotune.diagnosis.refits import (
@@ -31,7 +37,9 @@ from autotune.diagnosis.refits import (
     negligible,
     refined,
     root_from,
+    taken_out,
     with_contact,
+    with_noise_of,
     with_own_noise,
     without_effect,
     without_insignificant_terms,
@@ -43,7 +51,7 @@ from autotune.diagnosis.transmission import (
     other_transmission_tried,
     without_needless_gap,
 )
-from autotune.estimation.bias_corrected_fit import ModelFit
+from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.cross_validation import (
     Explained,
     beyond_presliding,
@@ -88,6 +96,8 @@ class Found:
         freed: effects whose course is free, as their law differs; whether their own law would have named them too.
         presliding: elements that the root has for a presliding of its own, as they were found.
         sliding: the problem where that contact slides, whatever its law; None where nothing depends on it.
+        base: sentences on laws of the base that the root has and the model that was given has not.
+        begin_again: the model from which to begin anew, as what was settled before the search rests on another base.
     """
 
     problem: Problem
@@ -99,18 +109,27 @@ class Found:
     freed: Mapping[str, bool] = field(default_factory=dict)
     presliding: FittedCandidate | None = None
     sliding: Problem | None = None
+    base: tuple[str, ...] = ()
+    begin_again: Packed | None = None
 
 
-def search(problem: Problem, root: ModelFit, nominal: Packed, progress: Progress) -> Found:
-    """Adds the best candidate until nothing more is found, and drops what is not needed beside the others."""
-    return _Search(problem, root, nominal, progress, evidence_of(problem.data)).found()
+def search(
+    problem: Problem, root: ModelFit, nominal: Packed, progress: Progress, may_begin_again: bool = False
+) -> Found:
+    """Adds the best candidate until nothing more is found, and drops what is not needed beside the others.
+
+    Where the base turns out to have another law, a search that `may_begin_again` ends there: how torque and motion
+    belong together, and how the twin is shaken, were found with another base.
+    """
+    return _Search(problem, root, nominal, progress, evidence_of(problem.data), may_begin_again).found()
 
 
 @dataclass(slots=True)
 class _Search:
     """A search in progress: `problem` and `root` change where torque and motion are aligned anew.
 
-    `seen` are the models that were fitted inside the twin, `first` and `tried` those of the first round.
+    `outdone` is the root with a law of the base, where an effect explains more than that; `seen` are the models that
+    were fitted inside the twin, `first` and `tried` those of the first round.
     """
 
     problem: Problem
@@ -118,6 +137,9 @@ class _Search:
     nominal: Packed
     progress: Progress
     evidence: Evidence
+    may_begin_again: bool = False
+    begin_again: Packed | None = None
+    outdone: ModelFit | None = None
     chosen: FittedCandidate | None = None
     seen: list[ModelFit] = field(default_factory=list)
     first: Sequence[ScreenedCandidate] = ()
@@ -126,6 +148,20 @@ class _Search:
     freed: dict[str, bool] = field(default_factory=dict)
 
     def found(self) -> Found:
+        self._shape_base()
+        self._seek()
+        if self.begin_again is None and self._fades_beside():
+            self._seek()
+        if self.begin_again is not None:
+            return Found(self.problem, self.root, None, (), (), {}, begin_again=self.begin_again)
+        self._tidy()
+        self._drop_fading()
+        found = (self.problem, self.root, self.chosen, self.first, self.tried, self.generic)
+        return self._beside_own_presliding(Found(*found, self._still_freed()))
+
+    def _seek(self) -> None:
+        """Adds effects to the root, one beside the other, as long as they explain enough."""
+        self.chosen, self.seen, self.freed = None, [], {}
         for number in range(MOST_EFFECTS):
             best = self._round(first=number == 0)
             if best is not None and number == 0 and self._rooted_anew(best):
@@ -135,9 +171,84 @@ class _Search:
             chosen = self._take(best)
             if not self._more_to_explain(chosen.model_fit):
                 break
-        self._tidy()
-        found = (self.problem, self.root, self.chosen, self.first, self.tried, self.generic)
-        return self._beside_own_presliding(Found(*found, self._still_freed()))
+
+    def _shape_base(self) -> None:
+        """What textbooks have in the base may have another shape there: that is asked before anything else."""
+        if not self.evidence.repeats or not self._more_to_explain(self.root):
+            return
+        shaped = with_base_shapes(self.problem, self.root, self.nominal)
+        if shaped is not None:
+            self.progress("another law of the base")
+            self._take_root(shaped)
+
+    def _fades(self, ranked: Sequence[ScreenedCandidate]) -> bool:
+        """Whether damping in presliding that fades with speed explains more than any effect: then the root has it."""
+        if not self.evidence.repeats or not self._more_to_explain(self.root):
+            return False
+        faded = with_fading(self.problem, self.root)
+        if faded is None:
+            return False
+        gain = gain_and_z(self.root.unseen, faded.unseen)[0]
+        if gain < max((item.gain for item in ranked), default=0.0):
+            self.outdone = faded
+            return False
+        self.progress("damping in presliding that fades with speed")
+        self._take_root(faded)
+        self._begins_again()
+        return True
+
+    def _fades_beside(self) -> bool:
+        """Whether it does so beside what was found: then the root has it, and effects are looked for anew.
+
+        Where what explained more could not be taken after all, it does.
+        """
+        faded = self.outdone if self.chosen is None else self._root_beside(self.chosen)
+        if faded is None or faded.fitted.cost >= self.root.fitted.cost:
+            return False
+        self.progress("damping in presliding that fades with speed")
+        self._take_root(faded)
+        return not self._begins_again()
+
+    def _root_beside(self, chosen: FittedCandidate) -> ModelFit | None:
+        """The root with damping that fades as the data ask for it beside an effect; None where they do not.
+
+        Training may be explained where the veto trajectory is not.
+        """
+        left = chosen.share < REFINED or self._more_to_explain(chosen.model_fit)
+        beside = with_fading(self.problem, chosen.model_fit) if self.evidence.repeats and left else None
+        if beside is None:
+            return None
+        packed = beside.fitted.packed
+        for effect in beside.effects:
+            with_it = replace(beside, fitted=replace(beside.fitted, packed=packed))
+            packed = taken_out(self.root, with_it, effect)
+        free = [*self.root.free, *(one for one in beside.free if one.slot in FADING_SLOTS)]
+        return fit_inside_twin(self.problem, packed, free, 2, self.root.effects)
+
+    def _begins_again(self) -> bool:
+        """Whether all begins anew from the root."""
+        if self.may_begin_again:
+            self.begin_again = self.root.fitted.packed
+        return self.may_begin_again
+
+    def _take_root(self, root: ModelFit) -> None:
+        """Makes it the root: torque and motion aligned by it, the twin disturbed as much as the axis is by it."""
+        again = self.evidence.aligned(self.problem, root)
+        if again is not self.problem:
+            self.problem = again
+            root = fit_inside_twin(again, root.fitted.packed, list(root.free), 2, root.effects) or root
+        self.problem, self.root = with_noise_of(self.problem, root)
+
+    def _drop_fading(self) -> None:
+        """Damping in presliding is the same at all speeds again where it need not fade beside what was found."""
+        if self.chosen is None or not fades(self.chosen.model_fit.fitted.packed):
+            return
+        less = without_fading(self.problem, self.chosen.model_fit)
+        if less is None or asked_for(self.problem, less, self.chosen.model_fit):
+            return
+        root = without_fading(self.problem, self.root)
+        if root is not None:
+            self.root, self.chosen = root, judged(self.problem, root, less, self.chosen.effect)
 
     def _rooted_anew(self, best: FittedCandidate) -> bool:
         """Whether the root was no minimum: a candidate that led its base away from there is no reason for a name."""
@@ -250,6 +361,11 @@ class _Search:
         problem, model_fit = self.problem, self._model_fit
         worth = least_fall(problem, self.chosen) if self.chosen is not None else 0.0
         ranked = rank(problem, self.evidence, model_fit, self.nominal, self.progress, worth)
+        if first and self._fades(ranked):
+            if self.begin_again is not None:
+                return None
+            problem, model_fit = self.problem, self.root
+            ranked = rank(problem, self.evidence, model_fit, self.nominal, self.progress)
         if first:
             self.first, self.generic = ranked, generic_gains(problem, self.root)
         near = [item for item in ranked if first or item.fall >= NEAR_WORTH * worth or self._promises(item)]

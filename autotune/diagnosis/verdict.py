@@ -13,6 +13,7 @@ from autotune.diagnosis.baseline import begin, notes_after
 from autotune.diagnosis.candidates import (
     FittedCandidate,
     Progress,
+    model_from,
     no_progress,
 )
 from autotune.diagnosis.compare import check_same_axis
@@ -22,6 +23,7 @@ from autotune.diagnosis.evidence.time_driven import (
     all_lines,
 )
 from autotune.diagnosis.facts import Facts, gathered
+from autotune.diagnosis.free_shape import told_of_base
 from autotune.diagnosis.search import Found, search
 from autotune.diagnosis.wording import (
     DROWNED,
@@ -43,12 +45,12 @@ from autotune.diagnosis.wording import (
 from autotune.estimation.bandwidth import prepared_both
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.coordinates import variance_shares
-from autotune.estimation.data import TEST
+from autotune.estimation.data import TEST, Prepared
 from autotune.estimation.disturbance_estimate import with_counts
 from autotune.estimation.model_error import model_error, with_misfit
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import Problem
-from autotune.models.drive_model import DriveModel
+from autotune.models.drive_model import DriveModel, Packed
 from autotune.models.effect import Kind
 from autotune.recordings.recording import Recording
 
@@ -69,6 +71,7 @@ class Diagnosis:
         error_rms, relative_error: of the model as it was given, before anything was fitted; as `compare` finds.
         notes: sentences for people.
         recordings: those that were diagnosed.
+        base: sentences on laws of the base that were found, which the model that was given has not.
     """
 
     verdict: str
@@ -88,6 +91,7 @@ class Diagnosis:
     model_fit: ModelFit | None = field(default=None, repr=False)
     root: ModelFit | None = field(default=None, repr=False)
     recordings: tuple[Recording, ...] = field(default=(), repr=False)
+    base: tuple[str, ...] = ()
 
 
 def diagnose(
@@ -108,13 +112,9 @@ def diagnose(
     """
     check_same_axis(model, recordings)
     data, whole = prepared_both(recordings, policy)
-    problem, root, nominal, notes = begin(data, model, progress, policy=policy)
-    problem = with_misfit(with_counts(problem, root.fitted.packed))
-    if candidates is not None:
-        problem = replace(problem, candidates=tuple(candidates))
     given = model_error(whole, model, policy)
-    found = search(problem, root, nominal, progress)
-    notes = notes_after(notes, problem, found.problem)
+    found, nominal, notes = _searched(data, model, progress, policy, candidates)
+    problem = found.problem
     progress("does another trajectory confirm it")
     chosen, carried = confirm(found, nominal)
     verdict = judge(replace(found, chosen=chosen), (*notes, *in_words(carried)), carried)
@@ -132,6 +132,28 @@ def diagnose(
         relative_error=given.relative_error,
         recordings=tuple(recordings),
     )
+
+
+def _searched(
+    data: Prepared,
+    model: DriveModel,
+    progress: Progress,
+    policy: Policy,
+    candidates: Sequence[Kind] | None,
+) -> tuple[Found, Packed, tuple[str, ...]]:
+    """What a search comes to, begun again where the base turns out to have another law; with the model, and notes."""
+    base, first = model, True
+    while True:
+        problem, root, nominal, notes = begin(data, base, progress, policy=policy)
+        problem = with_misfit(with_counts(problem, root.fitted.packed))
+        if candidates is not None:
+            problem = replace(problem, candidates=tuple(candidates))
+        found = search(problem, root, nominal, progress, first)
+        if found.begin_again is None:
+            break
+        base, first = model_from(model, found.begin_again, found.root.free), False
+    told = told_of_base(found.root.fitted.packed, model.pack(), model.motion_unit)
+    return replace(found, base=told), nominal, notes_after(notes, problem, found.problem)
 
 
 @dataclass(frozen=True, slots=True)
@@ -256,7 +278,11 @@ def judge(
     confusable = _confusable(facts, case.verdict, effects, confidence, found)
     lines = [line_note(one) for one in all_lines(facts.problem.data, facts.line)]
     said = [*torque_path_notes(facts.problem.data), *lines, case.sentence(facts)]
-    said += [_unlike(facts)] * bool(effects) + [OWN_PRESLIDING] * (found.presliding is not None)
+    said += (
+        [_unlike(facts)] * bool(effects)
+        + [OWN_PRESLIDING] * (found.presliding is not None)
+        + list(facts.base)
+    )
     chosen = None if facts.drowned else facts.chosen
     final = chosen.model_fit if chosen is not None and effects else facts.root
     problem, root = facts.problem, facts.root
@@ -276,6 +302,7 @@ def judge(
         problem=problem,
         model_fit=final,
         root=root,
+        base=facts.base,
     )
 
 

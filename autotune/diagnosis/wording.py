@@ -39,6 +39,15 @@ OWN_PRESLIDING = (
     "elastic until it slides. This is the base model's presliding by another law and no effect that is missing; it was "
     "fitted beside all else."
 )
+FADING_DAMPING = (
+    "The damping in presliding fades with speed, to a third at {speed:.2g} {unit} or so: the contact is damped while "
+    "it bends and hardly while it slides. This is a law of the base model, as textbooks have it, and no effect that is "
+    "missing; it was fitted beside all else."
+)
+OTHER_CURVE = (
+    "Friction that falls with speed, which the model has, falls by another curve than the model's; its shape was "
+    "fitted freely before anything else was asked."
+)
 PRESLIDING_REST = (
     "Beside it something still comes again, in one experiment at least: what that law is not exactly, or an effect "
     "that these data cannot tell from it."

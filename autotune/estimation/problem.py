@@ -23,7 +23,7 @@ from autotune.estimation.residual import Motion, alike, kind_of_pass, measured_m
 from autotune.estimation.twin import leading, steps_of_twin
 from autotune.estimation.twin_runs import KnownRuns, Noise, TwinRuns, add_runs
 from autotune.models import layout
-from autotune.models.drive_model import BASE, Packed
+from autotune.models.drive_model import BASE, DAMPING_TAIL, DAMPING_VELOCITY, Packed
 from autotune.models.effect import Kind
 from autotune.models.table import EFFECTS
 from autotune.models.transmission import has_load
@@ -42,6 +42,7 @@ LEAST_WEIGHT = 0.1
 """Of the steadiest experiment: an unsteady one is never left out."""
 LEAST_COULOMB = 0.005  # of the torque
 LONGEST_REACH = 0.1  # of the travel
+SLOWEST = 1e-4  # of the speed: damping that has gone by then is none
 
 
 @dataclass(frozen=True, slots=True)
@@ -363,9 +364,29 @@ def base_free(packed: Packed, scales: Scales, motion_unit: str) -> list[Free]:
         for b in BASE
         if _can_tell(b.name, scales)
     ]
+    if p[layout.DAMPING_VELOCITY] > 0.0 and not scales.steady:
+        free += fading_free(p, scales)
     for parameter in free:
         p[parameter.slot] = min(max(p[parameter.slot], parameter.lower), parameter.upper)
     return free
+
+
+def fading_free(p: Floats, scales: Scales) -> list[Free]:
+    """How damping in presliding fades, as free parameters: beyond the fastest motion it does not."""
+    speed, tail = DAMPING_VELOCITY, DAMPING_TAIL
+    large = float(p[speed.slot])
+    return [
+        Free(
+            speed.name,
+            speed.slot,
+            SLOWEST * scales.velocity,
+            scales.velocity,
+            large,
+            relative=True,
+            step=3.0 * large,
+        ),
+        Free(tail.name, tail.slot, tail.lower, tail.upper, 0.5, step=0.5),
+    ]
 
 
 def by_steadiness(problem: Problem, error: Floats) -> Problem:

@@ -17,10 +17,10 @@ from autotune.core.arrays import Flags, Floats
 from autotune.estimation.controller_law import MOMENT, PositionController
 from autotune.models import layout
 from autotune.models.compiled import compiled
-from autotune.models.contact import additive, friction_limit, viscous_coefficient
+from autotune.models.contact import additive, bristle_damping, friction_limit, viscous_coefficient
 from autotune.models.drive_model import Packed
 from autotune.models.lanes import WIDTH, filled
-from autotune.models.layout import MICRO_DAMPING, STIFFNESS
+from autotune.models.layout import STIFFNESS
 from autotune.models.plant import seen_late, simulate, simulate_in_lanes, substeps_for
 from autotune.models.torque_lag import MOTOR_TORQUE, STAGES
 from autotune.models.torque_saturation import saturated
@@ -49,8 +49,9 @@ def _first_friction(
         left = math.exp(-abs(mean) * period / limit)
         a = math.copysign(limit, mean) * (1.0 - left) + left * a
         b *= left
-        drag = p[MICRO_DAMPING] * abs(v) / friction_limit(p, on, state, q, v)
-        level += (p[STIFFNESS] - drag) * a + (p[MICRO_DAMPING] + viscous_coefficient(p, on, state, v)) * v
+        damping = bristle_damping(p, v)
+        drag = damping * abs(v) / friction_limit(p, on, state, q, v)
+        level += (p[STIFFNESS] - drag) * a + (damping + viscous_coefficient(p, on, state, v)) * v
         slope += (p[STIFFNESS] - drag) * b
     return level / rows, slope / rows
 

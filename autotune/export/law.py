@@ -1,6 +1,6 @@
 """The feedforward of a drive model as a short list of statements, the same for every target language.
 
-    T = J r̈ + σ0 z + σ1 ż + b(ṙ) ṙ + Σ W_i z_i / d_i + F_g + Σ torque(r)
+    T = J r̈ + σ0 z + σ1(ṙ) ż + b(ṙ) ṙ + Σ W_i z_i / d_i + F_g + Σ torque(r)
 
 with r half a sample ahead of the reference, ż of (3.10) and z by (5.8): the law of `control.model_feedforward`. The
 frame is written here as it is in `models.contact`; what effects contribute is written down from their own kernels
@@ -26,11 +26,11 @@ from autotune.export.kernels import Term, Writer, named
 from autotune.export.self_test import self_test_rows
 from autotune.models import layout
 from autotune.models.contact import LEAST_DEFLECTION, LEAST_SHARE
-from autotune.models.drive_model import BASE, DriveModel
+from autotune.models.drive_model import WHOLE_BASE, DriveModel
 from autotune.models.effect import Kind
-from autotune.models.lugre import falling_level
+from autotune.models.lugre import fallen
 from autotune.models.reversal_memory import DAMPING, REMEMBERS, memory_damping, memory_torque
-from autotune.models.stribeck import EXPONENT, FALLS
+from autotune.models.stribeck import EXPONENT, FALLS, TAIL
 from autotune.models.table import EFFECTS
 from autotune.models.torque_ripple import scale_slot
 
@@ -141,9 +141,10 @@ class _Frame:
         torque = self._model.torque_symbol
         yield Block(f"Level of friction [{torque}].", f"level = {self._slot(layout.COULOMB)}")
         if self._on[FALLS]:
-            arguments = (layout.COULOMB, layout.BREAK_AWAY, layout.STRIBECK_VELOCITY, EXPONENT)
-            terms = (self._constant(slot) for slot in arguments)
-            yield self._from_kernel(FALLS, falling_level, "level = {}", named("velocity"), *terms)
+            least, most = self._slot(layout.COULOMB), self._slot(layout.BREAK_AWAY)
+            terms = (self._constant(slot) for slot in (layout.STRIBECK_VELOCITY, EXPONENT, TAIL))
+            use = f"level = {least} + ({most} - {least}) * {{}}"
+            yield self._from_kernel(FALLS, fallen, use, named("velocity"), *terms)
         speed, place = named("velocity"), named("place")
         yield from self._from_kernels("level", "level = level + {}", None, None, speed)
         # what multiplies the level multiplies what the elements carry, too
@@ -155,6 +156,11 @@ class _Frame:
             yield Block(f"Level of friction there [{torque}].", "level = level * factor")
         else:
             yield from self._from_kernels("level_factor", "level = level * {}", None, None, place)
+        if self._p[layout.DAMPING_VELOCITY] > 0.0:
+            at, tail = (self._constant(slot) for slot in (layout.DAMPING_VELOCITY, layout.DAMPING_TAIL))
+            square = Term(ast.Constant(2.0), 2.0)
+            statements = self._written(fallen, "part = {}", named("velocity"), at, square, tail)
+            yield Block("Part of the damping in presliding that is left at this speed.", statements)
         yield Block("The contact bends with the motion and slides at its limit.", self._bristle())
         yield Block(f"Viscous friction [{torque}].", f"coefficient = {self._slot(layout.VISCOUS)}")
         yield from self._from_kernels("viscous", "coefficient = coefficient + {}", None, speed)
@@ -163,7 +169,8 @@ class _Frame:
         if self._on[REMEMBERS]:
             travel = named("travel")
             if self._p[DAMPING] > 0.0:  # asked before the elements move
-                damped = "friction = friction + {} * velocity"
+                faded = "part * " if self._p[layout.DAMPING_VELOCITY] > 0.0 else ""
+                damped = f"friction = friction + {faded}{{}} * velocity"
                 yield self._from_kernel(REMEMBERS, memory_damping, damped, None, None, travel)
             use = "friction = friction + factor * {}" if shared else "friction = friction + {}"
             yield self._from_kernel(REMEMBERS, memory_torque, use, None, None, travel)
@@ -173,6 +180,8 @@ class _Frame:
     def _bristle(self) -> str:
         motion, torque = self._model.motion_unit, self._model.torque_symbol
         stiffness, damping = self._slot(layout.STIFFNESS), self._slot(layout.MICRO_DAMPING)
+        if self._p[layout.DAMPING_VELOCITY] > 0.0:
+            damping = f"part * {damping}"
         self._note("LEAST_LEVEL", LEAST_SHARE * self._model["coulomb"], torque, "friction never falls below")
         self._note("LEAST_DEFLECTION", LEAST_DEFLECTION, motion, "its limit never falls below")
         self._note("LEAST_SLIP", LEAST_SLIP, "1", "less than this of the limit in a sample is no motion")
@@ -198,12 +207,14 @@ class _Frame:
     def _from_kernel(
         self, effect: int, kernel: Callable[..., Any], use: str, *arguments: Term | None
     ) -> Block:
+        return Block(f"{layout.EFFECT_NAMES[effect]}.", self._written(kernel, use, *arguments))
+
+    def _written(self, kernel: Callable[..., Any], use: str, *arguments: Term | None) -> str:
+        """A kernel's statements, and what its result is used for."""
         statements, result = Writer(self._constant, self._state).call(kernel, *arguments)
         target, _, formula = use.partition(" = ")
         tree = ast.parse(formula.format(f"({result})"), mode="eval")
-        return Block(
-            f"{layout.EFFECT_NAMES[effect]}.", f"{statements}\n{target} = {ast.unparse(tree)}".strip()
-        )
+        return f"{statements}\n{target} = {ast.unparse(tree)}".strip()
 
     def _slot(self, slot: int) -> str:
         return ast.unparse(self._constant(slot).node)
@@ -231,7 +242,7 @@ def _places(model: DriveModel) -> dict[int, tuple[str, str, str]]:
     """Name, unit and meaning by place in the vector of parameters."""
     motion = model.motion_unit
     found = {scale_slot(): (_SCALE, f"rad/{motion}", "angle of one cycle per turn or metre")}
-    owned: list[tuple[Kind | None, Any]] = [(None, parameter) for parameter in BASE]
+    owned: list[tuple[Kind | None, Any]] = [(None, parameter) for parameter in WHOLE_BASE]
     owned += [(kind, parameter) for kind in EFFECTS.values() for parameter in kind.parameters]
     for kind, parameter in owned:
         name = parameter.name if kind is None else kind.surface(parameter.name)

@@ -15,15 +15,17 @@ from autotune.models.lanes import anywhere, where
 from autotune.models.layout import (
     BREAK_AWAY,
     COULOMB,
+    DAMPING_TAIL,
+    DAMPING_VELOCITY,
     MICRO_DAMPING,
     OFFSET,
     STIFFNESS,
     STRIBECK_VELOCITY,
     VISCOUS,
 )
-from autotune.models.lugre import bristle_step, falling_level
+from autotune.models.lugre import bristle_step, faded_part, falling_level
 from autotune.models.reversal_memory import DAMPING, REMEMBERS, memory_damping, memory_torque
-from autotune.models.stribeck import EXPONENT, FALLS
+from autotune.models.stribeck import EXPONENT, FALLS, TAIL
 
 _torque = all_added("torque")
 _level, _level_factor = all_added("level"), all_multiplied("level_factor")
@@ -37,7 +39,7 @@ def friction_limit(p: Floats, on: Flags, state: Floats, position: float, velocit
     """g, the bristle's deflection in steady state [rad or m]."""
     level = float(p[COULOMB])
     if on[FALLS]:
-        level = falling_level(velocity, level, p[BREAK_AWAY], p[STRIBECK_VELOCITY], p[EXPONENT])
+        level = falling_level(velocity, level, p[BREAK_AWAY], p[STRIBECK_VELOCITY], p[EXPONENT], p[TAIL])
     level = _level(level, p, on, state, velocity)
     level = _level_factor(level, p, on, state, position)
     return float(max(max(level, LEAST_SHARE * p[COULOMB]) / p[STIFFNESS], LEAST_DEFLECTION))
@@ -48,6 +50,12 @@ def viscous_coefficient(p: Floats, on: Flags, state: Floats, velocity: float) ->
     """Viscous torque over velocity [N m s/rad]."""
     coefficient = _viscous(float(p[VISCOUS]), p, on, velocity)
     return _viscous_factor(coefficient, p, on, state)
+
+
+@compiled
+def bristle_damping(p: Floats, velocity: float) -> float:
+    """σ1 of the bristle at a speed [N m s/rad]."""
+    return float(p[MICRO_DAMPING] * faded_part(velocity, p[DAMPING_VELOCITY], p[DAMPING_TAIL]))
 
 
 @compiled
@@ -79,10 +87,11 @@ def remembered(p: Floats, on: Flags, state: Floats, position: float, displacemen
 
 
 @compiled
-def remembered_damping(p: Floats, on: Flags, state: Floats, displacement: float) -> float:
+def remembered_damping(p: Floats, on: Flags, state: Floats, displacement: float, velocity: float) -> float:
     """Damping of the hysteresis elements over a displacement, asked before they make it [N m s/rad]."""
     if on[REMEMBERS] and anywhere(p[DAMPING] > 0.0):
-        return memory_damping(p, state, displacement)
+        part = faded_part(velocity, p[DAMPING_VELOCITY], p[DAMPING_TAIL])
+        return part * memory_damping(p, state, displacement)
     return 0.0
 
 
@@ -93,7 +102,7 @@ def remembered_in_motion(
     """Torque of the hysteresis elements after a displacement, with their damping at its end [N m]."""
     if not on[REMEMBERS]:
         return 0.0
-    damping = remembered_damping(p, on, state, displacement)
+    damping = remembered_damping(p, on, state, displacement, velocity)
     return remembered(p, on, state, position, displacement) + damping * velocity
 
 
@@ -102,4 +111,4 @@ def damping_slope(p: Floats, bristle: float, velocity: float, limit: float) -> f
     """How much the bristle's damping torque grows with velocity [N m s/rad], at least 0."""
     size = abs(bristle) / limit
     ratio = where(bristle * velocity < 0.0, -size, size)
-    return float(max(p[MICRO_DAMPING] * (1.0 - ratio), 0.0))
+    return float(max(bristle_damping(p, velocity) * (1.0 - ratio), 0.0))

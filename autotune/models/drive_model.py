@@ -1,7 +1,8 @@
 """The model of one axis: an inertia, base friction, and a list of effects.
 
 Base parameters (motor side, SI): inertia J, viscous σ2, Coulomb F_c, stiffness at rest σ0, damping of
-the bristle σ1 (`micro_damping`) and offset F_g. Everything else is an effect.
+the bristle σ1 (`micro_damping`) and offset F_g. Where σ1 fades with speed the base has v_d, too (`damping_velocity`,
+`damping_tail`, see `lugre.faded_part`). Everything else is an effect.
 """
 
 from __future__ import annotations
@@ -34,7 +35,30 @@ BASE: tuple[Parameter, ...] = (
     Parameter("micro_damping", "N m s/rad", 0.0, 0.0, 1e12, "damping of that spring", layout.MICRO_DAMPING),
     Parameter("offset", "N m", 0.0, -1e9, 1e9, "constant torque: gravity, amplifier offset", layout.OFFSET),
 )
-_BASE_BY_NAME = {parameter.name: parameter for parameter in BASE}
+DAMPING_VELOCITY = Parameter(
+    "damping_velocity",
+    "rad/s",
+    0.0,
+    0.0,
+    1e9,
+    "speed at which that damping has fallen to 1/e; 0: the same at all speeds",
+    layout.DAMPING_VELOCITY,
+    optional=True,
+)
+DAMPING_TAIL = Parameter(
+    "damping_tail",
+    "1",
+    0.0,
+    0.0,
+    2.0,
+    "how it falls: 0 as exp(-(v/v_d)²), 1 as 1/(1 + (v/v_d)²)",
+    layout.DAMPING_TAIL,
+    optional=True,
+)
+FADING = (DAMPING_VELOCITY, DAMPING_TAIL)
+"""Of the base, where the damping in presliding fades with speed."""
+WHOLE_BASE = (*BASE, *FADING)
+_BASE_BY_NAME = {parameter.name: parameter for parameter in WHOLE_BASE}
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,10 +150,10 @@ class DriveModel:
     damping_error: float | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
-        wrong = set(self.base) ^ set(_BASE_BY_NAME)
+        wrong = (set(self.base) ^ set(_BASE_BY_NAME)) - ({p.name for p in FADING} - set(self.base))
         if wrong:
             raise ConfigurationError(
-                f"a drive model needs exactly the base parameters {', '.join(_BASE_BY_NAME)}; "
+                f"a drive model needs exactly the base parameters {', '.join(p.name for p in BASE)}; "
                 f"missing or unknown: {', '.join(sorted(wrong))}"
             )
         for name, value in self.base.items():
@@ -142,10 +166,15 @@ class DriveModel:
     @property
     def parameters(self) -> dict[str, Value]:
         """All values by their surface names (`stiffness`, `break_away`, `torque_ripple.order_1`)."""
-        table = {parameter.name: self.base[parameter.name] for parameter in BASE}
+        table = {parameter.name: self.base[parameter.name] for parameter in self._of_base}
         for effect in self.effects:
             table |= {effect.kind.surface(name): value for name, value in effect.values.items()}
         return table
+
+    @property
+    def _of_base(self) -> tuple[Parameter, ...]:
+        """Those of the base that this model has, in their order."""
+        return tuple(parameter for parameter in WHOLE_BASE if parameter.name in self.base)
 
     def __getitem__(self, surface: str) -> float:
         return self.parameters[surface].value
@@ -170,7 +199,7 @@ class DriveModel:
         """Vector and flags for the compiled routine."""
         p = np.zeros(layout.PARAMETERS)
         on = np.zeros(len(layout.EFFECT_NAMES), dtype=np.bool_)
-        for parameter in [*BASE, *(q for kind in EFFECTS.values() for q in kind.parameters)]:
+        for parameter in [*WHOLE_BASE, *(q for kind in EFFECTS.values() for q in kind.parameters)]:
             p[parameter.slot] = parameter.neutral
         p[scale_slot()] = 1.0 if self.motion_unit == "rad" else 2.0 * math.pi
         for surface, value in self.parameters.items():
@@ -199,8 +228,16 @@ class DriveModel:
             )
             for effect in self.effects
         )
-        base = MappingProxyType({parameter.name: table[parameter.name] for parameter in BASE})
+        base = MappingProxyType({parameter.name: table[parameter.name] for parameter in self._of_base})
         return replace(self, base=base, effects=effects)._after_change(values)
+
+    def with_fading(self, velocity: float, tail: float) -> DriveModel:
+        """The model with damping in presliding that fades with speed [rad/s or m/s]; 0: the same at all speeds."""
+        names = [parameter.name for parameter in FADING]
+        base = {key: value for key, value in self.base.items() if key not in names}
+        if velocity > 0.0:
+            base |= dict(zip(names, (Value(velocity), Value(tail)), strict=True))
+        return replace(self, base=MappingProxyType(base))
 
     def with_effect(self, effect: Effect) -> DriveModel:
         """The model with an effect added, or replaced if it is there."""

@@ -13,6 +13,7 @@ from autotune.models.compiled import compiled
 from autotune.models.contact import (
     additive,
     bend,
+    bristle_damping,
     friction_limit,
     remembered_in_motion,
     viscous_coefficient,
@@ -126,7 +127,7 @@ def required(
         before = v
         bend(p, on, state, BRISTLE, q, mean, period)
         rate = bristle_rate(state[BRISTLE], v, friction_limit(p, on, state, q, v))
-        friction = p[STIFFNESS] * state[BRISTLE] + p[MICRO_DAMPING] * rate
+        friction = p[STIFFNESS] * state[BRISTLE] + bristle_damping(p, v) * rate
         friction += viscous_coefficient(p, on, state, v) * v
         friction *= 1.0 - rub
         friction += remembered_in_motion(p, on, state, q, period * mean, v)

@@ -11,7 +11,11 @@ name in capitals. A new effect goes to the end, so that the places of the others
 from __future__ import annotations
 
 BASE = ("inertia", "viscous", "coulomb", "stiffness", "micro_damping", "offset")
-INERTIA, VISCOUS, COULOMB, STIFFNESS, MICRO_DAMPING, OFFSET, BREAK_AWAY, STRIBECK_VELOCITY = range(8)
+(
+    INERTIA, VISCOUS, COULOMB, STIFFNESS, MICRO_DAMPING, OFFSET, BREAK_AWAY, STRIBECK_VELOCITY, DAMPING_VELOCITY,
+    DAMPING_TAIL,
+) = range(10)  # fmt: skip
+BASE_PARAMETERS = 10
 
 EFFECT_NAMES = (
     "torque_ripple",
@@ -39,7 +43,7 @@ STATE_BLOCK = 16
 BASE_STATES = 8
 POSITION, VELOCITY, BRISTLE = range(3)
 
-PARAMETERS = 8 + BLOCK * len(EFFECT_NAMES)
+PARAMETERS = BASE_PARAMETERS + BLOCK * len(EFFECT_NAMES)
 STATES = BASE_STATES + STATE_BLOCK * len(EFFECT_NAMES)
 
 
@@ -50,7 +54,7 @@ def flag(effect: str) -> int:
 
 def block(effect: str) -> int:
     """First parameter of an effect."""
-    return 8 + BLOCK * flag(effect)
+    return BASE_PARAMETERS + BLOCK * flag(effect)
 
 
 def state_block(effect: str) -> int:

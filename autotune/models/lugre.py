@@ -1,7 +1,8 @@
 """The LuGre bristle and the shapes of steady-state friction.
 
 z' = v − |v|/g(v)·z (3.10), integrated exactly for constant velocity (5.8); friction is
-σ0·z + σ1·z' + σ2·v (3.9). Shapes of σ0·g(v): Table 2.1.
+σ0·z + σ1·z' + σ2·v (3.9). Shapes of σ0·g(v): Table 2.1. Where σ1 fades with speed it is σ1·exp(−(v/v_d)²)
+[canudas-1995], or σ1/(1 + (v/v_d)²): the contact is damped while it bends, and hardly while it slides.
 """
 
 from __future__ import annotations
@@ -29,6 +30,10 @@ SHAPES: tuple[Shape, ...] = (
 )
 
 
+NEVER = 1e30
+"""Speed at which damping fades that does not [rad/s or m/s]."""
+
+
 @compiled
 def gaussian_level(velocity: float, coulomb: float, break_away: float, stribeck_velocity: float) -> float:
     """Steady-state friction level σ0·g(v) of (3.5) [N m]."""
@@ -37,15 +42,40 @@ def gaussian_level(velocity: float, coulomb: float, break_away: float, stribeck_
 
 
 @compiled
-def falling_level(
-    velocity: float, coulomb: float, break_away: float, stribeck_velocity: float, exponent: float
-) -> float:
-    """Generalised exponential of Table 2.1: `gaussian_level` where the exponent is 2 [N m]."""
-    ratio = abs(velocity / stribeck_velocity)
+def fallen(velocity: float, speed: float, exponent: float, tail: float) -> float:
+    """How far a quantity has fallen from rest, 1 to 0: exp(−|v/v_s|^δ), and with a tail t (1 + t·|v/v_s|^δ)^(−1/t).
+
+    The second comes to the first as t goes to 0; with t = 1 it is the Lorentz curve (δ = 2) and the hyperbola (δ = 1).
+    """
+    ratio = abs(velocity / speed)
     fall = ratio * ratio
     if anywhere(exponent != 2.0):
         fall = where(exponent == 2.0, fall, ratio**exponent)
-    return coulomb + (break_away - coulomb) * math.exp(-fall)
+    left = math.exp(-fall)
+    if anywhere(tail > 0.0):
+        left = where(tail > 0.0, (1.0 + tail * fall) ** (-1.0 / where(tail > 0.0, tail, 1.0)), left)
+    return left
+
+
+@compiled
+def falling_level(
+    velocity: float, coulomb: float, break_away: float, stribeck_velocity: float, exponent: float, tail: float
+) -> float:
+    """Generalised exponential of Table 2.1, or what is between it and a hyperbola (`fallen`) [N m].
+
+    `gaussian_level` where the exponent is 2 and the tail 0.
+    """
+    return coulomb + (break_away - coulomb) * fallen(velocity, stribeck_velocity, exponent, tail)
+
+
+@compiled
+def faded_part(velocity: float, damping_velocity: float, tail: float) -> float:
+    """Part of the damping at rest that is left at a speed (`fallen`); 1 where `damping_velocity` is 0."""
+    part = 1.0 + 0.0 * velocity
+    if anywhere(damping_velocity > 0.0):
+        speed = where(damping_velocity > 0.0, damping_velocity, NEVER)
+        part = fallen(velocity, speed, 2.0 + 0.0 * speed, tail)
+    return part
 
 
 @compiled

@@ -34,7 +34,7 @@ from tomlkit.items import Table
 
 from autotune.core.configuration import Strict, read_toml, validate
 from autotune.core.errors import ConfigurationError
-from autotune.models.drive_model import BASE, SCHEMA_VERSION, DriveModel, HistoryEntry
+from autotune.models.drive_model import SCHEMA_VERSION, WHOLE_BASE, DriveModel, HistoryEntry
 from autotune.models.effect import Parameter, Value
 from autotune.models.reversal_memory import REVERSAL_MEMORY
 from autotune.models.table import effect_kind
@@ -78,6 +78,8 @@ class _File(Strict):
     stiffness: _Number
     micro_damping: _Number
     offset: _Number
+    damping_velocity: _Number | None = None
+    damping_tail: _Number | None = None
     standard_errors: _Sums = Field(default_factory=_Sums)
     effects: dict[str, dict[str, _Number]] = Field(default_factory=dict)
     history: list[_History] = Field(default_factory=list)
@@ -139,8 +141,9 @@ def model_text(model: DriveModel) -> str:
         document[key] = getattr(model, key)
     if model.torque_unit:
         document["torque_unit"] = model.torque_unit
-    for parameter in BASE:
-        document[parameter.name] = _number(model, parameter, model.base[parameter.name])
+    for parameter in WHOLE_BASE:
+        if parameter.name in model.base:
+            document[parameter.name] = _number(model, parameter, model.base[parameter.name])
     if _MEMORY in model and (sums := _sums(model)):
         document["standard_errors"] = sums
     if model.effects:
@@ -201,8 +204,10 @@ def _entry(entry: HistoryEntry) -> Table:
 
 def _model(file: _File) -> DriveModel:
     base: dict[str, Value] = {}
-    for parameter in BASE:
-        base[parameter.name] = _value(getattr(file, parameter.name), parameter, parameter.name, file)
+    for parameter in WHOLE_BASE:
+        number = getattr(file, parameter.name)
+        if number is not None:
+            base[parameter.name] = _value(number, parameter, parameter.name, file)
     effects = []
     for name, numbers in file.effects.items():
         kind = effect_kind(name)

@@ -16,6 +16,7 @@ from autotune.models.compiled import compiled
 from autotune.models.contact import (
     additive,
     bend,
+    bristle_damping,
     damping_slope,
     remembered,
     remembered_damping,
@@ -57,7 +58,7 @@ def rubbing(
     limit = bend(p, on, state, at, position, velocity, step)
     bristle = state[at]
     viscous = viscous_coefficient(p, on, state, velocity)
-    torque = p[STIFFNESS] * bristle + p[MICRO_DAMPING] * bristle_rate(bristle, velocity, limit)
+    torque = p[STIFFNESS] * bristle + bristle_damping(p, velocity) * bristle_rate(bristle, velocity, limit)
     torque += viscous * velocity
     return share * torque, share * (max(viscous, 0.0) + damping_slope(p, bristle, velocity, limit))
 
@@ -67,7 +68,7 @@ def one_mass(p: Floats, on: Flags, state: Floats, drive: float, step: float) -> 
     """One step of the rigid axis, in place."""
     position, velocity = state[POSITION], state[VELOCITY]
     friction, slope = rubbing(p, on, state, BRISTLE, 1.0, position, velocity, step)
-    damping = remembered_damping(p, on, state, step * velocity)
+    damping = remembered_damping(p, on, state, step * velocity, velocity)
     friction += remembered(p, on, state, position, step * velocity) + damping * velocity
     slope += damping
     outside = additive(p, on, position + 0.5 * step * velocity)
@@ -92,7 +93,7 @@ def two_masses(p: Floats, on: Flags, state: Floats, drive: float, step: float) -
     twist = position - beyond + 0.5 * step * (velocity - speed)
     passed = passed_torque(stiffness, damping, half, twist, velocity - speed)
     friction, slope = rubbing(p, on, state, BRISTLE, 1.0 - rub, position, velocity, step)
-    held = remembered_damping(p, on, state, step * velocity)
+    held = remembered_damping(p, on, state, step * velocity, velocity)
     friction += remembered(p, on, state, position, step * velocity) + held * velocity
     slope += held
     outside = additive(p, on, position + 0.5 * step * velocity)

@@ -10,6 +10,7 @@ from autotune.models.look_alikes import AT_STARTS, IN_SPEED, IN_TIME
 from autotune.models.start_values import StartContext, StartValues, Vary, at_first
 
 EXPONENT = block("stribeck")
+TAIL = EXPONENT + 1
 FALLS = flag("stribeck")
 
 
@@ -31,8 +32,8 @@ def starts(c: StartContext) -> Iterator[StartValues]:
 
 
 def free_shape(c: StartContext) -> StartValues:
-    """The exponent free: below 1 friction falls on far beyond the velocity, as a hyperbola does."""
-    return StartValues({}, {"stribeck_exponent": Vary(0.5, 0.5)})
+    """Exponent and tail free: all curves of Table 2.1, the hyperbola and what is between them (`falling_level`)."""
+    return StartValues({}, {"stribeck_exponent": Vary(0.5, 0.5), "stribeck_tail": Vary(0.5, 0.5)})
 
 
 STRIBECK = Kind(
@@ -45,6 +46,7 @@ STRIBECK = Kind(
         Parameter(
             "stribeck_exponent", "1", 2.0, 0.3, 4.0, "shape: 2 Gaussian, 1 exponential", EXPONENT, True
         ),
+        Parameter("stribeck_tail", "1", 0.0, 0.0, 2.0, "0 as its exponential, 1 as a hyperbola", TAIL, True),
     ),
     looks_like="Friction is highest just after starting and falls with speed; slow moves may stick and slip.",
     cause="Boundary lubrication: at low speed the lubricant film does not carry and surfaces touch.",

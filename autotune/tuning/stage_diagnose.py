@@ -205,7 +205,7 @@ def found_in(recordings: Sequence[Recording], model: DriveModel, when: str, sour
         twin=diagnosis.twin,
         notes=diagnosis.notes,
     )
-    found = found_model(diagnosis, model, when, source)
+    found = found_model(diagnosis, model, when, source) if diagnosis.effects else None
     return diagnosed if found is None else _with_model(diagnosed, found, model)
 
 

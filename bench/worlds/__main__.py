@@ -20,7 +20,7 @@ from typing import Any
 
 from bench.worlds.cases import Case, Wanted, batch_hash, draw_batch
 from bench.worlds.judge import judged
-from bench.worlds.names import LOOPS
+from bench.worlds.names import BASES, LOOPS
 from bench.worlds.table import lines_of, table
 
 PLURALS = {
@@ -50,6 +50,8 @@ def arguments() -> argparse.Namespace:
     )
     parser.add_argument("--cycle", nargs=2, type=float, default=(0.0, 1.0), metavar=("LEAST", "MOST"),
                         help="worlds recorded at these periods only [s]")  # fmt: skip
+    parser.add_argument("--base", default="", choices=BASES, help="worlds with this base, the rest as without it;\n"
+                        "a file of its own")  # fmt: skip
     return parser.parse_args()
 
 
@@ -74,7 +76,7 @@ def main() -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     given = arguments()
     cases = chosen(given)
-    wanted = Wanted(tuple(LOOPS.index(loop) for loop in given.loops), *given.cycle)
+    wanted = Wanted(tuple(LOOPS.index(loop) for loop in given.loops), *given.cycle, given.base)
     head = f"{len(cases)} cases, seed {given.seed}, sha256 {batch_hash(cases)}"
     sys.stdout.write(head + "\n")
     if given.hash:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.worlds import names, planting, sizes
-from bench.worlds.draw import draw_world
+from bench.worlds.draw import draw_world, with_base
 from bench.worlds.play import RanAway
 from bench.worlds.world import World
 
@@ -57,11 +57,16 @@ class Ready:
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """Which worlds are wanted: loops by number, and cycles of `least` to `most` seconds."""
+    """Which worlds are wanted: loops by number, cycles of `least` to `most` seconds, and which base they are given.
+
+    Sizes are those of the plain base, and so are all draws but the base's own; worlds in which noise hides the other
+    base are passed over.
+    """
 
     loops: tuple[int, ...] = (0, 1, 2)
     least: float = 0.0
     most: float = 1.0
+    base: str = ""
 
     def has(self, world: World) -> bool:
         loop = world.loop
@@ -111,7 +116,7 @@ def ready(case: Case, wanted: Wanted = ANY) -> Ready:
     )
     for attempt in itertools.islice(suiting, TRIES):
         try:
-            made = _attempt(case, attempt)
+            made = _attempt(case, attempt, wanted.base)
         except RanAway:
             continue
         if made is not None:
@@ -126,19 +131,21 @@ def _world_seed(case: Case) -> int:
     return 1_000_000_000 * (kind - STRIDE + 1) + case.seed * 100
 
 
-def _attempt(case: Case, attempt: int) -> Ready | None:
+def _attempt(case: Case, attempt: int, base: str) -> Ready | None:
     world = draw_world(_world_seed(case) + attempt)
     rng = np.random.default_rng([world.seed, 1403])
     if case.kind != "alien" and not set(case.truth) <= set(planting.possible(world)):
         return None
     world, noise = sizes.other_family(world, float(rng.uniform(0.0, 0.2)))
+    if base and sizes.share_of(world, with_base(world, base)) < noise:
+        return None
     ratios = []
     for name, law in case.effects:
         world, ratio = _planted(world, name, law, case.ratio, noise, rng)
         if abs(ratio / case.ratio - 1.0) > 2.0 * sizes.NEAR:
             return None
         ratios.append(ratio)
-    return Ready(case, world, tuple(ratios), noise, attempt)
+    return Ready(case, with_base(world, base), tuple(ratios), noise, attempt)
 
 
 def _planted(

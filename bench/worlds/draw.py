@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
+from bench.worlds import names
 from bench.worlds.names import CASCADE, HOST_PID
 from bench.worlds.world import Loop, Plant, Surroundings, World
 
@@ -41,6 +43,23 @@ def draw_world(seed: int, cycle: float | None = None) -> World:
         rng.uniform(0.6, 1.6), limit, resolution, current, half, top,
     )  # fmt: skip
     return World(seed, unit, plant, loop, _surroundings(rng, coulomb, limit), hard)
+
+
+def with_base(world: World, base: str) -> World:
+    """The world with another base (`names.BASES`), drawn from a stream of its own; the same where `base` is empty.
+
+    Where damping fades and where friction falls is of the order of a Stribeck velocity, as textbooks have it; damping
+    that fades is near the critical one at rest.
+    """
+    if not base:
+        return world
+    rng, plant = np.random.default_rng([world.seed, names.BASES.index(base), 1405]), world.plant
+    law, speed = int(rng.integers(2)) + 1, spread(rng, 0.004, 0.05) * plant.top_speed
+    if base == "fading":
+        micro = rng.uniform(0.3, 1.0) * 2.0 * math.sqrt(plant.inertia * plant.coulomb / plant.reach)
+        return replace(world, plant=replace(plant, micro=float(micro), fade_law=law, fade_speed=speed))
+    size = spread(rng, 0.08, 0.5) * plant.coulomb
+    return replace(world, plant=replace(plant, low_law=law, low_size=size, low_speed=speed, low_exponent=1.0))
 
 
 def _motion(rng: np.random.Generator, unit: str) -> tuple[float, float]:

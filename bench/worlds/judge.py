@@ -61,6 +61,12 @@ def _surroundings(made: Ready) -> Line:
         "travel": 2.0 * plant.travel,
         "other_family": round(plant.other, 3),
         "offset": round(plant.offset / plant.coulomb, 3),
+        "fading": [plant.fade_law, round(plant.fade_speed / plant.top_speed, 4)],
+        "falling": [
+            plant.low_law,
+            round(plant.low_speed / plant.top_speed, 4),
+            round(plant.low_size / plant.coulomb, 3),
+        ],
         "load": [round(plant.load_inertia, 2), round(plant.load_friction, 2)],
         "planted": [[p.name, p.law, *p.e[:4]] for p in world.planted],
         "waves": [list(wave) for p in world.planted for wave in p.waves],
@@ -76,7 +82,7 @@ def diagnosed(made: Ready) -> Line:
     began = time.process_time()
     line: Line = {"rows": len(taken), "seconds_recorded": round(len(taken) * taken.period, 1)}
     try:
-        fitted = autotune.fit(taken)
+        fitted = autotune.fit(taken, effects=["stribeck"] if made.world.plant.low_law else [])
         between = time.process_time()
         if fitted.model is None:
             return line | {"verdict": "refused", "why": fitted.reason, "cpu": round(between - began, 2)}

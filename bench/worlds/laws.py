@@ -51,6 +51,17 @@ def falling(law: int, e: np.ndarray, speed: float) -> float:
 
 
 @njit(cache=True)
+def faded(law: int, damping: float, at: float, speed: float) -> float:
+    """Damping of presliding at a speed. 1: Canudas de Wit and Åström's exponential; 2: a rational one."""
+    ratio = speed / at
+    if law == 1:
+        return damping * math.exp(-ratio * ratio)
+    if law == 2:
+        return damping / (1.0 + ratio * ratio)
+    return damping
+
+
+@njit(cache=True)
 def curved(law: int, e: np.ndarray, speed: float) -> float:
     """1: Eyring's film (asinh); 2: windage above a speed; 3: a film that shears off (hyperbola)."""
     size = abs(speed)

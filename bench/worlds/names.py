@@ -24,9 +24,11 @@ HOST_PID, CASCADE, DRIVE_PID = range(3)
 LOOPS = ("host_pid", "cascade", "drive_pid")
 (
     INERTIA, VISCOUS, COULOMB, REACH, MICRO, OFFSET, FAMILY, OTHER, SPREAD, POWER, LIMIT, RESOLUTION, CURRENT_TAU,
-    TRAVEL, TOP_SPEED, LOAD_INERTIA, LOAD_FRICTION,
-) = range(17)  # fmt: skip
-PLANT_SIZE = 17
+    TRAVEL, TOP_SPEED, LOAD_INERTIA, LOAD_FRICTION, FADE_LAW, FADE_SPEED, LOW_LAW, LOW_SIZE, LOW_SPEED, LOW_EXPONENT,
+) = range(23)  # fmt: skip
+PLANT_SIZE = 23
+BASES = ("fading", "falling")
+"""Other bases: damping of presliding that fades with speed; friction that falls with speed."""
 (KIND, KP, KD, KI, FILTER, SPEED_FEED, ACCEL_FEED, DEAD, SUBSAMPLE, CUBIC) = range(10)
 LOOP_SIZE = 10
 EFFECT_PARAMETERS = 10

@@ -17,6 +17,7 @@ from bench.worlds.laws import (
     aged,
     asymmetry,
     curved,
+    faded,
     falling,
     pressed,
     pulled,
@@ -37,6 +38,8 @@ from bench.worlds.names import (
     DRAG,
     DWELL,
     ELASTIC,
+    FADE_LAW,
+    FADE_SPEED,
     GAP,
     HUMP,
     IMBALANCE,
@@ -45,6 +48,8 @@ from bench.worlds.names import (
     LOAD,
     LOAD_FRICTION,
     LOAD_INERTIA,
+    LOW_LAW,
+    LOW_SIZE,
     MEMORY,
     MICRO,
     OFFSET,
@@ -97,6 +102,8 @@ def friction_level(
     level = p[COULOMB]
     if law[ASYMMETRY]:
         level *= 1.0 + asymmetry(law[ASYMMETRY], e[ASYMMETRY], v)
+    if p[LOW_LAW] > 0.0:
+        level += falling(int(p[LOW_LAW]), p[LOW_SIZE:], v)
     if law[STRIBECK]:
         level += falling(law[STRIBECK], e[STRIBECK], v)
     if law[DWELL]:
@@ -108,6 +115,17 @@ def friction_level(
     if alien == BREATHING:
         level *= 1.0 + odd[0] / p[COULOMB] * math.sin(odd[6] * s[6])
     return max(level / p[COULOMB], 0.05)
+
+
+@njit(cache=True)
+def micro(p: np.ndarray, v: float, rest: float) -> float:
+    """Damping of presliding at a speed; `rest`: part of the way to its level that the contact has yet to be bent.
+
+    It drives only where friction falls with speed in the base, as in the textbook's equation.
+    """
+    if rest < 0.0 and p[LOW_LAW] == 0.0:
+        return 0.0
+    return rest * faded(int(p[FADE_LAW]), p[MICRO], p[FADE_SPEED], v)
 
 
 @njit(cache=True)
@@ -155,7 +173,7 @@ def rigid(
     level = warm * friction_level(p, law, e, s, x, v, step, alien, odd)
     z = rub(p, s[MOTOR:], step * v, level)
     sign = 1.0 if v >= 0.0 else -1.0
-    damping = warm * p[VISCOUS] + p[MICRO] * max(1.0 - sign * z / level, 0.0)
+    damping = warm * p[VISCOUS] + micro(p, v, 1.0 - sign * z / level)
     beside = placed(p, law, e, waves, s, step, alien, odd)
     later = (p[INERTIA] * v + step * (drive + outer - p[COULOMB] * z - beside)) / (
         p[INERTIA] + step * damping
@@ -203,7 +221,7 @@ def coupled(
     level = warm * friction_level(p, law, e, s, s[0], s[1], step, alien, odd)
     z = rub(p, s[MOTOR:], step * s[1], level)
     sign = 1.0 if s[1] >= 0.0 else -1.0
-    damping = (1.0 - part) * (warm * p[VISCOUS] + p[MICRO] * max(1.0 - sign * z / level, 0.0))
+    damping = (1.0 - part) * (warm * p[VISCOUS] + micro(p, s[1], 1.0 - sign * z / level))
     beside = placed(p, law, e, waves, s, step, alien, odd) - p[OFFSET]
     inertia = p[INERTIA] * (1.0 - p[LOAD_INERTIA])
     pull = drive + outer - through - (1.0 - part) * p[COULOMB] * z - beside
@@ -211,7 +229,7 @@ def coupled(
     s[7] = (1.0 - part) * p[COULOMB] * z + damping * later
     z = rub(p, s[BEYOND:], step * s[3], level)
     sign = 1.0 if s[3] >= 0.0 else -1.0
-    damping = part * (warm * p[VISCOUS] + p[MICRO] * max(1.0 - sign * z / level, 0.0))
+    damping = part * (warm * p[VISCOUS] + micro(p, s[3], 1.0 - sign * z / level))
     inertia = p[INERTIA] * p[LOAD_INERTIA]
     beyond = (inertia * s[3] + step * (through - part * p[COULOMB] * z - p[OFFSET])) / (
         inertia + step * damping

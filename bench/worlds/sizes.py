@@ -117,6 +117,12 @@ def other_family(world: World, share: float) -> tuple[World, float]:
     return replace(world, plant=replace(world.plant, other=part)), floor
 
 
+def share_of(plain: World, other: World) -> float:
+    """Rms of the torque by which one world is unlike a base that is fitted to it, beyond another."""
+    what = training(plain)
+    return math.sqrt(max(left(other, what) ** 2 - left(plain, what) ** 2, 0.0))
+
+
 def sized(
     base: World,
     floor: float,

@@ -10,9 +10,9 @@ import pytest
 
 import autotune
 from bench.worlds import cases, names, planting
-from bench.worlds.draw import draw_world
+from bench.worlds.draw import draw_world, with_base
 from bench.worlds.hysteresis import rub
-from bench.worlds.laws import pulled
+from bench.worlds.laws import faded, pulled
 from bench.worlds.lone import changed
 from bench.worlds.names import EFFECTS, LAWS, RIPPLE, SPRING, STRIBECK
 from bench.worlds.plant import STATES, rigid
@@ -172,3 +172,22 @@ def test_a_second_file_is_taken_under_other_circumstances() -> None:
     assert 0.1 <= other.around.level / other.plant.coulomb <= 0.6
     with pytest.raises(ValueError, match="no change"):
         changed(world, "weather", np.random.default_rng(4))
+
+
+@pytest.mark.parametrize("base", names.BASES)
+def test_another_base_changes_no_other_draw(base: str) -> None:
+    for seed in range(20):
+        world = draw_world(seed)
+        other = with_base(world, base)
+        own = {"fading": ("micro", "fade_law", "fade_speed"), "falling": ("low_law", "low_size", "low_speed")}
+        as_before = {name: getattr(world.plant, name) for name in own[base]}
+        assert replace(other, plant=replace(other.plant, **as_before)) == world
+        assert other != world
+        assert with_base(world, "") is world
+    assert len(draw_world(1).plant.packed()) == names.PLANT_SIZE
+
+
+def test_damping_fades_to_its_share_at_its_speed() -> None:
+    assert faded(0, 2.0, 0.1, 5.0) == faded(1, 2.0, 0.1, 0.0) == 2.0
+    assert faded(1, 2.0, 0.1, -0.1) == pytest.approx(2.0 / math.e)
+    assert faded(2, 2.0, 0.1, 0.1) == pytest.approx(1.0)

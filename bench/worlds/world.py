@@ -22,6 +22,8 @@ class Plant:
         reach: way of the exponential bristle; `other`: share of another family (see `hysteresis`).
         offset: constant load (gravity, amplifier).
         current_tau: of the current loop [s].
+        fade_law, fade_speed: of the damping in presliding (see `laws.faded`); 0: the same at all speeds.
+        low_law, low_size, low_speed, low_exponent: of friction that falls with speed in the base (see `laws.falling`).
     """
 
     inertia: float
@@ -41,13 +43,20 @@ class Plant:
     top_speed: float
     load_inertia: float = 0.5
     load_friction: float = 0.0
+    fade_law: int = 0
+    fade_speed: float = 1.0
+    low_law: int = 0
+    low_size: float = 0.0
+    low_speed: float = 1.0
+    low_exponent: float = 1.0
 
     def packed(self) -> Floats:
         p = np.zeros(names.PLANT_SIZE)
         p[:] = [
             self.inertia, self.viscous, self.coulomb, self.reach, self.micro, self.offset, self.family, self.other,
             self.spread, self.power, self.limit, self.resolution, self.current_tau, self.travel, self.top_speed,
-            self.load_inertia, self.load_friction,
+            self.load_inertia, self.load_friction, self.fade_law, self.fade_speed, self.low_law, self.low_size,
+            self.low_speed, self.low_exponent,
         ]  # fmt: skip
         return p
 

@@ -8,7 +8,9 @@ motion with stiffness k_i until it carries its break-away torque W_i = k_i·d_i,
 LuGre bristle (Canudas de Wit et al. 1995), integrated exactly for a velocity that is constant during
 one integration step h:
 
-    ż = v − |v|·z/g(v),   g(v) = (S·F_c + C·(F_s − F_c)·exp(−(v/v_s)²))/σ0,   T = σ0·z + σ1·ż
+    ż = v − |v|·z/g(v),   g(v) = (S·F_c + C·(F_s − F_c)·exp(−|v/v_s|^δ))/σ0,   T = σ0·z + σ1·ż
+
+σ1 may fade with speed, σ1·exp(−(v/v_d)²) (the same paper).
 
 S and C say how strong the contact is: 1 on the nominal axis, varied by planted effects (`strength`).
 Each function is called once per integration step; `side` is 0 for the motor and 1 for the load.
@@ -83,12 +85,17 @@ def bend(
     damping = p.bristle_damping
     if v != 0.0:
         direction = math.copysign(1.0, v)
-        excess = (p.bristle_break_away - p.bristle_coulomb) * math.exp(-((v / p.bristle_velocity) ** 2))
+        fall = (v / p.bristle_velocity) ** 2
+        if p.bristle_exponent != 2.0:
+            fall = abs(v / p.bristle_velocity) ** p.bristle_exponent
+        excess = (p.bristle_break_away - p.bristle_coulomb) * math.exp(-fall)
         torque = (1.0 + direction * p.asymmetry) * (level * p.bristle_coulomb + scale * excess)
         g = torque / p.bristle_stiffness
         decay = math.exp(-abs(v) * h / g)
         z = old * decay + direction * g * (1.0 - decay)
         damping *= max(1.0 - direction * z / g, 0.0)
+        if p.bristle_fading_velocity > 0.0:
+            damping *= math.exp(-((v / p.bristle_fading_velocity) ** 2))
     s.bristle_state[side] = z
     s.elastic[side] += share * p.bristle_stiffness * z
     s.damping[side] += share * damping

@@ -53,13 +53,19 @@ class Element:
 
 @dataclass(frozen=True, slots=True)
 class Bristle:
-    """LuGre bristle: F_c, F_s [N m], v_s [rad/s], σ0 [N m/rad], σ1 [N m s/rad]."""
+    """LuGre bristle: F_c, F_s [N m], v_s [rad/s], σ0 [N m/rad], σ1 [N m s/rad].
+
+    `fading_velocity`: v_d of σ1·exp(−(v/v_d)²) [rad/s]; 0: σ1 is the same at all speeds. `exponent`: δ of
+    exp(−|v/v_s|^δ), by which F_s falls to F_c.
+    """
 
     coulomb: float
     break_away: float
     velocity: float
     stiffness: float
     damping: float
+    fading_velocity: float = 0.0
+    exponent: float = 2.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -106,7 +106,7 @@ def test_a_law_is_told_beside_an_ordinary_delay_of_its_torque(late: float, most:
 def _asked_again(
     data: Prepared, law: PositionController | None, rough: PositionController | None
 ) -> tuple[Problem, Problem]:
-    """The problem with a law, and as it is asked beside the model that fits these data, of the true law and a late one."""
+    """The problem with a law, and as told beside the model that fits these data: of the true law and a late one."""
     plain = plain_fit(data, base_model(AXIS).pack(), POLICY)
     known = Told(data, (LAW, LATE))
     problem = replace(plain.problem, controller=law, rough=rough, told=known, disturbance=STILL)

@@ -46,6 +46,7 @@ VALUES: Mapping[str, Mapping[str, float]] = {
     "torque_lag": {"time_constant": 8e-4},
 }  # fmt: skip
 SHAPES: Mapping[str, Mapping[str, float]] = {
+    "stribeck": {"stribeck_tail": 0.8},
     "direction_asymmetry": {"width": 0.05, "fast": 0.02, "fast_width": 1.0},
     "nonlinear_viscous": {"film_1": 0.03, "film_speed_1": 0.2, "fan_1": 0.002, "fan_speed_1": 2.0},
     "position_dependent_friction": {"from": -1.0, "step": 1.0, "rise_1": 0.2, "rise_3": -0.1},
@@ -53,6 +54,8 @@ SHAPES: Mapping[str, Mapping[str, float]] = {
     "spring": {"from": -0.5, "step": 0.5, "ramp_1": 0.02, "ramp_3": 0.05},
 }
 """What an effect by another law has beside its own."""
+FADING = {"damping_velocity": 0.2, "damping_tail": 0.6}
+"""Of a base whose damping in presliding fades with speed."""
 COMPILERS = [name for name in ("gcc", "clang") if shutil.which(name)]
 WARNINGS = [
     "-std=c99",
@@ -97,9 +100,17 @@ def everything(motion_unit: str = "rad") -> DriveModel:
     return with_effects(*FED_FORWARD, motion_unit=motion_unit)
 
 
+def fading(*names: str) -> DriveModel:
+    """A model with these effects whose damping in presliding fades with speed."""
+    model = base_model({**NUMBERS, **FADING})
+    for name in names:
+        model = model.with_effect(EFFECTS[name].make(VALUES[name]))
+    return model
+
+
 def shaped() -> DriveModel:
-    """A model of effects by laws of their own course."""
-    model = base_model(NUMBERS)
+    """A model of effects by laws of their own course, and so its base."""
+    model = fading()
     for name, shape in SHAPES.items():
         model = model.with_effect(EFFECTS[name].make({**VALUES[name], **shape}))
     return model

@@ -24,9 +24,11 @@ from .support import (
     H,
     a_compiler,
     everything,
+    fading,
     proved,
     python_torque,
     random_motion,
+    shaped,
     with_effects,
     write,
 )
@@ -63,9 +65,15 @@ def test_random_motion_gives_the_torque_of_the_python_feedforward(tmp_path: Path
     assert np.std(expected) > 0.1  # there was something to compare
 
 
-@pytest.mark.parametrize("effect", [*FED_FORWARD, "none", "proved"])
+@pytest.mark.parametrize("effect", [*FED_FORWARD, "none", "proved", "fading", "shaped"])
 def test_every_effect_alone_is_the_same(tmp_path: Path, effect: str) -> None:
-    model = {"none": with_effects(), "proved": proved(3)}.get(effect) or with_effects(effect)
+    own = {
+        "none": with_effects(),
+        "proved": proved(3),
+        "fading": fading("reversal_memory"),
+        "shaped": shaped(),
+    }
+    model = own.get(effect) or with_effects(effect)
     motion = random_motion(5_000, 3)
     assert np.max(np.abs(compiled(model, tmp_path).torque(motion) - python_torque(model, motion))) < SAME
 

@@ -50,6 +50,7 @@ VALUES: dict[str, dict[str, float]] = {
     "encoder_eccentricity": {"sin": 5e-3, "cos": -3e-3},
 }  # fmt: skip
 SHAPED: dict[str, dict[str, float]] = {
+    "stribeck": {"break_away": 0.45, "stribeck_velocity": 0.1, "stribeck_exponent": 1.2, "stribeck_tail": 1.0},
     "direction_asymmetry": {"coulomb": 0.04, "viscous": 0.0, "width": 0.05, "fast": 0.02, "fast_width": 1.0},
     "nonlinear_viscous": {
         "torque": 0.01, "exponent": 0.66, "knee": 0.05, "film_1": 0.03, "film_speed_1": 0.2, "fan_1": 0.002,

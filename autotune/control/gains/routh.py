@@ -15,8 +15,9 @@ import numpy as np
 from autotune.control.gains.loop import Gains
 from autotune.core.arrays import Floats
 from autotune.models.drive_model import DriveModel
-from autotune.models.lugre import falling_level
-from autotune.models.stribeck import EXPONENT, STRIBECK
+from autotune.models.layout import DAMPING_TAIL, DAMPING_VELOCITY
+from autotune.models.lugre import faded_part, falling_level
+from autotune.models.stribeck import EXPONENT, STRIBECK, TAIL
 from autotune.models.total_friction import damping_at_rest, stiffness_at_rest, total_friction
 
 SPEEDS = 60
@@ -34,11 +35,19 @@ class Bristle:
     break_away: float
     stribeck_velocity: float
     exponent: float = 2.0
+    tail: float = 0.0
+    damping_velocity: float = 0.0
+    damping_tail: float = 0.0
 
     def level(self, speed: float) -> float:
         """g(v), the deflection in steady sliding [rad]."""
-        force = falling_level(speed, self.coulomb, self.break_away, self.stribeck_velocity, self.exponent)
+        shape = (self.stribeck_velocity, self.exponent, self.tail)
+        force = falling_level(speed, self.coulomb, self.break_away, *shape)
         return float(force) / self.stiffness
+
+    def damping(self, speed: float) -> float:
+        """σ1 at a speed [N m s/rad]."""
+        return self.micro_damping * float(faded_part(speed, self.damping_velocity, self.damping_tail))
 
     def slope(self, speed: float) -> float:
         """g'(v) by central differences, exact enough for a smooth curve [s]."""
@@ -50,6 +59,7 @@ def bristle_of(model: DriveModel) -> Bristle:
     """All friction in one bristle, as chapter 4 has it."""
     level = total_friction(model).value
     falls = STRIBECK.name in model
+    p = model.pack().p
     excess = model["break_away"] - model["coulomb"] if falls else 0.0
     return Bristle(
         model["inertia"],
@@ -59,13 +69,16 @@ def bristle_of(model: DriveModel) -> Bristle:
         max(level, 1e-12),
         max(level + excess, 1e-12),
         model["stribeck_velocity"] if falls else 1.0,
-        float(model.pack().p[EXPONENT]) if falls else 2.0,
+        float(p[EXPONENT]) if falls else 2.0,
+        float(p[TAIL]) if falls else 0.0,
+        float(p[DAMPING_VELOCITY]),
+        float(p[DAMPING_TAIL]),
     )
 
 
 def jacobian(axis: Bristle, kp: float, kv: float, speed: float) -> Floats:
     """Of (4.4) about constant speed v0 > 0: (4.12) with its second row divided by J as a whole; shape (3, 3)."""
-    g, slope = axis.level(speed), axis.slope(speed)
+    g, slope, damping = axis.level(speed), axis.slope(speed), axis.damping(speed)
     falling = speed * slope / g
     rate = speed / g
     return np.array(
@@ -73,8 +86,8 @@ def jacobian(axis: Bristle, kp: float, kv: float, speed: float) -> Floats:
             [0.0, 1.0, 0.0],
             [
                 -kp / axis.inertia,
-                -(kv + axis.viscous + axis.micro_damping * falling) / axis.inertia,
-                (axis.stiffness - axis.micro_damping * rate) / axis.inertia,
+                -(kv + axis.viscous + damping * falling) / axis.inertia,
+                (axis.stiffness - damping * rate) / axis.inertia,
             ],
             [0.0, -falling, -rate],
         ]
@@ -89,7 +102,7 @@ def routh_stable(axis: Bristle, kp: float, kv: float, speed: float) -> bool:
     g = axis.level(speed)
     rate, falling = speed / g, speed * axis.slope(speed) / g
     a = axis.inertia
-    b = a * rate + kv + axis.viscous + axis.micro_damping * falling
+    b = a * rate + kv + axis.viscous + axis.damping(speed) * falling
     c = (kv + axis.viscous) * rate + axis.stiffness * falling
     # Routh's table of a s³ + b s² + (c + kp) s + kp·rate
     return b > 0.0 and kp > 0.0 and b * (c + kp) > a * kp * rate
@@ -101,7 +114,7 @@ def least_damping(axis: Bristle, fastest: float) -> float:
     for speed in np.geomspace(1e-4 * fastest, fastest, SPEEDS):
         g = axis.level(float(speed))
         falling = float(speed) * axis.slope(float(speed)) / g
-        asymptote = -axis.micro_damping * falling  # x_a < 0 (4.14)
+        asymptote = -axis.damping(float(speed)) * falling  # x_a < 0 (4.14)
         pole = -axis.stiffness * axis.slope(float(speed))  # c ≥ 0
         needs.append(max(asymptote, pole))
     return max(needs)

@@ -1,0 +1,98 @@
+"""Laws that textbooks have in the base: found where the data ask for them, told, and never named."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from autotune.diagnosis.found_model import found_model
+from autotune.diagnosis.verdict import Diagnosis, diagnose
+from autotune.estimation.least_squares import standard_errors
+from autotune.models.drive_model import DriveModel, base_model
+from autotune.models.stribeck import STRIBECK
+from autotune.recordings.recording import Recording
+from autotune_sim.plant import Bristle
+from tests.support.axes import NOMINAL, plain_axis
+from tests.support.diagnosis_programme import play
+
+DAMPED = 0.3
+"""Of critical damping at rest: with less nobody sees whether it fades."""
+ERRORS = 3.0
+"""Standard errors within which what is true must lie: one chance in four hundred."""
+
+
+def axis_and_recording(seed: int, effects: dict[str, float], **bristle: float) -> tuple[Bristle, Recording]:
+    """The contact of a plain axis with another base, and the diagnosis programme played on it."""
+    axis = plain_axis(seed, effects)
+    own = axis.plant.bristle
+    assert own is not None
+    damping = DAMPED * 2.0 * math.sqrt(own.stiffness * axis.plant.inertia)
+    own = replace(own, damping=damping, **bristle)
+    return own, play(replace(axis, plant=replace(axis.plant, bristle=own)), seed)
+
+
+def known_within(found: Diagnosis) -> dict[str, tuple[float, float]]:
+    """Value and standard error of what is free in the base."""
+    root, problem = found.root, found.problem
+    assert root is not None
+    assert problem is not None
+    errors = standard_errors(root.fitted, problem.training)
+    names = [one.name for one in root.free]
+    return dict(zip(names, zip(root.fitted.values, errors, strict=True), strict=True))
+
+
+@pytest.mark.slow(12)
+def test_damping_that_fades_is_a_law_of_the_base_and_its_speed_comes_back() -> None:
+    true, recording = axis_and_recording(43, {}, fading_velocity=0.3)
+    found = diagnose([recording], base_model(NOMINAL))
+    assert (found.verdict, found.effects) == ("none", ())
+    assert any("fades with speed" in note for note in found.notes)
+    known = known_within(found)
+    for name, value in (("damping_velocity", true.fading_velocity), ("micro_damping", true.damping)):
+        assert abs(known[name][0] - value) < ERRORS * known[name][1]
+    assert known["damping_velocity"][1] < 0.1 * true.fading_velocity
+    made = found_model(found, base_model(NOMINAL), "2024-05-01", "bench")
+    assert made is not None
+    assert made.error_after < 0.9 * made.error_before
+    assert made.model["damping_velocity"] == pytest.approx(known["damping_velocity"][0])
+    assert diagnose([recording], made.model).base == ()
+
+
+@pytest.mark.slow(12)
+def test_an_effect_is_named_beside_it() -> None:
+    true, recording = axis_and_recording(47, {"torque_lag": 5e-4}, fading_velocity=0.2)
+    found = diagnose([recording], base_model(NOMINAL))
+    assert (found.verdict, found.effects) == ("named", ("torque_lag",))
+    value, error = known_within(found)["damping_velocity"]
+    assert abs(value - true.fading_velocity) < 0.5 * true.fading_velocity + ERRORS * error
+
+
+@pytest.mark.slow
+def test_damping_that_does_not_fade_stays_as_it_is() -> None:
+    _, recording = axis_and_recording(42, {})
+    found = diagnose([recording], base_model(NOMINAL))
+    assert (found.verdict, found.base) == ("none", ())
+    assert "damping_velocity" not in known_within(found)
+    assert found_model(found, base_model(NOMINAL), "2024-05-01", "bench") is None
+
+
+def falling(bristle: Bristle) -> DriveModel:
+    """A model whose base has Stribeck friction, by the Gaussian curve."""
+    values = {"break_away": 1.2 * NOMINAL["coulomb"], "stribeck_velocity": bristle.velocity}
+    return base_model(NOMINAL).with_effect(STRIBECK.make(values))
+
+
+@pytest.mark.slow(12)
+def test_friction_in_the_base_that_falls_by_another_curve_is_shaped_first() -> None:
+    true, recording = axis_and_recording(44, {}, break_away=0.33, exponent=1.0)
+    found = diagnose([recording], falling(true))
+    assert (found.verdict, found.effects) == ("none", ())
+    assert any("another curve" in note for note in found.notes)
+    known = known_within(found)
+    for name, value in (("stribeck_exponent", 1.0), ("break_away", true.break_away)):
+        assert abs(known[name][0] - value) < ERRORS * known[name][1] + 0.02 * value
+    made = found_model(found, falling(true), "2024-05-01", "bench")
+    assert made is not None
+    assert made.model["stribeck_exponent"] == pytest.approx(known["stribeck_exponent"][0])

@@ -1,0 +1,152 @@
+"""Damping in presliding that fades with speed, and the curves by which friction falls: in every form of the model."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from autotune.control.model_feedforward import ModelFeedforward, beyond_lugre, torque_along
+from autotune.core.errors import ConfigurationError
+from autotune.models import layout
+from autotune.models.drive_model import DriveModel, base_model
+from autotune.models.inverse import required, required_in_lanes
+from autotune.models.lanes import WIDTH, filled
+from autotune.models.lugre import faded_part, fallen, falling_level, level
+from autotune.models.model_file import model_text, read_model, write_model
+from autotune.models.plant import simulate, simulate_in_lanes, substeps_for
+from autotune.models.table import EFFECTS
+from tests.models.test_effects import NUMBERS, VALUES
+
+PERIOD, ROWS = 1e-3, 400
+TIME = PERIOD * np.arange(ROWS)
+POSITION = 0.02 * np.sin(2.0 * math.pi * 7.0 * TIME) + 0.01 * np.sin(2.0 * math.pi * 23.0 * TIME)
+GAINS = np.array([8.0, 0.05, 20.0, 0.5])
+speeds = st.floats(1e-4, 10.0)
+
+
+def fading(velocity: float = 0.1, tail: float = 0.0, memory: bool = False) -> DriveModel:
+    model = base_model({**NUMBERS, "damping_velocity": velocity, "damping_tail": tail})
+    return model.with_effect(EFFECTS["reversal_memory"].make(VALUES["reversal_memory"])) if memory else model
+
+
+@given(v=st.floats(-100.0, 100.0), at=speeds, tail=st.floats(0.0, 2.0), more=st.floats(1.0, 10.0))
+def test_damping_is_whole_at_rest_and_falls_with_speed_alike_in_both_directions(v, at, tail, more) -> None:
+    part = faded_part(v, at, tail)
+    assert faded_part(0.0, at, tail) == 1.0
+    assert 0.0 <= faded_part(more * v, at, tail) <= part <= 1.0
+    assert faded_part(-v, at, tail) == part
+    assert faded_part(v, 0.0, tail) == 1.0
+
+
+@given(v=st.floats(0.0, 100.0), at=speeds)
+def test_the_tail_leads_from_the_exponential_to_the_rational_law(v, at) -> None:
+    ratio = (v / at) ** 2
+    assert faded_part(v, at, 0.0) == pytest.approx(math.exp(-ratio), abs=1e-12)
+    assert faded_part(v, at, 1.0) == pytest.approx(1.0 / (1.0 + ratio), rel=1e-9)
+    assert faded_part(v, at, 1e-6) == pytest.approx(math.exp(-ratio), abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("shape", "exponent", "tail"),
+    [("exponential", 1.0, 0.0), ("gaussian", 2.0, 0.0), ("lorentzian", 2.0, 1.0)],
+)
+def test_all_curves_of_table_21_are_one(shape, exponent, tail) -> None:
+    velocity = np.linspace(-2.0, 2.0, 81)
+    found = [falling_level(v, 0.3, 0.4, 0.2, exponent, tail) for v in velocity]
+    np.testing.assert_allclose(found, level(shape, velocity, 0.3, 0.4, 0.2), rtol=1e-12)
+    assert fallen(0.2, 0.2, 1.0, 1.0) == pytest.approx(0.5)  # the hyperbola
+
+
+def _moved(model: DriveModel) -> tuple[np.ndarray, np.ndarray]:
+    """Position and torque of the model in closed loop."""
+    packed, still = model.pack(), np.zeros(ROWS)
+    position, torque = np.empty((2, ROWS))
+    loop = np.array([PERIOD, 10.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    steps = 4 * substeps_for(packed.p, PERIOD, packed.on)
+    done = simulate(
+        packed.p, packed.on, np.zeros(layout.STATES), GAINS, loop, True, steps, POSITION, still, still, still, position,
+        torque,
+    )  # fmt: skip
+    assert done == ROWS
+    return position, torque
+
+
+def _needed(model: DriveModel, position: np.ndarray) -> np.ndarray:
+    velocity = np.gradient(position, PERIOD)
+    acceleration = np.zeros(ROWS)
+    acceleration[1:-1] = np.diff(position, 2) / PERIOD**2
+    return model.torque(position, velocity, acceleration, PERIOD)
+
+
+@pytest.mark.parametrize("tail", [0.0, 1.0])
+@pytest.mark.parametrize("memory", [False, True])
+def test_the_inverse_gives_back_the_torque(memory: bool, tail: float) -> None:
+    model = fading(tail=tail, memory=memory)
+    position, torque = _moved(model)
+    acted = 0.5 * (torque + np.roll(torque, 1))
+    rows = slice(20, -5)
+    right = np.std((_needed(model, position) - acted)[rows])
+    plain = fading(velocity=0.0, memory=memory)
+    assert np.std((_needed(plain, position) - acted)[rows]) > 3.0 * right
+
+
+@pytest.mark.parametrize("memory", [False, True])
+def test_eight_models_in_one_pass_are_each_as_alone(memory: bool) -> None:
+    """With and without fading, by both laws."""
+    models = [fading(0.05 * lane, 0.5 * (lane % 3), memory).pack() for lane in range(WIDTH)]
+    velocity = np.gradient(POSITION, PERIOD)
+    motion = POSITION, velocity, np.gradient(velocity, PERIOD)
+    found, still = np.empty((ROWS, WIDTH)), np.zeros(ROWS)
+    table, on = filled([one.p for one in models]), models[0].on
+    required_in_lanes(
+        table, on, np.zeros((layout.STATES, WIDTH)), *(part[None] for part in motion), PERIOD, 1, found
+    )
+    position, torque = np.empty((2, WIDTH, ROWS))
+    loop = np.array([PERIOD, 3.0, 1e-4, 0.0, 0.0, 0.0, 0.0])
+    steps = max(substeps_for(one.p, PERIOD, one.on) for one in models)
+    nothing = np.zeros((WIDTH, ROWS))
+    done = simulate_in_lanes(
+        table, on, np.zeros((layout.STATES, WIDTH)), GAINS, filled([loop.copy() for _ in models]), True, steps,
+        POSITION[None], still[None], nothing, nothing, position, torque,
+    )  # fmt: skip
+    assert done == ROWS
+    for lane, one in enumerate(models):
+        alone, moved, asked = np.empty((3, ROWS))
+        required(one.p, on, np.zeros(layout.STATES), *motion, PERIOD, 1, alone)
+        np.testing.assert_allclose(found[:, lane], alone, rtol=0.0, atol=1e-10)
+        simulate(
+            one.p, on, np.zeros(layout.STATES), GAINS, loop.copy(), True, steps, POSITION, still, still, still, moved,
+            asked,
+        )  # fmt: skip
+        np.testing.assert_allclose(position[lane], moved, rtol=0.0, atol=1e-10)
+
+
+def test_a_model_file_holds_it_only_where_the_model_has_it(tmp_path: Path) -> None:
+    path = tmp_path / "model.toml"
+    for model in (fading(0.1, 0.7), base_model(NUMBERS, motion_unit="m"), fading(memory=True)):
+        write_model(model, path)
+        assert read_model(path) == model
+    assert "damping_velocity" not in model_text(base_model(NUMBERS))
+    assert fading().unit("damping_velocity") == "rad/s"
+    assert fading(0.1).with_fading(0.0, 0.0) == base_model(NUMBERS)
+    assert base_model(NUMBERS).with_fading(0.1, 0.7) == fading(0.1, 0.7)
+    with pytest.raises(ConfigurationError, match="damping_velocity"):
+        fading(-0.1)
+
+
+def test_a_feedforward_plays_it_and_says_that_the_plain_one_does_not() -> None:
+    model, law = fading(), ModelFeedforward(fading(), PERIOD)
+    velocity = np.gradient(POSITION, PERIOD)
+    acceleration = np.gradient(velocity, PERIOD)
+    law.prepare()
+    stepped = np.array([law.step(*row, None) for row in zip(POSITION, velocity, acceleration, strict=True)])
+    along = torque_along(model, POSITION, velocity, acceleration, PERIOD)
+    plain = torque_along(base_model(NUMBERS), POSITION, velocity, acceleration, PERIOD)
+    assert np.std(stepped - along) < 0.3 * np.std(stepped - plain)
+    assert beyond_lugre(model) == ("damping_velocity",)
+    assert beyond_lugre(base_model(NUMBERS)) == ()
