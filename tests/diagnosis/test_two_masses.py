@@ -39,15 +39,22 @@ def begun(recorded) -> Begun:
 
 @pytest.mark.slow(5)
 def test_the_fit_comes_as_low_as_the_truth(begun: Begun) -> None:
-    """With the bias held during a fit it could end at twice the true model's error, and backlash looked better."""
+    """With the bias held during a fit it could end at twice the true model's error, and backlash looked better.
+
+    On what was never fitted it is neither better nor worse. Where the axis creeps the truth's own twin sticks elsewhere
+    than the axis did, by chance, and a fit does not: there the truth is no lower bound.
+    """
     problem, root, nominal = begun
     found = inside_twin(problem, root, root, screen(problem, RepeatedProgramme(), root, nominal, EFFECT))
     packed = true_model(plain_axis(SEED, {EFFECT: MEDIUM[EFFECT]}).plant, (EFFECT,)).pack()
     true = residual(problem.data, packed, problem.moved) - problem.correction(packed, SHARP).bias
-    alike = replace(problem, weight=np.ones_like(problem.weight))
-    own, least = (alike.mean_square(error, TRAINING) for error in (found.model_fit.fitted.error, true))
     assert found.named
-    assert 0.7 < own / least < 1.15  # the noise of both biases is below a tenth
+    roles = {
+        role: problem.mean_square(found.model_fit.fitted.error, role) / problem.mean_square(true, role)
+        for role in (TRAINING, VETO, TEST)
+    }
+    assert roles[TRAINING] < 1.15  # the noise of both biases is below a tenth
+    assert all(0.7 < roles[role] < 1.15 for role in (VETO, TEST)), roles
 
 
 @pytest.mark.slow(5)
