@@ -14,7 +14,7 @@ from autotune.diagnosis.screening import screen
 from autotune.diagnosis.verdict import diagnose
 from autotune.estimation.bandwidth import prepared_for
 from autotune.estimation.bias_corrected_fit import SHARP, ModelFit
-from autotune.estimation.data import TRAINING, prepare
+from autotune.estimation.data import TEST, TRAINING, VETO, prepare
 from autotune.estimation.least_squares import fit
 from autotune.estimation.problem import LEAST_WEIGHT, Problem, by_steadiness, new_problem
 from autotune.estimation.residual import residual
