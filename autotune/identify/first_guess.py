@@ -163,12 +163,26 @@ def _slow(
     if terms.scale == 1.0:
         kinds.insert(0, replace(terms, orders=(1.0, *terms.orders)))
     looked = [(kind, _with_place(plain, pieces, bands, kind)) for kind in kinds]
+    looked = [one for one in looked if not (one[0].gravity and _heavier_than_seen(*one))]
+    if not looked:
+        return None
     left = [held_out_error(_best(found).parts) for _, found in looked]
     chosen = int(np.argmin(left))
     if left[chosen] > (1.0 - LEAST_GAIN) * held_out_error(_best(trials).parts):
         return None
     alike = len(left) > 1 and max(left) <= ALIKE * min(left)
     return replace(looked[chosen][0], spring_like=alike), looked[chosen][1]
+
+
+def _heavier_than_seen(terms: PlaceTerms, trials: list[_Trial]) -> bool:
+    """Whether gravity would be more than any torque that was recorded, but for an offset that balances it.
+
+    Over a small part of a turn sine, cosine and offset are one another; what bends there by another cause is then a
+    difference of large torques, from which no refinement comes back.
+    """
+    best = _best(trials)
+    sine, cosine = best.solution[-terms.count :][:2]
+    return math.hypot(sine, cosine) > float(np.max(np.abs(best.target)))
 
 
 def _waves(
