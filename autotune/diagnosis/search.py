@@ -445,7 +445,7 @@ class _Search:
         if self.evidence.repeats and (root is not None or self.chosen is None):
             left = problem.mean_square((root or self.root).fitted.error, TRAINING)
             worth &= best.training.fall >= policy.least_gain * left
-        if self.evidence.repeats and problem.twin:
+        if self.evidence.repeats and problem.twin and not self._remembers(best):
             again = again_explained(problem, before, best.model_fit)
             worth &= again >= LEAST_AGAIN * beside.fall
         if root is None and self.chosen is not None:
@@ -454,6 +454,15 @@ class _Search:
             if problem.has(VETO):
                 worth &= explained_beside(problem, before, best.model_fit, VETO).fall > 0.0
         return worth
+
+    def _remembers(self, best: FittedCandidate) -> bool:
+        """Whether an effect that has another past in every repeat explains them all: it need not come again.
+
+        A memory that spans a part of the travel lowered the error by 70 % on experiments held out and all of it on the
+        veto, and nothing of what repeats share. What swallows noise does not know it beforehand.
+        """
+        sure = best.named and best.veto is not None and best.gain >= self.problem.policy.clear_gain
+        return sure and EFFECTS[best.effect].approximate
 
     def _take(self, best: FittedCandidate) -> FittedCandidate:
         """Makes it the chosen model, at its best."""

@@ -19,7 +19,7 @@ from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.diagnosis.evidence.single import SingleRecording
 from autotune.diagnosis.evidence.time_driven import TimeLine, without_line
 from autotune.diagnosis.found_model import torque_late
-from autotune.diagnosis.search import again_explained
+from autotune.diagnosis.search import _Search, again_explained
 from autotune.diagnosis.wording import torque_path_notes
 from autotune.estimation import disturbance_estimate
 from autotune.estimation.alignment import behind_current_loop, shifted
@@ -215,6 +215,27 @@ def test_noise_that_is_swallowed_explains_nothing_again(begun: Begun) -> None:
     together[block.rows] += 0.1
     common = replace(before, fitted=replace(before.fitted, error=together))
     assert again_explained(problem, common, before) > 0.0
+
+
+@pytest.mark.parametrize(
+    ("effect", "gain", "named", "sure"),
+    [
+        ("reversal_memory", 0.7, True, True),
+        ("reversal_memory", 0.7, False, False),
+        ("reversal_memory", 0.05, True, False),
+        ("torque_lag", 0.7, True, False),
+    ],
+)
+def test_what_remembers_need_not_come_again_where_experiments_held_out_and_veto_are_explained(
+    begun: Begun, effect: str, gain: float, named: bool, sure: bool
+) -> None:
+    """A lag smooths noise and says nothing of it; elements have another past in every repeat."""
+    problem, root = begun
+    all_of_it = Explained(1e-4, 1e-6)
+    best = FittedCandidate(effect, root, gain, all_of_it, all_of_it, named)
+    search = _Search(problem, root, root.fitted.packed, print, RepeatedProgramme())
+    assert search._remembers(best) == sure
+    assert not search._remembers(replace(best, veto=None))
 
 
 @pytest.mark.slow
