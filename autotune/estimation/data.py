@@ -111,7 +111,7 @@ class Prepared:
         periodic: stretches whose motion repeats itself: they are held out by phase.
         pace: what lengths of time are multiplied by (`bandwidth.Bands.pace`).
         clocked: torques that follow the clock; what is compared has none of them.
-        certainty: of each grid row, its usual noise over its own (variances), at most 1; None: all alike.
+        certainty: how much each grid row counts, at most 1: the usual noise over its own; None: all alike.
         load_in_twin: a load beyond a transmission moves in runs of the twin only; motions go through the inverse of the
             rigid axis, the measured one and the twin's (`residual`).
     """

@@ -72,9 +72,9 @@ LEVELS = (4.0, 8.0, 16.0, 32.0, 64.0)
 """Parts of the level that would make all differences between repeats: what is tried then."""
 UNEVEN = 2.5
 """Mean over median power of chunks, over what it is in the twin: no steady noise."""
-TWINS_BY_ROW, ALIKE, LEAST_CERTAIN = 2, 30, 0.04
+TWINS_BY_ROW, ALIKE, LEAST_CERTAIN = 2, 30, 0.2
 """Twins that tell how quiet a row is; rows beside each other, about a seventh of a second, that are taken as alike; and
-the least weight of a row, a fifth of the usual error: where a twin is chaotic it does not know how much."""
+the least weight of a row."""
 NUDGE, NUDGED = 0.01, 4
 """Relative change of base parameters by which twins are set apart, and how many of them: what a good fit is off by."""
 LOUDNESS = (0.7, 0.78, 0.87, 0.96, 1.05, 1.15, 1.27, 1.4)
@@ -359,7 +359,8 @@ def by_certainty(problem: Problem, packed: Packed) -> Problem:
 
     Motion below the encoder's counts is chaotic, and rows written late err with the speed: a tenth of the rows then has
     most of the error that any model leaves, and drowns what the others tell. The twin says where; repeats would too,
-    but they differ where friction remembers as well.
+    but they differ where friction remembers as well. What a model lacks is there too, and is no noise: so a row counts
+    by the error of its twins and not by its square.
     """
     data = problem.data
     if problem.controller is None or not data.repeated or not math.isfinite(problem.disturbance.sensor):
@@ -380,7 +381,7 @@ def by_certainty(problem: Problem, packed: Packed) -> Problem:
             continue
         levels = np.mean([block.by_repeat(error).var(axis=0, ddof=1) for error in errors], axis=0)
         level = heard + scipy.ndimage.uniform_filter1d(levels, min(ALIKE, block.count), mode="nearest")
-        known = np.clip(np.median(level) / np.maximum(level, 1e-300), LEAST_CERTAIN, 1.0)
+        known = np.clip(np.sqrt(np.median(level) / np.maximum(level, 1e-300)), LEAST_CERTAIN, 1.0)
         certainty[block.rows] = np.tile(known, block.repeats)
     data = replace(data, certainty=certainty)
     return replace(problem, data=data, weight=problem.weight * certainty)

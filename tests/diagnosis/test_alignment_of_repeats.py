@@ -274,7 +274,7 @@ def test_rows_where_the_twin_is_chaotic_count_less(begun: Begun) -> None:
     rows = problem.data.role(TRAINING)
     speed = np.abs(problem.data.velocity[problem.data.grid])[rows]
     slow, quick = speed < np.quantile(speed, 0.1), speed > np.quantile(speed, 0.5)
-    assert np.mean(certainty[rows][slow]) < 0.6 * np.mean(certainty[rows][quick])
+    assert np.mean(certainty[rows][slow]) < 0.75 * np.mean(certainty[rows][quick])
     # what all rows have alike is the same either way
     alike = np.random.default_rng(3).normal(0.0, 1e-3, len(rows))
     for one in (plain, weighted):
