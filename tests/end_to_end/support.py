@@ -22,6 +22,7 @@ from tests.support.forked import AUTOTUNE, PIPE, Program
 EXAMPLE = Path(__file__).resolve().parents[2] / "config" / "axes" / "edm-vertical.toml"
 CLI = [sys.executable, "-m", "autotune.cli.main"]
 AT_REST = "SWITCH_ON_DISABLED"
+STOPPED_SECONDS = 10.0
 
 
 @dataclass
@@ -91,6 +92,13 @@ class Bench:
             line.split("->")[1].split()[0] for line in self.log.read_text().splitlines() if " state " in line
         ]
         return states[-1]
+
+    def ends_in(self, *states: str) -> bool:
+        """Whether the drive comes to one of these states: it stops by itself, and the program may be gone before."""
+        end = time.monotonic() + STOPPED_SECONDS
+        while self.last_state() not in states and time.monotonic() < end:
+            time.sleep(0.05)
+        return self.last_state() in states
 
     def stop(self) -> None:
         if self.drive is not None and self.drive.poll() is None:

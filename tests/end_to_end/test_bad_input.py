@@ -128,7 +128,7 @@ def test_a_node_lost_in_the_middle_stops_by_itself_and_the_next_run_puts_it_righ
     assert done.returncode == 5, done.stderr
     assert "Traceback" not in done.stderr
     assert "quick stop begun" in bench.log.read_text()
-    assert bench.last_state() in (AT_REST, "FAULT")
+    assert bench.ends_in(AT_REST, "FAULT")
     assert (bench.newest() / "recordings" / "experiment.parquet").stat().st_size > 10_000
 
 
