@@ -229,9 +229,8 @@ def with_fading(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
         p = fitted.packed.p.copy()
         p[layout.DAMPING_VELOCITY] = share * problem.scales.velocity
         usual = usual_damping(p[layout.STIFFNESS], p[layout.INERTIA])
-        p[layout.MICRO_DAMPING] = max(
-            p[layout.MICRO_DAMPING], usual
-        )  # the same at all speeds it may have gone to 0
+        # the same at all speeds it may have gone to 0
+        p[layout.MICRO_DAMPING] = max(p[layout.MICRO_DAMPING], usual)
         free = [*model_fit.free, *fading_free(p, problem.scales)]
         found.append(
             refit(problem, Packed(p, fitted.packed.on), free, model_fit.correction, SHORT, near=fitted)

@@ -125,7 +125,7 @@ def candidate_orders(problem: Problem, angle: float) -> Floats:
     most = MOST_PERIODS / max(travel, 1e-9)
     if angle == 1.0:
         most = max(most, MOST_IN_A_TURN)
-    highest = min(most, 0.8 * _cutoff(problem) / max(slow, 1e-9))
+    highest = min(most, 0.8 * problem.data.cutoff / max(slow, 1e-9))
     lowest = 1.5 / max(travel, 1e-9)
     if angle == 1.0:
         lowest = max(lowest, 1.5)
@@ -135,12 +135,10 @@ def candidate_orders(problem: Problem, angle: float) -> Floats:
     found = np.arange(lowest, highest, step)
     if angle != 1.0:
         return np.asarray(found)
-    whole = np.arange(math.ceil(lowest), min(MOST_IN_A_TURN, 0.8 * _cutoff(problem) / max(slow, 1e-9)) + 1.0)
+    whole = np.arange(
+        math.ceil(lowest), min(MOST_IN_A_TURN, 0.8 * problem.data.cutoff / max(slow, 1e-9)) + 1.0
+    )
     return np.unique(np.concatenate([found, whole]))
-
-
-def _cutoff(problem: Problem) -> float:
-    return 0.9 / (problem.data.period * max(len(problem.data.taps) // 2, 1))
 
 
 class _Waves:
@@ -149,7 +147,7 @@ class _Waves:
     def __init__(self, problem: Problem, angle: float, rows: Integers) -> None:
         at = problem.data.grid[rows]
         self._phase = angle * problem.data.position[at]
-        self._rate = np.abs(problem.data.velocity[at]) * angle / (2 * math.pi) / _cutoff(problem)
+        self._rate = np.abs(problem.data.velocity[at]) * angle / (2 * math.pi) / problem.data.cutoff
 
     def table(self, orders: Floats) -> NDArray[np.float32]:
         """Columns of shape (rows, 2·orders): sine and cosine by turns."""

@@ -296,7 +296,7 @@ def _matcher(problem: Problem, packed: Packed, chunks: _Chunks) -> _Matcher:
     data = problem.data
     hertz = np.asarray(np.fft.rfftfreq(chunks.length, data.period), dtype=np.float64)
     top = min(HIGHEST * data.motion_cutoff, 0.42 / data.period)
-    low = 1.6 * hertz[1] if chunks.paired else max(LOWEST_ALONE * _cutoff(data), 1.6 * hertz[1])
+    low = 1.6 * hertz[1] if chunks.paired else max(LOWEST_ALONE * data.cutoff, 1.6 * hertz[1])
     low = min(low, 0.3 * top)
     count = int(min(BANDS, max(2, np.sum((hertz >= low) & (hertz < top)) // 3)))
     edges = np.geomspace(low, top, count + 1)
@@ -310,10 +310,6 @@ def _matcher(problem: Problem, packed: Packed, chunks: _Chunks) -> _Matcher:
     # where no loop answers any more, a disturbance is seen by the acceleration it makes: as far as its filter passes it
     seen = np.cos(0.5 * angle) ** 2 * passed**2
     return _Matcher(hertz, np.array(wide), data.period, seen, felt**2)
-
-
-def _cutoff(data: Prepared) -> float:
-    return 0.9 / (data.period * max(len(data.taps) // 2, 1))
 
 
 def _usual(power: Floats) -> Floats:
@@ -340,18 +336,37 @@ def with_expected_noise(problem: Problem, packed: Packed) -> Problem:
     data, disturbance = problem.data, problem.disturbance
     if problem.controller is None or not data.repeated or not math.isfinite(disturbance.sensor):
         return replace(problem, expected=None)
-    random = np.random.default_rng([SEED, 1])
-    run = run_twin(data, packed, problem.controller, disturbance, random, loops=problem.runs.loops)
-    if not run.stable:
+    errors = _errors_of_twins(problem, packed, np.random.default_rng([SEED, 1]), 1)
+    if not errors:
         return replace(problem, expected=None)
-    error = residual(data, packed, compared_motion(data, run))
-    heard = disturbance.sensor**2 * float(np.sum(np.convolve(data.taps, [0.5, 0.5]) ** 2))
-    expected = np.full(len(data.blocks), heard)
+    expected = np.full(len(data.blocks), _heard(problem))
     for i, block in enumerate(data.blocks):
         if block.repeats > 1:
-            table = data.in_usual_noise(block, error)
+            table = data.in_usual_noise(block, errors[0])
             expected[i] += disturbance.uneven * float(table.var(axis=0, ddof=1).mean())
     return replace(problem, expected=expected)
+
+
+def _errors_of_twins(
+    problem: Problem, packed: Packed, random: np.random.Generator, count: int
+) -> list[Floats]:
+    """Residuals of so many runs of the twin, shape (m,) each, disturbed as the axis is; none where one is unstable."""
+    data, controller = problem.data, problem.controller
+    errors: list[Floats] = []
+    if controller is None:
+        return errors
+    for _ in range(count):
+        run = run_twin(data, packed, controller, problem.disturbance, random, loops=problem.runs.loops)
+        if not run.stable:
+            return []
+        errors.append(residual(data, packed, compared_motion(data, run)))
+    return errors
+
+
+def _heard(problem: Problem) -> float:
+    """Variance that the torque sensor's noise has in what is compared [(N m)²]."""
+    taps = np.convolve(problem.data.taps, [0.5, 0.5])
+    return problem.disturbance.sensor**2 * float(np.sum(taps**2))
 
 
 def by_certainty(problem: Problem, packed: Packed) -> Problem:
@@ -365,17 +380,10 @@ def by_certainty(problem: Problem, packed: Packed) -> Problem:
     data = problem.data
     if problem.controller is None or not data.repeated or not math.isfinite(problem.disturbance.sensor):
         return problem
-    random = np.random.default_rng([SEED, 7])
-    errors: list[Floats] = []
-    for _ in range(TWINS_BY_ROW):
-        run = run_twin(
-            data, packed, problem.controller, problem.disturbance, random, loops=problem.runs.loops
-        )
-        if not run.stable:
-            return problem
-        errors.append(residual(data, packed, compared_motion(data, run)))
-    heard = problem.disturbance.sensor**2 * float(np.sum(np.convolve(data.taps, [0.5, 0.5]) ** 2))
-    certainty = np.ones(len(data.grid))
+    errors = _errors_of_twins(problem, packed, np.random.default_rng([SEED, 7]), TWINS_BY_ROW)
+    if not errors:
+        return problem
+    heard, certainty = _heard(problem), np.ones(len(data.grid))
     for block in data.blocks:
         if block.role not in (TRAINING, VETO) or block.repeats < 2:
             continue
