@@ -5,16 +5,18 @@ And between a drive model with names and the vector that is fitted: free paramet
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from autotune.core.arrays import Floats
 from autotune.estimation.bias_corrected_fit import ModelFit
-from autotune.estimation.cross_validation import Explained
+from autotune.estimation.cross_validation import Explained, explained, shared
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.least_squares import Fitted, Free
+from autotune.estimation.parts import repeats_alike
 from autotune.estimation.problem import Problem, Scales
 from autotune.models import layout
 from autotune.models.drive_model import DAMPING_VELOCITY, FADING, DriveModel, Packed, surface_parameter
@@ -79,6 +81,52 @@ def error_left(problem: Problem, model_fit: ModelFit) -> float:
     error = model_fit.fitted.error
     total = problem.mean_square(error, TRAINING)
     return total + (problem.mean_square(error, VETO) if problem.has(VETO) else 0.0)
+
+
+def explained_beside(problem: Problem, before: ModelFit, after: ModelFit, role: str) -> Explained:
+    """Of a role, what a model explains of what another leaves; noise that it swallows is none of it."""
+    return explained(problem, before.fitted, after.fitted, after.correction, role)
+
+
+def again_explained(problem: Problem, before: ModelFit, after: ModelFit) -> float:
+    """By how much a model lowers what repeats share, or a level that drifts between them [(N m)²].
+
+    Infinite where repeats are at different places: what belongs to the place need not come again there.
+    """
+    if not repeats_alike(problem.data):
+        return math.inf
+    left = [shared(problem, item.fitted, item.correction) for item in (before, after)]
+    return left[0] - left[1]
+
+
+def least_fall(problem: Problem, chosen: FittedCandidate) -> float:
+    """By how much an effect beside the chosen ones must lower the mean square [(N m)²]."""
+    policy = problem.policy
+    explained = max(chosen.training.fall, 0.0)
+    left = problem.mean_square(chosen.model_fit.fitted.error, TRAINING)
+    least = min(
+        policy.worth_beside * explained, max(policy.clear_beside * left, policy.worth_if_clear * explained)
+    )
+    contact = problem.two_masses(chosen.model_fit.fitted.packed)
+    return max(least, policy.chance_of_contact * left) if contact else least
+
+
+def plainer(
+    problem: Problem, fits: Sequence[FittedCandidate], best: FittedCandidate, alike: float
+) -> FittedCandidate:
+    """The best candidate, or one that it becomes at an end of its parameters, where that explains as much.
+
+    A sum of elements that hardly let go within the travel explained 0.1 % more than a spring, with ten coefficients
+    more.
+    """
+    as_much = error_left(problem, best.model_fit) + alike * best.training.fall
+    ends = (item for item in fits if item.named and is_end_of(item, best))
+    return next((item for item in ends if error_left(problem, item.model_fit) < as_much), best)
+
+
+def is_end_of(item: FittedCandidate, other: FittedCandidate) -> bool:
+    """Whether an effect is what another one becomes at an end of its parameters."""
+    return item.effect in EFFECTS[other.effect].becomes
 
 
 def free_of_model(model: DriveModel, scales: Scales) -> list[Free]:

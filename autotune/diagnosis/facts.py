@@ -6,7 +6,13 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, error_left
+from autotune.diagnosis.candidates import (
+    FittedCandidate,
+    ScreenedCandidate,
+    again_explained,
+    error_left,
+    is_end_of,
+)
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
 from autotune.diagnosis.evidence.time_driven import (
@@ -19,7 +25,7 @@ from autotune.diagnosis.evidence.time_driven import (
 )
 from autotune.diagnosis.free_shape import any_course, at_an_edge, like_a_parabola
 from autotune.diagnosis.refits import REFINED
-from autotune.diagnosis.search import Found, again_explained
+from autotune.diagnosis.search import Found
 from autotune.diagnosis.transmission import GAP, SPRING, hardly_a_gap
 from autotune.diagnosis.wording import usual_rivals
 from autotune.estimation.bias_corrected_fit import ModelFit
@@ -268,7 +274,8 @@ def _rivals(
 ) -> list[str]:
     """Single effects that explain as much as the chosen single one; hardly a gap is no rival of a spring.
 
-    What need not be excused in the chosen one is not excused in a rival.
+    Nor is what becomes the chosen one at an end of its parameters: that cannot explain less. What need not be excused
+    in the chosen one is not excused in a rival.
     """
     if len(chosen.model_fit.effects) != 1:
         return []
@@ -280,6 +287,7 @@ def _rivals(
         for item in tried
         if item.effect != chosen.effect
         and item.named
+        and not is_end_of(chosen, item)
         and (not strict or item.plain_share >= problem.policy.named)
         and not (
             chosen.effect == SPRING.name

@@ -10,7 +10,16 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from autotune.diagnosis.candidates import FittedCandidate, Progress, ScreenedCandidate, error_left
+from autotune.diagnosis.candidates import (
+    FittedCandidate,
+    Progress,
+    ScreenedCandidate,
+    again_explained,
+    error_left,
+    explained_beside,
+    least_fall,
+    plainer,
+)
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.evidence.time_driven import without_clocked
@@ -53,20 +62,16 @@ from autotune.diagnosis.transmission import (
 )
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.cross_validation import (
-    Explained,
     beyond_presliding,
     drift,
     evenly,
-    explained,
     gain_and_z,
     goes_with_place,
     held_out,
-    shared,
     still_explainable,
 )
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.model_error import told_beside
-from autotune.estimation.parts import repeats_alike
 from autotune.estimation.problem import Problem
 from autotune.models.drive_model import Packed
 from autotune.models.table import EFFECTS
@@ -432,6 +437,7 @@ class _Search:
         if not fits:
             return None
         best = self.evidence.best(problem, fits)
+        best = plainer(problem, fits, best, self.evidence.alike(problem))
         if best.named and problem.has_veto and best.gain < problem.policy.least_gain:
             best = replace(best, gain=gain_on_veto(problem, self._model_fit, best.model_fit))
         return best if self._worth_having(best) else None
@@ -629,31 +635,3 @@ class _Search:
             ):
                 current = less
         return current
-
-
-def explained_beside(problem: Problem, before: ModelFit, after: ModelFit, role: str) -> Explained:
-    """Of a role, what a model explains of what another leaves; noise that it swallows is none of it."""
-    return explained(problem, before.fitted, after.fitted, after.correction, role)
-
-
-def again_explained(problem: Problem, before: ModelFit, after: ModelFit) -> float:
-    """By how much a model lowers what repeats share, or a level that drifts between them [(N m)²].
-
-    Infinite where repeats are at different places: what belongs to the place need not come again there.
-    """
-    if not repeats_alike(problem.data):
-        return math.inf
-    left = [shared(problem, item.fitted, item.correction) for item in (before, after)]
-    return left[0] - left[1]
-
-
-def least_fall(problem: Problem, chosen: FittedCandidate) -> float:
-    """By how much an effect beside the chosen ones must lower the mean square [(N m)²]."""
-    policy = problem.policy
-    explained = max(chosen.training.fall, 0.0)
-    left = problem.mean_square(chosen.model_fit.fitted.error, TRAINING)
-    least = min(
-        policy.worth_beside * explained, max(policy.clear_beside * left, policy.worth_if_clear * explained)
-    )
-    contact = problem.two_masses(chosen.model_fit.fitted.packed)
-    return max(least, policy.chance_of_contact * left) if contact else least

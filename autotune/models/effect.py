@@ -152,6 +152,7 @@ class Kind:
     What else sets it apart:
         in_transmission: motor and load are two masses with it.
         approximate: its law is a few elements in place of a distribution; some error is left beside it.
+        becomes: effects that it is at an end of its parameters: where one of those does as well, it is that one.
         drifts: repeats of one motion differ by it.
         in_lugre: the LuGre feedforward of the thesis has it too.
         surface_prefix: whether parameter names carry the effect's name on every surface.
@@ -184,6 +185,7 @@ class Kind:
     loop_like: bool = False
     in_transmission: bool = False
     approximate: bool = False
+    becomes: tuple[str, ...] = ()
     drifts: bool = False
     in_lugre: bool = False
     surface_prefix: bool = True

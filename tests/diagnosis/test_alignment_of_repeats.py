@@ -12,14 +12,14 @@ import pytest
 
 from autotune.core.arrays import Floats
 from autotune.diagnosis.baseline import begin
-from autotune.diagnosis.candidates import FittedCandidate
+from autotune.diagnosis.candidates import FittedCandidate, again_explained, plainer
 from autotune.diagnosis.evidence import repeated
 from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.diagnosis.evidence.single import SingleRecording
 from autotune.diagnosis.evidence.time_driven import TimeLine, without_line
 from autotune.diagnosis.found_model import torque_late
-from autotune.diagnosis.search import _Search, again_explained
+from autotune.diagnosis.search import _Search
 from autotune.diagnosis.wording import torque_path_notes
 from autotune.estimation import disturbance_estimate
 from autotune.estimation.alignment import behind_current_loop, shifted
@@ -236,6 +236,29 @@ def test_what_remembers_need_not_come_again_where_experiments_held_out_and_veto_
     search = _Search(problem, root, root.fitted.packed, print, RepeatedProgramme())
     assert search._remembers(best) == sure
     assert not search._remembers(replace(best, veto=None))
+
+
+@pytest.mark.parametrize(
+    ("effect", "named", "more", "taken"),
+    [
+        ("spring", True, 0.5, True),
+        ("spring", True, 2.0, False),
+        ("spring", False, 0.5, False),
+        ("torque_lag", True, 0.5, False),
+    ],
+)
+def test_a_memory_that_a_spring_explains_as_well_is_that_spring(
+    begun: Begun, effect: str, named: bool, more: float, taken: bool
+) -> None:
+    """`more`: what it leaves beyond the memory, over the 3 % of what is explained that count as alike."""
+    problem, root = begun
+    rows = problem.training > 0
+    memory = FittedCandidate("reversal_memory", root, 0.9, Explained(1.0, 0.0), None, named=True)
+    error = np.sqrt(root.fitted.error**2 + rows * more * 0.03)
+    fitted = replace(root, fitted=replace(root.fitted, error=error))
+    other = FittedCandidate(effect, fitted, 0.9, Explained(1.0, 0.0), None, named)
+    assert plainer(problem, [memory, other], memory, 0.03) is (other if taken else memory)
+    assert plainer(problem, [memory, other], other, 0.03) is other
 
 
 @pytest.mark.slow
