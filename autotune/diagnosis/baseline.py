@@ -11,11 +11,18 @@ from autotune.diagnosis.candidates import Progress, free_of_model, no_progress
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.evidence.time_driven import without_clocked
+from autotune.diagnosis.refits import with_noise_of
 from autotune.diagnosis.ripple_orders import MOST_LINES
 from autotune.diagnosis.starts import Context
 from autotune.estimation.alignment import shifted, without_twin
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
-from autotune.estimation.contact_start import as_rough, fitted_contact, less_after_rests, sticking
+from autotune.estimation.contact_start import (
+    as_rough,
+    damped_as_twins_creep,
+    fitted_contact,
+    less_after_rests,
+    sticking,
+)
 from autotune.estimation.controller import as_recorded, controllers_of, find_controller
 from autotune.estimation.controller_between import AS_MUCH
 from autotune.estimation.controller_law import NEXT
@@ -143,7 +150,15 @@ def _first_fit(problem: Problem, packed: Packed, free: list[Free]) -> tuple[Prob
             model_fit = as_given
     if model_fit is None or _worse_than_none(problem, evidence, model_fit, plain):
         return None
-    return _sticking(problem, model_fit)
+    return _sticking(*_damped(problem, model_fit))
+
+
+def _damped(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit]:
+    """The fit with damping by which its twins creep as the axis does, and these disturbed as much as it is then."""
+    again = damped_as_twins_creep(problem, model_fit)
+    if again is model_fit:
+        return problem, model_fit
+    return with_noise_of(problem, again)
 
 
 def _sticking(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit]:

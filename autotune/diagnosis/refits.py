@@ -21,7 +21,7 @@ from autotune.core.arrays import Floats
 from autotune.diagnosis.candidates import FittedCandidate, Progress, ScreenedCandidate
 from autotune.diagnosis.ripple_orders import candidate_orders
 from autotune.estimation.bias_corrected_fit import LEVEL_GROUND, ModelFit, fit_from_starts, fit_inside_twin
-from autotune.estimation.contact_start import CONTACT, best_contact, identifiable
+from autotune.estimation.contact_start import CONTACT, best_contact, damped_as_twins_creep, identifiable
 from autotune.estimation.cross_validation import explained, gain_and_z
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.disturbance_estimate import estimate_disturbance, with_counts, with_expected_noise
@@ -177,6 +177,9 @@ def best_refined(
 
 def refined(problem: Problem, root: ModelFit, chosen: FittedCandidate, progress: Progress) -> FittedCandidate:
     """More rounds of the same fit, as long as they help: two masses need them, and what they leave misleads."""
+    damped = damped_as_twins_creep(problem, chosen.model_fit)
+    if damped is not chosen.model_fit:
+        chosen = judged(problem, root, damped, chosen.effect)
     for _ in range(MOST_ROUNDS):
         model_fit = chosen.model_fit
         if model_fit.converged:

@@ -17,12 +17,12 @@ import numpy as np
 
 from autotune.core.arrays import Floats, Integers
 from autotune.diagnosis.ripple_orders import find_orders
-from autotune.estimation.bias_corrected_fit import ModelFit
-from autotune.estimation.data import Prepared
+from autotune.estimation.bias_corrected_fit import ModelFit, Projected
+from autotune.estimation.cross_validation import beyond_presliding
 from autotune.estimation.least_squares import Fitted, Free, with_values
-from autotune.estimation.parts import first_round, repeats_alike, spread
+from autotune.estimation.parts import first_round, repeats_alike
 from autotune.estimation.problem import Problem
-from autotune.estimation.residual import kind_of_pass, residual, residuals
+from autotune.estimation.residual import kind_of_pass
 from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.effect import Kind
@@ -152,7 +152,7 @@ class Context:
         present = [
             float(self.p[TORQUE_RIPPLE.slot(f"order_{i}")]) for i in TORQUE_RIPPLE.terms_in_use(self.p)
         ]
-        return find_orders(self.problem, thinned(self), self.angle, present, most)
+        return find_orders(self.problem, thinned(self, sliding=True), self.angle, present, most)
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,9 +183,15 @@ class Thin:
         return explained / max(float(self.error @ self.error), 1e-300)
 
 
-def thinned(context: Context, most: int = 5000) -> Thin:
-    """At most so many training rows, evenly spread."""
-    rows = np.flatnonzero(context.problem.training > 0)
+def thinned(context: Context, most: int = 5000, sliding: bool = False) -> Thin:
+    """At most so many training rows, evenly spread; where the contact slides only, if the axis does so long enough.
+
+    While a contact climbs it is at few places, and what its law is not exactly looks like waves that are short.
+    """
+    problem = context.problem
+    if sliding:
+        problem = beyond_presliding(problem, context.fitted.packed) or problem
+    rows = np.flatnonzero(problem.training > 0)
     rows = rows[:: max(1, math.ceil(len(rows) / most))]
     basis = np.linalg.qr(context.fitted.jacobian[rows])[0]
     error = context.fitted.error[rows]
@@ -236,8 +242,8 @@ def shapes(effect: str, packed: Packed) -> tuple[Free, ...]:
 def scouted(problem: Problem, model_fit: ModelFit, starts: Sequence[FitStart]) -> list[FitStart]:
     """The best of the starts: by their own twins, or led down their valleys where there is no twin."""
     if problem.twin:
-        return _by_own_twins(_Projected.of(_one_of_each(problem, starts), model_fit), starts)
-    projected = _Projected.of(problem, model_fit)
+        return _by_own_twins(Projected.of(_one_of_each(problem, starts), model_fit), starts)
+    projected = Projected.of(problem, model_fit)
     none = model_fit.correction.bias
     changes = projected.changes([start.packed for start in starts])
     costs = np.array([projected.cost(change, none) for change in changes])
@@ -257,7 +263,7 @@ def _one_of_each(problem: Problem, starts: Sequence[FitStart]) -> Problem:
     return replace(problem, data=replace(once, blocks=tuple(replace(one, repeats=1) for one in once.blocks)))
 
 
-def _by_own_twins(projected: _Projected, starts: Sequence[FitStart]) -> list[FitStart]:
+def _by_own_twins(projected: Projected, starts: Sequence[FitStart]) -> list[FitStart]:
     """The best starts by their own twins, the best first; led down where one is better than the model without it.
 
     All are looked at with one run, and the better ones with as many as a fit takes.
@@ -302,54 +308,6 @@ def _led_by_twins(
 
 
 @dataclass(frozen=True, slots=True)
-class _Projected:
-    """Costs of a model with an effect more, all that was fitted before solved for.
-
-    Attributes:
-        once: the data that sensitivities need; `without`: residual there without the effect, shape (m,).
-        raw: residual without the effect and without a bias, shape (m,).
-        held: bias of the twin without the effect, shape (m,).
-        weight, basis: of the training rows, shape (r,), and the fitted columns there, shape (r, parameters).
-    """
-
-    problem: Problem
-    once: Prepared
-    without: Floats
-    raw: Floats
-    held: Floats
-    weight: Floats
-    basis: Floats
-
-    @classmethod
-    def of(cls, problem: Problem, model_fit: ModelFit) -> _Projected:
-        before, rows = model_fit.fitted, problem.training > 0
-        weight = np.sqrt(problem.training[rows])
-        basis = np.linalg.qr(before.jacobian[rows] * weight[:, None])[0]
-        once = first_round(problem.data, before.packed.on)
-        held = model_fit.correction.bias
-        without = residual(once, before.packed, problem.moved)
-        return cls(problem, once, without, before.error + held, held, weight, basis)
-
-    @property
-    def before(self) -> float:
-        """Mean square on the training rows without the effect [(N m)²]."""
-        return self.cost(0.0, self.held)
-
-    def changes(self, models: Sequence[Packed]) -> Floats:
-        """What the effect changes of the residual, for each of several models; shape (k, m)."""
-        found = residuals(self.once, models, self.problem.moved) - self.without
-        for change, packed in zip(found, models, strict=True):
-            spread(self.problem.data, change[:, None], packed.on)
-        return found
-
-    def cost(self, change: Floats | float, bias: Floats) -> float:
-        """Mean square on the training rows [(N m)²], with the twin's `bias`, shape (m,)."""
-        error: Floats = (self.raw + change - bias)[self.problem.training > 0] * self.weight
-        left = float(error @ error) - float(np.sum((self.basis.T @ error) ** 2))
-        return left / float(self.problem.training.sum()) if math.isfinite(left) else math.inf
-
-
-@dataclass(frozen=True, slots=True)
 class _Valley:
     """A start to lead down, with the twin's bias that is held, and the difference of costs that counts as none."""
 
@@ -379,7 +337,7 @@ class _Valley:
         return Descent(corners, NEAR, self.flat, PASSES, PROBING, promised)
 
 
-def _led_down(projected: _Projected, valleys: Sequence[_Valley], promised: float) -> list[FitStart]:
+def _led_down(projected: Projected, valleys: Sequence[_Valley], promised: float) -> list[FitStart]:
     """Starts moved by the simplex method, inside the bounds of what is free.
 
     One is given up where probing does not get below the cost that is `promised`.

@@ -15,9 +15,11 @@ import numpy as np
 
 from autotune.core.arrays import Floats
 from autotune.estimation.cross_validation import Unseen, held_out
-from autotune.estimation.data import TRAINING
+from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.least_squares import Fitted, Free, fit, jacobian
+from autotune.estimation.parts import first_round, spread
 from autotune.estimation.problem import Correction, Problem, refit
+from autotune.estimation.residual import residual, residuals
 from autotune.models.drive_model import Packed
 from autotune.models.transmission import BETWEEN
 
@@ -239,6 +241,54 @@ def twinned(
         raw = problem.raw(packed)
     error = raw - correction.bias
     return Twinned(packed, error, correction, problem.mean_square(error, TRAINING))
+
+
+@dataclass(frozen=True, slots=True)
+class Projected:
+    """Costs of a model with an effect more, all that was fitted before solved for.
+
+    Attributes:
+        once: the data that sensitivities need; `without`: residual there without the effect, shape (m,).
+        raw: residual without the effect and without a bias, shape (m,).
+        held: bias of the twin without the effect, shape (m,).
+        weight, basis: of the training rows, shape (r,), and the fitted columns there, shape (r, parameters).
+    """
+
+    problem: Problem
+    once: Prepared
+    without: Floats
+    raw: Floats
+    held: Floats
+    weight: Floats
+    basis: Floats
+
+    @classmethod
+    def of(cls, problem: Problem, model_fit: ModelFit) -> Projected:
+        before, rows = model_fit.fitted, problem.training > 0
+        weight = np.sqrt(problem.training[rows])
+        basis = np.linalg.qr(before.jacobian[rows] * weight[:, None])[0]
+        once = first_round(problem.data, before.packed.on)
+        held = model_fit.correction.bias
+        without = residual(once, before.packed, problem.moved)
+        return cls(problem, once, without, before.error + held, held, weight, basis)
+
+    @property
+    def before(self) -> float:
+        """Mean square on the training rows without the effect [(N m)²]."""
+        return self.cost(0.0, self.held)
+
+    def changes(self, models: Sequence[Packed]) -> Floats:
+        """What the effect changes of the residual, for each of several models; shape (k, m)."""
+        found = residuals(self.once, models, self.problem.moved) - self.without
+        for change, packed in zip(found, models, strict=True):
+            spread(self.problem.data, change[:, None], packed.on)
+        return found
+
+    def cost(self, change: Floats | float, bias: Floats) -> float:
+        """Mean square on the training rows [(N m)²], with the twin's `bias`, shape (m,)."""
+        error: Floats = (self.raw + change - bias)[self.problem.training > 0] * self.weight
+        left = float(error @ error) - float(np.sum((self.basis.T @ error) ** 2))
+        return left / float(self.problem.training.sum()) if math.isfinite(left) else math.inf
 
 
 def _downhill(problem: Problem, fitted: Fitted, best: Twinned) -> Twinned | None:

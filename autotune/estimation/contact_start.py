@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from autotune.core.arrays import Floats, Integers
+from autotune.estimation.bias_corrected_fit import ModelFit, Projected, fit_inside_twin
 from autotune.estimation.controller import asked
 from autotune.estimation.coordinates import FORGOTTEN, since_rest
 from autotune.estimation.data import TRAINING
@@ -40,6 +41,10 @@ LOOSE = 1.0
 """Relative standard error from which a contact parameter is held."""
 RIGID = 25.0
 """Times the stiffness: what is tried where the axis sticks without presliding."""
+TIMES = (0.125, 0.25, 0.5, math.sqrt(0.5), 1.0, math.sqrt(2.0), 2.0, 4.0)
+"""The damping in presliding, whose twins fill a pass."""
+PROMISED = 0.995
+"""Of the cost: what another damping must get below."""
 CONTACT = ("stiffness", "micro_damping")
 WITHIN = 0.5
 """Mean square of the stretch that is left, above which most rows of an experiment are within the bristle's reach."""
@@ -166,6 +171,40 @@ def _certainty(error: Floats, share: Floats, rest: Integers) -> Floats:
     if beyond <= 0.0 or noise <= 0.0:
         return np.ones(len(share))
     return np.asarray(noise / (noise + beyond / float(power[told].sum()) * share**2))
+
+
+def damped_as_twins_creep(problem: Problem, model_fit: ModelFit) -> ModelFit:
+    """The model fitted again from the damping in presliding by which its twins leave least; as it is where none do.
+
+    Within the band damping hardly turns the torque. By it an axis that disturbances shake below break-away creeps, and
+    that is bias, which a fit holds: it ended at up to five times the damping, and what the creep left there drowned
+    half of a ripple.
+    """
+    slot, fitted = layout.MICRO_DAMPING, model_fit.fitted
+    if (
+        not problem.twin
+        or problem.two_masses(fitted.packed)
+        or all(one.slot != slot for one in model_fit.free)
+    ):
+        return model_fit
+    p = fitted.packed.p
+    usual = usual_damping(float(p[layout.STIFFNESS]), float(p[layout.INERTIA]))
+    projected, now = Projected.of(problem, model_fit), TIMES.index(1.0)
+    models = []
+    for times in TIMES:
+        p = fitted.packed.p.copy()
+        p[slot] = times * max(p[slot], UNDAMPED * usual) if times != 1.0 else p[slot]
+        models.append(Packed(p, fitted.packed.on))
+    twins = problem.corrections(models, 1)
+    costs = np.array([
+        projected.cost(change, twin.bias) if twin.stable else math.inf
+        for change, twin in zip(projected.changes(models), twins, strict=True)
+    ])  # fmt: skip
+    best = int(np.argmin(costs))
+    if not costs[best] < PROMISED * costs[now]:
+        return model_fit
+    again = fit_inside_twin(problem, models[best], list(model_fit.free), 2, model_fit.effects)
+    return again if again is not None and again.fitted.cost < fitted.cost else model_fit
 
 
 def as_rough(problem: Problem, packed: Packed) -> Problem:
