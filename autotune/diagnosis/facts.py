@@ -25,6 +25,7 @@ from autotune.diagnosis.evidence.time_driven import (
 )
 from autotune.diagnosis.free_shape import any_course, at_an_edge, like_a_parabola
 from autotune.diagnosis.refits import REFINED
+from autotune.diagnosis.ripple_orders import candidate_orders
 from autotune.diagnosis.search import Found
 from autotune.diagnosis.transmission import GAP, SPRING, hardly_a_gap
 from autotune.diagnosis.wording import usual_rivals
@@ -34,6 +35,7 @@ from autotune.estimation.data import TRAINING
 from autotune.estimation.problem import Problem
 from autotune.models import layout
 from autotune.models.table import EFFECTS
+from autotune.models.torque_ripple import scale_slot
 
 OUTDONE = 1.5
 """Times the gain of what is named: what a candidate that could not pass may gain at most beside it."""
@@ -242,7 +244,16 @@ def _untold(facts: Facts) -> tuple[str, ...]:
         return ()
     gains = {item.effect: item.gain for item in facts.first}
     least = problem.policy.rival_gain * gains.get(chosen.effect, chosen.gain)
-    return tuple(one for one in usual_rivals(chosen.effect) if gains.get(one, math.inf) >= least)
+    return tuple(one for one in usual_rivals(chosen.effect) if gains.get(one, _unsought(facts, one)) >= least)
+
+
+def _unsought(facts: Facts, effect: str) -> float:
+    """What an effect that was no candidate may gain: nothing where it was looked for and no term of it stood out."""
+    kind, problem = EFFECTS[effect], facts.problem
+    if not kind.may_grow or kind not in problem.candidates:
+        return math.inf
+    orders = candidate_orders(problem, float(facts.root.fitted.packed.p[scale_slot()]))
+    return 0.0 if len(orders) > 0 else math.inf
 
 
 def _something_left(facts: Facts, rows: Problem) -> bool:

@@ -24,8 +24,13 @@ from autotune.diagnosis.wording import torque_path_notes
 from autotune.estimation import disturbance_estimate
 from autotune.estimation.alignment import behind_current_loop, shifted
 from autotune.estimation.bandwidth import prepared_to_fit
-from autotune.estimation.bias_corrected_fit import ModelFit
-from autotune.estimation.contact_start import _certainty, less_after_rests, sticking
+from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
+from autotune.estimation.contact_start import (
+    _certainty,
+    damped_as_twins_creep,
+    less_after_rests,
+    sticking,
+)
 from autotune.estimation.coordinates import since_rest, without_rests
 from autotune.estimation.cross_validation import Explained, explained
 from autotune.estimation.data import TRAINING, Prepared
@@ -259,6 +264,24 @@ def test_a_memory_that_a_spring_explains_as_well_is_that_spring(
     other = FittedCandidate(effect, fitted, 0.9, Explained(1.0, 0.0), None, named)
     assert plainer(problem, [memory, other], memory, 0.03) is (other if taken else memory)
     assert plainer(problem, [memory, other], other, 0.03) is other
+
+
+@pytest.mark.slow
+def test_damping_in_presliding_is_found_again_by_twins_where_a_fit_was_led_astray(begun: Begun) -> None:
+    """From four times the damping, all else at its best there; what is left stays as it is."""
+    problem, root = begun
+    own = float(root.fitted.packed.p[layout.MICRO_DAMPING])
+    astray = [replace(one, lower=4.0 * own) if one.slot == layout.MICRO_DAMPING else one for one in root.free]
+    p = root.fitted.packed.p.copy()
+    p[layout.MICRO_DAMPING] = 4.0 * own
+    wrong = fit_inside_twin(problem, Packed(p, root.fitted.packed.on), astray, 2)
+    assert wrong is not None
+    assert wrong.fitted.cost > 1.05 * root.fitted.cost
+    wrong = replace(wrong, fitted=replace(wrong.fitted, free=root.free))
+    found = damped_as_twins_creep(problem, wrong)
+    assert found.fitted.cost < 1.02 * root.fitted.cost
+    assert float(found.fitted.packed.p[layout.MICRO_DAMPING]) == pytest.approx(own, rel=0.4)
+    assert damped_as_twins_creep(replace(problem, controller=None), wrong) is wrong
 
 
 @pytest.mark.slow

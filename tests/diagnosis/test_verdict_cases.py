@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 
 import pytest
@@ -17,6 +18,7 @@ from autotune.diagnosis.verdict import CASES
 from autotune.estimation.data import Clocked
 from autotune.estimation.policy import POLICY
 from autotune.models.drive_model import base_model
+from autotune.models.table import EFFECTS
 from tests.support.axes import NOMINAL
 
 NOTHING = {
@@ -281,6 +283,21 @@ def test_an_effect_that_is_not_quite_what_data_show_stands_beside_its_look_alike
     problem = SimpleNamespace(policy=POLICY, data=SimpleNamespace(starts=(0,)))
     known = (problem, fit, chosen, RepeatedProgramme(), (), None, "", 0.0, 0.9, (), first)
     assert set(facts._untold(Facts(*known, **signs))) == rivals
+
+
+@pytest.mark.parametrize(
+    ("candidates", "orders", "rivals"), [((), 9, True), (None, 9, False), (None, 0, True)]
+)
+def test_waves_that_were_looked_for_in_vain_are_no_rival(
+    monkeypatch: pytest.MonkeyPatch, candidates: tuple[()] | None, orders: int, rivals: bool
+) -> None:
+    """Where they were no candidates, or the travel is too short for any, nothing speaks against them."""
+    monkeypatch.setattr(facts, "candidate_orders", lambda *_: range(orders))
+    p = base_model(NOMINAL).pack().p
+    root = SimpleNamespace(fitted=SimpleNamespace(packed=SimpleNamespace(p=p)))
+    known = tuple(EFFECTS.values()) if candidates is None else candidates
+    stands = SimpleNamespace(problem=SimpleNamespace(candidates=known), root=root)
+    assert math.isinf(facts._unsought(stands, "torque_ripple")) == rivals
 
 
 def test_what_speaks_against_an_effect_is_said() -> None:
