@@ -515,15 +515,12 @@ class _Search:
     def _freed(self, chosen: FittedCandidate) -> FittedCandidate:
         """The model with the course of its last effect free, where its own law leaves a part unexplained.
 
-        Where that effect cannot be named by its own law, others that came near it get the same chance.
+        Others that came near it get the same chance: what is compared is each effect at its best.
         """
         best = self._shaped(chosen) or chosen
-        if self.chosen is not None or chosen.named:
+        if self.chosen is not None:
             return best
-        least = self.problem.policy.rival_gain * chosen.gain
-        for item in self.tried:
-            if item.effect == chosen.effect or item.gain < least or item.share < self.problem.policy.partly:
-                continue
+        for item in [one for one in self.tried if self._contends(chosen, one)]:
             shaped = self._shaped(item)
             if shaped is None or self.evidence.only_at_rests(self.problem, self.root, shaped):
                 continue
@@ -531,6 +528,19 @@ class _Search:
             if error_left(self.problem, shaped.model_fit) < error_left(self.problem, best.model_fit):
                 best = shaped
         return best
+
+    def _contends(self, chosen: FittedCandidate, item: FittedCandidate) -> bool:
+        """Whether another effect came near the chosen one by its own law.
+
+        Where that can be named so, only one that can be too, and errs no more: an element of memory that hardly slides
+        is a spring.
+        """
+        policy = self.problem.policy
+        if item.effect == chosen.effect:
+            return False
+        if not chosen.named:
+            return item.gain >= policy.rival_gain * chosen.gain and item.share >= policy.partly
+        return item.named and self.evidence.comes_near(self.problem, self.root, chosen, item)
 
     def _shaped(self, item: FittedCandidate) -> FittedCandidate | None:
         self.progress(f"another law of {item.effect}")
