@@ -34,6 +34,7 @@ from autotune.estimation.controller_search import (
     MOST_LATE,
     NEARLY_EXACT,
     PIECE_SECONDS,
+    SHORT_PIECE,
     WORTH_DELAYS,
     first_look,
     how_late,
@@ -79,6 +80,25 @@ def laws_between(
     others = [law for law in others if _tells(law, samples)]
     no_more = 1.0 - between.explained < AS_MUCH * (1.0 - rate.explained)
     return (between, *others) if no_more else (found, between, *others)
+
+
+def laws_of_slow_rows(samples: LoopSamples) -> tuple[PositionController, ...]:
+    """The law of a drive that works between the samples, where rows are written late; none if they explain too little.
+
+    A reading that is late is off by speed times delay, which the law did not answer to: least squares take that for
+    smaller gains. Slow rows are hardly off.
+    """
+    laws = _searched_between(_banded(slow_rows(samples)))
+    return tuple(replace(law, slow=True) for law in laws if _tells(law, slow_rows(samples)))
+
+
+def slow_rows(samples: LoopSamples) -> LoopSamples:
+    """The samples, which count by half from the usual speed on."""
+    speed = in_band(samples).position
+    for rows in samples.stretches:
+        speed[rows] = np.gradient(speed[rows]) / samples.period
+    usual = max(float(np.median(np.abs(speed))), 1e-300)
+    return replace(samples, weight=1.0 / (1.0 + (speed / usual) ** 2))
 
 
 def smooth_between(samples: LoopSamples, law: PositionController) -> PositionController | None:
@@ -135,7 +155,8 @@ def following_late(samples: LoopSamples, acted: Floats, law: PositionController)
 
 def _banded(samples: LoopSamples) -> LoopSamples:
     """The samples in which such laws are looked for."""
-    return in_band(replace(samples, piece=PIECE_SECONDS))
+    late = samples.weight is not None
+    return in_band(replace(samples, piece=SHORT_PIECE if late else PIECE_SECONDS))
 
 
 def _ticks(samples: LoopSamples) -> int:
@@ -149,8 +170,13 @@ def _as_felt(law: PositionController, ticks: int) -> PositionController:
 
 
 def _tells(law: PositionController, samples: LoopSamples) -> bool:
-    """Whether it explains enough to drive a twin, by gains that hold an axis."""
-    return law.explained > samples.policy.controller_explains_in_band and law.kp > 0.0 and law.kd > 0.0
+    """Whether it explains enough to drive a twin, by gains that hold an axis.
+
+    Where rows are written late the rest is theirs: enough is what says that the torque is a controller's answer.
+    """
+    policy = samples.policy
+    least = policy.controller_explains_in_band if samples.weight is None else policy.answer_explains
+    return law.explained > least and law.kp > 0.0 and law.kd > 0.0
 
 
 def _said(law: PositionController, samples: LoopSamples) -> PositionController:
@@ -331,7 +357,7 @@ class _Between:
             at = late_places(samples, chosen, delay)
             place, summed, bend, speed = wanted[:, at]
             columns += [place - here[0], summed - here[1], filtered[1][at], speed, bend]
-        triangle = reduced(columns, samples.demand[chosen], run)
+        triangle = reduced(columns, samples.demand[chosen], run, samples.weight_of(chosen))
         self._last = key, triangle
         return triangle
 
