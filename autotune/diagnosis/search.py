@@ -618,9 +618,10 @@ class _Search:
         )
 
     def _pruned(self, chosen: FittedCandidate) -> FittedCandidate:
-        """Drops every effect without which training and veto are hardly worse.
+        """Drops every effect without which training and veto are hardly worse, or without which the rest has a name.
 
-        Where a model without it was `seen` to be far worse, it is needed.
+        Where a model without it was `seen` to be far worse, it is needed; unless nothing has a name with it: beside the
+        second effect the first may have come into its own.
         """
         problem, current = self.problem, chosen
         for effect in chosen.model_fit.effects:
@@ -629,12 +630,14 @@ class _Search:
             rest = set(current.model_fit.effects) - {effect}
             known = [model_fit for model_fit in self.seen if set(model_fit.effects) == rest]
             times = PLAINLY_NEEDED
-            if known and not any(negligible(problem, current, model_fit, times) for model_fit in known):
+            far = not any(negligible(problem, current, model_fit, times) for model_fit in known)
+            if known and far and current.named:
                 continue
             self.progress(f"is {effect} needed")
             less = without_effect(problem, self.root, current.model_fit, effect)
             if less is not None and (
-                negligible(problem, current, less.model_fit)
+                (less.named and not current.named)
+                or negligible(problem, current, less.model_fit)
                 or differ_by_chance(problem, current.model_fit, less.model_fit)
             ):
                 current = less
