@@ -52,6 +52,9 @@ RATE_STEP, FINER_FILTER = math.log(1.7), 1.5
 """Between two of them, in the logarithm; and times the least share left that a finer one can make up for."""
 FED = PositionController(velocity_feedforward=1.0)
 """Form of a law that feeds the rate of the reference forward by itself."""
+SLOW_ROWS = (
+    "Rows are written late: the controller was identified mostly by slow ones, which that hardly moves."
+)
 BETWEEN = "The drive's loop works between the samples, and is simulated so."
 FASTEST = 25.0
 """Time constants of that filter in a sample: beyond, nothing is left to filter."""
@@ -181,7 +184,8 @@ def _tells(law: PositionController, samples: LoopSamples) -> bool:
 
 def _said(law: PositionController, samples: LoopSamples) -> PositionController:
     """The law, with what is to be said of it."""
-    return replace(law, in_band=True, why=f"{how_late(samples.period)} {BETWEEN}")
+    late = "" if samples.weight is None else f"{SLOW_ROWS} "
+    return replace(law, in_band=True, why=f"{late}{how_late(samples.period)} {BETWEEN}")
 
 
 def _follows_by(samples: LoopSamples, acted: Floats) -> tuple[float, float]:

@@ -27,9 +27,6 @@ from autotune.models.reversal_memory import CLIMBS, climbing
 MOST_OF_THE_FALL = 0.25
 """Of what an effect explains: no more of what is left is put down to counts and to what a loop makes of them."""
 
-LEFT_WITHOUT_TWIN = 1.0
-"""Of the noise: so much comes again in every repeat where no twin takes out the bias of the measurement chain, or where
-a drive's loop works between the samples, of what it makes of counts."""
 LEAST_SLIDING = 0.1
 """Of the rows that are fitted: with fewer on which the contact slides they tell too little."""
 
@@ -268,8 +265,7 @@ def explained(
     counts, _ = quiet.comes_by_counts(role)
     beyond = variance if variance > problem.policy.rest_errors * error else 0.0
     beyond = max(beyond, quiet.repeatable_for_certain(rested, settled, role))
-    part = problem.policy.rest_part if problem.twin else LEFT_WITHOUT_TWIN
-    certain = beyond > max(part * quiet.noise_variance(rested, role), counts)
+    certain = beyond > max(problem.policy.rest_part * quiet.noise_variance(rested, role), counts)
     left = whole = _comes_again(quiet, rested, settled, role) + drift(problem, after, correction, role)[0]
     if role == VETO and not certain and _tells_nothing(quiet, missing, settled, counts):
         left = max(left - (problem.policy.rest_errors - 1.0) * error, 0.0)

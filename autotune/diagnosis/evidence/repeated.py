@@ -15,7 +15,7 @@ from autotune.diagnosis.evidence.single import folds_of
 from autotune.diagnosis.evidence.visibility import flank_in_sight, law_hides_ringing
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.coordinates import Rests, without_rests
-from autotune.estimation.cross_validation import LEFT_WITHOUT_TWIN, beyond_rests, drift, rests_of
+from autotune.estimation.cross_validation import beyond_rests, drift, rests_of
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.disturbance_estimate import null_errors
 from autotune.estimation.policy import Policy
@@ -24,6 +24,9 @@ from autotune.models.effect import Kind
 from autotune.models.table import EFFECTS
 from autotune.models.torque_lag import TORQUE_LAG
 
+STRUCTURE_WITHOUT_TWIN = 1.0
+"""Of the noise: the least rest where no twin takes out the bias of the measurement chain, a third of the noise, or
+where the drive's loop works between the samples, so that half of what it makes of counts comes again in a repeat."""
 PAIRS = 4.0
 """Times the variance of an error: that of the same from the difference of two twins, by noise alone."""
 STANDS_OUT = 3.0
@@ -250,4 +253,4 @@ def _usual_noise(problem: Problem, error: Floats) -> float:
 
 def _of_the_chain(problem: Problem, error: Floats, noise: float) -> float:
     """Variance that may come again though no model lacks anything: counts shake a drive alike in every repeat."""
-    return max(LEFT_WITHOUT_TWIN * noise, problem.of_chain(error, TRAINING))
+    return max(STRUCTURE_WITHOUT_TWIN * noise, problem.of_chain(error, TRAINING))
