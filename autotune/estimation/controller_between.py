@@ -97,11 +97,12 @@ def laws_of_slow_rows(samples: LoopSamples) -> tuple[PositionController, ...]:
 
 def slow_rows(samples: LoopSamples) -> LoopSamples:
     """The samples, which count by half from the usual speed on."""
-    speed = in_band(samples).position
+    place = in_band(samples).position
+    speed = np.zeros(len(place))
     for rows in samples.stretches:
-        speed[rows] = np.gradient(speed[rows]) / samples.period
-    usual = max(float(np.median(np.abs(speed))), 1e-300)
-    return replace(samples, weight=1.0 / (1.0 + (speed / usual) ** 2))
+        speed[rows] = np.gradient(place[rows])
+    told = np.concatenate([np.abs(speed[rows]) for rows in samples.stretches])
+    return replace(samples, weight=1.0 / (1.0 + (speed / max(float(np.median(told)), 1e-300)) ** 2))
 
 
 def smooth_between(samples: LoopSamples, law: PositionController) -> PositionController | None:
