@@ -100,7 +100,7 @@ def slow_rows(samples: LoopSamples) -> LoopSamples:
     place = in_band(samples).position
     speed = np.zeros(len(place))
     for rows in samples.stretches:
-        speed[rows] = np.gradient(place[rows])
+        speed[rows] = np.diff(place[rows], prepend=place[rows.start])
     told = np.concatenate([np.abs(speed[rows]) for rows in samples.stretches])
     return replace(samples, weight=1.0 / (1.0 + (speed / max(float(np.median(told)), 1e-300)) ** 2))
 
