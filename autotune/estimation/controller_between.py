@@ -42,6 +42,7 @@ from autotune.estimation.controller_search import (
     lowest,
     searched_late,
 )
+from autotune.estimation.disturbance import jitter_of
 from autotune.signals.triangle import Triangle, reduced
 
 TICK, LEAST_TICKS = 250e-6, 4
@@ -88,9 +89,11 @@ def laws_between(
 def laws_of_slow_rows(samples: LoopSamples) -> tuple[PositionController, ...]:
     """The law of a drive that works between the samples, where rows are written late; none if they explain too little.
 
-    A reading that is late is off by speed times delay, which the law did not answer to: least squares take that for
-    smaller gains. Slow rows are hardly off.
+    A reading that is late is off by speed times delay (`jitter_of`), which the law did not answer to: least squares
+    take that for smaller gains. Slow rows are hardly off.
     """
+    if jitter_of(samples.position, samples.stretches, samples.period) == 0.0:
+        return ()
     laws = _searched_between(_banded(slow_rows(samples)))
     return tuple(replace(law, slow=True) for law in laws if _tells(law, slow_rows(samples)))
 
