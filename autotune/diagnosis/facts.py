@@ -10,7 +10,7 @@ from autotune.diagnosis.candidates import (
     FittedCandidate,
     ScreenedCandidate,
     again_explained,
-    error_left,
+    explained_beside,
     is_end_of,
 )
 from autotune.diagnosis.evidence import evidence_of
@@ -31,7 +31,7 @@ from autotune.diagnosis.transmission import GAP, SPRING, hardly_a_gap
 from autotune.diagnosis.wording import usual_rivals
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.cross_validation import beyond_presliding, gain_and_z, goes_with_place
-from autotune.estimation.data import TRAINING
+from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.problem import Problem
 from autotune.models import layout
 from autotune.models.table import EFFECTS
@@ -135,9 +135,8 @@ class Facts:
     def leads(self) -> bool:
         """No other effect gains nearly as much as the chosen one by its own law; several together always lead.
 
-        What gains on the measured motion only, and inside the twin does not even partly explain it, is no rival. Or
-        nothing is left with the chosen one, with nothing excused, and each that gains as much errs more beyond chance,
-        fitted inside the twin and its own course as free.
+        What gains on the measured motion only, and inside the twin does not even partly explain it, is no rival. Nor is
+        what is fitted inside the twin, its own course as free, and far behind the chosen one there.
         """
         chosen = self.chosen
         if chosen is None or len(chosen.model_fit.effects) > 1:
@@ -147,13 +146,26 @@ class Facts:
         gains = [(item.effect, item.gain) for item in self.first]
         gains += [(item.effect, item.gain) for item in self.tried]
         fitted = {item.effect: item for item in self.tried}
+        if SPRING.name in fitted:  # what explains as much without a gap stands for one
+            fitted.setdefault(GAP.name, fitted[SPRING.name])
         refuted = {item.effect for item in self.tried if item.share < self.problem.policy.partly}
         near = {effect for effect, gain in gains if gain > least} - {chosen.effect} - refuted
-        if chosen.plain_share < REFINED:
-            return not near
+        return all(effect in fitted and self._far_behind(chosen, fitted[effect]) for effect in near)
+
+    def _far_behind(self, chosen: FittedCandidate, rival: FittedCandidate) -> bool:
+        """Whether a rival errs more beyond chance, and nothing is left with the chosen one, with nothing excused.
+
+        Or of what the rival leaves that can be explained the chosen one explains as much as a name asks of all.
+        """
+        problem, policy = self.problem, self.problem.policy
+        if not self.evidence.apart(problem, chosen.model_fit, rival.model_fit):
+            return False
+        if chosen.plain_share >= REFINED:
+            return True
         return all(
-            effect in fitted and self.evidence.apart(self.problem, chosen.model_fit, fitted[effect].model_fit)
-            for effect in near
+            explained_beside(problem, rival.model_fit, chosen.model_fit, role).share >= policy.named
+            for role in (TRAINING, VETO)
+            if problem.has(role)
         )
 
     @property
@@ -291,8 +303,6 @@ def _rivals(
     if len(chosen.model_fit.effects) != 1:
         return []
     strict = chosen.plain_share >= problem.policy.named
-    best = error_left(problem, chosen.model_fit)
-    near = evidence.alike(problem) * (error_left(problem, root) - best)
     return [
         item.effect
         for item in tried
@@ -305,8 +315,5 @@ def _rivals(
             and item.effect == GAP.name
             and hardly_a_gap(problem.policy, item.model_fit)
         )
-        and (
-            error_left(problem, item.model_fit) - best < near
-            or not evidence.apart(problem, chosen.model_fit, item.model_fit)
-        )
+        and evidence.comes_near(problem, root, chosen, item)
     ]

@@ -521,15 +521,12 @@ class _Search:
     def _freed(self, chosen: FittedCandidate) -> FittedCandidate:
         """The model with the course of its last effect free, where its own law leaves a part unexplained.
 
-        Where that effect cannot be named by its own law, others that came near it get the same chance.
+        Others that came near it get the same chance: what is compared is each effect at its best.
         """
         best = self._shaped(chosen) or chosen
-        if self.chosen is not None or chosen.named:
+        if self.chosen is not None:
             return best
-        least = self.problem.policy.rival_gain * chosen.gain
-        for item in self.tried:
-            if item.effect == chosen.effect or item.gain < least or item.share < self.problem.policy.partly:
-                continue
+        for item in [one for one in self.tried if self._contends(chosen, one)]:
             shaped = self._shaped(item)
             if shaped is None or self.evidence.only_at_rests(self.problem, self.root, shaped):
                 continue
@@ -537,6 +534,19 @@ class _Search:
             if error_left(self.problem, shaped.model_fit) < error_left(self.problem, best.model_fit):
                 best = shaped
         return best
+
+    def _contends(self, chosen: FittedCandidate, item: FittedCandidate) -> bool:
+        """Whether another effect came near the chosen one by its own law.
+
+        Where that can be named so, only one that can be too, and errs no more: an element of memory that hardly slides
+        is a spring.
+        """
+        policy = self.problem.policy
+        if item.effect == chosen.effect:
+            return False
+        if not chosen.named:
+            return item.gain >= policy.rival_gain * chosen.gain and item.share >= policy.partly
+        return item.named and self.evidence.comes_near(self.problem, self.root, chosen, item)
 
     def _shaped(self, item: FittedCandidate) -> FittedCandidate | None:
         self.progress(f"another law of {item.effect}")
@@ -614,9 +624,10 @@ class _Search:
         )
 
     def _pruned(self, chosen: FittedCandidate) -> FittedCandidate:
-        """Drops every effect without which training and veto are hardly worse.
+        """Drops every effect without which training and veto are hardly worse, or without which the rest has a name.
 
-        Where a model without it was `seen` to be far worse, it is needed.
+        Where a model without it was `seen` to be far worse, it is needed; unless nothing has a name with it: beside the
+        second effect the first may have come into its own.
         """
         problem, current = self.problem, chosen
         for effect in chosen.model_fit.effects:
@@ -625,12 +636,14 @@ class _Search:
             rest = set(current.model_fit.effects) - {effect}
             known = [model_fit for model_fit in self.seen if set(model_fit.effects) == rest]
             times = PLAINLY_NEEDED
-            if known and not any(negligible(problem, current, model_fit, times) for model_fit in known):
+            far = not any(negligible(problem, current, model_fit, times) for model_fit in known)
+            if known and far and current.named:
                 continue
             self.progress(f"is {effect} needed")
             less = without_effect(problem, self.root, current.model_fit, effect)
             if less is not None and (
-                negligible(problem, current, less.model_fit)
+                (less.named and not current.named)
+                or negligible(problem, current, less.model_fit)
                 or differ_by_chance(problem, current.model_fit, less.model_fit)
             ):
                 current = less

@@ -18,6 +18,8 @@ from autotune.estimation.controller_between import (
     answering_late,
     following_late,
     laws_between,
+    laws_of_slow_rows,
+    slow_rows,
     smooth_between,
 )
 from autotune.estimation.controller_law import (
@@ -85,10 +87,12 @@ def _or_between(
     """A law, and beside it or in its place that of a drive that works between the samples."""
     # a law that sees the position at once, but needs what its reference does by itself: the drive interpolates
     between = found.in_band or (found.position_delay == 0 and found.acceleration_feedforward != 0.0)
-    if not (found.usable and between and data.repeated) or found.exact:
+    if not data.repeated or found.exact or (found.usable and not between):
         return (found,)
     quiet = quieter(data)
     heard = samples if quiet is data else loop_samples(quiet, samples.policy)
+    if not found.usable:
+        return _remembered(b"slow", heard, lambda: laws_of_slow_rows(heard)) or (found,)
     return _remembered(b"between", heard, lambda: laws_between(heard, found, heard is not samples))
 
 
@@ -105,8 +109,11 @@ def controllers_of(
     between = next((law for law in laws if law.ticks > 1), None)
     if between is None:
         return tuple(dict.fromkeys((found, *plain)))
+    if between.slow:
+        samples = slow_rows(samples)
     quiet = quieter(data)
     heard = samples if quiet is data else loop_samples(quiet, policy)
+    heard = slow_rows(heard) if between.slow and heard is not samples else heard
     smooth = _remembered(b"smooth", heard, lambda: _some(smooth_between(heard, between)))
     if data.sensed is None:
         late = _remembered(b"late", samples, lambda: answering_late(samples, between))
@@ -269,7 +276,9 @@ def _to_rounding(samples: LoopSamples, explained: float) -> bool:
 def _mark(samples: LoopSamples) -> tuple[bytes, str]:
     """What tells samples apart: a digest of all that a law is identified from."""
     rest = samples.period, samples.stretches, samples.known, samples.policy, samples.most_rows, samples.piece
-    return digest_of(samples.reference, samples.position, samples.demand, samples.clamped), repr(rest)
+    weighed = () if samples.weight is None else (samples.weight,)
+    content = digest_of(samples.reference, samples.position, samples.demand, samples.clamped, *weighed)
+    return content, repr(rest)
 
 
 def _identified(samples: LoopSamples) -> PositionController:

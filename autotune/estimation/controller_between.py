@@ -34,6 +34,7 @@ from autotune.estimation.controller_search import (
     MOST_LATE,
     NEARLY_EXACT,
     PIECE_SECONDS,
+    SHORT_PIECE,
     WORTH_DELAYS,
     first_look,
     how_late,
@@ -41,6 +42,7 @@ from autotune.estimation.controller_search import (
     lowest,
     searched_late,
 )
+from autotune.estimation.disturbance import jitter_of
 from autotune.signals.triangle import Triangle, reduced
 
 TICK, LEAST_TICKS = 250e-6, 4
@@ -51,6 +53,9 @@ RATE_STEP, FINER_FILTER = math.log(1.7), 1.5
 """Between two of them, in the logarithm; and times the least share left that a finer one can make up for."""
 FED = PositionController(velocity_feedforward=1.0)
 """Form of a law that feeds the rate of the reference forward by itself."""
+SLOW_ROWS = (
+    "Rows are written late: the controller was identified mostly by slow ones, which that hardly moves."
+)
 BETWEEN = "The drive's loop works between the samples, and is simulated so."
 FASTEST = 25.0
 """Time constants of that filter in a sample: beyond, nothing is left to filter."""
@@ -79,6 +84,28 @@ def laws_between(
     others = [law for law in others if _tells(law, samples)]
     no_more = 1.0 - between.explained < AS_MUCH * (1.0 - rate.explained)
     return (between, *others) if no_more else (found, between, *others)
+
+
+def laws_of_slow_rows(samples: LoopSamples) -> tuple[PositionController, ...]:
+    """The law of a drive that works between the samples, where rows are written late; none if they explain too little.
+
+    A reading that is late is off by speed times delay (`jitter_of`), which the law did not answer to: least squares
+    take that for smaller gains. Slow rows are hardly off.
+    """
+    if jitter_of(samples.position, samples.stretches, samples.period) == 0.0:
+        return ()
+    laws = _searched_between(_banded(slow_rows(samples)))
+    return tuple(replace(law, slow=True) for law in laws if _tells(law, slow_rows(samples)))
+
+
+def slow_rows(samples: LoopSamples) -> LoopSamples:
+    """The samples, which count by half from the usual speed on."""
+    place = in_band(samples).position
+    speed = np.zeros(len(place))
+    for rows in samples.stretches:
+        speed[rows] = np.diff(place[rows], prepend=place[rows.start])
+    told = np.concatenate([np.abs(speed[rows]) for rows in samples.stretches])
+    return replace(samples, weight=1.0 / (1.0 + (speed / max(float(np.median(told)), 1e-300)) ** 2))
 
 
 def smooth_between(samples: LoopSamples, law: PositionController) -> PositionController | None:
@@ -135,7 +162,8 @@ def following_late(samples: LoopSamples, acted: Floats, law: PositionController)
 
 def _banded(samples: LoopSamples) -> LoopSamples:
     """The samples in which such laws are looked for."""
-    return in_band(replace(samples, piece=PIECE_SECONDS))
+    late = samples.weight is not None
+    return in_band(replace(samples, piece=SHORT_PIECE if late else PIECE_SECONDS))
 
 
 def _ticks(samples: LoopSamples) -> int:
@@ -149,13 +177,19 @@ def _as_felt(law: PositionController, ticks: int) -> PositionController:
 
 
 def _tells(law: PositionController, samples: LoopSamples) -> bool:
-    """Whether it explains enough to drive a twin, by gains that hold an axis."""
-    return law.explained > samples.policy.controller_explains_in_band and law.kp > 0.0 and law.kd > 0.0
+    """Whether it explains enough to drive a twin, by gains that hold an axis.
+
+    Where rows are written late the rest is theirs: enough is what says that the torque is a controller's answer.
+    """
+    policy = samples.policy
+    least = policy.controller_explains_in_band if samples.weight is None else policy.answer_explains
+    return law.explained > least and law.kp > 0.0 and law.kd > 0.0
 
 
 def _said(law: PositionController, samples: LoopSamples) -> PositionController:
     """The law, with what is to be said of it."""
-    return replace(law, in_band=True, why=f"{how_late(samples.period)} {BETWEEN}")
+    late = "" if samples.weight is None else f"{SLOW_ROWS} "
+    return replace(law, in_band=True, why=f"{late}{how_late(samples.period)} {BETWEEN}")
 
 
 def _follows_by(samples: LoopSamples, acted: Floats) -> tuple[float, float]:
@@ -331,7 +365,7 @@ class _Between:
             at = late_places(samples, chosen, delay)
             place, summed, bend, speed = wanted[:, at]
             columns += [place - here[0], summed - here[1], filtered[1][at], speed, bend]
-        triangle = reduced(columns, samples.demand[chosen], run)
+        triangle = reduced(columns, samples.demand[chosen], run, samples.weight_of(chosen))
         self._last = key, triangle
         return triangle
 

@@ -61,6 +61,7 @@ class PositionController:
         answer_delay: samples by which the torque of such a law answers late to all that it sees: what its loop takes to
             be computed, and a current loop to follow. `sensed`: it is the law of the torque by its own sensor.
         adrift: where the counts of its encoder lie the twin does not know, and has them elsewhere in every run.
+        slow: found by slow rows, as rows are written late (`LoopSamples.weight`).
         exact: leaves no more than rounding of numbers, or of the recorded torque: the law works at the samples.
         source: `metadata` (the file's, verified), `identified`, `trusted` (the file's, which these data
             cannot verify) or `none`.
@@ -91,6 +92,7 @@ class PositionController:
     answer_delay: float = 0.0
     sensed: bool = False
     adrift: bool = False
+    slow: bool = False
 
     @property
     def usable(self) -> bool:
@@ -166,6 +168,7 @@ class LoopSamples:
         stretches: contiguous rows under position control.
         known: the controller that the file names.
         piece: longest run that shares a constant [s].
+        weight: of each row's square; all alike where there is none.
     """
 
     period: float
@@ -178,6 +181,11 @@ class LoopSamples:
     policy: Policy = POLICY
     most_rows: int = MOST_ROWS
     piece: float = np.inf
+    weight: Floats | None = None
+
+    def weight_of(self, rows: Integers) -> Floats | None:
+        """Weights of some rows, of the same shape."""
+        return None if self.weight is None else np.asarray(self.weight[rows])
 
 
 def late_samples(samples: LoopSamples, reference_delay: int, position_delay: int) -> LoopSamples:

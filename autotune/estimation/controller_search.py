@@ -455,6 +455,7 @@ def first_look(samples: LoopSamples) -> LoopSamples:
         position=samples.position[looked],
         demand=samples.demand[looked],
         clamped=samples.clamped[looked],
+        weight=samples.weight_of(looked),
         stretches=parts,
         most_rows=ROUGH_ROWS,
     )

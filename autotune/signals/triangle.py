@@ -52,22 +52,28 @@ class Triangle:
         return Solved(np.asarray(gains), float(self.means[-1] - means @ gains), explained)
 
 
-def reduced(columns: Sequence[Floats] | Floats, target: Floats, run: Integers) -> Triangle:
+def reduced(
+    columns: Sequence[Floats] | Floats, target: Floats, run: Integers, weight: Floats | None = None
+) -> Triangle:
     """A triangle of columns and a target, each of shape (m,), with a constant for every run.
 
     Args:
         run: number of the run that each row belongs to, shape (m,), ascending.
+        weight: of each row's square, shape (m,); all alike where none are given.
     """
     table = np.array([*columns, target])
-    means = table.mean(axis=1) if len(target) else np.zeros(len(table))
-    return Triangle(np.asarray(np.linalg.qr(less_run_means(table, run).T, mode="r")), means)
+    means = np.average(table, axis=1, weights=weight) if len(target) else np.zeros(len(table))
+    left = less_run_means(table, run, weight)
+    left = left if weight is None else left * np.sqrt(weight)
+    return Triangle(np.asarray(np.linalg.qr(left.T, mode="r")), means)
 
 
-def less_run_means(values: Floats, run: Integers) -> Floats:
+def less_run_means(values: Floats, run: Integers, weight: Floats | None = None) -> Floats:
     """Values of shape (…, m) less their mean in the run that each belongs to; `run` of shape (m,), ascending."""
     if len(run) == 0:
         return values
     first = np.flatnonzero(np.diff(run, prepend=run[0] - 1))
-    count = np.diff(first, append=len(run))
-    means = np.add.reduceat(values, first, axis=-1) / count
-    return np.asarray(values - np.repeat(means, count, axis=-1))
+    rows = np.diff(first, append=len(run))
+    count = rows if weight is None else np.add.reduceat(weight, first)
+    means = np.add.reduceat(values if weight is None else values * weight, first, axis=-1) / count
+    return np.asarray(values - np.repeat(means, rows, axis=-1))

@@ -186,17 +186,24 @@ def test_a_free_course_names_only_what_no_other_effect_comes_near(
 
 
 @pytest.mark.parametrize(
-    ("plain", "share", "apart", "leads"),
+    ("plain", "share", "apart", "beside", "leads"),
     [
-        (0.995, 0.96, True, True),
-        (0.995, 0.96, False, False),
-        (0.97, 0.96, True, False),
-        (0.97, 0.03, False, True),
+        (0.995, 0.96, True, 0.5, True),
+        (0.995, 0.96, False, 0.95, False),
+        (0.97, 0.96, True, 0.5, False),
+        (0.97, 0.96, True, 0.95, True),
+        (0.97, 0.96, False, 0.95, False),
+        (0.97, 0.03, False, 0.0, True),
     ],
 )
-def test_a_rival_is_refuted_inside_the_twin(plain: float, share: float, apart: bool, leads: bool) -> None:
+def test_a_rival_is_refuted_inside_the_twin(
+    monkeypatch: pytest.MonkeyPatch, plain: float, share: float, apart: bool, beside: float, leads: bool
+) -> None:
     """A knee in the motor's torque on measured motion gains less than friction that depends on load; inside the twin
-    its course leaves nothing, and that friction a twentieth. What explains next to nothing there is no rival of any."""
+    its course leaves nothing, and that friction a twentieth. What explains next to nothing there is no rival of any.
+
+    `beside`: share of what the rival leaves that the chosen one explains, on training and veto alike. A film that
+    shears off left a thirtieth of what a second mass left, with a course of its own, and was "not beyond doubt"."""
     fit = SimpleNamespace(effects=("torque_saturation",))
     chosen = SimpleNamespace(effect="torque_saturation", gain=0.7, plain_share=plain, model_fit=fit)
     rival = SimpleNamespace(
@@ -205,9 +212,26 @@ def test_a_rival_is_refuted_inside_the_twin(plain: float, share: float, apart: b
     evidence = SimpleNamespace(
         apart=lambda _problem, better, worse: apart and better is fit and worse is not fit
     )
-    problem = SimpleNamespace(policy=POLICY)
+    monkeypatch.setattr(facts, "explained_beside", lambda *_: SimpleNamespace(share=beside))
+    problem = SimpleNamespace(policy=POLICY, has=lambda _: True)
     known = (problem, None, chosen, evidence, (), None, "", 0.0, 0.9, ())
     assert Facts(*known, first=[chosen, rival], tried=[rival]).leads is leads
+
+
+@pytest.mark.parametrize(("fitted", "leads"), [(True, True), (False, False)])
+def test_a_second_mass_stands_for_a_gap_that_was_given_up_for_it(fitted: bool, leads: bool) -> None:
+    """A gap whose spring alone explains as much is no candidate of its own any more."""
+    chosen = SimpleNamespace(
+        effect="nonlinear_viscous",
+        gain=0.9,
+        plain_share=0.995,
+        model_fit=SimpleNamespace(effects=("nonlinear_viscous",)),
+    )
+    gap = SimpleNamespace(effect="backlash", gain=0.6)
+    spring = SimpleNamespace(effect="elastic_transmission", gain=0.5, share=0.95, model_fit=SimpleNamespace())
+    evidence = SimpleNamespace(apart=lambda *_: True)
+    known = (SimpleNamespace(policy=POLICY), None, chosen, evidence, (), None, "", 0.0, 0.9, ())
+    assert Facts(*known, first=[chosen, gap], tried=[spring] if fitted else []).leads is leads
 
 
 @pytest.mark.parametrize(("share", "drowned"), [(0.06, False), (0.45, False), (0.7, True)])

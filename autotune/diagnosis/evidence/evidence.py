@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from autotune.core.arrays import Flags, Floats
-from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate
+from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, error_left
 from autotune.estimation.alignment import BESIDE, CURRENT_LOOP, behind_current_loop, best_shift, shifted
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.controller_search import lowest
@@ -127,6 +127,15 @@ class Evidence(ABC):
     def apart(self, problem: Problem, better: ModelFit, worse: ModelFit) -> bool:
         """Whether one model errs less than another beyond chance."""
         return True
+
+    def comes_near(
+        self, problem: Problem, root: ModelFit, chosen: FittedCandidate, item: FittedCandidate
+    ) -> bool:
+        """Whether another candidate errs no more than the chosen one, but for a small part of its fall or by chance."""
+        best = error_left(problem, chosen.model_fit)
+        near = self.alike(problem) * (error_left(problem, root) - best)
+        close = error_left(problem, item.model_fit) - best < near
+        return close or not self.apart(problem, chosen.model_fit, item.model_fit)
 
     def rest_that_is_none(self, problem: Problem, error: Floats, noise: float) -> float:
         """Variance [(N m)²]: where no more of an error comes again in repeats, no further effect is looked for.
