@@ -6,9 +6,10 @@ What was found is gathered in `facts.Facts`; the verdict is the first row of `CA
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from autotune.core.errors import AutotuneError
 from autotune.diagnosis.baseline import begin, notes_after
 from autotune.diagnosis.candidates import (
     FittedCandidate,
@@ -17,7 +18,17 @@ from autotune.diagnosis.candidates import (
     no_progress,
 )
 from autotune.diagnosis.compare import check_same_axis
-from autotune.diagnosis.confirmation import confirm, doubt_of, in_words
+from autotune.diagnosis.confirmation import (
+    OwnBase,
+    base_in_words,
+    confirm,
+    confirm_by,
+    in_words,
+    much_unexplained,
+    own_recordings,
+    told_apart,
+    without,
+)
 from autotune.diagnosis.evidence.evidence import HoldoutResult
 from autotune.diagnosis.evidence.time_driven import (
     all_lines,
@@ -42,7 +53,7 @@ from autotune.diagnosis.wording import (
     torque_path_notes,
     unknown_note,
 )
-from autotune.estimation.bandwidth import prepared_both
+from autotune.estimation.bandwidth import prepared_both, prepared_to_fit
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.coordinates import variance_shares
 from autotune.estimation.data import TEST, Prepared
@@ -56,6 +67,8 @@ from autotune.recordings.recording import Recording
 
 NAMED, NONE, UNKNOWN, AMBIGUOUS = "named", "none", "unknown", "ambiguous"
 CONFIRMED, SUSPECTED = "confirmed", "suspected"
+ORDER = (NAMED, AMBIGUOUS, UNKNOWN, NONE)
+"""Verdicts on recordings, those that tell most first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +83,7 @@ class Diagnosis:
         error_test: rms on the unseen test trajectory; nan without one.
         error_rms, relative_error: of the model as it was given, before anything was fitted; as `compare` finds.
         notes: sentences for people.
-        recordings: those that were diagnosed.
+        recordings: those that were diagnosed; where each was by itself, the one that the model is fitted to.
         base: sentences on laws of the base that were found, which the model that was given has not.
     """
 
@@ -113,25 +126,158 @@ def diagnose(
     check_same_axis(model, recordings)
     data, whole = prepared_both(recordings, policy)
     given = model_error(whole, model, policy)
-    found, nominal, notes = _searched(data, model, progress, policy, candidates)
-    problem = found.problem
-    progress("does another trajectory confirm it")
-    chosen, carried = confirm(found, nominal)
-    verdict = judge(replace(found, chosen=chosen), (*notes, *in_words(carried)), carried)
-    if verdict.verdict == NAMED and not problem.has_veto:
-        doubt = doubt_of(recordings, model, verdict.effects, progress, policy, problem.candidates)
-        if doubt is not None and doubt.nowhere:
-            said = (f"Not named: {doubt.why}.", *notes, *in_words(carried))
-            verdict = judge(replace(found, chosen=None), said, carried, refused=True)
-        elif doubt is not None and verdict.confidence == CONFIRMED:
-            notes = (f"Suspected only: {doubt.why}.", *verdict.notes)
-            verdict = replace(verdict, confidence=SUSPECTED, notes=notes)
+
+    def searched(data: Prepared) -> _Searched:
+        return _searched(data, model, progress, policy, candidates)
+
+    own = own_recordings(recordings, data)
+    verdict = _of_each(own, searched, progress) or _together(data, searched, progress)
+    if own and not verdict.recordings and verdict.confidence == CONFIRMED:
+        notes = ("Suspected only: no recording tells enough by itself.", *verdict.notes)
+        verdict = replace(verdict, confidence=SUSPECTED, notes=notes)
     return replace(
         verdict,
         error_rms=given.error_rms,
         relative_error=given.relative_error,
-        recordings=tuple(recordings),
+        recordings=verdict.recordings or tuple(recordings),
     )
+
+
+_Searched = tuple[Found, Packed, tuple[str, ...]]
+
+
+def _together(data: Prepared, searched: Callable[[Prepared], _Searched], progress: Progress) -> Diagnosis:
+    """What all recordings show with one base."""
+    found, nominal, notes = searched(data)
+    progress("does another trajectory confirm it")
+    chosen, carried = confirm(found, nominal)
+    return judge(replace(found, chosen=chosen), (*notes, *in_words(carried)), carried)
+
+
+@dataclass(frozen=True, slots=True)
+class _Alone:
+    """What one recording shows by itself; `number`: from 1."""
+
+    number: int
+    found: Found
+    nominal: Packed
+    notes: tuple[str, ...]
+    verdict: Diagnosis
+
+
+def _of_each(
+    own: Sequence[tuple[int, list[Recording]]],
+    searched: Callable[[Prepared], _Searched],
+    progress: Progress,
+) -> Diagnosis | None:
+    """What recordings show that are searched one by one, each with its own base, and what the others say of it.
+
+    None where they are diagnosed together: one by one they tell nothing, or a veto trajectory tells of all of them.
+    """
+    alone: list[_Alone] = []
+    silent: list[str] = []
+    for number, part in own:
+        progress(f"recording {number} by itself")
+        try:
+            found, nominal, notes = searched(prepared_to_fit(part))
+        except AutotuneError as reason:
+            silent.append(f"Recording {number} tells too little by itself: {reason}.")
+            continue
+        verdict = replace(judge(found, notes, ()), recordings=tuple(part))
+        alone.append(_Alone(number, found, nominal, notes, verdict))
+    if not alone:
+        return None
+    alone.sort(key=lambda one: ORDER.index(one.verdict.verdict))
+    best: Diagnosis | None = None
+    for one in alone:
+        if best is not None and not one.verdict.effects:
+            break
+        told = _told(one, [other for other in alone if other is not one], progress)
+        if best is None or (told.effects and not best.effects) or told.confidence == CONFIRMED:
+            best = told
+        if best.confidence == CONFIRMED:
+            break
+    return best if best is None else replace(best, notes=(*silent, *best.notes))
+
+
+def _told(one: _Alone, others: Sequence[_Alone], progress: Progress) -> Diagnosis:
+    """The verdict on one recording after what it names was carried to the others, where only their base is refitted."""
+    searched = f"Each recording was searched by itself, with a base of its own: {_each([one, *others])}."
+    if not others or not one.verdict.effects:
+        return replace(one.verdict, notes=(searched, *one.verdict.notes))
+    progress("do the other recordings confirm it")
+    bases = [OwnBase(other.number, other.found) for other in others]
+    carriers, found = [base.elsewhere() for base in bases], one.found
+    if one.verdict.verdict == AMBIGUOUS:
+        found = told_apart(found, one.verdict.confusable[0], carriers)
+    shown = {effect for other in others for effect in other.verdict.effects}
+    chosen, carried = confirm_by(found, one.nominal, carriers, shown)
+    said = (searched, *one.notes, *in_words(carried))
+    verdict = judge(replace(found, chosen=chosen), said, carried)
+    held = {item.effect for item in carried if item.lowers} | shown
+    if chosen is not None and verdict.verdict == NAMED and held & set(verdict.effects):
+        verdict = _without_unheld(one, found, chosen, said, carried, held) or verdict
+    if verdict.confidence == CONFIRMED and verdict.model_fit is not None:
+        doubt = _doubt(one, others, bases, verdict.model_fit)
+        if doubt:
+            notes = (f"Suspected only: {doubt}.", *verdict.notes)
+            verdict = replace(verdict, confidence=SUSPECTED, notes=notes)
+    return replace(_with_bases(verdict, one, bases), recordings=one.verdict.recordings)
+
+
+def _without_unheld(
+    one: _Alone,
+    found: Found,
+    chosen: FittedCandidate,
+    said: tuple[str, ...],
+    carried: Sequence[HoldoutResult],
+    held: Collection[str],
+) -> Diagnosis | None:
+    """The verdict without names that no other recording shows, beside one that they do; None where it is none."""
+    unheld = [effect for effect in chosen.model_fit.effects if effect not in held]
+    less = without(found.problem, found.root, chosen, unheld) if unheld else None
+    if less is None:
+        return None
+    freed = {effect: named for effect, named in found.freed.items() if effect not in unheld}
+    names = " and ".join(unheld).replace("_", " ")
+    said = (f"Recording {one.number} alone shows {names}, which is not named.", *said)
+    verdict = judge(replace(found, chosen=less, freed=freed), said, carried)
+    return verdict if verdict.verdict == NAMED else None
+
+
+def _doubt(one: _Alone, others: Sequence[_Alone], bases: Sequence[OwnBase], model_fit: ModelFit) -> str:
+    """What speaks against calling effects confirmed that were found in one recording; empty where nothing does."""
+    for other in others:
+        names = set(other.verdict.effects)
+        if other.verdict.verdict == NAMED and not names & set(model_fit.effects):
+            return f"recording {other.number} by itself shows {' and '.join(sorted(names)).replace('_', ' ')}"
+    doubts = [much_unexplained(one.found.problem, model_fit, one.number)]
+    doubts += [base.doubt(model_fit) for base in bases]
+    return next(filter(None, doubts), "")
+
+
+def _each(alone: Sequence[_Alone]) -> str:
+    """What each recording says by itself, in the order of their numbers."""
+    said = []
+    for one in sorted(alone, key=lambda one: one.number):
+        names = " and ".join(one.verdict.effects).replace("_", " ")
+        said.append(
+            f"recording {one.number} {f'shows {names}' if names else f'alone says {one.verdict.verdict!r}'}"
+        )
+    return ", ".join(said)
+
+
+def _with_bases(verdict: Diagnosis, one: _Alone, bases: Sequence[OwnBase]) -> Diagnosis:
+    """The verdict with a sentence on each recording whose base is another one."""
+    if verdict.model_fit is None:
+        return verdict
+    said = []
+    for base in bases:
+        settled = base.fit_of(verdict.model_fit)
+        if settled is not None:
+            fits = (verdict.model_fit, settled)
+            said.append(base_in_words((one.number, base.number), (one.found.problem, base.problem), fits))
+    return replace(verdict, notes=(*filter(None, said), *verdict.notes))
 
 
 def _searched(
@@ -258,15 +404,9 @@ CASES: tuple[Case, ...] = (
 )
 
 
-def judge(
-    found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult], *, refused: bool = False
-) -> Diagnosis:
-    """The verdict on what a search has found; `notes` are what was to be said before.
-
-    `refused`: something was found that is not named after all, so that something is left.
-    """
+def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]) -> Diagnosis:
+    """The verdict on what a search has found; `notes` are what was to be said before."""
     facts = gathered(found, carried)
-    facts = replace(facts, left=facts.left or refused)
     case = next(case for case in CASES if case.holds(facts))
     effects: tuple[str, ...] = ()
     confidence = None
