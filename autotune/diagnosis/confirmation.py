@@ -185,15 +185,22 @@ def told_apart(found: Found, rivals: Collection[str], others: Sequence[Elsewhere
 def in_words(carried: Sequence[HoldoutResult]) -> tuple[str, ...]:
     """What another trajectory says, one sentence an effect."""
     return tuple(
-        f"Carried unchanged to another trajectory, {item.effect.replace('_', ' ')} "
-        + (
-            f"raises the squared error there by {-100 * item.gain:.0f} %: it is not the cause."
-            if item.refuted
-            else f"lowers the squared error there by {100 * item.gain:.0f} %"
-            + (f"; {_listed(item.rivals, 'or')} in its place does nearly as well." if item.rivals else ".")
-        )
+        f"Carried unchanged to another trajectory, {item.effect.replace('_', ' ')} {_effect_there(item)}"
         for item in carried
     )
+
+
+def _effect_there(item: HoldoutResult) -> str:
+    size = f"{100 * abs(item.gain):.0f} %"
+    if item.refuted:
+        return f"raises the squared error there by {size}: it is not the cause."
+    if item.gain < 0.0:
+        moved = (
+            "; has the zero of the position moved between them?" if EFFECTS[item.effect].keeps_zero else "."
+        )
+        return f"does not lower the squared error there (+{size}){moved}"
+    rivals = f"; {_listed(item.rivals, 'or')} in its place does nearly as well." if item.rivals else "."
+    return f"lowers the squared error there by {size}{rivals}"
 
 
 def _listed(effects: Sequence[str], between: str) -> str:
@@ -231,7 +238,7 @@ def _carried(
     lowers = gain >= policy.confirming_gain or (gain >= policy.least_gain and z >= policy.apart_z)
     raises = gain < 0.0
     if others[0].own_base:  # refitted, a base differs by chance beside what is not seen there
-        raises = gain <= -policy.least_gain and z <= -policy.apart_z
+        raises = gain <= -policy.least_gain and z <= -policy.apart_z and not EFFECTS[effect].keeps_zero
     return HoldoutResult(effect, gain, z, lowers, refuted=raises)
 
 
