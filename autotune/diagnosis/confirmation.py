@@ -5,9 +5,8 @@ wrong ones raise it. A second recording that lowers the error of Stribeck fricti
 viscosity too. So each effect is taken out, the best alternatives are fitted in its place, and all are carried:
 confirmed is what errs clearly less there than every rival.
 
-Recordings may be taken under other circumstances: another load, warmer, a neighbour that moves. Fitted together they
-bend one base until neither is right. So each is searched by itself, with a base of its own; what one of them names is
-carried to the others, with only the base refitted there.
+What is not refitted must be the same there. A recording with a base of its own is no such trajectory: only the base is
+refitted (`each_recording`), and what it cannot show says nothing.
 """
 
 from __future__ import annotations
@@ -27,25 +26,15 @@ from autotune.diagnosis.evidence.visibility import visible
 from autotune.diagnosis.refits import inside_twin, without_effect
 from autotune.diagnosis.screening import rank
 from autotune.diagnosis.search import Found
-from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
+from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.cross_validation import Unseen, gain_and_z
-from autotune.estimation.data import TRAINING, VETO, Prepared
-from autotune.estimation.least_squares import standard_errors
-from autotune.estimation.pieces import UNFITTED
 from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Problem
-from autotune.estimation.residual import smoothed
-from autotune.models.drive_model import Packed, surface_parameter
-from autotune.models.layout import flag
+from autotune.models.drive_model import Packed
 from autotune.models.table import EFFECTS
-from autotune.recordings.recording import Recording
 
 MOST_RIVALS = 3
 """Fitted in the place of each effect."""
-MOST_UNEXPLAINED = 0.25
-"""Of a recording's torque variance: where more is left, it confirms nothing (an arm's joints, others moving)."""
-ROUNDS = 2
-"""Of a fit of the base beside effects that were carried."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,119 +247,3 @@ def _clearly_less(policy: Policy, own: Unseen, rival: Unseen) -> bool:
     """Whether the effect errs clearly less than its rival."""
     gain, z = gain_and_z(rival, own)
     return gain >= policy.confirming_gain or (gain >= policy.confirming_margin and z >= policy.apart_z)
-
-
-class OwnBase:
-    """Another recording by its own base: what was found elsewhere is carried to it, and only the base is refitted."""
-
-    def __init__(self, number: int, found: Found) -> None:
-        self.number, self.problem, self.root = number, found.problem, found.root
-        self._known: list[tuple[ModelFit, ModelFit | None]] = []
-
-    def elsewhere(self) -> Elsewhere:
-        return Elsewhere(self._error_of, own_base=True)
-
-    def fit_of(self, model_fit: ModelFit) -> ModelFit | None:
-        """The base beside a model's effects; None where the twin is unstable with them."""
-        for known, settled in self._known:
-            if known is model_fit:
-                return settled
-        settled = self.root
-        if model_fit.effects:
-            packed = with_effects(self.root.fitted.packed, model_fit.fitted.packed, model_fit.effects)
-            settled = fit_inside_twin(self.problem, packed, list(self.root.free), ROUNDS, model_fit.effects)
-        self._known.append((model_fit, settled))
-        return settled
-
-    def _error_of(self, model_fit: ModelFit) -> Floats | None:
-        settled, weight = self.fit_of(model_fit), self.problem.training
-        return None if settled is None else (settled.fitted.error * np.sqrt(weight))[weight > 0]
-
-    def doubt(self, model_fit: ModelFit) -> str:
-        """What this recording says against the effects of a model that was found elsewhere; empty if nothing."""
-        settled = self.fit_of(model_fit)
-        if settled is None:
-            return f"with these effects recording {self.number} cannot be simulated"
-        least = self.problem.policy.least_gain
-        before, after = (self.problem.mean_square(one.fitted.error, TRAINING) for one in (self.root, settled))
-        if after >= (1.0 - least) * before:
-            return (
-                f"recording {self.number}, with only the base refitted, errs no less with them than without"
-            )
-        return much_unexplained(self.problem, settled, self.number)
-
-
-def much_unexplained(problem: Problem, model_fit: ModelFit, number: int) -> str:
-    """Says so where a recording keeps too much of its torque to confirm anything; empty else."""
-    share = unexplained(problem, model_fit)
-    if share <= MOST_UNEXPLAINED:
-        return ""
-    return f"recording {number} keeps {100 * share:.0f} % of the torque's variance unexplained"
-
-
-def own_recordings(recordings: Sequence[Recording], data: Prepared) -> list[tuple[int, list[Recording]]]:
-    """Each recording that is searched by itself, by its number, with those that are never fitted; none where fewer than
-    two are.
-
-    A veto trajectory decides over all of them; curves over speed have one point in each recording, or some.
-    """
-    if data.steady or bool(np.any(data.role(VETO))):
-        return []
-    aside = [one for one in recordings if _unfitted(one)]
-    own = [(number, [one, *aside]) for number, one in enumerate(recordings, 1) if not _unfitted(one)]
-    return own if len(own) > 1 else []
-
-
-def _unfitted(recording: Recording) -> bool:
-    return all(part.experiment in UNFITTED for part in recording.segments())
-
-
-BASE = {
-    "inertia": "inertia",
-    "coulomb": "Coulomb friction",
-    "viscous": "viscous friction",
-    "offset": "offset",
-}
-
-
-def base_in_words(
-    numbers: tuple[int, int], problems: tuple[Problem, Problem], model_fits: tuple[ModelFit, ModelFit]
-) -> str:
-    """By which parameters two recordings have a different base, beyond their standard errors; empty where by none."""
-    first, other = (_base(*pair) for pair in zip(problems, model_fits, strict=True))
-    metadata, apart = problems[0].data.metadata, problems[0].policy.apart_z
-    told = []
-    for name, words in BASE.items():
-        if name not in first or name not in other:
-            continue
-        (one, error), (two, its_error) = first[name], other[name]
-        if abs(one - two) > apart * math.hypot(error, its_error):
-            unit = surface_parameter(name).unit_for(metadata.motion_unit, metadata.torque_unit)
-            told.append(f"{words} {one:.3g} and {two:.3g} {unit}")
-    if not told:
-        return ""
-    return f"Recordings {numbers[0]} and {numbers[1]} have a different base: {', '.join(told)}."
-
-
-def _base(problem: Problem, model_fit: ModelFit) -> dict[str, tuple[float, float]]:
-    """Parameters of the base and their standard errors, by name."""
-    errors, packed = standard_errors(model_fit.fitted, problem.training), model_fit.fitted.packed
-    pairs = zip(model_fit.free, errors, strict=True)
-    return {one.name: (float(packed.p[one.slot]), float(error)) for one, error in pairs if one.name in BASE}
-
-
-def unexplained(problem: Problem, model_fit: ModelFit) -> float:
-    """Share of the torque's variance that a model leaves on the rows that count."""
-    rows = problem.training > 0
-    torque = smoothed(problem.data, problem.data.torque)[rows]
-    return float(np.var(model_fit.fitted.error[rows])) / max(float(np.var(torque)), 1e-300)
-
-
-def with_effects(base: Packed, other: Packed, effects: Sequence[str]) -> Packed:
-    """A model with the effects of another one, unchanged."""
-    p, on = base.p.copy(), base.on.copy()
-    for name in effects:
-        for parameter in EFFECTS[name].parameters:
-            p[parameter.slot] = other.p[parameter.slot]
-        on[flag(name)] = True
-    return Packed(p, on)

@@ -224,7 +224,7 @@ def _of_place(problem: Problem, root: ModelFit) -> bool:
     return goes_with_place(beyond_presliding(problem, root.fitted.packed), root.fitted)
 
 
-def _untold(facts: Facts, told_apart: Sequence[str]) -> tuple[str, ...]:
+def _untold(facts: Facts, told_apart: Sequence[str] = ()) -> tuple[str, ...]:
     """Look-alikes of one effect that is not quite what these data show: those that gain half as much, or were no
     candidates.
     """

@@ -6,10 +6,9 @@ What was found is gathered in `facts.Facts`; the verdict is the first row of `CA
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from autotune.core.errors import AutotuneError
 from autotune.diagnosis.baseline import begin, notes_after
 from autotune.diagnosis.candidates import (
     FittedCandidate,
@@ -18,17 +17,8 @@ from autotune.diagnosis.candidates import (
     no_progress,
 )
 from autotune.diagnosis.compare import check_same_axis
-from autotune.diagnosis.confirmation import (
-    OwnBase,
-    base_in_words,
-    confirm,
-    confirm_by,
-    in_words,
-    much_unexplained,
-    own_recordings,
-    told_apart,
-    without,
-)
+from autotune.diagnosis.confirmation import confirm, in_words
+from autotune.diagnosis.each_recording import Searched, of_each, own_recordings
 from autotune.diagnosis.evidence.evidence import HoldoutResult
 from autotune.diagnosis.evidence.time_driven import (
     all_lines,
@@ -37,11 +27,17 @@ from autotune.diagnosis.facts import Facts, gathered
 from autotune.diagnosis.free_shape import told_of_base
 from autotune.diagnosis.search import Found, search
 from autotune.diagnosis.wording import (
+    AMBIGUOUS,
+    CONFIRMED,
     DROWNED,
     HUNTS,
+    NAMED,
+    NONE,
     OWN_PRESLIDING,
     PRESLIDING_REST,
+    SUSPECTED,
     TORQUE_CONSTANT,
+    UNKNOWN,
     Candidate,
     breathing_note,
     candidate_rows,
@@ -53,7 +49,7 @@ from autotune.diagnosis.wording import (
     torque_path_notes,
     unknown_note,
 )
-from autotune.estimation.bandwidth import prepared_both, prepared_to_fit
+from autotune.estimation.bandwidth import prepared_both
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.coordinates import variance_shares
 from autotune.estimation.data import TEST, Prepared
@@ -61,14 +57,9 @@ from autotune.estimation.disturbance_estimate import with_counts
 from autotune.estimation.model_error import model_error, with_misfit
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import Problem
-from autotune.models.drive_model import DriveModel, Packed
+from autotune.models.drive_model import DriveModel
 from autotune.models.effect import Kind
 from autotune.recordings.recording import Recording
-
-NAMED, NONE, UNKNOWN, AMBIGUOUS = "named", "none", "unknown", "ambiguous"
-CONFIRMED, SUSPECTED = "confirmed", "suspected"
-ORDER = (NAMED, AMBIGUOUS, UNKNOWN, NONE)
-"""Verdicts on recordings, those that tell most first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,11 +118,11 @@ def diagnose(
     data, whole = prepared_both(recordings, policy)
     given = model_error(whole, model, policy)
 
-    def searched(data: Prepared) -> _Searched:
+    def searched(data: Prepared) -> Searched:
         return _searched(data, model, progress, policy, candidates)
 
     own = own_recordings(recordings, data)
-    verdict = _of_each(own, searched, progress) or _together(data, searched, progress)
+    verdict = of_each(own, searched, judge, progress) or _together(data, searched, progress)
     if own and not verdict.recordings and verdict.confidence == CONFIRMED:
         notes = ("Suspected only: no recording tells enough by itself.", *verdict.notes)
         verdict = replace(verdict, confidence=SUSPECTED, notes=notes)
@@ -143,141 +134,12 @@ def diagnose(
     )
 
 
-_Searched = tuple[Found, Packed, tuple[str, ...]]
-
-
-def _together(data: Prepared, searched: Callable[[Prepared], _Searched], progress: Progress) -> Diagnosis:
+def _together(data: Prepared, searched: Callable[[Prepared], Searched], progress: Progress) -> Diagnosis:
     """What all recordings show with one base."""
     found, nominal, notes = searched(data)
     progress("does another trajectory confirm it")
     chosen, carried = confirm(found, nominal)
     return judge(replace(found, chosen=chosen), (*notes, *in_words(carried)), carried)
-
-
-@dataclass(frozen=True, slots=True)
-class _Alone:
-    """What one recording shows by itself; `number`: from 1."""
-
-    number: int
-    found: Found
-    nominal: Packed
-    notes: tuple[str, ...]
-    verdict: Diagnosis
-
-
-def _of_each(
-    own: Sequence[tuple[int, list[Recording]]],
-    searched: Callable[[Prepared], _Searched],
-    progress: Progress,
-) -> Diagnosis | None:
-    """What recordings show that are searched one by one, each with its own base, and what the others say of it.
-
-    None where they are diagnosed together: one by one they tell nothing, or a veto trajectory tells of all of them.
-    """
-    alone: list[_Alone] = []
-    silent: list[str] = []
-    for number, part in own:
-        progress(f"recording {number} by itself")
-        try:
-            found, nominal, notes = searched(prepared_to_fit(part))
-        except AutotuneError as reason:
-            silent.append(f"Recording {number} tells too little by itself: {reason}.")
-            continue
-        verdict = replace(judge(found, notes, ()), recordings=tuple(part))
-        alone.append(_Alone(number, found, nominal, notes, verdict))
-    if not alone:
-        return None
-    alone.sort(key=lambda one: ORDER.index(one.verdict.verdict))
-    best: Diagnosis | None = None
-    for one in alone:
-        if best is not None and not one.verdict.effects:
-            break
-        told = _told(one, [other for other in alone if other is not one], progress)
-        if best is None or (told.effects and not best.effects) or told.confidence == CONFIRMED:
-            best = told
-        if best.confidence == CONFIRMED:
-            break
-    return best if best is None else replace(best, notes=(*silent, *best.notes))
-
-
-def _told(one: _Alone, others: Sequence[_Alone], progress: Progress) -> Diagnosis:
-    """The verdict on one recording after what it names was carried to the others, where only their base is refitted."""
-    searched = f"Each recording was searched by itself, with a base of its own: {_each([one, *others])}."
-    if not others or not one.verdict.effects:
-        return replace(one.verdict, notes=(searched, *one.verdict.notes))
-    progress("do the other recordings confirm it")
-    bases = [OwnBase(other.number, other.found) for other in others]
-    carriers, found = [base.elsewhere() for base in bases], one.found
-    if one.verdict.verdict == AMBIGUOUS:
-        found = told_apart(found, one.verdict.confusable[0], carriers)
-    shown = {effect for other in others for effect in other.verdict.effects}
-    chosen, carried = confirm_by(found, one.nominal, carriers, shown)
-    said = (searched, *one.notes, *in_words(carried))
-    verdict = judge(replace(found, chosen=chosen), said, carried)
-    held = {item.effect for item in carried if item.lowers} | shown
-    if chosen is not None and verdict.verdict == NAMED and held & set(verdict.effects):
-        verdict = _without_unheld(one, found, chosen, said, carried, held) or verdict
-    if verdict.confidence == CONFIRMED and verdict.model_fit is not None:
-        doubt = _doubt(one, others, bases, verdict.model_fit)
-        if doubt:
-            notes = (f"Suspected only: {doubt}.", *verdict.notes)
-            verdict = replace(verdict, confidence=SUSPECTED, notes=notes)
-    return replace(_with_bases(verdict, one, bases), recordings=one.verdict.recordings)
-
-
-def _without_unheld(
-    one: _Alone,
-    found: Found,
-    chosen: FittedCandidate,
-    said: tuple[str, ...],
-    carried: Sequence[HoldoutResult],
-    held: Collection[str],
-) -> Diagnosis | None:
-    """The verdict without names that no other recording shows, beside one that they do; None where it is none."""
-    unheld = [effect for effect in chosen.model_fit.effects if effect not in held]
-    less = without(found.problem, found.root, chosen, unheld) if unheld else None
-    if less is None:
-        return None
-    freed = {effect: named for effect, named in found.freed.items() if effect not in unheld}
-    names = " and ".join(unheld).replace("_", " ")
-    said = (f"Recording {one.number} alone shows {names}, which is not named.", *said)
-    verdict = judge(replace(found, chosen=less, freed=freed), said, carried)
-    return verdict if verdict.verdict == NAMED else None
-
-
-def _doubt(one: _Alone, others: Sequence[_Alone], bases: Sequence[OwnBase], model_fit: ModelFit) -> str:
-    """What speaks against calling effects confirmed that were found in one recording; empty where nothing does."""
-    for other in others:
-        names = set(other.verdict.effects)
-        if other.verdict.verdict == NAMED and not names & set(model_fit.effects):
-            return f"recording {other.number} by itself shows {' and '.join(sorted(names)).replace('_', ' ')}"
-    doubts = [much_unexplained(one.found.problem, model_fit, one.number)]
-    doubts += [base.doubt(model_fit) for base in bases]
-    return next(filter(None, doubts), "")
-
-
-def _each(alone: Sequence[_Alone]) -> str:
-    """What each recording says by itself, in the order of their numbers."""
-    said = []
-    for one in sorted(alone, key=lambda one: one.number):
-        names = " and ".join(one.verdict.effects).replace("_", " ")
-        said.append(
-            f"recording {one.number} {f'shows {names}' if names else f'alone says {one.verdict.verdict!r}'}"
-        )
-    return ", ".join(said)
-
-
-def _with_bases(verdict: Diagnosis, one: _Alone, bases: Sequence[OwnBase]) -> Diagnosis:
-    """The verdict with a sentence on each recording whose base is another one."""
-    if verdict.model_fit is None:
-        return verdict
-    said = []
-    for base in bases:
-        settled = base.fit_of(verdict.model_fit)
-        if settled is not None:
-            fits = (verdict.model_fit, settled)
-            said.append(base_in_words((one.number, base.number), (one.found.problem, base.problem), fits))
-    return replace(verdict, notes=(*filter(None, said), *verdict.notes))
 
 
 def _searched(
@@ -286,7 +148,7 @@ def _searched(
     progress: Progress,
     policy: Policy,
     candidates: Sequence[Kind] | None,
-) -> tuple[Found, Packed, tuple[str, ...]]:
+) -> Searched:
     """What a search comes to, begun again where the base turns out to have another law; with the model, and notes."""
     base, first = model, True
     while True:

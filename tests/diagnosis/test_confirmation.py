@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 
 from autotune.core.errors import NotEnoughExcitation
-from autotune.diagnosis import confirmation, verdict
-from autotune.diagnosis.confirmation import (
-    Elsewhere,
+from autotune.diagnosis import confirmation, each_recording
+from autotune.diagnosis.confirmation import Elsewhere, confirm_by, told_apart
+from autotune.diagnosis.each_recording import (
     OwnBase,
     base_in_words,
-    confirm_by,
+    of_each,
     own_recordings,
-    told_apart,
     with_effects,
 )
 from autotune.diagnosis.evidence.evidence import HoldoutResult
@@ -129,14 +128,14 @@ def test_confirmed_is_what_lowers_the_error_with_only_the_base_refitted(
     base = OwnBase(2, SimpleNamespace(problem=problem, root=_model_fit()))
     settled = None if after is None else _model_fit(error=after)
     monkeypatch.setattr(OwnBase, "fit_of", lambda *_: settled)
-    monkeypatch.setattr(confirmation, "unexplained", lambda *_: share)
+    monkeypatch.setattr(each_recording, "unexplained", lambda *_: share)
     said = base.doubt(_model_fit("spring"))
     assert why in said
     assert bool(said) == bool(why)
 
 
 def test_a_base_that_differs_beyond_its_errors_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(confirmation, "standard_errors", lambda *_: np.array([0.002, 1e-4]))
+    monkeypatch.setattr(each_recording, "standard_errors", lambda *_: np.array([0.002, 1e-4]))
     slots = (("coulomb", COULOMB), ("inertia", INERTIA))
     free = [Free(name, slot, 0.0, 1.0, 0.1) for name, slot in slots]
     metadata = SimpleNamespace(motion_unit="rad", torque_unit="")
@@ -159,10 +158,9 @@ def _verdict(word: str, *effects: str, confidence: str | None = None) -> Diagnos
 def _diagnosed(monkeypatch: pytest.MonkeyPatch, told: list[tuple[Diagnosis, Diagnosis]]) -> Diagnosis | None:
     """The verdict on recordings with what each says `told` by itself, and after it was carried to the others."""
     by_number = dict(enumerate(told, 1))
-    monkeypatch.setattr(verdict, "prepared_to_fit", lambda part: part[0])
-    monkeypatch.setattr(verdict, "judge", lambda found, *_: by_number[found][0])
+    monkeypatch.setattr(each_recording, "prepared_to_fit", lambda part: part[0])
     monkeypatch.setattr(
-        verdict, "_told", lambda one, *_: replace(by_number[one.number][1], notes=(str(one.number),))
+        each_recording, "_told", lambda one, *_: replace(by_number[one.number][1], notes=(str(one.number),))
     )
 
     def searched(number: int) -> tuple[int, None, tuple[()]]:
@@ -170,7 +168,8 @@ def _diagnosed(monkeypatch: pytest.MonkeyPatch, told: list[tuple[Diagnosis, Diag
             raise NotEnoughExcitation("it hardly moves")
         return number, None, ()
 
-    return verdict._of_each([(number, [number]) for number in by_number], searched, lambda _: None)
+    own = [(number, [number]) for number in by_number]
+    return of_each(own, searched, lambda found, *_: by_number[found][0], lambda _: None)
 
 
 NOTHING, SEEN = _verdict("none"), _verdict("named", "spring", confidence="suspected")
@@ -215,15 +214,18 @@ def test_one_name_that_no_other_recording_shows_costs_that_name_alone(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Drift beside memory, seen in one of two recordings that both show memory: memory keeps its name."""
-    monkeypatch.setattr(verdict, "without", lambda *told: ("without", *told[-1]))
+    monkeypatch.setattr(each_recording, "without", lambda *told: ("without", *told[-1]))
     judged = []
-    monkeypatch.setattr(verdict, "judge", lambda *told: judged.append(told) or SURE)
-    chosen = SimpleNamespace(model_fit=_model_fit("spring", "thermal_drift"))
+    found = _found(SimpleNamespace(model_fit=_model_fit("spring", "thermal_drift")))
     carried = [HoldoutResult("spring", 0.5, 5.0, lowers=True), HoldoutResult("thermal_drift", 0.01, 0.5)]
-    one = SimpleNamespace(number=1)
-    assert verdict._without_unheld(one, _found(chosen), chosen, (), carried, {"spring"}) is SURE
+
+    def less(held: set[str]) -> Diagnosis | None:
+        one = SimpleNamespace(number=1)
+        return each_recording._without_unheld(
+            one, found, (), carried, held, lambda *told: judged.append(told) or SURE
+        )
+
+    assert less({"spring"}) is SURE
     assert judged[0][0].chosen == ("without", "thermal_drift")
     assert judged[0][1] == ("Recording 1 alone shows thermal drift, which is not named.",)
-    assert (
-        verdict._without_unheld(one, _found(chosen), chosen, (), carried, {"spring", "thermal_drift"}) is None
-    )
+    assert less({"spring", "thermal_drift"}) is None
