@@ -190,12 +190,12 @@ def _with_bases(verdict: Diagnosis, one: _Alone, bases: Sequence[OwnBase]) -> Di
     """The verdict with a sentence on each recording whose base is another one."""
     if verdict.model_fit is None:
         return verdict
-    said = []
+    own, said = (one.number, one.found.problem, verdict.model_fit), []
     for base in bases:
         settled = base.fit_of(verdict.model_fit)
         if settled is not None:
-            fits = (verdict.model_fit, settled)
-            said.append(base_in_words((one.number, base.number), (one.found.problem, base.problem), fits))
+            pair = sorted([own, (base.number, base.problem, settled)], key=lambda fitted: fitted[0])
+            said.append(base_in_words(*pair))
     return replace(verdict, notes=(*filter(None, said), *verdict.notes))
 
 
@@ -247,23 +247,25 @@ def much_unexplained(problem: Problem, model_fit: ModelFit, number: int) -> str:
     return f"recording {number} keeps {100 * share:.0f} % of the torque's variance unexplained"
 
 
-def base_in_words(
-    numbers: tuple[int, int], problems: tuple[Problem, Problem], model_fits: tuple[ModelFit, ModelFit]
-) -> str:
-    """By which parameters two recordings have a different base, beyond their standard errors; empty where by none."""
-    first, other = (_base(*pair) for pair in zip(problems, model_fits, strict=True))
-    metadata, apart = problems[0].data.metadata, problems[0].policy.apart_z
+def base_in_words(first: tuple[int, Problem, ModelFit], other: tuple[int, Problem, ModelFit]) -> str:
+    """By which parameters two recordings have a different base, beyond their standard errors; empty where by none.
+
+    Each by its number, with its problem and the fit to it.
+    """
+    number, problem, model_fit = first
+    metadata, apart = problem.data.metadata, problem.policy.apart_z
+    bases = _base(problem, model_fit), _base(*other[1:])
     told = []
     for name, words in BASE.items():
-        if name not in first or name not in other:
+        if any(name not in base for base in bases):
             continue
-        (one, error), (two, its_error) = first[name], other[name]
+        (one, error), (two, its_error) = (base[name] for base in bases)
         if abs(one - two) > apart * math.hypot(error, its_error):
             unit = surface_parameter(name).unit_for(metadata.motion_unit, metadata.torque_unit)
             told.append(f"{words} {one:.3g} and {two:.3g} {unit}")
     if not told:
         return ""
-    return f"Recordings {numbers[0]} and {numbers[1]} have a different base: {', '.join(told)}."
+    return f"Recordings {number} and {other[0]} have a different base: {', '.join(told)}."
 
 
 def _base(problem: Problem, model_fit: ModelFit) -> dict[str, tuple[float, float]]:

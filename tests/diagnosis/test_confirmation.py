@@ -141,13 +141,13 @@ def test_a_base_that_differs_beyond_its_errors_is_said(monkeypatch: pytest.Monke
     metadata = SimpleNamespace(motion_unit="rad", torque_unit="")
     problem = SimpleNamespace(policy=POLICY, training=None, data=SimpleNamespace(metadata=metadata))
 
-    def fitted(coulomb: float) -> SimpleNamespace:
+    def fitted(number: int, coulomb: float) -> tuple[int, SimpleNamespace, SimpleNamespace]:
         packed = base_model(NOMINAL | {"coulomb": coulomb}).pack()
-        return SimpleNamespace(free=free, fitted=SimpleNamespace(packed=packed))
+        return number, problem, SimpleNamespace(free=free, fitted=SimpleNamespace(packed=packed))
 
-    said = base_in_words((1, 2), (problem, problem), (fitted(0.21), fitted(0.17)))
+    said = base_in_words(fitted(1, 0.21), fitted(2, 0.17))
     assert said == "Recordings 1 and 2 have a different base: Coulomb friction 0.21 and 0.17 N m."
-    assert base_in_words((1, 2), (problem, problem), (fitted(0.21), fitted(0.208))) == ""
+    assert base_in_words(fitted(1, 0.21), fitted(2, 0.208)) == ""
 
 
 def _verdict(word: str, *effects: str, confidence: str | None = None) -> Diagnosis:

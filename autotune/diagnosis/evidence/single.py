@@ -207,7 +207,7 @@ class SingleRecording(Evidence):
 
 
 class SpeedCurve(SingleRecording):
-    """Mean torques at constant speeds, few and without noise: every start is followed, chance and size are not asked."""
+    """Mean torques at constant speeds, few, without noise: all starts are followed, chance and size are not asked."""
 
     def candidates(self, problem: Problem) -> list[Kind]:
         return [kind for kind in Evidence.candidates(self, problem) if kind.at_constant_speed]
