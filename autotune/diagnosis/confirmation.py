@@ -188,6 +188,8 @@ def _effect_there(item: HoldoutResult) -> str:
             "; has the zero of the position moved between them?" if EFFECTS[item.effect].keeps_zero else "."
         )
         return f"does not lower the squared error there (+{size}){moved}"
+    if not item.lowers:
+        return f"lowers the squared error there by {size}, which may be chance."
     rivals = f"; {_listed(item.rivals, 'or')} in its place does nearly as well." if item.rivals else "."
     return f"lowers the squared error there by {size}{rivals}"
 
