@@ -72,10 +72,7 @@ def confirm_by(
     if chosen is None or not others:
         return chosen, []
     evidence = evidence_of(problem.data)
-    carried = [
-        replace(item, refuted=False) if item.effect in shown else item
-        for item in hold_out(problem, root, chosen, others)
-    ]
+    carried = hold_out(problem, root, chosen, others, shown)
     left = without_refuted(problem, root, chosen, carried)
     if left is None:
         return None, carried
@@ -88,7 +85,11 @@ def confirm_by(
 
 
 def hold_out(
-    problem: Problem, root: ModelFit, chosen: FittedCandidate, others: Sequence[Elsewhere]
+    problem: Problem,
+    root: ModelFit,
+    chosen: FittedCandidate,
+    others: Sequence[Elsewhere],
+    shown: Collection[str] = (),
 ) -> list[HoldoutResult]:
     """For every effect found: what it does to the error on trajectories that were not fitted."""
     found = []
@@ -96,7 +97,7 @@ def hold_out(
         less = _fit_without(problem, root, chosen.model_fit, effect)
         result = None if less is None else _carried(problem.policy, others, less, chosen.model_fit, effect)
         if result is not None:
-            found.append(result)
+            found.append(replace(result, refuted=False) if effect in shown else result)
     return found
 
 

@@ -17,7 +17,15 @@ import numpy as np
 from autotune.core.arrays import Floats
 from autotune.core.errors import AutotuneError
 from autotune.diagnosis.candidates import Progress
-from autotune.diagnosis.confirmation import Elsewhere, confirm_by, in_words, told_apart, without
+from autotune.diagnosis.confirmation import (
+    Elsewhere,
+    confirm,
+    confirm_by,
+    hold_out,
+    in_words,
+    told_apart,
+    without,
+)
 from autotune.diagnosis.evidence.evidence import HoldoutResult
 from autotune.diagnosis.search import Found
 from autotune.diagnosis.wording import AMBIGUOUS, CONFIRMED, NAMED, NONE, SUSPECTED, UNKNOWN
@@ -58,13 +66,17 @@ def own_recordings(recordings: Sequence[Recording], data: Prepared) -> list[tupl
     """Each recording that is searched by itself, by its number, with those that are never fitted; none where fewer than
     two are.
 
-    A veto trajectory decides over all of them; curves over speed have one point in each recording, or some.
+    A veto trajectory that not each of them has decides over all; curves over speed have one point in each recording, or
+    some.
     """
-    if data.steady or bool(np.any(data.role(VETO))):
+    if data.steady:
         return []
     aside = [one for one in recordings if _unfitted(one)]
     own = [(number, [one, *aside]) for number, one in enumerate(recordings, 1) if not _unfitted(one)]
-    return own if len(own) > 1 else []
+    each_has = all(any(part.experiment == VETO for part in one.segments()) for _, (one, *_) in own)
+    if len(own) < 2 or (bool(np.any(data.role(VETO))) and not each_has):
+        return []
+    return own
 
 
 def _unfitted(recording: Recording) -> bool:
@@ -73,12 +85,13 @@ def _unfitted(recording: Recording) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _Alone:
-    """What one recording shows by itself; `number`: from 1."""
+    """What one recording shows by itself; `number`: from 1; `carried`: what its own veto says, where it has one."""
 
     number: int
     found: Found
     nominal: Packed
     notes: tuple[str, ...]
+    carried: Sequence[HoldoutResult]
     verdict: Diagnosis
 
 
@@ -101,8 +114,10 @@ def of_each(
         except AutotuneError as reason:
             silent.append(f"Recording {number} tells too little by itself: {reason}.")
             continue
-        verdict = replace(judge(found, notes, ()), recordings=tuple(part))
-        alone.append(_Alone(number, found, nominal, notes, verdict))
+        chosen, carried = confirm(found, nominal)
+        found = replace(found, chosen=chosen)
+        verdict = replace(judge(found, (*notes, *in_words(carried)), carried), recordings=tuple(part))
+        alone.append(_Alone(number, found, nominal, notes, carried, verdict))
     if not alone:
         return None
     alone.sort(key=lambda one: ORDER.index(one.verdict.verdict))
@@ -129,14 +144,22 @@ def _told(one: _Alone, others: Sequence[_Alone], judge: Judge, progress: Progres
     if one.verdict.verdict == AMBIGUOUS:
         found = told_apart(found, one.verdict.confusable[0], carriers)
     shown = {effect for other in others for effect in other.verdict.effects}
-    chosen, carried = confirm_by(found, one.nominal, carriers, shown)
+    by_itself, chosen = one.verdict.confidence == CONFIRMED, found.chosen
+    if by_itself and chosen is not None:  # by its own veto: not undone, but doubted
+        carried = hold_out(found.problem, found.root, chosen, carriers, shown)
+    else:
+        chosen, carried = confirm_by(found, one.nominal, carriers, shown)
+    refuted = [item.effect for item in carried if item.refuted]
+    carried = [*one.carried, *carried]
     said = (searched, *one.notes, *in_words(carried))
     verdict = judge(replace(found, chosen=chosen), said, carried)
     held = {item.effect for item in carried if item.lowers} | shown
-    if chosen is not None and verdict.verdict == NAMED and held & set(verdict.effects):
+    if chosen is not None and not by_itself and verdict.verdict == NAMED and held & set(verdict.effects):
         verdict = _without_unheld(one, replace(found, chosen=chosen), said, carried, held, judge) or verdict
     if verdict.confidence == CONFIRMED and verdict.model_fit is not None:
-        doubt = _doubt(one, others, bases, verdict.model_fit)
+        doubt = "" if by_itself else _doubt(one, others, bases, verdict.model_fit)
+        if by_itself and refuted:
+            doubt = f"another recording refutes {' and '.join(refuted).replace('_', ' ')}"
         if doubt:
             notes = (f"Suspected only: {doubt}.", *verdict.notes)
             verdict = replace(verdict, confidence=SUSPECTED, notes=notes)

@@ -36,8 +36,8 @@ def test_effects_are_carried_and_the_base_is_not() -> None:
     assert carried.p[INERTIA] == pytest.approx(NOMINAL["inertia"])
 
 
-def _of(experiment: str) -> SimpleNamespace:
-    return SimpleNamespace(segments=lambda: [SimpleNamespace(experiment=experiment)])
+def _of(*experiments: str) -> SimpleNamespace:
+    return SimpleNamespace(segments=lambda: [SimpleNamespace(experiment=one) for one in experiments])
 
 
 def _data(veto: bool = False, steady: bool = False) -> SimpleNamespace:
@@ -48,7 +48,12 @@ def test_recordings_are_searched_one_by_one_with_what_is_never_fitted() -> None:
     slow, quick, unseen = _of("slow"), _of("quick"), _of("test")
     assert own_recordings([slow, unseen, quick], _data()) == [(1, [slow, unseen]), (3, [quick, unseen])]
     assert own_recordings([slow, unseen], _data()) == []
-    assert own_recordings([slow, quick], _data(veto=True)) == [], "a veto trajectory tells of all of them"
+    assert own_recordings([slow, quick, _of("veto")], _data(veto=True)) == [], (
+        "that veto tells of all of them"
+    )
+    assert own_recordings([_of("slow", "veto"), quick], _data(veto=True)) == []
+    each = [_of("slow", "veto"), _of("quick", "veto")]
+    assert own_recordings(each, _data(veto=True)) == [(1, each[:1]), (2, each[1:])]
     assert own_recordings([slow, quick], _data(steady=True)) == []
 
 
@@ -158,18 +163,19 @@ def _verdict(word: str, *effects: str, confidence: str | None = None) -> Diagnos
 def _diagnosed(monkeypatch: pytest.MonkeyPatch, told: list[tuple[Diagnosis, Diagnosis]]) -> Diagnosis | None:
     """The verdict on recordings with what each says `told` by itself, and after it was carried to the others."""
     by_number = dict(enumerate(told, 1))
+    monkeypatch.setattr(each_recording, "confirm", lambda *_: (None, []))
     monkeypatch.setattr(each_recording, "prepared_to_fit", lambda part: part[0])
     monkeypatch.setattr(
         each_recording, "_told", lambda one, *_: replace(by_number[one.number][1], notes=(str(one.number),))
     )
 
-    def searched(number: int) -> tuple[int, None, tuple[()]]:
+    def searched(number: int) -> tuple[Found, None, tuple[str]]:
         if by_number[number][0].verdict == "refused":
             raise NotEnoughExcitation("it hardly moves")
-        return number, None, ()
+        return _found(None), None, (str(number),)
 
     own = [(number, [number]) for number in by_number]
-    return of_each(own, searched, lambda found, *_: by_number[found][0], lambda _: None)
+    return of_each(own, searched, lambda _, notes, *__: by_number[int(notes[0])][0], lambda _: None)
 
 
 NOTHING, SEEN = _verdict("none"), _verdict("named", "spring", confidence="suspected")
@@ -229,3 +235,43 @@ def test_one_name_that_no_other_recording_shows_costs_that_name_alone(
     assert judged[0][0].chosen == ("without", "thermal_drift")
     assert judged[0][1] == ("Recording 1 alone shows thermal drift, which is not named.",)
     assert less({"spring", "thermal_drift"}) is None
+
+
+@pytest.mark.parametrize(
+    ("alone", "refuted", "expected"),
+    [
+        ("confirmed", False, ("spring", "thermal_drift")),
+        ("confirmed", True, ("spring", "thermal_drift")),
+        ("suspected", True, ("thermal_drift",)),
+    ],
+)
+def test_what_a_recording_s_own_veto_confirms_is_doubted_by_another_and_not_undone(
+    monkeypatch: pytest.MonkeyPatch, alone: str, refuted: bool, expected: tuple[str, ...]
+) -> None:
+    both, less = (
+        SimpleNamespace(model_fit=_model_fit(*names))
+        for names in (("spring", "thermal_drift"), ("thermal_drift",))
+    )
+    carried = [
+        HoldoutResult("spring", -0.5, -9.0, refuted=refuted),
+        HoldoutResult("thermal_drift", 0.5, 9.0, lowers=True),
+    ]
+    monkeypatch.setattr(each_recording, "confirm_by", lambda *_: (less if refuted else both, carried))
+    monkeypatch.setattr(each_recording, "hold_out", lambda *_: carried)
+    monkeypatch.setattr(each_recording, "_with_bases", lambda verdict, *_: verdict)
+
+    def judge(found: Found, notes: tuple[str, ...], _: object) -> Diagnosis:
+        model_fit = found.chosen.model_fit
+        return replace(
+            _verdict("named", *model_fit.effects, confidence=alone), notes=notes, model_fit=model_fit
+        )
+
+    found = _found(both)
+    first = judge(found, (), ())
+    one = each_recording._Alone(1, found, None, (), (), first)
+    other = each_recording._Alone(2, _found(None), None, (), (), NOTHING)
+    told = each_recording._told(one, [other], judge, lambda _: None)
+    assert told.effects == expected
+    assert told.confidence == ("suspected" if refuted else alone)
+    doubted = "Suspected only: another recording refutes spring."
+    assert (told.notes[0] == doubted) == (refuted and alone == "confirmed")
