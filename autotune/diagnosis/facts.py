@@ -218,7 +218,8 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     coordinate, generic = max(found.generic.items(), key=lambda item: item[1], default=("", 0.0))
     final = chosen.model_fit if chosen is not None else root
     line = time_driven_line(problem, final.fitted.error)
-    rivals = tuple(_rivals(problem, evidence, root, chosen, found.tried)) if chosen is not None else ()
+    contest = [item for item in found.tried if item.effect not in found.told_apart]
+    rivals = tuple(_rivals(problem, evidence, root, chosen, contest)) if chosen is not None else ()
     seen = (problem, root, chosen, evidence, carried, line, coordinate, generic, lead, rivals)
     hunts = limit_cycle(problem, float(root.fitted.packed.p[layout.COULOMB]))
     facts = Facts(
@@ -228,7 +229,7 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     if named and chosen is not None and len(chosen.model_fit.effects) == 1:
         unlike = evidence.unlike_in_one(problem, root, chosen.model_fit)
         facts = replace(facts, unlike=unlike, edge=at_an_edge(problem, chosen.model_fit))
-        facts = replace(facts, rivals=facts.rivals or _untold(facts))
+        facts = replace(facts, rivals=facts.rivals or _untold(facts, found.told_apart))
     if named:
         return facts
     breathing = breathing_friction(problem, final) if evidence.repeats else None
@@ -243,7 +244,7 @@ def _of_place(problem: Problem, root: ModelFit) -> bool:
     return goes_with_place(beyond_presliding(problem, root.fitted.packed), root.fitted)
 
 
-def _untold(facts: Facts) -> tuple[str, ...]:
+def _untold(facts: Facts, told_apart: Sequence[str] = ()) -> tuple[str, ...]:
     """Look-alikes of one effect that is not quite what these data show: those that gain half as much, or were no
     candidates.
     """
@@ -256,7 +257,8 @@ def _untold(facts: Facts) -> tuple[str, ...]:
         return ()
     gains = {item.effect: item.gain for item in facts.first}
     least = problem.policy.rival_gain * gains.get(chosen.effect, chosen.gain)
-    return tuple(one for one in usual_rivals(chosen.effect) if gains.get(one, _unsought(facts, one)) >= least)
+    near = [one for one in usual_rivals(chosen.effect) if gains.get(one, _unsought(facts, one)) >= least]
+    return tuple(one for one in near if one not in told_apart)
 
 
 def _unsought(facts: Facts, effect: str) -> float:

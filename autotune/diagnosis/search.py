@@ -103,6 +103,7 @@ class Found:
         sliding: the problem where that contact slides, whatever its law; None where nothing depends on it.
         base: sentences on laws of the base that the root has and the model that was given has not.
         begin_again: the model from which to begin anew, as what was settled before the search rests on another base.
+        told_apart: rivals that err clearly more on other recordings.
     """
 
     problem: Problem
@@ -116,6 +117,7 @@ class Found:
     sliding: Problem | None = None
     base: tuple[str, ...] = ()
     begin_again: Packed | None = None
+    told_apart: tuple[str, ...] = ()
 
 
 def search(

@@ -17,7 +17,8 @@ from autotune.diagnosis.candidates import (
     no_progress,
 )
 from autotune.diagnosis.compare import check_same_axis
-from autotune.diagnosis.confirmation import confirm, doubt_of, in_words
+from autotune.diagnosis.confirmation import confirm, in_words
+from autotune.diagnosis.each_recording import Searched, of_each, own_recordings
 from autotune.diagnosis.evidence.evidence import HoldoutResult
 from autotune.diagnosis.evidence.time_driven import (
     all_lines,
@@ -26,11 +27,17 @@ from autotune.diagnosis.facts import Facts, gathered
 from autotune.diagnosis.free_shape import told_of_base
 from autotune.diagnosis.search import Found, search
 from autotune.diagnosis.wording import (
+    AMBIGUOUS,
+    CONFIRMED,
     DROWNED,
     HUNTS,
+    NAMED,
+    NONE,
     OWN_PRESLIDING,
     PRESLIDING_REST,
+    SUSPECTED,
     TORQUE_CONSTANT,
+    UNKNOWN,
     Candidate,
     breathing_note,
     candidate_rows,
@@ -50,12 +57,9 @@ from autotune.estimation.disturbance_estimate import with_counts
 from autotune.estimation.model_error import model_error, with_misfit
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import Problem
-from autotune.models.drive_model import DriveModel, Packed
+from autotune.models.drive_model import DriveModel
 from autotune.models.effect import Kind
 from autotune.recordings.recording import Recording
-
-NAMED, NONE, UNKNOWN, AMBIGUOUS = "named", "none", "unknown", "ambiguous"
-CONFIRMED, SUSPECTED = "confirmed", "suspected"
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +74,7 @@ class Diagnosis:
         error_test: rms on the unseen test trajectory; nan without one.
         error_rms, relative_error: of the model as it was given, before anything was fitted; as `compare` finds.
         notes: sentences for people.
-        recordings: those that were diagnosed.
+        recordings: those that were diagnosed; where each was by itself, the one that the model is fitted to.
         base: sentences on laws of the base that were found, which the model that was given has not.
     """
 
@@ -113,25 +117,29 @@ def diagnose(
     check_same_axis(model, recordings)
     data, whole = prepared_both(recordings, policy)
     given = model_error(whole, model, policy)
-    found, nominal, notes = _searched(data, model, progress, policy, candidates)
-    problem = found.problem
-    progress("does another trajectory confirm it")
-    chosen, carried = confirm(found, nominal)
-    verdict = judge(replace(found, chosen=chosen), (*notes, *in_words(carried)), carried)
-    if verdict.verdict == NAMED and not problem.has_veto:
-        doubt = doubt_of(recordings, model, verdict.effects, progress, policy, problem.candidates)
-        if doubt is not None and doubt.nowhere:
-            said = (f"Not named: {doubt.why}.", *notes, *in_words(carried))
-            verdict = judge(replace(found, chosen=None), said, carried, refused=True)
-        elif doubt is not None and verdict.confidence == CONFIRMED:
-            notes = (f"Suspected only: {doubt.why}.", *verdict.notes)
-            verdict = replace(verdict, confidence=SUSPECTED, notes=notes)
+
+    def searched(data: Prepared) -> Searched:
+        return _searched(data, model, progress, policy, candidates)
+
+    own = own_recordings(recordings, data)
+    verdict = of_each(own, searched, judge, progress) or _together(data, searched, progress)
+    if own and not verdict.recordings and verdict.confidence == CONFIRMED:
+        notes = ("Suspected only: no recording tells enough by itself.", *verdict.notes)
+        verdict = replace(verdict, confidence=SUSPECTED, notes=notes)
     return replace(
         verdict,
         error_rms=given.error_rms,
         relative_error=given.relative_error,
-        recordings=tuple(recordings),
+        recordings=verdict.recordings or tuple(recordings),
     )
+
+
+def _together(data: Prepared, searched: Callable[[Prepared], Searched], progress: Progress) -> Diagnosis:
+    """What all recordings show with one base."""
+    found, nominal, notes = searched(data)
+    progress("does another trajectory confirm it")
+    chosen, carried = confirm(found, nominal)
+    return judge(replace(found, chosen=chosen), (*notes, *in_words(carried)), carried)
 
 
 def _searched(
@@ -140,7 +148,7 @@ def _searched(
     progress: Progress,
     policy: Policy,
     candidates: Sequence[Kind] | None,
-) -> tuple[Found, Packed, tuple[str, ...]]:
+) -> Searched:
     """What a search comes to, begun again where the base turns out to have another law; with the model, and notes."""
     base, first = model, True
     while True:
@@ -258,15 +266,9 @@ CASES: tuple[Case, ...] = (
 )
 
 
-def judge(
-    found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult], *, refused: bool = False
-) -> Diagnosis:
-    """The verdict on what a search has found; `notes` are what was to be said before.
-
-    `refused`: something was found that is not named after all, so that something is left.
-    """
+def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]) -> Diagnosis:
+    """The verdict on what a search has found; `notes` are what was to be said before."""
     facts = gathered(found, carried)
-    facts = replace(facts, left=facts.left or refused)
     case = next(case for case in CASES if case.holds(facts))
     effects: tuple[str, ...] = ()
     confidence = None

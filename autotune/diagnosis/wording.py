@@ -19,6 +19,8 @@ from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Problem
 from autotune.models.table import looking_alike
 
+NAMED, NONE, UNKNOWN, AMBIGUOUS = "named", "none", "unknown", "ambiguous"
+CONFIRMED, SUSPECTED = "confirmed", "suspected"
 WORST_GAIN = -1.0
 """Shown of a candidate that is worse than nothing: how much worse an extrapolation is says nothing."""
 TORQUE_CONSTANT = (

@@ -144,6 +144,7 @@ class Kind:
         needs_rests: only the difference between short and long rests shows it.
         quick: it lives in quick changes of torque, and is lost where a column was filtered.
         of_place: it depends on place or direction alone, and shows even where the sampling is too slow.
+        keeps_zero: it lies at places; a position that counts from another zero makes it another torque.
         at_constant_speed: it shows in mean torques at constant speeds.
         rotary_only: it belongs to axes that turn.
         lost_in_alignment: shifting torque against motion hides it.
@@ -179,6 +180,7 @@ class Kind:
     needs_rests: bool = False
     quick: bool = False
     of_place: bool = False
+    keeps_zero: bool = False
     at_constant_speed: bool = False
     rotary_only: bool = False
     lost_in_alignment: bool = False

@@ -90,5 +90,6 @@ ENCODER_ECCENTRICITY = Kind(
     free_shape=free_shape,
     extent=size,
     quick=True,
+    keeps_zero=True,
     rotary_only=True,
 )

@@ -111,5 +111,6 @@ GRAVITY_IMBALANCE = Kind(
     free_shape=free_shape,
     shows_course=shows_course,
     of_place=True,
+    keeps_zero=True,
     rotary_only=True,
 )

@@ -111,4 +111,5 @@ POSITION_DEPENDENT_FRICTION = Kind(
     starts=starts,
     free_shape=free_shape,
     of_place=True,
+    keeps_zero=True,
 )

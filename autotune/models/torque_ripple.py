@@ -86,4 +86,5 @@ TORQUE_RIPPLE = Kind(
     terms=Terms("order", ("sin", "cos")),
     may_grow=True,
     of_place=True,
+    keeps_zero=True,
 )

@@ -1,23 +1,30 @@
-"""What speaks against calling an effect confirmed."""
+"""What recordings say of an effect that was found in another one."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from autotune.diagnosis import confirmation
-from autotune.diagnosis.confirmation import doubt_of, with_effects
+from autotune.core.errors import NotEnoughExcitation
+from autotune.diagnosis import confirmation, each_recording
+from autotune.diagnosis.confirmation import Elsewhere, confirm_by, told_apart
+from autotune.diagnosis.each_recording import (
+    OwnBase,
+    base_in_words,
+    of_each,
+    own_recordings,
+    with_effects,
+)
+from autotune.diagnosis.evidence.evidence import HoldoutResult
+from autotune.diagnosis.search import Found
+from autotune.diagnosis.verdict import Diagnosis
+from autotune.estimation.least_squares import Free
 from autotune.estimation.policy import POLICY
 from autotune.models.drive_model import base_model
-from autotune.models.layout import INERTIA, flag
+from autotune.models.layout import COULOMB, INERTIA, flag
 from autotune.models.table import EFFECTS
 from tests.support.axes import NOMINAL
-
-CANDIDATES = tuple(EFFECTS.values())
-
-
-def test_one_recording_has_nothing_to_be_held_against(short, nominal) -> None:
-    assert doubt_of([short], nominal, ["spring"], print, POLICY, CANDIDATES) is None
 
 
 def test_effects_are_carried_and_the_base_is_not() -> None:
@@ -29,67 +36,242 @@ def test_effects_are_carried_and_the_base_is_not() -> None:
     assert carried.p[INERTIA] == pytest.approx(NOMINAL["inertia"])
 
 
-def _of(experiment: str) -> SimpleNamespace:
-    return SimpleNamespace(segments=lambda: [SimpleNamespace(experiment=experiment)])
+def _of(*experiments: str) -> SimpleNamespace:
+    return SimpleNamespace(segments=lambda: [SimpleNamespace(experiment=one) for one in experiments])
 
 
-TWO = [_of("slow"), _of("quick")]
+def _data(veto: bool = False, steady: bool = False) -> SimpleNamespace:
+    return SimpleNamespace(steady=steady, role=lambda *_: np.full(3, veto))
 
 
-def test_a_file_of_a_veto_alone_is_no_recording_to_be_held_against(short, nominal) -> None:
-    """A programme that was imported segment by segment: it says nothing by itself, and is no reason to doubt."""
-    assert doubt_of([short, _of("veto")], nominal, ["spring"], print, POLICY, CANDIDATES) is None
+def test_recordings_are_searched_one_by_one_with_what_is_never_fitted() -> None:
+    slow, quick, unseen = _of("slow"), _of("quick"), _of("test")
+    assert own_recordings([slow, unseen, quick], _data()) == [(1, [slow, unseen]), (3, [quick, unseen])]
+    assert own_recordings([slow, unseen], _data()) == []
+    assert own_recordings([slow, quick, _of("veto")], _data(veto=True)) == [], (
+        "that veto tells of all of them"
+    )
+    assert own_recordings([_of("slow", "veto"), quick], _data(veto=True)) == []
+    each = [_of("slow", "veto"), _of("quick", "veto")]
+    assert own_recordings(each, _data(veto=True)) == [(1, each[:1]), (2, each[1:])]
+    assert own_recordings([slow, quick], _data(steady=True)) == []
 
 
-def _alone(monkeypatch, effects: tuple[str, ...], share: float) -> None:
-    """The first recording by itself names these, and leaves this share of the torque."""
-    model_fit = SimpleNamespace(effects=effects, fitted=SimpleNamespace(error=np.ones(3)))
-    chosen = SimpleNamespace(model_fit=model_fit) if effects else None
-    found = SimpleNamespace(chosen=chosen, problem=None)
-    monkeypatch.setattr(confirmation, "prepared_for", lambda *_: None)
-    monkeypatch.setattr(confirmation, "begin", lambda *_, **__: (None, None, None, ()))
-    monkeypatch.setattr(confirmation, "replace", lambda problem, **_: problem)
-    monkeypatch.setattr(confirmation, "search", lambda *_: found)
-    monkeypatch.setattr(confirmation, "unexplained", lambda *_: share)
-    monkeypatch.setattr(confirmation, "_elsewhere", lambda *_: None)
+def _model_fit(*effects: str, error: float = 1.0) -> SimpleNamespace:
+    return SimpleNamespace(effects=effects, fitted=SimpleNamespace(error=np.full(400, error), cost=error**2))
+
+
+def _item(effect: str, error: float = 1.0, **known: object) -> SimpleNamespace:
+    return SimpleNamespace(effect=effect, model_fit=_model_fit(effect, error=error), **known)
+
+
+def _found(chosen: object, tried: tuple[object, ...] = ()) -> Found:
+    problem = SimpleNamespace(policy=POLICY, data=None)
+    return Found(problem, _model_fit(), chosen, (), tried, {})
+
+
+def _leaves(*, plain: float, **errors: float) -> Elsewhere:
+    """What a recording with a base of its own is left with by single effects."""
+    by_effect = {(): plain} | {(effect,): left for effect, left in errors.items()}
+
+    def error_of(model_fit: SimpleNamespace) -> np.ndarray:
+        return by_effect[model_fit.effects] * np.ones(400)
+
+    return Elsewhere(error_of, own_base=True)
 
 
 @pytest.mark.parametrize(
-    ("effects", "share", "why"),
+    ("left", "shown", "kept", "lowers"),
     [
-        (("spring",), 0.1, None),
-        (("stribeck",), 0.1, "no recording by itself shows spring"),
-        ((), 0.1, "no recording by itself shows spring"),
-        (("spring",), 0.4, "keeps 40 %"),
+        (0.5, (), True, True),
+        (0.99, (), True, False),
+        (1.005, (), True, False),
+        (1.3, (), False, False),
+        (1.3, ("spring",), True, False),
     ],
 )
-def test_confirmed_is_what_the_first_recording_names_by_itself(monkeypatch, effects, share, why) -> None:
-    _alone(monkeypatch, effects, share)
-    doubt = doubt_of(TWO, None, ["spring"], print, POLICY, CANDIDATES)
-    assert (doubt is None) == (why is None)
-    if why is not None:
-        assert why in doubt.why
+def test_an_effect_falls_where_another_recording_plainly_errs_more_with_it(
+    monkeypatch: pytest.MonkeyPatch, left: float, shown: tuple[str, ...], kept: bool, lowers: bool
+) -> None:
+    """Half a per cent more says that it is not seen there; and what is seen there with other values is not refuted."""
+    monkeypatch.setattr(confirmation, "evidence_of", lambda _: None)
+    monkeypatch.setattr(
+        confirmation, "gain_and_z", lambda before, after: (1 - after.total / before.total, -5.0)
+    )
+    spring = _item("spring")
+    chosen, carried = confirm_by(_found(spring), None, [_leaves(plain=1.0, spring=left)], shown)
+    assert (chosen is spring) == kept
+    assert carried[0].lowers == lowers
+    assert carried[0].refuted != kept
 
 
-def test_what_another_recording_shows_by_itself_stays_suspected(monkeypatch) -> None:
-    """Only what no recording shows by itself is no name: a base that is two, warmer in one of them, makes such."""
-    _alone(monkeypatch, ("spring",), 0.1)
-    spring = confirmation.search()
-    found = iter((SimpleNamespace(chosen=None, problem=None), spring))
-    monkeypatch.setattr(confirmation, "search", lambda *_: next(found))
-    doubt = doubt_of(TWO, None, ["spring"], print, POLICY, CANDIDATES)
-    assert doubt is not None
-    assert not doubt.nowhere
-    _alone(monkeypatch, ("stribeck",), 0.1)
-    doubt = doubt_of(TWO, None, ["spring"], print, POLICY, CANDIDATES)
-    assert doubt is not None
-    assert doubt.nowhere
+def test_another_recording_tells_apart_what_one_cannot() -> None:
+    spring, imbalance = _item("spring"), _item("gravity_imbalance")
+    found = _found(spring, (spring, imbalance))
+    rivals = ("spring", "gravity_imbalance")
+    better = told_apart(found, rivals, [_leaves(plain=1.0, spring=0.3, gravity_imbalance=0.6)])
+    assert (better.chosen, better.told_apart) == (spring, ("gravity_imbalance",))
+    other = told_apart(found, rivals, [_leaves(plain=1.0, spring=0.6, gravity_imbalance=0.3)])
+    assert (other.chosen, other.told_apart) == (imbalance, ("spring",))
+    alike = told_apart(found, rivals, [_leaves(plain=1.0, spring=0.31, gravity_imbalance=0.3)])
+    assert (alike.chosen, alike.told_apart) == (spring, ())
 
 
-def test_one_name_of_two_that_no_recording_shows_is_none(monkeypatch) -> None:
-    """Of three names that two files together bore, a lag was none of either file's."""
-    _alone(monkeypatch, ("spring",), 0.1)
-    doubt = doubt_of(TWO, None, ["spring", "torque_lag"], print, POLICY, CANDIDATES)
-    assert doubt is not None
-    assert doubt.nowhere
-    assert "shows torque lag" in doubt.why
+@pytest.mark.parametrize(
+    ("after", "share", "why"),
+    [
+        (0.5, 0.1, ""),
+        (0.99, 0.1, "errs no less"),
+        (0.5, 0.4, "keeps 40 %"),
+        (None, 0.1, "cannot be simulated"),
+    ],
+)
+def test_confirmed_is_what_lowers_the_error_with_only_the_base_refitted(
+    monkeypatch: pytest.MonkeyPatch, after: float | None, share: float, why: str
+) -> None:
+    problem = SimpleNamespace(policy=POLICY, mean_square=lambda error, _: float(np.mean(error**2)))
+    base = OwnBase(2, SimpleNamespace(problem=problem, root=_model_fit()))
+    settled = None if after is None else _model_fit(error=after)
+    monkeypatch.setattr(OwnBase, "fit_of", lambda *_: settled)
+    monkeypatch.setattr(each_recording, "unexplained", lambda *_: share)
+    said = base.doubt(_model_fit("spring"))
+    assert why in said
+    assert bool(said) == bool(why)
+
+
+def test_a_base_that_differs_beyond_its_errors_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(each_recording, "standard_errors", lambda *_: np.array([0.002, 1e-4]))
+    slots = (("coulomb", COULOMB), ("inertia", INERTIA))
+    free = [Free(name, slot, 0.0, 1.0, 0.1) for name, slot in slots]
+    metadata = SimpleNamespace(motion_unit="rad", torque_unit="")
+    problem = SimpleNamespace(policy=POLICY, training=None, data=SimpleNamespace(metadata=metadata))
+
+    def fitted(number: int, coulomb: float) -> tuple[int, SimpleNamespace, SimpleNamespace]:
+        packed = base_model(NOMINAL | {"coulomb": coulomb}).pack()
+        return number, problem, SimpleNamespace(free=free, fitted=SimpleNamespace(packed=packed))
+
+    said = base_in_words(fitted(1, 0.21), fitted(2, 0.17))
+    assert said == "Recordings 1 and 2 have a different base: Coulomb friction 0.21 and 0.17 N m."
+    assert base_in_words(fitted(1, 0.21), fitted(2, 0.208)) == ""
+
+
+def _verdict(word: str, *effects: str, confidence: str | None = None) -> Diagnosis:
+    nothing = (), (), {}, 0.0, None, True
+    return Diagnosis(word, effects, confidence, *nothing)
+
+
+def _diagnosed(monkeypatch: pytest.MonkeyPatch, told: list[tuple[Diagnosis, Diagnosis]]) -> Diagnosis | None:
+    """The verdict on recordings with what each says `told` by itself, and after it was carried to the others."""
+    by_number = dict(enumerate(told, 1))
+    monkeypatch.setattr(each_recording, "confirm", lambda *_: (None, []))
+    monkeypatch.setattr(each_recording, "prepared_to_fit", lambda part: part[0])
+    monkeypatch.setattr(
+        each_recording, "_told", lambda one, *_: replace(by_number[one.number][1], notes=(str(one.number),))
+    )
+
+    def searched(number: int) -> tuple[Found, None, tuple[str]]:
+        if by_number[number][0].verdict == "refused":
+            raise NotEnoughExcitation("it hardly moves")
+        return _found(None), None, (str(number),)
+
+    own = [(number, [number]) for number in by_number]
+    return of_each(own, searched, lambda _, notes, *__: by_number[int(notes[0])][0], lambda _: None)
+
+
+NOTHING, SEEN = _verdict("none"), _verdict("named", "spring", confidence="suspected")
+SURE, LOST = _verdict("named", "spring", confidence="confirmed"), _verdict("unknown")
+REFUSED = _verdict("refused")
+
+
+@pytest.mark.parametrize(
+    ("told", "number", "expected"),
+    [
+        ([(NOTHING, NOTHING), (NOTHING, NOTHING)], "1", NOTHING),
+        ([(NOTHING, NOTHING), (LOST, LOST)], "2", LOST),
+        ([(NOTHING, NOTHING), (SEEN, SURE)], "2", SURE),
+        ([(SEEN, SEEN), (SEEN, SURE)], "2", SURE),
+        ([(SEEN, SEEN), (SEEN, SEEN)], "1", SEEN),
+        ([(SEEN, LOST), (SEEN, SEEN)], "2", SEEN),
+        ([(SEEN, LOST), (NOTHING, NOTHING)], "1", LOST),
+        ([(REFUSED, REFUSED), (SEEN, SEEN)], "2", SEEN),
+    ],
+)
+def test_two_recordings_say_at_least_what_the_better_one_says(
+    monkeypatch: pytest.MonkeyPatch, told: list[tuple[Diagnosis, Diagnosis]], number: str, expected: Diagnosis
+) -> None:
+    found = _diagnosed(monkeypatch, told)
+    assert found is not None
+    assert (found.verdict, found.effects, found.confidence) == (
+        expected.verdict,
+        expected.effects,
+        expected.confidence,
+    )
+    assert found.notes[-1] == number
+    assert any("tells too little by itself" in note for note in found.notes) == (REFUSED in told[0])
+
+
+def test_recordings_that_tell_nothing_one_by_one_are_diagnosed_together(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert _diagnosed(monkeypatch, [(REFUSED, REFUSED), (REFUSED, REFUSED)]) is None
+
+
+def test_one_name_that_no_other_recording_shows_costs_that_name_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Drift beside memory, seen in one of two recordings that both show memory: memory keeps its name."""
+    monkeypatch.setattr(each_recording, "without", lambda *told: ("without", *told[-1]))
+    judged = []
+    found = _found(SimpleNamespace(model_fit=_model_fit("spring", "thermal_drift")))
+    carried = [HoldoutResult("spring", 0.5, 5.0, lowers=True), HoldoutResult("thermal_drift", 0.01, 0.5)]
+
+    def less(held: set[str]) -> Diagnosis | None:
+        one = SimpleNamespace(number=1)
+        return each_recording._without_unheld(
+            one, found, (), carried, held, lambda *told: judged.append(told) or SURE
+        )
+
+    assert less({"spring"}) is SURE
+    assert judged[0][0].chosen == ("without", "thermal_drift")
+    assert judged[0][1] == ("Recording 1 alone shows thermal drift, which is not named.",)
+    assert less({"spring", "thermal_drift"}) is None
+
+
+@pytest.mark.parametrize(
+    ("alone", "refuted", "expected"),
+    [
+        ("confirmed", False, ("spring", "thermal_drift")),
+        ("confirmed", True, ("spring", "thermal_drift")),
+        ("suspected", True, ("thermal_drift",)),
+    ],
+)
+def test_what_a_recording_s_own_veto_confirms_is_doubted_by_another_and_not_undone(
+    monkeypatch: pytest.MonkeyPatch, alone: str, refuted: bool, expected: tuple[str, ...]
+) -> None:
+    both, less = (
+        SimpleNamespace(model_fit=_model_fit(*names))
+        for names in (("spring", "thermal_drift"), ("thermal_drift",))
+    )
+    carried = [
+        HoldoutResult("spring", -0.5, -9.0, refuted=refuted),
+        HoldoutResult("thermal_drift", 0.5, 9.0, lowers=True),
+    ]
+    monkeypatch.setattr(each_recording, "confirm_by", lambda *_: (less if refuted else both, carried))
+    monkeypatch.setattr(each_recording, "hold_out", lambda *_: carried)
+    monkeypatch.setattr(each_recording, "_with_bases", lambda verdict, *_: verdict)
+
+    def judge(found: Found, notes: tuple[str, ...], _: object) -> Diagnosis:
+        model_fit = found.chosen.model_fit
+        return replace(
+            _verdict("named", *model_fit.effects, confidence=alone), notes=notes, model_fit=model_fit
+        )
+
+    found = _found(both)
+    first = judge(found, (), ())
+    one = each_recording._Alone(1, found, None, (), (), first)
+    other = each_recording._Alone(2, _found(None), None, (), (), NOTHING)
+    told = each_recording._told(one, [other], judge, lambda _: None)
+    assert told.effects == expected
+    assert told.confidence == ("suspected" if refuted else alone)
+    doubted = "Suspected only: another recording refutes spring."
+    assert (told.notes[0] == doubted) == (refuted and alone == "confirmed")

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from autotune.diagnosis.fitting import add_effect, fit_model
@@ -68,3 +69,16 @@ def test_emps_asymmetry_comes_first() -> None:
     assert found.effects[0] == "direction_asymmetry"
     assert found.confidence == "suspected"
     assert found.next_experiment
+
+
+@pytest.mark.slow(10)
+@pytest.mark.long
+def test_emps_in_two_files_is_confirmed_by_each_other() -> None:
+    """One base over both named nothing; what one half alone shows falls alone."""
+    columns = ("time=t", "position=qm", "reference=qg", "torque=vir*35.15")
+    whole = _imported([DATA / "emps/DATA_EMPS.mat"], "mat", columns, "m", None)
+    first = np.arange(len(whole)) < len(whole) // 2
+    halves = [whole.rows(first), whole.rows(~first)]
+    found = diagnose(halves, fit_model(halves[:1]).model)
+    assert found.effects == ("direction_asymmetry", "nonlinear_viscous")
+    assert found.confidence == "confirmed"

@@ -10,13 +10,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from autotune.diagnosis import verdict
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.compare import compare
-from autotune.diagnosis.confirmation import Doubt
 from autotune.diagnosis.fitting import fit_model
 from autotune.diagnosis.free_shape import any_course, like_a_parabola
-from autotune.diagnosis.search import search
 from autotune.diagnosis.verdict import diagnose
 from autotune.estimation.alignment import aligned, best_shift, compensated
 from autotune.estimation.bandwidth import loud_below, prepared_for, without_rest
@@ -43,10 +40,12 @@ def _path(kind: str, seconds: float) -> np.ndarray:
     return sum(a * np.sin(2 * np.pi * f * time + p) for a, f, p in waves)
 
 
-def _torque(q: np.ndarray, ripple: float = 0.0, curved: float = 0.0, slope: float = 0.0) -> np.ndarray:
-    """What the motion needs, held from sample to sample as a drive does."""
+def _torque(
+    q: np.ndarray, ripple: float = 0.0, curved: float = 0.0, slope: float = 0.0, cold: float = 1.0
+) -> np.ndarray:
+    """What the motion needs, held from sample to sample as a drive does; `cold`: times the friction."""
     v = np.gradient(q, PERIOD)
-    needed = INERTIA * np.gradient(v, PERIOD) + VISCOUS * v + COULOMB * np.tanh(v / 5e-3)
+    needed = INERTIA * np.gradient(v, PERIOD) + cold * (VISCOUS * v + COULOMB * np.tanh(v / 5e-3))
     needed += ripple * np.sin(7 * q) + curved * np.sign(v) * np.sqrt(np.abs(v)) + slope * q
     middle = np.concatenate([needed[1:], needed[-1:]])
     return 0.5 * (needed + middle)
@@ -148,28 +147,35 @@ def test_plain_friction_is_fitted_and_nothing_is_named() -> None:
 
 
 @pytest.mark.slow(5)
-def test_one_recording_suspects_and_a_second_trajectory_confirms(monkeypatch) -> None:
-    """What both together show and neither by itself is unknown: it is no name, but it is not nothing."""
+def test_one_recording_suspects_and_a_second_trajectory_confirms() -> None:
+    """Also one taken cold: it has a base of its own, which is said, and nothing of the name is lost."""
     one, other = (_recording(kind, ripple=0.015) for kind in ("slow", "quick"))
     model = fit_model([one]).model
-    searches = []
-    monkeypatch.setattr(verdict, "search", lambda *told: searches.append(search(*told)) or searches[-1])
     alone = diagnose([one], model)
     assert (alone.verdict, alone.effects, alone.confidence) == ("named", ("torque_ripple",), "suspected")
     both = diagnose([one, other], model)
     assert (both.effects, both.confidence) == (("torque_ripple",), "confirmed")
-    monkeypatch.setattr(verdict, "search", lambda *_: searches[-1])
-    monkeypatch.setattr(verdict, "doubt_of", lambda *_: Doubt("no recording shows it", nowhere=True))
-    refused = diagnose([one, other], model)
-    assert (refused.verdict, refused.effects) == ("unknown", ())
     assert any("lowers the squared error there" in note for note in both.notes)
+    cold = diagnose([one, _recording("quick", ripple=0.015, cold=1.4)], model)
+    assert (cold.effects, cold.confidence) == (("torque_ripple",), "confirmed")
+    assert any("different base: Coulomb friction 0.0601 and 0.084" in note for note in cold.notes)
+    assert not any("different base" in note for note in both.notes)
+
+
+def test_a_base_that_is_two_names_nothing() -> None:
+    """Friction half as large again in the second: fitted together that is more than noise in both."""
+    one, other = _recording("slow"), _recording("quick", cold=1.5)
+    found = diagnose([one, other], fit_model([one]).model)
+    assert (found.verdict, found.effects) == ("none", ())
+    assert any("recording 1 alone says 'none', recording 2 alone says 'none'" in note for note in found.notes)
 
 
 def test_what_another_trajectory_refutes_is_not_named() -> None:
     """A spring in one file only: re-rigged between the two, or another axis."""
     one, other = _recording("slow", slope=0.01), _recording("quick")
     found = diagnose([one, other], fit_model([other]).model)
-    assert found.confidence != "confirmed"
+    assert found.verdict == "unknown"
+    assert any("it is not the cause" in note for note in found.notes)
 
 
 def test_temperature_is_a_coordinate_where_it_was_recorded() -> None:

@@ -10,8 +10,7 @@ import pytest
 from autotune.diagnosis import facts, verdict
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
-from autotune.diagnosis.evidence.single import SingleRecording
-from autotune.diagnosis.evidence.speed_curve import SpeedCurve
+from autotune.diagnosis.evidence.single import SingleRecording, SpeedCurve
 from autotune.diagnosis.evidence.time_driven import TimeLine
 from autotune.diagnosis.facts import Facts
 from autotune.diagnosis.verdict import CASES

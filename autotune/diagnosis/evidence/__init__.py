@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
-from autotune.diagnosis.evidence.single import SingleRecording
-from autotune.diagnosis.evidence.speed_curve import SpeedCurve
+from autotune.diagnosis.evidence.single import SingleRecording, SpeedCurve
 from autotune.estimation.data import Prepared
 
 

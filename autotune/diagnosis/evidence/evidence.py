@@ -56,6 +56,7 @@ class HoldoutResult:
         gain: relative fall of the squared error there; below 0 it rose.
         lowers: whether it lowers it beyond chance.
         rivals: effects in its place that do nearly as well there.
+        refuted: whether it raises it; beyond chance, where something was refitted there.
     """
 
     effect: str
@@ -63,14 +64,11 @@ class HoldoutResult:
     z: float
     lowers: bool = False
     rivals: tuple[str, ...] = ()
+    refuted: bool = False
 
     @property
     def confirmed(self) -> bool:
         return self.lowers and not self.rivals
-
-    @property
-    def refuted(self) -> bool:
-        return self.gain < 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,13 @@ import scipy
 
 from autotune.core.arrays import Flags, Floats, Integers
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate
-from autotune.diagnosis.evidence.evidence import WORTH_ALIGNING, Evidence, HoldoutResult, without_chain
+from autotune.diagnosis.evidence.evidence import (
+    WORTH_ALIGNING,
+    Effort,
+    Evidence,
+    HoldoutResult,
+    without_chain,
+)
 from autotune.diagnosis.evidence.visibility import highest_frequency, resolved_frequency, visible
 from autotune.estimation.alignment import best_shift, shifted
 from autotune.estimation.bias_corrected_fit import ModelFit
@@ -198,6 +204,40 @@ class SingleRecording(Evidence):
 
     def explains_part(self, chosen: FittedCandidate) -> str:
         return "fits some of it"
+
+
+class SpeedCurve(SingleRecording):
+    """Mean torques at constant speeds, few, without noise: all starts are followed, chance and size are not asked."""
+
+    def candidates(self, problem: Problem) -> list[Kind]:
+        return [kind for kind in Evidence.candidates(self, problem) if kind.at_constant_speed]
+
+    def effort(self, problem: Problem) -> Effort:
+        return Effort(0.0, 9, 15, follows_promises=False)
+
+    def worth_fitting(
+        self, problem: Problem, model_fit: ModelFit, ranked: Sequence[ScreenedCandidate]
+    ) -> list[ScreenedCandidate]:
+        return self._likely(problem, ranked, problem.policy.least_gain)
+
+    def stopped_by(self, problem: Problem, model_fit: ModelFit, item: ScreenedCandidate) -> str:
+        least = problem.policy.least_gain
+        return "" if self._likely(problem, [item], least) else f"{100 * least:.0f} % beyond chance are needed"
+
+    def best(self, problem: Problem, fitted: Sequence[FittedCandidate]) -> FittedCandidate:
+        return max(fitted, key=lambda item: item.gain)
+
+    def alike(self, problem: Problem) -> float:
+        return problem.policy.alike
+
+    def other_trajectories(self, problem: Problem) -> list[Flags]:
+        return []
+
+    def aligned(self, problem: Problem, model_fit: ModelFit) -> Problem:
+        return problem
+
+    def weights(self, problem: Problem, error: Floats) -> Floats | None:
+        return None
 
 
 def least_of(policy: Policy, item: ScreenedCandidate, least: float) -> float:

@@ -1,0 +1,315 @@
+"""Several recordings, each searched by itself with a base of its own, and what the others say of what one names.
+
+Recordings may be taken under other circumstances: another load, warmer, a neighbour that moves. Fitted together they
+bend one base until neither is right: rivals are compared under that distortion, and everything reads "unknown". So
+names are chosen on one recording, and carried to the others, where only the base is refitted.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from autotune.core.arrays import Floats
+from autotune.core.errors import AutotuneError
+from autotune.diagnosis.candidates import Progress
+from autotune.diagnosis.confirmation import (
+    Elsewhere,
+    confirm,
+    confirm_by,
+    hold_out,
+    in_words,
+    told_apart,
+    without,
+)
+from autotune.diagnosis.evidence.evidence import HoldoutResult
+from autotune.diagnosis.search import Found
+from autotune.diagnosis.wording import AMBIGUOUS, CONFIRMED, NAMED, NONE, SUSPECTED, UNKNOWN
+from autotune.estimation.bandwidth import prepared_to_fit
+from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
+from autotune.estimation.data import TRAINING, VETO, Prepared
+from autotune.estimation.least_squares import standard_errors
+from autotune.estimation.pieces import UNFITTED
+from autotune.estimation.problem import Problem
+from autotune.estimation.residual import smoothed
+from autotune.models.drive_model import Packed, surface_parameter
+from autotune.models.layout import flag
+from autotune.models.table import EFFECTS
+from autotune.recordings.recording import Recording
+
+if TYPE_CHECKING:
+    from autotune.diagnosis.verdict import Diagnosis
+
+MOST_UNEXPLAINED = 0.25
+"""Of a recording's torque variance: where more is left, it confirms nothing (an arm's joints, others moving)."""
+ROUNDS = 2
+"""Of a fit of the base beside effects that were carried."""
+ORDER = (NAMED, AMBIGUOUS, UNKNOWN, NONE)
+"""Verdicts on recordings, those that tell most first."""
+BASE = {
+    "inertia": "inertia",
+    "coulomb": "Coulomb friction",
+    "viscous": "viscous friction",
+    "offset": "offset",
+}
+"""Parameters of the base that are told where recordings differ by them, in words."""
+Searched = tuple[Found, Packed, tuple[str, ...]]
+"""What a search comes to, with the model and what is to be said of it."""
+Judge = Callable[[Found, tuple[str, ...], Sequence[HoldoutResult]], "Diagnosis"]
+
+
+def own_recordings(recordings: Sequence[Recording], data: Prepared) -> list[tuple[int, list[Recording]]]:
+    """Each recording that is searched by itself, by its number, with those that are never fitted; none where fewer than
+    two are.
+
+    A veto trajectory that not each of them has decides over all; curves over speed have one point in each recording, or
+    some.
+    """
+    if data.steady:
+        return []
+    aside = [one for one in recordings if _unfitted(one)]
+    own = [(number, [one, *aside]) for number, one in enumerate(recordings, 1) if not _unfitted(one)]
+    each_has = all(any(part.experiment == VETO for part in one.segments()) for _, (one, *_) in own)
+    if len(own) < 2 or (bool(np.any(data.role(VETO))) and not each_has):
+        return []
+    return own
+
+
+def _unfitted(recording: Recording) -> bool:
+    return all(part.experiment in UNFITTED for part in recording.segments())
+
+
+@dataclass(frozen=True, slots=True)
+class _Alone:
+    """What one recording shows by itself; `number`: from 1; `carried`: what its own veto says, where it has one."""
+
+    number: int
+    found: Found
+    nominal: Packed
+    notes: tuple[str, ...]
+    carried: Sequence[HoldoutResult]
+    verdict: Diagnosis
+
+
+def of_each(
+    own: Sequence[tuple[int, list[Recording]]],
+    searched: Callable[[Prepared], Searched],
+    judge: Judge,
+    progress: Progress,
+) -> Diagnosis | None:
+    """What recordings show that are searched one by one, each with its own base, and what the others say of it.
+
+    None where they are diagnosed together: one by one they tell nothing, or a veto trajectory tells of all of them.
+    """
+    alone: list[_Alone] = []
+    silent: list[str] = []
+    for number, part in own:
+        progress(f"recording {number} by itself")
+        try:
+            found, nominal, notes = searched(prepared_to_fit(part))
+        except AutotuneError as reason:
+            silent.append(f"Recording {number} tells too little by itself: {reason}.")
+            continue
+        chosen, carried = confirm(found, nominal)
+        found = replace(found, chosen=chosen)
+        verdict = replace(judge(found, (*notes, *in_words(carried)), carried), recordings=tuple(part))
+        alone.append(_Alone(number, found, nominal, notes, carried, verdict))
+    if not alone:
+        return None
+    alone.sort(key=lambda one: ORDER.index(one.verdict.verdict))
+    best: Diagnosis | None = None
+    for one in alone:
+        if best is not None and not one.verdict.effects:
+            break
+        told = _told(one, [other for other in alone if other is not one], judge, progress)
+        if best is None or (told.effects and not best.effects) or told.confidence == CONFIRMED:
+            best = told
+        if best.confidence == CONFIRMED:
+            break
+    return best if best is None else replace(best, notes=(*silent, *best.notes))
+
+
+def _told(one: _Alone, others: Sequence[_Alone], judge: Judge, progress: Progress) -> Diagnosis:
+    """The verdict on one recording after what it names was carried to the others, where only their base is refitted."""
+    searched = f"Each recording was searched by itself, with a base of its own: {_each([one, *others])}."
+    bases = [OwnBase(other.number, other.found) for other in others]
+    if not others or not one.verdict.effects:
+        return _with_bases(replace(one.verdict, notes=(searched, *one.verdict.notes)), one, bases)
+    progress("do the other recordings confirm it")
+    carriers, found = [base.elsewhere() for base in bases], one.found
+    if one.verdict.verdict == AMBIGUOUS:
+        found = told_apart(found, one.verdict.confusable[0], carriers)
+    shown = {effect for other in others for effect in other.verdict.effects}
+    by_itself, chosen = one.verdict.confidence == CONFIRMED, found.chosen
+    if by_itself and chosen is not None:  # by its own veto: not undone, but doubted
+        carried = hold_out(found.problem, found.root, chosen, carriers, shown)
+    else:
+        chosen, carried = confirm_by(found, one.nominal, carriers, shown)
+    refuted = [item.effect for item in carried if item.refuted]
+    carried = [*one.carried, *carried]
+    said = (searched, *one.notes, *in_words(carried))
+    verdict = judge(replace(found, chosen=chosen), said, carried)
+    held = {item.effect for item in carried if item.lowers} | shown
+    if chosen is not None and not by_itself and verdict.verdict == NAMED and held & set(verdict.effects):
+        verdict = _without_unheld(one, replace(found, chosen=chosen), said, carried, held, judge) or verdict
+    if verdict.confidence == CONFIRMED and verdict.model_fit is not None:
+        doubt = "" if by_itself else _doubt(one, others, bases, verdict.model_fit)
+        if by_itself and refuted:
+            doubt = f"another recording refutes {' and '.join(refuted).replace('_', ' ')}"
+        if doubt:
+            notes = (f"Suspected only: {doubt}.", *verdict.notes)
+            verdict = replace(verdict, confidence=SUSPECTED, notes=notes)
+    return replace(_with_bases(verdict, one, bases), recordings=one.verdict.recordings)
+
+
+def _without_unheld(
+    one: _Alone,
+    found: Found,
+    said: tuple[str, ...],
+    carried: Sequence[HoldoutResult],
+    held: Collection[str],
+    judge: Judge,
+) -> Diagnosis | None:
+    """The verdict without names that no other recording shows, beside one that they do; None where it is none."""
+    chosen = found.chosen
+    unheld = [] if chosen is None else [one for one in chosen.model_fit.effects if one not in held]
+    less = without(found.problem, found.root, chosen, unheld) if chosen is not None and unheld else None
+    if less is None:
+        return None
+    freed = {effect: named for effect, named in found.freed.items() if effect not in unheld}
+    names = " and ".join(unheld).replace("_", " ")
+    said = (f"Recording {one.number} alone shows {names}, which is not named.", *said)
+    verdict = judge(replace(found, chosen=less, freed=freed), said, carried)
+    return verdict if verdict.verdict == NAMED else None
+
+
+def _doubt(one: _Alone, others: Sequence[_Alone], bases: Sequence[OwnBase], model_fit: ModelFit) -> str:
+    """What speaks against calling effects confirmed that were found in one recording; empty where nothing does."""
+    for other in others:
+        names = set(other.verdict.effects)
+        if other.verdict.verdict == NAMED and not names & set(model_fit.effects):
+            return f"recording {other.number} by itself shows {' and '.join(sorted(names)).replace('_', ' ')}"
+    doubts = [much_unexplained(one.found.problem, model_fit, one.number)]
+    doubts += [base.doubt(model_fit) for base in bases]
+    return next(filter(None, doubts), "")
+
+
+def _each(alone: Sequence[_Alone]) -> str:
+    """What each recording says by itself, in the order of their numbers."""
+    said = []
+    for one in sorted(alone, key=lambda one: one.number):
+        names = " and ".join(one.verdict.effects).replace("_", " ")
+        said.append(
+            f"recording {one.number} {f'shows {names}' if names else f'alone says {one.verdict.verdict!r}'}"
+        )
+    return ", ".join(said)
+
+
+def _with_bases(verdict: Diagnosis, one: _Alone, bases: Sequence[OwnBase]) -> Diagnosis:
+    """The verdict with a sentence on each recording whose base is another one."""
+    if verdict.model_fit is None:
+        return verdict
+    own, said = (one.number, one.found.problem, verdict.model_fit), []
+    for base in bases:
+        settled = base.fit_of(verdict.model_fit)
+        if settled is not None:
+            pair = sorted([own, (base.number, base.problem, settled)], key=lambda fitted: fitted[0])
+            said.append(base_in_words(*pair))
+    return replace(verdict, notes=(*filter(None, said), *verdict.notes))
+
+
+class OwnBase:
+    """Another recording by its own base: what was found elsewhere is carried to it, and only the base is refitted."""
+
+    def __init__(self, number: int, found: Found) -> None:
+        self.number, self.problem, self.root = number, found.problem, found.root
+        self._known: list[tuple[ModelFit, ModelFit | None]] = []
+
+    def elsewhere(self) -> Elsewhere:
+        return Elsewhere(self._error_of, own_base=True)
+
+    def fit_of(self, model_fit: ModelFit) -> ModelFit | None:
+        """The base beside a model's effects; None where the twin is unstable with them."""
+        for known, settled in self._known:
+            if known is model_fit:
+                return settled
+        settled = self.root
+        if model_fit.effects:
+            packed = with_effects(self.root.fitted.packed, model_fit.fitted.packed, model_fit.effects)
+            settled = fit_inside_twin(self.problem, packed, list(self.root.free), ROUNDS, model_fit.effects)
+        self._known.append((model_fit, settled))
+        return settled
+
+    def _error_of(self, model_fit: ModelFit) -> Floats | None:
+        settled, weight = self.fit_of(model_fit), self.problem.training
+        return None if settled is None else (settled.fitted.error * np.sqrt(weight))[weight > 0]
+
+    def doubt(self, model_fit: ModelFit) -> str:
+        """What this recording says against the effects of a model that was found elsewhere; empty if nothing."""
+        settled = self.fit_of(model_fit)
+        if settled is None:
+            return f"with these effects recording {self.number} cannot be simulated"
+        least = self.problem.policy.least_gain
+        before, after = (self.problem.mean_square(one.fitted.error, TRAINING) for one in (self.root, settled))
+        if after >= (1.0 - least) * before:
+            return (
+                f"recording {self.number}, with only the base refitted, errs no less with them than without"
+            )
+        return much_unexplained(self.problem, settled, self.number)
+
+
+def much_unexplained(problem: Problem, model_fit: ModelFit, number: int) -> str:
+    """Says so where a recording keeps too much of its torque to confirm anything; empty else."""
+    share = unexplained(problem, model_fit)
+    if share <= MOST_UNEXPLAINED:
+        return ""
+    return f"recording {number} keeps {100 * share:.0f} % of the torque's variance unexplained"
+
+
+def base_in_words(first: tuple[int, Problem, ModelFit], other: tuple[int, Problem, ModelFit]) -> str:
+    """By which parameters two recordings have a different base, beyond their standard errors; empty where by none.
+
+    Each by its number, with its problem and the fit to it.
+    """
+    number, problem, model_fit = first
+    metadata, apart = problem.data.metadata, problem.policy.apart_z
+    bases = _base(problem, model_fit), _base(*other[1:])
+    told = []
+    for name, words in BASE.items():
+        if any(name not in base for base in bases):
+            continue
+        (one, error), (two, its_error) = (base[name] for base in bases)
+        if abs(one - two) > apart * math.hypot(error, its_error):
+            unit = surface_parameter(name).unit_for(metadata.motion_unit, metadata.torque_unit)
+            told.append(f"{words} {one:.3g} and {two:.3g} {unit}")
+    if not told:
+        return ""
+    return f"Recordings {number} and {other[0]} have a different base: {', '.join(told)}."
+
+
+def _base(problem: Problem, model_fit: ModelFit) -> dict[str, tuple[float, float]]:
+    """Parameters of the base and their standard errors, by name."""
+    errors, packed = standard_errors(model_fit.fitted, problem.training), model_fit.fitted.packed
+    pairs = zip(model_fit.free, errors, strict=True)
+    return {one.name: (float(packed.p[one.slot]), float(error)) for one, error in pairs if one.name in BASE}
+
+
+def unexplained(problem: Problem, model_fit: ModelFit) -> float:
+    """Share of the torque's variance that a model leaves on the rows that count."""
+    rows = problem.training > 0
+    torque = smoothed(problem.data, problem.data.torque)[rows]
+    return float(np.var(model_fit.fitted.error[rows])) / max(float(np.var(torque)), 1e-300)
+
+
+def with_effects(base: Packed, other: Packed, effects: Sequence[str]) -> Packed:
+    """A model with the effects of another one, unchanged."""
+    p, on = base.p.copy(), base.on.copy()
+    for name in effects:
+        for parameter in EFFECTS[name].parameters:
+            p[parameter.slot] = other.p[parameter.slot]
+        on[flag(name)] = True
+    return Packed(p, on)
