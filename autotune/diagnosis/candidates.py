@@ -102,8 +102,8 @@ def _free(parameter: Parameter, surface: str, value: float, scales: Scales) -> F
     scale = max(0.3 * abs(value), 0.1 * typical) if value else typical
     bounded = parameter.lower >= 0.0 and value > 0.0
     step = 0.6 * value if bounded else np.inf
-    above = layout.COULOMB if surface == "break_away" else -1
-    return Free(surface, parameter.slot, parameter.lower, parameter.upper, scale, step, above=above)
+    bounds = parameter.lower, parameter.upper
+    return Free(surface, parameter.slot, *bounds, scale, step, above=parameter.above)
 
 
 def model_from(
