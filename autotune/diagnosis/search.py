@@ -174,18 +174,19 @@ class _Search:
 
     def _shape_base(self) -> None:
         """What textbooks have in the base may have another shape there: that is asked before anything else."""
-        if not self.evidence.repeats or not self._more_to_explain(self.root):
+        if not self._more_to_explain(self.root):
             return
-        shaped = with_base_shapes(self.problem, self.root, self.nominal)
+        shaped = self._borne_out(with_base_shapes(self.problem, self.root, self.nominal))
         if shaped is not None:
             self.progress("another law of the base")
             self._take_root(shaped)
 
     def _fades(self, ranked: Sequence[ScreenedCandidate]) -> bool:
         """Whether damping in presliding that fades with speed explains more than any effect: then the root has it."""
-        if not self.evidence.repeats or not self._more_to_explain(self.root):
+        asked = self._more_to_explain(self.root)
+        if not asked and not self.evidence.worth_fitting(self.problem, self.root, ranked):
             return False
-        faded = with_fading(self.problem, self.root)
+        faded = self._borne_out(with_fading(self.problem, self.root))
         if faded is None:
             return False
         gain = gain_and_z(self.root.unseen, faded.unseen)[0]
@@ -215,7 +216,8 @@ class _Search:
         Training may be explained where the veto trajectory is not.
         """
         left = chosen.share < REFINED or self._more_to_explain(chosen.model_fit)
-        beside = with_fading(self.problem, chosen.model_fit) if self.evidence.repeats and left else None
+        beside = with_fading(self.problem, chosen.model_fit) if left else None
+        beside = self._borne_out(beside, chosen.model_fit)
         if beside is None:
             return None
         packed = beside.fitted.packed
@@ -224,6 +226,12 @@ class _Search:
             packed = taken_out(self.root, with_it, effect)
         free = [*self.root.free, *(one for one in beside.free if one.slot in FADING_SLOTS)]
         return fit_inside_twin(self.problem, packed, free, 2, self.root.effects)
+
+    def _borne_out(self, after: ModelFit | None, before: ModelFit | None = None) -> ModelFit | None:
+        """A model with another law of the base, where recordings of this kind bear it out beside the root."""
+        if after is None or not self.evidence.bears_out(self.problem, before or self.root, after):
+            return None
+        return after
 
     def _begins_again(self) -> bool:
         """Whether all begins anew from the root."""
