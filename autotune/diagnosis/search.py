@@ -10,6 +10,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from autotune.diagnosis.candidates import FittedCandidate, Progress, ScreenedCandidate, error_left
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence
@@ -455,7 +457,7 @@ class _Search:
             worth &= best.training.fall >= policy.least_gain * left
         if self.evidence.repeats and problem.twin and not self._remembers(best):
             again = again_explained(problem, before, best.model_fit)
-            worth &= again >= LEAST_AGAIN * beside.fall
+            worth &= again >= LEAST_AGAIN * min(beside.fall, fall_in_repeats(problem, before, best.model_fit))
         if root is None and self.chosen is not None:
             worth &= beside.fall >= least_fall(problem, self.chosen)
             worth &= not self.evidence.repeats or beside.share >= policy.partly
@@ -653,6 +655,19 @@ def again_explained(problem: Problem, before: ModelFit, after: ModelFit) -> floa
         return math.inf
     left = [shared(problem, item.fitted, item.correction) for item in (before, after)]
     return left[0] - left[1]
+
+
+def fall_in_repeats(problem: Problem, before: ModelFit, after: ModelFit) -> float:
+    """By how much a model lowers the mean square of the experiments that were repeated [(N m)²].
+
+    What it lowers of the others cannot come again; that they were held out says of them what is to be said.
+    """
+    repeated = np.zeros(len(problem.weight))
+    for block in problem.data.blocks:
+        repeated[block.rows] = block.role == TRAINING and block.repeats > 1
+    weight = problem.weight * repeated
+    fall = before.fitted.error**2 - after.fitted.error**2
+    return float(weight @ fall) / max(float(weight.sum()), 1e-300)
 
 
 def least_fall(problem: Problem, chosen: FittedCandidate) -> float:
