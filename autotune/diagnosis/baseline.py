@@ -30,7 +30,7 @@ from autotune.estimation.controller_torque import loop_note, refuse_answers
 from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.disturbance import STILL
 from autotune.estimation.disturbance_estimate import by_certainty, estimate_disturbance, with_expected_noise
-from autotune.estimation.least_squares import Free
+from autotune.estimation.least_squares import Free, with_values
 from autotune.estimation.model_error import CLEARLY_LESS, by_chance, told_by_twin
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import (
@@ -86,6 +86,7 @@ def begin(
         *base_free(packed, problem.scales, data.metadata.motion_unit),
         *free_of_model(model, problem.scales),
     ]
+    packed = with_values(packed, free, packed.p[[one.slot for one in free]])
     model_fit = _first_fit(problem, packed, free)
     if model_fit is None and problem.twin and law.within:
         # what counts make may be where the twin, off by parts of one, does not expect it

@@ -99,6 +99,19 @@ def again_explained(problem: Problem, before: ModelFit, after: ModelFit) -> floa
     return left[0] - left[1]
 
 
+def fall_in_repeats(problem: Problem, before: ModelFit, after: ModelFit) -> float:
+    """By how much a model lowers the mean square of the experiments that were repeated [(N m)²].
+
+    What it lowers of the others cannot come again; that they were held out says of them what is to be said.
+    """
+    repeated = np.zeros(len(problem.weight))
+    for block in problem.data.blocks:
+        repeated[block.rows] = block.role == TRAINING and block.repeats > 1
+    weight = problem.weight * repeated
+    fall = before.fitted.error**2 - after.fitted.error**2
+    return float(weight @ fall) / max(float(weight.sum()), 1e-300)
+
+
 def least_fall(problem: Problem, chosen: FittedCandidate) -> float:
     """By how much an effect beside the chosen ones must lower the mean square [(N m)²]."""
     policy = problem.policy
@@ -150,8 +163,8 @@ def _free(parameter: Parameter, surface: str, value: float, scales: Scales) -> F
     scale = max(0.3 * abs(value), 0.1 * typical) if value else typical
     bounded = parameter.lower >= 0.0 and value > 0.0
     step = 0.6 * value if bounded else np.inf
-    above = layout.COULOMB if surface == "break_away" else -1
-    return Free(surface, parameter.slot, parameter.lower, parameter.upper, scale, step, above=above)
+    bounds = parameter.lower, parameter.upper
+    return Free(surface, parameter.slot, *bounds, scale, step, above=parameter.above)
 
 
 def model_from(

@@ -23,7 +23,7 @@ from autotune.diagnosis.evidence.time_driven import (
     time_driven_line,
     without_line,
 )
-from autotune.diagnosis.free_shape import any_course, at_an_edge, like_a_parabola
+from autotune.diagnosis.free_shape import any_course, at_an_edge, like_a_motor, like_a_parabola, own_course
 from autotune.diagnosis.refits import REFINED
 from autotune.diagnosis.ripple_orders import candidate_orders
 from autotune.diagnosis.search import Found
@@ -252,7 +252,9 @@ def _untold(facts: Facts, told_apart: Sequence[str] = ()) -> tuple[str, ...]:
     if chosen is None or not (
         facts.unlike
         or facts.edge
+        or not own_course(problem, chosen.model_fit, chosen.effect)
         or like_a_parabola(problem, facts.root, chosen.model_fit, facts.evidence.alike(problem))
+        or like_a_motor(problem, facts.root, chosen.model_fit, facts.evidence.alike(problem))
     ):
         return ()
     gains = {item.effect: item.gain for item in facts.first}

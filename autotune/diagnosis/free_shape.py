@@ -41,9 +41,11 @@ from autotune.estimation.cross_validation import gain_and_z, rests_of
 from autotune.estimation.data import VETO
 from autotune.estimation.least_squares import Free, followed
 from autotune.estimation.problem import Problem, beyond_chance, by_second, fading_free, refit
+from autotune.estimation.residual import smoothed
 from autotune.models import layout
 from autotune.models.drive_model import FADING, Packed
 from autotune.models.effect import Kind
+from autotune.models.look_alikes import IN_TORQUE
 from autotune.models.reversal_memory import ELEMENTS, REVERSAL_MEMORY, climbing, drawn_out
 from autotune.models.table import EFFECTS
 
@@ -60,6 +62,8 @@ MORE_FITS = 3
 LONGEST = 0.3  # of the travel: elements beyond it never slide
 NEAR_AN_EDGE = 0.01
 """Of a parameter's scale: a bound that is so near is met."""
+KNEES = (0.2, 0.35, 0.5, 0.65, 0.8)
+"""Of the largest torque: where a course over it bends, to be any course."""
 
 
 FADES = (3e-3, 1e-2, 3e-2, 1e-1)
@@ -108,7 +112,15 @@ def with_free_shape(
         )
     if settled is None or not _predicts_better(problem, before, settled):
         return None
+    if not own_course(problem, settled, chosen.effect):
+        return None
     return replace(judged(problem, root, settled, chosen.effect), gain=chosen.gain)
+
+
+def own_course(problem: Problem, model_fit: ModelFit, effect: str) -> bool:
+    """Whether the course of an effect, as it was fitted, is one that this effect has."""
+    own = EFFECTS[effect].own_course
+    return own is None or own(Context(problem, model_fit.fitted, model_fit.fitted.packed))
 
 
 def any_course(problem: Problem, model_fit: ModelFit) -> bool:
@@ -141,15 +153,43 @@ def like_a_parabola(problem: Problem, root: ModelFit, model_fit: ModelFit, alike
     kind, fitted = EFFECTS[model_fit.effects[0]], model_fit.fitted
     if kind.shows_course is None or kind.shows_course(fitted.packed.p, problem.scales.travel):
         return False
+    place = problem.data.position[problem.data.grid] / problem.scales.travel
+    return _as_well(problem, root, model_fit, np.column_stack([place, place**2]), alike)
+
+
+def like_a_motor(problem: Problem, root: ModelFit, model_fit: ModelFit, alike: float) -> bool:
+    """Whether what a motor falls short explains as much as the one effect, friction that its load presses.
+
+    Only while it brakes do they differ: friction helps it then, and a motor that saturates does not. `alike` as in
+    `like_a_parabola`.
+    """
+    if len(model_fit.effects) != 1:
+        return False
+    kind, data = EFFECTS[model_fit.effects[0]], problem.data
+    if IN_TORQUE not in kind.look_alikes or kind.kernels.level is None:
+        return False
+    size = np.abs(data.torque) / float(np.max(np.abs(data.torque[data.grid])))
+    short = [
+        smoothed(data, np.ascontiguousarray(np.sign(data.torque) * np.maximum(size - knee, 0.0)))
+        for knee in KNEES
+    ]
+    return _as_well(problem, root, model_fit, np.column_stack(short), alike)
+
+
+def _as_well(problem: Problem, root: ModelFit, model_fit: ModelFit, columns: Floats, alike: float) -> bool:
+    """Whether columns, shape (m, k), explain as much in the place of the one effect of a model.
+
+    That is all of its fall but the part `alike`, or as much by chance.
+    """
+    kind, fitted = EFFECTS[model_fit.effects[0]], model_fit.fitted
     base = fitted.jacobian[:, [one.slot not in {q.slot for q in kind.parameters} for one in fitted.free]]
     without = problem.raw(taken_out(root, model_fit, kind.name)) - model_fit.correction.bias
-    place = problem.data.position[problem.data.grid] / problem.scales.travel
     weight = problem.training
     left = [
-        weight * followed(columns, error, weight) ** 2
-        for columns, error in (
+        weight * followed(table, error, weight) ** 2
+        for table, error in (
             (fitted.jacobian, fitted.error),
-            (np.column_stack([base, place, place**2]), without),
+            (np.column_stack([base, columns]), without),
             (base, without),
         )
     ]
@@ -283,7 +323,7 @@ def with_base_shapes(problem: Problem, root: ModelFit, nominal: Packed) -> Model
         free = [*(one for one in here.free if one.slot not in slots), *shape]
         shaped = fit_inside_twin(problem, packed, free, ROUNDS + 1, here.effects)
         if shaped is not None and asked_for(problem, here, shaped):
-            best = shaped
+            best = shaped if own_course(problem, shaped, kind.name) else best
     return best
 
 

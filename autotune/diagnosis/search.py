@@ -17,6 +17,7 @@ from autotune.diagnosis.candidates import (
     again_explained,
     error_left,
     explained_beside,
+    fall_in_repeats,
     least_fall,
     plainer,
 )
@@ -181,18 +182,19 @@ class _Search:
 
     def _shape_base(self) -> None:
         """What textbooks have in the base may have another shape there: that is asked before anything else."""
-        if not self.evidence.repeats or not self._more_to_explain(self.root):
+        if not self._more_to_explain(self.root):
             return
-        shaped = with_base_shapes(self.problem, self.root, self.nominal)
+        shaped = self._borne_out(with_base_shapes(self.problem, self.root, self.nominal))
         if shaped is not None:
             self.progress("another law of the base")
             self._take_root(shaped)
 
     def _fades(self, ranked: Sequence[ScreenedCandidate]) -> bool:
         """Whether damping in presliding that fades with speed explains more than any effect: then the root has it."""
-        if not self.evidence.repeats or not self._more_to_explain(self.root):
+        asked = self._more_to_explain(self.root)
+        if not asked and not self.evidence.worth_fitting(self.problem, self.root, ranked):
             return False
-        faded = with_fading(self.problem, self.root)
+        faded = self._borne_out(with_fading(self.problem, self.root))
         if faded is None:
             return False
         gain = gain_and_z(self.root.unseen, faded.unseen)[0]
@@ -222,7 +224,8 @@ class _Search:
         Training may be explained where the veto trajectory is not.
         """
         left = chosen.share < REFINED or self._more_to_explain(chosen.model_fit)
-        beside = with_fading(self.problem, chosen.model_fit) if self.evidence.repeats and left else None
+        beside = with_fading(self.problem, chosen.model_fit) if left else None
+        beside = self._borne_out(beside, chosen.model_fit)
         if beside is None:
             return None
         packed = beside.fitted.packed
@@ -231,6 +234,12 @@ class _Search:
             packed = taken_out(self.root, with_it, effect)
         free = [*self.root.free, *(one for one in beside.free if one.slot in FADING_SLOTS)]
         return fit_inside_twin(self.problem, packed, free, 2, self.root.effects)
+
+    def _borne_out(self, after: ModelFit | None, before: ModelFit | None = None) -> ModelFit | None:
+        """A model with another law of the base, where recordings of this kind bear it out beside the root."""
+        if after is None or not self.evidence.bears_out(self.problem, before or self.root, after):
+            return None
+        return after
 
     def _begins_again(self) -> bool:
         """Whether all begins anew from the root."""
@@ -455,7 +464,7 @@ class _Search:
             worth &= best.training.fall >= policy.least_gain * left
         if self.evidence.repeats and problem.twin and not self._remembers(best):
             again = again_explained(problem, before, best.model_fit)
-            worth &= again >= LEAST_AGAIN * beside.fall
+            worth &= again >= LEAST_AGAIN * min(beside.fall, fall_in_repeats(problem, before, best.model_fit))
         if root is None and self.chosen is not None:
             worth &= beside.fall >= least_fall(problem, self.chosen)
             worth &= not self.evidence.repeats or beside.share >= policy.partly

@@ -215,8 +215,7 @@ def varying(kind: Kind, name: str, vary: Vary) -> Free:
     """A parameter that is free, inside its physical bounds and those of the start."""
     parameter, surface = kind.parameter(name), kind.surface(name)
     lower, upper = max(parameter.lower, vary.lower), min(parameter.upper, vary.upper)
-    above = layout.COULOMB if surface == "break_away" else -1
-    return Free(surface, parameter.slot, lower, upper, vary.scale, vary.step, above=above)
+    return Free(surface, parameter.slot, lower, upper, vary.scale, vary.step, above=parameter.above)
 
 
 def starts_of(kind: Kind, context: Context) -> Iterator[FitStart]:

@@ -40,6 +40,8 @@ CONVERGED, STILL = 1.0, 0.01
 KNOWN = 0.5
 """Standard error in scales below which a parameter is known."""
 LARGEST_STEP = 0.3
+ROUNDING = 1e-9
+"""Of a scale: so far beyond a bound is on it."""
 _DIFFERENCE = 1e-3
 _COARSE, _FINE = 2, 6
 
@@ -106,31 +108,32 @@ def refine(
     """
     free, pieces, packed = free_by_name(model, names), list(pieces), model.pack()
     sweep = _Sweep(pieces, surrounded(packed, pieces, around, bands, seed, repeats), bands, free, seed)
-    values = packed.p[[parameter.slot for parameter in free]]
+    slots = [parameter.slot for parameter in free]
+    packed = with_values(packed, free, packed.p[slots])
     runs, passes = _COARSE, 0
     linear = sweep.linearise(packed, runs)
-    converged, still = _judged(linear.normal)
+    step = _step(linear.normal, packed, free)
+    converged, still = _judged(linear.normal, step)
     for iteration in range(iterations):
         if passes >= MOST_FINE or (still and passes >= LEAST_FINE):
             break
-        values = _moved(values, linear.normal, free)
-        packed = with_values(packed, free, values)
+        packed = with_values(packed, free, _moved(packed.p[slots], step, free))
         if runs == _COARSE and (converged or iteration >= iterations - MOST_FINE):
             runs = _FINE
             sweep = replace(sweep, around=surrounded(packed, pieces, around, bands, seed, repeats))
         passes += runs == _FINE
         linear = sweep.linearise(packed, runs)
-        converged, still = _judged(linear.normal)
-    return _result(model, values, linear, converged, sweep)
+        step = _step(linear.normal, packed, free)
+        converged, still = _judged(linear.normal, step)
+    return _result(model, packed.p[slots], linear, converged, sweep)
 
 
-def _judged(normal: Normal) -> tuple[bool, bool]:
-    """Whether the next step is within what the twin's noise makes of it, and whether it is small.
+def _judged(normal: Normal, step: Floats) -> tuple[bool, bool]:
+    """Whether the next `step` is within what the twin's noise makes of it, and whether it is small.
 
     A step is measured by the information of the data: directions that they do not tell cannot keep it
     from converging, nor can their large errors hide that it has not.
     """
-    step = normal.step
     worth = float(np.sqrt(abs(step @ normal.matrix @ step) / len(step)))
     small = np.abs(step[_spread(normal) < KNOWN]) < STILL
     return worth < CONVERGED, worth < CONVERGED and bool(np.all(small))
@@ -145,8 +148,11 @@ def _result(model: DriveModel, values: Floats, linear: _Linear, converged: bool,
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     names = [parameter.name for parameter in sweep.free]
     fitted = dict(zip(names, values.tolist(), strict=True))
+    packed = with_values(model.pack(), sweep.free, values)
     at_bound = tuple(
-        f.name for f, value in zip(sweep.free, values, strict=True) if value in (f.lower, f.upper)
+        f.name
+        for f, value in zip(sweep.free, values, strict=True)
+        if value in (f.lower, f.upper) or (f.above >= 0 and value <= packed.p[f.above])
     )
     return Refined(
         model.with_values(fitted, dict(zip(names, spread.tolist(), strict=True))),
@@ -263,7 +269,8 @@ def free_by_name(model: DriveModel, names: Sequence[str]) -> tuple[Free, ...]:
         lower, upper = parameter.lower, parameter.upper
         if lower > 0 or name in ("stribeck_velocity", "stiffness", "inertia"):
             lower, upper = max(lower, 0.01 * value), min(upper, 100.0 * value)
-        free.append(Free(name, parameter.slot, lower, upper, _large_change(model, name, parameter.unit)))
+        large = _large_change(model, name, parameter.unit)
+        free.append(Free(name, parameter.slot, lower, upper, large, above=parameter.above))
     return tuple(free)
 
 
@@ -344,13 +351,46 @@ def _twin_roughness(
     return _roughness(with_motion(piece, result.position, result.torque, bands), packed, bands)
 
 
-def _moved(values: Floats, normal: Normal, free: Sequence[Free]) -> Floats:
-    """Values after a step: none moves by more than 30 % of its scale at once; the direction is kept."""
-    step = normal.step
+def _step(normal: Normal, packed: Packed, free: Sequence[Free]) -> Floats:
+    """The step over the scales that ends inside the bounds, with the others solved for beside what is held there."""
+    rows, room = _room(packed, free)
+    held, step = np.zeros(len(rows), dtype=np.bool_), normal.step
+    for _ in range(len(free)):
+        outside = ~held & (rows @ _limited(step) < room - ROUNDING)
+        if not outside.any():
+            break
+        held |= outside
+        step = normal.step_on(rows[held], room[held])
+    return step
+
+
+def _room(packed: Packed, free: Sequence[Free]) -> tuple[Floats, Floats]:
+    """Bounds of a step over the scales: rows·step ≥ room, shapes (b, k) and (b,)."""
+    places = {parameter.slot: i for i, parameter in enumerate(free)}
+    unit = np.eye(len(free))
+    rows: list[Floats] = []
+    room: list[float] = []
+    for i, one in enumerate(free):
+        value = float(packed.p[one.slot])
+        rows += [unit[i], -unit[i]]
+        room += [(one.lower - value) / one.scale, (value - one.upper) / one.scale]
+        if one.above >= 0:
+            other = places.get(one.above)
+            along = free[other].scale / one.scale * unit[other] if other is not None else 0.0
+            rows.append(unit[i] - along)
+            room.append((float(packed.p[one.above]) - value) / one.scale)
+    return np.array(rows).reshape(-1, len(free)), np.array(room)
+
+
+def _limited(step: Floats) -> Floats:
+    """A step by which none moves by more than 30 % of its scale at once; the direction is kept."""
     largest = float(np.max(np.abs(step))) if len(step) else 0.0
-    if largest > 0:
-        step = step * min(1.0, LARGEST_STEP / largest)
-    change = step * np.array([parameter.scale for parameter in free])
+    return step * min(1.0, LARGEST_STEP / largest) if largest > 0 else step
+
+
+def _moved(values: Floats, step: Floats, free: Sequence[Free]) -> Floats:
+    """Values after a step, limited."""
+    change = _limited(step) * np.array([parameter.scale for parameter in free])
     return np.asarray(np.clip(values + change, [f.lower for f in free], [f.upper for f in free]))
 
 

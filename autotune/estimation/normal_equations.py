@@ -48,6 +48,13 @@ class Normal:
         """
         return np.asarray(-self._inverse(STEP_PRIOR) @ self.score)
 
+    def step_on(self, rows: Floats, values: Floats) -> Floats:
+        """The `step` for which rows·step = values, shapes (c, k) and (c,): what else can move zeroes its score."""
+        matrix = self.matrix + np.eye(len(self.score)) / STEP_PRIOR**2
+        there, along = np.linalg.pinv(rows) @ values, scipy.linalg.null_space(rows)
+        slope = along.T @ (self.score + matrix @ there)
+        return np.asarray(there - along @ np.linalg.solve(along.T @ matrix @ along, slope))
+
     @property
     def covariance(self) -> Floats:
         """Jackknife covariance of the parameters, shape (k, k); huge in directions that nothing tells."""

@@ -7,7 +7,9 @@ first round and copied.
 Of the standard programme a diagnosis is not fitted on everything.
 Presliding stays out: it is measured in torque mode, where no twin of the closed loop can be made. The strokes of the
 steady state are single experiments here, as they differ in speed; taken for repeats of one another they made every
-difference between speeds look like noise. Recordings of anything else are fitted as they are.
+difference between speeds look like noise. So are the passes at high speed, up and down in turn: what one of them has of
+friction, the next has with the other sign, and an effect that explained it in both took off noise and nothing that
+comes again. Recordings of anything else are fitted as they are.
 """
 
 from __future__ import annotations
@@ -89,6 +91,8 @@ def _alike(data: Prepared) -> list[Block]:
 
 _LEFT_OUT = "presliding"
 _STROKES = "steady_state"
+_SINGLE = (_STROKES, "high_speed")
+"""Experiments whose repeats are none of one another."""
 _REPEATED = "dahl"
 _BETWEEN = "conditioning"
 REPEATS = 2
@@ -96,7 +100,7 @@ REPEATS = 2
 
 
 def fitted_part(recording: Recording) -> Recording:
-    """The position-controlled experiments; each stroke of the steady state by a name of its own.
+    """The position-controlled experiments; each stroke of the steady state, and each fast pass, by a name of its own.
 
     A recording that is none of the standard programme is given back as it is.
 
@@ -112,13 +116,13 @@ def fitted_part(recording: Recording) -> Recording:
         keep[segments[i].rows] = False
         if i > 0 and segments[i - 1].experiment == _BETWEEN:
             keep[segments[i - 1].rows] = False
-    if keep.all() and all(segment.experiment != _STROKES for segment in segments):
+    if keep.all() and all(segment.experiment not in _SINGLE for segment in segments):
         return recording
     kept = recording.rows(keep)
     names = kept.experiment.astype(f"<U{max(kept.experiment.dtype.itemsize // 4, len(_STROKES) + 5)}")
     for segment in kept.segments():
-        if segment.experiment == _STROKES:
-            names[segment.rows] = f"{_STROKES}/{segment.repeat}"
+        if segment.experiment in _SINGLE:
+            names[segment.rows] = f"{segment.experiment}/{segment.repeat}"
     return Recording(kept.metadata, kept.floats, names, kept.repeat, kept.missed)
 
 

@@ -150,7 +150,7 @@ def parameter_names(shape: Shape, asymmetric: bool) -> list[str]:
 
 
 def _bounds(names: list[str], points: Points) -> tuple[Floats, Floats]:
-    """What is physically possible; the fall of friction must lie within the speeds measured."""
+    """What is physically possible: friction falls, if at all, and does so within the speeds measured."""
     speed = np.abs(points.velocity)
     top = 3.0 * float(np.max(np.abs(points.torque)))
     slope = 10.0 * top / float(speed.max())
@@ -166,18 +166,27 @@ def _bounds(names: list[str], points: Points) -> tuple[Floats, Floats]:
 
 
 def _solve(points: Points, shape: Shape, asymmetric: bool) -> tuple[list[str], scipy.optimize.OptimizeResult]:
-    """Several starts in v_s, since the cost has side minima there; the rest is nearly linear."""
+    """Several starts in v_s, since the cost has side minima there; the rest is nearly linear.
+
+    What is solved for in the place of break-away is its rise above Coulomb friction.
+    """
     names = parameter_names(shape, asymmetric)
     lower, upper = _bounds(names, points)
     start = _start(points, names)
+    rises = names.index("break_away") if "break_away" in names else -1
+
+    def values_of(x: Floats) -> dict[str, float]:
+        values = dict(zip(names, x.tolist(), strict=True))
+        return values | ({"break_away": values["coulomb"] + values["break_away"]} if rises >= 0 else {})
 
     def error(x: Floats) -> Floats:
-        values = dict(zip(names, x.tolist(), strict=True))
-        return (predict(shape, values, points.velocity) - points.torque) / points.standard_error
+        return (predict(shape, values_of(x), points.velocity) - points.torque) / points.standard_error
 
     def slopes(x: Floats) -> Floats:
-        values = dict(zip(names, x.tolist(), strict=True))
-        return _derivatives(shape, names, values, points.velocity) / points.standard_error[:, np.newaxis]
+        columns = _derivatives(shape, names, values_of(x), points.velocity)
+        if rises >= 0:
+            columns[:, 0] += columns[:, rises]
+        return columns / points.standard_error[:, np.newaxis]
 
     best: scipy.optimize.OptimizeResult | None = None
     for stribeck in _stribeck_starts(points) if shape != "linear" else [1.0]:
@@ -190,6 +199,9 @@ def _solve(points: Points, shape: Shape, asymmetric: bool) -> tuple[list[str], s
             best = result
     if best is None:
         raise ValueError("no start for the fit of the characteristic")
+    if rises >= 0:
+        best.jac[:, 0] -= best.jac[:, rises]
+        best.x[rises] += best.x[0]
     return names, best
 
 
@@ -231,7 +243,8 @@ def _start(points: Points, names: list[str]) -> dict[str, float]:
     slowest = np.argmin(np.abs(v))
     start = dict.fromkeys(names, 0.0)
     start |= {"coulomb": abs(float(coulomb)), "viscous": max(float(viscous), 0.0), "offset": float(offset)}
-    return start | {"break_away": float(abs(u[slowest] - offset)), "stribeck_velocity": 1.0, "exponent": 1.5}
+    rise = float(abs(u[slowest] - offset)) - start["coulomb"]
+    return start | {"break_away": rise, "stribeck_velocity": 1.0, "exponent": 1.5}
 
 
 def _quantities(
@@ -253,7 +266,7 @@ def _without_rise(result: dict[str, Quantity]) -> dict[str, Quantity]:
         return result
     rise = result["break_away"].value - result["coulomb"].value
     error = math.hypot(result["break_away"].standard_error, result["coulomb"].standard_error)
-    if abs(rise) < max(LEAST_RISE * result["coulomb"].value, 2.0 * error):
+    if rise < max(LEAST_RISE * result["coulomb"].value, 2.0 * error):
         note = "break-away equals Coulomb friction within its uncertainty, so this velocity means nothing"
         old = result["stribeck_velocity"]
         result["stribeck_velocity"] = Quantity(

@@ -17,6 +17,8 @@ from autotune.core.errors import ConfigurationError
 from autotune.estimation.bandwidth import Bands
 from autotune.estimation.controller import controller_of
 from autotune.estimation.controller_law import PositionController
+from autotune.estimation.joint_fit import free_by_name
+from autotune.estimation.least_squares import with_values
 from autotune.estimation.pieces import UNFITTED, Piece, cut, torque_error
 from autotune.estimation.policy import POLICY
 from autotune.identify.estimate import Estimate
@@ -261,7 +263,9 @@ def least_squares_step(
             lower, upper = surface_parameter(name).lower, surface_parameter(name).upper
             positive = 0.2 * model[name] if lower >= 0.0 else lower
             moved[name] = min(max(model[name] + delta, positive), upper)
-        model = model.with_values(moved)
+        free = free_by_name(model, names)
+        packed = with_values(model.pack(), free, np.array(list(moved.values())))
+        model = model.with_values({one.name: float(packed.p[one.slot]) for one in free})
     return float(np.mean(_errors(model, pieces, bands) ** 2)), model
 
 

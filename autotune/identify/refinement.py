@@ -260,7 +260,9 @@ def _quantity(refined: Refined, name: str, value: float, error: float, reach: fl
         remedy = _REMEDIES.get(name, "record motion in which it matters")
         return Quantity(value, error, reach, False, f"not identified by these experiments; {remedy}")
     if name in refined.bounded and name not in ("viscous", "micro_damping"):
-        return Quantity(value, error, reach, False, "ended at a bound of what is possible")
+        falls = surface_parameter(name).above < 0
+        note = "ended at a bound of what is possible" if falls else "friction does not fall with speed here"
+        return Quantity(value, error, reach, False, note)
     note = "ended at its lower bound: not distinguishable from zero" if name in refined.bounded else ""
     return Quantity(value, error, reach, True, note)
 

@@ -34,6 +34,12 @@ KNOWN, FAR_OFF = 0.05, 0.3
 """Relative error of an inertia that is known, and how far from it a refinement is in another minimum."""
 UNKNOWN_LAG = 0.1 / math.sqrt(3.0)
 """Of a sample, root mean square: any lag up to a tenth, current loops of 1 kHz and more behind a cycle of 1 ms."""
+FALL = ("break_away", "stribeck_velocity")
+"""What friction has that falls with speed."""
+NO_FALL = (
+    "friction falls with speed in the steady state alone: beside all experiments break-away comes out no higher than "
+    "Coulomb friction, and is taken as equal to it"
+)
 EXPERIMENTS = ("steady_state", "presliding", "dahl", "high_speed")
 
 
@@ -138,6 +144,8 @@ def _refined(recording: Recording, combined: Estimate, steady: SteadyState | Non
         refined = refine_recording(model, recording)
     except NotEnoughExcitation as error:
         return replace(combined, notes=(*combined.notes, f"no joint refinement: {error}"))
+    if "break_away" in refined.refined.bounded:
+        return _refined(recording, _without_fall(combined), steady)
     joint = refined.estimate
     if not refined.refined.converged and (why := _astray(joint, combined)):
         return replace(combined, notes=(*combined.notes, why))
@@ -177,6 +185,12 @@ def with_unknown_lag(joint: Estimate, lag: Quantity | None, recording: Recording
     )
     parameters = MappingProxyType({**joint.parameters, "micro_damping": wide})
     return replace(joint, parameters=parameters, notes=(*joint.notes, note))
+
+
+def _without_fall(estimate: Estimate) -> Estimate:
+    """The estimate of friction that falls with speed in the steady state alone, and not in the twin."""
+    kept = {name: one for name, one in estimate.parameters.items() if name not in FALL}
+    return replace(estimate, parameters=MappingProxyType(kept), notes=(*estimate.notes, NO_FALL))
 
 
 def _astray(joint: Estimate, combined: Estimate) -> str:
@@ -219,8 +233,8 @@ def _ripple_notes(lines: Sequence[Line], metadata: Metadata) -> list[str]:
 def model_of(estimate: Estimate, recording: Recording) -> DriveModel:
     """The estimate as a drive model: base parameters, and `stribeck` where friction falls with speed."""
     names = [parameter.name for parameter in BASE]
-    if "break_away" in estimate and "stribeck_velocity" in estimate:
-        names += ["break_away", "stribeck_velocity"]
+    if all(name in estimate for name in FALL):
+        names += FALL
     values = {name: estimate[name].value for name in names}
     errors = {
         name: estimate[name].standard_error for name in names if math.isfinite(estimate[name].standard_error)

@@ -40,6 +40,7 @@ class Parameter:
         refined: how far a refinement on measured periods of the benchmark may move it, as a part of all friction;
             0: such a slow motion says next to nothing about it.
         like_offset: without presliding it can hardly be told from the offset; held at neutral where it is vague.
+        above: place of the parameter that this one is never below in a fit; -1: none.
     """
 
     name: str
@@ -54,6 +55,7 @@ class Parameter:
     whole: bool = False
     like_offset: bool = False
     refined: float = 0.0
+    above: int = -1
 
     def unit_for(self, motion_unit: str, torque_unit: str = "") -> str:
         """Unit on an axis whose motion is in `motion_unit`: N m, kg m² and rad become N, kg and m.
@@ -141,6 +143,8 @@ class Kind:
         slow_change: time constant that the recording must outlast [s].
         shows_course: (p, travel) → whether the travel [motion unit] is enough to tell its course from any other smooth
             function of place; None where every travel is.
+        own_course: context → whether the course that was fitted is the effect's at all, or may be another's; None where
+            every course inside its bounds is.
         needs_rests: only the difference between short and long rests shows it.
         quick: it lives in quick changes of torque, and is lost where a column was filtered.
         of_place: it depends on place or direction alone, and shows even where the sampling is too slow.
@@ -177,6 +181,7 @@ class Kind:
     resonance: Measure | None = None
     slow_change: Measure | None = None
     shows_course: Callable[[Floats, float], bool] | None = None
+    own_course: Callable[[StartContext], bool] | None = None
     needs_rests: bool = False
     quick: bool = False
     of_place: bool = False

@@ -1,17 +1,27 @@
-"""Friction at rest other than at speed (3.5), with the shapes of Table 2.1: above Coulomb friction, as a rule."""
+"""Friction that is higher at rest than at speed (3.5), with the shapes of Table 2.1.
+
+A fit never takes break-away below Coulomb friction: friction that rises from rest is a film that builds up, viscous and
+curved (`nonlinear_viscous`), and a fall with the sign turned would stand for that and for much else.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from autotune.models.effect import Kind, Parameter
-from autotune.models.layout import BREAK_AWAY, STRIBECK_VELOCITY, block, flag
+from autotune.models.layout import BREAK_AWAY, COULOMB, STRIBECK_VELOCITY, VISCOUS, block, flag
 from autotune.models.look_alikes import AT_STARTS, IN_SPEED, IN_TIME
+from autotune.models.lugre import falling_level
+from autotune.models.nonlinear_viscous import curved_coefficient
 from autotune.models.start_values import StartContext, StartValues, Vary, at_first
 
 EXPONENT = block("stribeck")
 TAIL = EXPONENT + 1
 FALLS = flag("stribeck")
+SPEEDS = (1e-3, 1.0, 200)
+"""Of the top speed, and how many: where it is looked whether friction falls."""
 
 
 def starts(c: StartContext) -> Iterator[StartValues]:
@@ -36,10 +46,25 @@ def free_shape(c: StartContext) -> StartValues:
     return StartValues({}, {"stribeck_exponent": Vary(0.5, 0.5), "stribeck_tail": Vary(0.5, 0.5)})
 
 
+def falls(c: StartContext) -> bool:
+    """Whether friction falls anywhere, all that is viscous added.
+
+    Beside a free Coulomb and viscous friction a level that falls over much of the speeds is any curve of speed: where
+    the sum only rises, ever more steeply, that is windage as well.
+    """
+    p, speeds = c.p, np.geomspace(*SPEEDS) * c.speed
+    shape = p[STRIBECK_VELOCITY], p[EXPONENT], p[TAIL]
+    level = [falling_level(v, p[COULOMB], p[BREAK_AWAY], *shape) for v in speeds.tolist()]
+    slope = [p[VISCOUS] + curved_coefficient(p, v) for v in speeds.tolist()]
+    return bool(np.any(np.diff(np.array(level) + np.array(slope) * speeds) < 0.0))
+
+
 STRIBECK = Kind(
     name="stribeck",
     parameters=(
-        Parameter("break_away", "N m", 0.0, 0.0, 1e6, "torque needed to start moving", BREAK_AWAY),
+        Parameter(
+            "break_away", "N m", 0.0, 0.0, 1e6, "torque needed to start moving", BREAK_AWAY, above=COULOMB
+        ),
         Parameter(
             "stribeck_velocity", "rad/s", 1.0, 1e-7, 1e3, "speed at which it has fallen", STRIBECK_VELOCITY
         ),
@@ -55,6 +80,7 @@ STRIBECK = Kind(
     look_alikes=(IN_SPEED, AT_STARTS, IN_TIME),
     starts=starts,
     free_shape=free_shape,
+    own_course=falls,
     at_constant_speed=True,
     in_lugre=True,
 )

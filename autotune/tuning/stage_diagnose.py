@@ -56,7 +56,7 @@ class Diagnosed:
         candidates: list of {effect, gain, accepted, why}.
         confusable: sets of effects that these data cannot tell apart.
         stiffness: at rest, of the model with its effects; None without a richer model.
-        model: with the named effects, fitted together; None where nothing is named.
+        model: with the named effects and the laws of the base that were found, fitted together; None without either.
         not_fed_forward: effects of the model that a feedforward does not play, and why.
     """
 
@@ -205,7 +205,7 @@ def found_in(recordings: Sequence[Recording], model: DriveModel, when: str, sour
         twin=diagnosis.twin,
         notes=diagnosis.notes,
     )
-    found = found_model(diagnosis, model, when, source) if diagnosis.effects else None
+    found = found_model(diagnosis, model, when, source) if diagnosis.effects or diagnosis.base else None
     return diagnosed if found is None else _with_model(diagnosed, found, model)
 
 
@@ -234,8 +234,11 @@ def _with_model(diagnosed: Diagnosed, found: FoundModel, model: DriveModel) -> D
 
 def _told(found: Diagnosed, before: float, after: float, stiffness: float, motion_unit: str) -> str:
     torque = torque_symbol(motion_unit)
+    missing = (
+        f"{', '.join(found.effects)} ({found.confidence})" if found.effects else "another law of its base"
+    )
     text = (
-        f"Missing in the identified model: {', '.join(found.effects)} ({found.confidence}). With it the torque error "
+        f"Missing in the identified model: {missing}. With it the torque error "
         f"on data not used for the fit falls from {before:.3g} to {after:.3g} {torque}"
     )
     if REVERSAL_MEMORY.name in found.effects:

@@ -13,7 +13,12 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy
 
-from autotune.control.model_feedforward import ModelFeedforward, fed_forward, periodic_model_feedforward
+from autotune.control.model_feedforward import (
+    ModelFeedforward,
+    beyond_lugre,
+    fed_forward,
+    periodic_model_feedforward,
+)
 from autotune.control.model_refinement import refine_model
 from autotune.control.refinement import PeriodAverage, periodic_feedforward
 from autotune.core.arrays import Floats
@@ -64,7 +69,7 @@ def adapt_model(
     Returns:
         None where the model has nothing that the LuGre feedforward lacks, or there is no machine time left.
     """
-    if not fed_forward(model).effects:
+    if not fed_forward(model).effects and not beyond_lugre(model):
         return None
     if not plausible(model, rival, session.limits.torque):
         session.reporter.say(

@@ -82,7 +82,7 @@ def diagnosed(made: Ready) -> Line:
     began = time.process_time()
     line: Line = {"rows": len(taken), "seconds_recorded": round(len(taken) * taken.period, 1)}
     try:
-        fitted = autotune.fit(taken, effects=["stribeck"] if made.world.plant.low_law else [])
+        fitted = autotune.fit(taken, effects=_of_base(made))
         between = time.process_time()
         if fitted.model is None:
             return line | {"verdict": "refused", "why": fitted.reason, "cpu": round(between - began, 2)}
@@ -99,6 +99,11 @@ def diagnosed(made: Ready) -> Line:
     return line | _found(found, fitted) | _against_truth(made, found)
 
 
+def _of_base(made: Ready) -> list[str]:
+    """Effects that the world's base has, and the first fit is told of."""
+    return ["stribeck"] if made.world.plant.low_law else []
+
+
 def _lonely(made: Ready) -> Line:
     """A trajectory without repeats, fitted and diagnosed; with a second file where the case has one."""
     rng = np.random.default_rng([made.world.seed, 1404])
@@ -111,7 +116,7 @@ def _lonely(made: Ready) -> Line:
         line |= {"kinds": [one, two], "change": change}
     began = time.process_time()
     try:
-        fitted = autotune.fit(files[0])
+        fitted = autotune.fit(files[0], effects=_of_base(made))
         if fitted.model is None:
             return line | {"verdict": "refused", "why": fitted.reason}
         found = autotune.diagnose(files, fitted)

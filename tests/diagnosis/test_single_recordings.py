@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.compare import compare
 from autotune.diagnosis.fitting import fit_model
-from autotune.diagnosis.free_shape import any_course, like_a_parabola
+from autotune.diagnosis.free_shape import any_course, like_a_motor, like_a_parabola
 from autotune.diagnosis.verdict import diagnose
 from autotune.estimation.alignment import aligned, best_shift, compensated
 from autotune.estimation.bandwidth import loud_below, prepared_for, without_rest
@@ -249,6 +249,28 @@ def test_an_imbalance_over_little_travel_is_a_sine_or_none(
     assert not any_course(problem, root)
     bare = replace(root, fitted=replace(root.fitted, packed=plain.pack()))
     assert like_a_parabola(problem, bare, found, POLICY.alike_single) is parabola
+
+
+@pytest.mark.parametrize("saturates", [True, False])
+def test_friction_that_only_driving_shows_may_be_a_motor_that_saturates(saturates: bool) -> None:
+    """A motor falls short whichever way it turns; the friction of what its load presses helps to brake."""
+    time, inertia = np.arange(0.0, 20.0, PERIOD), 0.01
+    q = 1.5 * np.sin(2 * np.pi * 0.31 * time) + 0.8 * np.sin(2 * np.pi * 0.73 * time + 1.0)
+    v = np.gradient(q, PERIOD)
+    load = inertia * np.gradient(v, PERIOD)
+    needed = load + VISCOUS * v + COULOMB * np.tanh(v / 5e-3)
+    pressed = needed + 0.3 * np.abs(load) * np.tanh(v / 5e-3)
+    torque = 0.5 * np.arctanh(needed / 0.5) if saturates else pressed
+    torque = torque + np.random.default_rng(5).normal(0.0, 2e-3, len(q))
+    recording = _with(_recording(), position=np.round(q / COUNT) * COUNT, torque=torque)
+    values = {"inertia": inertia, "coulomb": COULOMB, "viscous": VISCOUS, "stiffness": 1000.0}
+    plain = base_model(values | {"micro_damping": 0.1, "offset": 0.0})
+    data, kind = prepared_for([recording]), EFFECTS["load_dependent_friction"]
+    problem, root, _, _ = begin(data, plain)
+    _, found, _, _ = begin(data, plain.with_effect(kind.make({"factor": 0.1, "friction_share": 0.0})))
+    found = replace(found, effects=(kind.name,))
+    assert like_a_motor(problem, root, found, 0.0) is saturates
+    assert not like_a_motor(problem, root, replace(root, effects=("spring",)), 0.0)
 
 
 @pytest.mark.parametrize(("slope", "told"), [(0.0, False), (0.004, True)])

@@ -24,15 +24,16 @@ def test_presliding_with_its_way_there_and_back_is_not_fitted() -> None:
     whole = recording_of(
         ("conditioning", 0, 50), ("steady_state", 0, 40), ("conditioning", 0, 30), ("steady_state", 1, 40),
         ("dahl", 0, 60), ("dahl", 1, 60), ("conditioning", 0, 20), ("presliding", 0, 70), ("presliding", 1, 70),
-        ("conditioning", 0, 20), ("high_speed", 0, 80),
+        ("conditioning", 0, 20), ("high_speed", 0, 80), ("high_speed", 1, 80),
     )  # fmt: skip
     fitted = fitted_part(whole)
     found = [(s.experiment, s.repeat, s.stop - s.start) for s in fitted.segments()]
     assert found == [
         ("conditioning", 0, 50), ("steady_state/0", 0, 40), ("conditioning", 0, 30), ("steady_state/1", 1, 40),
-        ("dahl", 0, 60), ("dahl", 1, 60), ("high_speed", 0, 80),
+        ("dahl", 0, 60), ("dahl", 1, 60), ("high_speed/0", 0, 80),
+        ("high_speed/1", 1, 80),
     ]  # fmt: skip
-    assert fitted["time"][-80] == pytest.approx(0.460)
+    assert fitted["time"][-160] == pytest.approx(0.460)
     assert [s.experiment for s in whole.segments()].count("presliding") == 2
 
 

@@ -174,3 +174,22 @@ def test_dahls_curve_solves_its_equation(exponent: float) -> None:
         gap = 1 - friction[k] / 0.3 * direction
         slope = (friction[k + 1] - friction[k]) / (path[k + 1] - path[k])
         assert slope == pytest.approx(100.0 * abs(gap) ** exponent * np.sign(gap), rel=0.02, abs=0.05)
+
+
+@pytest.mark.parametrize("rise", [-0.1, 0.0, 0.05])
+def test_friction_falls_with_speed_or_does_not(rise: float) -> None:
+    """Where it rises from rest, break-away is Coulomb friction, and the speed of its fall is not known."""
+    speed = np.geomspace(0.02, 10.0, 24)
+    velocity = np.concatenate([speed, -speed])
+    truth = {
+        "coulomb": 0.3,
+        "viscous": 5e-3,
+        "offset": 0.05,
+        "break_away": 0.3 + rise,
+        "stribeck_velocity": 0.3,
+    }
+    noise = 3e-4 * np.random.default_rng(6).standard_normal(len(velocity))
+    points = Points(velocity, predict("gaussian", truth, velocity) + noise, np.full(len(velocity), 3e-4))
+    found = fit_curve(points, "gaussian")
+    assert found.values["break_away"] >= found.values["coulomb"]
+    assert found.parameters["stribeck_velocity"].identified == (rise > 0.0)

@@ -7,7 +7,9 @@ import pytest
 from scipy import stats
 
 from autotune.core.errors import ConfigurationError, NotEnoughExcitation, RecordingError
+from autotune.estimation import joint_fit
 from autotune.estimation.controller import controller_of, is_closed
+from autotune.estimation.joint_fit import free_by_name
 from autotune.estimation.normal_equations import Normal, Part, assemble, whitener
 from autotune.identify.fit import fit, joined, thinned
 from autotune.identify.high_speed import identify_high_speed
@@ -16,7 +18,7 @@ from autotune.identify.residuals import simulate_closed_loop, torque_residual
 from autotune.models.drive_model import base_model
 from autotune.recordings.recording import Metadata, Recording, concatenate
 from autotune_sim.presets import preset
-from tests.support.axes import plain_axis
+from tests.support.axes import NOMINAL, plain_axis
 from tests.support.identification_programme import play, truth
 from tests.support.recorded_once import DRESSES, played
 
@@ -250,3 +252,29 @@ def test_ten_million_rows_are_thinned() -> None:
     assert 400_000 < len(thin) <= 600_000
     assert thin["time"][0] == 0.0
     assert thin["time"][-1] == pytest.approx(time[-1], abs=25.0)
+
+
+def test_a_step_ends_inside_its_bounds_and_the_others_follow() -> None:
+    """Break-away is held at Coulomb friction, which moves to where both fit best; as bounded least squares have it."""
+    random = np.random.default_rng(3)
+    design = random.normal(size=(400, 3)) + random.normal(size=(400, 1))
+    model = base_model({**NOMINAL, "break_away": NOMINAL["coulomb"], "stribeck_velocity": 0.3})
+    packed, free = model.pack(), free_by_name(model, ("coulomb", "break_away", "offset"))
+    scale = np.array([one.scale for one in free])
+    wanted = np.array([0.31, 0.29, 0.02])
+    error = -design @ ((wanted - packed.p[[one.slot for one in free]]) / scale)
+    matrix = design.T @ design
+    normal = Normal(matrix, design.T @ error, np.zeros((1, 3)), np.zeros((1, 3, 3)))
+    step = joint_fit._step(normal, packed, free)
+    found = packed.p[[one.slot for one in free]] + step * scale
+    assert found[1] == pytest.approx(found[0])
+    both = np.column_stack([design[:, :2] @ (1.0 / scale[:2]), design[:, 2] / scale[2]])
+    best = np.linalg.lstsq(both, design @ (wanted / scale), rcond=None)[0]
+    assert found[[0, 2]] == pytest.approx(best, rel=0.01)
+
+
+def test_friction_that_rises_from_rest_is_no_fall_upside_down() -> None:
+    """Grease that thins bends the curve at low speed; a fit told of a fall takes none instead of a negative one."""
+    axis = plain_axis(5, {"nonlinear_viscous": 0.06})
+    found = fit(play(axis, 5), effects=["stribeck"])
+    assert found.model["break_away"] >= found.model["coulomb"]

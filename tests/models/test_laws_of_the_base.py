@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from autotune.models.lanes import WIDTH, filled
 from autotune.models.lugre import faded_part, fallen, falling_level, level
 from autotune.models.model_file import model_text, read_model, write_model
 from autotune.models.plant import simulate, simulate_in_lanes, substeps_for
+from autotune.models.stribeck import STRIBECK
 from autotune.models.table import EFFECTS
 from tests.models.test_effects import NUMBERS, VALUES
 
@@ -150,3 +152,17 @@ def test_a_feedforward_plays_it_and_says_that_the_plain_one_does_not() -> None:
     assert np.std(stepped - along) < 0.3 * np.std(stepped - plain)
     assert beyond_lugre(model) == ("damping_velocity",)
     assert beyond_lugre(base_model(NUMBERS)) == ()
+
+
+@pytest.mark.parametrize(
+    ("break_away", "speed", "viscous", "falls"),
+    [(0.4, 0.3, 4e-3, True), (0.4, 6.0, 4e-3, True), (0.4, 6.0, 0.03, False), (0.3, 0.3, 4e-3, False)],
+)
+def test_a_fall_that_viscous_friction_makes_up_everywhere_is_none(
+    break_away: float, speed: float, viscous: float, falls: bool
+) -> None:
+    model = base_model(
+        {**NUMBERS, "coulomb": 0.3, "viscous": viscous, "break_away": break_away, "stribeck_velocity": speed}
+    )
+    assert STRIBECK.own_course is not None
+    assert STRIBECK.own_course(SimpleNamespace(p=model.pack().p, speed=15.0)) is falls

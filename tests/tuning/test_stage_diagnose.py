@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -9,23 +11,28 @@ import numpy as np
 import pytest
 
 from autotune.control.feedforward import LugreParameters
-from autotune.control.model_feedforward import lugre_model
+from autotune.control.model_feedforward import beyond_lugre, lugre_model
 from autotune.control.reduction import LUGRE, Reduction
 from autotune.control.refinement import PeriodAverage
 from autotune.core.arrays import Floats
 from autotune.core.axis import read_axis
+from autotune.diagnosis.found_model import FoundModel
+from autotune.diagnosis.verdict import Diagnosis
 from autotune.experiments.diagnosis import confirmation
 from autotune.experiments.path import Motion
 from autotune.experiments.runner import Budget
+from autotune.models.drive_model import base_model
 from autotune.models.table import EFFECTS
 from autotune.recordings.recording import Metadata, Recording
+from autotune.tuning import stage_diagnose
 from autotune.tuning.proof import TrackingError
 from autotune.tuning.session import Session
 from autotune.tuning.stage_adapt import RefinementStep
-from autotune.tuning.stage_diagnose import SECONDS, confirming
+from autotune.tuning.stage_diagnose import SECONDS, confirming, found_in
 from autotune.tuning.stage_model import beats, plausible
 from autotune.tuning.stage_reduce import announcement, comparison, holds_predicted
 from tests.end_to_end.support import EXAMPLE
+from tests.support.axes import NOMINAL
 
 AXIS = read_axis(EXAMPLE)
 N = 1000
@@ -57,6 +64,22 @@ def test_the_confirming_trajectory_is_the_same_in_every_run_and_ends_where_it_be
     np.testing.assert_array_equal(first, second)
     assert abs(first[0]) < 1e-6
     assert abs(first[-1]) < 1e-6
+
+
+def test_a_run_goes_on_with_another_law_of_the_base_where_nothing_is_named(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    given = base_model(NOMINAL)
+    richer = FoundModel(given.with_fading(0.1, 0.0), 2e-3, 1e-3, None, "a veto trajectory")
+    none = Diagnosis("none", (), None, (), (), {}, math.nan, None, True, base=("It fades.",))
+    monkeypatch.setattr(stage_diagnose, "diagnose", lambda *_: none)
+    monkeypatch.setattr(stage_diagnose, "found_model", lambda *_: richer)
+    found = found_in([], given, "2024-05-01", "bench")
+    assert found.model is richer.model
+    assert "another law of its base" in found.notes[0]
+    assert beyond_lugre(richer.model) == ("damping_velocity",)
+    monkeypatch.setattr(stage_diagnose, "diagnose", lambda *_: replace(none, base=()))
+    assert found_in([], given, "2024-05-01", "bench").model is None
 
 
 def window(error: Floats, seed: int) -> Recording:

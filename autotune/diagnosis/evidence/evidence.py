@@ -104,6 +104,10 @@ class Evidence(ABC):
         """Candidates with the gains that their fits bear out."""
         return list(found)
 
+    def bears_out(self, problem: Problem, before: ModelFit, after: ModelFit) -> bool:
+        """Whether a law of the base that the data ask for is no chance of such recordings."""
+        return True
+
     @abstractmethod
     def worth_fitting(
         self, problem: Problem, model_fit: ModelFit, ranked: Sequence[ScreenedCandidate]

@@ -64,6 +64,12 @@ class SingleRecording(Evidence):
         cost = max(model_fit.fitted.cost, 1e-300)
         return [replace(item, gain=min(item.gain, 1.0 - item.fitted.cost / cost)) for item in found]
 
+    def bears_out(self, problem: Problem, before: ModelFit, after: ModelFit) -> bool:
+        """As far as an effect: by a clear gain, in most of the data, and beyond what chance would gain."""
+        policy, (gain, z) = problem.policy, gain_and_z(before.unseen, after.unseen)
+        enough = gain >= policy.least_gain_single and z >= policy.least_z_single
+        return enough and beats_chance(problem, before.fitted, after.fitted)
+
     def worth_fitting(
         self, problem: Problem, model_fit: ModelFit, ranked: Sequence[ScreenedCandidate]
     ) -> list[ScreenedCandidate]:
