@@ -114,8 +114,7 @@ def fit_from_starts(
     tried = 0
     for number, packed in enumerate(starts):
         if number % 2 == 0:  # two starts fill a pass
-            pair = starts[number : number + 2]
-            problem.corrections(pair[: problem.twins_alike(pair)], problem.simulations + 1)
+            problem.known_together(starts[number : number + 2], problem.simulations + 1)
         here = twinned(problem, packed)
         if here is None:
             continue
@@ -248,12 +247,17 @@ def _downhill(problem: Problem, fitted: Fitted, best: Twinned) -> Twinned | None
     leads uphill. Where no part of the step is better the whole of it may still lead across a ridge; None where it
     is far worse.
     """
-    whole = twinned(problem, fitted.packed, raw=fitted.error + best.correction.bias)
-    found, packed = whole, fitted.packed
+    ways = [fitted.packed]
     for _ in range(MOST_HALVINGS):
+        ways.append(Packed(0.5 * (ways[-1].p + best.packed.p), fitted.packed.on))
+    problem.known_together(ways[:2], problem.simulations + 1)
+    whole = twinned(problem, fitted.packed, raw=fitted.error + best.correction.bias)
+    found = whole
+    for number, packed in enumerate(ways[1:], 1):
         if found is not None and found.cost <= LEVEL_GROUND * best.cost:
             return found
-        packed = Packed(0.5 * (packed.p + best.packed.p), packed.on)
+        if number % 2 == 0:
+            problem.known_together(ways[number : number + 2], problem.simulations + 1)
         found = twinned(problem, packed)
     if found is not None and found.cost <= LEVEL_GROUND * best.cost:
         return found
