@@ -15,10 +15,11 @@ import numpy as np
 
 from autotune.core.arrays import Floats
 from autotune.estimation.cross_validation import Unseen, held_out
-from autotune.estimation.data import TRAINING
+from autotune.estimation.data import TEST, TRAINING
 from autotune.estimation.least_squares import Fitted, Free, fit, jacobian
 from autotune.estimation.problem import Correction, Problem, refit
 from autotune.models.drive_model import Packed
+from autotune.models.lanes import WIDTH
 from autotune.models.transmission import BETWEEN
 
 LEVEL_GROUND = 1.005
@@ -240,6 +241,21 @@ def twinned(
     return Twinned(packed, error, correction, problem.mean_square(error, TRAINING))
 
 
+def unseen_error(problem: Problem, model_fit: ModelFit) -> float:
+    """Rms on the test trajectory [N m or N]; nan without one.
+
+    What chance has in the bias of the few runs that a fit takes would be added to it: so it is told by a pass of the
+    twin more.
+    """
+    if not problem.has(TEST):
+        return math.nan
+    packed, error = model_fit.fitted.packed, model_fit.fitted.error
+    correction = problem.correction(packed, problem.simulations + 1 + WIDTH) if problem.twin else None
+    if correction is not None and correction.stable:
+        error = problem.raw(packed) - correction.bias
+    return math.sqrt(problem.mean_square(error, TEST))
+
+
 def _downhill(problem: Problem, fitted: Fitted, best: Twinned) -> Twinned | None:
     """The fit with its own bias where that is better than before, else a point on the way there.
 
@@ -247,17 +263,15 @@ def _downhill(problem: Problem, fitted: Fitted, best: Twinned) -> Twinned | None
     leads uphill. Where no part of the step is better the whole of it may still lead across a ridge; None where it
     is far worse.
     """
-    ways = [fitted.packed]
-    for _ in range(MOST_HALVINGS):
-        ways.append(Packed(0.5 * (ways[-1].p + best.packed.p), fitted.packed.on))
-    problem.known_together(ways[:2], problem.simulations + 1)
     whole = twinned(problem, fitted.packed, raw=fitted.error + best.correction.bias)
-    found = whole
-    for number, packed in enumerate(ways[1:], 1):
+    found, packed = whole, fitted.packed
+    for number in range(MOST_HALVINGS):
         if found is not None and found.cost <= LEVEL_GROUND * best.cost:
             return found
+        packed = Packed(0.5 * (packed.p + best.packed.p), packed.on)
         if number % 2 == 0:
-            problem.known_together(ways[number : number + 2], problem.simulations + 1)
+            shorter = Packed(0.5 * (packed.p + best.packed.p), packed.on)
+            problem.known_together([packed, shorter], problem.simulations + 1)
         found = twinned(problem, packed)
     if found is not None and found.cost <= LEVEL_GROUND * best.cost:
         return found
