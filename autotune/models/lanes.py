@@ -1,7 +1,7 @@
 """Several sets of parameters, or several runs, in one pass of a kernel: numbers that are vectors of eight.
 
 A kernel that is given lanes in place of numbers is compiled for them by numba, from the same source: what it does with
-a number it does with eight of them at a time, each with the roundings that it would have alone. Where numbers decide
+a number it does with eight of them at a time, each with the roundings that it would have alone (but for `lane_functions`). Where numbers decide
 which way a kernel goes, `where` chooses for each lane, and `anywhere` asks whether any lane goes that way.
 
 Their exponential, powers, sine and cosine are in `lane_functions`.
@@ -25,8 +25,8 @@ from numba.core.typing.templates import AbstractTemplate, ConcreteTemplate, infe
 from numba.extending import intrinsic, models, register_model
 
 from autotune.core.arrays import Floats
+from autotune.models.lane_functions import WIDTH as WIDTH
 from autotune.models.lane_functions import (
-    WIDTH,
     any_lane,
     cosine,
     each,
