@@ -1,8 +1,9 @@
 """Several sets of parameters, or several runs, in one pass of a kernel: numbers that are vectors of eight.
 
 A kernel that is given lanes in place of numbers is compiled for them by numba, from the same source: what it does with
-a number it does with eight of them at a time, each with the roundings that it would have alone (but for `lane_functions`). Where numbers decide
-which way a kernel goes, `where` chooses for each lane, and `anywhere` asks whether any lane goes that way.
+a number it does with eight of them at a time, each with the roundings that it would have alone (but for those of
+`lane_functions`). Where numbers decide which way a kernel goes, `where` chooses for each lane, and `anywhere` asks
+whether any lane goes that way.
 
 Their exponential, powers, sine and cosine are in `lane_functions`.
 """
