@@ -30,7 +30,7 @@ from autotune.models.lanes import WIDTH
 from autotune.models.start_values import StartValues, Vary
 from autotune.models.table import EFFECTS
 from autotune.models.torque_ripple import TORQUE_RIPPLE, scale_slot
-from autotune.signals.pattern_search import lowest_by_parabolas
+from autotune.signals.pattern_search import Asked, Reached, lowest_by_parabolas
 from autotune.signals.simplex import Descent, lowest_places
 
 PASSES, PROBING = 45, 18
@@ -276,34 +276,42 @@ def _by_own_twins(projected: Projected, starts: Sequence[FitStart]) -> list[FitS
     first = costs_of([start.packed for start in starts])
     order = np.argsort(first, kind="stable")[:LOOKED_AT]
     closer = costs_of([starts[i].packed for i in order], problem.simulations + 1)
-    near = [int(i) for i in np.argsort(closer, kind="stable")[:FOLLOWED] if math.isfinite(closer[i])]
-    if not near or closer[near[0]] > PROMISED * projected.before:
-        return [starts[order[i]] for i in near[:1]]
-    led = [_led_by_twins(starts[order[i]], costs_of, PROBED) for i in near]
-    best, _ = min(led, key=lambda item: item[1])
-    return [_led_by_twins(best, costs_of, ROUNDS)[0]]
+    near = [int(order[i]) for i in np.argsort(closer, kind="stable")[:FOLLOWED] if math.isfinite(closer[i])]
+    if not near or closer.min() > PROMISED * projected.before:
+        return [starts[i] for i in near[:1]]
+    return _led_by_twins([starts[i] for i in near], [float(first[i]) for i in near], costs_of)
 
 
 def _led_by_twins(
-    start: FitStart, costs_of: Callable[[Sequence[Packed]], Floats], rounds: int
-) -> tuple[FitStart, float]:
-    """A start moved towards where its twin leaves least, and what it leaves there.
+    starts: Sequence[FitStart], costs: Sequence[float], costs_of: Callable[[Sequence[Packed]], Floats]
+) -> list[FitStart]:
+    """The best of starts that cost so much, moved to where its twin leaves least.
 
     What is between two masses is positive, and goes by its root: a gap by the time in which it is crossed, compliance
     by the period of what rings.
     """
-    free = start.free
-    bounds = [np.array([getattr(f, end) for f in free]) for end in ("lower", "upper")]
 
-    def at(place: Floats) -> Packed:
-        return with_values(start.packed, free, np.clip(np.maximum(place, 0.0) ** 2, *bounds))
+    def at(number: int, place: Floats) -> Packed:
+        free = starts[number].free
+        bounds = [np.array([getattr(f, end) for f in free]) for end in ("lower", "upper")]
+        return with_values(starts[number].packed, free, np.clip(np.maximum(place, 0.0) ** 2, *bounds))
 
-    begin = np.sqrt(start.packed.p[[f.slot for f in free]])
-    steps = FIRST_ROOT * np.sqrt([f.scale for f in free])
-    end, cost = lowest_by_parabolas(
-        lambda places: costs_of([at(place) for place in places]), begin, steps, rounds
-    )
-    return FitStart(at(end), free), cost
+    def asked(places: Asked) -> Floats:
+        return costs_of([at(number, place) for number, place in places])
+
+    steps = [FIRST_ROOT * np.sqrt([f.scale for f in start.free]) for start in starts]
+    begun = [
+        Reached(np.sqrt(start.packed.p[[f.slot for f in start.free]]), cost)
+        for start, cost in zip(starts, costs, strict=True)
+    ]
+    probed = lowest_by_parabolas(asked, begun, steps, PROBED)
+    best = min(range(len(probed)), key=lambda i: probed[i].cost)
+
+    def alone(places: Asked) -> Floats:
+        return asked([(best, place) for _, place in places])
+
+    (end,) = lowest_by_parabolas(alone, [probed[best]], [steps[best]], ROUNDS)
+    return [FitStart(at(best, end.place), starts[best].free)]
 
 
 @dataclass(frozen=True, slots=True)

@@ -50,9 +50,9 @@ from autotune.diagnosis.wording import (
     unknown_note,
 )
 from autotune.estimation.bandwidth import prepared_both
-from autotune.estimation.bias_corrected_fit import ModelFit
+from autotune.estimation.bias_corrected_fit import ModelFit, unseen_error
 from autotune.estimation.coordinates import variance_shares
-from autotune.estimation.data import TEST, Prepared
+from autotune.estimation.data import Prepared
 from autotune.estimation.disturbance_estimate import with_counts
 from autotune.estimation.model_error import model_error, with_misfit
 from autotune.estimation.policy import POLICY, Policy
@@ -299,7 +299,7 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
         facts.evidence.noise_rms(problem, final),
         next_experiment(case.verdict, effects, confusable, confidence, chosen, own_axis),
         problem.twin,
-        math.sqrt(problem.mean_square(final.fitted.error, TEST)) if problem.has(TEST) else math.nan,
+        unseen_error(problem, final),
         notes=(*notes, *filter(None, said), TORQUE_CONSTANT),
         problem=problem,
         model_fit=final,

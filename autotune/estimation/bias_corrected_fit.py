@@ -15,12 +15,13 @@ import numpy as np
 
 from autotune.core.arrays import Floats
 from autotune.estimation.cross_validation import Unseen, held_out
-from autotune.estimation.data import TRAINING, Prepared
+from autotune.estimation.data import TEST, TRAINING, Prepared
 from autotune.estimation.least_squares import Fitted, Free, fit, jacobian
 from autotune.estimation.parts import first_round, spread
 from autotune.estimation.problem import Correction, Problem, refit
 from autotune.estimation.residual import residual, residuals
 from autotune.models.drive_model import Packed
+from autotune.models.lanes import WIDTH
 from autotune.models.transmission import BETWEEN
 
 LEVEL_GROUND = 1.005
@@ -116,8 +117,7 @@ def fit_from_starts(
     tried = 0
     for number, packed in enumerate(starts):
         if number % 2 == 0:  # two starts fill a pass
-            pair = starts[number : number + 2]
-            problem.corrections(pair[: problem.twins_alike(pair)], problem.simulations + 1)
+            problem.known_together(starts[number : number + 2], problem.simulations + 1)
         here = twinned(problem, packed)
         if here is None:
             continue
@@ -291,6 +291,21 @@ class Projected:
         return left / float(self.problem.training.sum()) if math.isfinite(left) else math.inf
 
 
+def unseen_error(problem: Problem, model_fit: ModelFit) -> float:
+    """Rms on the test trajectory [N m or N]; nan without one.
+
+    What chance has in the bias of the few runs that a fit takes would be added to it: so it is told by a pass of the
+    twin more.
+    """
+    if not problem.has(TEST):
+        return math.nan
+    packed, error = model_fit.fitted.packed, model_fit.fitted.error
+    correction = problem.correction(packed, problem.simulations + 1 + WIDTH) if problem.twin else None
+    if correction is not None and correction.stable:
+        error = problem.raw(packed) - correction.bias
+    return math.sqrt(problem.mean_square(error, TEST))
+
+
 def _downhill(problem: Problem, fitted: Fitted, best: Twinned) -> Twinned | None:
     """The fit with its own bias where that is better than before, else a point on the way there.
 
@@ -300,10 +315,13 @@ def _downhill(problem: Problem, fitted: Fitted, best: Twinned) -> Twinned | None
     """
     whole = twinned(problem, fitted.packed, raw=fitted.error + best.correction.bias)
     found, packed = whole, fitted.packed
-    for _ in range(MOST_HALVINGS):
+    for number in range(MOST_HALVINGS):
         if found is not None and found.cost <= LEVEL_GROUND * best.cost:
             return found
         packed = Packed(0.5 * (packed.p + best.packed.p), packed.on)
+        if number % 2 == 0:
+            shorter = Packed(0.5 * (packed.p + best.packed.p), packed.on)
+            problem.known_together([packed, shorter], problem.simulations + 1)
         found = twinned(problem, packed)
     if found is not None and found.cost <= LEVEL_GROUND * best.cost:
         return found

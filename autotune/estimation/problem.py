@@ -25,6 +25,7 @@ from autotune.estimation.twin_runs import KnownRuns, Noise, TwinRuns, add_runs
 from autotune.models import layout
 from autotune.models.drive_model import BASE, DAMPING_TAIL, DAMPING_VELOCITY, Packed
 from autotune.models.effect import Kind
+from autotune.models.lanes import WIDTH
 from autotune.models.table import EFFECTS
 from autotune.models.transmission import has_load
 
@@ -154,6 +155,11 @@ class Problem:
         data, law = self.data, self.controller
         twins = [() if law is None else steps_of_twin(packed, data.period, law) for packed in models]
         return alike([(kind_of_pass(data, packed), twin) for packed, twin in zip(models, twins, strict=True)])
+
+    def known_together(self, models: Sequence[Packed], simulations: int) -> None:
+        """Runs the twins of models that may be asked for next, as far as they fill one pass."""
+        if self.twin:
+            self.corrections(models[: min(self.twins_alike(models), WIDTH // simulations)], simulations)
 
     def _led(self, packed: Packed, count: int) -> Correction:
         """What a twin in torque mode tells, where the axis is so fast that it needs one."""

@@ -21,7 +21,7 @@ from autotune.models.contact import additive, bristle_damping, friction_limit, v
 from autotune.models.drive_model import Packed
 from autotune.models.lanes import WIDTH, filled
 from autotune.models.layout import STIFFNESS
-from autotune.models.plant import seen_late, simulate, simulate_in_lanes, substeps_for
+from autotune.models.plant import FASTEST, seen_late, simulate, simulate_in_lanes, substeps_for
 from autotune.models.torque_lag import MOTOR_TORQUE, STAGES
 from autotune.models.torque_saturation import saturated
 from autotune.signals.between_samples import between_moments, delayed, finer, later
@@ -206,10 +206,11 @@ def simulate_stretches(
     disturbance: Floats,
     position_noise: Floats,
     given: Loop,
-) -> tuple[Floats, Floats] | None:
-    """`simulate_stretch` of up to eight models in one pass: positions and torques, shape (8, n).
+) -> tuple[Floats, Floats, Flags]:
+    """`simulate_stretch` of up to eight models in one pass: positions and torques, shape (8, n), and which stay inside.
 
-    They have the same effects and need the same steps (`steps_of_twin`). None where one of them leaves all bounds.
+    They have the same effects, and go in the steps of the one that needs most (`steps_of_twin`). Where one of them
+    leaves all bounds, what the others do afterwards is not there.
 
     Args:
         bounds: limit of the torque and resolution, as there.
@@ -223,15 +224,16 @@ def simulate_stretches(
         commands = given.command + offset[:, None]
     models = [*models, *[models[-1]] * (WIDTH - len(models))]
     begun = {id(packed): start_state(recorded, packed) for packed in models}
+    state = filled([begun[id(packed)] for packed in models])
     position, torque = np.zeros((2, WIDTH, n))
     done = simulate_in_lanes(
         filled([packed.p for packed in models]),
         models[0].on,
-        filled([begun[id(packed)] for packed in models]),
+        state,
         given.gains,
         filled([np.array([period, *bounds, *given.begun(float(off))]) for off in offset]),
         recorded.closed,
-        _steps(models[0], period, given.ticks),
+        max(_steps(packed, period, given.ticks) for packed in models),
         commands,
         given.feedforward[None],
         disturbance,
@@ -240,11 +242,10 @@ def simulate_stretches(
         torque,
         given.averaged,
     )
-    if done < n:
-        return None
+    inside = np.full(WIDTH, True) if done == n else np.abs(state[layout.VELOCITY]) < FASTEST
     if controller.adrift:
         position -= offset[:, None]
-    return position, given.recorded_torque(torque)
+    return position, given.recorded_torque(torque), inside
 
 
 def steps_of_twin(packed: Packed, period: float, controller: PositionController) -> tuple[int, int]:

@@ -6,7 +6,7 @@ of all questions come again. The injected noise is known, so that its own part i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
@@ -124,14 +124,21 @@ def run_twins(
     """A run of each of several models, each with its own `noise` (`shaken`): those that each would make by itself."""
     loops = loops or LastOf(KNOWN_LOOPS)
     runs: dict[int, Simulated] = {}
-    keys = [(packed.on.tobytes(), steps_of_twin(packed, data.period, controller)) for packed in models]
-    for chosen in batches(keys):
+    steps = [steps_of_twin(packed, data.period, controller) for packed in models]
+    for chosen in _passes([packed.on.tobytes() for packed in models], steps):
         together = [(models[i], noise[i]) for i in chosen]
-        found = _runs_in_lanes(data, together, controller, loops) if len(chosen) > 1 else None
-        if found is None:  # one alone, or one of them leaves all bounds
-            found = [_run(data, one, controller, *own, data.resolution, loops) for one, own in together]
-        runs |= dict(zip(chosen, found, strict=True))
+        runs |= dict(zip(chosen, _runs_in_lanes(data, together, controller, loops), strict=True))
     return [runs[i] for i in range(len(models))]
+
+
+def _passes(effects: Sequence[Hashable], steps: Sequence[tuple[int, int]]) -> Iterator[list[int]]:
+    """Places of models with the same effects, at most eight of them together: those of many steps with each other.
+
+    What is left of a pass costs nothing: others go there, in finer steps than they need.
+    """
+    order = sorted(range(len(steps)), key=lambda i: steps[i], reverse=True)
+    for chosen in batches([effects[i] for i in order]):
+        yield [order[i] for i in chosen]
 
 
 def _runs_in_lanes(
@@ -139,14 +146,16 @@ def _runs_in_lanes(
     together: Sequence[tuple[Packed, tuple[Floats, Floats]]],
     controller: PositionController,
     loops: Loops,
-) -> list[Simulated] | None:
-    """Runs of two to eight models with the same effects and steps; None where one of them leaves all bounds."""
+) -> list[Simulated]:
+    """Runs of up to eight models with the same effects; those that leave all bounds are taken out of a pass."""
     n, count = len(data.reference), len(together)
+    if count == 1:
+        return [_run(data, together[0][0], controller, *together[0][1], data.resolution, loops)]
     position, torque = np.zeros((2, count, n))
     for stretch in data.stretches:
         rows = stretch.rows
         shaken, unsure = (abreast([noise[part][rows] for _, noise in together]) for part in (0, 1))
-        done = simulate_stretches(
+        *done, inside = simulate_stretches(
             _recorded(data, controller, stretch),
             [packed for packed, _ in together],
             controller,
@@ -155,9 +164,14 @@ def _runs_in_lanes(
             unsure,
             _loop(data, controller, stretch, loops),
         )
-        if done is None:
-            return None
         position[:, rows], torque[:, rows] = (values[:count] for values in done)
+        if not inside.all():
+            kept = [one for one, stays in zip(together, inside, strict=False) if stays]
+            again = iter(_runs_in_lanes(data, kept, controller, loops) if kept else [])
+            return [
+                next(again) if stays else Simulated(position[i], torque[i], noise[0], False)
+                for i, ((_, noise), stays) in enumerate(zip(together, inside, strict=False))
+            ]
     return [
         Simulated(position[i], torque[i], noise[0], _follows(data, position[i]))
         for i, (_, noise) in enumerate(together)

@@ -1,19 +1,17 @@
 """Several sets of parameters, or several runs, in one pass of a kernel: numbers that are vectors of eight.
 
 A kernel that is given lanes in place of numbers is compiled for them by numba, from the same source: what it does with
-a number it does with eight of them at a time, each with the roundings that it would have alone. Where numbers decide
-which way a kernel goes, `where` chooses for each lane, and `anywhere` asks whether any lane goes that way.
+a number it does with eight of them at a time, each with the roundings that it would have alone (but for those of
+`lane_functions`). Where numbers decide which way a kernel goes, `where` chooses for each lane, and `anywhere` asks
+whether any lane goes that way.
 
-`exp` is the routine of the C library (S. Nagy, ARM optimized routines, 2018) written for vectors: a table of 2^(i/128)
-and a polynomial. All that is not in it (sin, cos, powers) is called lane by lane.
+Their exponential, powers, sine and cosine are in `lane_functions`.
 """
 
 from __future__ import annotations
 
-import decimal
 import math
 import operator
-import struct
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -28,10 +26,17 @@ from numba.core.typing.templates import AbstractTemplate, ConcreteTemplate, infe
 from numba.extending import intrinsic, models, register_model
 
 from autotune.core.arrays import Floats
-
-WIDTH = 8
-_TABLE_BITS = 7
-_TABLE = 1 << _TABLE_BITS
+from autotune.models.lane_functions import WIDTH as WIDTH
+from autotune.models.lane_functions import (
+    any_lane,
+    cosine,
+    each,
+    exponential,
+    library,
+    power,
+    sine,
+    vector,
+)
 
 
 def filled(sets: Sequence[Floats]) -> Floats:
@@ -82,14 +87,13 @@ class Places(types.Type):
 
 lanes, mask = Lanes(), Mask()
 rows, table = Places("rows"), Places("table")
-_double, _word = ir.DoubleType(), ir.IntType(64)
-_vector, _words, _bits = (ir.VectorType(t, WIDTH) for t in (_double, _word, ir.IntType(1)))
+_double, _bits = ir.DoubleType(), ir.VectorType(ir.IntType(1), WIDTH)
 
 
 @register_model(Lanes)
 class _LanesModel(models.PrimitiveModel):  # type: ignore[misc]
     def __init__(self, manager: Any, kind: Any) -> None:
-        super().__init__(manager, kind, _vector)
+        super().__init__(manager, kind, vector)
 
 
 @register_model(Mask)
@@ -109,19 +113,11 @@ class _PlacesModel(models.StructModel):  # type: ignore[misc]
         super().__init__(manager, kind, members)
 
 
-def _each(value: float) -> Any:
-    return ir.Constant(_vector, [ir.Constant(_double, value)] * WIDTH)
-
-
-def _each_word(value: int) -> Any:
-    return ir.Constant(_words, [ir.Constant(_word, value)] * WIDTH)
-
-
 def _spread(builder: Any, number: Any) -> Any:
     """A number in every lane."""
-    first = builder.insert_element(ir.Constant(_vector, ir.Undefined), number, ir.Constant(ir.IntType(32), 0))
+    first = builder.insert_element(ir.Constant(vector, ir.Undefined), number, ir.Constant(ir.IntType(32), 0))
     zeros = ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), [ir.Constant(ir.IntType(32), 0)] * WIDTH)
-    return builder.shuffle_vector(first, ir.Constant(_vector, ir.Undefined), zeros)
+    return builder.shuffle_vector(first, ir.Constant(vector, ir.Undefined), zeros)
 
 
 def _number_to_lanes(context: Any, builder: Any, given: Any, wanted: Any, value: Any) -> Any:
@@ -130,17 +126,12 @@ def _number_to_lanes(context: Any, builder: Any, given: Any, wanted: Any, value:
 
 def _answer_to_lanes(context: Any, builder: Any, given: Any, wanted: Any, value: Any) -> Any:
     number = builder.uitofp(value, _double)
-    return builder.fcmp_ordered("!=", _spread(builder, number), _each(0.0))
+    return builder.fcmp_ordered("!=", _spread(builder, number), each(0.0))
 
 
 lower_cast(types.Float, Lanes)(_number_to_lanes)
 lower_cast(types.Integer, Lanes)(_number_to_lanes)
 lower_cast(types.Boolean, Mask)(_answer_to_lanes)
-
-
-def _library(builder: Any, name: str, count: int) -> Any:
-    kind = ir.FunctionType(_vector, [_vector] * count)
-    return cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{WIDTH}f64")
 
 
 def _typed(key: Any, *cases: Any) -> None:
@@ -189,133 +180,21 @@ def _functions() -> None:
     plain: dict[Any, str] = {abs: "fabs", math.sqrt: "sqrt", math.floor: "floor"}
     for key, name in plain.items():
         _typed(key, signature(lanes, lanes))
-        _lowered(key, (lanes,), lambda b, x, name=name: b.call(_library(b, name, 1), [x]))
+        _lowered(key, (lanes,), lambda b, x, name=name: b.call(library(b, name, 1), [x]))
     _typed(float, signature(lanes, lanes))
     _lowered(float, (lanes,), lambda b, x: x)
     _typed(math.copysign, signature(lanes, lanes, lanes))
-    _lowered(math.copysign, (lanes, lanes), lambda b, x, y: b.call(_library(b, "copysign", 2), [x, y]))
+    _lowered(math.copysign, (lanes, lanes), lambda b, x, y: b.call(library(b, "copysign", 2), [x, y]))
     extremes: dict[Any, str] = {min: "<", max: ">"}
     for key, sign in extremes.items():  # as numba has them: the first, unless the second is beyond it
         _typed(key, signature(lanes, lanes, lanes))
         _lowered(key, (lanes, lanes), lambda b, x, y, s=sign: b.select(b.fcmp_ordered(s, y, x), y, x))
-    for key in (math.sin, math.cos):
+    for key, body in {math.sin: sine, math.cos: cosine, math.exp: exponential}.items():
         _typed(key, signature(lanes, lanes))
-        _lowered(key, (lanes,), lambda b, x, name=key.__name__: _one_by_one(b, name, x))
+        _lowered(key, (lanes,), body)
     for key in (operator.pow, operator.ipow):
         _typed(key, signature(lanes, lanes, lanes))
-        _lowered(key, (lanes, lanes), lambda b, x, y: _one_by_one(b, "pow", x, y))
-    _typed(math.exp, signature(lanes, lanes))
-    _lowered(math.exp, (lanes,), _exponential)
-
-
-def _one_by_one(builder: Any, name: str, *given: Any) -> Any:
-    """A function of the C library, called for each lane that is not given the same as the one before it."""
-    kind = ir.FunctionType(_double, [_double] * len(given))
-    function = cgutils.get_or_insert_function(builder.module, kind, name)
-    result = ir.Constant(_vector, ir.Undefined)
-    before: list[Any] = []
-    value: Any = None
-    for lane in range(WIDTH):
-        at = ir.Constant(ir.IntType(32), lane)
-        arguments = [builder.extract_element(x, at) for x in given]
-        if before:
-            value = _unless_same(builder, function, arguments, before, value)
-        else:
-            value = builder.call(function, arguments)
-        before = arguments
-        result = builder.insert_element(result, value, at)
-    return result
-
-
-def _unless_same(builder: Any, function: Any, arguments: list[Any], before: list[Any], known: Any) -> Any:
-    """The value of a function; `known` where its arguments are those of before."""
-    differs = ir.Constant(ir.IntType(1), 0)
-    for one, other in zip(arguments, before, strict=True):
-        differs = builder.or_(differs, builder.fcmp_unordered("!=", one, other))
-    begun = builder.block
-    with builder.if_then(differs):
-        fresh = builder.call(function, arguments)
-        called = builder.block
-    value = builder.phi(_double)
-    value.add_incoming(known, begun)
-    value.add_incoming(fresh, called)
-    return value
-
-
-def _powers_of_two() -> tuple[list[int], list[int]]:
-    """2^(i/128) = H·(1 + T): the bits of T, and those of H less i/128 in the exponent's place."""
-    rest, head = [], []
-    with decimal.localcontext() as exact:
-        exact.prec = 60
-        for i in range(_TABLE):
-            power = decimal.Decimal(2) ** (decimal.Decimal(i) / _TABLE)
-            near = float(power)
-            tail = float(power / decimal.Decimal(near) - 1)
-            rest.append(_bits_of(tail))
-            head.append((_bits_of(near) - (i << (52 - _TABLE_BITS))) % 2**64)
-    return rest, head
-
-
-def _bits_of(value: float) -> int:
-    return int(struct.unpack("<Q", struct.pack("<d", value))[0])
-
-
-_REST, _HEAD = _powers_of_two()
-_SHIFT = float.fromhex("0x1.8p52")
-_INVERSE = float.fromhex("0x1.71547652b82fep0") * _TABLE
-_NEGATIVE_HIGH, _NEGATIVE_LOW = (
-    float.fromhex("-0x1.62e42fefa0000p-8"),
-    float.fromhex("-0x1.cf79abc9e3b39p-47"),
-)
-_C2, _C3, _C4, _C5 = (
-    float.fromhex(text)
-    for text in (
-        "0x1.ffffffffffdbdp-2",
-        "0x1.555555555543cp-3",
-        "0x1.55555cf172b91p-5",
-        "0x1.1111167a4d017p-7",
-    )
-)
-_LOWEST, _HIGHEST = -708.0, 709.0
-
-
-def _looked_up(builder: Any, words: list[int], name: str, at: Any) -> Any:
-    """Words of a table, as a vector."""
-    kind = ir.ArrayType(_word, _TABLE)
-    table = cgutils.global_constant(builder, name, ir.Constant(kind, words))
-    result = ir.Constant(_words, ir.Undefined)
-    for lane in range(WIDTH):
-        place = ir.Constant(ir.IntType(32), lane)
-        index = builder.extract_element(at, place)
-        found = builder.load(builder.gep(table, [ir.Constant(_word, 0), index]))
-        result = builder.insert_element(result, found, place)
-    return result
-
-
-def _exponential(b: Any, x: Any) -> Any:
-    """e^x: 0 below -708, infinite from 709 on, which the library is at -745 and 709.8."""
-    fused = _library(b, "fmuladd", 3)
-
-    def add(one: Any, two: Any, three: Any) -> Any:
-        return b.call(fused, [one, two, three])
-
-    inside = b.and_(b.fcmp_ordered(">=", x, _each(_LOWEST)), b.fcmp_ordered("<=", x, _each(_HIGHEST)))
-    near = b.select(inside, x, _each(0.0))
-    shifted = b.fadd(b.fmul(_each(_INVERSE), near), _each(_SHIFT))
-    whole = b.bitcast(shifted, _words)
-    steps = b.fsub(shifted, _each(_SHIFT))
-    r = add(steps, _each(_NEGATIVE_LOW), add(steps, _each(_NEGATIVE_HIGH), near))
-    at = b.and_(whole, _each_word(_TABLE - 1))
-    tail = b.bitcast(_looked_up(b, _REST, "exp_rest", at), _vector)
-    head = b.add(_looked_up(b, _HEAD, "exp_head", at), b.shl(whole, _each_word(52 - _TABLE_BITS)))
-    scale = b.bitcast(head, _vector)
-    square = b.fmul(r, r)
-    total = add(square, add(r, _each(_C3), _each(_C2)), b.fadd(tail, r))
-    total = add(b.fmul(square, square), add(r, _each(_C5), _each(_C4)), total)
-    result = add(scale, total, scale)
-    beyond = b.select(b.fcmp_ordered(">", x, _each(0.0)), _each(math.inf), _each(0.0))
-    beyond = b.select(b.fcmp_unordered("uno", x, x), x, beyond)
-    return b.select(inside, result, beyond)
+        _lowered(key, (lanes, lanes), power)
 
 
 @infer_global(where)
@@ -336,12 +215,7 @@ def _choices() -> None:
     for kinds in ((types.boolean, types.float64, types.float64), (mask, lanes, lanes)):
         _lowered(where, kinds, lambda b, condition, one, other: b.select(condition, one, other))
     _lowered(anywhere, (types.boolean,), lambda b, condition: condition)
-    _lowered(anywhere, (mask,), _any_lane)
-
-
-def _any_lane(builder: Any, condition: Any) -> Any:
-    word = ir.IntType(WIDTH)
-    return builder.icmp_unsigned("!=", builder.bitcast(condition, word), ir.Constant(word, 0))
+    _lowered(anywhere, (mask,), any_lane)
 
 
 def _viewed(values: Any, kind: Places) -> Any:
@@ -383,9 +257,9 @@ def _load(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     kind = sig.args[0]
     array = cgutils.create_struct_proxy(kind)(context, builder, args[0])
     if kind is table:
-        address = builder.bitcast(_address(builder, kind, array, args[1]), _vector.as_pointer())
+        address = builder.bitcast(_address(builder, kind, array, args[1]), vector.as_pointer())
         return builder.load(address, align=8)
-    result = ir.Constant(_vector, ir.Undefined)
+    result = ir.Constant(vector, ir.Undefined)
     for lane in range(WIDTH):
         one = builder.load(_address(builder, kind, array, args[1], lane))
         result = builder.insert_element(result, one, ir.Constant(ir.IntType(32), lane))
@@ -396,7 +270,7 @@ def _store(context: Any, builder: Any, sig: Any, args: Any) -> None:
     kind = sig.args[0]
     array = cgutils.create_struct_proxy(kind)(context, builder, args[0])
     if kind is table:
-        address = builder.bitcast(_address(builder, kind, array, args[1]), _vector.as_pointer())
+        address = builder.bitcast(_address(builder, kind, array, args[1]), vector.as_pointer())
         builder.store(args[2], address, align=8)
         return
     for lane in range(WIDTH):

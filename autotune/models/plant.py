@@ -43,6 +43,8 @@ from autotune.models.transmission import (
 )
 
 MOST_SUBSTEPS = 64
+FASTEST = 1e6
+"""Velocity that no axis reaches [rad/s or m/s]: one that does has left all bounds."""
 LOOP = 7
 """Numbers of a twin's loop before the readings that it sees late."""
 
@@ -214,7 +216,7 @@ def simulate(
             torque[row] = summed / ticks
         actual = delivered(p, on, state, demand, loop[0])
         advance(p, on, state, actual + disturbance[row], loop[0], substeps)
-        if anywhere(abs(state[VELOCITY]) >= 1e6) or anywhere(state[VELOCITY] != state[VELOCITY]):
+        if anywhere(abs(state[VELOCITY]) >= FASTEST) or anywhere(state[VELOCITY] != state[VELOCITY]):
             return row
     return len(torque)
 

@@ -512,6 +512,24 @@ def test_steps_of_a_fed_acceleration_are_looked_for_in_a_torque_at_the_samples()
     assert len(found) <= 4  # with the law at the samples
 
 
+@pytest.mark.slow
+def test_what_runs_away_leaves_the_others_of_its_pass_as_they_are() -> None:
+    """And models that need other steps ride along in the finer ones."""
+    data = prepare([recorded(TRUE)])
+    law = replace(TRUE, source="identified")
+    models = [base_model(AXIS | {"stiffness": times * AXIS["stiffness"]}).pack() for times in (1.0, 1.2, 9.0)]
+    still = np.zeros(len(data.reference))
+    noise = [(still, still), (np.full(len(still), 1e12), still), (still, still)]
+    one, away, stiff = run_twins(data, models, law, noise)
+    assert (one.stable, away.stable, stiff.stable) == (True, False, True)
+    alone = run_twin(data, models[2], law, STILL, np.random.default_rng(1))
+    assert stiff.position == pytest.approx(alone.position, abs=1e-9)
+    alone = run_twin(data, models[0], law, STILL, np.random.default_rng(1))
+    assert (
+        np.sqrt(np.mean((one.position - alone.position) ** 2)) < RESOLUTION
+    )  # five steps a sample, and fifteen
+
+
 def test_where_counts_lie_is_moved_and_nothing_else() -> None:
     """Reference, reading and start are moved together: without counts a twin does the same."""
     data = prepare([recorded(TRUE)])

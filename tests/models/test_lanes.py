@@ -130,6 +130,56 @@ def test_functions_and_choices_lane_by_lane() -> None:
     np.testing.assert_allclose(result.T, right, rtol=1e-15)
 
 
+@compiled
+def _powers(given, exponent, result):
+    for k in range(len(given)):
+        result[k] = given[k] ** exponent[k]
+
+
+@compiled
+def _powers_in_lanes(given, exponent, result):
+    _powers(side_by_side(given), side_by_side(exponent), side_by_side(result))
+
+
+@compiled
+def _angles(given, sine, cosine):
+    for k in range(len(given)):
+        sine[k], cosine[k] = math.sin(given[k]), math.cos(given[k])
+
+
+@compiled
+def _angles_in_lanes(given, sine, cosine):
+    _angles(side_by_side(given), side_by_side(sine), side_by_side(cosine))
+
+
+@pytest.mark.parametrize("largest", [1.0, 1e3, 5e7])
+def test_sine_and_cosine_are_those_of_the_library(largest: float) -> None:
+    """To two last digits of 1; what is far beyond, or no number, is asked of the library itself."""
+    given = np.random.default_rng(5).uniform(-largest, largest, (500, WIDTH))
+    given[0] = 0.0, -0.0, math.pi, 1e12, -1e300, np.inf, np.nan, 0.5 * math.pi
+    sine, cosine = np.empty((2, 500, WIDTH))
+    _angles_in_lanes(given, sine, cosine)
+    with np.errstate(invalid="ignore"):
+        np.testing.assert_allclose(sine, np.sin(given), rtol=0.0, atol=5e-16)
+        np.testing.assert_allclose(cosine, np.cos(given), rtol=0.0, atol=5e-16)
+
+
+def test_powers_are_those_of_the_library() -> None:
+    """Of ratios up to a million and the exponents of effects; also of 0, of what is negative and of no number."""
+    random = np.random.default_rng(6)
+    given, exponent = (
+        np.exp(random.uniform(-14.0, 14.0, (500, WIDTH))),
+        random.uniform(-10.0, 10.0, (500, WIDTH)),
+    )
+    given[0] = 0.0, 0.0, 0.0, 1.0, -2.0, np.nan, np.inf, 1e-310
+    exponent[0] = 2.5, -1.0, 0.0, 7.0, 3.0, 1.0, -2.0, 0.5
+    found = np.empty((500, WIDTH))
+    _powers_in_lanes(given, exponent, found)
+    with np.errstate(divide="ignore"):
+        right = given**exponent
+    np.testing.assert_allclose(found, right, rtol=1e-13)
+
+
 @pytest.mark.parametrize("late", [0.0, 0.4, 2.0, 3.7])
 def test_ticks_of_a_loop_say_at_each_sample_what_a_twin_of_its_ticks_says(late: float) -> None:
     """A torque is told as the mean over a sample, or as at its beginning; readings that are late come from ticks."""
