@@ -26,7 +26,7 @@ from autotune.models.load_side import AT_START, ringing_compliance
 
 SPRING, GAP = ELASTIC_TRANSMISSION, BACKLASH
 OF_THE_GAP = {"compliance": "contact_compliance"} | {
-    name: name for name in ("load_inertia", "load_friction", "damping")
+    name: name for name in ("load_inertia", "load_friction", "damping", "load_offset")
 }
 """Parameters of a spring that begin at those of a gap."""
 

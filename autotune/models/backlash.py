@@ -9,9 +9,9 @@ from autotune.core.arrays import Floats
 from autotune.models.effect import Kind, Parameter
 from autotune.models.layout import INERTIA, block, flag
 from autotune.models.load_side import (
-    AT_START,
     SHARES,
     SPLITS,
+    at_start,
     compliance_at,
     least_compliance,
     load_parameters,
@@ -42,8 +42,8 @@ def starts(c: StartContext) -> Iterator[StartValues]:
             "gap": Vary(0.5 * gap, 0.6 * gap),
             "contact_compliance": Vary(compliance, compliance, lower=least),
         }
-        values = {"gap": gap, "contact_compliance": compliance, **AT_START}
-        yield StartValues(values | {"load_inertia": share, "load_friction": split}, free | load_varies())
+        values = {"gap": gap, "contact_compliance": compliance, **at_start(c)}
+        yield StartValues(values | {"load_inertia": share, "load_friction": split}, free | load_varies(c))
 
 
 def width(p: Floats) -> float:

@@ -10,9 +10,9 @@ from autotune.core.arrays import Floats
 from autotune.models.effect import Kind, Parameter
 from autotune.models.layout import INERTIA, block, flag
 from autotune.models.load_side import (
-    AT_START,
     SHARES,
     SPLITS,
+    at_start,
     compliance_at,
     least_compliance,
     load_parameters,
@@ -32,8 +32,8 @@ def starts(c: StartContext) -> Iterator[StartValues]:
     least = least_compliance(c)
     for cutoffs, share, split in itertools.product(RESONANCES, SHARES, SPLITS):
         compliance = compliance_at(c, share, cutoffs)
-        free = {"compliance": Vary(compliance, 0.6 * compliance, lower=least)} | load_varies()
-        values = {"compliance": compliance, **AT_START, "load_inertia": share, "load_friction": split}
+        free = {"compliance": Vary(compliance, 0.6 * compliance, lower=least)} | load_varies(c)
+        values = {"compliance": compliance, **at_start(c), "load_inertia": share, "load_friction": split}
         yield StartValues(values, free)
 
 
