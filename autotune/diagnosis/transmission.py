@@ -86,8 +86,13 @@ def hardly_a_gap(policy: Policy, model_fit: ModelFit) -> bool:
 
 
 def adds_nothing(kind: Kind, model_fit: ModelFit) -> bool:
-    """Whether it is a spring beside a gap: that has one in its contact, so that the two are one model."""
-    return kind is SPRING and GAP.name in model_fit.effects
+    """Whether it is a spring beside a gap, or a gap beside a spring: a gap has one in its contact.
+
+    The two are one model, that of the gap, which was looked for by itself.
+    """
+    return (kind is SPRING and GAP.name in model_fit.effects) or (
+        kind is GAP and SPRING.name in model_fit.effects
+    )
 
 
 def other_contact_tried(
