@@ -11,11 +11,11 @@ from autotune.models.layout import INERTIA, block, flag
 from autotune.models.load_side import (
     SHARES,
     SPLITS,
-    at_start,
     compliance_at,
     least_compliance,
     load_parameters,
     load_varies,
+    sides,
 )
 from autotune.models.look_alikes import IN_QUICK_MOTION, IN_SPEED
 from autotune.models.start_values import StartContext, StartValues, Vary
@@ -35,14 +35,14 @@ def starts(c: StartContext) -> Iterator[StartValues]:
     After a reversal, or at a stop, motor and load part by ½·(F/J)·t² in a time t.
     """
     least = least_compliance(c)
-    for periods, share, split in itertools.product(CROSSINGS, SHARES, SPLITS):
+    for periods, share, split, side in itertools.product(CROSSINGS, SHARES, SPLITS, sides(c)):
         compliance = compliance_at(c, share, CONTACT)
         gap = 0.5 * c.coulomb / float(c.p[INERTIA]) * (periods / c.cutoff) ** 2
         free = {
             "gap": Vary(0.5 * gap, 0.6 * gap),
             "contact_compliance": Vary(compliance, compliance, lower=least),
         }
-        values = {"gap": gap, "contact_compliance": compliance, **at_start(c)}
+        values = {"gap": gap, "contact_compliance": compliance, **side}
         yield StartValues(values | {"load_inertia": share, "load_friction": split}, free | load_varies(c))
 
 

@@ -42,9 +42,12 @@ def load_varies(c: StartContext) -> dict[str, Vary]:
     return free | ({"load_offset": Vary(0.3, 0.5)} if hangs(c) else {})
 
 
-def at_start(c: StartContext) -> dict[str, float]:
-    """Where a fit of the load begins: a constant torque is a weight's, and that hangs at the load."""
-    return AT_START | ({"load_offset": 1.0} if hangs(c) else {})
+def sides(c: StartContext) -> tuple[dict[str, float], ...]:
+    """Where fits of the load begin, but for its shares: a constant torque is a weight at the load, or an amplifier's.
+
+    What friction and a gap make of the one is far from what they make of the other.
+    """
+    return tuple(AT_START | {"load_offset": share} for share in (1.0, 0.0)) if hangs(c) else (AT_START,)
 
 
 def hangs(c: StartContext) -> bool:
