@@ -27,7 +27,7 @@ def load_parameters(at: int) -> tuple[Parameter, ...]:
         Parameter("load_friction", "1", 0.4, 0.0, 1.0, "share of the friction beyond it", at + 1, whole=True),
         Parameter("damping", "1", 0.05, 0.0, 2.0, "share of critical damping", at + 2),
         Parameter(
-            "load_offset", "1", 0.0, 0.0, 1.0, "share of the constant torque beyond it", at + 3, True, whole=True
+            "load_offset", "1", 0.0, 0.0, 1.0, "share of the offset beyond it", at + 3, True, whole=True
         ),
     )
 
