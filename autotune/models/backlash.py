@@ -25,8 +25,9 @@ HAS_GAP = flag("backlash")
 CONTACT = 3.0
 """Resonance of motor and load in contact, in cut-offs: softer than most; what is compared tells little of a harder one.
 """
-CROSSINGS = (0.06, 0.085, 0.12, 0.17, 0.24, 0.34, 0.48, 0.68)
-"""Times in which a motor that its friction stops crosses gaps, in periods of the cut-off: shorter, nobody sees them."""
+CROSSINGS = (0.06, 0.1, 0.16, 0.26, 0.42, 0.7, 1.1, 1.8)
+"""Times in which a motor that its friction stops crosses gaps, in periods of the cut-off: shorter, nobody sees them;
+longer, anybody does."""
 
 
 def starts(c: StartContext) -> Iterator[StartValues]:
