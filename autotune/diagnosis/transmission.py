@@ -26,7 +26,7 @@ from autotune.models.load_side import AT_START, ringing_compliance
 
 SPRING, GAP = ELASTIC_TRANSMISSION, BACKLASH
 OF_THE_GAP = {"compliance": "contact_compliance"} | {
-    name: name for name in ("load_inertia", "load_friction", "damping")
+    name: name for name in ("load_inertia", "load_friction", "damping", "load_offset")
 }
 """Parameters of a spring that begin at those of a gap."""
 
@@ -86,8 +86,13 @@ def hardly_a_gap(policy: Policy, model_fit: ModelFit) -> bool:
 
 
 def adds_nothing(kind: Kind, model_fit: ModelFit) -> bool:
-    """Whether it is a spring beside a gap: that has one in its contact, so that the two are one model."""
-    return kind is SPRING and GAP.name in model_fit.effects
+    """Whether it is a spring beside a gap, or a gap beside a spring: a gap has one in its contact.
+
+    The two are one model, that of the gap, which was looked for by itself.
+    """
+    return (kind is SPRING and GAP.name in model_fit.effects) or (
+        kind is GAP and SPRING.name in model_fit.effects
+    )
 
 
 def other_contact_tried(

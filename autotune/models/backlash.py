@@ -9,13 +9,13 @@ from autotune.core.arrays import Floats
 from autotune.models.effect import Kind, Parameter
 from autotune.models.layout import INERTIA, block, flag
 from autotune.models.load_side import (
-    AT_START,
     SHARES,
     SPLITS,
     compliance_at,
     least_compliance,
     load_parameters,
     load_varies,
+    sides,
 )
 from autotune.models.look_alikes import IN_QUICK_MOTION, IN_SPEED
 from autotune.models.start_values import StartContext, StartValues, Vary
@@ -25,8 +25,9 @@ HAS_GAP = flag("backlash")
 CONTACT = 3.0
 """Resonance of motor and load in contact, in cut-offs: softer than most; what is compared tells little of a harder one.
 """
-CROSSINGS = (0.06, 0.085, 0.12, 0.17, 0.24, 0.34, 0.48, 0.68)
-"""Times in which a motor that its friction stops crosses gaps, in periods of the cut-off: shorter, nobody sees them."""
+CROSSINGS = (0.06, 0.1, 0.16, 0.26, 0.42, 0.7, 1.1, 1.8)
+"""Times in which a motor that its friction stops crosses gaps, in periods of the cut-off: shorter, nobody sees them;
+longer, anybody does."""
 
 
 def starts(c: StartContext) -> Iterator[StartValues]:
@@ -35,15 +36,15 @@ def starts(c: StartContext) -> Iterator[StartValues]:
     After a reversal, or at a stop, motor and load part by ½·(F/J)·t² in a time t.
     """
     least = least_compliance(c)
-    for periods, share, split in itertools.product(CROSSINGS, SHARES, SPLITS):
+    for periods, share, split, side in itertools.product(CROSSINGS, SHARES, SPLITS, sides(c)):
         compliance = compliance_at(c, share, CONTACT)
         gap = 0.5 * c.coulomb / float(c.p[INERTIA]) * (periods / c.cutoff) ** 2
         free = {
             "gap": Vary(0.5 * gap, 0.6 * gap),
             "contact_compliance": Vary(compliance, compliance, lower=least),
         }
-        values = {"gap": gap, "contact_compliance": compliance, **AT_START}
-        yield StartValues(values | {"load_inertia": share, "load_friction": split}, free | load_varies())
+        values = {"gap": gap, "contact_compliance": compliance, **side}
+        yield StartValues(values | {"load_inertia": share, "load_friction": split}, free | load_varies(c))
 
 
 def width(p: Floats) -> float:

@@ -10,13 +10,13 @@ from autotune.core.arrays import Floats
 from autotune.models.effect import Kind, Parameter
 from autotune.models.layout import INERTIA, block, flag
 from autotune.models.load_side import (
-    AT_START,
     SHARES,
     SPLITS,
     compliance_at,
     least_compliance,
     load_parameters,
     load_varies,
+    sides,
 )
 from autotune.models.look_alikes import IN_QUICK_MOTION
 from autotune.models.start_values import StartContext, StartValues, Vary
@@ -30,10 +30,10 @@ RESONANCES = (0.37, 0.55, 0.83, 1.25, 1.83, 2.67, 4.0, 6.0)
 def starts(c: StartContext) -> Iterator[StartValues]:
     """Many resonances, with small loads and large ones, with friction on both sides or on one."""
     least = least_compliance(c)
-    for cutoffs, share, split in itertools.product(RESONANCES, SHARES, SPLITS):
+    for cutoffs, share, split, side in itertools.product(RESONANCES, SHARES, SPLITS, sides(c)):
         compliance = compliance_at(c, share, cutoffs)
-        free = {"compliance": Vary(compliance, 0.6 * compliance, lower=least)} | load_varies()
-        values = {"compliance": compliance, **AT_START, "load_inertia": share, "load_friction": split}
+        free = {"compliance": Vary(compliance, 0.6 * compliance, lower=least)} | load_varies(c)
+        values = {"compliance": compliance, **side, "load_inertia": share, "load_friction": split}
         yield StartValues(values, free)
 
 

@@ -33,6 +33,7 @@ from autotune.models.transmission import (
     STARTED,
     coupling,
     has_load,
+    hung,
     load_shares,
     passed_torque,
 )
@@ -74,6 +75,7 @@ def _load_side(
     """
     mass, rub = shares
     stiffness, damping, half = spring
+    weight = hung(p, on)
     if anywhere(state[STARTED] == 0.0):
         state[STARTED], state[LOAD_POSITION], state[LOAD_VELOCITY] = 1.0, position, velocity
         state[POSITION], state[VELOCITY] = position, velocity
@@ -88,7 +90,7 @@ def _load_side(
         twist = motor - state[LOAD_POSITION] - 0.5 * step * speed
         passed = passed_torque(stiffness, damping, half, twist, pace - speed)
         friction, slope = rubbing(p, on, state, LOAD_BRISTLE, rub, state[LOAD_POSITION], speed, step)
-        later = speed + step * (passed - friction) / (p[INERTIA] * mass + 0.5 * step * slope)
+        later = speed + step * (passed - friction - weight) / (p[INERTIA] * mass + 0.5 * step * slope)
         state[LOAD_POSITION] += 0.5 * step * (speed + later)
         state[LOAD_VELOCITY] = later
         if on[WARMS]:
@@ -132,6 +134,8 @@ def required(
         friction *= 1.0 - rub
         friction += remembered_in_motion(p, on, state, q, period * mean, v)
         outside = additive(p, on, q)
+        if loaded:
+            outside -= hung(p, on)
         passed = _load_side(p, on, state, shares, spring, q, v, period, substeps) if loaded else 0.0
         torque[k] = p[INERTIA] * (1.0 - mass) * a + friction + outside + passed
         if on[IS_PRESSED]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from autotune.models.effect import Parameter
-from autotune.models.layout import INERTIA
+from autotune.models.layout import INERTIA, OFFSET
 from autotune.models.start_values import StartContext, Vary
 
 LEAST_LOAD = 0.1
@@ -21,21 +21,41 @@ SPLITS = (0.0, 0.2, 0.6)
 
 
 def load_parameters(at: int) -> tuple[Parameter, ...]:
-    """Share of the inertia, share of the friction and damping, from place `at` on."""
+    """Share of the inertia, share of the friction, damping and share of the constant torque, from place `at` on."""
     return (
         Parameter("load_inertia", "1", 0.4, 0.02, 0.98, "share of the inertia beyond it", at),
         Parameter("load_friction", "1", 0.4, 0.0, 1.0, "share of the friction beyond it", at + 1, whole=True),
         Parameter("damping", "1", 0.05, 0.0, 2.0, "share of critical damping", at + 2),
+        Parameter(
+            "load_offset", "1", 0.0, 0.0, 1.0, "share of the offset beyond it", at + 3, True, whole=True
+        ),
     )
 
 
-def load_varies() -> dict[str, Vary]:
+def load_varies(c: StartContext) -> dict[str, Vary]:
     """Shares of a load that deserves the name, and the damping between."""
-    return {
+    free = {
         "load_inertia": Vary(0.2, 0.2, lower=LEAST_LOAD),
         "load_friction": Vary(0.2, 0.3),
         "damping": Vary(0.1, 0.1),
     }
+    return free | ({"load_offset": Vary(0.3, 0.5)} if hangs(c) else {})
+
+
+def sides(c: StartContext) -> tuple[dict[str, float], ...]:
+    """Where fits of the load begin, but for its shares: a constant torque is a weight at the load, or an amplifier's.
+
+    What friction and a gap make of the one is far from what they make of the other.
+    """
+    return tuple(AT_START | {"load_offset": share} for share in (1.0, 0.0)) if hangs(c) else (AT_START,)
+
+
+def hangs(c: StartContext) -> bool:
+    """Whether there is a constant torque of which these data can tell on which side it acts.
+
+    One that is less than what is left makes nothing of that.
+    """
+    return abs(float(c.p[OFFSET])) > c.left
 
 
 def compliance_at(c: StartContext, share: float, cutoffs: float) -> float:

@@ -38,6 +38,7 @@ from autotune.models.transmission import (
     coupling,
     coupling_rate,
     has_load,
+    hung,
     load_shares,
     passed_torque,
 )
@@ -98,11 +99,12 @@ def two_masses(p: Floats, on: Flags, state: Floats, drive: float, step: float) -
     held = remembered_damping(p, on, state, step * velocity, velocity)
     friction += remembered(p, on, state, position, step * velocity) + held * velocity
     slope += held
-    outside = additive(p, on, position + 0.5 * step * velocity)
+    weight = hung(p, on)
+    outside = additive(p, on, position + 0.5 * step * velocity) - weight
     inertia = p[INERTIA] * (1.0 - mass)
     later = velocity + step * (drive - outside - friction - passed) / (inertia + 0.5 * step * slope)
     carried, slope = rubbing(p, on, state, LOAD_BRISTLE, rub, beyond, speed, step)
-    faster = speed + step * (passed - carried) / (p[INERTIA] * mass + 0.5 * step * slope)
+    faster = speed + step * (passed - carried - weight) / (p[INERTIA] * mass + 0.5 * step * slope)
     state[POSITION], state[VELOCITY] = position + 0.5 * step * (velocity + later), later
     state[LOAD_POSITION], state[LOAD_VELOCITY] = beyond + 0.5 * step * (speed + faster), faster
     if on[IS_PRESSED]:

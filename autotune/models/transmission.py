@@ -13,7 +13,7 @@ from autotune.models.backlash import BACKLASH, GAP, HAS_GAP
 from autotune.models.compiled import compiled
 from autotune.models.elastic_transmission import COMPLIANCE, ELASTIC_TRANSMISSION, IS_ELASTIC
 from autotune.models.lanes import anywhere, where
-from autotune.models.layout import INERTIA, state_block
+from autotune.models.layout import INERTIA, OFFSET, state_block
 
 _STATE = state_block(ELASTIC_TRANSMISSION.name)
 LOAD_POSITION, LOAD_VELOCITY, LOAD_BRISTLE, STARTED = _STATE, _STATE + 1, _STATE + 2, _STATE + 3
@@ -42,6 +42,12 @@ def load_shares(p: Floats, on: Flags) -> tuple[float, float]:
     """Shares of inertia and friction beyond the transmission."""
     at = COMPLIANCE + 1 if on[IS_ELASTIC] else GAP + 2
     return float(p[at]), float(p[at + 1])
+
+
+@compiled
+def hung(p: Floats, on: Flags) -> float:
+    """Constant torque that acts at the load and not at the motor, as a weight does [N m]."""
+    return float(p[OFFSET] * p[COMPLIANCE + 4 if on[IS_ELASTIC] else GAP + 5])
 
 
 @compiled

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 
-from autotune.diagnosis.transmission import OF_THE_GAP
+from autotune.diagnosis.transmission import OF_THE_GAP, adds_nothing
 from autotune.models import layout
 from autotune.models.backlash import BACKLASH
 from autotune.models.drive_model import Packed, base_model
+from autotune.models.effect import Kind
 from autotune.models.elastic_transmission import ELASTIC_TRANSMISSION
-from autotune.models.transmission import coupling, load_shares
+from autotune.models.plant import advance
+from autotune.models.start_values import StartValues
+from autotune.models.transmission import LOAD_POSITION, coupling, hung, load_shares
 
 BASE = {
-    "inertia": 5e-4, "viscous": 1e-3, "coulomb": 0.28, "stiffness": 100.0, "micro_damping": 0.05, "offset": 0.0,
+    "inertia": 5e-4, "viscous": 1e-3, "coulomb": 0.28, "stiffness": 100.0, "micro_damping": 0.05, "offset": 0.1,
 }  # fmt: skip
 
 
@@ -20,7 +26,13 @@ def test_a_spring_beside_a_gap_is_the_contact_of_the_gap() -> None:
     packed = base_model(BASE).pack()
     p, on = packed.p.copy(), packed.on.copy()
     on[layout.flag(BACKLASH.name)] = True
-    values = {"contact_compliance": 3e-3, "load_inertia": 0.4, "load_friction": 0.3, "damping": 0.1}
+    values = {
+        "contact_compliance": 3e-3,
+        "load_inertia": 0.4,
+        "load_friction": 0.3,
+        "damping": 0.1,
+        "load_offset": 0.7,
+    }
     p[BACKLASH.slot("gap")] = 4e-3
     for name, value in values.items():
         p[BACKLASH.slot(name)] = value
@@ -32,3 +44,47 @@ def test_a_spring_beside_a_gap_is_the_contact_of_the_gap() -> None:
     alone, together = Packed(p, on), Packed(both, on_both)
     assert coupling(together.p, together.on) == pytest.approx(coupling(alone.p, alone.on))
     assert load_shares(together.p, together.on) == load_shares(alone.p, alone.on)
+    assert hung(together.p, together.on) == hung(alone.p, alone.on)
+
+
+@pytest.mark.parametrize(
+    ("kind", "other"), [(ELASTIC_TRANSMISSION, BACKLASH), (BACKLASH, ELASTIC_TRANSMISSION)]
+)
+def test_neither_is_looked_for_beside_the_other(kind: Kind, other: Kind) -> None:
+    """Together they are the model of the gap alone: named both, one of the names is nothing's."""
+    assert adds_nothing(kind, SimpleNamespace(effects=(other.name,)))
+    assert not adds_nothing(kind, SimpleNamespace(effects=("torque_lag",)))
+
+
+def test_a_weight_at_the_load_keeps_its_gap_closed() -> None:
+    """Motor and load rest: what holds the motor is passed to the load, by as much as hangs there."""
+    packed = base_model(BASE | {"offset": 0.2}).pack()
+    packed.on[layout.flag(BACKLASH.name)] = True
+    values = {"gap": 4e-3, "contact_compliance": 3e-3, "load_inertia": 0.4, "load_friction": 0.0}
+    for name, value in (values | {"damping": 0.3}).items():
+        packed.p[BACKLASH.slot(name)] = value
+    twists = []
+    for share in (1.0, 0.5, 0.0):
+        packed.p[BACKLASH.slot("load_offset")] = share
+        state = np.zeros(layout.STATES)
+        for _ in range(500):
+            advance(packed.p, packed.on, state, 0.2, 1e-3, 20)
+        twists.append(state[layout.POSITION] - state[LOAD_POSITION])
+    assert twists[0] == pytest.approx(2e-3 + 0.2 * 3e-3, rel=1e-3)
+    assert twists[1] == pytest.approx(2e-3 + 0.1 * 3e-3, rel=1e-3)
+    assert abs(twists[2]) < 2e-3
+
+
+@pytest.mark.parametrize("kind", [ELASTIC_TRANSMISSION, BACKLASH])
+def test_fits_begin_with_a_constant_torque_on_either_side(kind: Kind) -> None:
+    """Where it is more than what is left; else nothing tells the side, and it stays the motor's."""
+
+    def begun(left: float) -> list[StartValues]:
+        p = base_model(BASE | {"offset": 0.1}).pack().p
+        return list(kind.starts(SimpleNamespace(p=p, left=left, coulomb=0.28, cutoff=60.0, period=1e-3)))
+
+    told, hidden = begun(0.02), begun(0.2)
+    assert {start.values["load_offset"] for start in told} == {0.0, 1.0}
+    assert all("load_offset" in start.free for start in told)
+    assert len(told) == 2 * len(hidden)
+    assert not any("load_offset" in {**start.values, **start.free} for start in hidden)
