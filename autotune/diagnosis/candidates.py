@@ -139,7 +139,7 @@ def plainer(
 
 def is_end_of(item: FittedCandidate, other: FittedCandidate) -> bool:
     """Whether an effect is what another one becomes at an end of its parameters."""
-    return item.effect in EFFECTS[other.effect].becomes
+    return other.effect in EFFECTS[item.effect].end_of
 
 
 def free_of_model(model: DriveModel, scales: Scales) -> list[Free]:

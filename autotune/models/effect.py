@@ -157,8 +157,8 @@ class Kind:
     What else sets it apart:
         in_transmission: motor and load are two masses with it.
         approximate: its law is a few elements in place of a distribution; some error is left beside it.
-        becomes: effects that it is at an end of its parameters: where one of those does as well, it is that one.
         drifts: repeats of one motion differ by it.
+        end_of: effects that become it at an end of their parameters: where it does as well as one of those, it is it.
         in_lugre: the LuGre feedforward of the thesis has it too.
         surface_prefix: whether parameter names carry the effect's name on every surface.
     """
@@ -192,8 +192,8 @@ class Kind:
     loop_like: bool = False
     in_transmission: bool = False
     approximate: bool = False
-    becomes: tuple[str, ...] = ()
     drifts: bool = False
+    end_of: tuple[str, ...] = ()
     in_lugre: bool = False
     surface_prefix: bool = True
 

@@ -17,7 +17,7 @@ from autotune.models.lanes import anywhere
 from autotune.models.layout import block
 from autotune.models.look_alikes import IN_PLACE
 from autotune.models.start_values import StartContext, StartValues, Vary
-from autotune.models.torque_ripple import scale_slot
+from autotune.models.torque_ripple import TORQUE_RIPPLE, scale_slot
 
 _AT = block("gravity_imbalance")
 _SCALE = scale_slot()
@@ -113,4 +113,5 @@ GRAVITY_IMBALANCE = Kind(
     of_place=True,
     keeps_zero=True,
     rotary_only=True,
+    end_of=(TORQUE_RIPPLE.name,),  # of one period a turn
 )

@@ -214,5 +214,4 @@ REVERSAL_MEMORY = Kind(
     extent=mean_reach,
     quick=True,
     approximate=True,
-    becomes=("spring",),  # an element that never lets go within the travel
 )

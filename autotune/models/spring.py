@@ -15,6 +15,7 @@ from autotune.models.effect import Kernels, Kind, Parameter
 from autotune.models.lanes import anywhere, where
 from autotune.models.layout import block
 from autotune.models.look_alikes import IN_PLACE
+from autotune.models.reversal_memory import REVERSAL_MEMORY
 from autotune.models.start_values import StartContext, StartValues, Vary
 
 _AT = block("spring")
@@ -71,4 +72,5 @@ SPRING = Kind(
     free_shape=free_shape,
     of_place=True,
     loop_like=True,
+    end_of=(REVERSAL_MEMORY.name,),  # an element that never lets go within the travel
 )
