@@ -51,7 +51,9 @@ def fallen(velocity: float, speed: float, exponent: float, tail: float) -> float
     fall = ratio * ratio
     if anywhere(exponent != 2.0):
         fall = where(exponent == 2.0, fall, ratio**exponent)
-    left = math.exp(-fall)
+    left = fall
+    if anywhere(tail <= 0.0):
+        left = math.exp(-fall)
     if anywhere(tail > 0.0):
         left = where(tail > 0.0, (1.0 + tail * fall) ** (-1.0 / where(tail > 0.0, tail, 1.0)), left)
     return left
