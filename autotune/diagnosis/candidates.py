@@ -88,6 +88,11 @@ def explained_beside(problem: Problem, before: ModelFit, after: ModelFit, role: 
     return explained(problem, before.fitted, after.fitted, after.correction, role)
 
 
+def explained_of_rest(problem: Problem, before: ModelFit, after: ModelFit) -> list[Explained]:
+    """The same of training and, where there is one, of the veto trajectory."""
+    return [explained_beside(problem, before, after, role) for role in (TRAINING, VETO) if problem.has(role)]
+
+
 def again_explained(problem: Problem, before: ModelFit, after: ModelFit) -> float:
     """By how much a model lowers what repeats share, or a level that drifts between them [(N m)²].
 

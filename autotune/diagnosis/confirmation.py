@@ -73,7 +73,7 @@ def confirm_by(
         return chosen, []
     evidence = evidence_of(problem.data)
     carried = hold_out(problem, root, chosen, others, shown)
-    left = without_refuted(problem, root, chosen, carried)
+    left = without(problem, root, chosen, [item.effect for item in carried if item.refuted])
     if left is None:
         return None, carried
     return left, [
@@ -99,14 +99,6 @@ def hold_out(
         if result is not None:
             found.append(replace(result, refuted=False) if effect in shown else result)
     return found
-
-
-def without_refuted(
-    problem: Problem, root: ModelFit, chosen: FittedCandidate, carried: Sequence[HoldoutResult]
-) -> FittedCandidate | None:
-    """The model without the effects that another trajectory refutes; None where no effect is left."""
-    refuted = [item.effect for item in carried if item.refuted]
-    return without(problem, root, chosen, refuted)
 
 
 def without(

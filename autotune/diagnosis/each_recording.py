@@ -27,6 +27,7 @@ from autotune.diagnosis.confirmation import (
     without,
 )
 from autotune.diagnosis.evidence.evidence import HoldoutResult
+from autotune.diagnosis.refits import with_effects
 from autotune.diagnosis.search import Found
 from autotune.diagnosis.wording import AMBIGUOUS, CONFIRMED, NAMED, NONE, SUSPECTED, UNKNOWN
 from autotune.estimation.bandwidth import prepared_to_fit
@@ -37,8 +38,6 @@ from autotune.estimation.pieces import UNFITTED
 from autotune.estimation.problem import Problem
 from autotune.estimation.residual import smoothed
 from autotune.models.drive_model import Packed, surface_parameter
-from autotune.models.layout import flag
-from autotune.models.table import EFFECTS
 from autotune.recordings.recording import Recording
 
 if TYPE_CHECKING:
@@ -303,13 +302,3 @@ def unexplained(problem: Problem, model_fit: ModelFit) -> float:
     rows = problem.training > 0
     torque = smoothed(problem.data, problem.data.torque)[rows]
     return float(np.var(model_fit.fitted.error[rows])) / max(float(np.var(torque)), 1e-300)
-
-
-def with_effects(base: Packed, other: Packed, effects: Sequence[str]) -> Packed:
-    """A model with the effects of another one, unchanged."""
-    p, on = base.p.copy(), base.on.copy()
-    for name in effects:
-        for parameter in EFFECTS[name].parameters:
-            p[parameter.slot] = other.p[parameter.slot]
-        on[flag(name)] = True
-    return Packed(p, on)

@@ -10,7 +10,7 @@ from autotune.diagnosis.candidates import (
     FittedCandidate,
     ScreenedCandidate,
     again_explained,
-    explained_beside,
+    explained_of_rest,
     is_end_of,
 )
 from autotune.diagnosis.evidence import evidence_of
@@ -31,7 +31,7 @@ from autotune.diagnosis.transmission import GAP, SPRING, hardly_a_gap
 from autotune.diagnosis.wording import usual_rivals
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.cross_validation import beyond_presliding, gain_and_z, goes_with_place
-from autotune.estimation.data import TRAINING, VETO
+from autotune.estimation.data import TRAINING
 from autotune.estimation.problem import Problem
 from autotune.models import layout
 from autotune.models.table import EFFECTS
@@ -162,11 +162,8 @@ class Facts:
             return False
         if chosen.plain_share >= REFINED:
             return True
-        return all(
-            explained_beside(problem, rival.model_fit, chosen.model_fit, role).share >= policy.named
-            for role in (TRAINING, VETO)
-            if problem.has(role)
-        )
+        parts = explained_of_rest(problem, rival.model_fit, chosen.model_fit)
+        return all(part.share >= policy.named for part in parts)
 
     @property
     def outdone(self) -> str:

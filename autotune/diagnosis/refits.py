@@ -152,12 +152,17 @@ def root_from(problem: Problem, root: ModelFit, model_fit: ModelFit) -> ModelFit
     return again if again is not None and again.fitted.cost < least else None
 
 
-def taken_out(root: ModelFit, model_fit: ModelFit, effect: str) -> Packed:
-    """The parameters without those of an effect, which are the root's."""
-    p, on = model_fit.fitted.packed.p.copy(), model_fit.fitted.packed.on.copy()
-    for parameter in EFFECTS[effect].parameters:
-        p[parameter.slot] = root.fitted.packed.p[parameter.slot]
-    on[flag(effect)] = root.fitted.packed.on[flag(effect)]
+def taken_out(root: ModelFit, model_fit: ModelFit, *effects: str) -> Packed:
+    """The parameters without those of effects, which are the root's."""
+    return with_effects(model_fit.fitted.packed, root.fitted.packed, effects)
+
+
+def with_effects(base: Packed, other: Packed, effects: Sequence[str]) -> Packed:
+    """The parameters of a model, those of some effects as another one has them, where it has them."""
+    p, on = base.p.copy(), base.on.copy()
+    for name in effects:
+        slots = [parameter.slot for parameter in EFFECTS[name].parameters]
+        p[slots], on[flag(name)] = other.p[slots], other.on[flag(name)]
     return Packed(p, on)
 
 

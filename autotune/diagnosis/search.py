@@ -228,10 +228,7 @@ class _Search:
         beside = self._borne_out(beside, chosen.model_fit)
         if beside is None:
             return None
-        packed = beside.fitted.packed
-        for effect in beside.effects:
-            with_it = replace(beside, fitted=replace(beside.fitted, packed=packed))
-            packed = taken_out(self.root, with_it, effect)
+        packed = taken_out(self.root, beside, *beside.effects)
         free = [*self.root.free, *(one for one in beside.free if one.slot in FADING_SLOTS)]
         return fit_inside_twin(self.problem, packed, free, 2, self.root.effects)
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from autotune.core.arrays import Floats, Integers
 from autotune.diagnosis.ripple_orders import find_orders
-from autotune.estimation.bias_corrected_fit import ModelFit, Projected
+from autotune.estimation.bias_corrected_fit import PROMISED, ModelFit, Projected
 from autotune.estimation.cross_validation import beyond_presliding
 from autotune.estimation.least_squares import Fitted, Free, with_values
 from autotune.estimation.parts import first_round, repeats_alike
@@ -39,8 +39,6 @@ FOLLOWED, AS_GOOD = 2, 1.3
 """Starts that are followed, and times the cost of the best of them."""
 LOOKED_AT = 8
 """Starts that are looked at more closely: their twins fill a pass."""
-PROMISED = 0.995
-"""Of the cost without the effect: what probing must get below."""
 ENOUGH, NEAR = 1e-2, 0.1
 """Relative difference of the cost, and of places in steps, below which a valley's floor is reached."""
 FELT, FAR = (layout.INERTIA, layout.COULOMB), 1.5

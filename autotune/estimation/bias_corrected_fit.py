@@ -42,6 +42,8 @@ NEAR_NOISE = 1.5
 """Times the variance between repeats: a fit that comes so low has found its way."""
 SHARP = 9
 """Simulations for the bias that two masses are judged by: their contact makes that of a few a matter of luck."""
+PROMISED = 0.995
+"""Of the cost before a change (`Projected`): what it must get below to be followed."""
 ENOUGH = 0.01
 """Relative fall of the cost that is not worth another step between two masses: the chance of their bias."""
 
@@ -245,12 +247,12 @@ def twinned(
 
 @dataclass(frozen=True, slots=True)
 class Projected:
-    """Costs of a model with an effect more, all that was fitted before solved for.
+    """Costs of a model with an effect more, or another value of what is in it, all that was fitted solved for.
 
     Attributes:
-        once: the data that sensitivities need; `without`: residual there without the effect, shape (m,).
-        raw: residual without the effect and without a bias, shape (m,).
-        held: bias of the twin without the effect, shape (m,).
+        once: the data that sensitivities need; `without`: residual there before the change, shape (m,).
+        raw: residual before it and without a bias, shape (m,).
+        held: bias of the twin before it, shape (m,).
         weight, basis: of the training rows, shape (r,), and the fitted columns there, shape (r, parameters).
     """
 
@@ -274,11 +276,11 @@ class Projected:
 
     @property
     def before(self) -> float:
-        """Mean square on the training rows without the effect [(N m)²]."""
+        """Mean square on the training rows before the change [(N m)²]."""
         return self.cost(0.0, self.held)
 
     def changes(self, models: Sequence[Packed]) -> Floats:
-        """What the effect changes of the residual, for each of several models; shape (k, m)."""
+        """What is another residual in each of several models; shape (k, m)."""
         found = residuals(self.once, models, self.problem.moved) - self.without
         for change, packed in zip(found, models, strict=True):
             spread(self.problem.data, change[:, None], packed.on)

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from autotune.core.arrays import Floats, Integers
-from autotune.estimation.bias_corrected_fit import ModelFit, Projected, fit_inside_twin
+from autotune.estimation.bias_corrected_fit import PROMISED, ModelFit, Projected, fit_inside_twin
 from autotune.estimation.controller import asked
 from autotune.estimation.coordinates import FORGOTTEN, since_rest
 from autotune.estimation.data import TRAINING
@@ -43,8 +43,6 @@ RIGID = 25.0
 """Times the stiffness: what is tried where the axis sticks without presliding."""
 TIMES = (0.125, 0.25, 0.5, math.sqrt(0.5), 1.0, math.sqrt(2.0), 2.0, 4.0)
 """The damping in presliding, whose twins fill a pass."""
-PROMISED = 0.995
-"""Of the cost: what another damping must get below."""
 CONTACT = ("stiffness", "micro_damping")
 WITHIN = 0.5
 """Mean square of the stretch that is left, above which most rows of an experiment are within the bristle's reach."""
@@ -187,14 +185,14 @@ def damped_as_twins_creep(problem: Problem, model_fit: ModelFit) -> ModelFit:
         or all(one.slot != slot for one in model_fit.free)
     ):
         return model_fit
-    p = fitted.packed.p
-    usual = usual_damping(float(p[layout.STIFFNESS]), float(p[layout.INERTIA]))
-    projected, now = Projected.of(problem, model_fit), TIMES.index(1.0)
-    models = []
-    for times in TIMES:
-        p = fitted.packed.p.copy()
-        p[slot] = times * max(p[slot], UNDAMPED * usual) if times != 1.0 else p[slot]
-        models.append(Packed(p, fitted.packed.on))
+    packed, now = fitted.packed, TIMES.index(1.0)
+    usual = usual_damping(float(packed.p[layout.STIFFNESS]), float(packed.p[layout.INERTIA]))
+    damping = np.array(TIMES) * max(float(packed.p[slot]), UNDAMPED * usual)
+    damping[now] = packed.p[slot]
+    models = [Packed(packed.p.copy(), packed.on) for _ in TIMES]
+    for model, value in zip(models, damping, strict=True):
+        model.p[slot] = value
+    projected = Projected.of(problem, model_fit)
     twins = problem.corrections(models, 1)
     costs = np.array([
         projected.cost(change, twin.bias) if twin.stable else math.inf

@@ -14,9 +14,9 @@ from autotune.diagnosis.each_recording import (
     base_in_words,
     of_each,
     own_recordings,
-    with_effects,
 )
 from autotune.diagnosis.evidence.evidence import HoldoutResult
+from autotune.diagnosis.refits import with_effects
 from autotune.diagnosis.search import Found
 from autotune.diagnosis.verdict import Diagnosis
 from autotune.estimation.least_squares import Free

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from autotune.diagnosis import facts, verdict
+from autotune.diagnosis import candidates, facts, verdict
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.diagnosis.evidence.single import SingleRecording, SpeedCurve
@@ -211,7 +211,7 @@ def test_a_rival_is_refuted_inside_the_twin(
     evidence = SimpleNamespace(
         apart=lambda _problem, better, worse: apart and better is fit and worse is not fit
     )
-    monkeypatch.setattr(facts, "explained_beside", lambda *_: SimpleNamespace(share=beside))
+    monkeypatch.setattr(candidates, "explained_beside", lambda *_: SimpleNamespace(share=beside))
     problem = SimpleNamespace(policy=POLICY, has=lambda _: True)
     known = (problem, None, chosen, evidence, (), None, "", 0.0, 0.9, ())
     assert Facts(*known, first=[chosen, rival], tried=[rival]).leads is leads

@@ -62,26 +62,32 @@ def test_legs_are_found_between_reversals_and_where_the_speed_changes() -> None:
     assert all(600 < len(leg) < 900 for leg in legs)
 
 
+FALLING = {
+    "coulomb": 0.3,
+    "viscous": 5e-3,
+    "offset": 0.05,
+    "break_away": 0.4,
+    "stribeck_velocity": 0.3,
+    "exponent": 1.5,
+}
+
+
+def _measured(shape: str, truth: dict[str, float], seed: int) -> Points:
+    """A curve over speed in both directions, with noise of 0.1 % of the friction."""
+    speed = np.geomspace(0.02, 10.0, 24)
+    velocity = np.concatenate([speed, -speed])
+    noise = 3e-4 * np.random.default_rng(seed).standard_normal(len(velocity))
+    return Points(velocity, predict(shape, truth, velocity) + noise, np.full(len(velocity), 3e-4))
+
+
 @pytest.mark.parametrize("shape", SHAPES)
 def test_every_shape_of_the_table_recovers_itself(shape: str) -> None:
     """Noise of 0.1 % of the friction: parameters within 4 standard errors, and 5 %."""
-    generator = np.random.default_rng(5)
-    speed = np.geomspace(0.02, 10.0, 24)
-    velocity = np.concatenate([speed, -speed])
-    truth = {
-        "coulomb": 0.3,
-        "viscous": 5e-3,
-        "offset": 0.05,
-        "break_away": 0.4,
-        "stribeck_velocity": 0.3,
-        "exponent": 1.5,
-    }
-    torque = predict(shape, truth, velocity) + 3e-4 * generator.standard_normal(len(velocity))
-    points = Points(velocity, torque, np.full(len(velocity), 3e-4))
+    points = _measured(shape, FALLING, 5)
     fit = fit_curve(points, shape)
     for name, quantity in fit.parameters.items():
-        assert abs(quantity.value - truth[name]) < 4.5 * quantity.standard_error + 1e-9, name
-        assert quantity.value == pytest.approx(truth[name], rel=0.05), name
+        assert abs(quantity.value - FALLING[name]) < 4.5 * quantity.standard_error + 1e-9, name
+        assert quantity.value == pytest.approx(FALLING[name], rel=0.05), name
     best = compare_shapes(points)[0]
     assert best.held_out_rms < 6e-4
 
@@ -179,17 +185,7 @@ def test_dahls_curve_solves_its_equation(exponent: float) -> None:
 @pytest.mark.parametrize("rise", [-0.1, 0.0, 0.05])
 def test_friction_falls_with_speed_or_does_not(rise: float) -> None:
     """Where it rises from rest, break-away is Coulomb friction, and the speed of its fall is not known."""
-    speed = np.geomspace(0.02, 10.0, 24)
-    velocity = np.concatenate([speed, -speed])
-    truth = {
-        "coulomb": 0.3,
-        "viscous": 5e-3,
-        "offset": 0.05,
-        "break_away": 0.3 + rise,
-        "stribeck_velocity": 0.3,
-    }
-    noise = 3e-4 * np.random.default_rng(6).standard_normal(len(velocity))
-    points = Points(velocity, predict("gaussian", truth, velocity) + noise, np.full(len(velocity), 3e-4))
+    points = _measured("gaussian", FALLING | {"break_away": 0.3 + rise}, 6)
     found = fit_curve(points, "gaussian")
     assert found.values["break_away"] >= found.values["coulomb"]
     assert found.parameters["stribeck_velocity"].identified == (rise > 0.0)

@@ -15,11 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from autotune.core.arrays import Flags, Floats
-from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, error_left, explained_beside
+from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, error_left, explained_of_rest
 from autotune.estimation.alignment import BESIDE, CURRENT_LOOP, behind_current_loop, best_shift, shifted
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.controller_search import lowest
-from autotune.estimation.data import TRAINING, VETO, Prepared
+from autotune.estimation.data import Prepared
 from autotune.estimation.least_squares import CORRELATED, followed, standard_errors
 from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Problem, refit
@@ -140,20 +140,19 @@ class Evidence(ABC):
         Not where the chosen one explains next to all that the other leaves: an eccentricity that explains 97 % of a
         weight's torque, and leaves 260 times as much as the weight, is told from it.
         """
-        if self.leaves_all(problem, chosen, item):
+        if self.explains_rest_of(problem, chosen, item):
             return False
         best = error_left(problem, chosen.model_fit)
         near = self.alike(problem) * (error_left(problem, root) - best)
         close = error_left(problem, item.model_fit) - best < near
         return close or not self.apart(problem, chosen.model_fit, item.model_fit)
 
-    def leaves_all(self, problem: Problem, chosen: FittedCandidate, item: FittedCandidate) -> bool:
+    def explains_rest_of(self, problem: Problem, chosen: FittedCandidate, item: FittedCandidate) -> bool:
         """Whether the chosen candidate explains what another leaves, beyond chance and with nothing excused."""
-        roles = [role for role in (TRAINING, VETO) if problem.has(role)]
-        models = (item.model_fit, chosen.model_fit)
-        return self.apart(problem, chosen.model_fit, item.model_fit) and all(
-            explained_beside(problem, *models, role).plain_share >= NEXT_TO_ALL for role in roles
-        )
+        if not self.apart(problem, chosen.model_fit, item.model_fit):
+            return False
+        parts = explained_of_rest(problem, item.model_fit, chosen.model_fit)
+        return all(part.plain_share >= NEXT_TO_ALL for part in parts)
 
     def rest_that_is_none(self, problem: Problem, error: Floats, noise: float) -> float:
         """Variance [(N m)²]: where no more of an error comes again in repeats, no further effect is looked for.

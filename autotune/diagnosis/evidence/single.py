@@ -233,17 +233,9 @@ class SpeedCurve(SingleRecording):
     def best(self, problem: Problem, fitted: Sequence[FittedCandidate]) -> FittedCandidate:
         return max(fitted, key=lambda item: item.gain)
 
-    def alike(self, problem: Problem) -> float:
-        return problem.policy.alike
-
-    def other_trajectories(self, problem: Problem) -> list[Flags]:
-        return []
-
-    def aligned(self, problem: Problem, model_fit: ModelFit) -> Problem:
-        return problem
-
-    def weights(self, problem: Problem, error: Floats) -> Floats | None:
-        return None
+    # points have no motion to align, to weigh, or to hold out
+    alike, aligned = Evidence.alike, Evidence.aligned
+    weights, other_trajectories = Evidence.weights, Evidence.other_trajectories
 
 
 def least_of(policy: Policy, item: ScreenedCandidate, least: float) -> float:
