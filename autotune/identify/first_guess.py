@@ -8,6 +8,7 @@ lags. Gravity, a spring and waves over position are fitted beside them where the
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
@@ -44,6 +45,8 @@ _FRICTION = [2, 4]
 """Columns that every recording must tell apart: inertia, Coulomb friction, offset; and two groups of them."""
 _NOT_TOGETHER = 0.02
 """Of the torque's power: what a fit of one axis, or of two stretches of it, leaves at most."""
+_SHORT, _LONG = 200, 1600
+"""Rows: shorter pieces tell nothing by themselves, longer ones are looked at in quarters."""
 
 
 class OneDirection(NotEnoughExcitation):
@@ -105,8 +108,7 @@ def guess(
     terms, trials = _beside(plain, pieces, bands, 1.0 if motion_unit == "rad" else 2.0 * math.pi, wanted)
     best = _best(trials)
     if best.error**2 > _NOT_TOGETHER:
-        for trial in trials:
-            refuse_two_axes(trial.parts)
+        refuse_two_axes([trial.parts for trial in trials])
     _refuse(best)
     inertia, viscous, coulomb, damping, offset = (float(x) for x in best.solution[:_BASE])
     speed = max(float(np.max(np.abs(piece.velocity))) for piece in pieces)
@@ -269,26 +271,27 @@ def _bend(velocity: Floats, reach: float, period: float, bent: Floats, rate: Flo
         rate[k] = bristle_rate(bristle, before, reach)
 
 
-def refuse_two_axes(parts: Sequence[tuple[Floats, Floats]]) -> None:
-    """Raises RecordingError where two stretches, each well explained, disagree about inertia and friction.
+def refuse_two_axes(trials: Sequence[Sequence[tuple[Floats, Floats]]]) -> None:
+    """Raises RecordingError where what comes first and what comes after tell two inertias and two frictions.
 
-    `parts` are regressors and torques of the pieces; long pieces are looked at in quarters.
+    `trials` are regressors and torques of the pieces, one list for each reach; long pieces are looked at in quarters.
+    Each stretch speaks by the reach that explains it best: by another one the torque of a bending contact is inertia.
     """
-    known: list[_Stretch] = []
-    for design, target in parts:
-        quarters = 4 if len(target) > 1600 else 1
-        for rows in np.array_split(np.arange(len(target)), quarters):
-            found = _alone(design[rows], target[rows])
-            if found is None:
-                continue
-            for other in known:
-                if _differ(found, other) and _apart(found, other):
-                    raise RecordingError(
-                        f"the recording mixes axes: one stretch has inertia {other.inertia:.3g} and friction "
-                        f"{other.friction:.3g}, another {found.inertia:.3g} and {found.friction:.3g}; fit each axis "
-                        "by itself"
-                    )
-            known.append(found)
+    known = []
+    for piece in zip(*trials, strict=True):
+        count = len(piece[0][1])
+        for rows in np.array_split(np.arange(count), 4 if count > _LONG else 1):
+            found = _alone([(design[rows], target[rows]) for design, target in piece])
+            if found is not None:
+                known.append(found)
+    for one, other in itertools.combinations(range(len(known)), 2):
+        if _two_axes(known, one, other):
+            first, second = known[one], known[other]
+            raise RecordingError(
+                f"the recording mixes axes: one stretch has inertia {first.inertia:.3g} and friction "
+                f"{first.friction:.3g}, another {second.inertia:.3g} and {second.friction:.3g}; fit each axis "
+                "by itself"
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -299,6 +302,18 @@ class _Stretch:
     target: Floats
     inertia: float
     friction: float
+
+
+def _two_axes(known: Sequence[_Stretch], one: int, other: int) -> bool:
+    """Whether two stretches disagree, and neither's axis is met again on the other's side.
+
+    What small motion tells, and large motion before and after it does not, is the model's: a contact with a memory is a
+    spring as long as it hardly slides, and a spring's torque is taken for inertia.
+    """
+    if not (_differ(known[one], known[other]) and _apart(known[one], known[other])):
+        return False
+    later = any(not _apart(known[one], again) for again in known[other + 1 :])
+    return not later and all(_apart(known[other], before) for before in known[:one])
 
 
 def _differ(one: _Stretch, other: _Stretch) -> bool:
@@ -328,19 +343,28 @@ def _apart(one: _Stretch, other: _Stretch) -> bool:
     return max(shares) > _NOT_TOGETHER
 
 
-def _alone(design: Floats, target: Floats) -> _Stretch | None:
-    """Inertia and friction of a stretch by itself, where it tells both within 5 %."""
-    if len(target) < 200 or np.linalg.cond(design[:, _SURE] / _size(design[:, _SURE])) > 1e3:
+def _alone(trials: Sequence[tuple[Floats, Floats]]) -> _Stretch | None:
+    """Inertia and friction of a stretch by itself, at its best reach, where it tells both within 5 %."""
+    if len(trials[0][1]) < _SHORT:
         return None
-    solution = np.linalg.lstsq(design, target, rcond=1e-9)[0]
-    error = float(np.mean((target - design @ solution) ** 2))
-    if error > 0.02 * float(np.mean(target**2)):
+    design, target, solution, error = min(
+        (_by_itself(*trial) for trial in trials), key=lambda found: found[-1]
+    )
+    if np.linalg.cond(design[:, _SURE] / _size(design[:, _SURE])) > 1e3:
+        return None
+    if error > _NOT_TOGETHER * float(np.mean(target**2)):
         return None
     spread = np.sqrt(np.diag(np.linalg.pinv(design.T @ design)) * error)
     inertia, friction = float(solution[_J]), float(solution[_COULOMB])
     sure = inertia > 0 and friction > 0
     sure = sure and spread[_J] < 0.05 * inertia and spread[_COULOMB] < 0.05 * friction
     return _Stretch(design, target, inertia, friction) if sure else None
+
+
+def _by_itself(design: Floats, target: Floats) -> tuple[Floats, Floats, Floats, float]:
+    """Regressors, torque, least squares solution and its mean square error."""
+    solution = np.asarray(np.linalg.lstsq(design, target, rcond=1e-9)[0], dtype=np.float64)
+    return design, target, solution, float(np.mean((target - design @ solution) ** 2))
 
 
 def _size(design: Floats) -> Floats:

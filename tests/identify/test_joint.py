@@ -11,6 +11,7 @@ from autotune.estimation import joint_fit
 from autotune.estimation.controller import controller_of, is_closed
 from autotune.estimation.joint_fit import free_by_name
 from autotune.estimation.normal_equations import Normal, Part, assemble, whitener
+from autotune.identify.first_guess import refuse_two_axes
 from autotune.identify.fit import fit, joined, thinned
 from autotune.identify.high_speed import identify_high_speed
 from autotune.identify.refinement import refine_recording
@@ -229,6 +230,25 @@ def test_two_axes_one_after_the_other_are_recognised(varied) -> None:
     mixed = concatenate([part, heavier]).with_metadata(torque_limit=None)
     with pytest.raises(RecordingError, match="mixes axes"):
         fit(mixed)
+
+
+def _told(inertia: float, friction: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Regressors of a swing (acceleration, velocity, sliding bristle, its rate, 1) and their torque."""
+    phase = np.linspace(0.0, 20.0, 400) + seed
+    speed = np.sin(phase) + 0.3 * np.sin(2.7 * phase)
+    design = np.column_stack(
+        [np.gradient(speed, phase), speed, np.sign(speed), np.gradient(np.sign(speed)), np.ones(400)]
+    )
+    return design, design @ np.array([inertia, 0.01, friction, 0.0, 0.0])
+
+
+def test_two_axes_are_told_by_what_comes_first_and_what_after() -> None:
+    """A stretch that disagrees with what comes before and after it, which agree, is the model's, no other axis."""
+    light, heavy = (1.0, 0.2), (2.5, 0.5)
+    before_and_after = [_told(*axis, seed) for seed, axis in enumerate([light, light, heavy, heavy])]
+    with pytest.raises(RecordingError, match="mixes axes"):
+        refuse_two_axes([before_and_after])
+    refuse_two_axes([[_told(*axis, seed) for seed, axis in enumerate([light, heavy, light])]])
 
 
 def test_friction_curved_over_speed_is_not_two_axes() -> None:
