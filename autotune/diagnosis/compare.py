@@ -31,7 +31,7 @@ from autotune.estimation.residual import residual
 from autotune.estimation.twin_runs import run_twin
 from autotune.models import layout
 from autotune.models.drive_model import DriveModel, Packed
-from autotune.recordings.recording import Recording
+from autotune.recordings.recording import Recording, refuse_twice
 
 EACH_IN_TURN = "each experiment held out in turn"
 WORST = 6
@@ -94,7 +94,8 @@ class UnseenError:
 
 
 def check_same_axis(model: DriveModel, recordings: Sequence[Recording]) -> None:
-    """Raises ConfigurationError where model and recordings cannot be of the same axis."""
+    """Raises ConfigurationError where model and recordings cannot be of the same axis; none may be given twice."""
+    refuse_twice(recordings)
     for recording in recordings:
         other = recording.metadata
         if model.motion_unit != other.motion_unit:

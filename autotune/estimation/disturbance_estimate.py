@@ -57,6 +57,8 @@ OVERLAP = 1.5
 """Times the variance of independent chunks: those that overlap by half say less."""
 SYSTEMATIC = 0.07
 """Relative error of a band's power that no averaging removes: what the twin is not."""
+NOTHING = 1e-12
+"""Of the largest band's power: below it a band has none, and it is rounding."""
 WORTH_A_PART = 5.0
 """Fall of the misfit, in variances of a band, that another parameter must bring."""
 WITHOUT = ([0], [0, 1])
@@ -273,6 +275,9 @@ class _Matcher:
         `own`, by how much chunks differ: where friction and quantiser are chaotic it is far more than steady noise has.
         """
         larger = np.maximum(measured, own)
+        if not np.any(larger > 0.0):  # repeats that are the same to the last digit
+            return STILL
+        larger = np.maximum(larger, NOTHING * np.max(larger))
         steady = larger**2 / self._averaged(chunks)
         weight = 1.0 / np.sqrt(np.maximum(steady, scatter) + (SYSTEMATIC * larger) ** 2)
         memories = [samples * max(self.period, 1e-3) for samples in CORRELATIONS]

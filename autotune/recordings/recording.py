@@ -252,11 +252,12 @@ def concatenate(recordings: Iterable[Recording]) -> Recording:
     """Joins recordings of one axis in the order given; columns that all of them have are kept.
 
     Raises:
-        RecordingError: nothing to join, or the recordings are of different axes or units.
+        RecordingError: nothing to join, recordings of different axes or units, or one of them given twice.
     """
     parts = list(recordings)
     if not parts:
         raise RecordingError("no recording was given; name at least one file")
+    refuse_twice(parts)
     first = parts[0].metadata
     for part in parts[1:]:
         refuse_mixture(first, part.metadata)
@@ -268,6 +269,24 @@ def concatenate(recordings: Iterable[Recording]) -> Recording:
         np.concatenate([part.repeat for part in parts]),
         np.concatenate([part.missed for part in parts]),
     )
+
+
+def refuse_twice(recordings: Sequence[Recording]) -> None:
+    """Raises RecordingError where a recording, or the beginning of one, is given again.
+
+    What is the same in both to the last digit is taken for what every repeat shows, noise included.
+    """
+    for (i, one), (j, other) in itertools.combinations(enumerate(recordings, 1), 2):
+        rows = min(len(one), len(other))
+        if rows and all(
+            np.array_equal(one[name][:rows], other[name][:rows])
+            for name in FLOAT_COLUMNS
+            if name in one and name in other
+        ):
+            raise RecordingError(
+                f"recordings {i} and {j} hold the same {rows} rows; a recording given twice shows nothing twice. "
+                "Name each one once"
+            )
 
 
 def refuse_mixture(one: Metadata, other: Metadata) -> None:
