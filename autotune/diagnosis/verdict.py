@@ -22,6 +22,7 @@ from autotune.diagnosis.each_recording import Searched, of_each, own_recordings
 from autotune.diagnosis.evidence.evidence import HoldoutResult
 from autotune.diagnosis.evidence.time_driven import (
     all_lines,
+    comes_and_goes,
 )
 from autotune.diagnosis.facts import Facts, gathered
 from autotune.diagnosis.free_shape import told_of_base
@@ -258,6 +259,12 @@ CASES: tuple[Case, ...] = (
     Case("an effect explains it", lambda f: f.accepted, NAMED, _its_course),
     Case("an effect explains most, by another law", lambda f: f.law_differs, NAMED, _another_law),
     Case("friction rises and falls with the clock", lambda f: f.breathing is not None, UNKNOWN, _breathing),
+    Case(
+        "a force in step with the clock comes and goes",
+        lambda f: comes_and_goes(f.line),
+        UNKNOWN,
+        lambda f: "",
+    ),
     Case("only the law of presliding differs", lambda f: f.own_law, NONE, _presliding_rest),
     Case("an effect explains too little", lambda f: f.chosen is not None and f.left, UNKNOWN, _unknown),
     Case("another trajectory refutes it", lambda f: bool(f.carried), UNKNOWN, _unknown),

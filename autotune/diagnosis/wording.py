@@ -202,6 +202,12 @@ def unknown_note(
 
 def line_note(line: TimeLine) -> str:
     """What a disturbance that follows the clock is, and where to look for it."""
+    if not line.steady:
+        return (
+            f"A force of {line.hertz:.2f} Hz goes on with the clock through all experiments, but is not as large in "
+            f"each ({100 * line.share:.0f} % of the residual's variance): no known effect of the axis does that; look "
+            "for what runs beside it while it moves: a tool that cuts, a spindle, a feeder."
+        )
     return (
         f"A disturbance of {line.hertz:.2f} Hz runs through all experiments whatever the motion "
         f"({100 * line.share:.0f} % of the residual's variance): look for mains, fans, pumps, neighbours."

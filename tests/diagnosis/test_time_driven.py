@@ -81,6 +81,39 @@ def test_a_limit_cycle_is_told_where_it_outweighs_friction(
 
 
 @pytest.mark.parametrize(
+    ("sizes", "in_step", "steady"),
+    [
+        ((1.0, 1.0, 1.0, 1.0), True, True),
+        ((0.0, 1.0, 2.0, 1.5), True, False),
+        ((0.0, 2.0, 0.0, 0.0), True, None),
+        ((1.0, 1.0, 1.0, 1.0), False, None),
+        ((0.0, 1.0, 2.0, 1.5), False, None),
+    ],
+    ids=["steady", "comes and goes", "in one experiment", "begins with each motion", "begins with some"],
+)
+def test_a_force_in_step_with_the_clock_is_told_from_what_a_motion_makes(
+    sizes: tuple[float, ...], in_step: bool, steady: bool | None
+) -> None:
+    """In noise of a fifth; the repeats are eleven and a half periods apart, the experiments none of a whole number."""
+    problem, _ = _problem()
+    problem.data.stretches, problem.data.periodic = (None,), ()
+    clock = problem.data.grid * PERIOD
+    own = np.tile(np.arange(COUNT) * PERIOD, 2 * BLOCKS)
+    size = np.repeat(sizes, 2 * COUNT)
+    turns = np.repeat(np.random.default_rng(4).uniform(0.0, 2.0 * np.pi, 2 * BLOCKS), COUNT)
+    wave = np.sin(2.0 * np.pi * 7.31 * (clock if in_step else own) + (0.0 if in_step else turns))
+    noise = 0.2 * np.random.default_rng(8).standard_normal(len(wave))
+    line = time_driven.time_driven_line(problem, size * wave + noise)
+    assert (line.steady if line is not None else None) == steady
+    assert time_driven.comes_and_goes(line) == (steady is False)
+
+
+def test_the_supply_may_come_and_go() -> None:
+    assert not time_driven.comes_and_goes(time_driven.TimeLine(50.0, 0.3, steady=False))
+    assert time_driven.comes_and_goes(time_driven.TimeLine(47.0, 0.3, steady=False))
+
+
+@pytest.mark.parametrize(
     ("hertz", "share", "louder"),
     [
         (7.3, 0.9, True),

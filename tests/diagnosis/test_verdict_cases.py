@@ -33,6 +33,7 @@ NOTHING = {
     "left": False,
     "climbing": False,
     "breathing": None,
+    "line": None,
     "hunts": 0.0,
     "unlike": "",
     "edge": False,
@@ -80,6 +81,9 @@ def test_what_another_law_of_presliding_leaves_is_said() -> None:
         ({"breathing": TimeLine(0.4, 0.3)}, "unknown"),
         ({"breathing": TimeLine(0.4, 0.3), "own_law": True}, "unknown"),
         (FOUND | {"breathing": TimeLine(0.4, 0.3)}, "named"),
+        ({"line": TimeLine(15.6, 0.3)}, "none"),
+        ({"line": TimeLine(15.6, 0.3, steady=False)}, "unknown"),
+        (FOUND | {"line": TimeLine(15.6, 0.3, steady=False)}, "named"),
     ],
 )
 def test_facts_lead_to_a_verdict(facts: dict[str, object], verdict: str) -> None:
@@ -102,6 +106,7 @@ def test_every_row_can_be_reached_and_has_a_name_of_its_own() -> None:
         _row(carried=("refuted",)),
         _row(breathing=TimeLine(0.4, 0.3)),
         _row(left=True),
+        _row(line=TimeLine(15.6, 0.3, steady=False)),
     }
     assert {name for _, name in reached} == {case.name for case in CASES}
     assert len({case.name for case in CASES}) == len(CASES)

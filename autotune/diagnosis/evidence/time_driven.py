@@ -33,6 +33,8 @@ BREATHS, QUICKEST_BREATH = 4.0, 2.5
 ones change within the reversals that tell friction from torque."""
 FINE_BREATH = 0.5
 """Of one over the length of the recording: steps of the frequency."""
+ALIKE_PHASE = math.radians(30.0)
+"""Of a line that comes and goes: how far its phase may be off in a repeat of an experiment."""
 HUNTS_ABOVE, NARROW, MOST, LOUD = 10.0, 0.1, 0.5, 0.1
 """Of a limit cycle: the lowest frequency [Hz]; the width of its line, over that; its least share of all that repeats do
 not share there; its least level over the torque's, where an axis has next to no friction."""
@@ -40,14 +42,22 @@ not share there; its least level over the torque's, where an axis has next to no
 
 @dataclass(frozen=True, slots=True)
 class TimeLine:
-    """A disturbance of constant frequency [Hz] and its share of the residual's variance."""
+    """A disturbance of constant frequency [Hz] and its share of the residual's variance.
+
+    Attributes:
+        steady: as large in every experiment; else it comes and goes with them, in step with the clock.
+    """
 
     hertz: float
     share: float
+    steady: bool = True
 
 
 def time_driven_line(problem: Problem, error: Floats) -> TimeLine | None:
-    """The strongest line whose phase runs on through all experiments; None where there is none."""
+    """The strongest line whose phase runs on through all experiments; None where there is none.
+
+    Its size may be another in each of them: a tool cuts only while the axis feeds.
+    """
     data = problem.data
     if len(data.stretches) != 1 or len({b.name for b in data.blocks if b.role == TRAINING}) < 3:
         return None
@@ -68,9 +78,12 @@ def time_driven_line(problem: Problem, error: Floats) -> TimeLine | None:
     )
     if any(_of_the_motion(float(finest), part.samples * data.period, time.max()) for part in data.periodic):
         return None
-    share = _share(time, values, float(finest))
-    everywhere = _everywhere(problem, error, float(finest))
-    return TimeLine(float(finest), share) if share > problem.policy.line_part and everywhere else None
+    line = TimeLine(float(finest), _share(time, values, float(finest)))
+    if line.share <= problem.policy.line_part:
+        return None
+    if _everywhere(problem, error, line.hertz):
+        return line
+    return replace(line, steady=False) if _in_step(problem, error, line.hertz) else None
 
 
 def without_clocked(problem: Problem, packed: Packed, error: Floats) -> Problem | None:
@@ -82,7 +95,7 @@ def without_clocked(problem: Problem, packed: Packed, error: Floats) -> Problem 
     data = problem.data
     looked = data.repeated and len(data.clocked) < MOST_CLOCKED
     line = time_driven_line(problem, error) if looked else None
-    if line is None:
+    if line is None or not line.steady:
         return None
     units = [Clocked(line.hertz, sine, cosine, data.shift) for sine, cosine in ((1.0, 0.0), (0.0, 1.0))]
     terms = np.column_stack([smoothed(data, one.torque(data)) for one in units])
@@ -98,6 +111,11 @@ def without_clocked(problem: Problem, packed: Packed, error: Floats) -> Problem 
 def louder_than_all(data: Prepared) -> bool:
     """Whether a torque that was taken out, and is not of the mains, is most of what the model left."""
     return any(one.share > LOUDER and not _of_the_mains(one.hertz) for one in data.clocked)
+
+
+def comes_and_goes(line: TimeLine | None) -> bool:
+    """Whether something follows the clock, and not as much in every experiment; the supply may."""
+    return line is not None and not line.steady and not _of_the_mains(line.hertz)
 
 
 def all_lines(data: Prepared, line: TimeLine | None) -> list[TimeLine]:
@@ -269,3 +287,27 @@ def _everywhere(problem: Problem, error: Floats, hertz: float) -> bool:
             found = np.linalg.lstsq(_terms(clock[own], hertz), error[own], rcond=None)[0]
             alike.append(float(np.linalg.norm(found - whole)) < 0.5 * float(np.linalg.norm(whole)))
     return float(np.mean(alike)) >= problem.policy.line_everywhere
+
+
+def _in_step(problem: Problem, error: Floats, hertz: float) -> bool:
+    """Whether the phase is the same wherever the line is, and that in three experiments at least.
+
+    Each repeat of an experiment by itself: what a motion makes at this frequency begins with it, at any phase of a
+    clock, and the repeats do not agree.
+    """
+    clock, parts = _clock(problem), []
+    for block in problem.data.blocks:
+        if block.role == TRAINING:
+            for time, left in zip(block.by_repeat(clock), block.by_repeat(error), strict=True):
+                slope = np.linalg.lstsq(_terms(time, hertz), left, rcond=None)[0]
+                parts.append((block.name, len(time), complex(*slope)))
+    phases = np.array([slope for _, _, slope in parts])
+    powers = np.array([count for _, count, _ in parts]) * np.abs(phases) ** 2
+    mean = np.sum(powers * phases / np.maximum(np.abs(phases), 1e-300))
+    turned = phases * np.conj(mean)
+    alike = turned.real > math.cos(ALIKE_PHASE) * np.abs(turned)
+    loud = alike & (np.abs(phases) > 0.5 * np.sqrt(np.mean(np.abs(phases) ** 2)))
+    experiments = {name for (name, _, _), there in zip(parts, loud, strict=True) if there}
+    return bool(
+        powers[alike].sum() >= problem.policy.line_everywhere * powers.sum() and len(experiments) >= 3
+    )
