@@ -191,10 +191,16 @@ def unknown_note(
     problem: Problem, evidence: Evidence, coordinate: str, gain: float, chosen: FittedCandidate | None
 ) -> str:
     """What is known about what is unknown: where it sits, and what explains a part."""
-    text = "Something repeatable is missing that none of the known effects explains"
+    partly = chosen is not None and chosen.share >= problem.policy.partly
+    text = "Something repeatable is missing"
+    text += (
+        " that no known effect explains beyond doubt"
+        if partly
+        else " that none of the known effects explains"
+    )
     if gain > problem.policy.generic_gain:
         text += f"; it is structured in {coordinate.replace('_', ' ')}"
-    if chosen is not None and chosen.share >= problem.policy.partly:
+    if chosen is not None and partly:
         names = ", ".join(chosen.model_fit.effects).replace("_", " ")
         text += f"; {names} {evidence.explains_part(chosen)} and may be part of the truth"
     return text + "."

@@ -6,6 +6,7 @@ The law: `controller_law`; how it is found in the data: `controller_search`, and
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -303,7 +304,7 @@ def _identified(samples: LoopSamples) -> PositionController:
     if not found.usable:
         why = _unexplained(found.explained, samples.policy.controller_explains)
         return replace(found, why=why)
-    return found if named is None else replace(found, why=_replaced(named.explained, found.explained))
+    return found if named is None else replace(found, why=_replaced(named, found))
 
 
 def _none(why: str) -> PositionController:
@@ -322,6 +323,8 @@ def _trusted(known: Controller, why: str) -> PositionController:
     )
 
 
+SAME_GAIN = 0.05
+"""Relative: within the dead time of a row a loop of usual bandwidth turns gains into others by about as much."""
 BETWEEN_SAMPLES = (
     "the drive closes its loop between the samples, and one recording does not tell what that makes of encoder counts "
     "from what the model lacks; record the same motion at least twice"
@@ -335,12 +338,23 @@ def _unexplained(share: float, needed: float) -> str:
     )
 
 
-def _replaced(named: float, found: float) -> str:
-    return (
-        f"The controller that the file names leaves {100 * (1.0 - named):.2g} % of the torque demand's variance "
-        f"unexplained, the one identified from the data {100 * (1.0 - found):.2g} %; that is used instead. Mend the "
-        "gains in the file."
+def _replaced(named: PositionController, found: PositionController) -> str:
+    left = (
+        f"The controller that the file names leaves {100 * (1.0 - named.explained):.2g} % of the torque demand's "
+        f"variance unexplained, the one identified from the data {100 * (1.0 - found.explained):.2g} %; that is used "
+        "instead. "
     )
+    late = min(found.reference_delay, found.position_delay)
+    same = all(
+        math.isclose(getattr(named, gain), getattr(found, gain), rel_tol=SAME_GAIN) for gain in ("kp", "kd")
+    )
+    if late > 0 and same:
+        rows = "a row" if late == 1 else f"{late} rows"
+        return (
+            left
+            + f"Its gains are the same: the file has the torque {rows} late, and the gains need no mending."
+        )
+    return left + "Mend the gains in the file."
 
 
 def _checked(samples: LoopSamples, known: Controller) -> PositionController:

@@ -35,7 +35,7 @@ from autotune.models.stribeck import STRIBECK
 from autotune.models.table import effect_kind
 from autotune.models.torque_ripple import LINES, TORQUE_RIPPLE
 from autotune.recordings.checks import check_recording, refuse_clipping
-from autotune.recordings.recording import Recording, concatenate
+from autotune.recordings.recording import Recording, concatenate, refuse_twice
 
 MOST_ROWS, STRETCH = 600_000, 20_000
 VAGUE = 0.1
@@ -206,6 +206,7 @@ def joined(recordings: Sequence[Recording] | Recording) -> Recording:
     for part in parts:
         check_recording(part)
         refuse_clipping(part)
+    refuse_twice(parts)
     return thinned(concatenate(parts))
 
 

@@ -22,6 +22,8 @@ from autotune.recordings.limits import refuse_names
 from autotune.recordings.recording import COLUMNS, FLOAT_COLUMNS, REQUIRED_COLUMNS
 
 PREFIX = b"autotune."
+PLAIN = ("motion_unit", "sample_period", "position_resolution", "torque_limit", "controller")
+"""What a recording says of its axis: names of metadata that are known without the prefix too."""
 CSV_TYPES = {name: pa.float64() for name in FLOAT_COLUMNS} | {
     "experiment": pa.string(), "repeat": pa.int64(), "missed": pa.int64()
 }  # fmt: skip
@@ -32,12 +34,18 @@ _AT_ONCE = 1 << 22
 
 
 def pairs_of(schema: pa.Schema) -> dict[str, str]:
-    """The metadata that a Parquet file carries, as texts."""
-    return {
+    """The metadata that a Parquet file carries, as texts; those of a recording also without the program's prefix.
+
+    A CSV has them without, and what other programs write is not looked for under a name that nobody told them.
+    """
+    metadata = schema.metadata or {}
+    plain = {name: metadata[name.encode()].decode() for name in PLAIN if name.encode() in metadata}
+    own = {
         key.removeprefix(PREFIX).decode(): value.decode()
-        for key, value in (schema.metadata or {}).items()
+        for key, value in metadata.items()
         if key.startswith(PREFIX)
     }
+    return plain | own
 
 
 @dataclass(frozen=True, slots=True)

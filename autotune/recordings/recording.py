@@ -252,12 +252,11 @@ def concatenate(recordings: Iterable[Recording]) -> Recording:
     """Joins recordings of one axis in the order given; columns that all of them have are kept.
 
     Raises:
-        RecordingError: nothing to join, recordings of different axes or units, or one of them given twice.
+        RecordingError: nothing to join, or the recordings are of different axes or units.
     """
     parts = list(recordings)
     if not parts:
         raise RecordingError("no recording was given; name at least one file")
-    refuse_twice(parts)
     first = parts[0].metadata
     for part in parts[1:]:
         refuse_mixture(first, part.metadata)

@@ -57,6 +57,15 @@ def test_the_files_controller_is_verified() -> None:
     assert found.notes == ()
 
 
+def test_gains_that_are_right_in_a_file_whose_torque_is_late_need_no_mending() -> None:
+    recording = recorded(TRUE, OF_TRUE)
+    late = {name: recording[name][:-1] for name in ("time", "reference", "position")}
+    late |= {"torque": np.concatenate([recording["torque"][:1], recording["torque"][:-2]])}
+    found = controller_of(Recording.from_columns(late, recording.metadata, "x"))
+    assert (found.source, found.reference_delay, found.position_delay) == ("identified", 1, 1)
+    assert "a row late, and the gains need no mending" in " ".join(found.notes)
+
+
 @pytest.mark.parametrize(
     "named",
     [replace(OF_TRUE, kp=1.1 * TRUE.kp), replace(OF_TRUE, kd=0.9 * TRUE.kd), Controller(1.0, 2.0, 3.0, 0.4)],

@@ -87,6 +87,16 @@ def test_columns_of_one_name_are_suggested_by_number(tmp_path: Path, signals: di
         bring_in(bare)
 
 
+def test_a_column_is_found_by_the_name_that_stands_in_the_file(
+    tmp_path: Path, signals: dict[str, Floats]
+) -> None:
+    """Its unit is read off the end of the name; a person still calls it as the file does."""
+    path = write_table(tmp_path / "t.csv", signals, head="t_s,angle_rad,speed_rad,torque_nm")
+    columns = ("time=t_s", "position=angle_rad", "torque=torque_nm")
+    for name in ("time", "position", "torque"):
+        np.testing.assert_allclose(bring_in(path, columns=columns).recording[name], signals[name], atol=1e-5)
+
+
 def test_everything_in_doubt_is_asked_for_at_once(tmp_path: Path, signals: dict[str, Floats]) -> None:
     """The command is pasted with its capitals filled in, and nothing else is asked."""
     signals["time"] *= 1e3

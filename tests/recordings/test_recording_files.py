@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -12,7 +14,7 @@ from hypothesis import strategies as st
 from autotune.core.drive import Sample
 from autotune.core.errors import RecordingError
 from autotune.recordings.files import read_recording, write_recording
-from autotune.recordings.recording import Controller, Metadata, Recording, concatenate
+from autotune.recordings.recording import Controller, Metadata, Recording, concatenate, refuse_twice
 
 EXAMPLE = """# motion_unit: rad
 # sample_period: 0.001
@@ -31,6 +33,14 @@ def small(**metadata: object) -> Recording:
         Sample(k * 1e-3, 0.1 * k, 0.09 * k, 90.0, 0.3, 0.31, 0.1, 0.2, float("nan"), k % 2) for k in range(7)
     ]
     return Recording.from_samples(samples, Metadata(**metadata), "sine", 2)  # type: ignore[arg-type]
+
+
+def _moved(by: float) -> Recording:
+    columns = {
+        name: np.arange(9.0) * scale + by
+        for name, scale in (("time", 1e-3), ("position", 0.1), ("torque", 2.0))
+    }
+    return Recording.from_columns(columns, Metadata(), "x")
 
 
 def test_the_example_of_the_format_is_read(tmp_path: Path) -> None:
@@ -60,6 +70,25 @@ def test_what_is_written_is_read_back(tmp_path: Path, ending: str) -> None:
     np.testing.assert_array_equal(read.experiment, written.experiment)
     np.testing.assert_array_equal(read.missed, written.missed)
     assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
+
+
+def test_metadata_of_a_parquet_count_with_and_without_the_prefix(tmp_path: Path) -> None:
+    """As in a CSV; a linear axis would else be taken for a rotary one without a word."""
+    table = pa.table({"time": [0.0, 1e-3], "position": [0.0, 1e-6], "torque": [0.1, 0.1]})
+    path = tmp_path / "plain.parquet"
+    pairs = {"motion_unit": "m", "position_resolution": "1e-6", "autotune.position_resolution": "2e-6"}
+    pa.parquet.write_table(table.replace_schema_metadata(pairs), path)
+    metadata = read_recording(path).metadata
+    assert metadata.motion_unit == "m"
+    assert metadata.position_resolution == 2e-6
+
+
+def test_a_recording_given_twice_is_refused() -> None:
+    whole = _moved(0.0)
+    refuse_twice([whole, _moved(1.0)])
+    for again in (whole, whole.rows(np.arange(len(whole)) < 5)):
+        with pytest.raises(RecordingError, match="recordings 1 and 2 hold the same"):
+            refuse_twice([whole, again])
 
 
 @pytest.mark.parametrize(

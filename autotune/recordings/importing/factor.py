@@ -105,13 +105,17 @@ def _near(field: str, source: Source) -> str:
 
 
 def _find(field: str, source: Source, text: str) -> int | None:
-    """Index by exact name, by name with its unit, without regard to case, or by the number in the file."""
+    """Index by exact name, by name with its unit, without regard to case, or by the number in the file.
+
+    A unit may stand in brackets, or at the end of the name as in the file's own header.
+    """
     keys: tuple[Callable[[Column], str], ...] = (
         lambda column: column.name,
         lambda column: f"{column.name} [{column.unit}]",
+        lambda column: f"{column.name}_{column.unit}",
         lambda column: column.name.lower(),
     )
-    for key, wanted in zip(keys, (field, field, field.lower()), strict=True):
+    for key, wanted in zip(keys, (field, field, field, field.lower()), strict=True):
         hits = [i for i, column in enumerate(source.columns) if key(column) == wanted]
         if len(hits) > 1:
             raise ConfigurationError(
