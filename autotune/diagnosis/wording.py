@@ -32,8 +32,8 @@ DROWNED = (
     "record while it is off."
 )
 HUNTS = (
-    "The axis hunts at {hertz:.0f} Hz, with more torque than its friction: the contact slides to and fro while it does, "
-    "and what is left below that frequency is not its friction. Nothing is named. Lower the gains until it is quiet, "
+    "The axis hunts at {hertz:.0f} Hz, with more torque than its friction: the contact slides to and fro while it "
+    "does, and what is left below that frequency is not its friction. Nothing is named. Lower the gains until it is quiet, "
     "and record again; play in the drive often is the cause."
 )
 OWN_PRESLIDING = (
