@@ -33,8 +33,8 @@ DROWNED = (
 )
 HUNTS = (
     "The axis hunts at {hertz:.0f} Hz, with more torque than its friction: the contact slides to and fro while it "
-    "does, and what is left below that frequency is not its friction. Nothing is named. Lower the gains until it is quiet, "
-    "and record again; play in the drive often is the cause."
+    "does, and what is left below that frequency is not its friction. Nothing is named. Lower the gains until it is "
+    "quiet, and record again; play in the drive often is the cause."
 )
 OWN_PRESLIDING = (
     "After a reversal friction comes to its level sooner than the exponential of a bristle does: one contact that is "
