@@ -30,6 +30,8 @@ NEAR_BEST, NEAR_WORTH = 0.3, 0.5
 """Beside another effect: of the best short fit's fall, and of the fall that a further effect is worth having for."""
 HOPEFUL = 3e-3
 """Relative fall of the cost that a short fit must be able to reach, to be begun."""
+TO_ITS_END = 15
+"""Rounds of a fit that is not given up."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +49,24 @@ def screen(
     kind = EFFECTS[effect]
     tried = _short_fits(problem, model_fit, nominal, kind)
     return _followed(problem, evidence, model_fit, kind, tried, PROMISING) if tried else None
+
+
+def at_its_best(
+    problem: Problem, evidence: Evidence, model_fit: ModelFit, nominal: Packed, effect: str
+) -> ScreenedCandidate | None:
+    """The same with every start followed to its end, whatever it promises.
+
+    A first look gives up what begins far from where it would be as good as another; whether it would be is asked then.
+    """
+    kind = EFFECTS[effect]
+    fits = [
+        refit(
+            problem, item.start, [*item.fitted.free, *shapes(effect, item.start)], model_fit.correction, TO_ITS_END
+        )
+        for item in _short_fits(problem, model_fit, nominal, kind)
+    ]  # fmt: skip
+    best = min(fits, key=lambda item: item.cost, default=None)
+    return None if best is None else _judged(problem, model_fit, kind, best, ())
 
 
 def rank(
@@ -143,13 +163,19 @@ def _followed(
             free = [*start.free, *shapes(kind.name, start.packed)]
             finished = refit(problem, start.packed, free, model_fit.correction, effort.rounds, near)
             best = finished if finished.cost <= best.cost else best
-    unseen = held_out(problem, best.error, best.jacobian)
-    gain, z = gain_and_z(model_fit.unseen, unseen)
     before = [item.packed for item in found] + [item.start for item in tried]
     others = tuple(packed for packed in before if packed is not best.packed)
-    return ScreenedCandidate(
-        kind.name, best, cost - best.cost, gain, z, others, evenly(model_fit.unseen, unseen)
-    )
+    return _judged(problem, model_fit, kind, best, others)
+
+
+def _judged(
+    problem: Problem, model_fit: ModelFit, kind: Kind, best: Fitted, others: tuple[Packed, ...]
+) -> ScreenedCandidate:
+    """What the best fit of an effect gains on unseen experiments."""
+    unseen = held_out(problem, best.error, best.jacobian)
+    gain, z = gain_and_z(model_fit.unseen, unseen)
+    fall = model_fit.fitted.cost - best.cost
+    return ScreenedCandidate(kind.name, best, fall, gain, z, others, evenly(model_fit.unseen, unseen))
 
 
 def _promises(problem: Problem, evidence: Evidence, model_fit: ModelFit, short: Fitted) -> bool:

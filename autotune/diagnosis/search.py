@@ -55,7 +55,7 @@ from autotune.diagnosis.refits import (
     without_insignificant_terms,
 )
 from autotune.diagnosis.ripple_orders import with_whole_orders
-from autotune.diagnosis.screening import NEAR_WORTH, generic_gains, rank, screen
+from autotune.diagnosis.screening import NEAR_WORTH, at_its_best, generic_gains, rank, screen
 from autotune.diagnosis.transmission import (
     other_contact_tried,
     other_transmission_tried,
@@ -164,6 +164,7 @@ class _Search:
             return Found(self.problem, self.root, None, (), (), {}, begin_again=self.begin_again)
         self._tidy()
         self._drop_fading()
+        self._try_look_alikes()
         found = (self.problem, self.root, self.chosen, self.first, self.tried, self.generic)
         return self._beside_own_presliding(Found(*found, self._still_freed()))
 
@@ -251,6 +252,24 @@ class _Search:
             self.problem = again
             root = fit_inside_twin(again, root.fitted.packed, list(root.free), 2, root.effects) or root
         self.problem, self.root = with_noise_of(self.problem, root)
+
+    def _try_look_alikes(self) -> None:
+        """Effects that may do as well as a single one that was found are fitted to their end, too.
+
+        Where one trajectory is all there is, a candidate may have been passed over that explains it as well.
+        """
+        chosen = self.chosen
+        if chosen is None or len(chosen.model_fit.effects) != 1:
+            return
+        for effect in self.evidence.look_alikes(self.problem, chosen.effect):
+            self.progress(f"does {effect} do as well")
+            item = at_its_best(self.problem, self.evidence, self.root, self.nominal, effect)
+            fitted = inside_twin(self.problem, self.root, self.root, item) if item is not None else None
+            if fitted is not None:
+                fitted = with_contact(self.problem, self.root, fitted)
+                better = [one for one in self.tried if one.effect == effect and one.gain > fitted.gain]
+                if not better:
+                    self.tried = [*(one for one in self.tried if one.effect != effect), fitted]
 
     def _drop_fading(self) -> None:
         """Damping in presliding is the same at all speeds again where it need not fade beside what was found."""

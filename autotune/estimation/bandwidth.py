@@ -7,6 +7,10 @@ lengths of time go with the cut-off.
 Without repeats, torque and acceleration must be coherent: the cut-off is the highest frequency where their
 coherence is above 0.7; beyond the usual one only where much of the torque is there. Rests, and reversals that the
 encoder does not resolve, are left out.
+
+Counts of the encoder look like acceleration, as the fourth power of the frequency. A fit, which may have no twin that
+would make the same counts, ends below where they are a hundredth of it (`Bands`); a diagnosis with repeats where they
+are lost in what repeats do not share (`_quiet`).
 """
 
 from __future__ import annotations
@@ -27,18 +31,22 @@ from autotune.estimation.data import (
     CUTOFF,
     FASTEST,
     MOTION_CUTOFF,
+    STANDSTILL_COUNTS,
+    STANDSTILL_SECONDS,
     TRAINING,
     Block,
     Prepared,
     compared_below,
+    known_resolution,
     prepare,
+    stretches_of,
 )
 from autotune.estimation.parts import fitted_part
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.speed_points import as_steady_recordings, speed_points
 from autotune.recordings.checks import check_recording, guide_of, torque_of
 from autotune.recordings.recording import Recording
-from autotune.signals.filters import low_pass
+from autotune.signals.filters import low_pass, motion
 
 CANDIDATES = (
     10.0,
@@ -77,6 +85,9 @@ HARMONICS = 2.5
 SPECTRUM_ROWS = 4096
 QUIET, QUIET_ROUNDS = 0.5, 4
 """Of the noise between repeats: what counts may come to by way of the inertia; and cut-offs tried in turn."""
+COUNTED = 0.01
+"""Of the acceleration's power: what counts may come to in a fit. By regression on a motion with errors an inertia is
+short by as much."""
 HEARD = 0.3
 """Coherence above which torque moves the axis: by chance one frequency of seventy has it."""
 
@@ -89,28 +100,83 @@ class Bands:
         motion: cut-off of position, velocity and acceleration [Hz].
         error: cut-off of the torque residual [Hz].
         decimation: of the residual; half the rate left is just above `error`.
+        counted: what counts of the encoder make of the acceleration's power below `error`.
+        lowered: whether `error` is lower than usual for that.
     """
 
     motion: float = MOTION_CUTOFF
     error: float = CUTOFF
     decimation: int = 8
+    counted: float = 0.0
+    lowered: bool = False
 
     @classmethod
     def of(cls, recording: Recording) -> Bands:
+        """Those of a fit: the usual ones, as low as a coarse encoder needs."""
+        usual = cls.usual(recording)
+        error, counted = usual.error, counts_over_motion(recording, usual.error)
+        for _ in range(QUIET_ROUNDS):
+            if counted <= COUNTED or error <= LEAST:
+                break
+            error = max(error * (0.9 * COUNTED / counted) ** 0.2, LEAST)
+            counted = counts_over_motion(recording, error)
+        if error == usual.error:
+            return replace(usual, counted=counted)
+        return replace(cls.below(error, recording.period), counted=counted, lowered=True)
+
+    @classmethod
+    def usual(cls, recording: Recording) -> Bands:
         """The usual ones at 1 kHz, lower in proportion at slower sampling, higher where a fast recording needs it."""
-        period = recording.period
-        most = CUTOFF * USUAL_PERIOD / period
+        most = CUTOFF * USUAL_PERIOD / recording.period
         error = min(CUTOFF, most)
         if most > CUTOFF:
             error = max(CUTOFF, min(most, HARMONICS * busy_below(recording)))
-        if error == CUTOFF:
-            return cls(decimation=max(1, int(1.0 / (period * 2.0 * CUTOFF))))
-        return cls(MOTION_CUTOFF / CUTOFF * error, error, max(1, int(1.0 / (period * 2.0 * error))))
+        return cls.below(error, recording.period)
+
+    @classmethod
+    def below(cls, error: float, period: float) -> Bands:
+        """Those with a cut-off of the torque residual [Hz]."""
+        decimation = max(1, int(1.0 / (period * 2.0 * error)))
+        return cls(MOTION_CUTOFF if error == CUTOFF else MOTION_CUTOFF / CUTOFF * error, error, decimation)
 
     @property
     def pace(self) -> float:
         """What lengths of time that suit the usual cut-off are multiplied by."""
         return CUTOFF / self.error
+
+
+def counts_over_motion(recording: Recording, cutoff: float) -> float:
+    """What counts of the encoder make of the acceleration's power below a cut-off [Hz], where the axis moves.
+
+    0 where nothing moves or the position has no counts.
+    """
+    position, period = recording["position"], recording.period
+    resolution = known_resolution(recording.metadata, position)
+    if resolution <= 0.0:
+        return 0.0
+    reach = max(1, round(STANDSTILL_SECONDS * CUTOFF / cutoff / period))
+    power, rows = 0.0, 0
+    for stretch in stretches_of(recording, 0):
+        moving = travel_near(position[stretch.rows], reach) >= STANDSTILL_COUNTS * resolution
+        bend = motion(position[stretch.rows], period, MOTION_CUTOFF / CUTOFF * cutoff)[2]
+        power += float(np.sum(low_pass(bend, cutoff, period)[moving] ** 2))
+        rows += int(np.count_nonzero(moving))
+    return rows * _as_acceleration(resolution, period, cutoff) ** 2 / power if power > 0.0 else 0.0
+
+
+def _as_acceleration(resolution: float, period: float, cutoff: float) -> float:
+    """Acceleration (rms) that rounding to counts looks like below a cut-off [Hz]: white, differentiated twice."""
+    return (
+        resolution / math.sqrt(12.0) * math.sqrt(2.0 * period * cutoff / 5.0) * (2.0 * math.pi * cutoff) ** 2
+    )
+
+
+def travel_near(position: Floats, reach: int) -> Floats:
+    """Range of the position within ± `reach` samples, shape (n,)."""
+    size = 2 * reach + 1
+    return np.asarray(
+        scipy.ndimage.maximum_filter1d(position, size) - scipy.ndimage.minimum_filter1d(position, size)
+    )
 
 
 def busy_below(recording: Recording) -> float:
@@ -145,7 +211,7 @@ def coherent_cutoff(recording: Recording, twin: bool = False) -> float:
 
     `twin`: a controller is known, so that noise that runs round the loop is accounted for.
     """
-    period, pace = recording.period, min(1.0, Bands.of(recording).pace)
+    period, pace = recording.period, min(1.0, Bands.usual(recording).pace)
     longest = max(recording.segments(), key=lambda s: s.stop - s.start)
     position, torque = recording["position"][longest.rows], torque_of(recording)[longest.rows]
     window = min(1024, len(position) // 6)
@@ -245,10 +311,8 @@ def _counts_over_noise(data: Prepared, cutoff: float) -> float:
     gains, _, rest[rows] = linear_fit(data, rows)
     noise = [b.by_repeat(rest).var(axis=0, ddof=1).mean() for b in blocks]
     power = float(np.average(noise, weights=[block.count for block in blocks]))
-    white = data.resolution / math.sqrt(12.0) * math.sqrt(2.0 * data.period * cutoff / 5.0)
-    return (
-        abs(float(gains[0])) * white * (2.0 * math.pi * cutoff) ** 2 / max(QUIET * math.sqrt(power), 1e-300)
-    )
+    counts = abs(float(gains[0])) * _as_acceleration(data.resolution, data.period, cutoff)
+    return counts / max(QUIET * math.sqrt(power), 1e-300)
 
 
 def prepared_to_fit(recordings: Sequence[Recording], policy: Policy = POLICY) -> Prepared:
@@ -278,7 +342,7 @@ def prepared_repeats(recordings: Sequence[Recording]) -> Prepared | None:
     if not any(len(recording) for recording in recordings):
         return None
     longest = max(recordings, key=len)
-    bands = Bands.of(longest)
+    bands = Bands.usual(longest)
     most = max(compared_below(longest.period), bands.error)
     try:
         data = _quiet(recordings, most, min(1.0, bands.pace))
@@ -299,7 +363,7 @@ def prepared_for(recordings: Sequence[Recording], policy: Policy = POLICY) -> Pr
             check_recording(recording)
         return prepare(as_steady_recordings(recordings, points), 1e6, 1e6, steady=True)
     longest = max(recordings, key=len)
-    bands = Bands.of(longest)
+    bands = Bands.usual(longest)
     pace = min(1.0, bands.pace)
     most = max(compared_below(longest.period), bands.error)
     data = _quiet(recordings, most, pace)

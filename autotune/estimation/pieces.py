@@ -17,9 +17,10 @@ import scipy
 
 from autotune.core.arrays import Flags, Floats
 from autotune.core.errors import NotEnoughExcitation
-from autotune.estimation.bandwidth import Bands
+from autotune.estimation.bandwidth import Bands, travel_near
 from autotune.estimation.controller import is_closed
 from autotune.estimation.controller_law import PositionController
+from autotune.estimation.data import STANDSTILL_COUNTS, STANDSTILL_SECONDS
 from autotune.estimation.disturbance import STILL, Disturbance
 from autotune.estimation.residual import Motion, stretch_residual
 from autotune.estimation.twin import leading, simulate_stretch, start_state
@@ -31,7 +32,6 @@ from autotune.signals.filters import low_pass, motion
 LEAST_SECONDS = 0.15
 UNFITTED = ("conditioning", "veto", "test")
 _EDGE_SECONDS = 0.03
-_NEAR_SECONDS = 0.01
 """All at the usual cut-off; times its pace (`Bands.pace`) at others."""
 
 
@@ -203,20 +203,12 @@ def _compared(measured: Floats, at_limit: Flags, resolution: float, period: floa
     use = np.ones(n, dtype=np.bool_)
     edge = round(_EDGE_SECONDS * bands.pace / period)
     use[:edge] = use[max(n - edge, 0) :] = False
-    reach = max(1, round(_NEAR_SECONDS * bands.pace / period))
+    reach = max(1, round(STANDSTILL_SECONDS * bands.pace / period))
     if np.any(at_limit):
         use &= np.convolve(at_limit, np.ones(2 * reach + 1), "same") < 0.5
     if resolution > 0.0:
-        use &= _travel(measured, reach) >= 2.1 * resolution
+        use &= travel_near(measured, reach) >= STANDSTILL_COUNTS * resolution
     return use[:: bands.decimation]
-
-
-def _travel(measured: Floats, reach: int) -> Floats:
-    """Range of the position within ± `reach` samples."""
-    size = 2 * reach + 1
-    return np.asarray(
-        scipy.ndimage.maximum_filter1d(measured, size) - scipy.ndimage.minimum_filter1d(measured, size)
-    )
 
 
 def marked_sticking(pieces: list[Piece], displacement: float) -> list[Piece]:

@@ -10,10 +10,11 @@ from types import MappingProxyType
 import numpy as np
 import scipy
 
-from autotune.estimation.bandwidth import Bands, prepared_repeats
+from autotune.estimation.bandwidth import COUNTED, Bands, prepared_repeats
 from autotune.estimation.contact_start import usual_damping
 from autotune.estimation.controller import as_recorded, controller_of
 from autotune.estimation.controller_law import PositionController
+from autotune.estimation.data import known_resolution
 from autotune.estimation.joint_fit import Refined, refine
 from autotune.estimation.pieces import UNFITTED, Piece, Surroundings, cut, marked_sticking
 from autotune.estimation.problem import Problem, new_problem
@@ -41,6 +42,8 @@ UNKNOWN = 0.5
 SYSTEMATIC = {"inertia": 5e-4, "stiffness": 5e-4, "coulomb": 1e-4}
 SYSTEMATIC_ELSE = 2e-4
 """Of the value: what filters, integration steps and the quantiser's model are trusted to at best."""
+AT_REVERSALS = ("stiffness", "micro_damping")
+FINER = "record a finer position"
 _REMEDIES = {
     "inertia": "accelerate harder: a multisine of 5 to 50 Hz, or point-to-point moves",
     "viscous": "move faster, over a wide range of speeds",
@@ -84,13 +87,47 @@ def refine_recording(
     bands = Bands.of(recording)
     pieces = cut(recording, bands, controller, unfitted)
     displacement = max(model["coulomb"], 1e-12) / model["stiffness"]
+    pieces = marked_sticking(pieces, displacement)
     refined = refine(
-        model, marked_sticking(pieces, displacement), surroundings(recording, controller), bands, names, seed,
+        model, pieces, surroundings(recording, controller), bands, names, seed,
         repeats=_repeats(recording, controller),
     )  # fmt: skip
-    estimate = _estimate(refined)
+    counts = Counts.of(recording, refined, pieces, bands, seed)
+    estimate = _estimate(refined, counts)
     estimate = replace(estimate, notes=(*estimate.notes, *controller.notes))
-    return Joint(estimate, refined.model, refined, controller)
+    return Joint(estimate, _without_unseen(refined, counts), refined, controller)
+
+
+@dataclass(frozen=True, slots=True)
+class Counts:
+    """What counts of the encoder may make of a refinement.
+
+    Attributes:
+        reach: of the fitted contact [counts]; infinite where the position has none.
+        share: of the acceleration's power, where no twin makes the same counts.
+        change: of the parameters, by name, where they are coarse and no controller is known for a twin: to those that
+            are found with a twin that is led along the measured motion and makes counts there.
+    """
+
+    reach: float
+    share: float
+    change: Mapping[str, float]
+
+    @classmethod
+    def of(
+        cls, recording: Recording, refined: Refined, pieces: Sequence[Piece], bands: Bands, seed: int
+    ) -> Counts:
+        """Those of a refinement that was made on pieces of a recording."""
+        resolution = known_resolution(recording.metadata, recording["position"])
+        reach = refined.model["coulomb"] / refined.model["stiffness"] / max(resolution, 1e-300)
+        share = bands.counted * (1.0 - refined.twin)
+        if refined.around.controller.usable or not (bands.lowered or reach < 1.0):
+            return cls(reach, share, {})
+        led = [replace(piece, closed=False, sticks=False) if piece.closed else piece for piece in pieces]
+        around = replace(refined.around, resolution=resolution)
+        other = refine(refined.model, led, around, bands, refined.names, seed)
+        change = {name: abs(other.model[name] - refined.model[name]) for name in refined.names}
+        return cls(reach, share, change)
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,15 +263,17 @@ def surroundings(recording: Recording, controller: PositionController) -> Surrou
     )
 
 
-def _estimate(refined: Refined) -> Estimate:
+def _estimate(refined: Refined, counts: Counts) -> Estimate:
+    """The refinement in words."""
     reaches = np.asarray(scipy.stats.t.ppf(0.975, refined.normal.freedom))
     errors = refined.standard_errors
     quantities: dict[str, Quantity] = {}
     notes = list(_directions(refined))
     for name, reach in zip(refined.names, reaches.tolist(), strict=True):
         value = refined.model[name]
-        error = math.hypot(errors[name], SYSTEMATIC.get(name, SYSTEMATIC_ELSE) * value)
-        quantities[name] = _quantity(refined, name, value, error, reach)
+        short = max(counts.share * value if name == "inertia" else 0.0, counts.change.get(name, 0.0))
+        error = math.hypot(errors[name], SYSTEMATIC.get(name, SYSTEMATIC_ELSE) * value, short)
+        quantities[name] = _quantity(refined, counts, name, value, error, reach)
         if quantities[name].note:
             notes.append(f"{name}: {quantities[name].note}")
     if not refined.converged:
@@ -242,6 +281,11 @@ def _estimate(refined: Refined) -> Estimate:
     if refined.twin < 1.0:
         share = f"{100 * (1 - refined.twin):.0f} %"
         notes.append(f"no closed loop twin for {share} of the data; biases of filters remain there")
+    if counts.share > COUNTED:
+        notes.append(
+            f"the encoder is coarse for this motion: its counts make {100 * counts.share:.2g} % of the acceleration, "
+            f"and the inertia may come out too small by as much; accelerate harder, or {FINER}"
+        )
     reason = missing(quantities)
     usable = all(quantities[name].identified for name in NEEDED if name in quantities)
     return Estimate(
@@ -254,8 +298,12 @@ def _estimate(refined: Refined) -> Estimate:
     )
 
 
-def _quantity(refined: Refined, name: str, value: float, error: float, reach: float) -> Quantity:
+def _quantity(
+    refined: Refined, counts: Counts, name: str, value: float, error: float, reach: float
+) -> Quantity:
     size = max(abs(value), _natural_size(refined.model, name))
+    if name in AT_REVERSALS and (unseen := _unseen(counts)):
+        return Quantity(value, math.inf, reach, False, unseen)
     if not math.isfinite(error) or error > UNKNOWN * size:
         remedy = _REMEDIES.get(name, "record motion in which it matters")
         return Quantity(value, error, reach, False, f"not identified by these experiments; {remedy}")
@@ -265,6 +313,28 @@ def _quantity(refined: Refined, name: str, value: float, error: float, reach: fl
         return Quantity(value, error, reach, False, note)
     note = "ended at its lower bound: not distinguishable from zero" if name in refined.bounded else ""
     return Quantity(value, error, reach, True, note)
+
+
+def _unseen(counts: Counts) -> str:
+    """Why an encoder does not show how friction reverses; "" where it does.
+
+    A reversal shows when a count has passed. Friction that has reversed within less looks like any that does.
+    """
+    if counts.reach >= 1.0:
+        return ""
+    return (
+        f"not identified: friction reverses within less than a count of the encoder (about {counts.reach:.1g}), which "
+        f"cannot show it; {FINER}"
+    )
+
+
+def _without_unseen(refined: Refined, counts: Counts) -> DriveModel:
+    """The refined model; what the encoder does not show has no standard error."""
+    if not _unseen(counts):
+        return refined.model
+    base = dict(refined.model.base)
+    told = {name: replace(base[name], standard_error=None) for name in AT_REVERSALS}
+    return replace(refined.model, base=base | told)
 
 
 def _natural_size(model: DriveModel, name: str) -> float:
@@ -297,5 +367,6 @@ def missing(quantities: Mapping[str, Quantity]) -> str:
     unknown = [name for name, quantity in quantities.items() if not quantity.identified]
     if not unknown:
         return ""
-    wanted = "; ".join(dict.fromkeys(_REMEDIES.get(name, "") for name in unknown)).strip("; ")
+    remedies = (FINER if FINER in quantities[name].note else _REMEDIES.get(name, "") for name in unknown)
+    wanted = "; ".join(dict.fromkeys(remedies)).strip("; ")
     return f"{', '.join(unknown)} not identified by these experiments" + (f"; {wanted}" if wanted else "")

@@ -12,6 +12,7 @@ from scipy.signal import lfilter
 
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.compare import compare
+from autotune.diagnosis.evidence.single import SingleRecording
 from autotune.diagnosis.fitting import fit_model
 from autotune.diagnosis.free_shape import any_course, like_a_motor, like_a_parabola
 from autotune.diagnosis.verdict import diagnose
@@ -306,3 +307,36 @@ def test_samples_fast_enough_judge_every_effect() -> None:
     found = diagnose([recording], fit_model([recording]).model)
     assert (found.effects, found.confidence) == (("nonlinear_viscous",), "suspected")
     assert not any("samples of" in note for note in found.notes)
+
+
+def _aged(kind: str, slip: float, power: float) -> Recording:
+    """Friction that rises by the `power` of the rest [s], lost within `slip` [rad]; on a motion that hardly rests."""
+    q = _path(kind, 20.0)
+    v, age = np.gradient(q, PERIOD), np.zeros(len(q))
+    for k in range(1, len(q)):
+        age[k] = max(age[k - 1] + PERIOD * (1.0 - abs(v[k]) * age[k - 1] / slip), 0.0)
+    level = COULOMB * (1.0 + 3.0 * age**power)
+    needed = INERTIA * np.gradient(v, PERIOD) + VISCOUS * v + level * np.tanh(v / 5e-3)
+    torque = 0.5 * (needed + np.concatenate([needed[1:], needed[-1:]]))
+    noise = np.random.default_rng(3).normal(0.0, 5e-4, len(q))
+    return _with(_recording(kind), position=np.round(q / COUNT) * COUNT, torque=torque + noise)
+
+
+@pytest.mark.parametrize(("kind", "slip"), [("slow", 0.003), ("quick", 0.01)])
+def test_friction_that_ages_is_not_called_friction_that_falls_with_speed(kind: str, slip: float) -> None:
+    """Its law, a root of the rest, is not the library's: Stribeck friction left a third of what dwell time does."""
+    recording = _aged(kind, slip, 0.4)
+    found = diagnose([recording], fit_model([recording]).model)
+    assert found.verdict == "ambiguous"
+    assert set(found.confusable[0]) == {"stribeck", "dwell_time_break_away"}
+    assert found.next_experiment is not None
+    assert "starts after rests" in found.next_experiment
+
+
+def test_look_alikes_share_a_set_and_do_not_bend_to_any_dynamics() -> None:
+    recording = _recording(seconds=10.0)
+    problem, _, _, _ = begin(prepared_for([recording]), fit_model([recording]).model)
+    found = SingleRecording().look_alikes(problem, "stribeck")
+    assert {"dwell_time_break_away", "nonlinear_viscous", "thermal_drift"} <= set(found)
+    assert "stribeck" not in found
+    assert "backlash" not in found

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from autotune.estimation.bandwidth import prepared_for
+from autotune.estimation.bandwidth import COUNTED, Bands, counts_over_motion, prepared_for
 from autotune.estimation.data import CUTOFF, compared_below
 from autotune.recordings.recording import Metadata, Recording
 
@@ -48,3 +48,21 @@ def test_slow_sampling_is_compared_below_a_tenth_of_its_rate() -> None:
     metadata = Metadata(sample_period=2.0 * PERIOD, position_resolution=1e-7)
     thinned = Recording.from_columns(columns, metadata, slow.experiment, slow.repeat)
     assert prepared_for([thinned]).motion_cutoff == pytest.approx(2.5 * 0.09 / (2.0 * PERIOD))
+
+
+def test_a_fit_ends_where_counts_are_a_hundredth_of_the_acceleration() -> None:
+    """Counts of 0.015 rad make a seventieth of it below 30 Hz; they grow with the fifth power of the frequency."""
+    usual = Bands.usual(twice(1.5e-2))
+    found = Bands.of(twice(1.5e-2))
+    assert counts_over_motion(twice(1.5e-2), usual.error) > 1.2 * COUNTED
+    assert found.lowered
+    assert found.counted < 1.1 * COUNTED
+    assert 15.0 <= found.error < usual.error
+    assert found.motion == pytest.approx(2.5 * found.error)
+
+
+def test_a_fine_encoder_leaves_a_fit_its_band() -> None:
+    found, usual = Bands.of(twice(1e-5)), Bands.usual(twice(1e-5))
+    assert (found.motion, found.error, found.decimation) == (usual.motion, usual.error, usual.decimation)
+    assert not found.lowered
+    assert 0.0 < found.counted < 1e-3

@@ -173,6 +173,10 @@ class Evidence(ABC):
         lag = problem.data.lag + float(fitted.packed.p[TIME_CONSTANT])
         return lag - SURE * float(error) <= CURRENT_LOOP
 
+    def look_alikes(self, problem: Problem, effect: str) -> list[str]:
+        """Effects that may do as well as a single one that was found, though nothing made them candidates for it."""
+        return []
+
     def only_at_rests(self, problem: Problem, before: ModelFit, candidate: FittedCandidate) -> bool:
         """Whether an effect that rests show explains no more than a bristle's unknown stretch at each rest does."""
         return False
