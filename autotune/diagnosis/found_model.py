@@ -15,7 +15,7 @@ import numpy as np
 from autotune.core.errors import AutotuneError
 from autotune.diagnosis.compare import roles_unseen
 from autotune.diagnosis.fitting import held_out_errors, updated_model
-from autotune.diagnosis.free_shape import fades, resolved, without_fading
+from autotune.diagnosis.free_shape import BASE_LAWS, resolved
 from autotune.diagnosis.refits import without_effect
 from autotune.diagnosis.verdict import Diagnosis
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
@@ -87,7 +87,10 @@ def _of_base(
     """
     if not diagnosis.base:
         return None
-    less = (without_fading(problem, root) if fades(root.fitted.packed) else None) or root
+    less, given = root, model.pack()
+    for law in BASE_LAWS:
+        if law.new(root.fitted.packed, given):
+            less = law.removed(problem, less) or less
     before, after, floor, unseen = held_out_errors(problem, less, root)
     step = (told[0], "another law of the base", told[1])
     richer = updated_model(model, problem, root.fitted).with_history(_entry(problem, less, root, step))

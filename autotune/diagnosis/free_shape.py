@@ -23,6 +23,7 @@ it slides. That is the law of the base and no memory.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,11 +34,11 @@ from autotune.diagnosis.candidates import FittedCandidate
 from autotune.diagnosis.refits import judged, kept_terms, taken_out, without_effect
 from autotune.diagnosis.screening import generic_gains
 from autotune.diagnosis.starts import Context, varying
-from autotune.diagnosis.wording import FADING_DAMPING, OTHER_CURVE
+from autotune.diagnosis.wording import FADING_DAMPING, OTHER_CLIMB, OTHER_CURVE
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import usual_damping
 from autotune.estimation.coordinates import without_rests
-from autotune.estimation.cross_validation import gain_and_z, rests_of
+from autotune.estimation.cross_validation import gain_and_z, held_out, rests_of
 from autotune.estimation.data import VETO
 from autotune.estimation.least_squares import Free, followed
 from autotune.estimation.problem import Problem, beyond_chance, by_second, fading_free, refit
@@ -46,7 +47,7 @@ from autotune.models import layout
 from autotune.models.drive_model import FADING, Packed
 from autotune.models.effect import Kind
 from autotune.models.look_alikes import IN_TORQUE
-from autotune.models.reversal_memory import ELEMENTS, REVERSAL_MEMORY, climbing, drawn_out
+from autotune.models.reversal_memory import ELEMENTS, REMEMBERS, REVERSAL_MEMORY, climbing, of_one_contact
 from autotune.models.table import EFFECTS
 
 EFFECT = REVERSAL_MEMORY.name
@@ -71,6 +72,17 @@ FADES = (3e-3, 1e-2, 3e-2, 1e-1)
 FADING_SLOTS = tuple(parameter.slot for parameter in FADING)
 SHORT = 3
 """Steps of a fit by which its start is judged."""
+PARTS = ((0.05, 0.05), (1.4, 0.3))
+"""Of a bristle's reach and of its level: where elements of a climb begin, and what they carry."""
+SHORTEST, ROOM = 0.1, 3.0
+"""Times where an element begins: how short it may become, and how long."""
+BEYOND = (1.5, 5.0)
+"""Times the way on which a contact climbs: where elements would go on that are memory."""
+ELEMENT_SLOTS = tuple(
+    REVERSAL_MEMORY.parameter(f"{part}_{n}").slot
+    for n in range(1, ELEMENTS + 1)
+    for part in ("displacement", "torque")
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -291,9 +303,119 @@ def without_fading(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
     return fit_inside_twin(problem, packed, free, ROUNDS, model_fit.effects)
 
 
-def told_of_base(root: Packed, nominal: Packed, motion_unit: str) -> tuple[str, ...]:
-    """Sentences on laws of the base that the root has, and the model that was given has not."""
+def climbs_otherwise(packed: Packed) -> bool:
+    """Whether the friction of one contact climbs after a rest by another curve than a bristle's exponential."""
+    return bool(packed.on[REMEMBERS]) and of_one_contact(packed.p)
+
+
+def with_climb(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
+    """The model with elements that make its contact climb by another curve; None where the data do not ask for it.
+
+    A part of friction that is there at once, as of a contact too short to be seen, and one that lets go where the
+    bristle is bent: what powers of Dahl's law, elastic-then-plastic contacts and chains of them have in common. None
+    where elements would go on beyond that contact: that is memory.
+    """
+    fitted = model_fit.fitted
+    known = {layout.COULOMB, layout.STIFFNESS, layout.MICRO_DAMPING} <= {one.slot for one in model_fit.free}
+    there = fitted.packed.on[REMEMBERS] or problem.two_masses(fitted.packed)
+    if there or not known or problem.data.steady:
+        return None
+    p, on = fitted.packed.p.copy(), fitted.packed.on.copy()
+    level, reach = float(p[layout.COULOMB]), float(p[layout.COULOMB] / p[layout.STIFFNESS])
+    on[REMEMBERS] = True
+    p[layout.COULOMB] *= 1.0 - sum(share for _, share in PARTS)
+    more = [_element_free(i, place * reach, level) for i, (place, _) in enumerate(PARTS, 1)]
+    for i, (place, share) in enumerate(PARTS, 1):
+        p[_slot("displacement", i)], p[_slot("torque", i)] = place * reach, share * level
+    free = [*model_fit.free, *(one for pair in more for one in pair)]
+    short = refit(problem, Packed(p, on), free, model_fit.correction, SHORT)
+    if not short.cost < (1.0 - problem.policy.least_gain) * fitted.cost:
+        return None
+    climbs = fit_inside_twin(problem, short.packed, list(short.free), ROUNDS + 1, model_fit.effects)
+    if climbs is None or not of_one_contact(climbs.fitted.packed.p):
+        return None
+    return (
+        climbs if asked_for(problem, model_fit, climbs) and not _remembers_beyond(problem, climbs) else None
+    )
+
+
+def _element_free(number: int, place: float, level: float) -> tuple[Free, Free]:
+    """Displacement and torque of an element that begins at a place, as free parameters."""
+    torque, way = (REVERSAL_MEMORY.parameter(f"{part}_{number}") for part in ("torque", "displacement"))
+    return (
+        Free(
+            REVERSAL_MEMORY.surface(way.name),
+            way.slot,
+            SHORTEST * place,
+            ROOM * place,
+            0.3 * place,
+            0.3 * place,
+        ),
+        Free(REVERSAL_MEMORY.surface(torque.name), torque.slot, 0.0, torque.upper, 0.1 * level, 0.5 * level),
+    )
+
+
+def _remembers_beyond(problem: Problem, climbs: ModelFit) -> bool:
+    """Whether elements that go on where that contact slides would gain as much as an effect must."""
+    p, level = climbs.fitted.packed.p.copy(), float(climbs.fitted.packed.p[layout.COULOMB])
+    _, way = climbing(p)
+    free = list(climbs.free)
+    for i, times in enumerate(BEYOND, len(_present(p)) + 1):
+        p[_slot("displacement", i)], p[_slot("torque", i)] = times * way, 0.0
+        free.append(_element_free(i, times * way, level)[1])
+    longer = refit(problem, Packed(p, climbs.fitted.packed.on), free, climbs.correction, SHORT)
+    gain, z = gain_and_z(climbs.unseen, held_out(problem, longer.error, longer.jacobian))
+    return gain >= problem.policy.least_gain and (
+        z >= problem.policy.least_z or gain >= problem.policy.clear_gain
+    )
+
+
+def without_climb(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
+    """The model with one bristle again; None where the twin is unstable."""
+    p, on = model_fit.fitted.packed.p.copy(), model_fit.fitted.packed.on.copy()
+    more = 1.0 + sum(one.torque for one in _present(p)) / float(p[layout.COULOMB])
+    p[[layout.COULOMB, layout.STIFFNESS]] *= more
+    p[[*ELEMENT_SLOTS]], on[REMEMBERS] = 0.0, False
+    free = [one for one in model_fit.free if one.slot not in ELEMENT_SLOTS]
+    return fit_inside_twin(problem, Packed(p, on), free, ROUNDS, model_fit.effects)
+
+
+@dataclass(frozen=True, slots=True)
+class BaseLaw:
+    """An optional law of the base: found where the data ask for it, told, and never named.
+
+    Attributes:
+        there: whether a model has it, and no effect by the same parameters.
+        added, removed: the model with and without it.
+        slots: where its parameters are; all are 0 without it.
+    """
+
+    about: str
+    there: Callable[[Packed], bool]
+    added: Callable[[Problem, ModelFit], ModelFit | None]
+    removed: Callable[[Problem, ModelFit], ModelFit | None]
+    slots: tuple[int, ...]
+
+    def new(self, found: Packed, given: Packed) -> bool:
+        """Whether a model that was found has such parameters, and the one that was given has none."""
+        own = list(self.slots)
+        return bool(np.any(found.p[own])) and not np.any(given.p[own])
+
+
+BASE_LAWS = (
+    BaseLaw("damping in presliding that fades with speed", fades, with_fading, without_fading, FADING_SLOTS),
+    BaseLaw("another law of presliding", climbs_otherwise, with_climb, without_climb, ELEMENT_SLOTS),
+)
+
+
+def told_of_base(root: Packed, nominal: Packed, motion_unit: str, climbs: bool = True) -> tuple[str, ...]:
+    """Sentences on laws of the base that the root has, and the model that was given has not.
+
+    `climbs`: whether elements are such a law; else they were found as a memory that is none, and that is said.
+    """
     notes = []
+    if climbs and root.on[REMEMBERS] and not nominal.on[REMEMBERS]:
+        notes.append(OTHER_CLIMB)
     if fades(root) and not fades(nominal):
         speed = float(root.p[layout.DAMPING_VELOCITY])
         notes.append(FADING_DAMPING.format(speed=speed, unit=f"{motion_unit}/s"))
@@ -332,7 +454,7 @@ def with_own_presliding(problem: Problem, root: ModelFit, chosen: ModelFit) -> M
 
     None where there is no such memory, or the twin is unstable without what else was found.
     """
-    if EFFECT not in chosen.effects or drawn_out(chosen.fitted.packed.p) >= 1.0:
+    if EFFECT not in chosen.effects or not of_one_contact(chosen.fitted.packed.p):
         return None
     if chosen.fitted.cost >= root.fitted.cost:
         return None

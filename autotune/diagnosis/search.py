@@ -24,18 +24,15 @@ from autotune.diagnosis.candidates import (
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.evidence.time_driven import without_clocked
-from autotune.diagnosis.free_shape import EFFECT as MEMORY
 from autotune.diagnosis.free_shape import (
-    FADING_SLOTS,
+    BASE_LAWS,
     asked_for,
-    fades,
     with_base_shapes,
-    with_fading,
     with_free_shape,
     with_own_presliding,
-    without_fading,
     without_tail,
 )
+from autotune.diagnosis.free_shape import EFFECT as MEMORY
 from autotune.diagnosis.refits import (
     REFINED,
     best_refined,
@@ -158,12 +155,12 @@ class _Search:
     def found(self) -> Found:
         self._shape_base()
         self._seek()
-        if self.begin_again is None and self._fades_beside():
+        if self.begin_again is None and self._other_law_beside():
             self._seek()
         if self.begin_again is not None:
             return Found(self.problem, self.root, None, (), (), {}, begin_again=self.begin_again)
         self._tidy()
-        self._drop_fading()
+        self._drop_laws()
         self._try_look_alikes()
         found = (self.problem, self.root, self.chosen, self.first, self.tried, self.generic)
         return self._beside_own_presliding(Found(*found, self._still_freed()))
@@ -190,47 +187,61 @@ class _Search:
             self.progress("another law of the base")
             self._take_root(shaped)
 
-    def _fades(self, ranked: Sequence[ScreenedCandidate]) -> bool:
-        """Whether damping in presliding that fades with speed explains more than any effect: then the root has it."""
+    def _other_law(self, ranked: Sequence[ScreenedCandidate]) -> bool:
+        """Whether an optional law of the base explains more than any effect: then the root has it."""
         asked = self._more_to_explain(self.root)
         if not asked and not self.evidence.worth_fitting(self.problem, self.root, ranked):
             return False
-        faded = self._borne_out(with_fading(self.problem, self.root))
-        if faded is None:
+        found = [self._borne_out(law.added(self.problem, self.root)) for law in BASE_LAWS]
+        gains = [gain_and_z(self.root.unseen, one.unseen)[0] if one is not None else 0.0 for one in found]
+        best = max(range(len(found)), key=lambda i: gains[i])
+        other = found[best]
+        if other is None:
             return False
-        gain = gain_and_z(self.root.unseen, faded.unseen)[0]
-        if gain < max((item.gain for item in ranked), default=0.0):
-            self.outdone = faded
+        if gains[best] < max((item.gain for item in ranked), default=0.0):
+            self.outdone = other
             return False
-        self.progress("damping in presliding that fades with speed")
-        self._take_root(faded)
+        self.progress(BASE_LAWS[best].about)
+        self._take_root(other)
         self._begins_again()
         return True
 
-    def _fades_beside(self) -> bool:
-        """Whether it does so beside what was found: then the root has it, and effects are looked for anew.
+    def _other_law_beside(self) -> bool:
+        """Whether one does so beside what was found: then the root has it, and effects are looked for anew.
 
-        Where what explained more could not be taken after all, it does.
+        Where what explained more could not be taken after all, or errs more inside the twin, it does.
         """
-        faded = self.outdone if self.chosen is None else self._root_beside(self.chosen)
-        if faded is None or faded.fitted.cost >= self.root.fitted.cost:
+        other = self.outdone if self._outdone_after_all() else None
+        if other is None and self.chosen is not None:
+            other = self._root_beside(self.chosen)
+        if other is None or other.fitted.cost >= self.root.fitted.cost:
             return False
-        self.progress("damping in presliding that fades with speed")
-        self._take_root(faded)
+        self.progress("another law of the base")
+        self._take_root(other)
         return not self._begins_again()
 
+    def _outdone_after_all(self) -> bool:
+        """Whether a law of the base that the best effect seemed to outdo explains more than what was found."""
+        if self.outdone is None or self.chosen is None:
+            return self.outdone is not None
+        left = [error_left(self.problem, one) for one in (self.outdone, self.chosen.model_fit)]
+        return left[0] < left[1]
+
     def _root_beside(self, chosen: FittedCandidate) -> ModelFit | None:
-        """The root with damping that fades as the data ask for it beside an effect; None where they do not.
+        """The root with a law of the base that the data ask for beside an effect; None where they do not.
 
         Training may be explained where the veto trajectory is not.
         """
-        left = chosen.share < REFINED or self._more_to_explain(chosen.model_fit)
-        beside = with_fading(self.problem, chosen.model_fit) if left else None
-        beside = self._borne_out(beside, chosen.model_fit)
-        if beside is None:
+        if not (chosen.share < REFINED or self._more_to_explain(chosen.model_fit)):
             return None
-        packed = taken_out(self.root, beside, *beside.effects)
-        free = [*self.root.free, *(one for one in beside.free if one.slot in FADING_SLOTS)]
+        before = chosen.model_fit
+        found = [(law, self._borne_out(law.added(self.problem, before), before)) for law in BASE_LAWS]
+        beside = [(law, after) for law, after in found if after is not None]
+        if not beside:
+            return None
+        law, after = min(beside, key=lambda item: item[1].fitted.cost)
+        packed = taken_out(self.root, after, *after.effects)
+        free = [*self.root.free, *(one for one in after.free if one.slot in law.slots)]
         return fit_inside_twin(self.problem, packed, free, 2, self.root.effects)
 
     def _borne_out(self, after: ModelFit | None, before: ModelFit | None = None) -> ModelFit | None:
@@ -271,16 +282,17 @@ class _Search:
                 if not better:
                     self.tried = [*(one for one in self.tried if one.effect != effect), fitted]
 
-    def _drop_fading(self) -> None:
-        """Damping in presliding is the same at all speeds again where it need not fade beside what was found."""
-        if self.chosen is None or not fades(self.chosen.model_fit.fitted.packed):
-            return
-        less = without_fading(self.problem, self.chosen.model_fit)
-        if less is None or asked_for(self.problem, less, self.chosen.model_fit):
-            return
-        root = without_fading(self.problem, self.root)
-        if root is not None:
-            self.root, self.chosen = root, judged(self.problem, root, less, self.chosen.effect)
+    def _drop_laws(self) -> None:
+        """The base is the plain one again where it needs no other law beside what was found."""
+        for law in BASE_LAWS:
+            if self.chosen is None or not law.there(self.root.fitted.packed):
+                continue
+            less = law.removed(self.problem, self.chosen.model_fit)
+            if less is None or asked_for(self.problem, less, self.chosen.model_fit):
+                continue
+            root = law.removed(self.problem, self.root)
+            if root is not None:
+                self.root, self.chosen = root, judged(self.problem, root, less, self.chosen.effect)
 
     def _rooted_anew(self, best: FittedCandidate) -> bool:
         """Whether the root was no minimum: a candidate that led its base away from there is no reason for a name."""
@@ -393,7 +405,7 @@ class _Search:
         problem, model_fit = self.problem, self._model_fit
         worth = least_fall(problem, self.chosen) if self.chosen is not None else 0.0
         ranked = rank(problem, self.evidence, model_fit, self.nominal, self.progress, worth)
-        if first and self._fades(ranked):
+        if first and self._other_law(ranked):
             if self.begin_again is not None:
                 return None
             problem, model_fit = self.problem, self.root

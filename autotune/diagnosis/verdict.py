@@ -161,7 +161,7 @@ def _searched(
         if found.begin_again is None:
             break
         base, first = model_from(model, found.begin_again, found.root.free), False
-    told = told_of_base(found.root.fitted.packed, model.pack(), model.motion_unit)
+    told = told_of_base(found.root.fitted.packed, model.pack(), model.motion_unit, found.presliding is None)
     return replace(found, base=told), nominal, notes_after(notes, problem, found.problem)
 
 

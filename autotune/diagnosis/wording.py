@@ -41,6 +41,11 @@ OWN_PRESLIDING = (
     "elastic until it slides. This is the base model's presliding by another law and no effect that is missing; it was "
     "fitted beside all else."
 )
+OTHER_CLIMB = (
+    "After a reversal friction climbs by another curve than the exponential of a bristle: a part of it is there at "
+    "once, or lets go sooner. This is the base model's presliding by another law and no effect that is missing; it was "
+    "fitted beside all else."
+)
 FADING_DAMPING = (
     "The damping in presliding fades with speed, to a third at {speed:.2g} {unit} or so: the contact is damped while "
     "it bends and hardly while it slides. This is a law of the base model, as textbooks have it, and no effect that is "

@@ -122,10 +122,10 @@ def share_damping(p: Floats, on: Flags) -> None:
 
 STEPS = (0.5, 1.0, 2.0, 4.0, 9.0, 25.0, 80.0)
 """Of the bristle's reach: where the elements of a start slide."""
-NINE_TENTHS, HALVINGS = 0.9, 50
-CLIMBS = 5.0
-"""Times level over stiffness at rest: so far on a bristle's exponential has come to within a hundredth of its level, as
-the laws of all single contacts have."""
+ONE_REACH, FOUR_FIFTHS, NINE_TENTHS, HALVINGS = 1.0 - math.exp(-1.0), 0.8, 0.9, 50
+CLIMBS, HUNDREDTH = 5.0, 0.01
+"""Times its reach: so far on a bristle's exponential has come to within a hundredth of its level, as the laws of all
+single contacts have."""
 IN_USE = 0.05
 """Of what all elements carry: an element that carries more may be moved."""
 
@@ -169,18 +169,52 @@ def drawn_out(p: Floats) -> float:
     One bristle has 1 (it comes exponentially), one contact that is elastic until it slides 0.4. Contacts that let go
     one after another, which is what remembers, have more than 1.
     """
+    return _way_to(p, NINE_TENTHS) / (-math.log1p(-NINE_TENTHS) * _level(p) / _stiffness(p))
+
+
+def of_one_contact(p: Floats) -> bool:
+    """Whether friction climbs after a rest as that of one contact does, so that its elements are no memory.
+
+    It comes to its level sooner than a bristle's, or to within a hundredth of it no later: beyond 1 − 1/e of it, where
+    it goes on to four fifths. How stiff a part of it is at first does not matter.
+    """
+    begins = _way_to(p, ONE_REACH)
+    reach = (_way_to(p, FOUR_FIFTHS) - begins) / (-math.log1p(-FOUR_FIFTHS) - 1.0)
+    left = 1.0 - _carried(p, begins + (CLIMBS - 1.0) * reach) / _level(p)
+    return drawn_out(p) < 1.0 or left < HUNDREDTH
+
+
+def _used(p: Floats) -> tuple[Floats, Floats]:
+    """Displacements [rad or m] and torques [N m or N] of the elements in use."""
     reach, torque = p[_AT : _AT + 2 * ELEMENTS : 2], p[_AT + 1 : _AT + 2 * ELEMENTS : 2]
-    reach, torque = reach[reach > 0.0], torque[reach > 0.0]
-    coulomb, stiffness = float(p[COULOMB]), float(p[STIFFNESS])
-    most = NINE_TENTHS * (coulomb + float(torque.sum()))
-    least, far = 0.0, float(max(reach.max(initial=0.0), -math.log1p(-NINE_TENTHS) * coulomb / stiffness))
+    return reach[reach > 0.0], torque[reach > 0.0]
+
+
+def _level(p: Floats) -> float:
+    """What bristle and elements carry while all slides [N m or N]."""
+    return float(p[COULOMB] + _used(p)[1].sum())
+
+
+def _stiffness(p: Floats) -> float:
+    """Of bristle and elements at rest [N m/rad or N/m]."""
+    reach, torque = _used(p)
+    return float(p[STIFFNESS] + (torque / reach).sum())
+
+
+def _carried(p: Floats, way: float) -> float:
+    """What bristle and elements carry on a way from rest [N m or N]."""
+    reach, torque = _used(p)
+    bristle = -float(p[COULOMB]) * math.expm1(-way * p[STIFFNESS] / p[COULOMB])
+    return bristle + float(torque @ np.minimum(way / reach, 1.0))
+
+
+def _way_to(p: Floats, part: float) -> float:
+    """Way from rest on which friction comes to a part of its level [rad or m]."""
+    least, far = 0.0, float(max(_used(p)[0].max(initial=0.0), -math.log1p(-part) * p[COULOMB] / p[STIFFNESS]))
     for _ in range(HALVINGS):
         way = 0.5 * (least + far)
-        bristle = -coulomb * math.expm1(-way * stiffness / coulomb)
-        enough = bristle + float(torque @ np.minimum(way / reach, 1.0)) >= most
-        least, far = (least, way) if enough else (way, far)
-    slope = stiffness + float((torque / reach).sum())
-    return far * slope * NINE_TENTHS / (-math.log1p(-NINE_TENTHS) * most)
+        least, far = (least, way) if _carried(p, way) >= part * _level(p) else (way, far)
+    return far
 
 
 def climbing(p: Floats) -> tuple[list[int], float]:
@@ -188,10 +222,9 @@ def climbing(p: Floats) -> tuple[list[int], float]:
 
     Elements that go on beyond it [rad or m] are memory.
     """
-    reach, torque = p[_AT : _AT + 2 * ELEMENTS : 2], p[_AT + 1 : _AT + 2 * ELEMENTS : 2]
+    reach = p[_AT : _AT + 2 * ELEMENTS : 2]
     used = np.flatnonzero(reach > 0.0)
-    level = float(p[COULOMB] + torque[used].sum())
-    way = CLIMBS * level / float(p[STIFFNESS] + (torque[used] / reach[used]).sum())
+    way = CLIMBS * max(_level(p) / _stiffness(p), _way_to(p, ONE_REACH))
     return [int(i) + 1 for i in used if reach[i] <= way], way
 
 

@@ -13,7 +13,7 @@ from autotune.estimation.least_squares import standard_errors
 from autotune.models.drive_model import DriveModel, base_model
 from autotune.models.stribeck import STRIBECK
 from autotune.recordings.recording import Recording
-from autotune_sim.plant import Bristle
+from autotune_sim.plant import Bristle, Element
 from tests.support.axes import NOMINAL, plain_axis
 from tests.support.diagnosis_programme import play
 
@@ -76,6 +76,45 @@ def test_damping_that_does_not_fade_stays_as_it_is() -> None:
     assert (found.verdict, found.base) == ("none", ())
     assert "damping_velocity" not in known_within(found)
     assert found_model(found, base_model(NOMINAL), "2024-05-01", "bench") is None
+
+
+def at_once(seed: int, effects: dict[str, float]) -> Recording:
+    """A plain axis of which a tenth of all friction is there at once after a reversal."""
+    axis = plain_axis(seed, effects)
+    own = axis.plant.bristle
+    assert own is not None
+    part = 0.1 * own.coulomb
+    plant = replace(
+        axis.plant,
+        bristle=replace(own, coulomb=0.9 * own.coulomb, break_away=0.9 * own.coulomb),
+        elements=(Element(0.05 * own.coulomb / own.stiffness, part), *axis.plant.elements),
+    )
+    return play(replace(axis, plant=plant), seed)
+
+
+@pytest.mark.slow(12)
+def test_friction_that_is_there_at_once_is_a_law_of_the_base() -> None:
+    recording = at_once(45, {})
+    found = diagnose([recording], base_model(NOMINAL))
+    assert (found.verdict, found.effects) == ("none", ())
+    assert any("another curve than the exponential" in note for note in found.notes)
+    made = found_model(found, base_model(NOMINAL), "2024-05-01", "bench")
+    assert made is not None
+    assert made.error_after < 0.9 * made.error_before
+    assert "reversal_memory" in made.model
+    assert diagnose([recording], made.model).base == ()
+
+
+@pytest.mark.slow(12)
+def test_an_effect_is_named_beside_friction_that_is_there_at_once() -> None:
+    found = diagnose([at_once(48, {"nonlinear_viscous": 0.02})], base_model(NOMINAL))
+    assert (found.verdict, found.effects) == ("named", ("nonlinear_viscous",))
+
+
+@pytest.mark.slow(12)
+def test_a_memory_keeps_its_name_beside_friction_that_is_there_at_once() -> None:
+    found = diagnose([at_once(49, {"reversal_memory": 0.06})], base_model(NOMINAL))
+    assert (found.verdict, found.effects) == ("named", ("reversal_memory",))
 
 
 def falling(bristle: Bristle) -> DriveModel:

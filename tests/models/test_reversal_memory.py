@@ -19,6 +19,7 @@ from autotune.models.reversal_memory import (
     drawn_out,
     memory_damping,
     memory_torque,
+    of_one_contact,
     share_damping,
 )
 from autotune.models.table import EFFECTS
@@ -47,6 +48,33 @@ def test_a_memory_draws_the_climb_out_and_one_contact_does_not(
         p[REVERSAL_MEMORY.slot(f"displacement_{number}")] = displacement
         p[REVERSAL_MEMORY.slot(f"torque_{number}")] = torque
     assert least - 1e-9 <= drawn_out(p) <= most + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("coulomb", "elements", "one"),
+    [
+        (1.0, [], True),
+        (0.8, [(0.05, 0.2)], True),  # a part that is there at once: far stiffer at rest, no longer on its way
+        (0.75, [(0.1, 0.1), (0.5, 0.15)], True),
+        (
+            1e-3,
+            [(0.3, 0.2), (0.6, 0.3), (1.0, 0.3), (1.5, 0.2)],
+            True,
+        ),  # a chain that ends where a bristle's climb does
+        (0.95, [(8.0, 0.05)], False),  # a twentieth of all friction, where a bristle has come to its level
+        (0.8, [(0.05, 0.15), (20.0, 0.05)], False),
+        (0.7, [(2.0, 0.1), (8.0, 0.1), (32.0, 0.1)], False),
+    ],
+)
+def test_elements_are_of_one_contact_where_friction_goes_on_no_longer_than_a_bristle(
+    coulomb: float, elements: list[tuple[float, float]], one: bool
+) -> None:
+    p = base_model(NOMINAL).pack().p
+    p[layout.COULOMB], p[layout.STIFFNESS] = coulomb, coulomb
+    for number, (displacement, torque) in enumerate(elements, 1):
+        p[REVERSAL_MEMORY.slot(f"displacement_{number}")] = displacement
+        p[REVERSAL_MEMORY.slot(f"torque_{number}")] = torque
+    assert of_one_contact(p) is one
 
 
 @pytest.mark.parametrize(
