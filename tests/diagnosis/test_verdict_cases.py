@@ -300,12 +300,54 @@ def test_an_effect_that_is_not_quite_what_data_show_stands_beside_its_look_alike
 ) -> None:
     """Those that gain half as much, or that nothing was tried of."""
     monkeypatch.setattr(facts, "like_a_parabola", lambda *_: False)
+    monkeypatch.setattr(facts, "_at_its_best", lambda *_: None)
     fit = SimpleNamespace(effects=("dwell_time_break_away",))
     chosen = SimpleNamespace(effect="dwell_time_break_away", gain=0.9, model_fit=fit)
     first = [SimpleNamespace(effect=effect, gain=gain) for effect, gain in gains.items()]
     problem = SimpleNamespace(policy=POLICY, data=SimpleNamespace(starts=(0,)))
     known = (problem, fit, chosen, RepeatedProgramme(), (), None, "", 0.0, 0.9, (), first)
     assert set(facts._untold(Facts(*known, **signs))) == rivals
+
+
+@pytest.mark.parametrize(
+    ("certain", "apart", "beside", "plain", "away", "behind"),
+    [
+        (True, True, 0.95, 0.995, True, True),
+        (True, True, 0.95, 0.97, True, False),
+        (True, True, 0.8, 0.995, False, False),
+        (True, False, 0.95, 0.995, False, False),
+        (False, True, 0.95, 0.995, False, False),
+    ],
+)
+def test_a_rival_whose_rest_is_explained_is_none(
+    monkeypatch: pytest.MonkeyPatch,
+    certain: bool,
+    apart: bool,
+    beside: float,
+    plain: float,
+    away: bool,
+    behind: bool,
+) -> None:
+    """A weight that leaves 2 % of a spring's torque, beyond doubt, where the spring leaves nothing.
+
+    Where the chosen effect is not quite what data show (`away`) only the rival's rest counts; where a rival came near
+    it (`behind`) the chosen one must leave nothing, with nothing excused. None that was no candidate is refuted.
+    """
+    monkeypatch.setattr(facts, "with_free_shape", lambda *_: None)
+    monkeypatch.setattr(candidates, "explained_beside", lambda *_: SimpleNamespace(share=beside))
+    nothing, rest = SimpleNamespace(certain=False), SimpleNamespace(certain=certain)
+    model = SimpleNamespace(fitted=SimpleNamespace(packed=None))
+    chosen = SimpleNamespace(
+        effect="spring", plain_share=plain, training=nothing, veto=nothing, model_fit=None
+    )
+    rival = SimpleNamespace(effect="gravity_imbalance", training=nothing, veto=rest, model_fit=None)
+    evidence = SimpleNamespace(apart=lambda *_: apart)
+    problem = SimpleNamespace(policy=POLICY, has=lambda _: True)
+    known = (problem, model, chosen, evidence, (), None, "", 0.0, 0.9, ())
+    found = Facts(*known, first=[chosen, rival], tried=[chosen, rival])
+    assert facts._explained_away(found, rival.effect) is away
+    assert facts._left_behind(found, rival.effect) is behind
+    assert not facts._explained_away(found, "reversal_memory")
 
 
 @pytest.mark.parametrize(
