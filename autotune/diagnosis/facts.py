@@ -31,7 +31,7 @@ from autotune.diagnosis.free_shape import (
     own_course,
     with_free_shape,
 )
-from autotune.diagnosis.refits import REFINED, inside_twin
+from autotune.diagnosis.refits import REFINED, adds_beside, inside_twin
 from autotune.diagnosis.ripple_orders import candidate_orders
 from autotune.diagnosis.search import Found
 from autotune.diagnosis.transmission import GAP, SPRING, hardly_a_gap
@@ -162,7 +162,8 @@ class Facts:
     def _far_behind(self, chosen: FittedCandidate, rival: FittedCandidate) -> bool:
         """Whether a rival errs more beyond chance, and nothing is left with the chosen one, with nothing excused.
 
-        Or of what the rival leaves that can be explained the chosen one explains as much as a name asks of all.
+        Or of what the rival leaves that can be explained the chosen one explains as much as a name asks of all. Or the
+        rival adds next to nothing beside it: what both leave is the base's, and says nothing of either.
         """
         problem, policy = self.problem, self.problem.policy
         if not self.evidence.apart(problem, chosen.model_fit, rival.model_fit):
@@ -170,7 +171,9 @@ class Facts:
         if chosen.plain_share >= REFINED:
             return True
         parts = explained_of_rest(problem, rival.model_fit, chosen.model_fit)
-        return all(part.share >= policy.named for part in parts)
+        if all(part.share >= policy.named for part in parts):
+            return True
+        return adds_beside(problem, self.root, chosen.model_fit, rival.model_fit) <= 1.0 - policy.named
 
     @property
     def outdone(self) -> str:

@@ -185,24 +185,33 @@ def test_a_free_course_names_only_what_no_other_effect_comes_near(
 
 
 @pytest.mark.parametrize(
-    ("plain", "share", "apart", "beside", "leads"),
+    ("plain", "share", "apart", "beside", "adds", "leads"),
     [
-        (0.995, 0.96, True, 0.5, True),
-        (0.995, 0.96, False, 0.95, False),
-        (0.97, 0.96, True, 0.5, False),
-        (0.97, 0.96, True, 0.95, True),
-        (0.97, 0.96, False, 0.95, False),
-        (0.97, 0.03, False, 0.0, True),
+        (0.995, 0.96, True, 0.5, 0.5, True),
+        (0.995, 0.96, False, 0.95, 0.01, False),
+        (0.97, 0.96, True, 0.5, 0.2, False),
+        (0.97, 0.96, True, 0.5, 0.05, True),
+        (0.97, 0.96, True, 0.95, 0.5, True),
+        (0.97, 0.96, False, 0.95, 0.01, False),
+        (0.97, 0.03, False, 0.0, 0.5, True),
     ],
 )
 def test_a_rival_is_refuted_inside_the_twin(
-    monkeypatch: pytest.MonkeyPatch, plain: float, share: float, apart: bool, beside: float, leads: bool
+    monkeypatch: pytest.MonkeyPatch,
+    plain: float,
+    share: float,
+    apart: bool,
+    beside: float,
+    adds: float,
+    leads: bool,
 ) -> None:
     """A knee in the motor's torque on measured motion gains less than friction that depends on load; inside the twin
     its course leaves nothing, and that friction a twentieth. What explains next to nothing there is no rival of any.
 
     `beside`: share of what the rival leaves that the chosen one explains, on training and veto alike. A film that
-    shears off left a thirtieth of what a second mass left, with a course of its own, and was "not beyond doubt"."""
+    shears off left a thirtieth of what a second mass left, with a course of its own, and was "not beyond doubt".
+    `adds`: what the rival explains beside the chosen one, of what it lacks: what both leave is the base's."""
+    monkeypatch.setattr(facts, "adds_beside", lambda *_: adds)
     fit = SimpleNamespace(effects=("torque_saturation",))
     chosen = SimpleNamespace(effect="torque_saturation", gain=0.7, plain_share=plain, model_fit=fit)
     rival = SimpleNamespace(
