@@ -23,8 +23,15 @@ from autotune.diagnosis.evidence.time_driven import (
     time_driven_line,
     without_line,
 )
-from autotune.diagnosis.free_shape import any_course, at_an_edge, like_a_motor, like_a_parabola, own_course
-from autotune.diagnosis.refits import REFINED
+from autotune.diagnosis.free_shape import (
+    any_course,
+    at_an_edge,
+    like_a_motor,
+    like_a_parabola,
+    own_course,
+    with_free_shape,
+)
+from autotune.diagnosis.refits import REFINED, adds_beside, inside_twin
 from autotune.diagnosis.ripple_orders import candidate_orders
 from autotune.diagnosis.search import Found
 from autotune.diagnosis.transmission import GAP, SPRING, hardly_a_gap
@@ -155,7 +162,8 @@ class Facts:
     def _far_behind(self, chosen: FittedCandidate, rival: FittedCandidate) -> bool:
         """Whether a rival errs more beyond chance, and nothing is left with the chosen one, with nothing excused.
 
-        Or of what the rival leaves that can be explained the chosen one explains as much as a name asks of all.
+        Or of what the rival leaves that can be explained the chosen one explains as much as a name asks of all. Or the
+        rival adds next to nothing beside it: what both leave is the base's, and says nothing of either.
         """
         problem, policy = self.problem, self.problem.policy
         if not self.evidence.apart(problem, chosen.model_fit, rival.model_fit):
@@ -163,7 +171,9 @@ class Facts:
         if chosen.plain_share >= REFINED:
             return True
         parts = explained_of_rest(problem, rival.model_fit, chosen.model_fit)
-        return all(part.share >= policy.named for part in parts)
+        if all(part.share >= policy.named for part in parts):
+            return True
+        return adds_beside(problem, self.root, chosen.model_fit, rival.model_fit) <= 1.0 - policy.named
 
     @property
     def outdone(self) -> str:
@@ -226,7 +236,8 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     if named and chosen is not None and len(chosen.model_fit.effects) == 1:
         unlike = evidence.unlike_in_one(problem, root, chosen.model_fit)
         facts = replace(facts, unlike=unlike, edge=at_an_edge(problem, chosen.model_fit))
-        facts = replace(facts, rivals=facts.rivals or _untold(facts, found.told_apart))
+        doubtful = tuple(one for one in facts.rivals if not _left_behind(facts, one))
+        facts = replace(facts, rivals=doubtful or _untold(facts, found.told_apart))
     if named:
         return facts
     breathing = breathing_friction(problem, final) if evidence.repeats else None
@@ -246,18 +257,61 @@ def _untold(facts: Facts, told_apart: Sequence[str] = ()) -> tuple[str, ...]:
     candidates.
     """
     problem, chosen = facts.problem, facts.chosen
-    if chosen is None or not (
-        facts.unlike
-        or facts.edge
-        or not own_course(problem, chosen.model_fit, chosen.effect)
-        or like_a_parabola(problem, facts.root, chosen.model_fit, facts.evidence.alike(problem))
-        or like_a_motor(problem, facts.root, chosen.model_fit, facts.evidence.alike(problem))
-    ):
+    if chosen is None:
+        return ()
+    alike = facts.evidence.alike(problem)
+    else_as_well = (
+        facts.edge
+        or like_a_parabola(problem, facts.root, chosen.model_fit, alike)
+        or like_a_motor(problem, facts.root, chosen.model_fit, alike)
+    )
+    if not (else_as_well or facts.unlike or not own_course(problem, chosen.model_fit, chosen.effect)):
         return ()
     gains = {item.effect: item.gain for item in facts.first}
     least = problem.policy.rival_gain * gains.get(chosen.effect, chosen.gain)
     near = [one for one in usual_rivals(chosen.effect) if gains.get(one, _unsought(facts, one)) >= least]
-    return tuple(one for one in near if one not in told_apart)
+    near = [one for one in near if one not in told_apart]
+    return tuple(near if else_as_well else (one for one in near if not _explained_away(facts, one)))
+
+
+def _left_behind(facts: Facts, rival: str) -> bool:
+    """Whether the chosen effect leaves nothing, with nothing excused, and a rival's rest is explained by it."""
+    chosen = facts.chosen
+    if chosen is None or chosen.plain_share < REFINED or _certain(chosen):
+        return False
+    return _explained_away(facts, rival)
+
+
+def _explained_away(facts: Facts, rival: str) -> bool:
+    """Whether what an effect leaves is there beyond doubt, and the chosen one explains as much of it as a name asks.
+
+    The rival is followed inside the twin for it, its own course as free. One that was no candidate is never refuted.
+    """
+    problem, chosen = facts.problem, facts.chosen
+    best = _at_its_best(facts, rival)
+    if chosen is None or best is None or not _certain(best):
+        return False
+    if not facts.evidence.apart(problem, chosen.model_fit, best.model_fit):
+        return False
+    parts = explained_of_rest(problem, best.model_fit, chosen.model_fit)
+    return all(part.share >= problem.policy.named for part in parts)
+
+
+def _certain(item: FittedCandidate) -> bool:
+    """Whether a model leaves something that repeats beyond doubt."""
+    return item.training.certain or (item.veto is not None and item.veto.certain)
+
+
+def _at_its_best(facts: Facts, effect: str) -> FittedCandidate | None:
+    """An effect fitted inside the twin, its course free where that explains more; None where it was no candidate."""
+    problem, root = facts.problem, facts.root
+    item = next((one for one in facts.tried if one.effect == effect), None)
+    if item is None:
+        screened = next((one for one in facts.first if one.effect == effect), None)
+        item = inside_twin(problem, root, root, screened) if screened is not None else None
+    if item is None:
+        return None
+    return with_free_shape(problem, root, root.fitted.packed, item) or item
 
 
 def _unsought(facts: Facts, effect: str) -> float:

@@ -25,7 +25,7 @@ from autotune.estimation.contact_start import CONTACT, best_contact, damped_as_t
 from autotune.estimation.cross_validation import explained, gain_and_z
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.disturbance_estimate import estimate_disturbance, with_counts, with_expected_noise
-from autotune.estimation.least_squares import Free, covariance
+from autotune.estimation.least_squares import Free, covariance, followed
 from autotune.estimation.problem import Problem, base_free, refit
 from autotune.models.drive_model import Packed
 from autotune.models.effect import Kind, Terms
@@ -92,6 +92,30 @@ def needed_share(problem: Problem, found: FittedCandidate) -> float:
     certain = found.training.certain or (found.veto is not None and found.veto.certain)
     approximate = any(EFFECTS[name].approximate for name in found.model_fit.effects)
     return problem.policy.named_with_rest if certain and not approximate else problem.policy.named
+
+
+def adds_beside(problem: Problem, root: ModelFit, model_fit: ModelFit, rival: ModelFit) -> float:
+    """What a rival explains beside a model, of what both together explain beyond the rival; linearised, on training.
+
+    The one encompasses the other where that is next to nothing (Davidson and MacKinnon 1981, Econometrica 49): all that
+    the rival explains is in the model, and more. What both leave is left out of it.
+    """
+    weight, fitted = problem.training, model_fit.fitted
+    slots = {parameter.slot for name in rival.effects for parameter in EFFECTS[name].parameters}
+    own = [one.slot in slots for one in rival.fitted.free]
+    without = problem.raw(taken_out(root, rival, *rival.effects)) - rival.correction.bias
+    columns = np.column_stack([
+        fitted.jacobian, rival.fitted.jacobian[:, own], rival.fitted.error - without
+    ])  # fmt: skip
+    alone, other, both = (
+        float(weight @ followed(table, error, weight) ** 2)
+        for table, error in (
+            (fitted.jacobian, fitted.error),
+            (rival.fitted.jacobian, rival.fitted.error),
+            (columns, fitted.error),
+        )
+    )
+    return (alone - both) / max(other - both, 1e-300)
 
 
 def gain_on_veto(problem: Problem, before: ModelFit, after: ModelFit) -> float:

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
+from autotune.diagnosis import refits
 from autotune.diagnosis.baseline import begin
-from autotune.diagnosis.refits import root_from
+from autotune.diagnosis.refits import adds_beside, root_from
 from autotune.estimation.bandwidth import prepared_to_fit
 from autotune.estimation.bias_corrected_fit import fit_inside_twin
+from autotune.estimation.least_squares import followed
 from autotune.estimation.problem import refit
 from autotune.models import layout
 from autotune.models.drive_model import Packed
@@ -40,3 +44,25 @@ def test_a_first_fit_that_ended_in_the_wrong_place_is_made_again_from_where_a_ca
     assert not found.fitted.packed.on[layout.flag(DRIFT.name)]
     assert found.fitted.cost == pytest.approx(root.fitted.cost, rel=0.05)
     assert root_from(problem, root, drifting) is None
+
+
+@pytest.mark.parametrize("common", [0.0, 3.0])
+def test_what_a_rival_adds_beside_the_true_effect_is_next_to_nothing_whatever_both_leave(
+    monkeypatch: pytest.MonkeyPatch, common: float
+) -> None:
+    """The true one adds all that the rival lacks. `common`: rms of what neither explains."""
+    random = np.random.default_rng(2)
+    true, other, rest, noise = random.standard_normal((4, 2000))
+    missing, weight = 2.0 * true + common * rest + 0.1 * noise, np.ones(2000)
+
+    def fit(effect: str, column: np.ndarray) -> SimpleNamespace:
+        table = np.column_stack([np.ones(2000), column])
+        free = [SimpleNamespace(slot=-1), SimpleNamespace(slot=EFFECTS[effect].parameters[0].slot)]
+        fitted = SimpleNamespace(jacobian=table, error=followed(table, missing, weight), free=free)
+        return SimpleNamespace(effects=(effect,), fitted=fitted, correction=SimpleNamespace(bias=0.0))
+
+    monkeypatch.setattr(refits, "taken_out", lambda *_: None)
+    problem = SimpleNamespace(training=weight, raw=lambda _: missing)
+    right, wrong = fit("spring", true), fit("torque_lag", 0.9 * true + 0.4 * other)
+    assert adds_beside(problem, None, right, wrong) < 0.03
+    assert adds_beside(problem, None, wrong, right) > 1.0

@@ -190,24 +190,33 @@ def test_a_free_course_names_only_what_no_other_effect_comes_near(
 
 
 @pytest.mark.parametrize(
-    ("plain", "share", "apart", "beside", "leads"),
+    ("plain", "share", "apart", "beside", "adds", "leads"),
     [
-        (0.995, 0.96, True, 0.5, True),
-        (0.995, 0.96, False, 0.95, False),
-        (0.97, 0.96, True, 0.5, False),
-        (0.97, 0.96, True, 0.95, True),
-        (0.97, 0.96, False, 0.95, False),
-        (0.97, 0.03, False, 0.0, True),
+        (0.995, 0.96, True, 0.5, 0.5, True),
+        (0.995, 0.96, False, 0.95, 0.01, False),
+        (0.97, 0.96, True, 0.5, 0.2, False),
+        (0.97, 0.96, True, 0.5, 0.05, True),
+        (0.97, 0.96, True, 0.95, 0.5, True),
+        (0.97, 0.96, False, 0.95, 0.01, False),
+        (0.97, 0.03, False, 0.0, 0.5, True),
     ],
 )
 def test_a_rival_is_refuted_inside_the_twin(
-    monkeypatch: pytest.MonkeyPatch, plain: float, share: float, apart: bool, beside: float, leads: bool
+    monkeypatch: pytest.MonkeyPatch,
+    plain: float,
+    share: float,
+    apart: bool,
+    beside: float,
+    adds: float,
+    leads: bool,
 ) -> None:
     """A knee in the motor's torque on measured motion gains less than friction that depends on load; inside the twin
     its course leaves nothing, and that friction a twentieth. What explains next to nothing there is no rival of any.
 
     `beside`: share of what the rival leaves that the chosen one explains, on training and veto alike. A film that
-    shears off left a thirtieth of what a second mass left, with a course of its own, and was "not beyond doubt"."""
+    shears off left a thirtieth of what a second mass left, with a course of its own, and was "not beyond doubt".
+    `adds`: what the rival explains beside the chosen one, of what it lacks: what both leave is the base's."""
+    monkeypatch.setattr(facts, "adds_beside", lambda *_: adds)
     fit = SimpleNamespace(effects=("torque_saturation",))
     chosen = SimpleNamespace(effect="torque_saturation", gain=0.7, plain_share=plain, model_fit=fit)
     rival = SimpleNamespace(
@@ -305,12 +314,54 @@ def test_an_effect_that_is_not_quite_what_data_show_stands_beside_its_look_alike
 ) -> None:
     """Those that gain half as much, or that nothing was tried of."""
     monkeypatch.setattr(facts, "like_a_parabola", lambda *_: False)
+    monkeypatch.setattr(facts, "_at_its_best", lambda *_: None)
     fit = SimpleNamespace(effects=("dwell_time_break_away",))
     chosen = SimpleNamespace(effect="dwell_time_break_away", gain=0.9, model_fit=fit)
     first = [SimpleNamespace(effect=effect, gain=gain) for effect, gain in gains.items()]
     problem = SimpleNamespace(policy=POLICY, data=SimpleNamespace(starts=(0,)))
     known = (problem, fit, chosen, RepeatedProgramme(), (), None, "", 0.0, 0.9, (), first)
     assert set(facts._untold(Facts(*known, **signs))) == rivals
+
+
+@pytest.mark.parametrize(
+    ("certain", "apart", "beside", "plain", "away", "behind"),
+    [
+        (True, True, 0.95, 0.995, True, True),
+        (True, True, 0.95, 0.97, True, False),
+        (True, True, 0.8, 0.995, False, False),
+        (True, False, 0.95, 0.995, False, False),
+        (False, True, 0.95, 0.995, False, False),
+    ],
+)
+def test_a_rival_whose_rest_is_explained_is_none(
+    monkeypatch: pytest.MonkeyPatch,
+    certain: bool,
+    apart: bool,
+    beside: float,
+    plain: float,
+    away: bool,
+    behind: bool,
+) -> None:
+    """A weight that leaves 2 % of a spring's torque, beyond doubt, where the spring leaves nothing.
+
+    Where the chosen effect is not quite what data show (`away`) only the rival's rest counts; where a rival came near
+    it (`behind`) the chosen one must leave nothing, with nothing excused. None that was no candidate is refuted.
+    """
+    monkeypatch.setattr(facts, "with_free_shape", lambda *_: None)
+    monkeypatch.setattr(candidates, "explained_beside", lambda *_: SimpleNamespace(share=beside))
+    nothing, rest = SimpleNamespace(certain=False), SimpleNamespace(certain=certain)
+    model = SimpleNamespace(fitted=SimpleNamespace(packed=None))
+    chosen = SimpleNamespace(
+        effect="spring", plain_share=plain, training=nothing, veto=nothing, model_fit=None
+    )
+    rival = SimpleNamespace(effect="gravity_imbalance", training=nothing, veto=rest, model_fit=None)
+    evidence = SimpleNamespace(apart=lambda *_: apart)
+    problem = SimpleNamespace(policy=POLICY, has=lambda _: True)
+    known = (problem, model, chosen, evidence, (), None, "", 0.0, 0.9, ())
+    found = Facts(*known, first=[chosen, rival], tried=[chosen, rival])
+    assert facts._explained_away(found, rival.effect) is away
+    assert facts._left_behind(found, rival.effect) is behind
+    assert not facts._explained_away(found, "reversal_memory")
 
 
 @pytest.mark.parametrize(

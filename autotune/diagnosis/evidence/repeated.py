@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from autotune.core.arrays import Flags, Floats
-from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, error_left
+from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, error_left, explained_of_rest
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult, without_chain
 from autotune.diagnosis.evidence.single import folds_of
 from autotune.diagnosis.evidence.visibility import flank_in_sight, law_hides_ringing
@@ -85,10 +85,12 @@ class RepeatedProgramme(Evidence):
         return max(least, problem.comes_by_counts(TRAINING)[0])
 
     def only_at_rests(self, problem: Problem, before: ModelFit, candidate: FittedCandidate) -> bool:
-        """Less than half of what it explains is left where every rest and repeat has a stretch of its own.
+        """Less than half of what it explains is left where every rest and repeat has a stretch of its own, and such
+        stretches leave nothing that it would explain.
 
         Friction that is higher after a rest climbs beyond the stretch it began with; a contact that is young again
-        within a part of the bristle's reach only changes how its stretch creeps while the axis rests.
+        within a part of the bristle's reach only changes how its stretch creeps while the axis rests. How much of a
+        true effect free stretches take is a matter of its slip: what they leave, if anything, tells one from the other.
         """
         if not EFFECTS[candidate.effect].needs_rests:
             return False
@@ -96,7 +98,11 @@ class RepeatedProgramme(Evidence):
         rests = rests_of(problem, before.fitted.packed)
         rested = [without_rests(item.fitted.error, rests) for item in (before, after)]
         plain = _fall(problem, before.fitted.error, after.fitted.error)
-        return _fall(problem, *rested) < problem.policy.partly * plain
+        if _fall(problem, *rested) >= problem.policy.partly * plain:
+            return False
+        parts = explained_of_rest(problem, before, after)
+        explains = all(part.plain_share >= problem.policy.partly for part in parts)
+        return not (explains and self._structured(problem, before))
 
     def structure_left(self, problem: Problem, model_fit: ModelFit) -> bool:
         """What comes again beyond doubt, in more than replicas that lack nothing have of it; or a level that drifts.
@@ -105,6 +111,10 @@ class RepeatedProgramme(Evidence):
         """
         if drift(problem, model_fit.fitted, model_fit.correction, TRAINING)[0] > 0.0:
             return True
+        return self._structured(problem, model_fit)
+
+    def _structured(self, problem: Problem, model_fit: ModelFit) -> bool:
+        """Whether more comes again than replicas have of it, without what a stretch of its own at each rest makes."""
         rests = rests_of(problem, model_fit.fitted.packed)
         seen = _shared(problem, model_fit.correction, model_fit.fitted.error, rests)
         if not math.isfinite(seen.variance) or not self._left(problem, model_fit, seen, []):
