@@ -20,7 +20,7 @@ from autotune.estimation.least_squares import Fitted, Free, fit, jacobian
 from autotune.estimation.parts import first_round, spread
 from autotune.estimation.problem import Correction, Problem, refit
 from autotune.estimation.residual import residual, residuals
-from autotune.models.drive_model import BASE, Packed
+from autotune.models.drive_model import Packed
 from autotune.models.lanes import WIDTH
 from autotune.models.transmission import BETWEEN
 
@@ -31,10 +31,8 @@ ACROSS_A_RIDGE = 1.5
 """What the cost may rise by where only a whole step is left to try."""
 STEPS_A_ROUND = 4
 COARSE = 0.15
-"""Of a parameter that acts between two masses or at the load, or of its scale where that is less: difference for its
-sensitivities; contact makes small ones noise."""
-AT_THE_LOAD = BETWEEN | {parameter.slot for parameter in BASE}
-"""Places of the parameters that act there."""
+"""Of a parameter between two masses, or of its scale where that is less: difference for its sensitivities; contact
+makes small ones noise."""
 STUCK, NEAR = 0.9, 0.5
 """Of the cost at its start: a fit that comes no lower has not found its way, unless it began so near the end."""
 LEAST_CHANGE = 0.2
@@ -201,15 +199,14 @@ def stepped(
 def _sensed(problem: Problem, packed: Packed, free: Sequence[Free], bias: Floats) -> tuple[Floats, Floats]:
     """Sensitivities between two masses, as `least_squares.jacobian` gives them.
 
-    What is between the masses changes the bias alone, by runs that are all shaken alike. The base's parameters change
-    it too: a part of inertia and friction is beyond the transmission, in the twin and not in the inverse of the
-    measured motion. What other effects change of it is held.
+    What acts at the motor changes the inverse of the measured motion, and the bias hardly: it is held. What is between
+    the masses changes the bias alone, by runs that are all shaken alike.
     """
     columns, scales = jacobian(problem.data, problem.moved, packed, free, problem.raw(packed))
-    sensed = [i for i, one in enumerate(free) if one.slot in AT_THE_LOAD]
+    between = [i for i, one in enumerate(free) if one.slot in BETWEEN]
     models: list[Packed] = []
     changes: list[float] = []
-    for i in sensed:
+    for i in between:
         value = float(packed.p[free[i].slot])
         change = COARSE * max(min(free[i].scale, abs(value)), LEAST_CHANGE * free[i].scale)
         changes.append(change if value + change <= free[i].upper else -change)
@@ -218,11 +215,10 @@ def _sensed(problem: Problem, packed: Packed, free: Sequence[Free], bias: Floats
         models.append(Packed(p, packed.on))
     rows = problem.training > 0
     for i, change, moved in zip(
-        sensed, changes, problem.corrections(models, problem.simulations + 1), strict=True
+        between, changes, problem.corrections(models, problem.simulations + 1), strict=True
     ):
         known = (bias - moved.bias) * (scales[i] / change) if moved.stable else np.zeros(len(bias))
-        by_motion = 0.0 if free[i].slot in BETWEEN else columns[:, i]
-        columns[:, i] = by_motion + np.where(rows, known, 0.0)
+        columns[:, i] = np.where(rows, known, 0.0)
     return columns, scales
 
 
