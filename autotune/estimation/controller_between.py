@@ -61,7 +61,7 @@ FASTEST = 25.0
 """Time constants of that filter in a sample: beyond, nothing is left to filter."""
 MOST_ANSWER, FINER, MOST_SET_POINTS = 6, 3, 2
 """Ticks of `TICK` by which an answer may be late, how much finer it is found at last, and samples by which set points
-are late then."""
+may be less late then."""
 AS_MUCH = 1.1
 """Times the share that another law leaves: as much, within what counts and rounding make."""
 
@@ -172,8 +172,10 @@ def _ticks(samples: LoopSamples) -> int:
 
 
 def _as_felt(law: PositionController, ticks: int) -> PositionController:
-    """Form of a law whose torque is recorded as at the samples, on set points as those of `law`."""
-    return replace(FED, ticks=ticks, cubic=law.cubic, smooth=True, taken=MOMENT)
+    """Form of a law whose torque is recorded as at the samples, on set points as those of `law`, and as late."""
+    form = FED if law.velocity_feedforward != 0.0 else PositionController()
+    late = law.reference_delay
+    return replace(form, ticks=ticks, cubic=law.cubic, smooth=True, taken=MOMENT, reference_delay=late)
 
 
 def _tells(law: PositionController, samples: LoopSamples) -> bool:
@@ -223,10 +225,15 @@ def _refined_answer(whole: _Between, coarse: _Between, found: PositionController
 def _late_answers(
     samples: _Between, form: PositionController, rates: Sequence[float], delays: Sequence[float]
 ) -> Iterator[PositionController]:
-    """Laws of one form with these filters and delays of their answer, on set points late by whole samples."""
+    """Laws of one form with these filters and delays of their answer, on set points late by whole samples.
+
+    A part of the form's own delay of the set points may be the answer's.
+    """
+    most = max(form.reference_delay, MOST_SET_POINTS)
+    late = range(most - MOST_SET_POINTS, most + 1)
     for rate in rates:
         for delay in delays:
-            yield from samples.laws(replace(form, answer_delay=delay), rate, range(MOST_SET_POINTS + 1))
+            yield from samples.laws(replace(form, answer_delay=delay), rate, late)
 
 
 def _searched_between(samples: LoopSamples) -> tuple[PositionController, ...]:
@@ -260,7 +267,7 @@ def _best_between(
     """
     most = (1.0 - max(trial.explained for trial in trials)) * HARDLY_MORE
     near = [trial for trial in trials if 1.0 - trial.explained <= most]
-    plain = min(near, key=lambda trial: abs(trial.position_feedforward) / max(abs(trial.ki), 1e-300))
+    plain = min(near, key=lambda trial: _off_by(trial, samples.period))
     alike = [trial for trial in near if trial.reference_delay == plain.reference_delay]
     best = max(alike, key=lambda trial: trial.explained)
     enough = FINER_FILTER * most
@@ -275,6 +282,20 @@ def _best_between(
     laws = [whole.law(one, one.filter_rate(samples.period)) for one in found]
     least = AS_MUCH * (1.0 - laws[0].explained)
     return tuple(_said(law, samples) for law in laws if law is laws[0] or 1.0 - law.explained <= least)
+
+
+def _off_by(law: PositionController, period: float) -> float:
+    """How much later or sooner than the law's delays say the reference must act, at least [s].
+
+    A reference that is sooner by δ gives terms of its own: ki·δ of its place, and of its acceleration kd·b·δ and what
+    an unfiltered rate has beside a filtered one, kp·δ/λ. A cascade that feeds forward less than the whole rate has
+    terms of the place besides, and a drive that feeds the acceleration forward has those: either may be so. Less than
+    none of the rate is never fed forward, but found where the reference is later than the law says: kp·δ.
+    """
+    by_place = abs(law.position_feedforward) / max(abs(law.ki), 1e-300)
+    fed, filtered = law.kd * law.reference_rate + law.velocity_feedforward, law.kp / law.filter_rate(period)
+    by_bend = abs(law.acceleration_feedforward) / max(abs(fed) + abs(filtered), 1e-300)
+    return min(by_place, max(by_bend, -fed / max(abs(law.kp), 1e-300)))
 
 
 def _recorded_otherwise(

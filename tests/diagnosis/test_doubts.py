@@ -205,7 +205,7 @@ def test_motor_and_load_ring_where_it_is_compared(compliance: float, doubted: bo
     values = {"compliance": compliance, "load_inertia": 0.5, "load_friction": 0.3, "damping": 0.05}
     packed = base_model(NOMINAL | {"inertia": 1.07e-4}).with_effect(kind.make(values)).pack()
     fit = SimpleNamespace(effects=(kind.name,), fitted=SimpleNamespace(packed=packed))
-    data = SimpleNamespace(cutoff=45.0)
+    data = SimpleNamespace(cutoff=45.0, period=2e-3)
     problem = SimpleNamespace(data=data, policy=POLICY, controller=None)
     evidence = RepeatedProgramme()
     assert evidence.doubted(problem, fit, fit) == doubted
@@ -218,6 +218,11 @@ def test_motor_and_load_ring_where_it_is_compared(compliance: float, doubted: bo
     drive = SimpleNamespace(data=data, policy=POLICY, controller=SimpleNamespace(within=True))
     assert evidence.doubted(drive, fit, fit, [found, far]), (
         "a drive's law is not known above what is compared"
+    )
+    coarse = SimpleNamespace(cutoff=20.0, period=1e-3)
+    drive = SimpleNamespace(data=coarse, policy=POLICY, controller=SimpleNamespace(within=True))
+    assert evidence.doubted(drive, fit, fit, [found, far]) == doubted, (
+        "of a law that is known below 60 Hz counts that lower what is compared hide nothing"
     )
 
 

@@ -16,7 +16,7 @@ from autotune.core.arrays import Floats
 from autotune.diagnosis.candidates import ScreenedCandidate
 from autotune.estimation.bandwidth import loud_below
 from autotune.estimation.bias_corrected_fit import ModelFit
-from autotune.estimation.data import FASTEST
+from autotune.estimation.data import FASTEST, compared_below
 from autotune.estimation.problem import Problem
 from autotune.models.effect import Kind
 from autotune.models.table import EFFECTS
@@ -43,23 +43,25 @@ def visible(problem: Problem, item: ScreenedCandidate) -> bool:
 
 def flank_in_sight(problem: Problem, model_fit: ModelFit) -> bool:
     """Whether motor and load of a model ring where a programme that was repeated shows at least the flank of it."""
-    return _rings_below(problem, model_fit, FLANK)
+    return _rings_below(model_fit, FLANK * problem.data.cutoff)
 
 
 def law_hides_ringing(problem: Problem, model_fit: ModelFit) -> bool:
-    """Whether motor and load ring above all that is compared, beside a drive's law that is known below that only.
+    """Whether motor and load ring above the frequency that a drive's law is known below.
 
-    What its loop makes between the samples, and how its torque was recorded, bends what is compared as they would.
+    What its loop makes between the samples, and how its torque was recorded, bends what is compared as they would. It
+    is known to as far as samples tell, also where an encoder's counts let models be compared at lower frequencies only.
     """
     law = problem.controller
-    return law is not None and law.within and not _rings_below(problem, model_fit, 1.0)
+    known = compared_below(problem.data.period)
+    return law is not None and law.within and not _rings_below(model_fit, known)
 
 
-def _rings_below(problem: Problem, model_fit: ModelFit, times: float) -> bool:
-    """Whether motor and load ring below so many times the cut-off; a single mass does."""
+def _rings_below(model_fit: ModelFit, hertz: float) -> bool:
+    """Whether motor and load ring below a frequency; a single mass does."""
     measures = (EFFECTS[name].resonance for name in model_fit.effects)
     p = model_fit.fitted.packed.p
-    return all(measure is None or measure(p) < times * problem.data.cutoff for measure in measures)
+    return all(measure is None or measure(p) < hertz for measure in measures)
 
 
 def _parameters_in_sight(problem: Problem, kind: Kind, p: Floats) -> bool:
