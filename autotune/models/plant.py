@@ -61,9 +61,9 @@ def rubbing(
     limit = bend(p, on, state, at, position, velocity, step)
     bristle = state[at]
     viscous = viscous_coefficient(p, on, state, velocity)
-    torque = p[STIFFNESS] * bristle + bristle_damping(p, velocity) * bristle_rate(bristle, velocity, limit)
-    torque += viscous * velocity
-    return share * torque, share * (max(viscous, 0.0) + damping_slope(p, bristle, velocity, limit))
+    damping = bristle_damping(p, velocity)
+    torque = p[STIFFNESS] * bristle + damping * bristle_rate(bristle, velocity, limit) + viscous * velocity
+    return share * torque, share * (max(viscous, 0.0) + damping_slope(damping, bristle, velocity, limit))
 
 
 @compiled
