@@ -295,10 +295,11 @@ def _gathered(recordings: Sequence[Recording], steady: bool, pace: float) -> _Pa
 def filtered_motion(
     measured: Floats, stretches: Sequence[Stretch], period: float, cutoff: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Position, velocity and acceleration, filtered within each stretch; shape (n,) each."""
-    position, velocity, acceleration = (np.zeros(len(measured)) for _ in range(3))
+    """Position, velocity and acceleration, filtered within each stretch; shape (n,) or (k, n) each, as `measured`."""
+    position, velocity, acceleration = np.zeros((3, *measured.shape))
     for s in stretches:
-        position[s.rows], velocity[s.rows], acceleration[s.rows] = motion(measured[s.rows], period, cutoff)
+        found = motion(measured[..., s.rows], period, cutoff)
+        position[..., s.rows], velocity[..., s.rows], acceleration[..., s.rows] = found
     return position, velocity, acceleration
 
 
