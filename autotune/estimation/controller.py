@@ -126,7 +126,7 @@ def controllers_of(
 
 
 def _demanded(samples: LoopSamples) -> tuple[PositionController, ...]:
-    """The law of a demand that is louder than the torque by its sensor; none where no loop between the samples tells it.
+    """Law of a demand that is louder than the torque by its sensor; none where no loop between the samples tells it.
 
     A mean would be no louder: it was read as at the sample. A sensor that is read so as well shows what was asked for a
     tick before, in whose pattern of counts the law looks as one of another moment.
