@@ -295,11 +295,10 @@ def _gathered(recordings: Sequence[Recording], steady: bool, pace: float) -> _Pa
 def filtered_motion(
     measured: Floats, stretches: Sequence[Stretch], period: float, cutoff: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Position, velocity and acceleration, filtered within each stretch; shape (n,) or (k, n) each, as `measured`."""
-    position, velocity, acceleration = np.zeros((3, *measured.shape))
+    """Position, velocity and acceleration, filtered within each stretch; shape (n,) each."""
+    position, velocity, acceleration = (np.zeros(len(measured)) for _ in range(3))
     for s in stretches:
-        found = motion(measured[..., s.rows], period, cutoff)
-        position[..., s.rows], velocity[..., s.rows], acceleration[..., s.rows] = found
+        position[s.rows], velocity[s.rows], acceleration[s.rows] = motion(measured[s.rows], period, cutoff)
     return position, velocity, acceleration
 
 

@@ -88,16 +88,8 @@ def measured_motion(data: Prepared) -> Motion:
 
 def simulated_motion(data: Prepared, run: Simulated) -> Motion:
     """A simulation through the same filters as the measurement."""
-    return simulated_motions(data, [run])[0]
-
-
-def simulated_motions(data: Prepared, runs: Sequence[Simulated]) -> list[Motion]:
-    """`simulated_motion` of each of several runs."""
-    if not runs:
-        return []
-    positions = np.array([run.position for run in runs])
-    parts = filtered_motion(positions, data.stretches, data.period, data.motion_cutoff)
-    return [Motion(run.torque, *moved) for run, *moved in zip(runs, *parts, strict=True)]
+    parts = filtered_motion(run.position, data.stretches, data.period, data.motion_cutoff)
+    return Motion(run.torque, *parts)
 
 
 def compared_motion(data: Prepared, run: Simulated) -> Motion:

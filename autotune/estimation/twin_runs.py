@@ -24,7 +24,7 @@ from autotune.estimation.residual import (
     batches,
     clockless,
     residuals_of_each,
-    simulated_motions,
+    simulated_motion,
 )
 from autotune.estimation.twin import Loop, loop_along, simulate_stretch, simulate_stretches, steps_of_twin
 from autotune.models.drive_model import Packed
@@ -236,12 +236,11 @@ def add_runs(many: Sequence[TwinRuns], count: int, measured: Motion) -> None:
     noise = [one.noise.of(i) for one, i in jobs]
     runs = run_twins(data, [one.packed for one, _ in jobs], controller, noise, many[0].loops)
     asked: list[tuple[TwinRuns, Simulated | None]] = [(one, None) for one in many if one.raw is None]
-    for (one, _), done in zip(jobs, runs, strict=True):
-        one.stable &= done.stable
+    for (one, _), made in zip(jobs, runs, strict=True):
+        one.stable &= made.stable
         if one.stable:
-            asked.append((one, done))
-    moved = iter(simulated_motions(data, [run for _, run in asked if run is not None]))
-    motions = [measured if run is None else next(moved) for _, run in asked]
+            asked.append((one, made))
+    motions = [measured if run is None else simulated_motion(data, run) for _, run in asked]
     acted = [None if run is None else run.disturbance for _, run in asked]
     errors = residuals_of_each(data, [one.packed for one, _ in asked], motions, acted)
     for (one, run), error in zip(asked, errors, strict=True):

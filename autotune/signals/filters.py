@@ -62,26 +62,18 @@ def _forward_and_backward(sections: Floats, rest: Floats, padding: int, rows: Fl
     """`scipy.signal.sosfiltfilt` in place on rows of shape (k, n), odd extension and all.
 
     The same sums in the same order; on the few hundred samples of a stretch scipy's routine takes ten to a hundred
-    times as long, nearly all of it outside the filter. Rows go side by side: each waits for its sample before only.
+    times as long, nearly all of it outside the filter.
     """
-    count, n = rows.shape
-    long = np.empty((n + 2 * padding, count))
-    for j in range(count):
-        for i in range(n):
-            long[padding + i, j] = rows[j, i]
+    n = rows.shape[1]
+    long = np.empty(n + 2 * padding)
+    for row in rows:
+        long[padding : padding + n] = row
         for i in range(padding):
-            long[i, j] = 2.0 * rows[j, 0] - rows[j, padding - i]
-            long[n + padding + i, j] = 2.0 * rows[j, n - 1] - rows[j, n - 2 - i]
-    if count == 1:
-        alone = long[:, 0]
-        _through(sections, rest, alone)
-        _through(sections, rest, alone[::-1])
-    else:
-        _through_abreast(sections, rest, long)
-        _through_abreast(sections, rest, long[::-1])
-    for j in range(count):
-        for i in range(n):
-            rows[j, i] = long[padding + i, j]
+            long[i] = 2.0 * row[0] - row[padding - i]
+            long[n + padding + i] = 2.0 * row[n - 1] - row[n - 2 - i]
+        _through(sections, rest, long)
+        _through(sections, rest, long[::-1])
+        row[:] = long[padding : padding + n]
 
 
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
@@ -96,21 +88,3 @@ def _through(sections: Floats, rest: Floats, values: Floats) -> None:
             state[s, 1] = sections[s, 2] * x - sections[s, 5] * y
             x = y
         values[k] = x
-
-
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
-def _through_abreast(sections: Floats, rest: Floats, values: Floats) -> None:
-    """`_through` for values of shape (n, k), column beside column."""
-    count = values.shape[1]
-    state = np.empty((len(sections), 2, count))
-    for s in range(len(sections)):
-        for j in range(count):
-            state[s, 0, j], state[s, 1, j] = rest[s, 0] * values[0, j], rest[s, 1] * values[0, j]
-    for k in range(len(values)):
-        for s in range(len(sections)):
-            for j in range(count):
-                x = values[k, j]
-                y = sections[s, 0] * x + state[s, 0, j]
-                state[s, 0, j] = sections[s, 1] * x - sections[s, 4] * y + state[s, 1, j]
-                state[s, 1, j] = sections[s, 2] * x - sections[s, 5] * y
-                values[k, j] = y
