@@ -122,7 +122,22 @@ def controllers_of(
         acted = loop_samples(felt(data), policy)
         what = b"follows" + repr(_mark(samples)).encode()
         late = _remembered(what, acted, lambda: _some(following_late(samples, acted.demand, between)))
-    return (laws[0], *plain, *laws[1:], *smooth, *late)
+    by_demand = () if heard is samples or between.slow else _demanded(samples)
+    return (laws[0], *by_demand, *plain, *laws[1:], *smooth, *late)
+
+
+def _demanded(samples: LoopSamples) -> tuple[PositionController, ...]:
+    """Law of a demand that is louder than the torque by its sensor; none where no loop between the samples tells it.
+
+    A mean would be no louder: it was read as at the sample. A sensor that is read so as well shows what was asked for a
+    tick before, in whose pattern of counts the law looks as one of another moment.
+    """
+
+    def found() -> tuple[PositionController, ...]:
+        laws = laws_between(samples, identified(samples))
+        return tuple(law for law in laws if law.ticks > 1 and law.taken == MOMENT)
+
+    return tuple(replace(law, demanded=True) for law in _remembered(b"demanded", samples, found))
 
 
 def _plain(samples: LoopSamples) -> tuple[PositionController, ...]:
@@ -142,7 +157,7 @@ def _some(law: PositionController | None) -> tuple[PositionController, ...]:
 
 def as_recorded(data: Prepared, found: PositionController) -> Prepared:
     """Data with the torque that tells most, where a drive's loop works between the samples, from each to the next."""
-    quiet = felt(data) if found.sensed else quieter(data) if found.in_band else data
+    quiet = felt(data) if found.sensed else quieter(data) if found.in_band and not found.demanded else data
     late = RECORDED_LATE[found.taken]
     return shifted(quiet, late) if late else quiet
 

@@ -60,6 +60,7 @@ class PositionController:
         taken: how the torque of such a law was recorded, one of `TAKEN`.
         answer_delay: samples by which the torque of such a law answers late to all that it sees: what its loop takes to
             be computed, and a current loop to follow. `sensed`: it is the law of the torque by its own sensor.
+        demanded: it is the law of the demand, though the torque by its sensor is the quieter one (`quieter`).
         adrift: where the counts of its encoder lie the twin does not know, and has them elsewhere in every run.
         slow: found by slow rows, as rows are written late (`LoopSamples.weight`).
         exact: leaves no more than rounding of numbers, or of the recorded torque: the law works at the samples.
@@ -91,6 +92,7 @@ class PositionController:
     taken: str = "next"
     answer_delay: float = 0.0
     sensed: bool = False
+    demanded: bool = False
     adrift: bool = False
     slow: bool = False
 

@@ -30,7 +30,7 @@ from autotune.estimation.alignment import (
     without_twin,
 )
 from autotune.estimation.controller import as_recorded, asked, controllers_of, find_controller
-from autotune.estimation.controller_between import TICK
+from autotune.estimation.controller_between import AS_MUCH, TICK
 from autotune.estimation.controller_law import NEXT, PositionController
 from autotune.estimation.controller_search import PIECE_SECONDS
 from autotune.estimation.data import Prepared
@@ -196,10 +196,10 @@ def _least_left(
     best of those before.
     """
     every = disturbance is not None
-    plain: dict[tuple[bool, str, bool], PlainFit] = {}
+    plain: dict[tuple[bool, str, bool, bool], PlainFit] = {}
     best = _Least(laws[0], disturbance or STILL)
     for law in reversed(laws):
-        key = law.in_band, law.taken, law.sensed
+        key = law.in_band, law.taken, law.sensed, law.demanded
         if key not in plain:
             plain[key] = fitted(law)
         here = plain[key]
@@ -208,6 +208,7 @@ def _least_left(
         before = math.inf
         for one in _faster(law, 1 if every or math.isinf(best.left) else best.law.ticks, period):
             left, later = here.left_by(one, disturbance)
+            left *= AS_MUCH if one.demanded else 1.0  # of another torque, with another noise
             if left < best.left:
                 best = _Least(one, disturbance, left, later)
             if left > min(before, FAR * best.left):

@@ -32,7 +32,7 @@ from autotune.models.inverse import (
     required_in_lanes,
 )
 from autotune.models.lanes import WIDTH, along, filled, side_by_side
-from autotune.models.torque_saturation import SATURATES, torque_slope
+from autotune.models.torque_saturation import OF_SATURATION, SATURATES, torque_slope
 from autotune.models.transmission import has_load, of_one_mass
 
 
@@ -209,11 +209,24 @@ def _raw_in_lanes(data: Prepared, models: Sequence[Packed], moved: Sequence[Moti
         required_in_lanes(p, on, state, position, velocity, acceleration, data.period, substeps, needed)
         acted -= needed
         if on[SATURATES]:
-            demand = np.broadcast_to(torque, (WIDTH, torque.shape[-1]))
-            acted /= np.column_stack(
-                [torque_slope(one.p, on, u) for one, u in zip(models, demand, strict=True)]
-            )
+            acted /= _slopes(models, torque)
     return rest
+
+
+def _slopes(models: Sequence[Packed], demand: Floats) -> Floats:
+    """`torque_slope` of eight models at their demands, shape (8, n), or at one, (1, n); shape (n, 8).
+
+    Most of them saturate alike: columns of a Jacobian, and lanes that only fill a pass.
+    """
+    known: dict[tuple[bytes, int], Floats | float] = {}
+    slopes = np.empty((demand.shape[-1], WIDTH))
+    for lane, one in enumerate(models):
+        row = min(lane, len(demand) - 1)
+        key = one.p[OF_SATURATION].tobytes(), row
+        if key not in known:
+            known[key] = torque_slope(one.p, one.on, demand[row])
+        slopes[:, lane] = known[key]
+    return slopes
 
 
 def abreast(values: Sequence[Floats]) -> Floats:

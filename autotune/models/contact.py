@@ -107,8 +107,8 @@ def remembered_in_motion(
 
 
 @compiled
-def damping_slope(p: Floats, bristle: float, velocity: float, limit: float) -> float:
-    """How much the bristle's damping torque grows with velocity [N m s/rad], at least 0."""
+def damping_slope(damping: float, bristle: float, velocity: float, limit: float) -> float:
+    """How much the torque of the bristle's damping at a speed grows with velocity [N m s/rad], at least 0."""
     size = abs(bristle) / limit
     ratio = where(bristle * velocity < 0.0, -size, size)
-    return float(max(bristle_damping(p, velocity) * (1.0 - ratio), 0.0))
+    return float(max(damping * (1.0 - ratio), 0.0))

@@ -16,11 +16,12 @@ from autotune.core.arrays import Flags, Floats
 from autotune.models.compiled import compiled
 from autotune.models.effect import Kind, Parameter
 from autotune.models.lanes import anywhere, where
-from autotune.models.layout import block, flag
+from autotune.models.layout import BLOCK, block, flag
 from autotune.models.look_alikes import AT_REVERSALS, IN_TORQUE
 from autotune.models.start_values import StartContext, StartValues, Vary, at_first
 
 _AT = block("torque_saturation")
+OF_SATURATION = slice(_AT, _AT + BLOCK)
 SATURATES = flag("torque_saturation")
 
 
