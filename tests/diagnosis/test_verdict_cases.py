@@ -184,7 +184,9 @@ def test_a_free_course_names_only_what_no_other_effect_comes_near(
         effect="spring", gain=0.4, share=0.97, plain_share=plain, named=True, model_fit=fit
     )
     first = [SimpleNamespace(effect="spring", gain=0.4), SimpleNamespace(effect="stribeck", gain=0.4 * other)]
-    problem = SimpleNamespace(policy=POLICY, has_veto=True, controller=None)
+    problem = SimpleNamespace(
+        policy=POLICY, has_veto=True, controller=None, data=SimpleNamespace(period=1e-3)
+    )
     known = (problem, fit, chosen, RepeatedProgramme(), (), None, "", 0.0, 0.4, (), first)
     assert Facts(*known, freed=freed).accepted == named
 
