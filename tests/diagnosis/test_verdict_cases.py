@@ -185,7 +185,7 @@ def test_a_free_course_names_only_what_no_other_effect_comes_near(
     )
     first = [SimpleNamespace(effect="spring", gain=0.4), SimpleNamespace(effect="stribeck", gain=0.4 * other)]
     problem = SimpleNamespace(
-        policy=POLICY, has_veto=True, controller=None, data=SimpleNamespace(period=1e-3)
+        policy=POLICY, has_veto=True, controller=None, data=SimpleNamespace(period=1e-3, cutoff=377.0)
     )
     known = (problem, fit, chosen, RepeatedProgramme(), (), None, "", 0.0, 0.4, (), first)
     assert Facts(*known, freed=freed).accepted == named
