@@ -11,6 +11,7 @@ from autotune.diagnosis.candidates import Progress, free_of_model, no_progress
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.evidence.time_driven import without_clocked
+from autotune.diagnosis.evidence.visibility import loop_note, refuse_answers
 from autotune.diagnosis.refits import with_noise_of
 from autotune.diagnosis.ripple_orders import MOST_LINES
 from autotune.diagnosis.starts import Context
@@ -26,7 +27,6 @@ from autotune.estimation.contact_start import (
 from autotune.estimation.controller import as_recorded, controllers_of, find_controller
 from autotune.estimation.controller_between import AS_MUCH
 from autotune.estimation.controller_law import NEXT
-from autotune.estimation.controller_torque import loop_note, refuse_answers
 from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.disturbance import STILL
 from autotune.estimation.disturbance_estimate import by_certainty, estimate_disturbance, with_expected_noise

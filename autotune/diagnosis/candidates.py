@@ -13,11 +13,12 @@ import numpy as np
 
 from autotune.core.arrays import Floats
 from autotune.estimation.bias_corrected_fit import ModelFit
-from autotune.estimation.cross_validation import Explained, explained, shared
+from autotune.estimation.coordinates import without_rests
+from autotune.estimation.cross_validation import Explained, explained, gain_and_z, rests_of, shared
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.least_squares import Fitted, Free
 from autotune.estimation.parts import repeats_alike
-from autotune.estimation.problem import Problem, Scales
+from autotune.estimation.problem import Problem, Scales, beyond_chance
 from autotune.models import layout
 from autotune.models.drive_model import DAMPING_VELOCITY, FADING, DriveModel, Packed, surface_parameter
 from autotune.models.effect import Effect, Kind, Parameter
@@ -213,3 +214,34 @@ def _in_use(kind: Kind, parameter: str, packed: Packed) -> bool:
     """Whether the numbered term that a parameter belongs to is in use; all others are."""
     number = parameter.rpartition("_")[2]
     return kind.terms is None or not number.isdigit() or int(number) in kind.terms_in_use(packed.p)
+
+
+def predicts_better(problem: Problem, before: ModelFit, after: ModelFit) -> bool:
+    """Whether data that were not fitted are explained better, beyond chance, whatever rests make of them.
+
+    The veto trajectory says it where there is one: a course is told by all experiments together, and one that is left
+    out of the fit may be the only one that goes as far or as fast.
+    """
+    policy = problem.policy
+    if problem.has_veto:
+        rests = rests_of(problem, after.fitted.packed)
+        left = [problem.mean_square(without_rests(one.fitted.error, rests), VETO) for one in (before, after)]
+        fitted = after.fitted.cost <= (1.0 - policy.least_gain) * before.fitted.cost
+        return fitted and left[1] <= (1.0 - policy.least_gain) * left[0]
+    gain, z = gain_and_z(before.unseen, after.unseen)
+    return gain >= policy.least_gain and (z >= policy.least_z or gain >= policy.clear_gain)
+
+
+def asked_for(problem: Problem, before: ModelFit, after: ModelFit) -> bool:
+    """Whether data ask for another law of the base: held-out experiments and the veto trajectory, beyond chance.
+
+    What only the quickest experiment shows scatters over the others; the veto trajectory tells then.
+    """
+    policy = problem.policy
+    gain, z = gain_and_z(before.unseen, after.unseen)
+    least = policy.least_gain if problem.twin else policy.clear_gain
+    clear = z >= policy.least_z or gain >= policy.clear_gain
+    if problem.has_veto and not clear:
+        fall = problem.weight * (before.fitted.error**2 - after.fitted.error**2)
+        clear = beyond_chance(fall[problem.data.role(VETO)], policy.least_z)
+    return gain >= least and clear and predicts_better(problem, before, after)

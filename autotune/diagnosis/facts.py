@@ -28,12 +28,12 @@ from autotune.diagnosis.free_shape import (
     at_an_edge,
     like_a_motor,
     like_a_parabola,
-    own_course,
     with_free_shape,
 )
 from autotune.diagnosis.refits import REFINED, adds_beside, inside_twin
 from autotune.diagnosis.ripple_orders import candidate_orders
 from autotune.diagnosis.search import Found
+from autotune.diagnosis.starts import own_course
 from autotune.diagnosis.transmission import GAP, SPRING, hardly_a_gap
 from autotune.diagnosis.wording import usual_rivals
 from autotune.estimation.bias_corrected_fit import ModelFit

@@ -15,11 +15,11 @@ import numpy as np
 
 from autotune.core.arrays import Flags, Floats
 from autotune.core.errors import NotEnoughExcitation
+from autotune.diagnosis.base_laws import resolved
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.candidates import Progress, model_from, no_progress
 from autotune.diagnosis.compare import EACH_IN_TURN, check_same_axis, floor_of_unseen, roles_unseen
 from autotune.diagnosis.evidence import evidence_of
-from autotune.diagnosis.free_shape import resolved
 from autotune.diagnosis.refits import inside_twin, is_chance, without_insignificant_terms
 from autotune.diagnosis.ripple_orders import MOST_LINES, with_whole_orders
 from autotune.diagnosis.screening import screen

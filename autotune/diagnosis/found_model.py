@@ -13,9 +13,9 @@ from types import MappingProxyType
 import numpy as np
 
 from autotune.core.errors import AutotuneError
+from autotune.diagnosis.base_laws import BASE_LAWS, resolved
 from autotune.diagnosis.compare import roles_unseen
 from autotune.diagnosis.fitting import held_out_errors, updated_model
-from autotune.diagnosis.free_shape import BASE_LAWS, resolved
 from autotune.diagnosis.refits import without_effect
 from autotune.diagnosis.verdict import Diagnosis
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin

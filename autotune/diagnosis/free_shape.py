@@ -2,95 +2,38 @@
 
 Where an effect explains the place of the error but not all of it, what its `Kind` names as `free_shape` is fitted
 beside its own law, inside the twin: ramps, films, further contacts. Such a shape is taken where it predicts held-out
-experiments better and lowers the error on the veto trajectory.
+experiments better and lowers the error on the veto trajectory. A memory is resolved into its contacts (`base_laws`).
 
-Reversal memory is resolved down to the first contacts that let go.
-
-A search adds a few elements beside the single bristle, which then stands for all short ones at once: an
-exponential F·(1 − e^(−x/g)) where the axis has a chain of straight pieces. That names the effect, but a
-feedforward built on it is wrong by several mN m in the first milliradians after every reversal. Here the
-bristle is taken apart into elements of its own, started on its virgin curve, and everything is fitted again
-inside the twin: torques and displacements of all elements. What the elements carry at rest together, with
-what is left of the bristle, is the one stiffness that presliding and Dahl's curve have in common.
-
-The base itself may have another law: damping in presliding that fades with speed, and a Stribeck curve of another shape
-where the model has one. Both are the base's, no effects, and are asked before anything else is.
-
-Elements may also say that friction comes to its level sooner than a bristle's exponential: one contact, elastic until
-it slides. That is the law of the base and no memory.
+What an effect only resembles has signs too: a smooth course, a parabola or a motor that falls short does as well, or
+the effect lies at the edge of its law.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-import scipy
 
 from autotune.core.arrays import Floats
-from autotune.diagnosis.candidates import FittedCandidate
-from autotune.diagnosis.refits import judged, kept_terms, taken_out, without_effect
+from autotune.diagnosis.base_laws import ROUNDS, resolved
+from autotune.diagnosis.candidates import FittedCandidate, predicts_better
+from autotune.diagnosis.refits import judged, taken_out
 from autotune.diagnosis.screening import generic_gains
-from autotune.diagnosis.starts import Context, varying
-from autotune.diagnosis.wording import FADING_DAMPING, OTHER_CLIMB, OTHER_CURVE
+from autotune.diagnosis.starts import Context, own_course, varying
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
-from autotune.estimation.contact_start import usual_damping
-from autotune.estimation.coordinates import without_rests
-from autotune.estimation.cross_validation import gain_and_z, held_out, rests_of
-from autotune.estimation.data import VETO
-from autotune.estimation.least_squares import Free, followed
-from autotune.estimation.problem import Problem, beyond_chance, by_second, fading_free, refit
+from autotune.estimation.least_squares import followed
+from autotune.estimation.problem import Problem, beyond_chance, by_second
 from autotune.estimation.residual import smoothed
-from autotune.models import layout
-from autotune.models.drive_model import FADING, Packed
-from autotune.models.effect import Kind
+from autotune.models.drive_model import Packed
 from autotune.models.look_alikes import IN_TORQUE
-from autotune.models.reversal_memory import ELEMENTS, REMEMBERS, REVERSAL_MEMORY, climbing, of_one_contact
+from autotune.models.reversal_memory import REVERSAL_MEMORY
 from autotune.models.table import EFFECTS
 
-EFFECT = REVERSAL_MEMORY.name
-NEW_ELEMENTS = 3
-NEAREST, FARTHEST = 0.2, 1.4  # of the bristle's reach
-LEAST_COUNTS = 3.0
-KEPT = 0.1  # of the bristle
-SPENT = 0.05  # of all friction: a bristle that carries less is not taken apart
-IDLE = 0.01  # of all friction: an element that carries less is given up
-MOST_OF_A_BRISTLE = 0.5  # of all friction: beside a contact that lets go at once
-ROUNDS = 2
-MORE_FITS = 3
-LONGEST = 0.3  # of the travel: elements beyond it never slide
 NEAR_AN_EDGE = 0.01
 """Of a parameter's scale: a bound that is so near is met."""
 KNEES = (0.2, 0.35, 0.5, 0.65, 0.8)
 """Of the largest torque: where a course over it bends, to be any course."""
-
-
-FADES = (3e-3, 1e-2, 3e-2, 1e-1)
-"""Of the speed: where fits begin of a damping in presliding that fades."""
-FADING_SLOTS = tuple(parameter.slot for parameter in FADING)
-SHORT = 3
-"""Steps of a fit by which its start is judged."""
-PARTS = ((0.05, 0.05), (1.4, 0.3))
-"""Of a bristle's reach and of its level: where elements of a climb begin, and what they carry."""
-SHORTEST, ROOM = 0.1, 3.0
-"""Times where an element begins: how short it may become, and how long."""
-BEYOND = (1.5, 5.0)
-"""Times the way on which a contact climbs: where elements would go on that are memory."""
-ELEMENT_SLOTS = tuple(
-    REVERSAL_MEMORY.parameter(f"{part}_{n}").slot
-    for n in range(1, ELEMENTS + 1)
-    for part in ("displacement", "torque")
-)
-
-
-@dataclass(frozen=True, slots=True)
-class _Element:
-    """One elastic element: travel until it slides [motion unit], and what it carries then [N m or N]."""
-
-    displacement: float
-    torque: float
 
 
 def with_free_shape(
@@ -104,7 +47,7 @@ def with_free_shape(
     before = chosen.model_fit
     if chosen.training.share < problem.policy.partly:
         return None
-    if chosen.effect == EFFECT:
+    if chosen.effect == REVERSAL_MEMORY.name:
         settled = resolved(problem, before)
     else:
         kind = EFFECTS[chosen.effect]
@@ -122,17 +65,11 @@ def with_free_shape(
         settled = fit_inside_twin(
             problem, Packed(p, before.fitted.packed.on), [*free, *shape], ROUNDS + 1, before.effects
         )
-    if settled is None or not _predicts_better(problem, before, settled):
+    if settled is None or not predicts_better(problem, before, settled):
         return None
     if not own_course(problem, settled, chosen.effect):
         return None
     return replace(judged(problem, root, settled, chosen.effect), gain=chosen.gain)
-
-
-def own_course(problem: Problem, model_fit: ModelFit, effect: str) -> bool:
-    """Whether the course of an effect, as it was fitted, is one that this effect has."""
-    own = EFFECTS[effect].own_course
-    return own is None or own(Context(problem, model_fit.fitted, model_fit.fitted.packed))
 
 
 def any_course(problem: Problem, model_fit: ModelFit) -> bool:
@@ -232,381 +169,3 @@ def at_an_edge(problem: Problem, model_fit: ModelFit) -> bool:
         if pieces.sum() > problem.policy.apart_z * math.sqrt(float(pieces @ pieces)):
             return True
     return False
-
-
-def _predicts_better(problem: Problem, before: ModelFit, after: ModelFit) -> bool:
-    """Whether data that were not fitted are explained better, beyond chance, whatever rests make of them.
-
-    The veto trajectory says it where there is one: a course is told by all experiments together, and one that is left
-    out of the fit may be the only one that goes as far or as fast.
-    """
-    policy = problem.policy
-    if problem.has_veto:
-        rests = rests_of(problem, after.fitted.packed)
-        left = [problem.mean_square(without_rests(one.fitted.error, rests), VETO) for one in (before, after)]
-        fitted = after.fitted.cost <= (1.0 - policy.least_gain) * before.fitted.cost
-        return fitted and left[1] <= (1.0 - policy.least_gain) * left[0]
-    gain, z = gain_and_z(before.unseen, after.unseen)
-    return gain >= policy.least_gain and (z >= policy.least_z or gain >= policy.clear_gain)
-
-
-def asked_for(problem: Problem, before: ModelFit, after: ModelFit) -> bool:
-    """Whether data ask for another law of the base: held-out experiments and the veto trajectory, beyond chance.
-
-    What only the quickest experiment shows scatters over the others; the veto trajectory tells then.
-    """
-    policy = problem.policy
-    gain, z = gain_and_z(before.unseen, after.unseen)
-    least = policy.least_gain if problem.twin else policy.clear_gain
-    clear = z >= policy.least_z or gain >= policy.clear_gain
-    if problem.has_veto and not clear:
-        fall = problem.weight * (before.fitted.error**2 - after.fitted.error**2)
-        clear = beyond_chance(fall[problem.data.role(VETO)], policy.least_z)
-    return gain >= least and clear and _predicts_better(problem, before, after)
-
-
-def fades(packed: Packed) -> bool:
-    """Whether the damping in presliding fades with speed."""
-    return bool(packed.p[layout.DAMPING_VELOCITY] > 0.0)
-
-
-def with_fading(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
-    """The model with damping in presliding that fades with speed; None where the data do not ask for it."""
-    fitted = model_fit.fitted
-    damped = any(one.slot == layout.MICRO_DAMPING for one in model_fit.free)
-    if fades(fitted.packed) or not damped or problem.data.steady or problem.two_masses(fitted.packed):
-        return None
-    found = []
-    for share in FADES:
-        p = fitted.packed.p.copy()
-        p[layout.DAMPING_VELOCITY] = share * problem.scales.velocity
-        usual = usual_damping(p[layout.STIFFNESS], p[layout.INERTIA])
-        # the same at all speeds it may have gone to 0
-        p[layout.MICRO_DAMPING] = max(p[layout.MICRO_DAMPING], usual)
-        free = [*model_fit.free, *fading_free(p, problem.scales)]
-        found.append(
-            refit(problem, Packed(p, fitted.packed.on), free, model_fit.correction, SHORT, near=fitted)
-        )
-    best = min(found, key=lambda one: one.cost)
-    if not best.cost < (1.0 - problem.policy.least_gain) * fitted.cost:
-        return None
-    faded = fit_inside_twin(problem, best.packed, list(best.free), ROUNDS, model_fit.effects)
-    return faded if faded is not None and asked_for(problem, model_fit, faded) else None
-
-
-def without_fading(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
-    """The model with the same damping in presliding at all speeds; None where the twin is unstable."""
-    p = model_fit.fitted.packed.p.copy()
-    p[list(FADING_SLOTS)] = 0.0
-    free = [one for one in model_fit.free if one.slot not in FADING_SLOTS]
-    packed = Packed(p, model_fit.fitted.packed.on)
-    return fit_inside_twin(problem, packed, free, ROUNDS, model_fit.effects)
-
-
-def climbs_otherwise(packed: Packed) -> bool:
-    """Whether the friction of one contact climbs after a rest by another curve than a bristle's exponential."""
-    return bool(packed.on[REMEMBERS]) and of_one_contact(packed.p)
-
-
-def with_climb(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
-    """The model with elements that make its contact climb by another curve; None where the data do not ask for it.
-
-    A part of friction that is there at once, as of a contact too short to be seen, and one that lets go where the
-    bristle is bent: what powers of Dahl's law, elastic-then-plastic contacts and chains of them have in common. None
-    where elements would go on beyond that contact: that is memory.
-    """
-    fitted = model_fit.fitted
-    known = {layout.COULOMB, layout.STIFFNESS, layout.MICRO_DAMPING} <= {one.slot for one in model_fit.free}
-    there = fitted.packed.on[REMEMBERS] or problem.two_masses(fitted.packed)
-    if there or not known or problem.data.steady:
-        return None
-    p, on = fitted.packed.p.copy(), fitted.packed.on.copy()
-    level, reach = float(p[layout.COULOMB]), float(p[layout.COULOMB] / p[layout.STIFFNESS])
-    on[REMEMBERS] = True
-    p[layout.COULOMB] *= 1.0 - sum(share for _, share in PARTS)
-    more = [_element_free(i, place * reach, level) for i, (place, _) in enumerate(PARTS, 1)]
-    for i, (place, share) in enumerate(PARTS, 1):
-        p[_slot("displacement", i)], p[_slot("torque", i)] = place * reach, share * level
-    free = [*model_fit.free, *(one for pair in more for one in pair)]
-    short = refit(problem, Packed(p, on), free, model_fit.correction, SHORT)
-    if not short.cost < (1.0 - problem.policy.least_gain) * fitted.cost:
-        return None
-    climbs = fit_inside_twin(problem, short.packed, list(short.free), ROUNDS + 1, model_fit.effects)
-    if climbs is None or not of_one_contact(climbs.fitted.packed.p):
-        return None
-    return (
-        climbs if asked_for(problem, model_fit, climbs) and not _remembers_beyond(problem, climbs) else None
-    )
-
-
-def _element_free(number: int, place: float, level: float) -> tuple[Free, Free]:
-    """Displacement and torque of an element that begins at a place, as free parameters."""
-    torque, way = (REVERSAL_MEMORY.parameter(f"{part}_{number}") for part in ("torque", "displacement"))
-    return (
-        Free(
-            REVERSAL_MEMORY.surface(way.name),
-            way.slot,
-            SHORTEST * place,
-            ROOM * place,
-            0.3 * place,
-            0.3 * place,
-        ),
-        Free(REVERSAL_MEMORY.surface(torque.name), torque.slot, 0.0, torque.upper, 0.1 * level, 0.5 * level),
-    )
-
-
-def _remembers_beyond(problem: Problem, climbs: ModelFit) -> bool:
-    """Whether elements that go on where that contact slides would gain as much as an effect must."""
-    p, level = climbs.fitted.packed.p.copy(), float(climbs.fitted.packed.p[layout.COULOMB])
-    _, way = climbing(p)
-    free = list(climbs.free)
-    for i, times in enumerate(BEYOND, len(_present(p)) + 1):
-        p[_slot("displacement", i)], p[_slot("torque", i)] = times * way, 0.0
-        free.append(_element_free(i, times * way, level)[1])
-    longer = refit(problem, Packed(p, climbs.fitted.packed.on), free, climbs.correction, SHORT)
-    gain, z = gain_and_z(climbs.unseen, held_out(problem, longer.error, longer.jacobian))
-    return gain >= problem.policy.least_gain and (
-        z >= problem.policy.least_z or gain >= problem.policy.clear_gain
-    )
-
-
-def without_climb(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
-    """The model with one bristle again; None where the twin is unstable."""
-    p, on = model_fit.fitted.packed.p.copy(), model_fit.fitted.packed.on.copy()
-    more = 1.0 + sum(one.torque for one in _present(p)) / float(p[layout.COULOMB])
-    p[[layout.COULOMB, layout.STIFFNESS]] *= more
-    p[[*ELEMENT_SLOTS]], on[REMEMBERS] = 0.0, False
-    free = [one for one in model_fit.free if one.slot not in ELEMENT_SLOTS]
-    return fit_inside_twin(problem, Packed(p, on), free, ROUNDS, model_fit.effects)
-
-
-@dataclass(frozen=True, slots=True)
-class BaseLaw:
-    """An optional law of the base: found where the data ask for it, told, and never named.
-
-    Attributes:
-        there: whether a model has it, and no effect by the same parameters.
-        added, removed: the model with and without it.
-        slots: where its parameters are; all are 0 without it.
-    """
-
-    about: str
-    there: Callable[[Packed], bool]
-    added: Callable[[Problem, ModelFit], ModelFit | None]
-    removed: Callable[[Problem, ModelFit], ModelFit | None]
-    slots: tuple[int, ...]
-
-    def new(self, found: Packed, given: Packed) -> bool:
-        """Whether a model that was found has such parameters, and the one that was given has none."""
-        own = list(self.slots)
-        return bool(np.any(found.p[own])) and not np.any(given.p[own])
-
-
-BASE_LAWS = (
-    BaseLaw("damping in presliding that fades with speed", fades, with_fading, without_fading, FADING_SLOTS),
-    BaseLaw("another law of presliding", climbs_otherwise, with_climb, without_climb, ELEMENT_SLOTS),
-)
-
-
-def told_of_base(root: Packed, nominal: Packed, motion_unit: str, climbs: bool = True) -> tuple[str, ...]:
-    """Sentences on laws of the base that the root has, and the model that was given has not.
-
-    `climbs`: whether elements are such a law; else they were found as a memory that is none, and that is said.
-    """
-    notes = []
-    if climbs and root.on[REMEMBERS] and not nominal.on[REMEMBERS]:
-        notes.append(OTHER_CLIMB)
-    if fades(root) and not fades(nominal):
-        speed = float(root.p[layout.DAMPING_VELOCITY])
-        notes.append(FADING_DAMPING.format(speed=speed, unit=f"{motion_unit}/s"))
-    for kind in _in_textbooks(root):
-        slots = [parameter.slot for parameter in kind.parameters if parameter.optional]
-        if np.any(root.p[slots] != nominal.p[slots]):
-            notes.append(OTHER_CURVE)
-    return tuple(notes)
-
-
-def _in_textbooks(packed: Packed) -> list[Kind]:
-    """Kinds in the model that every textbook's base has."""
-    return [kind for kind in EFFECTS.values() if kind.in_lugre and packed.on[layout.flag(kind.name)]]
-
-
-def with_base_shapes(problem: Problem, root: ModelFit, nominal: Packed) -> ModelFit | None:
-    """The model with the shape of what is in every textbook's base free, where it has that and the data ask for it."""
-    best: ModelFit | None = None
-    for kind in _in_textbooks(root.fitted.packed):
-        here = best or root
-        packed = here.fitted.packed
-        start = kind.free_shape(Context(problem, here.fitted, nominal)) if kind.free_shape else None
-        if start is None:
-            continue
-        shape = [varying(kind, name, vary) for name, vary in start.free.items()]
-        slots = {one.slot for one in shape}
-        free = [*(one for one in here.free if one.slot not in slots), *shape]
-        shaped = fit_inside_twin(problem, packed, free, ROUNDS + 1, here.effects)
-        if shaped is not None and asked_for(problem, here, shaped):
-            best = shaped if own_course(problem, shaped, kind.name) else best
-    return best
-
-
-def with_own_presliding(problem: Problem, root: ModelFit, chosen: ModelFit) -> ModelFit | None:
-    """The root with the elements of a memory that is none: together they climb no longer than a bristle does.
-
-    None where there is no such memory, or the twin is unstable without what else was found.
-    """
-    if EFFECT not in chosen.effects or not of_one_contact(chosen.fitted.packed.p):
-        return None
-    if chosen.fitted.cost >= root.fitted.cost:
-        return None
-    for effect in chosen.effects:
-        if effect != EFFECT:
-            less = without_effect(problem, root, chosen, effect)
-            if less is None:
-                return None
-            chosen = less.model_fit
-    return replace(chosen, effects=root.effects)
-
-
-def without_tail(problem: Problem, own: ModelFit) -> ModelFit | None:
-    """A root with elements (`with_own_presliding`) without those that go on where a bristle has come to its level.
-
-    Nor may its bristle go on so far. None where there are no such elements, or the twin is unstable without them.
-    """
-    packed = own.fitted.packed
-    keep, way = climbing(packed.p)
-    if not keep or len(keep) == len(_present(packed.p)):
-        return None
-    kept, free = kept_terms(REVERSAL_MEMORY, packed, own.free, keep)
-    most = MOST_OF_A_BRISTLE * sum(
-        (one.torque for one in _present(packed.p)), float(packed.p[layout.COULOMB])
-    )
-    p = kept.p.copy()
-    p[layout.STIFFNESS] = max(p[layout.STIFFNESS], most / way)
-    short = [
-        replace(
-            one,
-            upper=most if one.name == "coulomb" else one.upper,
-            lower=most / way if one.name == "stiffness" else one.lower,
-        )
-        for one in free
-    ]
-    return fit_inside_twin(problem, Packed(p, kept.on), short, ROUNDS + 1, own.effects)
-
-
-def resolved(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
-    """The model with its bristle taken apart; None where that explains unseen data no better.
-
-    Args:
-        problem: of the diagnosis that named the effect.
-        model_fit: the model with it.
-    """
-    best: ModelFit | None = None
-    for _ in range(ROUNDS):
-        more = _taken_apart(problem, best or model_fit)
-        if more is None:
-            break
-        best = more
-    return best
-
-
-def _taken_apart(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
-    """One step of it; None where there is nothing left of the bristle, or no gain."""
-    packed = model_fit.fitted.packed
-    elements = _elements(problem, packed) if packed.on[layout.flag(EFFECT)] else []
-    if not elements:
-        return None
-    more = _settled(
-        problem, _started(packed, elements), _free(problem, model_fit, elements), model_fit.effects
-    )
-    if more is None or more.unseen.total > (1.0 - problem.policy.least_gain) * model_fit.unseen.total:
-        return None
-    if problem.has(VETO):
-        before, after = (problem.mean_square(one.fitted.error, VETO) for one in (model_fit, more))
-        if after >= before:
-            return None
-    return more
-
-
-def _settled(problem: Problem, packed: Packed, free: list[Free], effects: tuple[str, ...]) -> ModelFit | None:
-    """Fits inside the twin until no more is gained: two elements that should be one find it slowly."""
-    model_fit = fit_inside_twin(problem, packed, free, 2, effects)
-    for _ in range(MORE_FITS):
-        if model_fit is None:
-            break
-        again = fit_inside_twin(problem, model_fit.fitted.packed, free, 2, effects, model_fit.fitted)
-        if again is None or again.fitted.cost >= model_fit.fitted.cost:
-            break
-        gained = model_fit.fitted.cost - again.fitted.cost > problem.policy.least_gain * model_fit.fitted.cost
-        model_fit = again
-        if not gained:
-            break
-    return model_fit
-
-
-def _slot(part: str, number: int) -> int:
-    return REVERSAL_MEMORY.parameter(f"{part}_{number}").slot
-
-
-def _present(p: Floats) -> list[_Element]:
-    pairs = [(p[_slot("displacement", i)], p[_slot("torque", i)]) for i in range(1, ELEMENTS + 1)]
-    return [_Element(float(d), float(w)) for d, w in pairs if d > 0.0]
-
-
-def _elements(problem: Problem, packed: Packed) -> list[_Element]:
-    """Those that the bristle is taken apart into, then those that carry something already."""
-    p = packed.p
-    coulomb, reach = float(p[layout.COULOMB]), float(p[layout.COULOMB] / p[layout.STIFFNESS])
-    present = _present(p)
-    friction = coulomb + sum(one.torque for one in present)
-    if coulomb < SPENT * friction:
-        return []
-    longest = LONGEST * problem.scales.travel
-    used = [one for one in present if one.torque > IDLE * friction and one.displacement < longest]
-    places = np.geomspace(
-        max(NEAREST * reach, LEAST_COUNTS * problem.data.resolution),
-        max(FARTHEST * reach, 2.0 * LEAST_COUNTS * problem.data.resolution),
-        max(min(NEW_ELEMENTS, ELEMENTS - len(used)), 1),
-    )
-    if len(used) >= ELEMENTS:
-        return []
-    return [*_on_the_curve(coulomb, reach, places), *used]
-
-
-def _on_the_curve(coulomb: float, reach: float, places: Floats) -> list[_Element]:
-    """Elements that slide at `places` and follow the bristle's virgin curve, less what is kept of it."""
-    way = np.geomspace(0.05 * places[0], 4.0 * reach + places[-1], 200)
-    columns = np.minimum(way[:, None] / places[None, :], 1.0)
-    curve = coulomb * (1.0 - np.exp(-way / reach)) - KEPT * coulomb * (1.0 - np.exp(-way / places[0]))
-    torques, _ = scipy.optimize.nnls(columns, curve)
-    least = 1e-3 * coulomb
-    return [_Element(float(d), max(float(w), least)) for d, w in zip(places, torques, strict=True)]
-
-
-def _started(packed: Packed, elements: list[_Element]) -> Packed:
-    p = packed.p.copy()
-    for i in range(1, ELEMENTS + 1):
-        p[_slot("displacement", i)] = p[_slot("torque", i)] = 0.0
-    for i, one in enumerate(elements, 1):
-        p[_slot("displacement", i)], p[_slot("torque", i)] = one.displacement, one.torque
-    p[layout.COULOMB] *= KEPT
-    p[layout.STIFFNESS] = p[layout.COULOMB] / elements[0].displacement
-    p[layout.MICRO_DAMPING] *= 0.5
-    p[layout.BREAK_AWAY] *= KEPT
-    return Packed(p, packed.on)
-
-
-def _free(problem: Problem, model_fit: ModelFit, elements: list[_Element]) -> list[Free]:
-    coulomb = float(model_fit.fitted.packed.p[layout.COULOMB])
-    friction = coulomb + sum(one.torque for one in elements)
-    free = [f for f in model_fit.free if not f.name.startswith(f"{EFFECT}.")]
-    free = [replace(f, lower=min(f.lower, 1e-3 * friction)) if f.name == "coulomb" else f for f in free]
-    for i, one in enumerate(elements, 1):
-        torque, place = (REVERSAL_MEMORY.parameter(f"{part}_{i}") for part in ("torque", "displacement"))
-        d = one.displacement
-        least = max(0.3 * d, problem.data.resolution)
-        free.append(
-            Free(REVERSAL_MEMORY.surface(torque.name), torque.slot, 0.0, torque.upper, 0.1 * friction,
-                 0.5 * friction)
-        )  # fmt: skip
-        free.append(Free(REVERSAL_MEMORY.surface(place.name), place.slot, least, 3.0 * d, 0.3 * d, 0.3 * d))
-    return free

@@ -10,11 +10,14 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from autotune.diagnosis.base_laws import BASE_LAWS, with_base_shapes, with_own_presliding, without_tail
+from autotune.diagnosis.base_laws import EFFECT as MEMORY
 from autotune.diagnosis.candidates import (
     FittedCandidate,
     Progress,
     ScreenedCandidate,
     again_explained,
+    asked_for,
     error_left,
     explained_beside,
     fall_in_repeats,
@@ -24,15 +27,7 @@ from autotune.diagnosis.candidates import (
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.evidence.time_driven import without_clocked
-from autotune.diagnosis.free_shape import (
-    BASE_LAWS,
-    asked_for,
-    with_base_shapes,
-    with_free_shape,
-    with_own_presliding,
-    without_tail,
-)
-from autotune.diagnosis.free_shape import EFFECT as MEMORY
+from autotune.diagnosis.free_shape import with_free_shape
 from autotune.diagnosis.refits import (
     REFINED,
     best_refined,

@@ -361,3 +361,9 @@ def _led_down(projected: Projected, valleys: Sequence[_Valley], promised: float)
     return [
         FitStart(valley.at(place), valley.start.free) for valley, place in zip(valleys, ends, strict=True)
     ]
+
+
+def own_course(problem: Problem, model_fit: ModelFit, effect: str) -> bool:
+    """Whether the course of an effect, as it was fitted, is one that this effect has."""
+    own = EFFECTS[effect].own_course
+    return own is None or own(Context(problem, model_fit.fitted, model_fit.fitted.packed))

@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from autotune.diagnosis.base_laws import told_of_base
 from autotune.diagnosis.baseline import begin, notes_after
 from autotune.diagnosis.candidates import (
     FittedCandidate,
@@ -25,7 +26,6 @@ from autotune.diagnosis.evidence.time_driven import (
     comes_and_goes,
 )
 from autotune.diagnosis.facts import Facts, gathered
-from autotune.diagnosis.free_shape import told_of_base
 from autotune.diagnosis.search import Found, search
 from autotune.diagnosis.wording import (
     AMBIGUOUS,

@@ -10,9 +10,9 @@ import pytest
 
 from autotune.core.axis import read_axis
 from autotune.core.loop import LocalLoop
+from autotune.diagnosis.base_laws import resolved
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.fitting import updated_model
-from autotune.diagnosis.free_shape import resolved
 from autotune.estimation.bandwidth import prepared_for
 from autotune.experiments.diagnosis import confirmation
 from autotune.experiments.path import Motion

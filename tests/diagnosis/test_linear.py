@@ -6,15 +6,15 @@ import pytest
 from autotune.core.errors import NotEnoughExcitation
 from autotune.diagnosis.evidence.evidence import HoldoutResult
 from autotune.diagnosis.evidence.single import SingleRecording
-from autotune.diagnosis.verdict import diagnose
-from autotune.estimation.bandwidth import prepared_for
-from autotune.estimation.controller_torque import (
+from autotune.diagnosis.evidence.visibility import (
     LOOP_LIKE,
     linear_share,
     loop_like,
     loop_note,
     refuse_answers,
 )
+from autotune.diagnosis.verdict import diagnose
+from autotune.estimation.bandwidth import prepared_for
 from autotune.estimation.data import prepare
 from autotune.models.drive_model import DriveModel
 from autotune.recordings.recording import Metadata, Recording

@@ -27,10 +27,9 @@ from autotune.diagnosis.evidence.evidence import (
     HoldoutResult,
     without_chain,
 )
-from autotune.diagnosis.evidence.visibility import highest_frequency, resolved_frequency, visible
+from autotune.diagnosis.evidence.visibility import highest_frequency, loop_like, resolved_frequency, visible
 from autotune.estimation.alignment import best_shift, shifted
 from autotune.estimation.bias_corrected_fit import ModelFit
-from autotune.estimation.controller_torque import loop_like
 from autotune.estimation.coordinates import coordinates
 from autotune.estimation.cross_validation import beyond_presliding, gain_and_z, held_out
 from autotune.estimation.data import TRAINING, VETO
