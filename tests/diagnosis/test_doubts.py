@@ -205,7 +205,7 @@ def test_motor_and_load_ring_where_it_is_compared(compliance: float, doubted: bo
     values = {"compliance": compliance, "load_inertia": 0.5, "load_friction": 0.3, "damping": 0.05}
     packed = base_model(NOMINAL | {"inertia": 1.07e-4}).with_effect(kind.make(values)).pack()
     fit = SimpleNamespace(effects=(kind.name,), fitted=SimpleNamespace(packed=packed))
-    data = SimpleNamespace(cutoff=45.0, period=2e-3)
+    data = SimpleNamespace(cutoff=45.0, period=2e-3, upsampling=1, lag=0.0)
     problem = SimpleNamespace(data=data, policy=POLICY, controller=None)
     evidence = RepeatedProgramme()
     assert evidence.doubted(problem, fit, fit) == doubted
@@ -215,15 +215,47 @@ def test_motor_and_load_ring_where_it_is_compared(compliance: float, doubted: bo
     )
     assert evidence.doubted(problem, fit, fit, [found, near]) == doubted
     assert not evidence.doubted(problem, fit, fit, [found, far])
-    drive = SimpleNamespace(data=data, policy=POLICY, controller=SimpleNamespace(within=True))
+    drive = SimpleNamespace(data=data, policy=POLICY, controller=SimpleNamespace(within=True, exact=True))
     assert evidence.doubted(drive, fit, fit, [found, far]), (
         "a drive's law is not known above what is compared"
     )
-    coarse = SimpleNamespace(cutoff=20.0, period=1e-3)
-    drive = SimpleNamespace(data=coarse, policy=POLICY, controller=SimpleNamespace(within=True))
+    coarse = SimpleNamespace(cutoff=20.0, period=1e-3, upsampling=1, lag=0.0)
+    drive = SimpleNamespace(data=coarse, policy=POLICY, controller=SimpleNamespace(within=True, exact=True))
     assert evidence.doubted(drive, fit, fit, [found, far]) == doubted, (
         "of a law that is known below 60 Hz counts that lower what is compared hide nothing"
     )
+
+
+@pytest.mark.parametrize(
+    ("lag", "period", "exact", "doubted"),
+    [
+        (0.0, 1e-3, True, False),
+        (3e-5, 1e-3, True, False),
+        (1e-4, 1e-3, True, True),
+        (0.0, 1e-3, False, True),
+        (0.0, 4e-3, True, True),
+    ],
+    ids=[
+        "a loop as it is",
+        "a ninth of a radian at most",
+        "a slower current loop",
+        "a dead time",
+        "above half the rate",
+    ],
+)
+def test_what_a_twin_lacks_of_phase_is_no_second_mass(
+    lag: float, period: float, exact: bool, doubted: bool
+) -> None:
+    """At about 200 Hz, where 45 Hz are compared; a lag by itself gains nothing, as it has been taken out."""
+    kind = EFFECTS["elastic_transmission"]
+    values = {"compliance": 2.2e-2, "load_inertia": 0.5, "load_friction": 0.3, "damping": 0.05}
+    packed = base_model(NOMINAL | {"inertia": 1.07e-4}).with_effect(kind.make(values)).pack()
+    fit = SimpleNamespace(effects=(kind.name,), fitted=SimpleNamespace(packed=packed))
+    data = SimpleNamespace(cutoff=45.0, period=period, upsampling=1, lag=lag)
+    law = SimpleNamespace(within=False, exact=exact)
+    problem = SimpleNamespace(data=data, policy=POLICY, controller=law)
+    first = [SimpleNamespace(effect=kind.name, gain=0.4), SimpleNamespace(effect="torque_lag", gain=0.0)]
+    assert RepeatedProgramme().doubted(problem, fit, fit, first) == doubted
 
 
 def test_a_repeated_programme_without_veto_is_confirmed_by_another_recording_only() -> None:

@@ -12,7 +12,7 @@ from autotune.core.arrays import Flags, Floats
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, error_left, explained_of_rest
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult, without_chain
 from autotune.diagnosis.evidence.single import folds_of
-from autotune.diagnosis.evidence.visibility import flank_in_sight, law_hides_ringing
+from autotune.diagnosis.evidence.visibility import flank_in_sight, law_hides_ringing, loop_rings_otherwise
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.coordinates import Rests, without_rests
 from autotune.estimation.cross_validation import beyond_rests, drift, rests_of
@@ -182,12 +182,15 @@ class RepeatedProgramme(Evidence):
     ) -> bool:
         """Whether motor and load ring far above all that is compared, and nothing tells them from a lag.
 
-        A lag tells itself where it is among the candidates: one that gains far less is not what was found.
+        A lag tells itself where it is among the candidates: one that gains far less is not what was found. But a lag
+        that the loop has, and its twin has not, is none of these.
         """
         if law_hides_ringing(problem, model_fit):
             return True
         if flank_in_sight(problem, model_fit):
             return False
+        if loop_rings_otherwise(problem, model_fit):
+            return True
         gains = {item.effect: item.gain for item in first}
         own = max((gains.get(effect, 0.0) for effect in model_fit.effects), default=0.0)
         lag = gains.get(TORQUE_LAG.name)

@@ -69,6 +69,21 @@ def law_hides_ringing(problem: Problem, model_fit: ModelFit) -> bool:
     return law is not None and law.within and not _rings_below(model_fit, known)
 
 
+def loop_rings_otherwise(problem: Problem, model_fit: ModelFit) -> bool:
+    """Whether the twin's loop has another phase than the axis's where motor and load of a model ring.
+
+    A current loop's lag is taken out of what is compared, and the twin has none; a law that is not exact may lack a
+    dead time. By so much less phase the twin rings less than the axis, and motor and load make up for it. And above
+    half the sampling rate nothing that was recorded rings: there a load with friction of its own is a memory.
+    """
+    lag = problem.data.lag
+    below = 0.5 / (problem.data.upsampling * problem.data.period)
+    if lag > 0.0:
+        below = min(below, 1.0 / (FLANK**2 * 2.0 * math.pi * lag))
+    exact = problem.controller is None or problem.controller.exact
+    return not (exact and _rings_below(model_fit, below))
+
+
 def _rings_below(model_fit: ModelFit, hertz: float) -> bool:
     """Whether motor and load ring below a frequency; a single mass does."""
     measures = (EFFECTS[name].resonance for name in model_fit.effects)
