@@ -55,8 +55,8 @@ SHORT = 3
 """Steps of a fit by which its start is judged."""
 PARTS = ((0.05, 0.05), (1.4, 0.3))
 """Of a bristle's reach and of its level: where elements of a climb begin, and what they carry."""
-SHORTEST, ROOM = 0.1, 3.0
-"""Times where an element begins: how short it may become, and how long."""
+SHORTEST, SHORTER, ROOM = 0.1, 0.3, 3.0
+"""Times where an element begins: how short it may become, of a climb and of a memory, and how long."""
 BEYOND = (1.5, 5.0)
 """Times the way on which a contact climbs: where elements would go on that are memory."""
 ELEMENT_SLOTS = tuple(
@@ -133,7 +133,8 @@ def with_climb(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
     level, reach = float(p[layout.COULOMB]), float(p[layout.COULOMB] / p[layout.STIFFNESS])
     on[REMEMBERS] = True
     p[layout.COULOMB] *= 1.0 - sum(share for _, share in PARTS)
-    more = [_element_free(i, place * reach, level) for i, (place, _) in enumerate(PARTS, 1)]
+    ways = [place * reach for place, _ in PARTS]
+    more = [_element_free(i, way, level, SHORTEST * way) for i, way in enumerate(ways, 1)]
     for i, (place, share) in enumerate(PARTS, 1):
         p[_slot("displacement", i)], p[_slot("torque", i)] = place * reach, share * level
     free = [*model_fit.free, *(one for pair in more for one in pair)]
@@ -148,19 +149,17 @@ def with_climb(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
     )
 
 
-def _element_free(number: int, place: float, level: float) -> tuple[Free, Free]:
-    """Displacement and torque of an element that begins at a place, as free parameters."""
+def _element_free(number: int, place: float, level: float, shortest: float = 0.0) -> tuple[Free, Free]:
+    """Displacement and torque of an element that begins at a place, as free parameters.
+
+    `level` is all friction; an element slides after the `shortest` way or more.
+    """
     torque, way = (REVERSAL_MEMORY.parameter(f"{part}_{number}") for part in ("torque", "displacement"))
+    carried = 0.0, torque.upper, 0.1 * level, 0.5 * level
+    slides = shortest, ROOM * place, 0.3 * place, 0.3 * place
     return (
-        Free(
-            REVERSAL_MEMORY.surface(way.name),
-            way.slot,
-            SHORTEST * place,
-            ROOM * place,
-            0.3 * place,
-            0.3 * place,
-        ),
-        Free(REVERSAL_MEMORY.surface(torque.name), torque.slot, 0.0, torque.upper, 0.1 * level, 0.5 * level),
+        Free(REVERSAL_MEMORY.surface(way.name), way.slot, *slides),
+        Free(REVERSAL_MEMORY.surface(torque.name), torque.slot, *carried),
     )
 
 
@@ -174,9 +173,7 @@ def _remembers_beyond(problem: Problem, climbs: ModelFit) -> bool:
         free.append(_element_free(i, times * way, level)[1])
     longer = refit(problem, Packed(p, climbs.fitted.packed.on), free, climbs.correction, SHORT)
     gain, z = gain_and_z(climbs.unseen, held_out(problem, longer.error, longer.jacobian))
-    return gain >= problem.policy.least_gain and (
-        z >= problem.policy.least_z or gain >= problem.policy.clear_gain
-    )
+    return gain >= problem.policy.least_gain and problem.policy.no_chance(gain, z)
 
 
 def without_climb(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
@@ -197,6 +194,7 @@ class BaseLaw:
         there: whether a model has it, and no effect by the same parameters.
         added, removed: the model with and without it.
         slots: where its parameters are; all are 0 without it.
+        note: the sentence on it, with the motion's unit.
     """
 
     about: str
@@ -204,6 +202,7 @@ class BaseLaw:
     added: Callable[[Problem, ModelFit], ModelFit | None]
     removed: Callable[[Problem, ModelFit], ModelFit | None]
     slots: tuple[int, ...]
+    note: Callable[[Packed, str], str]
 
     def new(self, found: Packed, given: Packed) -> bool:
         """Whether a model that was found has such parameters, and the one that was given has none."""
@@ -211,10 +210,27 @@ class BaseLaw:
         return bool(np.any(found.p[own])) and not np.any(given.p[own])
 
 
-BASE_LAWS = (
-    BaseLaw("damping in presliding that fades with speed", fades, with_fading, without_fading, FADING_SLOTS),
-    BaseLaw("another law of presliding", climbs_otherwise, with_climb, without_climb, ELEMENT_SLOTS),
+def _fades_note(packed: Packed, motion_unit: str) -> str:
+    return FADING_DAMPING.format(speed=float(packed.p[layout.DAMPING_VELOCITY]), unit=f"{motion_unit}/s")
+
+
+FADING_LAW = BaseLaw(
+    "damping in presliding that fades with speed",
+    fades,
+    with_fading,
+    without_fading,
+    FADING_SLOTS,
+    _fades_note,
 )
+CLIMB_LAW = BaseLaw(
+    "another law of presliding",
+    climbs_otherwise,
+    with_climb,
+    without_climb,
+    ELEMENT_SLOTS,
+    lambda *_: OTHER_CLIMB,
+)
+BASE_LAWS = (FADING_LAW, CLIMB_LAW)
 
 
 def told_of_base(root: Packed, nominal: Packed, motion_unit: str, climbs: bool = True) -> tuple[str, ...]:
@@ -222,12 +238,8 @@ def told_of_base(root: Packed, nominal: Packed, motion_unit: str, climbs: bool =
 
     `climbs`: whether elements are such a law; else they were found as a memory that is none, and that is said.
     """
-    notes = []
-    if climbs and root.on[REMEMBERS] and not nominal.on[REMEMBERS]:
-        notes.append(OTHER_CLIMB)
-    if fades(root) and not fades(nominal):
-        speed = float(root.p[layout.DAMPING_VELOCITY])
-        notes.append(FADING_DAMPING.format(speed=speed, unit=f"{motion_unit}/s"))
+    laws = BASE_LAWS if climbs else (FADING_LAW,)
+    notes = [law.note(root, motion_unit) for law in laws if law.new(root, nominal)]
     for kind in _in_textbooks(root):
         slots = [parameter.slot for parameter in kind.parameters if parameter.optional]
         if np.any(root.p[slots] != nominal.p[slots]):
@@ -410,12 +422,7 @@ def _free(problem: Problem, model_fit: ModelFit, elements: list[_Element]) -> li
     free = [f for f in model_fit.free if not f.name.startswith(f"{EFFECT}.")]
     free = [replace(f, lower=min(f.lower, 1e-3 * friction)) if f.name == "coulomb" else f for f in free]
     for i, one in enumerate(elements, 1):
-        torque, place = (REVERSAL_MEMORY.parameter(f"{part}_{i}") for part in ("torque", "displacement"))
-        d = one.displacement
-        least = max(0.3 * d, problem.data.resolution)
-        free.append(
-            Free(REVERSAL_MEMORY.surface(torque.name), torque.slot, 0.0, torque.upper, 0.1 * friction,
-                 0.5 * friction)
-        )  # fmt: skip
-        free.append(Free(REVERSAL_MEMORY.surface(place.name), place.slot, least, 3.0 * d, 0.3 * d, 0.3 * d))
+        shortest = max(SHORTER * one.displacement, problem.data.resolution)
+        way, torque = _element_free(i, one.displacement, friction, shortest)
+        free += [torque, way]
     return free

@@ -229,7 +229,7 @@ def predicts_better(problem: Problem, before: ModelFit, after: ModelFit) -> bool
         fitted = after.fitted.cost <= (1.0 - policy.least_gain) * before.fitted.cost
         return fitted and left[1] <= (1.0 - policy.least_gain) * left[0]
     gain, z = gain_and_z(before.unseen, after.unseen)
-    return gain >= policy.least_gain and (z >= policy.least_z or gain >= policy.clear_gain)
+    return gain >= policy.least_gain and policy.no_chance(gain, z)
 
 
 def asked_for(problem: Problem, before: ModelFit, after: ModelFit) -> bool:
@@ -240,7 +240,7 @@ def asked_for(problem: Problem, before: ModelFit, after: ModelFit) -> bool:
     policy = problem.policy
     gain, z = gain_and_z(before.unseen, after.unseen)
     least = policy.least_gain if problem.twin else policy.clear_gain
-    clear = z >= policy.least_z or gain >= policy.clear_gain
+    clear = policy.no_chance(gain, z)
     if problem.has_veto and not clear:
         fall = problem.weight * (before.fitted.error**2 - after.fitted.error**2)
         clear = beyond_chance(fall[problem.data.role(VETO)], policy.least_z)

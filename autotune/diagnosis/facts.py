@@ -35,13 +35,12 @@ from autotune.diagnosis.ripple_orders import candidate_orders
 from autotune.diagnosis.search import Found
 from autotune.diagnosis.starts import own_course
 from autotune.diagnosis.transmission import GAP, SPRING, hardly_a_gap
-from autotune.diagnosis.wording import usual_rivals
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.cross_validation import beyond_presliding, gain_and_z, goes_with_place
 from autotune.estimation.data import TRAINING
 from autotune.estimation.problem import Problem
 from autotune.models import layout
-from autotune.models.table import EFFECTS
+from autotune.models.table import EFFECTS, usual_rivals
 from autotune.models.torque_ripple import scale_slot
 
 OUTDONE = 1.5
@@ -170,8 +169,7 @@ class Facts:
             return False
         if chosen.plain_share >= REFINED:
             return True
-        parts = explained_of_rest(problem, rival.model_fit, chosen.model_fit)
-        if all(part.share >= policy.named for part in parts):
+        if _names_rest_of(problem, rival, chosen):
             return True
         return adds_beside(problem, self.root, chosen.model_fit, rival.model_fit) <= 1.0 - policy.named
 
@@ -236,8 +234,9 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     if named and chosen is not None and len(chosen.model_fit.effects) == 1:
         unlike = evidence.unlike_in_one(problem, root, chosen.model_fit)
         facts = replace(facts, unlike=unlike, edge=at_an_edge(problem, chosen.model_fit))
-        doubtful = tuple(one for one in facts.rivals if not _left_behind(facts, one))
-        facts = replace(facts, rivals=doubtful or _untold(facts, found.told_apart))
+        behind = [one for one in facts.rivals if _left_behind(facts, one)]
+        doubtful = tuple(one for one in facts.rivals if one not in behind)
+        facts = replace(facts, rivals=doubtful or _untold(facts, found.told_apart, behind))
     if named:
         return facts
     breathing = breathing_friction(problem, final) if evidence.repeats else None
@@ -252,7 +251,7 @@ def _of_place(problem: Problem, root: ModelFit) -> bool:
     return goes_with_place(beyond_presliding(problem, root.fitted.packed), root.fitted)
 
 
-def _untold(facts: Facts, told_apart: Sequence[str] = ()) -> tuple[str, ...]:
+def _untold(facts: Facts, told_apart: Sequence[str] = (), behind: Sequence[str] = ()) -> tuple[str, ...]:
     """Look-alikes of one effect that is not quite what these data show: those that gain half as much, or were no
     candidates.
     """
@@ -271,7 +270,9 @@ def _untold(facts: Facts, told_apart: Sequence[str] = ()) -> tuple[str, ...]:
     least = problem.policy.rival_gain * gains.get(chosen.effect, chosen.gain)
     near = [one for one in usual_rivals(chosen.effect) if gains.get(one, _unsought(facts, one)) >= least]
     near = [one for one in near if one not in told_apart]
-    return tuple(near if else_as_well else (one for one in near if not _explained_away(facts, one)))
+    if else_as_well:
+        return tuple(near)
+    return tuple(one for one in near if one not in behind and not _explained_away(facts, one))
 
 
 def _left_behind(facts: Facts, rival: str) -> bool:
@@ -288,12 +289,17 @@ def _explained_away(facts: Facts, rival: str) -> bool:
     The rival is followed inside the twin for it, its own course as free. One that was no candidate is never refuted.
     """
     problem, chosen = facts.problem, facts.chosen
-    best = _at_its_best(facts, rival)
+    best = _with_own_course(facts, rival)
     if chosen is None or best is None or not _certain(best):
         return False
     if not facts.evidence.apart(problem, chosen.model_fit, best.model_fit):
         return False
-    parts = explained_of_rest(problem, best.model_fit, chosen.model_fit)
+    return _names_rest_of(problem, best, chosen)
+
+
+def _names_rest_of(problem: Problem, rival: FittedCandidate, chosen: FittedCandidate) -> bool:
+    """Whether of what a rival leaves that can be explained a candidate explains as much as a name asks of all."""
+    parts = explained_of_rest(problem, rival.model_fit, chosen.model_fit)
     return all(part.share >= problem.policy.named for part in parts)
 
 
@@ -302,7 +308,7 @@ def _certain(item: FittedCandidate) -> bool:
     return item.training.certain or (item.veto is not None and item.veto.certain)
 
 
-def _at_its_best(facts: Facts, effect: str) -> FittedCandidate | None:
+def _with_own_course(facts: Facts, effect: str) -> FittedCandidate | None:
     """An effect fitted inside the twin, its course free where that explains more; None where it was no candidate."""
     problem, root = facts.problem, facts.root
     item = next((one for one in facts.tried if one.effect == effect), None)

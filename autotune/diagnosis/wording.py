@@ -17,7 +17,7 @@ from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.data import Prepared
 from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Problem
-from autotune.models.table import looking_alike
+from autotune.models.table import looking_alike, usual_rivals
 
 NAMED, NONE, UNKNOWN, AMBIGUOUS = "named", "none", "unknown", "ambiguous"
 CONFIRMED, SUSPECTED = "confirmed", "suspected"
@@ -241,15 +241,6 @@ def likely_rivals(policy: Policy, effects: Sequence[str], first: Sequence[Screen
     usual = dict.fromkeys(rival for effect in effects for rival in usual_rivals(effect))
     near = [r for r in usual if r not in effects and gains.get(r, 0.0) >= max(least, policy.least_gain)]
     return sorted(near, key=lambda rival: -gains[rival])
-
-
-def usual_rivals(effect: str) -> list[str]:
-    """Effects that can look like this one."""
-    rivals: dict[str, None] = {}
-    for effects in looking_alike().values():
-        if effect in effects:
-            rivals |= dict.fromkeys(sorted(effects - {effect}))
-    return list(rivals)
 
 
 def next_experiment(

@@ -376,6 +376,10 @@ class Policy:
         "reasoned: a spring that the axis has carries a part of the torque only",
     )
 
+    def no_chance(self, gain: float, z: float) -> bool:
+        """Whether a gain on unseen experiments is in enough of them, or so large, that it is no chance."""
+        return z >= self.least_z or gain >= self.clear_gain
+
 
 @dataclass(frozen=True, slots=True)
 class Threshold:

@@ -43,3 +43,12 @@ def names(kinds: Iterable[Kind]) -> frozenset[str]:
 def looking_alike() -> Mapping[LookAlikes, frozenset[str]]:
     """Which effects belong to each set of those that look alike."""
     return {one: names(kind for kind in EFFECTS.values() if one in kind.look_alikes) for one in LOOK_ALIKES}
+
+
+def usual_rivals(effect: str) -> list[str]:
+    """Effects that can look like this one."""
+    rivals: dict[str, None] = {}
+    for effects in looking_alike().values():
+        if effect in effects:
+            rivals |= dict.fromkeys(sorted(effects - {effect}))
+    return list(rivals)

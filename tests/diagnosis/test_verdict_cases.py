@@ -316,7 +316,7 @@ def test_an_effect_that_is_not_quite_what_data_show_stands_beside_its_look_alike
 ) -> None:
     """Those that gain half as much, or that nothing was tried of."""
     monkeypatch.setattr(facts, "like_a_parabola", lambda *_: False)
-    monkeypatch.setattr(facts, "_at_its_best", lambda *_: None)
+    monkeypatch.setattr(facts, "_with_own_course", lambda *_: None)
     fit = SimpleNamespace(effects=("dwell_time_break_away",))
     chosen = SimpleNamespace(effect="dwell_time_break_away", gain=0.9, model_fit=fit)
     first = [SimpleNamespace(effect=effect, gain=gain) for effect, gain in gains.items()]

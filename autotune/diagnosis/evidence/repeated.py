@@ -63,8 +63,7 @@ class RepeatedProgramme(Evidence):
         least = policy.least_gain if problem.twin else policy.clear_gain
         if item.gain < least:
             return f"{100 * least:.0f} % are needed"
-        by_chance = item.z < policy.least_z and item.gain < policy.clear_gain
-        return "not in enough of them to be no chance" if by_chance else ""
+        return "" if policy.no_chance(item.gain, item.z) else "not in enough of them to be no chance"
 
     def best(self, problem: Problem, fitted: Sequence[FittedCandidate]) -> FittedCandidate:
         return min(fitted, key=lambda item: error_left(problem, item.model_fit))

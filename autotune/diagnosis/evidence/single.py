@@ -39,7 +39,7 @@ from autotune.estimation.problem import CHUNK, Problem, refit, without_outlying
 from autotune.estimation.residual import measured_motion
 from autotune.estimation.twin_runs import SEED
 from autotune.models.effect import Kind
-from autotune.models.table import EFFECTS
+from autotune.models.table import EFFECTS, usual_rivals
 
 LEAST_ROWS = 60
 LEAST_REST = 0.25
@@ -122,8 +122,8 @@ class SingleRecording(Evidence):
 
         Not what bends to any dynamics: beside that nothing could be named.
         """
-        others = (kind for kind in problem.candidates if look_alike(kind.name, effect))
-        return [kind.name for kind in others if not bends(kind)]
+        rivals = usual_rivals(effect)
+        return [kind.name for kind in problem.candidates if kind.name in rivals and not bends(kind)]
 
     def explains_rest_of(self, problem: Problem, chosen: FittedCandidate, item: FittedCandidate) -> bool:
         """Whether the chosen one errs clearly less on unseen stretches: nothing else tells here what noise is.
@@ -134,7 +134,7 @@ class SingleRecording(Evidence):
         policy = problem.policy
         gain, z = gain_and_z(item.model_fit.unseen, chosen.model_fit.unseen)
         clearly = gain >= policy.confirming_gain and z >= policy.least_z
-        return clearly and not look_alike(item.effect, chosen.effect)
+        return clearly and item.effect not in usual_rivals(chosen.effect)
 
     def structure_left(self, problem: Problem, model_fit: ModelFit) -> bool:
         return alike_where_motion_is(problem, model_fit.fitted.error)
@@ -259,12 +259,6 @@ class SpeedCurve(SingleRecording):
 def least_of(policy: Policy, item: ScreenedCandidate, least: float) -> float:
     """The least gain of a candidate: a lag and a second mass bend to what any dynamics leave, and must be plain."""
     return max(least, policy.clear_single_gain) if bends(EFFECTS[item.effect]) else least
-
-
-def look_alike(effect: str, other: str) -> bool:
-    """Whether two effects share a set of those that look alike."""
-    sets = [set(EFFECTS[name].look_alikes) for name in (effect, other)]
-    return effect != other and bool(sets[0] & sets[1])
 
 
 def bends(kind: Kind) -> bool:
