@@ -7,6 +7,10 @@ from functools import cache
 
 import pytest
 
+from autotune.diagnosis.baseline import begin
+from autotune.estimation.bandwidth import prepared_to_fit
+from autotune.estimation.bias_corrected_fit import ModelFit
+from autotune.estimation.problem import Problem
 from autotune.models.drive_model import DriveModel, base_model
 from autotune.recordings.recording import Recording
 from tests.support.axes import NOMINAL, plain_axis
@@ -28,6 +32,12 @@ def recorded() -> Callable[..., Recording]:
 def short() -> Recording:
     """A few seconds of it, without effects."""
     return play(plain_axis(3), 3, programme(("sine", "points")))
+
+
+@pytest.fixture(scope="session")
+def begun(short: Recording) -> tuple[Problem, ModelFit]:
+    """What a diagnosis of it begins with."""
+    return begin(prepared_to_fit([short]), base_model(NOMINAL))[:2]
 
 
 @pytest.fixture

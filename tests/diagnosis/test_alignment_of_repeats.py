@@ -11,53 +11,32 @@ import numpy as np
 import pytest
 
 from autotune.core.arrays import Floats
-from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.candidates import FittedCandidate, again_explained, plainer
-from autotune.diagnosis.evidence import repeated
 from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.diagnosis.evidence.single import SingleRecording
-from autotune.diagnosis.evidence.time_driven import TimeLine, without_line
 from autotune.diagnosis.found_model import torque_late
 from autotune.diagnosis.search import _Search
 from autotune.diagnosis.wording import torque_path_notes
-from autotune.estimation import disturbance_estimate
 from autotune.estimation.alignment import behind_current_loop, shifted
-from autotune.estimation.bandwidth import prepared_to_fit
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import (
-    _certainty,
     damped_as_twins_creep,
-    less_after_rests,
-    sticking,
 )
-from autotune.estimation.coordinates import since_rest, without_rests
-from autotune.estimation.cross_validation import Explained, explained
-from autotune.estimation.data import TRAINING, Prepared
+from autotune.estimation.cross_validation import Explained
+from autotune.estimation.data import Prepared
 from autotune.estimation.disturbance_estimate import (
-    by_certainty,
     estimate_disturbance,
-    null_errors,
-    with_counts,
 )
 from autotune.estimation.least_squares import Free
 from autotune.estimation.problem import Problem, refit
-from autotune.estimation.residual import measured_motion, residual
-from autotune.estimation.twin_runs import SEED
+from autotune.estimation.residual import measured_motion
 from autotune.models import layout
-from autotune.models.drive_model import Packed, base_model
-from autotune.models.dwell_time_break_away import DWELL_TIME_BREAK_AWAY
+from autotune.models.drive_model import Packed
 from autotune.models.torque_lag import IS_LATE, MOTOR_TORQUE, TIME_CONSTANT
 from autotune.models.torque_path import delivered
-from tests.support.axes import NOMINAL
 
 Begun = tuple[Problem, ModelFit]
-DWELL = DWELL_TIME_BREAK_AWAY.name
-
-
-@pytest.fixture(scope="module")
-def begun(short) -> Begun:
-    return begin(prepared_to_fit([short]), base_model(NOMINAL))[:2]
 
 
 def _spoilt(begun: Begun, data: Prepared, exact: bool) -> Begun:
@@ -282,258 +261,3 @@ def test_damping_in_presliding_is_found_again_by_twins_where_a_fit_was_led_astra
     assert found.fitted.cost < 1.02 * root.fitted.cost
     assert float(found.fitted.packed.p[layout.MICRO_DAMPING]) == pytest.approx(own, rel=0.4)
     assert damped_as_twins_creep(replace(problem, controller=None), wrong) is wrong
-
-
-@pytest.mark.slow
-def test_counts_that_are_coarse_come_again_in_each_twin_and_differ_between_twins(
-    begun: Begun, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Of a fine encoder next to nothing, of one with twenty times the count far more than of that.
-
-    Four draws of twins: by one of them it is known to a fifth of the noise.
-    """
-    problem, packed = begun[0], begun[1].fitted.packed
-    coarse = replace(problem, data=replace(problem.data, resolution=20.0 * problem.data.resolution))
-    draws = []
-    for seed in range(4):
-        monkeypatch.setattr(disturbance_estimate, "SEED", SEED + seed)
-        draws.append([with_counts(one, packed).comes_by_counts(TRAINING)[0] for one in (problem, coarse)])
-    fine, much = np.mean(draws, axis=0)
-    noise = problem.noise_variance(begun[1].fitted.error, TRAINING)
-    assert fine < 0.15 * noise
-    assert much > 5.0 * fine
-
-
-def test_rows_where_the_twin_is_chaotic_count_less(begun: Begun) -> None:
-    """Between counts a twin has a course of its own in every repeat; where it moves on all twins agree."""
-    problem, model_fit = begun
-    plain = replace(
-        problem,
-        data=replace(problem.data, certainty=None),
-        weight=np.ones_like(problem.weight),
-        disturbance=replace(problem.disturbance, jitter=0.0),
-    )
-    weighted = by_certainty(plain, model_fit.fitted.packed)
-    certainty = weighted.data.certainty
-    assert certainty is not None
-    assert weighted.weight == pytest.approx(certainty)
-    rows = problem.data.role(TRAINING)
-    speed = np.abs(problem.data.velocity[problem.data.grid])[rows]
-    slow, quick = speed < np.quantile(speed, 0.1), speed > np.quantile(speed, 0.5)
-    assert np.mean(certainty[rows][slow]) < 0.75 * np.mean(certainty[rows][quick])
-    # what all rows have alike is the same either way
-    alike = np.random.default_rng(3).normal(0.0, 1e-3, len(rows))
-    for one in (plain, weighted):
-        assert one.noise_variance(alike, TRAINING) == pytest.approx(1e-6, rel=0.15)
-        assert one.noise_variance(alike, TRAINING, plain=True) == pytest.approx(1e-6, rel=0.1)
-        assert one.mean_square(alike, TRAINING) == pytest.approx(1e-6, rel=0.15)
-
-
-def test_without_a_twin_all_rows_count_alike(begun: Begun) -> None:
-    without = replace(begun[0], controller=None)
-    assert by_certainty(without, begun[1].fitted.packed) is without
-
-
-def test_what_counts_make_come_again_is_no_structure_and_is_excused_in_part(begun: Begun) -> None:
-    problem, model_fit = begun
-    missing = 0.02 * np.sin(np.arange(len(model_fit.fitted.error)) / 15.0)
-    wave = np.zeros_like(missing)
-    for block in problem.data.blocks:
-        wave[block.rows] = np.tile(missing[: block.count], block.repeats)
-    spoilt = replace(model_fit, fitted=replace(model_fit.fitted, error=model_fit.fitted.error + wave))
-    known = replace(problem, by_counts=np.full((3, len(problem.data.blocks)), 4e-4))
-    unknown = replace(problem, by_counts=None)
-    assert RepeatedProgramme().structure_left(unknown, spoilt)
-    assert not RepeatedProgramme().structure_left(known, spoilt)
-    worse = replace(model_fit.fitted, error=model_fit.fitted.error + 2.0 * wave)
-    shares = [
-        explained(one, worse, spoilt.fitted, model_fit.correction, TRAINING) for one in (unknown, known)
-    ]
-    assert shares[0].excused == 0.0
-    assert shares[1].share > shares[0].share
-    assert shares[1].plain_share == pytest.approx(shares[0].share)
-    assert shares[1].excused <= 0.25 * shares[1].fall * (1.0 + 1e-9)
-
-
-def _in_the_fastest(problem: Problem, size: float) -> np.ndarray:
-    """An error that comes again in one experiment: a wave of this size [N m], shape (m,)."""
-    block = next(block for block in problem.data.blocks if block.name == "points")
-    wave = np.zeros(len(problem.data.grid))
-    wave[block.rows] = np.tile(size * np.sin(np.arange(block.count) / 3.0), block.repeats)
-    return wave
-
-
-def test_what_replicas_that_lack_nothing_leave_is_no_structure(begun: Begun, monkeypatch) -> None:
-    """The same rest is unknown beside a twin that is exact, and the chain's own beside one that makes as much of it."""
-    problem, model_fit = begun
-    wave = _in_the_fastest(problem, 0.03)
-    spoilt = replace(model_fit, fitted=replace(model_fit.fitted, error=model_fit.fitted.error + wave))
-    assert RepeatedProgramme().structure_left(problem, spoilt)
-    own = [model_fit.fitted.error + scale * wave for scale in (0.8, 0.9, 1.0, 1.1)]
-    monkeypatch.setattr(repeated, "null_errors", lambda *_: own)
-    assert not RepeatedProgramme().structure_left(problem, spoilt)
-    monkeypatch.setattr(repeated, "null_errors", lambda *_: own[:2])
-    assert RepeatedProgramme().structure_left(problem, spoilt), "two of eight tell nothing"
-
-
-def test_replicas_are_as_noisy_as_the_axis_and_share_next_to_nothing(begun: Begun) -> None:
-    """The disturbance is varied by a factor of 1.4 either way; noise is its square. None without a law."""
-    problem, model_fit = begun
-    noise = problem.noise_variance(model_fit.fitted.error, TRAINING)
-    replicas = null_errors(problem, model_fit)
-    levels = [problem.noise_variance(error, TRAINING) / noise for error in replicas]
-    again = [problem.repeatable(error, model_fit.correction, TRAINING)[0] / noise for error in replicas]
-    over = np.array(again) / levels
-    assert len(replicas) == 8
-    assert 0.5 < float(np.median(levels)) < 2.0
-    assert abs(float(np.mean(over))) < 0.15
-    assert np.max(np.abs(over)) < 0.5, "half a minute"
-    assert levels[-1] > 1.5 * levels[0]
-    assert null_errors(replace(problem, controller=None), model_fit) == []
-    rough = replace(problem, controller=None, rough=problem.controller)
-    assert len(null_errors(rough, model_fit)) == 8
-
-
-def test_how_far_a_bristle_is_stretched_at_a_rest_is_taken_out_and_nothing_else(begun: Begun) -> None:
-    problem, model_fit = begun
-    data, p = problem.data, model_fit.fitted.packed.p
-    reach = float(p[layout.COULOMB] / p[layout.STIFFNESS])
-    number, left = since_rest(data, reach)
-    moving = np.isfinite(left)
-    assert 0.5 < moving.mean() <= 1.0
-    assert number.max() > 5, "the standard programme rests often"
-    random = np.random.default_rng(3)
-    stretched = np.where(moving, np.nan_to_num(left) * random.normal(0.0, 1.0, number.max() + 1)[number], 0.0)
-    known = np.where(np.nan_to_num(left) >= 0.05, stretched, 0.0)
-    assert np.max(np.abs(without_rests(known, (number, left)))) < 1e-9
-    far = np.where(moving & (np.nan_to_num(left) < 0.05), random.standard_normal(len(left)), 0.0)
-    assert without_rests(far, (number, left)) == pytest.approx(far)
-
-
-def _broken_away(problem: Problem, packed: Packed, reaches: float) -> np.ndarray:
-    """Torque of friction that is a fifth higher after a rest, until it has slipped so many reaches, shape (m,)."""
-    p, on = packed.p.copy(), packed.on.copy()
-    values = {"rise": 0.2 * p[layout.COULOMB], "time_constant": 0.2}
-    values["slip"] = reaches * p[layout.COULOMB] / p[layout.STIFFNESS]
-    for name, value in values.items():
-        p[DWELL_TIME_BREAK_AWAY.slot(name)] = value
-    on[layout.flag(DWELL)] = True
-    young, aged = (residual(problem.data, one, problem.moved) for one in (packed, Packed(p, on)))
-    return young - aged
-
-
-def _crept(problem: Problem, packed: Packed) -> np.ndarray:
-    """Torque of a bristle that every rest has stretched by a tenth of its friction at most, shape (m,)."""
-    coulomb = float(packed.p[layout.COULOMB])
-    number, left = since_rest(problem.data, coulomb / float(packed.p[layout.STIFFNESS]))
-    stretch = 0.1 * coulomb * np.random.default_rng(4).uniform(-1.0, 1.0, number.max() + 1)
-    return np.nan_to_num(left) * stretch[number]
-
-
-@pytest.mark.parametrize("reaches", [0.3, 1.5, 10.0])
-def test_friction_that_is_higher_after_a_rest_shows_beyond_the_stretch_at_it(
-    begun: Begun, reaches: float
-) -> None:
-    problem, model_fit = begun
-    missing = model_fit.fitted.error + _broken_away(problem, model_fit.fitted.packed, reaches)
-    lacking = replace(model_fit, fitted=replace(model_fit.fitted, error=missing))
-    candidate = FittedCandidate(DWELL, model_fit, 0.3, Explained(1.0, 0.0), None, named=True)
-    assert not RepeatedProgramme().only_at_rests(problem, lacking, candidate)
-
-
-@pytest.mark.parametrize(("size", "only"), [(0.0, True), (1.0, False)])
-def test_what_stretches_at_rests_leave_tells_a_break_away_of_which_they_take_most(
-    begun: Begun, size: float, only: bool
-) -> None:
-    """Three tenths of a true one were left, nine tenths of which it explained: with half asked it was refused."""
-    problem, model_fit = begun
-    packed = model_fit.fitted.packed
-    crept = 12.0 * _crept(problem, packed)
-    missing = model_fit.fitted.error + crept + size * _broken_away(problem, packed, 1.5)
-    lacking = replace(model_fit, fitted=replace(model_fit.fitted, error=missing))
-    candidate = FittedCandidate(DWELL, model_fit, 0.3, Explained(1.0, 0.0), None, named=True)
-    assert RepeatedProgramme().only_at_rests(problem, lacking, candidate) == only
-
-
-@pytest.mark.parametrize(("effect", "only"), [(DWELL, True), ("stribeck", False)])
-def test_what_ends_with_the_stretch_at_a_rest_is_no_break_away(begun: Begun, effect: str, only: bool) -> None:
-    """Of effects that other motion shows too nothing is said."""
-    problem, model_fit = begun
-    missing = model_fit.fitted.error + _crept(problem, model_fit.fitted.packed)
-    lacking = replace(model_fit, fitted=replace(model_fit.fitted, error=missing))
-    candidate = FittedCandidate(effect, model_fit, 0.3, Explained(1.0, 0.0), None, named=True)
-    assert RepeatedProgramme().only_at_rests(problem, lacking, candidate) == only
-
-
-def test_how_bristles_are_stretched_at_rests_takes_nothing_from_what_an_effect_explains(begun: Begun) -> None:
-    """It comes again in repeats; what an effect leaves of its own beside it counts as before."""
-    problem, model_fit = begun
-    fitted, number = model_fit.fitted, since_rest(problem.data, 1e-3)[0]
-    crept = _crept(problem, fitted.packed)
-    for block in problem.data.blocks:
-        crept[block.rows] = np.tile(crept[block.rows][: block.count], block.repeats)
-    assert number.max() > 5
-    wave = _in_the_fastest(problem, 0.1)
-    clean, spoilt = (
-        explained(
-            problem,
-            replace(fitted, error=fitted.error + wave + beside),
-            replace(fitted, error=fitted.error + 0.4 * wave + beside),
-            model_fit.correction,
-            TRAINING,
-        )
-        for beside in (0.0, crept)
-    )
-    assert 0.8 < clean.share < 0.95
-    assert spoilt.share == pytest.approx(clean.share, abs=0.02)
-    assert spoilt.plain_share == pytest.approx(clean.plain_share, abs=0.02)
-
-
-def test_a_disturbance_that_follows_the_clock_is_no_structure(begun: Begun) -> None:
-    """A line that repeats meet in phase comes again, and is gone once it is taken out."""
-    problem = begun[0]
-    clock = problem.data.grid * problem.data.period
-    line = 0.02 * np.sin(2.0 * np.pi * 16.7 * clock + 0.3)
-    noise = 1e-3 * np.random.default_rng(5).standard_normal(len(line))
-    left = without_line(problem, line + noise, TimeLine(16.7, 0.9))
-    assert float(np.std(left)) == pytest.approx(1e-3, rel=0.05)
-
-
-def test_rows_after_a_rest_count_by_how_unlike_its_stretch_is_in_repeats() -> None:
-    """Two rests, each forgotten after some hundred rows; a stretch that repeats share is no reason to doubt."""
-    way = np.tile(np.arange(600) / 100.0, 2)
-    share, rest = np.exp(-way), np.repeat([3, 4], 600)
-    noise = np.random.default_rng(5).normal(0.0, 1e-3, (2, 1200))
-    size = 0.02
-    same = _certainty(noise + size * share, share, rest)
-    unlike = _certainty(noise + size * share * np.array([[1.0], [-1.0]]), share, rest)
-    assert same.min() > 0.9
-    assert unlike[0] == pytest.approx((noise.std() / size) ** 2 / 2.0, rel=0.2)
-    assert unlike[599] == pytest.approx(1.0, abs=0.01)
-
-
-def test_experiments_that_leave_the_bristles_reach_keep_their_weights(begun: Begun) -> None:
-    problem, model_fit = begun
-    assert np.array_equal(less_after_rests(problem, model_fit.fitted).weight, problem.weight)
-
-
-def test_where_no_count_of_presliding_is_seen_rows_at_rest_are_left_out(begun: Begun) -> None:
-    """Stiction without presliding: friction holds any torque at rest, and a bristle far stiffer is tried."""
-    problem, model_fit = begun
-    packed = model_fit.fitted.packed
-    assert sticking(problem, packed) == (problem, ())
-    p = packed.p.copy()
-    p[layout.STIFFNESS] = p[layout.COULOMB] / (0.2 * problem.data.resolution)
-    without, starts = sticking(problem, Packed(p, packed.on))
-    out = without.weight == 0.0
-    assert 0.0 < out.mean() < 0.5
-    assert np.array_equal(without.weight[~out], problem.weight[~out])
-    assert [start.p[layout.STIFFNESS] / p[layout.STIFFNESS] for start in starts] == pytest.approx([1.0, 25.0])
-    error = model_fit.fitted.error + np.where(out, 1.0, 0.0)
-    alike = [
-        without.repeatable(one, model_fit.correction, TRAINING)[0] for one in (error, model_fit.fitted.error)
-    ]
-    assert alike[0] == pytest.approx(alike[1])
-    assert without.noise_variance(error, TRAINING) == pytest.approx(
-        without.noise_variance(model_fit.fitted.error, TRAINING)
-    )

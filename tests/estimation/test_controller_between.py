@@ -1,0 +1,273 @@
+"""Drives whose loop works between the samples: their law is found, and their twin answers as they do."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from autotune.estimation.controller import identified
+from autotune.estimation.controller_between import (
+    FED,
+    answering_late,
+    laws_between,
+    laws_of_slow_rows,
+    smooth_between,
+)
+from autotune.estimation.controller_law import (
+    LoopSamples,
+    PositionController,
+    between_terms,
+)
+from autotune.estimation.data import prepare
+from autotune.estimation.disturbance import STILL
+from autotune.estimation.policy import POLICY
+from autotune.estimation.twin_runs import run_twin, run_twins
+from autotune.models.drive_model import base_model
+from autotune.recordings.recording import Recording
+from tests.estimation.simulated import AXIS, PERIOD, RESOLUTION, TRUE, recorded
+
+
+@pytest.mark.slow
+def test_a_law_that_works_between_the_samples_is_found_below_the_compared_frequency() -> None:
+    """A drive's own loop runs 8 times a sample on a coarse encoder, and its sum wanders from that of the samples."""
+    ticks, rows, tick = 8, 15_000, 1.25e-4
+    n, rng = ticks * rows, np.random.default_rng(6)
+    time = np.arange(n) * tick
+    reference = 0.3 * np.sin(2 * np.pi * 0.7 * time) + 0.02 * np.sin(2 * np.pi * 6.0 * time)
+    shaken = np.convolve(rng.normal(0.0, 4e-5, n + 40), np.hanning(43)[1:-1], mode="valid")
+    rubbed = 2e-3 * np.tanh(np.gradient(reference, tick) / 0.05)
+    position = np.round((reference - rubbed + shaken) / 2e-4) * 2e-4
+    error = reference - position
+    rate = signal.lfilter([0.25], [1.0, -0.75], np.diff(error, prepend=0.0) / tick)
+    demand = 40.0 * error + 0.2 * rate + 900.0 * np.cumsum(error) * tick
+    samples = LoopSamples(
+        ticks * tick, reference[::ticks], position[::ticks], demand[::ticks], np.zeros(rows, dtype=np.bool_),
+        (slice(0, rows),), None,
+    )  # fmt: skip
+    found = identified(samples)
+    assert found.usable
+    assert found.in_band
+    assert found.explained > POLICY.controller_explains_in_band
+    # Gains wrong by a tenth do no harm to a twin.
+    assert (found.kp, found.kd, found.ki) == pytest.approx((40.0, 0.2, 900.0), rel=0.1)
+    assert "below 60 Hz" in found.why
+
+
+@pytest.mark.slow
+def test_a_drive_that_works_between_the_samples_is_found_and_simulated_so() -> None:
+    """Eight ticks a sample, and a reference that the drive reaches a sample later."""
+    ticks, rate = 8, 900.0
+    share = 1.0 - np.exp(-rate * PERIOD / ticks)
+    law = PositionController(6.0, 0.03, 100.0, float(share))
+    fine = recorded(law, period=PERIOD / ticks, noise=2e-4)
+    columns = {name: fine[name][::ticks].copy() for name in ("position", "torque")}
+    columns["reference"] = np.append(fine["reference"][ticks::ticks], fine["reference"][-1])
+    columns["time"] = np.arange(len(columns["position"])) * PERIOD
+    metadata = replace(fine.metadata, sample_period=PERIOD)
+    data = prepare([Recording.from_columns(columns, metadata, "motion")])
+    rows = tuple(stretch.rows for stretch in data.stretches)
+    free = np.zeros(len(data.torque), dtype=np.bool_)
+    samples = LoopSamples(PERIOD, data.reference, data.measured, data.torque, free, rows, None)
+    found = laws_between(samples, PositionController(explained=0.99))[0]
+    assert found.ticks > 1
+    assert found.kp == pytest.approx(law.kp, rel=0.03)
+    assert found.kd == pytest.approx(law.kd, rel=0.05)
+    run = run_twin(data, base_model(AXIS).pack(), found, STILL, np.random.default_rng(1))
+    lag = np.std(data.reference - data.measured)
+    assert run.stable
+    assert np.std(run.position - data.measured) < 0.01 * lag  # 0.02 at the samples with the true gains
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("taken", "late"), [("moment", 2), ("next", 1), ("before", 3)])
+def test_set_points_and_torque_of_a_drive_are_seen_between_the_samples(taken: str, late: int) -> None:
+    """Set points on straight lines, `late` rows late; the torque as at the sample, or a mean beside it.
+
+    At 12 Hz and 2 ms half a sample is a phase of 4 degrees, and a wrong way of recording takes kd a tenth off.
+    """
+    period, ticks, rate, gains = 2e-3, 8, 900.0, (6.0, 0.03, 100.0)
+    time = np.arange(6000 * ticks) * period / ticks
+    slow = signal.butter(3, 12.0, fs=ticks / period, output="sos")
+    moved, pushed = signal.sosfilt(slow, np.random.default_rng(4).normal(size=(2, len(time))))
+    place, wanted = np.roll(moved, 150) + 0.1 * pushed, moved[::ticks]
+    fine = np.interp(time, time[::ticks] + late * period, wanted)
+    share = 1.0 - np.exp(-rate * period / ticks)
+    filtered = signal.lfilter(
+        [share], [1.0, share - 1.0], np.diff(fine - place, prepend=0.0) * ticks / period
+    )
+    error = fine - place
+    torque = gains[0] * error + gains[1] * filtered + gains[2] * np.cumsum(error) * period / ticks
+    rows = torque.reshape(-1, ticks)
+    shown = {"moment": rows[:, 0], "next": rows.mean(axis=1), "before": np.roll(rows.mean(axis=1), 1)}[taken]
+    free, stretch = np.zeros(len(wanted), dtype=np.bool_), (slice(20, len(wanted)),)
+    samples = LoopSamples(period, wanted, place[::ticks], shown, free, stretch, None)
+    found = laws_between(samples, PositionController(explained=0.5))[0]
+    assert (found.taken, found.reference_delay) == (taken, late)
+    assert (found.kp, found.kd, found.ki) == pytest.approx(gains, rel=0.02)
+
+
+@pytest.mark.slow
+def test_behind_a_drive_whose_rows_are_written_late_slow_rows_tell_the_law() -> None:
+    """Half of the rows are late by one to three ticks of an eighth of 2 ms, in position and torque alike.
+
+    The drive does not answer to what they are late by: least squares of all rows explain too little to drive a twin,
+    and take kd for 0.9 of what it is and set points for a sample sooner than they come.
+    """
+    period, ticks, rate, gains = 2e-3, 8, 900.0, (6.0, 0.03, 100.0)
+    rng = np.random.default_rng(4)
+    time = np.arange(12000 * ticks) * period / ticks
+    slow = signal.butter(3, 12.0, fs=ticks / period, output="sos")
+    lively = np.where(np.sin(0.7 * time) > 0.0, 1.0, 0.03)
+    moved, pushed = lively * signal.sosfilt(slow, rng.normal(size=(2, len(time))))
+    place, wanted = np.roll(moved, 24) + 0.03 * pushed, moved[::ticks]
+    fine = np.interp(time, time[::ticks] + period, wanted)
+    share = 1.0 - np.exp(-rate * period / ticks)
+    filtered = signal.lfilter(
+        [share], [1.0, share - 1.0], np.diff(fine - place, prepend=0.0) * ticks / period
+    )
+    error = fine - place
+    torque = gains[0] * error + gains[1] * filtered + gains[2] * np.cumsum(error) * period / ticks
+    late = np.minimum(np.rint(0.8 * np.abs(rng.normal(size=len(wanted)))), ticks - 1).astype(int)
+    rows = np.arange(len(wanted)) * ticks + late
+    free, stretch = np.zeros(len(wanted), dtype=np.bool_), (slice(20, len(wanted)),)
+    samples = LoopSamples(period, wanted, place[rows], torque[rows], free, stretch, None)
+    plain = laws_between(samples, PositionController(explained=0.5))[0]
+    found = laws_of_slow_rows(samples)[0]
+    assert plain.ticks == 1  # nothing between the samples explains enough
+    assert found.slow
+    assert (found.taken, found.reference_delay) == ("moment", 1)
+    assert (found.kp, found.kd, found.ki) == pytest.approx(gains, rel=0.06)
+
+
+def of_a_cascade(ticks: int, period: float, late: float) -> tuple[LoopSamples, tuple[float, float, float]]:
+    """P-PI at `ticks` a sample on a filtered velocity, with the reference's own rate, and its torque so much later."""
+    position_gain, speed_gain, reset, rate = 60.0, 0.05, 2.0, 500.0
+    step = period / ticks
+    slow = signal.butter(3, 12.0, fs=1.0 / step, output="sos")
+    moved, pushed = signal.sosfilt(slow, np.random.default_rng(4).normal(size=(2, 6000 * ticks)))
+    place = np.roll(moved, 15 * ticks) + 0.1 * pushed
+    time = np.arange(len(moved)) * step
+    wanted = np.interp(time, time[::ticks], moved[::ticks])
+    share = 1.0 - np.exp(-rate * step)
+    speed = signal.lfilter([share], [1.0, share - 1.0], np.diff(place, prepend=0.0) / step)
+    rest = position_gain * (wanted - place) + 0.9 * np.diff(wanted, prepend=0.0) / step - speed
+    torque = speed_gain * rest + reset * np.cumsum(rest) * step
+    shown = np.interp(time[::ticks] - late, time, torque)
+    free, stretch = np.zeros(len(shown), dtype=np.bool_), (slice(20, len(shown)),)
+    samples = LoopSamples(period, moved[::ticks].copy(), place[::ticks].copy(), shown, free, stretch, None)
+    # the sum of a filtered velocity is the place less the velocity's share: u = (Kv·Kp + Ki)·e − (Kv − Ki/λ)·v …
+    return samples, (speed_gain * position_gain + reset, speed_gain - reset / rate, reset * position_gain)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("late", [0.4e-3, 0.9e-3], ids=["current loop", "and dead time"])
+def test_a_cascade_whose_torque_answers_late_is_found(late: float) -> None:
+    """A loop that is computed in two ticks and a current loop that follows: the torque as the axis felt it."""
+    period = 1e-3
+    samples, gains = of_a_cascade(8, period, late)
+    found = answering_late(samples, FED)[0]
+    assert 1.0 - found.explained < 1e-4  # of gains that are off by a hundredth
+    assert (found.kp, found.kd, found.ki) == pytest.approx(gains, rel=0.05)
+    assert found.answer_delay * period == pytest.approx(late, abs=0.15e-3)  # of the search: a third of a tick
+
+
+def test_a_cascade_that_feeds_its_rate_past_the_filter_is_found() -> None:
+    samples, gains = of_a_cascade(8, 1e-3, 0.0)
+    found = laws_between(samples, PositionController(explained=0.5))[0]
+    assert (found.kp, found.kd, found.ki) == pytest.approx(gains, rel=0.03)
+    # what it feeds forward trades with whole samples of delay: together they explain the demand
+    assert found.reference_rate == 0.0
+    assert found.velocity_feedforward > 0.0
+    assert 1.0 - found.explained < 1e-4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("delay", [0.4, 0.9])
+def test_a_twin_answers_as_late_as_the_axis_did(delay: float) -> None:
+    """Against the same loop, late by whole ticks of a far faster one."""
+    ticks = 20
+    fine_share = 1.0 - np.exp(-900.0 * PERIOD / ticks)
+    law = PositionController(6.0, 0.03, 100.0, float(fine_share), source="identified")
+    whole = round(delay * ticks)
+    fine = recorded(replace(law, position_delay=whole), period=PERIOD / ticks, noise=2e-4)
+    columns = {name: fine[name][: -2 * ticks : ticks].copy() for name in ("position", "torque")}
+    columns["reference"] = fine["reference"][whole:][::ticks][: len(columns["position"])]  # seen as late
+    columns["time"] = np.arange(len(columns["position"])) * PERIOD
+    metadata = replace(fine.metadata, sample_period=PERIOD)
+    data = prepare([Recording.from_columns(columns, metadata, "motion")])
+    share = 1.0 - np.exp(-900.0 * PERIOD)
+    between = replace(law, derivative_filter=float(share), ticks=8, taken="moment")
+    errors = []
+    for one in (between, replace(between, answer_delay=delay)):
+        run = run_twin(data, base_model(AXIS).pack(), one, STILL, np.random.default_rng(1))
+        assert run.stable
+        errors.append(float(np.std(run.position - data.measured)))
+    assert errors[1] < 0.25 * errors[0]
+
+
+def test_a_drive_that_has_set_points_with_their_rates_feeds_them_forward_on_lines() -> None:
+    """Against a reference fed forward in steps: at 2 ms those come half a sample late, and at 12 Hz a tenth off."""
+    period, ticks, fed = 2e-3, 8, 0.05
+    slow = signal.butter(3, 12.0, fs=1.0 / period, output="sos")
+    wanted, place = signal.sosfilt(slow, np.random.default_rng(6).normal(size=(2, 4000)))
+    form = PositionController(
+        6.0, 0.03, 100.0, derivative_filter=0.8, explained=0.5, ticks=ticks, taken="next"
+    )
+    law = replace(form, acceleration_feedforward=fed, cubic=True, smooth=True)
+    free, stretch = np.zeros(len(wanted), dtype=np.bool_), (slice(20, len(wanted)),)
+    silent = LoopSamples(period, wanted, place, np.zeros(len(wanted)), free, stretch, None)
+    rate = -np.log(1.0 - law.derivative_filter) / period
+    samples = replace(silent, demand=between_terms(silent, law, rate) @ law.terms_gains)
+    found = smooth_between(samples, form)
+    assert found is not None
+    assert found.smooth
+    assert found.acceleration_feedforward == pytest.approx(fed, rel=0.02)
+    assert (found.kp, found.kd) == pytest.approx((law.kp, law.kd), rel=0.02)
+    held = laws_between(samples, form)[0]
+    assert 1.0 - found.explained < 0.1 * (1.0 - held.explained)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("taken", ["moment", "next"])
+def test_twins_of_one_pass_record_their_torque_as_one_alone_does(taken: str) -> None:
+    data = prepare([recorded(TRUE)])
+    law = replace(TRUE, source="identified", ticks=4, taken=taken)
+    models = [base_model(AXIS).pack(), base_model(AXIS | {"inertia": 1.1 * AXIS["inertia"]}).pack()]
+    still = np.zeros(len(data.reference))
+    for model, run in zip(models, run_twins(data, models, law, [(still, still)] * 2), strict=True):
+        alone = run_twin(data, model, law, STILL, np.random.default_rng(1))
+        assert run.torque == pytest.approx(alone.torque, abs=1e-9)
+
+
+@pytest.mark.slow
+def test_steps_of_a_fed_acceleration_are_looked_for_in_a_torque_at_the_samples() -> None:
+    """A mean over the last sample and a later set point explain as much below the compared frequency."""
+    period, ticks = 2e-3, 8
+    slow = signal.butter(3, 12.0, fs=1.0 / period, output="sos")
+    wanted, place = signal.sosfilt(slow, np.random.default_rng(6).normal(size=(2, 4000)))
+    form = PositionController(6.0, 0.03, 100.0, derivative_filter=0.8, explained=0.5, ticks=ticks)
+    law = replace(form, acceleration_feedforward=2e-4, taken="moment", reference_delay=2)
+    free, stretch = np.zeros(len(wanted), dtype=np.bool_), (slice(20, len(wanted)),)
+    silent = LoopSamples(period, wanted, place, np.zeros(len(wanted)), free, stretch, None)
+    rate = -np.log(1.0 - law.derivative_filter) / period
+    told = between_terms(silent, law, rate) @ law.terms_gains
+    noise = np.random.default_rng(7).normal(0.0, 0.05 * np.std(told), len(told))
+    found = laws_between(replace(silent, demand=told + noise), form)
+    assert {"moment", "next", "before"} == {one.taken for one in found if one.ticks > 1}
+    assert len(found) <= 4  # with the law at the samples
+
+
+def test_where_counts_lie_is_moved_and_nothing_else() -> None:
+    """Reference, reading and start are moved together: without counts a twin does the same."""
+    data = prepare([recorded(TRUE)])
+    model, law = base_model(AXIS).pack(), replace(TRUE, source="identified", ticks=4, adrift=True)
+    still = np.zeros(len(data.reference))
+    moved = still + 0.4 * RESOLUTION
+    smooth = replace(data, resolution=0.0)
+    alone, beside = run_twins(smooth, [model, model], law, [(still, still), (still, moved)])
+    assert beside.position == pytest.approx(alone.position, abs=1e-12)
+    assert beside.torque == pytest.approx(alone.torque, abs=1e-9)
+    counted = run_twins(data, [model, model], law, [(still, still), (still, moved)])
+    apart = counted[1].position - counted[0].position
+    assert 0.1 * RESOLUTION < np.std(apart) < RESOLUTION
