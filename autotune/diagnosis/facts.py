@@ -47,6 +47,9 @@ OUTDONE = 1.5
 """Times the gain of what is named: what a candidate that could not pass may gain at most beside it."""
 LAW_DIFFERS, LAW_LEAD = 0.9, 0.6
 """Share explained from which one effect is named though its law differs, and what another may gain of its gain."""
+LAW_DIFFERS_ALONE = 0.8
+"""The same where all that can look like it was looked for too and is left behind: what takes the place of an effect
+that was looked for loses to it, and what takes that of one that nobody knows explains less of both trajectories."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +137,14 @@ class Facts:
             and self.evidence.accepts(policy, chosen)
             and not hardly_a_gap(policy, chosen.model_fit)
             and (all(self.freed.values()) or self.leads)
-            and not self.evidence.doubted(self.problem, self.root, chosen.model_fit, self.first)
+            and not self._doubted
+        )
+
+    @property
+    def _doubted(self) -> bool:
+        chosen = self.chosen
+        return chosen is not None and self.evidence.doubted(
+            self.problem, self.root, chosen.model_fit, self.first
         )
 
     @property
@@ -147,10 +157,9 @@ class Facts:
         chosen = self.chosen
         if chosen is None or len(chosen.model_fit.effects) > 1:
             return chosen is not None
-        own = next((item.gain for item in self.first if item.effect == chosen.effect), chosen.gain)
+        gains = [(item.effect, item.gain) for item in (*self.first, *self.tried)]
+        own = max((gain for effect, gain in gains if effect == chosen.effect), default=chosen.gain)
         least = LAW_LEAD * max(own, chosen.gain)
-        gains = [(item.effect, item.gain) for item in self.first]
-        gains += [(item.effect, item.gain) for item in self.tried]
         fitted = {item.effect: item for item in self.tried}
         if SPRING.name in fitted:  # what explains as much without a gap stands for one
             fitted.setdefault(GAP.name, fitted[SPRING.name])
@@ -188,22 +197,30 @@ class Facts:
     def law_differs(self) -> bool:
         """One effect explains most of the error, far ahead of any other, but not all that its place holds.
 
-        Not two masses: with stiffness, damping and shares free they take the shape of much that a twin is not.
+        Not a spring between two masses: with stiffness, damping and shares free it takes the shape of much that a twin
+        is not. A gap does not: nothing in a loop has a width.
         """
         policy, chosen = self.problem.policy, self.chosen
         if chosen is None or not self.evidence.repeats or len(chosen.model_fit.effects) > 1:
             return False
         if hardly_a_gap(policy, chosen.model_fit) or not self.problem.has_veto:
             return False
-        if EFFECTS[chosen.effect].in_transmission:
+        if EFFECTS[chosen.effect].in_transmission and (chosen.effect != GAP.name or self._doubted):
             return False
-        return chosen.share >= LAW_DIFFERS and self.leads
+        sought = {kind.name for kind in self.problem.candidates}
+        alone = sought.issuperset(usual_rivals(chosen.effect))
+        return chosen.share >= (LAW_DIFFERS_ALONE if alone else LAW_DIFFERS) and self.leads
 
     @property
     def veto_silent(self) -> bool:
         """On the veto trajectory less than half is explained unless what is left there is excused: it tells nothing."""
         veto = self.chosen.veto if self.chosen is not None else None
         return veto is not None and veto.plain_share < self.problem.policy.partly
+
+    @property
+    def little_told(self) -> bool:
+        """Named for less than what names an effect that look-alikes might stand for: suspected at best."""
+        return not self.accepted and self.chosen is not None and self.chosen.share < LAW_DIFFERS
 
     @property
     def own_law(self) -> bool:

@@ -155,6 +155,7 @@ class _Search:
         if self.begin_again is not None:
             return Found(self.problem, self.root, None, (), (), {}, begin_again=self.begin_again)
         self._tidy()
+        self._drop_doubtful_load()
         self._drop_laws()
         self._try_look_alikes()
         found = (self.problem, self.root, self.chosen, self.first, self.tried, self.generic)
@@ -656,6 +657,19 @@ class _Search:
         self.chosen = (
             chosen if model_fit is chosen.model_fit else judged(problem, root, model_fit, chosen.effect)
         )
+
+    def _drop_doubtful_load(self) -> None:
+        """What was found beside a second mass keeps its own standing where that mass is in doubt.
+
+        Beside a true effect a second mass takes up what the twin's loop is not; together they would be nameless.
+        """
+        chosen = self.chosen
+        if chosen is None or len(chosen.model_fit.effects) < 2 or not self.evidence.repeats:
+            return
+        loads = [effect for effect in chosen.model_fit.effects if EFFECTS[effect].in_transmission]
+        if loads and self.evidence.doubted(self.problem, self.root, chosen.model_fit, self.first):
+            self.progress(f"is {loads[0]} needed")
+            self.chosen = without_effect(self.problem, self.root, chosen.model_fit, loads[0]) or chosen
 
     def _pruned(self, chosen: FittedCandidate) -> FittedCandidate:
         """Drops every effect without which training and veto are hardly worse, or without which the rest has a name.
