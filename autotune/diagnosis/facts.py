@@ -197,19 +197,21 @@ class Facts:
     def law_differs(self) -> bool:
         """One effect explains most of the error, far ahead of any other, but not all that its place holds.
 
-        Not a spring between two masses: with stiffness, damping and shares free it takes the shape of much that a twin
-        is not. A gap does not: nothing in a loop has a width.
+        A spring between two masses takes the shape of much that a twin is not, with stiffness, damping and shares free:
+        it must explain more than others. A gap need not: nothing in a loop has a width.
         """
         policy, chosen = self.problem.policy, self.chosen
         if chosen is None or not self.evidence.repeats or len(chosen.model_fit.effects) > 1:
             return False
-        if hardly_a_gap(policy, chosen.model_fit) or not self.problem.has_veto:
+        if hardly_a_gap(policy, chosen.model_fit) or not self.problem.has_veto or self._doubted:
             return False
-        if EFFECTS[chosen.effect].in_transmission and (chosen.effect != GAP.name or self._doubted):
-            return False
+        return chosen.share >= self._least_by_another_law(chosen.effect) and self.leads
+
+    def _least_by_another_law(self, effect: str) -> float:
+        """Share explained that names an effect whose law differs."""
         sought = {kind.name for kind in self.problem.candidates}
-        alone = sought.issuperset(usual_rivals(chosen.effect))
-        return chosen.share >= (LAW_DIFFERS_ALONE if alone else LAW_DIFFERS) and self.leads
+        alone = effect != SPRING.name and sought.issuperset(usual_rivals(effect))
+        return LAW_DIFFERS_ALONE if alone else LAW_DIFFERS
 
     @property
     def veto_silent(self) -> bool:
