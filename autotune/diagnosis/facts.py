@@ -157,7 +157,8 @@ class Facts:
         chosen = self.chosen
         if chosen is None or len(chosen.model_fit.effects) > 1:
             return chosen is not None
-        gains = [(item.effect, item.gain) for item in (*self.first, *self.tried)]
+        gains = [(item.effect, item.gain) for item in self.first]
+        gains += [(item.effect, item.gain) for item in self.tried]
         own = max((gain for effect, gain in gains if effect == chosen.effect), default=chosen.gain)
         least = LAW_LEAD * max(own, chosen.gain)
         fitted = {item.effect: item for item in self.tried}

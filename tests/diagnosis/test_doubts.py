@@ -7,6 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from autotune.diagnosis import search
+from autotune.diagnosis.candidates import no_progress
 from autotune.diagnosis.evidence import repeated, single
 from autotune.diagnosis.evidence.evidence import HoldoutResult
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
@@ -206,7 +208,7 @@ def test_motor_and_load_ring_where_it_is_compared(compliance: float, doubted: bo
     packed = base_model(NOMINAL | {"inertia": 1.07e-4}).with_effect(kind.make(values)).pack()
     fit = SimpleNamespace(effects=(kind.name,), fitted=SimpleNamespace(packed=packed))
     data = SimpleNamespace(cutoff=45.0, period=2e-3, upsampling=1, lag=0.0)
-    problem = SimpleNamespace(data=data, policy=POLICY, controller=None)
+    problem = SimpleNamespace(data=data, policy=POLICY, controller=None, has_veto=False)
     evidence = RepeatedProgramme()
     assert evidence.doubted(problem, fit, fit) == doubted
     found, near, far = (
@@ -215,13 +217,16 @@ def test_motor_and_load_ring_where_it_is_compared(compliance: float, doubted: bo
     )
     assert evidence.doubted(problem, fit, fit, [found, near]) == doubted
     assert not evidence.doubted(problem, fit, fit, [found, far])
-    drive = SimpleNamespace(data=data, policy=POLICY, controller=SimpleNamespace(within=True, exact=True))
-    assert evidence.doubted(drive, fit, fit, [found, far]), (
+    law = SimpleNamespace(within=True, exact=True)
+    drive = SimpleNamespace(data=data, policy=POLICY, controller=law, has_veto=False)
+    little = SimpleNamespace(effect=kind.name, gain=0.1)
+    assert evidence.doubted(drive, fit, fit, [little, far]), (
         "a drive's law is not known above what is compared"
     )
+    assert not evidence.doubted(drive, fit, fit, [found, far]), "so much of the error is no law's rest"
     coarse = SimpleNamespace(cutoff=20.0, period=1e-3, upsampling=1, lag=0.0)
-    drive = SimpleNamespace(data=coarse, policy=POLICY, controller=SimpleNamespace(within=True, exact=True))
-    assert evidence.doubted(drive, fit, fit, [found, far]) == doubted, (
+    drive = SimpleNamespace(data=coarse, policy=POLICY, controller=law, has_veto=False)
+    assert evidence.doubted(drive, fit, fit, [little, far]) == doubted, (
         "of a law that is known below 60 Hz counts that lower what is compared hide nothing"
     )
 
@@ -304,3 +309,25 @@ def test_what_happens_again_and_again_belongs_to_the_axis(events: int, left_out:
     data = SimpleNamespace(pace=1.0, period=1e-3, grid=np.arange(20_000))
     problem = SimpleNamespace(weight=np.ones(20_000), data=data, twin=True)
     assert np.sum(without_outlying(problem, error) == 0.0) == left_out
+
+
+@pytest.mark.parametrize(
+    ("doubted", "repeats", "kept"), [(True, True, 1), (False, True, 2), (True, False, 2)]
+)
+def test_what_stands_beside_a_doubtful_second_mass_keeps_its_name(
+    monkeypatch: pytest.MonkeyPatch, doubted: bool, repeats: bool, kept: int
+) -> None:
+    """Behind a drive's loop a motor and load of no axis stood beside a true Stribeck effect, and nothing was named.
+
+    In a lone recording the doubt is one of all effects together."""
+    alone = SimpleNamespace(model_fit=SimpleNamespace(effects=("stribeck",)))
+    both = SimpleNamespace(model_fit=SimpleNamespace(effects=("stribeck", "elastic_transmission")))
+    monkeypatch.setattr(
+        search, "without_effect", lambda _problem, _root, _fit, effect: alone if "el" in effect else None
+    )
+    evidence = SimpleNamespace(repeats=repeats, doubted=lambda *_: doubted)
+    found = search._Search(
+        SimpleNamespace(), SimpleNamespace(), SimpleNamespace(), no_progress, evidence, chosen=both
+    )
+    found._drop_doubtful_load()
+    assert len(found.chosen.model_fit.effects) == kept
