@@ -30,6 +30,9 @@ BASE_STEP = 0.3
 DIFFERENCE = 2e-3
 STALE = 0.02
 """Relative fall of the cost above which sensitivities are computed anew."""
+KEPT = 0.25
+"""Of the fall that its quadratic model promises: a step that keeps less is compared with more damped ones (the gain
+ratio of Nocedal and Wright, Numerical Optimization, chapter 4)."""
 HOPE = 3.0
 """Steps as good as the last that a fit is trusted to have left."""
 TRIALS, DAMPED, HARDER = 6, 1e-3, 8.0
@@ -268,9 +271,10 @@ class _Problem:
     def downhill(
         self, here: _Place, normal: Floats, slope: Floats, damping: float, scales: Floats
     ) -> tuple[_Place | None, float]:
-        """The first of a few ever more damped steps that lowers the cost, and its damping; None where none does.
+        """The best of a few ever more damped steps, and its damping; None where none lowers the cost.
 
-        Some of them are looked at together, as what is not needed of them costs next to nothing.
+        The first is taken alone where it keeps what it promises. Where it does not, the others are looked at together,
+        as what is not needed of them costs next to nothing: a step that goes far may just be lower than where it began.
         """
         trials, damped, harder = TRIALS, DAMPED, HARDER
         together, most = 1, TRIALS - 1
@@ -278,20 +282,31 @@ class _Problem:
             trials, damped, harder = TRIALS_JUDGED, DAMPED_JUDGED, HARDER_JUDGED
             together = most = JUDGED_TOGETHER
         values = here.packed.p[[f.slot for f in self.free]]
-        waiting: list[tuple[Packed, float]] = []
+        best, at = here, damping
+        waiting: list[tuple[Packed, float, float]] = []
         looked_at = 0
         while looked_at < trials:
             while len(waiting) < min(together, trials - looked_at):
                 change = _step(normal, slope, damping, here.packed, self.free, scales)
-                waiting.append((with_values(here.packed, self.free, values + change), damping))
+                promised = _gained(normal, slope, change / scales)
+                waiting.append((with_values(here.packed, self.free, values + change), damping, promised))
                 damping = max(damping * harder, damped)
-            places = self._places([packed for packed, _ in waiting], here.correction)
-            for found, (_, used) in zip(places, waiting, strict=False):
-                if found is not None and np.isfinite(found.cost) and found.cost < here.cost:
-                    return found, used
+            places = self._places([packed for packed, _, _ in waiting], here.correction)
+            kept = looked_at > 0
+            for found, (_, used, promised) in zip(places, waiting, strict=False):
+                if found is not None and np.isfinite(found.cost) and found.cost < best.cost:
+                    best, at = found, used
+                    kept = kept or here.cost - found.cost >= KEPT * promised
+            if kept and best is not here:
+                break
             looked_at, together = looked_at + len(places), most
             waiting = waiting[len(places) :]
-        return None, damping
+        return (best, at) if best is not here else (None, damping)
+
+
+def _gained(normal: Floats, slope: Floats, step: Floats) -> float:
+    """By how much the cost falls at a step [scales] by its quadratic model."""
+    return -float(2.0 * slope @ step + step @ normal @ step)
 
 
 def _most_gained(normal: Floats, slope: Floats) -> float:
