@@ -11,6 +11,7 @@ the effect lies at the edge of its law.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -47,29 +48,43 @@ def with_free_shape(
     before = chosen.model_fit
     if chosen.training.share < problem.policy.partly:
         return None
-    if chosen.effect == REVERSAL_MEMORY.name:
-        settled = resolved(problem, before)
-    else:
-        kind = EFFECTS[chosen.effect]
-        if kind.free_shape is None:
-            return None
-        start = kind.free_shape(Context(problem, before.fitted, nominal))
-        if start is None:
-            return None
-        p = before.fitted.packed.p.copy()
-        for name, value in start.values.items():
-            p[kind.slot(name)] = value
-        shape = [varying(kind, name, vary) for name, vary in start.free.items()]
-        slots = {one.slot for one in shape}
-        free = [one for one in before.free if one.slot not in slots]
-        settled = fit_inside_twin(
-            problem, Packed(p, before.fitted.packed.on), [*free, *shape], ROUNDS + 1, before.effects
-        )
-    if settled is None or not predicts_better(problem, before, settled):
-        return None
-    if not own_course(problem, settled, chosen.effect):
-        return None
-    return replace(judged(problem, root, settled, chosen.effect), gain=chosen.gain)
+    best: FittedCandidate | None = None
+    for settled in _courses(problem, nominal, before, chosen.effect):
+        if settled is None or not predicts_better(problem, before, settled):
+            continue
+        if not own_course(problem, settled, chosen.effect):
+            continue
+        if best is None or settled.fitted.cost < best.model_fit.fitted.cost:
+            best = replace(judged(problem, root, settled, chosen.effect), gain=chosen.gain)
+        if best.named:
+            break
+    return best
+
+
+def _courses(problem: Problem, nominal: Packed, before: ModelFit, effect: str) -> Iterator[ModelFit | None]:
+    """Fits with the course of an effect free: beside its own law, and in the place of that where it may be left out.
+
+    From a smooth law, a course with a bend is not found: terms that begin at nothing beside it take what it leaves.
+    """
+    if effect == REVERSAL_MEMORY.name:
+        yield resolved(problem, before)
+        return
+    kind = EFFECTS[effect]
+    start = kind.free_shape(Context(problem, before.fitted, nominal)) if kind.free_shape else None
+    if start is None:
+        return
+    p = before.fitted.packed.p.copy()
+    for name, value in start.values.items():
+        p[kind.slot(name)] = value
+    shape = [varying(kind, name, vary) for name, vary in start.free.items()]
+    slots = {one.slot for one in shape}
+    free = [*(one for one in before.free if one.slot not in slots), *shape]
+    yield fit_inside_twin(problem, Packed(p, before.fitted.packed.on), free, ROUNDS + 1, before.effects)
+    if kind.own_size:
+        alone = p.copy()
+        alone[kind.slot(kind.own_size)] = 0.0
+        packed = Packed(alone, before.fitted.packed.on)
+        yield fit_inside_twin(problem, packed, free, ROUNDS + 1, before.effects)
 
 
 def any_course(problem: Problem, model_fit: ModelFit) -> bool:

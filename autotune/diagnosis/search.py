@@ -171,7 +171,7 @@ class _Search:
             if best is None:
                 break
             chosen = self._take(best)
-            if not self._more_to_explain(chosen.model_fit):
+            if chosen.named and not self._more_to_explain(chosen.model_fit):
                 break
 
     def _shape_base(self) -> None:
@@ -560,7 +560,7 @@ class _Search:
         """
         best = self._shaped(chosen) or chosen
         if self.chosen is not None:
-            return best
+            return self._others_freed(best)
         for item in [one for one in self.tried if self._contends(chosen, one)]:
             shaped = self._shaped(item)
             if shaped is None or self.evidence.only_at_rests(self.problem, self.root, shaped):
@@ -569,6 +569,21 @@ class _Search:
             if error_left(self.problem, shaped.model_fit) < error_left(self.problem, best.model_fit):
                 best = shaped
         return best
+
+    def _others_freed(self, chosen: FittedCandidate) -> FittedCandidate:
+        """The same with the courses of those before it free, while together they explain less than a name asks.
+
+        By itself none of them explained enough to tell its course, or what was missing hid it.
+        """
+        for effect in chosen.model_fit.effects:
+            if chosen.named:
+                break
+            if effect == chosen.effect or effect in self.freed:
+                continue
+            shaped = self._shaped(replace(chosen, effect=effect))
+            if shaped is not None:
+                chosen = replace(shaped, effect=chosen.effect)
+        return chosen
 
     def _contends(self, chosen: FittedCandidate, item: FittedCandidate) -> bool:
         """Whether another effect came near the chosen one by its own law.

@@ -439,14 +439,16 @@ def in_band(samples: LoopSamples) -> LoopSamples:
 
 
 def first_look(samples: LoopSamples) -> LoopSamples:
-    """A few pieces of the data, evenly spread."""
+    """A few pieces of the data, evenly spread, none beyond the end of its stretch: those of a look lie side by side."""
     rows = np.concatenate([np.arange(s.start, s.stop) for s in samples.stretches])
+    number = np.repeat(np.arange(len(samples.stretches)), [s.stop - s.start for s in samples.stretches])
     length = min(round(LOOK_SECONDS / samples.period), len(rows) // LOOKS)
     if length < SHORTEST_STRETCH:
         return replace(samples, most_rows=ROUGH_ROWS)
     first = np.linspace(0, len(rows) - length, LOOKS).astype(int)
-    looked = np.unique(rows[(first[:, None] + np.arange(length)).ravel()])
-    cuts = np.flatnonzero(np.diff(looked) > 1) + 1
+    places = np.unique((first[:, None] + np.arange(length)).ravel())
+    looked = rows[places]
+    cuts = np.flatnonzero((np.diff(looked) > 1) | (np.diff(number[places]) > 0)) + 1
     edges = [0, *cuts.tolist(), len(looked)]
     parts = tuple(slice(a, b) for a, b in itertools.pairwise(edges))
     return replace(

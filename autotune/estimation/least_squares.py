@@ -30,12 +30,17 @@ BASE_STEP = 0.3
 DIFFERENCE = 2e-3
 STALE = 0.02
 """Relative fall of the cost above which sensitivities are computed anew."""
+KEPT = 0.25
+"""Of the fall that its quadratic model promises: a step that keeps less is compared with more damped ones (the gain
+ratio of Nocedal and Wright, Numerical Optimization, chapter 4)."""
 HOPE = 3.0
 """Steps as good as the last that a fit is trusted to have left."""
 TRIALS, DAMPED, HARDER = 6, 1e-3, 8.0
 """Steps tried from one linearisation, least damping of the second of them, and what it grows by after that."""
 TRIALS_JUDGED, DAMPED_JUDGED, HARDER_JUDGED = 4, 0.03, 10.0
 """The same where every step is judged by its own bias, at the cost of simulations."""
+MOST_SETS = 3
+"""Times the number of parameters: sets of them that are held, of which the lowest place in a box is looked for."""
 JUDGED_TOGETHER = 2
 """Of these: with three simulations and the measured motion each they fill a pass."""
 
@@ -268,9 +273,10 @@ class _Problem:
     def downhill(
         self, here: _Place, normal: Floats, slope: Floats, damping: float, scales: Floats
     ) -> tuple[_Place | None, float]:
-        """The first of a few ever more damped steps that lowers the cost, and its damping; None where none does.
+        """The best of a few ever more damped steps, and its damping; None where none lowers the cost.
 
-        Some of them are looked at together, as what is not needed of them costs next to nothing.
+        The first is taken alone where it keeps what it promises. Where it does not, the others are looked at together,
+        as what is not needed of them costs next to nothing: a step that goes far may just be lower than where it began.
         """
         trials, damped, harder = TRIALS, DAMPED, HARDER
         together, most = 1, TRIALS - 1
@@ -278,20 +284,31 @@ class _Problem:
             trials, damped, harder = TRIALS_JUDGED, DAMPED_JUDGED, HARDER_JUDGED
             together = most = JUDGED_TOGETHER
         values = here.packed.p[[f.slot for f in self.free]]
-        waiting: list[tuple[Packed, float]] = []
+        best, at = here, damping
+        waiting: list[tuple[Packed, float, float]] = []
         looked_at = 0
         while looked_at < trials:
             while len(waiting) < min(together, trials - looked_at):
                 change = _step(normal, slope, damping, here.packed, self.free, scales)
-                waiting.append((with_values(here.packed, self.free, values + change), damping))
+                promised = _gained(normal, slope, change / scales)
+                waiting.append((with_values(here.packed, self.free, values + change), damping, promised))
                 damping = max(damping * harder, damped)
-            places = self._places([packed for packed, _ in waiting], here.correction)
-            for found, (_, used) in zip(places, waiting, strict=False):
-                if found is not None and np.isfinite(found.cost) and found.cost < here.cost:
-                    return found, used
+            places = self._places([packed for packed, _, _ in waiting], here.correction)
+            kept = looked_at > 0 or self.judged is not None
+            for found, (_, used, promised) in zip(places, waiting, strict=False):
+                if found is not None and np.isfinite(found.cost) and found.cost < best.cost:
+                    best, at = found, used
+                    kept = kept or here.cost - found.cost >= KEPT * promised
+            if kept and best is not here:
+                break
             looked_at, together = looked_at + len(places), most
             waiting = waiting[len(places) :]
-        return None, damping
+        return (best, at) if best is not here else (None, damping)
+
+
+def _gained(normal: Floats, slope: Floats, step: Floats) -> float:
+    """By how much the cost falls at a step [scales] by its quadratic model."""
+    return -float(2.0 * slope @ step + step @ normal @ step)
 
 
 def _most_gained(normal: Floats, slope: Floats) -> float:
@@ -305,31 +322,49 @@ def _step(
 ) -> Floats:
     """A damped step that ends inside the bounds, and no further than each parameter may go at once.
 
-    Parameters that would go beyond are held there, and the others solved for: scaled down as a whole, a step would be
-    as short as the one that has furthest to go makes it.
+    Scaled down as a whole, a step would be as short as the one that has furthest to go makes it.
     """
-    size = len(free)
     values = packed.p[[f.slot for f in free]]
     limit = np.array([f.step_at(v) for f, v in zip(free, values, strict=True)])
     lower = np.array([f.lower if f.above < 0 else max(f.lower, packed.p[f.above]) for f in free])
     lower = np.maximum(lower, values - limit)
     upper = np.minimum(np.array([f.upper for f in free]), values + limit)
-    change = np.zeros(size)
-    active = np.ones(size, dtype=np.bool_)
-    ridge = damping * np.diag(normal) + 1e-9 * float(np.trace(normal)) / size
-    for _ in range(size):
-        system = normal[np.ix_(active, active)] + np.diag(ridge[active])
-        held = normal[np.ix_(active, ~active)] @ (change / scales)[~active]
-        solution = np.linalg.lstsq(system, -slope[active] - held, rcond=1e-12)[0]
-        change[active] = solution * scales[active]
-        outside = active & ((values + change < lower) | (values + change > upper))
-        if not outside.any():
+    ridge = damping * np.diag(normal) + 1e-9 * float(np.trace(normal)) / len(free)
+    low, high = (lower - values) / scales, (upper - values) / scales
+    step = _lowest_in_box(normal + np.diag(ridge), slope, low, np.maximum(low, high))
+    return np.asarray(np.clip(values + step * scales, lower, np.maximum(lower, upper)) - values)
+
+
+def _lowest_in_box(matrix: Floats, slope: Floats, low: Floats, high: Floats) -> Floats:
+    """Where ½·xᵀ·M·x + slopeᵀ·x is lowest in a box, by active sets (Nocedal and Wright, chapter 16).
+
+    It never rises on the way there. All that is beyond its bounds at once, held where it would go, is not the lowest
+    place: some of it would not go there beside the others.
+    """
+    step = np.clip(np.zeros(len(slope)), low, high)
+    active = low < high
+    for _ in range(MOST_SETS * len(slope)):
+        target = step.copy()
+        if active.any():
+            held = matrix[np.ix_(active, ~active)] @ step[~active]
+            target[active] = np.linalg.lstsq(
+                matrix[np.ix_(active, active)], -slope[active] - held, rcond=1e-12
+            )[0]
+        change = target - step
+        end = np.where(change > 0.0, high, low)
+        room = np.where(change != 0.0, (end - step) / np.where(change != 0.0, change, 1.0), np.inf)
+        first = int(np.argmin(room))
+        if room[first] < 1.0:
+            step = step + room[first] * change
+            step[first], active[first] = end[first], False
+            continue
+        step = target
+        uphill = matrix @ step + slope
+        back = ~active & (low < high) & np.where(step <= low, uphill < 0.0, uphill > 0.0)
+        if not back.any():
             break
-        change[outside] = np.clip(values + change, lower, upper)[outside] - values[outside]
-        active &= ~outside
-        if not active.any():
-            break
-    return change
+        active[np.argmax(np.where(back, np.abs(uphill), 0.0))] = True
+    return step
 
 
 def followed(jacobian: Floats, error: Floats, weight: Floats) -> Floats:

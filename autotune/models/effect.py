@@ -134,6 +134,7 @@ class Kind:
         why_no_start: what it means for people where there is no start.
         freed_later: name → how it varies, once a first fit is there.
         free_shape: what begins and varies beside its own law where that is another one: the same place, any course.
+        own_size: what its own law is scaled by, where a free course is a sum beside that law and may do without it.
         terms: of what it is a sum of numbered terms; None where it is not.
         may_grow: further terms are looked for beside those that a model has.
 
@@ -175,6 +176,7 @@ class Kind:
     why_no_start: str = "there is nothing in the motion to start a fit from"
     freed_later: Callable[[Floats], Mapping[str, Vary]] | None = None
     free_shape: Callable[[StartContext], StartValues | None] | None = None
+    own_size: str = ""
     terms: Terms | None = None
     may_grow: bool = False
     extent: Measure | None = None

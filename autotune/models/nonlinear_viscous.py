@@ -113,5 +113,6 @@ NONLINEAR_VISCOUS = Kind(
     kernels=Kernels(viscous=curved_coefficient),
     starts=starts,
     free_shape=free_shape,
+    own_size="torque",
     at_constant_speed=True,
 )

@@ -115,5 +115,6 @@ TORQUE_SATURATION = Kind(
     not_fed_forward="it acts where there is no torque in reserve",
     starts=starts,
     free_shape=free_shape,
+    own_size="loss",
     quick=True,
 )

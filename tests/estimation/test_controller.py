@@ -14,7 +14,7 @@ from autotune.estimation.controller_law import (
     late_samples,
     law_terms,
 )
-from autotune.estimation.controller_search import _late_trials, plain_in_band
+from autotune.estimation.controller_search import _late_trials, first_look, plain_in_band
 from autotune.estimation.data import prepare
 from autotune.estimation.disturbance import STILL
 from autotune.estimation.policy import POLICY
@@ -272,6 +272,17 @@ def test_a_hosts_law_keeps_its_gains_where_rows_are_late_and_the_torque_is_sense
     assert (found.reference_delay, found.position_delay) == (0, 0)
     assert (found.kp, found.kd) == pytest.approx((TRUE.kp, TRUE.kd), rel=0.03)
     assert found.ki == pytest.approx(TRUE.ki, rel=0.2)  # the sum of what rows are off by wanders
+
+
+def test_pieces_that_lie_side_by_side_are_looked_at_as_pieces_again() -> None:
+    """Run together they jump, which a law's filter and sum would go across."""
+    one = loop_samples(prepare([recorded(TRUE)]))
+    long = {name: np.tile(getattr(one, name), 8) for name in ("reference", "position", "demand", "clamped")}
+    looked = first_look(replace(one, stretches=(slice(0, 8 * len(one.demand)),), **long))
+    again = first_look(looked)
+    assert len(looked.stretches) > 1
+    assert again.stretches == looked.stretches
+    assert np.array_equal(again.position, looked.position)
 
 
 def test_a_demand_under_a_second_name_is_no_sensor() -> None:

@@ -1,0 +1,72 @@
+"""Steps of a fit: as low as the quadratic model goes inside their box, and none that keeps little of its promise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+from autotune.core.arrays import Floats
+from autotune.estimation.least_squares import Free, _lowest_in_box, _Place, _Problem
+from autotune.models.drive_model import Packed
+
+SPEEDS = np.linspace(0.02, 4.0, 400)
+KNEE = 0.4
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_step_is_the_lowest_place_in_its_box(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    table = random.normal(size=(9, 6)) * 10.0 ** random.uniform(-2.0, 1.0, 6)
+    wanted = random.normal(size=9)
+    low, high = -(10.0 ** random.uniform(-2.0, 1.0, 6)), 10.0 ** random.uniform(-2.0, 1.0, 6)
+
+    step = _lowest_in_box(table.T @ table, -table.T @ wanted, low, high)
+
+    best = lsq_linear(table, wanted, (low, high), method="bvls").x
+    assert np.all((low <= step) & (step <= high))
+    assert np.sum((table @ step - wanted) ** 2) <= np.sum((table @ best - wanted) ** 2) * (1.0 + 1e-9)
+
+
+def test_a_step_that_leads_uphill_in_its_own_model_is_none() -> None:
+    """Held at the bounds that each of them goes beyond, both would go up: the second only follows the first there."""
+    matrix, slope = np.array([[1.0, 0.99], [0.99, 1.0]]), np.array([-2.0, -1.9])
+
+    step = _lowest_in_box(matrix, slope, np.array([-1.0, -1.0]), np.array([1.0, 1.0]))
+
+    assert step == pytest.approx([1.0, 0.91])
+
+
+class _Curved(_Problem):
+    """torque·speed^exponent, beside a friction that is linear in speed: of an asinh."""
+
+    def error(self, p: Floats) -> Floats:
+        return np.asarray(p[0] * SPEEDS + p[1] * SPEEDS ** p[2] - np.arcsinh(SPEEDS / KNEE))
+
+    def _places(self, models: Sequence[Packed], correction: Floats) -> list[_Place | None]:
+        return [self._place(packed, self.error(packed.p), correction) for packed in models]
+
+
+def test_a_step_that_is_hardly_lower_than_its_start_is_compared_with_shorter_ones() -> None:
+    none = cast(Any, None)
+    free = (
+        Free("viscous", 0, 0.0, 9.0, 1.0),
+        Free("torque", 1, 0.0, 9.0, 0.5),
+        Free("exponent", 2, 0.1, 3.0, 1.0, 2.5),
+    )
+    weight = np.ones(len(SPEEDS))
+    problem = _Curved(none, none, weight > 0.0, weight, free, None, None)
+    p = np.array([0.9, 0.2, 1.8])
+    here = problem._place(Packed(p, np.zeros(0, dtype=np.bool_)), problem.error(p), np.zeros(len(SPEEDS)))
+    shape = p[1] * SPEEDS ** p[2] * np.log(SPEEDS)
+    columns = np.column_stack([SPEEDS, SPEEDS ** p[2], shape]) * [one.scale for one in free]
+    normal, slope = problem.linearised(here, columns)
+
+    found, damping = problem.downhill(here, normal, slope, 1e-4, np.array([one.scale for one in free]))
+
+    assert found is not None
+    assert found.cost < 0.5 * here.cost
+    assert damping > 1e-4  # the first of them is lower than its start, by a tenth
