@@ -77,7 +77,7 @@ def begin(
     law, disturbance = told_by_twin(data, laws, packed, policy)
     notes = (*law.notes, *notes)
     told = Told(data, laws) if any(one.within for one in laws) else None
-    data = as_recorded(data, law)
+    data, known = as_recorded(data, law), data
     problem = replace(
         new_problem(data, law, policy), simulations=simulations, disturbance=disturbance, told=told
     )
@@ -92,7 +92,7 @@ def begin(
         # what counts make may be where the twin, off by parts of one, does not expect it
         model_fit = _first_fit(replace(problem, controller=replace(law, adrift=True)), packed, free)
     if model_fit is None and problem.twin:
-        data, said = without_twin(data)
+        data, said = without_twin(as_recorded(known, replace(law, asked=0.0)) if law.asked > 0.0 else data)
         why = "is unstable, rings or explains less than none"
         notes = (f"{NO_TWIN}a simulation of the model with this controller {why}.", *said)
         problem = replace(new_problem(data, None, policy), rough=problem.controller, told=told)

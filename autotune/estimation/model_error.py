@@ -86,7 +86,6 @@ class ModelError:
 _TOLD: Remembered[tuple[PositionController, Disturbance]] = Remembered()
 CLEARLY_LESS = 0.98
 """Of the cost: the chance of a twin's bias."""
-DBG = False
 WANDERS = (1.0, 3.0, 9.0, 27.0)
 """Times faster a law's sum may wander than usual: above that, what it asks for may be compared."""
 FAR = 1.5
@@ -140,7 +139,13 @@ def with_misfit(problem: Problem) -> Problem:
     Less its mean over runs of `PIECE_SECONDS`: the law's sum wanders off by what jitter and interpolation add.
     """
     law, data = problem.controller, problem.data
-    if law is None or not law.in_band or law.asked > 0.0 or not data.repeated or data.recorded_torque is data.sensed:
+    if (
+        law is None
+        or not law.in_band
+        or law.asked > 0.0
+        or not data.repeated
+        or data.recorded_torque is data.sensed
+    ):
         return replace(problem, misfit=None)
     heard = data.torque - asked(data, law)
     heard[1:] = 0.5 * (heard[1:] + heard[:-1])
@@ -174,26 +179,31 @@ def _told(
         return plain_fit(as_recorded(data, law), model, policy)
 
     told = _least_left(laws, fitted, data.period)
-    return _or_asked(data, told, fitted), told.disturbance
+    told = _or_asked(data, laws, told, fitted)
+    return told.law, told.disturbance
 
 
 def _or_asked(
-    data: Prepared, told: _Least, fitted: Callable[[PositionController], PlainFit]
-) -> PositionController:
-    """The law that was told, where its twin leaves clearly less so with what it asks for in place of the torque.
+    data: Prepared,
+    laws: Sequence[PositionController],
+    told: _Least,
+    fitted: Callable[[PositionController], PlainFit],
+) -> _Least:
+    """The law that was told, or what laws ask for in place of the torque where a twin leaves clearly less so.
 
-    Its sum is known from beginning to end where no torque is clamped.
+    Repeats tell what is no noise, and no clamped torque leaves a law's sum unknown. What drowned the ticks of its loop
+    is gone then: they are told again.
     """
-    if told.law.ticks == 1 or clamped(data.torque, data.metadata.torque_limit).any():
-        return told.law
-    best, least = told.law, CLEARLY_LESS * told.left
-    for times in WANDERS:
-        law = replace(told.law, asked=times / PIECE_SECONDS)
-        left, _ = fitted(law).left_by(law, told.disturbance)
-        if DBG: print('   ASKED',law.asked,left,'of',told.left)
-        if left < least:
-            best, least = law, left
-    return best
+    law = told.law
+    if law.ticks == 1 or not data.repeated or clamped(data.torque, data.metadata.torque_limit).any():
+        return told
+    trials = [replace(law, asked=times / PIECE_SECONDS) for times in WANDERS]
+    left = [fitted(trial).left_by(trial, told.disturbance)[0] for trial in trials]
+    if min(left) * (AS_MUCH if law.demanded else 1.0) >= CLEARLY_LESS * told.left:
+        return told
+    best = trials[int(np.argmin(left))]
+    others = [replace(one, asked=best.asked) for one in laws if one.ticks > 1]
+    return _least_left([*others, best], fitted, data.period, told.disturbance)
 
 
 @dataclass(frozen=True, slots=True)
