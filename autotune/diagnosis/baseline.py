@@ -50,6 +50,10 @@ NO_TWIN = "No twin: "
 TWIN_AFTER_ALL = (
     "A twin explained less than none of the model as it was, but more beside what was found: it is used."
 )
+AS_ASKED = (
+    "Above {:.2g} Hz the torque is compared as the controller asks for it along the recorded motion: so the model "
+    "leaves less than of the recorded torque, which was read at a moment, or is noisier."
+)
 LATE_RECORD = "The torque is taken as recorded a sample late: so the axis answers to it."
 
 
@@ -102,6 +106,8 @@ def begin(
             "the model does not fit these recordings at all; check that model and recordings are of the "
             "same axis, or fit a new model: autotune model fit"
         )
+    if model_fit[0].twin and law.asked > 0.0:
+        notes = (*notes, AS_ASKED.format(law.asked))
     problem, settled = _aligned(*model_fit)
     problem, settled, said = _late_record(problem, settled)
     notes = (*notes, *said)

@@ -65,8 +65,8 @@ def run_twin(
 def _compared(data: Prepared, law: PositionController, position: Floats, torque: Floats) -> Floats:
     """Torques of runs as that of the recording is compared, shape (…, n): what the law asks for along each run.
 
-    That is told from what it asks for along the recorded one by where both differ, so that what lies between the samples
-    is the same for both.
+    That is told from what it asks for along the recorded motion by where both differ, so that what lies between the
+    samples is the same for both.
     """
     if data.asked is None:
         return torque
