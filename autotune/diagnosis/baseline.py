@@ -50,6 +50,10 @@ NO_TWIN = "No twin: "
 TWIN_AFTER_ALL = (
     "A twin explained less than none of the model as it was, but more beside what was found: it is used."
 )
+AS_ASKED = (
+    "Above {:.2g} Hz the torque is compared as the controller asks for it along the recorded motion: so the model "
+    "leaves less than of the recorded torque, which was read at a moment, or is noisier."
+)
 LATE_RECORD = "The torque is taken as recorded a sample late: so the axis answers to it."
 
 
@@ -77,7 +81,7 @@ def begin(
     law, disturbance = told_by_twin(data, laws, packed, policy)
     notes = (*law.notes, *notes)
     told = Told(data, laws) if any(one.within for one in laws) else None
-    data = as_recorded(data, law)
+    data, known = as_recorded(data, law), data
     problem = replace(
         new_problem(data, law, policy), simulations=simulations, disturbance=disturbance, told=told
     )
@@ -92,7 +96,7 @@ def begin(
         # what counts make may be where the twin, off by parts of one, does not expect it
         model_fit = _first_fit(replace(problem, controller=replace(law, adrift=True)), packed, free)
     if model_fit is None and problem.twin:
-        data, said = without_twin(data)
+        data, said = without_twin(as_recorded(known, replace(law, asked=0.0)) if law.asked > 0.0 else data)
         why = "is unstable, rings or explains less than none"
         notes = (f"{NO_TWIN}a simulation of the model with this controller {why}.", *said)
         problem = replace(new_problem(data, None, policy), rough=problem.controller, told=told)
@@ -102,6 +106,8 @@ def begin(
             "the model does not fit these recordings at all; check that model and recordings are of the "
             "same axis, or fit a new model: autotune model fit"
         )
+    if model_fit[0].twin and law.asked > 0.0:
+        notes = (*notes, AS_ASKED.format(law.asked))
     problem, settled = _aligned(*model_fit)
     problem, settled, said = _late_record(problem, settled)
     notes = (*notes, *said)

@@ -34,6 +34,8 @@ SPACING = 0.35
 """Of what the travel can tell apart: distance of the orders that are tried."""
 SAME = 0.7
 """Of what the travel can tell apart: a line so near to one in the model is that one."""
+LEAST_PERIODS = 1.5
+"""Over the travel, of a wave, and by which it must differ from an imbalance."""
 MOST_PERIODS, MOST_IN_A_TURN = 2000.0, 400.0
 """Over the travel, and in a turn where that is more: so many are looked for at most. Behind a gear, over little travel,
 a turn holds thousands."""
@@ -118,7 +120,10 @@ def _usual(orders: Floats, gains: Floats, order: float) -> float:
 
 
 def candidate_orders(problem: Problem, angle: float) -> Floats:
-    """Orders that the travel can tell apart and the sampling can show; one period a turn is an imbalance."""
+    """Orders that the travel can tell apart and the sampling can show.
+
+    One period a turn is an imbalance, and what as many periods as a wave must have do not tell from it.
+    """
     travel = problem.scales.travel * angle / (2 * math.pi)
     speed = np.abs(problem.data.velocity[problem.data.grid])
     slow = float(np.percentile(speed, 25)) * angle / (2 * math.pi)
@@ -126,9 +131,9 @@ def candidate_orders(problem: Problem, angle: float) -> Floats:
     if angle == 1.0:
         most = max(most, MOST_IN_A_TURN)
     highest = min(most, 0.8 * problem.data.cutoff / max(slow, 1e-9))
-    lowest = 1.5 / max(travel, 1e-9)
+    lowest = LEAST_PERIODS / max(travel, 1e-9)
     if angle == 1.0:
-        lowest = max(lowest, 1.5)
+        lowest = max(lowest, min(1.0 + lowest, 1.5))
         highest = max(highest, lowest + 1.0)
     step = SPACING / max(travel, 1e-12)
     highest = min(max(highest, 2.0 * lowest if angle != 1.0 else highest), lowest + MOST_ORDERS * step)

@@ -40,6 +40,7 @@ from autotune.estimation.controller_law import (
 from autotune.estimation.controller_search import EXACT, law_from_data, plain_in_band, plainly_better
 from autotune.estimation.data import Prepared, step_of, stretches_of
 from autotune.estimation.policy import POLICY, Policy
+from autotune.estimation.twin_runs import slower
 from autotune.recordings.checks import at_limit, torque_of
 from autotune.recordings.recording import Controller, Recording
 from autotune.signals.between_samples import between_moments
@@ -159,7 +160,21 @@ def as_recorded(data: Prepared, found: PositionController) -> Prepared:
     """Data with the torque that tells most, where a drive's loop works between the samples, from each to the next."""
     quiet = felt(data) if found.sensed else quieter(data) if found.in_band and not found.demanded else data
     late = RECORDED_LATE[found.taken]
-    return shifted(quiet, late) if late else quiet
+    taken = shifted(quiet, late) if late else quiet
+    return _as_asked(taken, found) if found.asked > 0.0 and found.ticks > 1 else taken
+
+
+def _as_asked(data: Prepared, law: PositionController) -> Prepared:
+    """Data whose torque is what a law between the samples asks for along the recorded motion.
+
+    A torque that is read at a moment has all that the loop makes of the encoder's counts at that tick, most of it above
+    half the sampling rate: folded down, it is noise below the compared frequency that never acted, and that comes again
+    where the motion does. What the law makes of the positions at the samples has none of it. What is slower than its
+    sum wanders is that of the recorded torque.
+    """
+    wanted = asked(data, replace(law, taken=NEXT))
+    torque = wanted + slower(data, data.torque - wanted, law.asked)
+    return replace(data, torque=torque, recorded_torque=torque, shift=0.0, asked=wanted)
 
 
 def felt(data: Prepared) -> Prepared:

@@ -63,6 +63,8 @@ class PositionController:
         demanded: it is the law of the demand, though the torque by its sensor is the quieter one (`quieter`).
         adrift: where the counts of its encoder lie the twin does not know, and has them elsewhere in every run.
         slow: found by slow rows, as rows are written late (`LoopSamples.weight`).
+        asked: frequency [Hz] above which what it asks for along the recorded motion is compared, and not the torque as
+            it was recorded; 0 where that is compared.
         exact: leaves no more than rounding of numbers, or of the recorded torque: the law works at the samples.
         source: `metadata` (the file's, verified), `identified`, `trusted` (the file's, which these data
             cannot verify) or `none`.
@@ -95,6 +97,7 @@ class PositionController:
     demanded: bool = False
     adrift: bool = False
     slow: bool = False
+    asked: float = 0.0
 
     @property
     def usable(self) -> bool:

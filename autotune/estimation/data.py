@@ -114,6 +114,8 @@ class Prepared:
         certainty: how much each grid row counts, at most 1: the usual noise over its own; None: all alike.
         load_in_twin: a load beyond a transmission moves in runs of the twin only; motions go through the inverse of the
             rigid axis, the measured one and the twin's (`residual`).
+        asked: what the controller asks for along `measured`, where that is compared and not the torque as recorded,
+            from each sample to the next, shape (n,); the twin's torque is then what it asks for along the twin's.
     """
 
     metadata: Metadata
@@ -149,6 +151,7 @@ class Prepared:
     clocked: tuple[Clocked, ...] = ()
     certainty: Floats | None = None
     load_in_twin: bool = False
+    asked: Floats | None = None
 
     @property
     def cutoff(self) -> float:

@@ -457,8 +457,11 @@ def _off_by_a_little(packed: Packed, random: np.random.Generator) -> Packed:
 
 
 def _nudged(law: PositionController, random: np.random.Generator) -> PositionController:
-    """A law with gains that a fit below the compared frequency may have found as well; an exact one as it is."""
-    if not law.in_band:
+    """A law with gains that a fit below the compared frequency may have found as well; an exact one as it is.
+
+    One whose torque is what it asks for, too: no other gains would ask for it.
+    """
+    if not law.in_band or law.asked > 0.0:
         return law
     kp, kd, ki = (1.0 + NUDGE * random.standard_normal(3)) * (law.kp, law.kd, law.ki)
     return replace(law, kp=float(kp), kd=float(kd), ki=float(ki))

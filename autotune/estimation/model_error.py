@@ -29,7 +29,7 @@ from autotune.estimation.alignment import (
     shifted,
     without_twin,
 )
-from autotune.estimation.controller import as_recorded, asked, controllers_of, find_controller
+from autotune.estimation.controller import as_recorded, asked, clamped, controllers_of, find_controller
 from autotune.estimation.controller_between import AS_MUCH, TICK
 from autotune.estimation.controller_law import NEXT, PositionController
 from autotune.estimation.controller_search import PIECE_SECONDS
@@ -86,6 +86,8 @@ class ModelError:
 _TOLD: Remembered[tuple[PositionController, Disturbance]] = Remembered()
 CLEARLY_LESS = 0.98
 """Of the cost: the chance of a twin's bias."""
+WANDERS = (1.0, 3.0, 9.0, 27.0)
+"""Times faster a law's sum may wander than usual: above that, what it asks for may be compared."""
 FAR = 1.5
 """Times what the best law's twin leaves: a law that leaves so much more is another at any rate of its loop."""
 TIMES = (1.0, 1.5, 2.0, 3.0)
@@ -137,7 +139,13 @@ def with_misfit(problem: Problem) -> Problem:
     Less its mean over runs of `PIECE_SECONDS`: the law's sum wanders off by what jitter and interpolation add.
     """
     law, data = problem.controller, problem.data
-    if law is None or not law.in_band or not data.repeated or data.recorded_torque is data.sensed:
+    if (
+        law is None
+        or not law.in_band
+        or law.asked > 0.0
+        or not data.repeated
+        or data.recorded_torque is data.sensed
+    ):
         return replace(problem, misfit=None)
     heard = data.torque - asked(data, law)
     heard[1:] = 0.5 * (heard[1:] + heard[:-1])
@@ -171,7 +179,31 @@ def _told(
         return plain_fit(as_recorded(data, law), model, policy)
 
     told = _least_left(laws, fitted, data.period)
+    told = _or_asked(data, laws, told, fitted)
     return told.law, told.disturbance
+
+
+def _or_asked(
+    data: Prepared,
+    laws: Sequence[PositionController],
+    told: _Least,
+    fitted: Callable[[PositionController], PlainFit],
+) -> _Least:
+    """The law that was told, or what laws ask for in place of the torque where a twin leaves clearly less so.
+
+    Repeats tell what is no noise, and no clamped torque leaves a law's sum unknown. What drowned the ticks of its loop
+    is gone then: they are told again.
+    """
+    law = told.law
+    if law.ticks == 1 or not data.repeated or clamped(data.torque, data.metadata.torque_limit).any():
+        return told
+    trials = [replace(law, asked=times / PIECE_SECONDS) for times in WANDERS]
+    left = [fitted(trial).left_by(trial, told.disturbance)[0] for trial in trials]
+    if min(left) * (AS_MUCH if law.demanded else 1.0) >= CLEARLY_LESS * told.left:
+        return told
+    best = trials[int(np.argmin(left))]
+    others = [replace(one, asked=best.asked) for one in laws if one.ticks > 1]
+    return _least_left([*others, best], fitted, data.period, told.disturbance)
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,10 +228,10 @@ def _least_left(
     best of those before.
     """
     every = disturbance is not None
-    plain: dict[tuple[bool, str, bool, bool], PlainFit] = {}
+    plain: dict[tuple[object, ...], PlainFit] = {}
     best = _Least(laws[0], disturbance or STILL)
     for law in reversed(laws):
-        key = law.in_band, law.taken, law.sensed, law.demanded
+        key = law.in_band, law.taken, law.sensed, law.demanded, law if law.asked > 0.0 else None
         if key not in plain:
             plain[key] = fitted(law)
         here = plain[key]
@@ -237,7 +269,7 @@ def told_beside(problem: Problem, fitted: Fitted) -> Problem:
         its = replace(problem, data=data, moved=measured_motion(data), controller=one)
         return PlainFit(its, its.until_trained(), replace(fitted, error=its.raw(fitted.packed)))
 
-    laws = [replace(one, adrift=law.adrift) for one in known.laws]
+    laws = [replace(one, adrift=law.adrift, asked=law.asked) for one in known.laws]
     best = _least_left(laws, beside, problem.data.period, problem.disturbance if problem.twin else None)
     if best.law == problem.controller or best.left > CLEARLY_LESS * fitted.cost:
         return problem
@@ -291,7 +323,7 @@ def model_error(data: Prepared, model: DriveModel, policy: Policy = POLICY) -> M
     laws = controllers_of(data, find_controller(data, policy), policy)
     law, _ = told_by_twin(data, laws, model.pack(), policy)
     # the recorded torque is taken as what acts from each sample to the next: so is a twin's
-    return _error_inside(data, replace(law, taken=NEXT), model, policy)
+    return _error_inside(data, replace(law, taken=NEXT, asked=0.0), model, policy)
 
 
 def _error_inside(data: Prepared, found: PositionController, model: DriveModel, policy: Policy) -> ModelError:

@@ -28,6 +28,8 @@ from autotune.estimation.residual import (
 )
 from autotune.estimation.twin import Loop, loop_along, simulate_stretch, simulate_stretches, steps_of_twin
 from autotune.models.drive_model import Packed
+from autotune.signals.between_samples import later, mean_answer
+from autotune.signals.filters import low_pass
 
 Asked: TypeAlias = Callable[[Prepared, PositionController], Floats]
 SEED = 20_240
@@ -53,11 +55,36 @@ def run_twin(
         data, packed, controller, *shaken(data, noise, random), resolution, loops or LastOf(KNOWN_LOOPS)
     )
     if noise.jitter == 0.0:
-        return run
+        return replace(run, torque=_compared(data, controller, run.position, run.torque))
     position = run.position.copy()
     for rows in (stretch.rows for stretch in data.stretches):
         position[rows] = _late_rows(position[rows], noise.jitter / data.period, resolution, random)
-    return replace(run, position=position)
+    return replace(run, position=position, torque=_compared(data, controller, position, run.torque))
+
+
+def _compared(data: Prepared, law: PositionController, position: Floats, torque: Floats) -> Floats:
+    """Torques of runs as that of the recording is compared, shape (…, n): what the law asks for along each run.
+
+    That is told from what it asks for along the recorded motion by where both differ, so that what lies between the
+    samples is the same for both.
+    """
+    if data.asked is None:
+        return torque
+    wanted = np.array(np.broadcast_to(data.asked, torque.shape))
+    rate = law.filter_rate(data.period)
+    for rows in (stretch.rows for stretch in data.stretches):
+        apart = position[..., rows] - data.measured[rows]
+        answer = mean_answer(apart, data.period, (law.kp, law.kd, law.ki), rate)
+        wanted[..., rows] -= later(answer, law.answer_delay)
+    return wanted + slower(data, torque - wanted, law.asked)
+
+
+def slower(data: Prepared, values: Floats, cutoff: float) -> Floats:
+    """Values of shape (…, n) below a frequency [Hz], in each stretch."""
+    slow = np.zeros_like(values)
+    for rows in (stretch.rows for stretch in data.stretches):
+        slow[..., rows] = low_pass(values[..., rows], cutoff, data.period)
+    return slow
 
 
 def _late_rows(position: Floats, spread: float, resolution: float, random: np.random.Generator) -> Floats:
@@ -150,7 +177,8 @@ def _runs_in_lanes(
     """Runs of up to eight models with the same effects; those that leave all bounds are taken out of a pass."""
     n, count = len(data.reference), len(together)
     if count == 1:
-        return [_run(data, together[0][0], controller, *together[0][1], data.resolution, loops)]
+        run = _run(data, together[0][0], controller, *together[0][1], data.resolution, loops)
+        return [replace(run, torque=_compared(data, controller, run.position, run.torque))]
     position, torque = np.zeros((2, count, n))
     for stretch in data.stretches:
         rows = stretch.rows
@@ -172,6 +200,7 @@ def _runs_in_lanes(
                 next(again) if stays else Simulated(position[i], torque[i], noise[0], False)
                 for i, ((_, noise), stays) in enumerate(zip(together, inside, strict=False))
             ]
+    torque = _compared(data, controller, position, torque)
     return [
         Simulated(position[i], torque[i], noise[0], _follows(data, position[i]))
         for i, (_, noise) in enumerate(together)

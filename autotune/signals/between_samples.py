@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+from numba import njit
 
 from autotune.core.arrays import Floats
 
@@ -59,3 +62,34 @@ def rate_between(reference: Floats, fine: Floats, period: float, ticks: int, smo
 def between_moments(values: Floats) -> Floats:
     """Mean of each of the values, recorded as at the samples, and the next; shape (…, n)."""
     return np.asarray(0.5 * (values + np.concatenate([values[..., 1:], values[..., -1:]], axis=-1)))
+
+
+def mean_answer(values: Floats, period: float, gains: tuple[float, float, float], rate: float) -> Floats:
+    """What kp·x + kd·λ/(s + λ)·ẋ + ki·∫x comes to from each sample to the next, in the mean; shape (…, n).
+
+    The values lie on straight lines between the samples, and on the last one after it; all begins at rest.
+
+    Args:
+        period: between the samples [s].
+        gains: kp, kd and ki.
+        rate: λ, of the filter of the rate [1/s].
+    """
+    rows = np.array(values, dtype=np.float64, order="C").reshape(-1, values.shape[-1])
+    _mean_answers(rows, period, *gains, rate)
+    return rows.reshape(values.shape)
+
+
+@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+def _mean_answers(rows: Floats, period: float, kp: float, kd: float, ki: float, rate: float) -> None:
+    """`mean_answer` of rows of shape (k, n), in place."""
+    left = math.exp(-rate * period)
+    mean = (1.0 - left) / (rate * period)
+    for row in rows:
+        filtered, summed = 0.0, 0.0
+        for k in range(len(row)):
+            here, ahead = row[k], row[min(k + 1, len(row) - 1)]
+            slope = (ahead - here) / period
+            within = summed + period * (here / 3.0 + ahead / 6.0)
+            row[k] = 0.5 * kp * (here + ahead) + kd * (slope + (filtered - slope) * mean) + ki * within
+            filtered = slope + (filtered - slope) * left
+            summed += 0.5 * period * (here + ahead)

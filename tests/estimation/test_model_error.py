@@ -7,13 +7,15 @@ import pytest
 
 from autotune.core.arrays import Floats
 from autotune.estimation.alignment import CURRENT_LOOP, shifted
+from autotune.estimation.controller import as_recorded
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import TRAINING, Prepared, filtered_motion, prepare
 from autotune.estimation.disturbance import STILL, Disturbance
 from autotune.estimation.model_error import PlainFit, plain_fit, told_beside, told_by_twin
 from autotune.estimation.policy import POLICY
 from autotune.estimation.problem import Problem, Told
-from autotune.estimation.twin_runs import run_twin
+from autotune.estimation.residual import smoothed
+from autotune.estimation.twin_runs import run_twin, run_twins, slower
 from autotune.models.drive_model import base_model
 from autotune.recordings.recording import Metadata, Recording
 from tests.estimation.simulated import AXIS, PERIOD, TRUE, recorded
@@ -48,6 +50,18 @@ def _along(wanted: Floats, ticks: int, seed: int) -> Prepared:
         data, measured=run.position, torque=run.torque, recorded_torque=run.torque,
         position=motion[0], velocity=motion[1], acceleration=motion[2],
     )  # fmt: skip
+
+
+def _read_at_a_moment(alias: float) -> tuple[Prepared, Floats]:
+    """The same moves twice, with noise that comes again in the torque that is recorded, and the torque that acted."""
+    data = _driven(6, 4)
+    columns = {name: getattr(data, name) for name in ("time", "reference", "torque")}
+    repeats = (np.arange(len(data.time)) >= len(data.time) // 2).astype(np.int64)
+    noise = np.tile(np.random.default_rng(8).normal(0.0, alias, len(data.time) // 2), 2)
+    columns |= {"position": data.measured, "torque": data.torque + noise}
+    metadata = Metadata(sample_period=PERIOD, position_resolution=COUNTS)
+    names = np.full(len(data.time), "motion")
+    return prepare([Recording.from_columns(columns, metadata, names, repeats)]), data.torque
 
 
 def _left(ticks: int, others: tuple[int, ...]) -> list[float]:
@@ -90,6 +104,32 @@ def test_a_question_that_was_asked_is_not_simulated_again(monkeypatch: pytest.Mo
 def test_a_law_of_the_samples_is_not_asked_about() -> None:
     law = replace(TRUE, source="identified")
     assert told_by_twin(prepare([recorded(TRUE)]), [law], base_model(AXIS).pack()) == (law, STILL)
+
+
+@pytest.mark.parametrize("alias", [0.0, 6e-3])
+def test_what_a_law_asks_for_is_compared_where_the_recorded_torque_is_noisy(alias: float) -> None:
+    """Noise that comes again in every repeat, as what a moment's torque has of the encoder's counts."""
+    data, acted = _read_at_a_moment(alias)
+    law, _ = told_by_twin(data, [replace(LAW, ticks=6)], base_model(AXIS).pack())
+    taken = as_recorded(data, law)
+    assert (law.asked > 0.0) == (alias > 0.0) == (taken.asked is not None)
+    off = smoothed(taken, taken.torque - acted)
+    assert np.std(off) < 0.5 * np.std(smoothed(taken, data.torque - acted)) or alias == 0.0
+
+
+def test_a_twins_torque_is_what_its_law_asks_for_too() -> None:
+    """A twin that moves as the axis did has the axis's torque above that frequency; one alone as in a pass."""
+    data, _ = _read_at_a_moment(6e-3)
+    law, model = replace(LAW, ticks=6, asked=1.0), base_model(AXIS).pack()
+    taken, still = as_recorded(data, law), np.zeros(len(data.time))
+    alone = run_twin(taken, model, law, STILL, np.random.default_rng(1))
+    one, _ = run_twins(taken, [model, model], law, [(still, still)] * 2)
+    assert one.torque == pytest.approx(alone.torque, abs=1e-9)
+    apart = replace(taken, measured=alone.position)
+    again = run_twin(apart, model, law, STILL, np.random.default_rng(1))
+    assert taken.asked is not None
+    quick = again.torque - taken.asked
+    assert np.std(smoothed(taken, quick - slower(taken, quick, 5.0))) < 1e-2 * np.std(taken.asked)
 
 
 @pytest.mark.parametrize(("late", "most"), [(0.3e-3, 0.3e-3), (1.5e-3, CURRENT_LOOP)])

@@ -1,0 +1,22 @@
+"""What is between the samples of a signal."""
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from autotune.signals.between_samples import mean_answer
+
+
+def test_a_laws_mean_answer_is_what_it_makes_of_straight_lines_between_the_samples() -> None:
+    """Of a filtered PID by a thousand ticks a sample, in every row of a table."""
+    period, ticks, gains, rate = 2e-3, 1000, (6.0, 0.03, 100.0), 900.0
+    values = np.cumsum(np.random.default_rng(2).normal(size=(2, 60)), axis=1)
+    values[:, 0] = 0.0
+    at = np.arange(59 * ticks) / ticks
+    for row, answer in zip(values, mean_answer(values, period, gains, rate), strict=True):
+        fine = np.interp(at, np.arange(60), row)
+        share = 1.0 - np.exp(-rate * period / ticks)
+        change = np.diff(fine, prepend=0.0) * ticks / period
+        filtered = signal.lfilter([share], [1.0, share - 1.0], change)
+        law = gains[0] * fine + gains[1] * filtered + gains[2] * np.cumsum(fine) * period / ticks
+        assert answer[:-1] == pytest.approx(law.reshape(-1, ticks).mean(axis=1), abs=0.01 * np.std(law))
