@@ -143,8 +143,8 @@ def as_read(
 
         u[k] − u[k−1] = m·(u[k−1] − u[k−2]) + Σ_i (a_i·r[k−i] − b_i·y[k−i]),  i = 0, 1, 2
 
-    and so the last of the readings is known from the two before it. None, too, where what differs is no late row:
-    such a row is ahead on the way by a sample's motion at most.
+    and so the last of the readings is known from the two before it. None, too, where the law is not this one: then
+    hardly a row holds what it tells, or what differs is no late row, which is ahead on the way by a sample's motion.
 
     Args:
         seen: reference and position as recorded, in the row of the demand that they made, and that demand.
@@ -153,15 +153,10 @@ def as_read(
         within: by what a reading that is told so may be off.
         counts: of the encoder; 0 where there are none.
     """
-    position = seen[1]
-    told = position.copy()
-    if _read_in_turn(*seen, held, recursion, within, counts, told) == 0:
-        return None
-    ahead, moved = position - told, np.gradient(told)
-    off = ahead[np.abs(ahead) > within]
-    way = moved[np.abs(ahead) > within]
-    on_the_way = (off * np.sign(way) > -counts) & (np.abs(off) <= np.abs(way) + counts)
-    return told if float(np.mean(on_the_way)) > ON_THE_WAY else None
+    told = seen[1].copy()
+    same, late, other = _read_in_turn(*seen, held, recursion, within, counts, told)
+    prompt = same > (1.0 - ON_THE_WAY) * len(told)
+    return told if prompt and late > ON_THE_WAY * (late + other) else None
 
 
 @compiled
@@ -174,23 +169,35 @@ def _read_in_turn(
     within: float,
     counts: float,
     told: Floats,
-) -> int:
-    """Readings one after the other, written to `told`; how many rows hold another one."""
-    late = 0
+) -> tuple[int, int, int]:
+    """Readings one after the other, written to `told`; how many rows hold what was read, a later place, and another.
+
+    It begins, and begins again, where three rows that belong together show that none of them is late.
+    """
+    same, late, other, known = 0, 0, 0, False
     for k in range(2, len(told)):
         if held[k] or held[k - 1] or held[k - 2]:
+            known = False
             continue
         rest = demand[k] - demand[k - 1] - recursion[0] * (demand[k - 1] - demand[k - 2])
         for i in range(3):
             rest -= recursion[1 + i] * reference[k - i]
         for i in range(1, 3):
             rest += recursion[4 + i] * told[k - i]
-        off = position[k] + rest / recursion[4]
-        if abs(off) <= within:
-            continue
-        late += 1
-        told[k] = position[k] - (round(off / counts) * counts if counts > 0.0 else off)
-    return late
+        ahead = position[k] + rest / recursion[4]
+        if abs(ahead) <= within:
+            same, known = same + 1, True
+        elif known:
+            before, now = told[k - 1] - told[k - 2], position[k] - ahead - told[k - 1]
+            low, high = min(before, now, 0.0) - 2.0 * counts, max(before, now, 0.0) + 2.0 * counts
+            known = low <= ahead <= high
+            if known:
+                told[k] = position[k] - (round(ahead / counts) * counts if counts > 0.0 else ahead)
+            if known and math.copysign(ahead, ahead * before) > -counts:
+                late += 1
+            else:
+                other += 1
+    return same, late, other
 
 
 def _beside_neighbours(position: Floats) -> tuple[Floats, Floats]:
@@ -224,7 +231,7 @@ LEAST_LATE, ONE_DELAY = 50, 0.25
 OUT, AROUND = 4.0, 64
 """Times the median of so many rows around it: a row that stands out."""
 ON_THE_WAY = 0.95
-"""Of the rows that hold another position than was read, those that are ahead on the way: else none is a late row."""
+"""Of the rows that hold another position than was read, those that are ahead on the way: else none was late."""
 MOST_COUNTS = 1.5
 """Steps of the encoder by which rounding alone puts a row beside its neighbours, at most 1.33."""
 STILL = Disturbance()
