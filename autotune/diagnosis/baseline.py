@@ -222,6 +222,8 @@ def _late_record(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelF
     law = problem.controller
     if law is None or law.taken != NEXT or min(law.reference_delay, law.position_delay) < 1:
         return problem, model_fit, ()
+    if problem.data.cycles > 0:  # it acts later than it was recorded, and the law's delay is that
+        return problem, model_fit, ()
     prompt = replace(law.sooner(), why="")
     data = shifted(problem.data, 2.0)
     again = replace(problem, data=data, moved=measured_motion(data), controller=prompt)
