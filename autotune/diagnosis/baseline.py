@@ -24,7 +24,7 @@ from autotune.estimation.contact_start import (
     less_after_rests,
     sticking,
 )
-from autotune.estimation.controller import as_recorded, controllers_of, find_controller
+from autotune.estimation.controller import AS_READ, as_recorded, controllers_of, find_controller
 from autotune.estimation.controller_between import AS_MUCH
 from autotune.estimation.controller_law import NEXT
 from autotune.estimation.data import TRAINING, Prepared
@@ -79,7 +79,8 @@ def begin(
         notes = (*no_twin, *said, *loop_note(data, policy))
     laws = controllers_of(data, found, policy)
     law, disturbance = told_by_twin(data, laws, packed, policy)
-    notes = (*law.notes, *notes)
+    read = (AS_READ,) if AS_READ in data.metadata.remarks else ()
+    notes = (*law.notes, *read, *notes)
     told = Told(data, laws) if any(one.within for one in laws) else None
     data, known = as_recorded(data, law), data
     problem = replace(
@@ -226,6 +227,8 @@ def _late_record(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelF
     """
     law = problem.controller
     if law is None or law.taken != NEXT or min(law.reference_delay, law.position_delay) < 1:
+        return problem, model_fit, ()
+    if problem.data.cycles > 0:  # it acts later than it was recorded, and the law's delay is that
         return problem, model_fit, ()
     prompt = replace(law.sooner(), why="")
     data = shifted(problem.data, 2.0)

@@ -25,7 +25,7 @@ import scipy
 from autotune.core.arrays import Floats, Integers
 from autotune.core.errors import NotEnoughExcitation, RecordingError
 from autotune.estimation.alignment import aligned, linear_fit, needed, upsampled
-from autotune.estimation.controller import find_controller
+from autotune.estimation.controller import as_read, find_controller
 from autotune.estimation.coordinates import travel_since_reversal
 from autotune.estimation.data import (
     CUTOFF,
@@ -367,9 +367,13 @@ def prepared_for(recordings: Sequence[Recording], policy: Policy = POLICY) -> Pr
     pace = min(1.0, bands.pace)
     most = max(compared_below(longest.period), bands.error)
     data = _quiet(recordings, most, pace)
+    law = find_controller(data, policy)
+    read = [as_read(recording, law) for recording in recordings]
+    if any(one is not recording for one, recording in zip(read, recordings, strict=True)):
+        recordings, data = read, _quiet(read, most, pace)
     if data.repeated:
         return data
-    known = data.recorded_reference and find_controller(data, policy).usable
+    known = data.recorded_reference and law.usable
     cutoff = coherent_cutoff(longest, known)
     if known:
         return without_rest(prepare(recordings, cutoff, 2.5 * cutoff, pace=pace))

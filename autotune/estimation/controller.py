@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -37,8 +38,14 @@ from autotune.estimation.controller_law import (
     share_explained,
     smeared_samples,
 )
-from autotune.estimation.controller_search import EXACT, law_from_data, plain_in_band, plainly_better
-from autotune.estimation.data import Prepared, step_of, stretches_of
+from autotune.estimation.controller_search import (
+    EXACT,
+    law_from_data,
+    plain_in_band,
+    plainly_better,
+    positions_read,
+)
+from autotune.estimation.data import Prepared, known_resolution, step_of, stretches_of
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.twin_runs import slower
 from autotune.recordings.checks import at_limit, torque_of
@@ -57,6 +64,7 @@ SAME = 1e-9
 """Relative difference of two torques that are one value of the drive."""
 RECORDED_LATE = {MOMENT: 1.0, NEXT: 0.0, BEFORE: 2.0}
 """Half samples by which a torque is recorded late that acts from each sample to the next."""
+AS_READ = "Rows are written late: positions are taken as the controller read them, told by its demand."
 _KNOWN: Remembered[tuple[PositionController, ...]] = Remembered()
 
 
@@ -248,22 +256,36 @@ def controller_of(recording: Recording) -> PositionController:
     """The controller of the parts of a recording that were under position control."""
     if "reference" not in recording:
         return _none(f"the recording has no column 'reference'; {IMPORT_REFERENCE}")
+    samples = _samples_of(recording)
+    return identified(samples) if samples.stretches else _none("nothing was recorded under position control")
+
+
+def _samples_of(recording: Recording) -> LoopSamples:
+    """What the controller of a recording is found in."""
     closed = [s.rows for s in stretches_of(recording, 0) if s.closed and is_closed(recording.rows(s.rows))]
-    if not closed:
-        return _none("nothing was recorded under position control")
     torque = torque_of(recording)
     demand = torque - recording["torque_feedforward"] if "torque_feedforward" in recording else torque
-    return identified(
-        LoopSamples(
-            recording.period,
-            recording["reference"],
-            recording["position"],
-            np.asarray(demand),
-            clamped(torque, recording.metadata.torque_limit),
-            tuple(closed),
-            recording.metadata.controller,
-        )
+    return LoopSamples(
+        recording.period,
+        recording["reference"],
+        recording["position"],
+        np.asarray(demand),
+        clamped(torque, recording.metadata.torque_limit),
+        tuple(closed),
+        recording.metadata.controller,
     )
+
+
+def as_read(recording: Recording, law: PositionController) -> Recording:
+    """The recording with positions as its controller read them, where rows hold later ones; else itself."""
+    if not law.exact or "reference" not in recording:
+        return recording
+    counts = known_resolution(recording.metadata, recording["position"])
+    position = positions_read(_samples_of(recording), law, counts)
+    if position is None:
+        return recording
+    told = replace(recording, floats=MappingProxyType({**recording.floats, "position": position}))
+    return told.with_metadata(remarks=(*recording.metadata.remarks, AS_READ))
 
 
 def clamped(torque: Floats, limit: float | None) -> Flags:

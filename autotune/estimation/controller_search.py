@@ -31,7 +31,7 @@ from autotune.estimation.controller_law import (
     whole_law,
 )
 from autotune.estimation.data import compared_below, step_of
-from autotune.estimation.disturbance import in_time
+from autotune.estimation.disturbance import as_read, in_time
 from autotune.signals.filters import low_pass
 from autotune.signals.triangle import reduced
 
@@ -251,6 +251,36 @@ def _of_rounded(table: Floats, wanted: Floats, gains: Floats, step: float) -> Fl
         along[0] += told * variance / size[0]
         gains = np.linalg.lstsq(inner, along, rcond=1e-14)[0] / size
     return np.asarray(gains)
+
+
+def positions_read(samples: LoopSamples, law: PositionController, counts: float) -> Floats | None:
+    """Positions as the controller read them, shape (n,), where rows hold later ones; None where none does.
+
+    By a law that is exact at the samples and has no feedforward; and where a demand tells a reading to half a count, as
+    roundings of demands would add up in readings one after the other. `counts`: of the encoder, 0 for none.
+    """
+    forward = law.velocity_feedforward, law.position_feedforward, law.acceleration_feedforward
+    if not law.exact or law.ticks > 1 or law.smeared or any(forward):
+        return None
+    memory, rate = 1.0 - law.derivative_filter, law.kd * law.derivative_filter / samples.period
+    summed = law.ki * samples.period
+    of_error = np.array([law.kp + summed, -law.kp * (1.0 + memory) - memory * summed, memory * law.kp])
+    of_rate = rate * np.array([1.0, -2.0, 1.0])
+    recursion = np.concatenate([[memory], of_error + law.reference_rate * of_rate, of_error + of_rate])
+    step = step_of(samples.demand)
+    least = SAME_DEMAND * float(np.std(np.diff(samples.position)))
+    within = max(BESIDE * _by_rounding(recursion, step) / float(recursion[4]), least)
+    if within > 0.5 * counts and step > 0.0:
+        return None
+    late = late_samples(samples, law.reference_delay, law.position_delay)
+    told, found = samples.position.copy(), False
+    for rows in samples.stretches:
+        seen = late.reference[rows], late.position[rows], late.demand[rows]
+        read = as_read(seen, late.clamped[rows], recursion, within, counts)
+        if read is not None:
+            told[rows.start : rows.stop - law.position_delay] = read[law.position_delay :]
+            found = True
+    return told if found else None
 
 
 def _least_absolute(table: Floats, wanted: Floats, step: float = 0.0) -> Floats:

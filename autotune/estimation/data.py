@@ -425,13 +425,21 @@ def known_resolution(metadata: Metadata, position: Floats) -> float:
 
 
 def step_of(values: Floats) -> float:
-    """The step that all steps of values of shape (n,) are multiples of; 0 if none."""
-    step = np.abs(np.diff(values))
-    step = step[step > 1e-12 * max(1.0, float(np.ptp(values)))]
-    if len(step) == 0:
+    """The step that all steps of values of shape (n,) are multiples of; 0 if none.
+
+    Where values change by hundreds of steps from one to the next, levels that are beside each other tell it.
+    """
+    steps = np.abs(np.diff(values))
+    return _common_step(steps, values) or _common_step(np.diff(np.unique(values)), values)
+
+
+def _common_step(steps: Floats, values: Floats) -> float:
+    """The least of some steps between values if nearly all of them are multiples of it, else 0."""
+    steps = steps[steps > 1e-12 * max(1.0, float(np.ptp(values)))]
+    if len(steps) == 0:
         return 0.0
-    least = float(np.percentile(step, 1.0))
-    counts = step[:20_000] / least
+    least = float(np.percentile(steps, 1.0))
+    counts = steps[:20_000] / least
     whole = float(np.mean(np.abs(counts - np.round(counts)) < 0.05))
     return least if whole > 0.95 else 0.0
 

@@ -16,6 +16,7 @@ import numpy as np
 import scipy
 
 from autotune.core.arrays import Flags, Floats
+from autotune.models.compiled import compiled
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,6 +134,72 @@ def in_time(measured: Floats, stretches: Sequence[slice], counts: float) -> Floa
     return position
 
 
+def as_read(
+    seen: tuple[Floats, Floats, Floats], held: Flags, recursion: Floats, within: float, counts: float
+) -> Floats | None:
+    """Positions as a controller read them, told by what it asked for, shape (n,); None where no row was written late.
+
+    A row that is written late holds another position than the one that was read for its demand. In three rows
+
+        u[k] − u[k−1] = m·(u[k−1] − u[k−2]) + Σ_i (a_i·r[k−i] − b_i·y[k−i]),  i = 0, 1, 2
+
+    and so the last of the readings is known from the two before it. None, too, where the law is not this one: then
+    hardly a row holds what it tells, or what differs is no late row, which is ahead on the way by a sample's motion.
+
+    Args:
+        seen: reference and position as recorded, in the row of the demand that they made, and that demand.
+        held: rows where the demand is not the controller's, shape (n,).
+        recursion: m, a_0 to a_2, b_0 to b_2.
+        within: by what a reading that is told so may be off.
+        counts: of the encoder; 0 where there are none.
+    """
+    told = seen[1].copy()
+    same, late, other = _read_in_turn(*seen, held, recursion, within, counts, told)
+    prompt = same > (1.0 - ON_THE_WAY) * len(told)
+    return told if prompt and late > ON_THE_WAY * (late + other) else None
+
+
+@compiled
+def _read_in_turn(
+    reference: Floats,
+    position: Floats,
+    demand: Floats,
+    held: Flags,
+    recursion: Floats,
+    within: float,
+    counts: float,
+    told: Floats,
+) -> tuple[int, int, int]:
+    """Readings one after the other, written to `told`; how many rows hold what was read, a later place, and another.
+
+    It begins, and begins again, where three rows that belong together show that none of them is late.
+    """
+    same, late, other, known = 0, 0, 0, False
+    for k in range(2, len(told)):
+        if held[k] or held[k - 1] or held[k - 2]:
+            known = False
+            continue
+        rest = demand[k] - demand[k - 1] - recursion[0] * (demand[k - 1] - demand[k - 2])
+        for i in range(3):
+            rest -= recursion[1 + i] * reference[k - i]
+        for i in range(1, 3):
+            rest += recursion[4 + i] * told[k - i]
+        ahead = position[k] + rest / recursion[4]
+        if abs(ahead) <= within:
+            same, known = same + 1, True
+        elif known:
+            before, now = told[k - 1] - told[k - 2], position[k] - ahead - told[k - 1]
+            low, high = min(before, now, 0.0) - 2.0 * counts, max(before, now, 0.0) + 2.0 * counts
+            known = low <= ahead <= high
+            if known:
+                told[k] = position[k] - (round(ahead / counts) * counts if counts > 0.0 else ahead)
+            if known and math.copysign(ahead, ahead * before) > -counts:
+                late += 1
+            else:
+                other += 1
+    return same, late, other
+
+
 def _beside_neighbours(position: Floats) -> tuple[Floats, Floats]:
     """By how much each is beside the cubic through its four neighbours, and what it moves by in a sample."""
     off = np.zeros(len(position))
@@ -163,6 +230,8 @@ LEAST_LATE, ONE_DELAY = 50, 0.25
 """Rows that tell a delay, at least, and by how much of it their quartiles are apart at most."""
 OUT, AROUND = 4.0, 64
 """Times the median of so many rows around it: a row that stands out."""
+ON_THE_WAY = 0.95
+"""Of the rows that hold another position than was read, those that are ahead on the way: else none was late."""
 MOST_COUNTS = 1.5
 """Steps of the encoder by which rounding alone puts a row beside its neighbours, at most 1.33."""
 STILL = Disturbance()

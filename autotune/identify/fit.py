@@ -15,7 +15,7 @@ import numpy as np
 from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError
 from autotune.estimation.bandwidth import Bands
-from autotune.estimation.controller import controller_of
+from autotune.estimation.controller import as_read, controller_of
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.joint_fit import free_by_name
 from autotune.estimation.least_squares import with_values
@@ -87,6 +87,9 @@ def fit(recordings: Sequence[Recording] | Recording, effects: Sequence[str] = ()
     for kind in kinds:
         kind.refuse_unit(recording.metadata.motion_unit)
     controller = controller_of(recording)
+    read = as_read(recording, controller)
+    if read is not recording:
+        recording, controller = read, controller_of(read)
     bands = Bands.of(recording)
     pieces = cut(recording, bands, controller, UNFITTED)
     if holds_constant_speeds_only(recording):

@@ -99,6 +99,10 @@ def test_an_ordinary_current_loop_behind_a_held_demand_is_taken_out(
         return
     assert again.data.lag == pytest.approx(found, abs=3e-5)
     assert again.data.cycles == cycles
+    assert problem.controller is not None
+    assert again.controller is not None
+    later = again.controller.position_delay - problem.controller.position_delay
+    assert later == cycles, "the twin's controller must be as late as its torque"
     assert 0.0 < again.data.lag_error < 3e-5
     fitted = refit(again, model_fit.fitted.packed, list(model_fit.free), model_fit.correction, 4)
     settled = evidence.aligned(again, replace(model_fit, fitted=fitted))

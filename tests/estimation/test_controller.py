@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from autotune.estimation.controller import controller_of, find_controller, identified, loop_samples
+from autotune.estimation.controller import as_read, controller_of, find_controller, identified, loop_samples
 from autotune.estimation.controller_law import (
     LoopSamples,
     PositionController,
@@ -256,6 +256,33 @@ def test_rows_that_are_not_late_tell_a_law_of_a_rounded_demand() -> None:
     assert found.exact
     assert "written late" in found.why
     assert (found.kp, found.kd, found.ki) == pytest.approx((TRUE.kp, TRUE.kd, TRUE.ki), rel=0.01)
+
+
+@pytest.mark.parametrize("step", [0.0, 1e-6])
+@pytest.mark.parametrize("delay", [0, 1])
+def test_an_exact_law_tells_what_was_read_where_rows_are_late(step: float, delay: int) -> None:
+    """One in fifty is 0.2 ms late; the demand is exact, or in steps of a millionth of its size."""
+    recording = recorded(TRUE)
+    late = np.where(np.random.default_rng(8).uniform(size=len(recording)) < 0.02, 2e-4, 0.0)
+    moved = recording["position"] + late * np.gradient(recording["position"], PERIOD)
+    torque = delayed(recording["torque"], delay, 0.0)
+    rounded = step * float(np.std(torque)) or 1e-15
+    columns = dict(recording.floats) | {
+        "position": np.round(moved / RESOLUTION) * RESOLUTION,
+        "torque": np.round(torque / rounded) * rounded,
+    }
+    shaken = Recording.from_columns(columns, recording.metadata, "motion")
+    read = as_read(shaken, controller_of(shaken))
+    assert np.mean(np.abs(shaken["position"] - recording["position"]) > 0.5 * RESOLUTION) > 0.01
+    assert np.mean(np.abs(read["position"] - recording["position"]) > 0.5 * RESOLUTION) < 1e-4
+    assert controller_of(read).exact
+
+
+def test_positions_stay_where_no_row_is_late_or_another_law_would_tell_them() -> None:
+    recording = recorded(TRUE)
+    law = controller_of(recording)
+    assert as_read(recording, law) is recording
+    assert as_read(recording, replace(law, kd=1.05 * law.kd)) is recording
 
 
 def test_a_hosts_law_keeps_its_gains_where_rows_are_late_and_the_torque_is_sensed() -> None:

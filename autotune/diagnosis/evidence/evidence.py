@@ -293,8 +293,9 @@ class _Late:
 def _without_current_loop(problem: Problem, model_fit: ModelFit) -> Problem:
     """The torque as it acts: whole cycles after its demand, where a bus takes them, and behind the current loop.
 
-    The problem as it is where an ordinary current loop is not all that is late. A lag of a cycle bends the torque as a
-    delay of a cycle does not: where it explains clearly more, it is no delay.
+    The law of a torque that acts so many cycles later sees everything as late: so the twin's loop has the phase of the
+    axis's. The problem as it is where an ordinary current loop is not all that is late. A lag of a cycle bends the
+    torque as a delay of a cycle does not: where it explains clearly more, it is no delay.
     """
     if model_fit.fitted.packed.on[IS_LATE]:
         return problem
@@ -310,8 +311,17 @@ def _without_current_loop(problem: Problem, model_fit: ModelFit) -> Problem:
     if least < CLEARLY_LESS * best.cost or best.cost > WORTH_ALIGNING * here:
         return problem
     error = _error_of_lag(problem, model_fit, best)
-    data = behind_current_loop(best.data, min(best.data.lag, CURRENT_LOOP))
-    return _with(problem, replace(data, lag_error=error))
+    data = replace(behind_current_loop(best.data, min(best.data.lag, CURRENT_LOOP)), lag_error=error)
+    return _with(_later_by(problem, data.cycles - problem.data.cycles), data)
+
+
+def _later_by(problem: Problem, cycles: int) -> Problem:
+    """The problem whose controller sees everything so many cycles later."""
+    law, later = problem.controller, problem.data.upsampling * cycles
+    if law is None or later == 0:
+        return problem
+    delays = law.reference_delay + later, law.position_delay + later
+    return replace(problem, controller=replace(law, reference_delay=delays[0], position_delay=delays[1]))
 
 
 def _is_current_loop(problem: Problem, model_fit: ModelFit, late: _Late) -> bool:
