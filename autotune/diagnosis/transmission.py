@@ -121,7 +121,9 @@ def other_contact_tried(
         slots = {GAP.slot(name) for name in (*OF_THE_GAP.values(), "gap", "impact_damping")}
         moved = tuple(one for one in free if one.slot in slots)
         contacts = _contacts(problem, model_fit.fitted.packed, impact)
-        led = [start.packed for start in scouted(problem, model_fit, [FitStart(one, moved) for one in contacts])]
+        led = [
+            start.packed for start in scouted(problem, model_fit, [FitStart(one, moved) for one in contacts])
+        ]
         target = least * chosen.model_fit.fitted.cost
         settled = fit_from_starts(problem, led, 0.0, free, model_fit.effects, target)
         chosen = _instead(problem, root, chosen, settled, chosen.effect, least)

@@ -73,7 +73,15 @@ BACKLASH = Kind(
         ),
         *load_parameters(GAP + 2),
         Parameter(
-            "impact_damping", "s/rad", 0.0, 0.0, 1e6, "damping per torque of its contact", IMPACT, True, whole=True
+            "impact_damping",
+            "s/rad",
+            0.0,
+            0.0,
+            1e6,
+            "damping per torque of its contact",
+            IMPACT,
+            True,
+            whole=True,
         ),
     ),
     looks_like="After a reversal the motor runs free for a moment, then meets the load with an impact.",
