@@ -53,7 +53,7 @@ def damped_by_impact(p: Floats, damping: float) -> float:
     """What damps a contact per torque as much as a share of critical [s/rad]: as much speed is left after an impact.
 
     A contact that is damped by a share d of critical leaves e = exp(-π·d/√(1 - d²)) of it, one by χ about 1 - 2/3·χ·v
-    (Hunt and Crossley 1975); v is the speed at which a motor that its friction stops has crossed the gap.
+    [hunt-1975]; v is the speed at which a motor that its friction stops has crossed the gap.
     """
     left = math.exp(-math.pi * damping / math.sqrt(1.0 - damping**2))
     return 1.5 * (1.0 - left) / math.sqrt(2.0 * float(p[GAP] * p[COULOMB] / p[INERTIA]))

@@ -2,7 +2,7 @@
 
 T = K·(φ ∓ gap/2)·(1 ± χ·φ') + D·φ' beyond the gap and 0 inside it, φ the twist; a contact cannot pull. D is a share
 `damping` of critical, χ what a contact is damped by per torque: surfaces that meet touch in a point first, so that the
-damping grows with the torque (Hunt and Crossley 1975, J. Appl. Mech. 42). Without effect, motor and load are one mass.
+damping grows with the torque [hunt-1975]. Without effect, motor and load are one mass.
 """
 
 from __future__ import annotations
