@@ -7,23 +7,29 @@ other's place.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
 
 from autotune.diagnosis.candidates import FittedCandidate, Progress, error_left
 from autotune.diagnosis.refits import NEARLY, judged
-from autotune.diagnosis.starts import Context, FitStart, scouted, starts_of
+from autotune.diagnosis.starts import Context, FitStart, scouted, starts_of, varying
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_from_starts
+from autotune.estimation.least_squares import Free
 from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Problem
 from autotune.models import layout
-from autotune.models.backlash import BACKLASH
+from autotune.models.backlash import BACKLASH, damped_by_impact
 from autotune.models.drive_model import Packed
 from autotune.models.effect import Kind
 from autotune.models.elastic_transmission import ELASTIC_TRANSMISSION, RESONANCES
 from autotune.models.load_side import AT_START, ringing_compliance
+from autotune.models.start_values import Vary
 
+LOADS, PARTS = (0.0, 0.25, 0.5, 0.75, 1.0), (1.0, 0.25)
+"""Of the torque, under which another contact gives way as far as the one before; and of the damping by impact, as
+loads meet faster than friction alone lets them."""
 SPRING, GAP = ELASTIC_TRANSMISSION, BACKLASH
 OF_THE_GAP = {"compliance": "contact_compliance"} | {
     name: name for name in ("load_inertia", "load_friction", "damping", "load_offset")
@@ -98,24 +104,59 @@ def adds_nothing(kind: Kind, model_fit: ModelFit) -> bool:
 def other_contact_tried(
     problem: Problem, root: ModelFit, chosen: FittedCandidate, progress: Progress
 ) -> FittedCandidate:
-    """The chosen model with a harder or softer contact in its gap, where that does clearly better.
+    """The chosen model with a harder or softer contact in its gap, damped otherwise, where that does clearly better.
 
     The size of a gap and the spring behind it make the same course of the torque as long as the gap is small, so that
-    a fit may end with the one in the place of the other.
+    a fit may end with the one in the place of the other. And surfaces that meet touch in a point first, so that the
+    damping grows with the torque, while a damper beside the spring has all of its own at once: what is left of that
+    makes a motor rattle in its gap, or rest.
     """
     model_fit = chosen.model_fit
     if GAP.name not in model_fit.effects:
         return chosen
     progress(f"another contact of {GAP.name}")
-    slots = {GAP.slot(name) for name in OF_THE_GAP.values()}
-    moved = tuple(one for one in model_fit.free if one.slot in slots)
-    contacts = [_with_contact(model_fit.fitted.packed, ratio * problem.data.cutoff) for ratio in RESONANCES]
-    starts = [FitStart(contact, moved) for contact in contacts]
-    led = [start.packed for start in scouted(problem, model_fit, starts)]
     least = problem.policy.clearly_less
-    target = least * model_fit.fitted.cost
-    settled = fit_from_starts(problem, led, 0.0, list(model_fit.free), model_fit.effects, target)
-    return _instead(problem, root, chosen, settled, chosen.effect, least)
+    for impact in (False, True):
+        free = _free_with(model_fit, impact)
+        slots = {GAP.slot(name) for name in (*OF_THE_GAP.values(), "gap", "impact_damping")}
+        moved = tuple(one for one in free if one.slot in slots)
+        contacts = _contacts(problem, model_fit.fitted.packed, impact)
+        led = [
+            start.packed for start in scouted(problem, model_fit, [FitStart(one, moved) for one in contacts])
+        ]
+        target = least * chosen.model_fit.fitted.cost
+        settled = fit_from_starts(problem, led, 0.0, free, model_fit.effects, target)
+        chosen = _instead(problem, root, chosen, settled, chosen.effect, least)
+    return chosen
+
+
+def _free_with(model_fit: ModelFit, impact: bool) -> list[Free]:
+    """What is free of a gap's model, the damping per torque of its contact too where that is asked for."""
+    slot, p = GAP.slot("impact_damping"), model_fit.fitted.packed.p
+    free = [one for one in model_fit.free if one.slot != slot]
+    large = damped_by_impact(p, AT_START["damping"])
+    return [*free, varying(GAP, "impact_damping", Vary(large, large))] if impact else free
+
+
+def _contacts(problem: Problem, packed: Packed, impact: bool) -> list[Packed]:
+    """The model with other contacts in its gap, which is as wide as it was, or gives way as far in all under a load."""
+    contacts = []
+    slots = [GAP.slot(name) for name in ("gap", "contact_compliance", "damping", "impact_damping")]
+    share, (gap, at) = packed.p[GAP.slot("load_inertia")], packed.p[slots[:2]]
+    for ratio, load in itertools.product(RESONANCES, LOADS):
+        compliance = ringing_compliance(packed.p[layout.INERTIA], share, ratio * problem.data.cutoff)
+        width = gap + 2.0 * load * problem.scales.torque * (at - compliance)
+        if width <= 0.0:
+            continue
+        p = packed.p.copy()
+        p[slots] = width, compliance, AT_START["damping"], 0.0
+        for part in PARTS if impact else ():
+            p = p.copy()
+            p[slots[2:]] = 0.0, part * damped_by_impact(p, AT_START["damping"])
+            contacts.append(Packed(p, packed.on))
+        if not impact:
+            contacts.append(Packed(p, packed.on))
+    return contacts
 
 
 def _instead(
@@ -130,15 +171,6 @@ def _instead(
     if settled is None or error_left(problem, settled) > least * error_left(problem, chosen.model_fit):
         return chosen
     return replace(judged(problem, root, settled, effect), gain=chosen.gain)
-
-
-def _with_contact(packed: Packed, hertz: float) -> Packed:
-    """The model with a contact on which motor and load ring at that frequency [Hz], damped as where fits begin."""
-    p = packed.p.copy()
-    share = p[GAP.slot("load_inertia")]
-    p[GAP.slot("contact_compliance")] = ringing_compliance(p[layout.INERTIA], share, hertz)
-    p[GAP.slot("damping")] = AT_START["damping"]
-    return Packed(p, packed.on)
 
 
 class _Exchange:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator
 
 from autotune.core.arrays import Floats
 from autotune.models.effect import Kind, Parameter
-from autotune.models.layout import INERTIA, block, flag
+from autotune.models.layout import COULOMB, INERTIA, block, flag
 from autotune.models.load_side import (
     SHARES,
     SPLITS,
@@ -21,6 +22,7 @@ from autotune.models.look_alikes import IN_QUICK_MOTION, IN_SPEED
 from autotune.models.start_values import StartContext, StartValues, Vary
 
 GAP = block("backlash")
+IMPACT = GAP + 6
 HAS_GAP = flag("backlash")
 CONTACT = 3.0
 """Resonance of motor and load in contact, in cut-offs: softer than most; what is compared tells little of a harder one.
@@ -47,6 +49,16 @@ def starts(c: StartContext) -> Iterator[StartValues]:
         yield StartValues(values | {"load_inertia": share, "load_friction": split}, free | load_varies(c))
 
 
+def damped_by_impact(p: Floats, damping: float) -> float:
+    """What damps a contact per torque as much as a share of critical [s/rad]: as much speed is left after an impact.
+
+    A contact that is damped by a share d of critical leaves e = exp(-π·d/√(1 - d²)) of it, one by χ about 1 - 2/3·χ·v
+    [hunt-1975]; v is the speed at which a motor that its friction stops has crossed the gap.
+    """
+    left = math.exp(-math.pi * damping / math.sqrt(1.0 - damping**2))
+    return 1.5 * (1.0 - left) / math.sqrt(2.0 * float(p[GAP] * p[COULOMB] / p[INERTIA]))
+
+
 def width(p: Floats) -> float:
     """Of the gap [rad]."""
     return float(p[GAP])
@@ -60,6 +72,17 @@ BACKLASH = Kind(
             "contact_compliance", "rad/(N m)", 1e-3, 1e-9, 1e3, "twist per torque of its contact", GAP + 1
         ),
         *load_parameters(GAP + 2),
+        Parameter(
+            "impact_damping",
+            "s/rad",
+            0.0,
+            0.0,
+            1e6,
+            "damping per torque of its contact",
+            IMPACT,
+            True,
+            whole=True,
+        ),
     ),
     looks_like="After a reversal the motor runs free for a moment, then meets the load with an impact.",
     cause="Play in gear, coupling, key or nut.",

@@ -1,7 +1,8 @@
 """What is between motor and load: two masses with a spring, a damper and a gap.
 
-T = K·(φ ∓ gap/2) + D·φ' beyond the gap and 0 inside it, φ the twist; a contact cannot pull. D is a share
-`damping` of critical. Without effect, motor and load are one mass.
+T = K·(φ ∓ gap/2)·(1 ± χ·φ') + D·φ' beyond the gap and 0 inside it, φ the twist; a contact cannot pull. D is a share
+`damping` of critical, χ what a contact is damped by per torque: surfaces that meet touch in a point first, so that the
+damping grows with the torque [hunt-1975]. Without effect, motor and load are one mass.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import math
 
 from autotune.core.arrays import Flags, Floats
-from autotune.models.backlash import BACKLASH, GAP, HAS_GAP
+from autotune.models.backlash import BACKLASH, GAP, HAS_GAP, IMPACT
 from autotune.models.compiled import compiled
 from autotune.models.elastic_transmission import COMPLIANCE, ELASTIC_TRANSMISSION, IS_ELASTIC
 from autotune.models.lanes import anywhere, where
@@ -51,25 +52,28 @@ def hung(p: Floats, on: Flags) -> float:
 
 
 @compiled
-def coupling(p: Floats, on: Flags) -> tuple[float, float, float]:
-    """Stiffness [N m/rad], damping [N m s/rad] and half the gap [rad]."""
+def coupling(p: Floats, on: Flags) -> tuple[float, float, float, float]:
+    """Stiffness [N m/rad], damping [N m s/rad], half the gap [rad] and damping per torque of its contact [s/rad]."""
     share, _ = load_shares(p, on)
     reduced = p[INERTIA] * share * (1.0 - share)
     compliance = p[COMPLIANCE] if on[IS_ELASTIC] else p[GAP + 1]
     damping = p[COMPLIANCE + 3] if on[IS_ELASTIC] else p[GAP + 4]
     stiffness = min(1.0 / max(compliance, 1e-12), reduced * STIFFEST_RATE * STIFFEST_RATE)
     half = 0.5 * p[GAP] if on[HAS_GAP] else 0.0
-    return stiffness, 2.0 * damping * math.sqrt(stiffness * reduced), half
+    impact = p[IMPACT] if on[HAS_GAP] else 0.0
+    return stiffness, 2.0 * damping * math.sqrt(stiffness * reduced), half, impact
 
 
 @compiled
-def passed_torque(stiffness: float, damping: float, half: float, twist: float, rate: float) -> float:
-    """Torque from motor to load [N m]."""
+def passed_torque(
+    stiffness: float, damping: float, half: float, impact: float, twist: float, rate: float
+) -> float:
+    """Torque from motor to load [N m]; what `coupling` returns comes first."""
     direct = stiffness * twist + damping * rate
     if not anywhere(half != 0.0):
         return direct
-    ahead = max(stiffness * (twist - half) + damping * rate, 0.0)
-    behind = min(stiffness * (twist + half) + damping * rate, 0.0)
+    ahead = max(stiffness * (twist - half) * (1.0 + impact * rate) + damping * rate, 0.0)
+    behind = min(stiffness * (twist + half) * (1.0 - impact * rate) + damping * rate, 0.0)
     touching = where(twist > half, ahead, where(twist < -half, behind, 0.0))
     return float(where(half == 0.0, direct, touching))
 

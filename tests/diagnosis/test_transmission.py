@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from autotune.diagnosis.transmission import OF_THE_GAP, adds_nothing
+from autotune.diagnosis.transmission import LOADS, OF_THE_GAP, _contacts, adds_nothing
 from autotune.models import layout
-from autotune.models.backlash import BACKLASH
+from autotune.models.backlash import BACKLASH, damped_by_impact
 from autotune.models.drive_model import Packed, base_model
 from autotune.models.effect import Kind
 from autotune.models.elastic_transmission import ELASTIC_TRANSMISSION
 from autotune.models.plant import advance
 from autotune.models.start_values import StartValues
-from autotune.models.transmission import LOAD_POSITION, coupling, hung, load_shares
+from autotune.models.transmission import LOAD_POSITION, coupling, hung, load_shares, passed_torque
 
 BASE = {
     "inertia": 5e-4, "viscous": 1e-3, "coulomb": 0.28, "stiffness": 100.0, "micro_damping": 0.05, "offset": 0.1,
@@ -73,6 +74,40 @@ def test_a_weight_at_the_load_keeps_its_gap_closed() -> None:
     assert twists[0] == pytest.approx(2e-3 + 0.2 * 3e-3, rel=1e-3)
     assert twists[1] == pytest.approx(2e-3 + 0.1 * 3e-3, rel=1e-3)
     assert abs(twists[2]) < 2e-3
+
+
+def test_a_contact_may_be_damped_by_its_torque() -> None:
+    """Nothing where surfaces meet, more the deeper they are; it never pulls, and loses the speed that it says."""
+    stiffness, half, per_torque = 400.0, 1e-3, 0.2
+    passed = [
+        passed_torque(stiffness, 0.0, half, per_torque, side * (half + depth), side * rate)
+        for depth, rate, side in ((0.0, 2.0, 1.0), (1e-3, 2.0, 1.0), (1e-3, 2.0, -1.0), (1e-3, -9.0, 1.0))
+    ]
+    assert passed == pytest.approx([0.0, 0.4 * 1.4, -0.4 * 1.4, 0.0])
+    p = base_model(BASE).pack().p
+    p[BACKLASH.slot("gap")] = 2.0 * half
+    speed, mass = math.sqrt(4.0 * half * BASE["coulomb"] / BASE["inertia"]), 1e-4
+    by_torque, twist, rate, step = damped_by_impact(p, 0.05), half, speed, 1e-6
+    while twist >= half:
+        rate -= step / mass * passed_torque(stiffness, 0.0, half, by_torque, twist, rate)
+        twist += step * rate
+    assert -rate / speed == pytest.approx(math.exp(-0.05 * math.pi), abs=0.02)
+
+
+def test_other_contacts_of_a_gap_give_way_as_far_under_a_load() -> None:
+    packed = base_model(BASE).pack()
+    packed.p[[BACKLASH.slot(name) for name in ("gap", "contact_compliance")]] = 1e-3, 2e-3
+    problem = SimpleNamespace(data=SimpleNamespace(cutoff=60.0), scales=SimpleNamespace(torque=0.5))
+    plain, by_impact = (_contacts(problem, packed, impact) for impact in (False, True))
+    assert len(by_impact) == 2 * len(plain)
+    for one in plain:
+        load = (one.p[BACKLASH.slot("gap")] - 1e-3) / (2e-3 - one.p[BACKLASH.slot("contact_compliance")])
+        assert any(load == pytest.approx(2.0 * share * 0.5) for share in LOADS)
+    assert all(
+        one.p[BACKLASH.slot("impact_damping")] == 0.0 < one.p[BACKLASH.slot("damping")] for one in plain
+    )
+    assert all(one.p[BACKLASH.slot("damping")] == 0.0 for one in by_impact)
+    assert all(one.p[BACKLASH.slot("impact_damping")] > 0.0 for one in by_impact)
 
 
 @pytest.mark.parametrize("kind", [ELASTIC_TRANSMISSION, BACKLASH])
