@@ -92,24 +92,11 @@ def begin(
         *free_of_model(model, problem.scales),
     ]
     packed = with_values(packed, free, packed.p[[one.slot for one in free]])
-    model_fit = _first_fit(problem, packed, free)
-    if model_fit is None and problem.twin and law.within:
-        # what counts make may be where the twin, off by parts of one, does not expect it
-        model_fit = _first_fit(replace(problem, controller=replace(law, adrift=True)), packed, free)
-    if model_fit is None and problem.twin:
-        data, said = without_twin(as_recorded(known, replace(law, asked=0.0)) if law.asked > 0.0 else data)
-        why = "is unstable, rings or explains less than none"
-        notes = (f"{NO_TWIN}a simulation of the model with this controller {why}.", *said)
-        problem = replace(new_problem(data, None, policy), rough=problem.controller, told=told)
-        model_fit = _first_fit(problem, packed, free)
-    if model_fit is None:
-        raise NotEnoughExcitation(
-            "the model does not fit these recordings at all; check that model and recordings are of the "
-            "same axis, or fit a new model: autotune model fit"
-        )
-    if model_fit[0].twin and law.asked > 0.0:
+    problem, model_fit, without = _fit_as_it_is(problem, known, packed, free)
+    notes = without or notes
+    if problem.twin and law.asked > 0.0:
         notes = (*notes, AS_ASKED.format(law.asked))
-    problem, settled = _aligned(*model_fit)
+    problem, settled = _aligned(problem, model_fit)
     problem, settled, said = _late_record(problem, settled)
     notes = (*notes, *said)
     problem, settled = _without_clocked(problem, settled)
@@ -125,6 +112,37 @@ def notes_after(notes: tuple[str, ...], before: Problem, after: Problem) -> tupl
     if before.twin or not after.twin:
         return notes
     return (*(note for note in notes if not note.startswith(NO_TWIN)), TWIN_AFTER_ALL)
+
+
+def _fit_as_it_is(
+    problem: Problem, known: Prepared, packed: Packed, free: list[Free]
+) -> tuple[Problem, ModelFit, tuple[str, ...]]:
+    """The model as it is, fitted inside the twin or, where none can be had, without one; and what is to be said then.
+
+    `known` is the data with the torque as it was recorded.
+
+    Raises:
+        NotEnoughExcitation: the model cannot be made to fit at all.
+    """
+    law = problem.controller
+    fitted = _first_fit(problem, packed, free)
+    if fitted is None and problem.twin and law is not None and law.within:
+        # what counts make may be where the twin, off by parts of one, does not expect it
+        fitted = _first_fit(replace(problem, controller=replace(law, adrift=True)), packed, free)
+    notes: tuple[str, ...] = ()
+    if fitted is None and problem.twin and law is not None:
+        data = as_recorded(known, replace(law, asked=0.0)) if law.asked > 0.0 else problem.data
+        data, said = without_twin(data)
+        why = "is unstable, rings or explains less than none"
+        notes = (f"{NO_TWIN}a simulation of the model with this controller {why}.", *said)
+        problem = replace(new_problem(data, None, problem.policy), rough=law, told=problem.told)
+        fitted = _first_fit(problem, packed, free)
+    if fitted is None:
+        raise NotEnoughExcitation(
+            "the model does not fit these recordings at all; check that model and recordings are of the "
+            "same axis, or fit a new model: autotune model fit"
+        )
+    return *fitted, notes
 
 
 def _first_fit(problem: Problem, packed: Packed, free: list[Free]) -> tuple[Problem, ModelFit] | None:
