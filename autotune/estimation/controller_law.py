@@ -32,6 +32,8 @@ from autotune.signals.between_samples import bend_between, delayed, finer, later
 from autotune.signals.triangle import Solved, reduced
 
 SHORTEST_RUN = 50  # samples between two clamps
+NO_FILTER = 1e-12
+"""Of a jump: what is left of it after a sample, at least, where a rate is asked of a law without filter."""
 SHORTEST_STRETCH = 100  # samples
 MOST_ROWS = 40_000
 MOMENT, NEXT, BEFORE = "moment", "next", "before"
@@ -128,8 +130,8 @@ class PositionController:
         return replace(self, reference_delay=self.reference_delay - 1, position_delay=self.position_delay - 1)
 
     def filter_rate(self, period: float) -> float:
-        """Rate of the velocity's filter [1/s]; the period in s."""
-        return -math.log(1.0 - self.derivative_filter) / period
+        """Rate of the velocity's filter [1/s]; the period in s. Without a filter one that a sample ends by far."""
+        return -math.log(max(1.0 - self.derivative_filter, NO_FILTER)) / period
 
     @property
     def ticks_late(self) -> float:

@@ -304,9 +304,12 @@ class Problem:
 
 
 def led(data: Prepared) -> Prepared:
-    """A recording in torque mode as if a controller had added to its torque what keeps it on its way."""
+    """A recording in torque mode as if a controller had added to its torque what keeps it on its way.
+
+    What that one asks for is no torque of the recording's: the sum of both is compared.
+    """
     stretches = tuple(replace(stretch, closed=True) for stretch in data.stretches)
-    return replace(data, reference=data.measured, feedforward=data.torque, stretches=stretches)
+    return replace(data, reference=data.measured, feedforward=data.torque, stretches=stretches, asked=None)
 
 
 def new_problem(data: Prepared, controller: PositionController | None, policy: Policy = POLICY) -> Problem:

@@ -251,7 +251,11 @@ def test_a_memory_that_a_spring_explains_as_well_is_that_spring(
 
 @pytest.mark.slow
 def test_damping_in_presliding_is_found_again_by_twins_where_a_fit_was_led_astray(begun: Begun) -> None:
-    """From four times the damping, all else at its best there; what is left stays as it is."""
+    """From four times the damping, all else at its best there; what is left stays as it is.
+
+    But for what two fits of one model differ by, as few twins tell their bias: fitted on from their own end, fits end
+    up to 3 % lower.
+    """
     problem, root = begun
     own = float(root.fitted.packed.p[layout.MICRO_DAMPING])
     astray = [replace(one, lower=4.0 * own) if one.slot == layout.MICRO_DAMPING else one for one in root.free]
@@ -259,9 +263,9 @@ def test_damping_in_presliding_is_found_again_by_twins_where_a_fit_was_led_astra
     p[layout.MICRO_DAMPING] = 4.0 * own
     wrong = fit_inside_twin(problem, Packed(p, root.fitted.packed.on), astray, 2)
     assert wrong is not None
-    assert wrong.fitted.cost > 1.05 * root.fitted.cost
+    assert wrong.fitted.cost > 1.3 * root.fitted.cost
     wrong = replace(wrong, fitted=replace(wrong.fitted, free=root.free))
     found = damped_as_twins_creep(problem, wrong)
-    assert found.fitted.cost < 1.02 * root.fitted.cost
+    assert found.fitted.cost < 1.05 * root.fitted.cost
     assert float(found.fitted.packed.p[layout.MICRO_DAMPING]) == pytest.approx(own, rel=0.4)
     assert damped_as_twins_creep(replace(problem, controller=None), wrong) is wrong
