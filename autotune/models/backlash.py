@@ -49,6 +49,10 @@ def starts(c: StartContext) -> Iterator[StartValues]:
         yield StartValues(values | {"load_inertia": share, "load_friction": split}, free | load_varies(c))
 
 
+SLOWEST = 1e-6
+"""rad/s or m/s, at which surfaces meet at least, where friction or gap come to nothing."""
+
+
 def damped_by_impact(p: Floats, damping: float) -> float:
     """What damps a contact per torque as much as a share of critical [s/rad]: as much speed is left after an impact.
 
@@ -56,7 +60,8 @@ def damped_by_impact(p: Floats, damping: float) -> float:
     [hunt-1975]; v is the speed at which a motor that its friction stops has crossed the gap.
     """
     left = math.exp(-math.pi * damping / math.sqrt(1.0 - damping**2))
-    return 1.5 * (1.0 - left) / math.sqrt(2.0 * float(p[GAP] * p[COULOMB] / p[INERTIA]))
+    speed = math.sqrt(2.0 * float(p[GAP] * p[COULOMB] / p[INERTIA]))
+    return 1.5 * (1.0 - left) / max(speed, SLOWEST)
 
 
 def width(p: Floats) -> float:

@@ -13,7 +13,7 @@ from autotune.estimation.data import TRAINING, Prepared, filtered_motion, prepar
 from autotune.estimation.disturbance import STILL, Disturbance
 from autotune.estimation.model_error import PlainFit, plain_fit, told_beside, told_by_twin
 from autotune.estimation.policy import POLICY
-from autotune.estimation.problem import Problem, Told
+from autotune.estimation.problem import Problem, Told, led
 from autotune.estimation.residual import smoothed
 from autotune.estimation.twin_runs import run_twin, run_twins, slower
 from autotune.models.drive_model import base_model
@@ -130,6 +130,18 @@ def test_a_twins_torque_is_what_its_law_asks_for_too() -> None:
     assert taken.asked is not None
     quick = again.torque - taken.asked
     assert np.std(smoothed(taken, quick - slower(taken, quick, 5.0))) < 1e-2 * np.std(taken.asked)
+
+
+def test_without_a_law_a_fit_is_led_by_the_torque_alone() -> None:
+    """So fast an axis is led along its way; what leads it asks for no torque that a law could be held to."""
+    data, _ = _read_at_a_moment(6e-3)
+    taken = replace(as_recorded(data, replace(LAW, ticks=6, asked=1.0)), pace=0.5)
+    assert taken.asked is not None
+    assert led(taken).asked is None
+    model = base_model(AXIS).pack()
+    left = plain_fit(taken, model, POLICY).problem.correction(model)
+    assert left.stable
+    assert np.isfinite(left.bias).all()
 
 
 @pytest.mark.parametrize(("late", "most"), [(0.3e-3, 0.3e-3), (1.5e-3, CURRENT_LOOP)])
