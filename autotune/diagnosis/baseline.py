@@ -131,8 +131,7 @@ def _fit_as_it_is(
         fitted = _first_fit(replace(problem, controller=replace(law, adrift=True)), packed, free)
     notes: tuple[str, ...] = ()
     if fitted is None and problem.twin and law is not None:
-        data = as_recorded(known, replace(law, asked=0.0)) if law.asked > 0.0 else problem.data
-        data, said = without_twin(data)
+        data, said = without_twin(as_recorded(known, replace(law, asked=0.0)))
         why = "is unstable, rings or explains less than none"
         notes = (f"{NO_TWIN}a simulation of the model with this controller {why}.", *said)
         problem = replace(new_problem(data, None, problem.policy), rough=law, told=problem.told)

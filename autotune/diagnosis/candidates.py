@@ -18,11 +18,12 @@ from autotune.estimation.cross_validation import Explained, explained, gain_and_
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.least_squares import Fitted, Free
 from autotune.estimation.parts import repeats_alike
-from autotune.estimation.problem import Problem, Scales, beyond_chance
+from autotune.estimation.problem import Problem, Scales
 from autotune.models import layout
 from autotune.models.drive_model import DAMPING_VELOCITY, FADING, DriveModel, Packed, surface_parameter
 from autotune.models.effect import Effect, Kind, Parameter
 from autotune.models.table import EFFECTS
+from autotune.signals.chunks import beyond_chance
 
 Progress = Callable[[str], None]
 """Is told what begins."""

@@ -24,12 +24,13 @@ from autotune.diagnosis.screening import generic_gains
 from autotune.diagnosis.starts import Context, own_course, varying
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.least_squares import followed
-from autotune.estimation.problem import Problem, beyond_chance, by_second
+from autotune.estimation.problem import Problem
 from autotune.estimation.residual import smoothed
 from autotune.models.drive_model import Packed
 from autotune.models.look_alikes import IN_TORQUE
 from autotune.models.reversal_memory import REVERSAL_MEMORY
 from autotune.models.table import EFFECTS
+from autotune.signals.chunks import beyond_chance, by_second
 
 NEAR_AN_EDGE = 0.01
 """Of a parameter's scale: a bound that is so near is met."""

@@ -155,12 +155,11 @@ def _followed(
     fall = cost - best.cost
     # two masses are followed inside the twin only: with a held bias a longer fit leads them away
     inside_only = problem.twin and kind.in_transmission
-    if not inside_only and (
-        fall > least * cost or any(_promises(problem, evidence, model_fit, one) for one in found)
-    ):
+    falls = fall > least * cost
+    if not inside_only and (falls or any(_promises(problem, evidence, model_fit, one) for one in found)):
         effort = evidence.effort(problem)
         # a start that has come to nothing, as it was without the effect, is no measure of the others
-        enough = effort.close * fall if fall > least * cost else -math.inf
+        enough = effort.close * fall if falls else -math.inf
         for start in [f for f in found if cost - f.cost > enough][: effort.starts]:
             near = start if model_fit.effects else None
             free = [*start.free, *shapes(kind.name, start.packed)]

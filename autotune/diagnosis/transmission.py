@@ -12,6 +12,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+from autotune.core.arrays import Floats
 from autotune.diagnosis.candidates import FittedCandidate, Progress, error_left
 from autotune.diagnosis.refits import NEARLY, judged
 from autotune.diagnosis.starts import Context, FitStart, scouted, starts_of, varying
@@ -150,13 +151,17 @@ def _contacts(problem: Problem, packed: Packed, impact: bool) -> list[Packed]:
             continue
         p = packed.p.copy()
         p[slots] = width, compliance, AT_START["damping"], 0.0
-        for part in PARTS if impact else ():
-            p = p.copy()
-            p[slots[2:]] = 0.0, part * damped_by_impact(p, AT_START["damping"])
-            contacts.append(Packed(p, packed.on))
-        if not impact:
-            contacts.append(Packed(p, packed.on))
+        contacts += [Packed(one, packed.on) for one in (_with_impact(p) if impact else [p])]
     return contacts
+
+
+def _with_impact(p: Floats) -> list[Floats]:
+    """The same contact damped by its torque, and not by a damper beside its spring."""
+    slots = [GAP.slot("damping"), GAP.slot("impact_damping")]
+    found = [p.copy() for _ in PARTS]
+    for one, part in zip(found, PARTS, strict=True):
+        one[slots] = 0.0, part * damped_by_impact(p, AT_START["damping"])
+    return found
 
 
 def _instead(

@@ -39,10 +39,10 @@ from autotune.estimation.controller_search import (
     first_look,
     how_late,
     in_band,
-    lowest,
     searched_late,
 )
 from autotune.estimation.disturbance import jitter_of
+from autotune.signals.line_search import lowest
 from autotune.signals.triangle import Triangle, reduced
 
 TICK, LEAST_TICKS = 250e-6, 4

@@ -31,8 +31,9 @@ from autotune.estimation.controller_law import (
     whole_law,
 )
 from autotune.estimation.data import compared_below, step_of
-from autotune.estimation.disturbance import as_read, in_time
+from autotune.estimation.disturbance import in_time, readings
 from autotune.signals.filters import low_pass
+from autotune.signals.line_search import lowest, settled
 from autotune.signals.triangle import reduced
 
 PIECE_SECONDS = 3.0
@@ -68,9 +69,6 @@ ROWS_LATE = "Rows are written late: the controller was identified by those that 
 IN_BAND = "It was found below {:.0f} Hz: what the drive does between the samples is left out."
 ROUGHLY = 3e-3
 """Of a derivative filter: to how much a first look finds it."""
-FIRST_STEP, LAST_STEP, MOST_PARABOLAS = 1e-2, 1e-4, 12
-NO_FALL = 1e-3
-"""Of what is left: it is known to no better than a hundredth."""
 _ROUGH_FILTERS = (0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0)
 _FILTERS = (0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 
@@ -133,45 +131,6 @@ def _best_filter(
     return law(
         samples, settled(left(samples), lowest(left(looked), (low, high), ROUGHLY), (_FILTERS[0], 1.0))
     )
-
-
-def settled(cost: Callable[[float], float], near: float, bounds: tuple[float, float]) -> float:
-    """Where a smooth cost is lowest, from near there: down parabolas through three of its values.
-
-    It ends where the next of them promises a fall of the cost that no data tell, or a step of no consequence.
-    """
-    step = FIRST_STEP
-    here = cost(near)
-    for _ in range(MOST_PARABOLAS):
-        low, high = max(near - step, bounds[0]), min(near + step, bounds[1])
-        sides = cost(low), cost(high)
-        at = np.array([low, near, high]) - near
-        slope, bend = _slope_and_bend(at, np.array([sides[0], here, sides[1]]) - here)
-        best = min((sides[0], low), (sides[1], high), (here, near))
-        if bend > 0.0:
-            ahead = min(max(near - slope / bend, near - 4.0 * step, bounds[0]), near + 4.0 * step, bounds[1])
-            best = min(best, (cost(ahead), ahead))
-        won, moved = here - best[0], abs(best[1] - near)
-        here, near = best
-        if step <= LAST_STEP or (moved <= step and won <= NO_FALL * here):
-            break
-        step = max(LAST_STEP, 0.25 * step) if moved <= step else step
-    return near
-
-
-def _slope_and_bend(at: Floats, values: Floats) -> tuple[float, float]:
-    """Slope and second derivative, at 0, of the parabola through 0 at 0 and two more points; 0 where there is none."""
-    (one, _, two), (left, _, right) = at.tolist(), values.tolist()
-    if one == 0.0 or two == 0.0:
-        return 0.0, 0.0
-    bend = 2.0 * (right / two - left / one) / (two - one)
-    return right / two - 0.5 * bend * two, bend
-
-
-def lowest(cost: Callable[[float], float], bounds: tuple[float, float], within: float) -> float:
-    """Where a cost is lowest between two bounds, to so much."""
-    options: Any = {"xatol": within}
-    return float(scipy.optimize.minimize_scalar(cost, bounds=bounds, method="bounded", options=options).x)
 
 
 def _of_prompt_rows(samples: LoopSamples) -> PositionController | None:
@@ -276,7 +235,7 @@ def positions_read(samples: LoopSamples, law: PositionController, counts: float)
     told, found = samples.position.copy(), False
     for rows in samples.stretches:
         seen = late.reference[rows], late.position[rows], late.demand[rows]
-        read = as_read(seen, late.clamped[rows], recursion, within, counts)
+        read = readings(seen, late.clamped[rows], recursion, within, counts)
         if read is not None:
             told[rows.start : rows.stop - law.position_delay] = read[law.position_delay :]
             found = True

@@ -18,11 +18,12 @@ from autotune.estimation.coordinates import (
 )
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.least_squares import DIFFERENCE, Fitted
-from autotune.estimation.problem import CHUNK, Correction, Problem
+from autotune.estimation.problem import Correction, Problem
 from autotune.estimation.residual import residual
 from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.reversal_memory import CLIMBS, climbing
+from autotune.signals.chunks import CHUNK
 
 MOST_OF_THE_FALL = 0.25
 """Of what an effect explains: no more of what is left is put down to counts and to what a loop makes of them."""

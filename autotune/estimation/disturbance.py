@@ -134,7 +134,7 @@ def in_time(measured: Floats, stretches: Sequence[slice], counts: float) -> Floa
     return position
 
 
-def as_read(
+def readings(
     seen: tuple[Floats, Floats, Floats], held: Flags, recursion: Floats, within: float, counts: float
 ) -> Floats | None:
     """Positions as a controller read them, told by what it asked for, shape (n,); None where no row was written late.

@@ -29,12 +29,13 @@ from autotune.estimation.data import TRAINING, VETO, Prepared
 from autotune.estimation.disturbance import STILL, Disturbance, coloured_power, jitter_of
 from autotune.estimation.least_squares import followed
 from autotune.estimation.parts import until_sample
-from autotune.estimation.problem import Problem, shared
+from autotune.estimation.problem import Problem
 from autotune.estimation.residual import compared_motion, raw_residual, residual
 from autotune.estimation.twin_runs import SEED, run_twin
 from autotune.models import layout
 from autotune.models.drive_model import BASE, Packed
 from autotune.models.transmission import has_load
+from autotune.signals.chunks import shared
 
 CHUNK_SECONDS = 0.4
 LEAST_CHUNKS = 6

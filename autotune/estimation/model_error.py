@@ -39,7 +39,6 @@ from autotune.estimation.disturbance_estimate import estimate_disturbance, with_
 from autotune.estimation.least_squares import Fitted, followed
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import (
-    CHUNK,
     Correction,
     Problem,
     base_free,
@@ -49,6 +48,7 @@ from autotune.estimation.problem import (
 )
 from autotune.estimation.residual import measured_motion, residual, smoothed
 from autotune.models.drive_model import DriveModel, Packed
+from autotune.signals.chunks import CHUNK
 
 SIMULATIONS = 3
 """Of the twin: its bias is their mean."""

@@ -28,8 +28,8 @@ from autotune.models.effect import Kind
 from autotune.models.lanes import WIDTH
 from autotune.models.table import EFFECTS
 from autotune.models.transmission import has_load
+from autotune.signals.chunks import chunk_means, mean_and_error, shared
 
-CHUNK = 200  # grid rows, about a second
 CERTAIN_ERRORS = 2.0
 """Standard errors of what comes again in one experiment, taken off where it must be beyond doubt."""
 NOISE_CHUNK = 60
@@ -176,7 +176,7 @@ class Problem:
 
     def repeatable(self, error: Floats, correction: Correction, role: str) -> tuple[float, float]:
         """Variance that comes again in every repeat, and its standard error [(N m)²]."""
-        return _mean_and_error(self._repeatable_chunks(error, correction, role))
+        return mean_and_error(self._repeatable_chunks(error, correction, role))
 
     def repeatable_for_certain(self, error: Floats, correction: Correction, role: str) -> float:
         """Variance that comes again beyond doubt, experiment by experiment [(N m)²].
@@ -186,7 +186,7 @@ class Problem:
         """
         chunks = self._repeatable_chunks(error, correction, role)
         rows = sum(float(one[:, 1].sum()) for one in chunks)
-        each = [(_mean_and_error([one]), float(one[:, 1].sum()) / max(rows, 1e-300)) for one in chunks]
+        each = [(mean_and_error([one]), float(one[:, 1].sum()) / max(rows, 1e-300)) for one in chunks]
         return sum(share * max(mean - CERTAIN_ERRORS * spread, 0.0) for (mean, spread), share in each)
 
     def _repeatable_chunks(self, error: Floats, correction: Correction, role: str) -> list[Floats]:
@@ -196,7 +196,7 @@ class Problem:
             if block.role != role or block.repeats < 2:
                 continue
             product = shared(self._compared(block, error)) - spare
-            means = _chunk_means(product)
+            means = chunk_means(product)
             means[:, 1] *= self._steadiness(block)
             chunks.append(means)
         return chunks
@@ -505,37 +505,3 @@ def _averaged(data: Prepared, runs: Floats) -> Correction:
             levels = table.var(axis=0, ddof=1) * data.share_of_rows(block)
             variance[i] = float(levels.mean()) / len(table)
     return Correction(bias, variance)
-
-
-def shared(table: Floats) -> Floats:
-    """Mean product of two repeats, row by row, of a table of shape (repeats, count)."""
-    k = len(table)
-    return np.asarray((table.sum(axis=0) ** 2 - (table**2).sum(axis=0)) / (k * (k - 1)))
-
-
-def _chunk_means(values: Floats) -> Floats:
-    pieces = max(1, len(values) // CHUNK)
-    return np.array([[part.mean(), len(part)] for part in np.array_split(values, pieces)])
-
-
-def by_second(values: Floats) -> Floats:
-    """Sums of the values of rows over every second or so, three of them at least."""
-    return np.array([part.sum() for part in np.array_split(values, max(3, len(values) // CHUNK))])
-
-
-def beyond_chance(values: Floats, times: float) -> bool:
-    """Whether the mean of rows is more than so many times its standard error, second by second."""
-    seconds = by_second(values)
-    error = float(seconds.std(ddof=1)) / math.sqrt(len(seconds))
-    return float(seconds.mean()) > times * error
-
-
-def _mean_and_error(chunks: list[Floats]) -> tuple[float, float]:
-    if not chunks:
-        return float("nan"), float("nan")
-    means, counts = np.concatenate(chunks).T
-    mean = float(np.average(means, weights=counts))
-    if len(means) < 3:
-        return mean, abs(mean)
-    share = counts / counts.sum()
-    return mean, float(np.sqrt(np.sum(share**2 * (means - mean) ** 2)))

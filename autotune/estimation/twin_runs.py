@@ -54,10 +54,8 @@ def run_twin(
     run = _run(
         data, packed, controller, *shaken(data, noise, random), resolution, loops or LastOf(KNOWN_LOOPS)
     )
-    if noise.jitter == 0.0:
-        return replace(run, torque=_compared(data, controller, run.position, run.torque))
     position = run.position.copy()
-    for rows in (stretch.rows for stretch in data.stretches):
+    for rows in (stretch.rows for stretch in data.stretches if noise.jitter > 0.0):
         position[rows] = _late_rows(position[rows], noise.jitter / data.period, resolution, random)
     return replace(run, position=position, torque=_compared(data, controller, position, run.torque))
 

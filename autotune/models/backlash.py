@@ -30,6 +30,8 @@ CONTACT = 3.0
 CROSSINGS = (0.06, 0.1, 0.16, 0.26, 0.42, 0.7, 1.1, 1.8)
 """Times in which a motor that its friction stops crosses gaps, in periods of the cut-off: shorter, nobody sees them;
 longer, anybody does."""
+SLOWEST = 1e-6
+"""rad/s or m/s, at which surfaces meet at least, where friction or gap come to nothing."""
 
 
 def starts(c: StartContext) -> Iterator[StartValues]:
@@ -47,10 +49,6 @@ def starts(c: StartContext) -> Iterator[StartValues]:
         }
         values = {"gap": gap, "contact_compliance": compliance, **side}
         yield StartValues(values | {"load_inertia": share, "load_friction": split}, free | load_varies(c))
-
-
-SLOWEST = 1e-6
-"""rad/s or m/s, at which surfaces meet at least, where friction or gap come to nothing."""
 
 
 def damped_by_impact(p: Floats, damping: float) -> float:

@@ -18,7 +18,6 @@ from autotune.core.arrays import Flags, Floats
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, error_left, explained_of_rest
 from autotune.estimation.alignment import BESIDE, CURRENT_LOOP, behind_current_loop, best_shift, shifted
 from autotune.estimation.bias_corrected_fit import ModelFit
-from autotune.estimation.controller_search import lowest
 from autotune.estimation.data import Prepared
 from autotune.estimation.least_squares import CORRELATED, followed, standard_errors
 from autotune.estimation.policy import Policy
@@ -26,6 +25,7 @@ from autotune.estimation.problem import Problem, refit
 from autotune.estimation.residual import measured_motion, smoothed
 from autotune.models.effect import Kind
 from autotune.models.torque_lag import IS_LATE, TIME_CONSTANT, TORQUE_LAG
+from autotune.signals.line_search import lowest
 
 CLOSE_START = 0.4
 """Of the best start's fall: starts that come so near are followed too, as gaps and speeds have several minima."""

@@ -13,16 +13,18 @@ from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, er
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult, without_chain
 from autotune.diagnosis.evidence.single import folds_of
 from autotune.diagnosis.evidence.visibility import flank_in_sight, law_hides_ringing, loop_rings_otherwise
+from autotune.diagnosis.refits import gain_on_veto
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.coordinates import Rests, without_rests
 from autotune.estimation.cross_validation import beyond_rests, drift, rests_of
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.disturbance_estimate import null_errors
 from autotune.estimation.policy import Policy
-from autotune.estimation.problem import Correction, Problem, beyond_chance
+from autotune.estimation.problem import Correction, Problem
 from autotune.models.effect import Kind
 from autotune.models.table import EFFECTS
 from autotune.models.torque_lag import TORQUE_LAG
+from autotune.signals.chunks import beyond_chance
 
 STRUCTURE_WITHOUT_TWIN = 1.0
 """Of the noise: the least rest where no twin takes out the bias of the measurement chain, a third of the noise, or
@@ -260,8 +262,7 @@ def _gain_of_load(problem: Problem, root: ModelFit, model_fit: ModelFit, gains: 
     if len(model_fit.effects) > 1 or not problem.has_veto:
         loads = [effect for effect in model_fit.effects if EFFECTS[effect].in_transmission]
         return max((gains.get(effect, 0.0) for effect in loads), default=0.0)
-    before, after = (problem.mean_square(one.fitted.error, VETO) for one in (root, model_fit))
-    return 1.0 - after / max(before, 1e-300)
+    return gain_on_veto(problem, root, model_fit)
 
 
 def _usual_noise(problem: Problem, error: Floats) -> float:

@@ -35,11 +35,12 @@ from autotune.estimation.cross_validation import beyond_presliding, gain_and_z, 
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.least_squares import Fitted
 from autotune.estimation.policy import Policy
-from autotune.estimation.problem import CHUNK, Problem, refit, without_outlying
+from autotune.estimation.problem import Problem, refit, without_outlying
 from autotune.estimation.residual import measured_motion
 from autotune.estimation.twin_runs import SEED
 from autotune.models.effect import Kind
 from autotune.models.table import EFFECTS, usual_rivals
+from autotune.signals.chunks import CHUNK
 
 LEAST_ROWS = 60
 LEAST_REST = 0.25
