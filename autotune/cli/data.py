@@ -30,7 +30,8 @@ def import_(
         typer.Option(
             metavar="NAME=FIELD[*FACTOR]",
             help="Column of the recording = column of the file (name, or number from 1) times what takes it to "
-            "SI: a number, a unit (deg, rpm, ms, mNm), products and quotients.",
+            "SI: a number, a unit (deg, rpm, ms, mNm), products and quotients. experiment=FIELD: labels that cut the "
+            "recording into experiments.",
         ),
     ] = None,
     unit: Annotated[str | None, typer.Option(metavar="rad|m", help="Rotary or linear axis.")] = None,

@@ -129,7 +129,7 @@ def test_dates_and_clocks_become_seconds(
     recording = imported.recording
     np.testing.assert_allclose(np.diff(recording["time"]), 1e-3, rtol=1e-6)
     np.testing.assert_allclose(recording["torque"], signals["torque"], rtol=1e-8)
-    assert any("texts left out: 'remark'" in line for line in imported.lines)
+    assert any("columns of texts: 'remark'" in line for line in imported.lines)
 
 
 def test_seconds_since_1970_are_counted_from_the_start(tmp_path: Path, signals: dict[str, Floats]) -> None:

@@ -26,7 +26,7 @@ FOLDERS = {"DATA_EMPS": "emps", "acc_current": "bldc_cogging", "steady_state": "
 
 
 def files_of_the_page(folder: Path) -> None:
-    """The two small files that the page speaks of."""
+    """The three small files that the page speaks of."""
     signals = axis_signals(1500)
     milliseconds, position, torque = 1e3 * signals["time"], signals["position"], signals["torque"]
     degrees = {"a": milliseconds, "b": np.degrees(position), "c": 1e3 * torque}
@@ -35,6 +35,11 @@ def files_of_the_page(folder: Path) -> None:
     write_table(folder / "axis.csv", degrees, ";", ",", head[1])
     counts = {"a": milliseconds, "b": np.round(position * 4096 / (2 * np.pi)), "c": torque / 0.12}
     write_table(folder / "plain.txt", counts, " ", head="")
+    phases = np.repeat(["slow", "fast", "fast"], 500)
+    rows = zip(milliseconds, phases, np.repeat([0, 0, 1], 500), position, torque, strict=True)
+    lines = ["t [ms],Phase,Run,Position [rad],Torque [Nm]"]
+    lines += [f"{t:.3f},{phase},{run},{q:.9g},{tau:.9g}" for t, phase, run, q, tau in rows]
+    (folder / "programme.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=[command.split()[3] for command in COMMANDS])

@@ -175,7 +175,7 @@ def test_wrong_factors(text: str) -> None:
         (HEAD, ("postion=pos",), "did you mean position"),
         (HEAD, ("position",), "NAME=FIELD"),
         (HEAD, ("position=pos", "position=pos*2"), "twice"),
-        (HEAD, ("experiment=pos",), "--experiment"),
+        (HEAD, ("experiment=pos",), "no column of labels"),
         (HEAD, ("position=pos*pony",), "pony"),
     ],
 )

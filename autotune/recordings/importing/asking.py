@@ -16,7 +16,7 @@ from autotune.recordings.importing.options import Options
 from autotune.recordings.recording import FLOAT_COLUMNS
 
 _MOST_FILES = 3
-_ORDER = (*FLOAT_COLUMNS, "repeat")
+_ORDER = (*FLOAT_COLUMNS, "experiment", "repeat")
 
 
 @dataclass(frozen=True, slots=True)

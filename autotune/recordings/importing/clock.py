@@ -63,7 +63,7 @@ def median_period(time: Floats) -> float:
 
 
 def split_runs(columns: Mapping[str, Floats], path: Path, notes: list[str]) -> list[RegularPiece]:
-    """Stretches between restarts of the clock, and where `repeat` changes.
+    """Stretches between restarts of the clock, and where `repeat` or the label of the experiment changes.
 
     Raises:
         RecordingError: time stands still or runs backwards without starting again.
@@ -85,15 +85,14 @@ def split_runs(columns: Mapping[str, Floats], path: Path, notes: list[str]) -> l
     _refuse_duplicates(columns, step, path)
     if len(backward):
         notes.append(f"the clock starts again {len(backward)} times: {len(starts) - 1} segments")
-    return cut_at(columns, sorted({*starts, *new_repeats(columns)}))
+    return cut_at(columns, sorted({*starts, *new_segments(columns)}))
 
 
-def new_repeats(columns: Mapping[str, Floats]) -> list[int]:
-    """Rows at which `repeat` changes; none where the file does not count them."""
-    if "repeat" not in columns:
-        return []
-    changes: list[int] = (np.flatnonzero(np.diff(columns["repeat"]) != 0) + 1).tolist()
-    return changes
+def new_segments(columns: Mapping[str, Floats]) -> list[int]:
+    """Rows at which `repeat` or the label of the experiment changes; none where the file has neither."""
+    told = [columns[name] for name in ("experiment", "repeat") if name in columns]
+    changes = [np.flatnonzero(np.diff(values) != 0) + 1 for values in told]
+    return sorted({int(row) for rows in changes for row in rows})
 
 
 def cut_at(columns: Mapping[str, Floats], edges: Sequence[int]) -> list[RegularPiece]:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
 import pyarrow as pa
@@ -17,8 +17,10 @@ from autotune.core.arrays import Floats
 from autotune.core.errors import RecordingError
 from autotune.recordings.importing.dialect import NULLS, WHITESPACE, Dialect, find_dialect, is_comment
 from autotune.recordings.importing.source import Loaded, Source, foreign_bytes, refuse_other_format, seconds
+from autotune.recordings.importing.texts import Coding, Labels
 
 _BAD_LINES = 100
+_T = TypeVar("_T")
 _BLOCK = 1 << 22
 _LEAST = 1 << 16
 _TYPES = {"number": pa.float64(), "date": pa.timestamp("ns"), "clock": pa.time64("ns"), "": pa.string()}
@@ -49,8 +51,12 @@ def table_source(
     def load(indices: Sequence[int]) -> Loaded:
         return load_columns(path, dialect, [kept[index] for index in indices])
 
+    def labels(number: int) -> Labels:
+        return load_labels(path, dialect, number - 1)
+
     columns = tuple(every[index] for index in kept)
-    return Source(path, columns, load, period=period, notes=(dialect.spoken, *notes), texts=texts)
+    spoken = (dialect.spoken, *notes)
+    return Source(path, columns, load, period=period, notes=spoken, texts=texts, labels=labels)
 
 
 def load_columns(path: Path, dialect: Dialect, indices: Sequence[int]) -> Loaded:
@@ -59,22 +65,56 @@ def load_columns(path: Path, dialect: Dialect, indices: Sequence[int]) -> Loaded
     Raises:
         RecordingError: a field is no number (row and field are said), or too many rows of another width.
     """
+
+    def load(normalise: bool) -> Loaded:
+        bad: list[str] = []
+        columns = [_Growing() for _ in indices]
+        for parts in _rows(path, dialect, indices, normalise, bad):
+            for column, part in zip(columns, parts, strict=True):
+                column.add(part)
+        if not any(column.rows for column in columns):
+            raise RecordingError(f"{path} has no rows of numbers")
+        return Loaded([column.whole() for column in columns], _skipped(bad))
+
+    return _tried(path, dialect, load)
+
+
+def load_labels(path: Path, dialect: Dialect, index: int) -> Labels:
+    """A column of texts, each row's as the number of its label.
+
+    Raises:
+        RecordingError: too many rows of another width.
+    """
+
+    def load(normalise: bool) -> Labels:
+        coding = Coding()
+        for (part,) in _rows(path, dialect, [index], normalise, []):
+            coding.add(part)
+        return coding.whole()
+
+    return _tried(path, dialect, load)
+
+
+def _tried(path: Path, dialect: Dialect, load: Callable[[bool], _T]) -> _T:
+    """The file as it is where that can be read, else line by line in a form of our own."""
     plain = dialect.delimiter != WHITESPACE and dialect.encoding in ("utf-8", "latin-1")
     try:
-        return _load(path, dialect, indices, not plain)
+        return load(not plain)
     except (pa.ArrowException, UnicodeError) as first:
         if not plain:
             raise _sentence(path, first) from first
     try:
-        return _load(path, dialect, indices, True)
+        return load(True)
     except (pa.ArrowException, UnicodeError) as error:
         raise _sentence(path, error) from error
 
 
-def _load(path: Path, dialect: Dialect, indices: Sequence[int], normalise: bool) -> Loaded:
+def _rows(
+    path: Path, dialect: Dialect, indices: Sequence[int], normalise: bool, bad: list[str]
+) -> Iterator[list[Any]]:
+    """The columns block by block; `bad` is told the lines that have another width."""
     names = [str(index) for index in range(len(dialect.columns))]
     wanted = [names[index] for index in indices]
-    bad: list[str] = []
 
     def bad_line(row: Any) -> str:
         bad.append(str(row.text)[:60])
@@ -100,13 +140,8 @@ def _load(path: Path, dialect: Dialect, indices: Sequence[int], normalise: bool)
                 decimal_point=dialect.decimal,
             ),
         )
-        columns = [_Growing() for _ in wanted]
         for batch in batches:
-            for column, name in zip(columns, wanted, strict=True):
-                column.add(batch.column(name))
-    if not any(column.rows for column in columns):
-        raise RecordingError(f"{path} has no rows of numbers")
-    return Loaded([column.whole() for column in columns], _skipped(bad))
+            yield [batch.column(name) for name in wanted]
 
 
 class _Growing:

@@ -56,7 +56,7 @@ class Dialect:
         decimal = ", decimal comma" if self.decimal == "," else ""
         names = "names in the header" if self.named else "no header (columns by number)"
         texts = [str(column) for column, kind in zip(self.columns, self.kinds, strict=True) if not kind]
-        left = f"; texts left out: {within(texts)}" if texts else ""
+        left = f"; columns of texts: {within(texts)}" if texts else ""
         return f"fields between {words[self.delimiter]}{decimal}, {names}, numbers from line {self.skip + 1}{left}"
 
 

@@ -66,11 +66,11 @@ def _assignment(text: str, source: Source) -> Assignment:
             "'position=Pos*deg' or 'torque=Iq*0.12'"
         )
     if target not in TARGETS:
-        near = difflib.get_close_matches(target.lower(), TARGETS, 1, 0.5)
+        allowed = (*TARGETS, "experiment")
+        near = difflib.get_close_matches(target.lower(), allowed, 1, 0.5)
         hint = f" (did you mean {near[0]}?)" if near else ""
-        hint = " (name the segment with --experiment)" if target == "experiment" else hint
         raise ConfigurationError(
-            f"--column {text!r}: {target!r} is no column of a recording{hint}; allowed are {', '.join(TARGETS)}"
+            f"--column {text!r}: {target!r} is no column of a recording{hint}; allowed are {', '.join(allowed)}"
         )
     index, factor = _field(rest, source, text)
     return Assignment(target, index, factor, rest)

@@ -29,6 +29,13 @@ from autotune.recordings.importing.clock import (
     resampled,
 )
 from autotune.recordings.importing.factor import parse_assignments
+from autotune.recordings.importing.labels import (
+    TARGET,
+    label_column,
+    load_labels,
+    refuse_experiment_too,
+    told,
+)
 from autotune.recordings.importing.leaps import Steps, judge_leaps, steps_of
 from autotune.recordings.importing.mapping import Choice, choose, motion_unit, said, value_doubt, written
 from autotune.recordings.importing.options import Options
@@ -40,7 +47,7 @@ from autotune.recordings.importing.plausible import (
     refuse_wrong_sign,
     sizes_of_dynamics,
 )
-from autotune.recordings.importing.source import Source
+from autotune.recordings.importing.source import Column, Source
 from autotune.recordings.limits import refuse_impossible
 from autotune.recordings.recording import RESERVED_EXPERIMENTS, Metadata, Recording, concatenate
 from autotune.recordings.turn_lines import unit_question
@@ -66,6 +73,7 @@ class _File:
     unit: str
     facts: Mapping[str, str]
     lines: list[str]
+    labels: tuple[str, ...] = ()
     resolution: float | None = None
     steps: Steps | None = None
 
@@ -87,25 +95,34 @@ def import_files(paths: Sequence[Path], options: Options) -> Imported:
         raise RecordingError("the files mix linear and rotary axes; import each axis by itself")
     leaps = judge_leaps([file.steps for file in files if file.steps], files[0].unit, options.keep_leaps)
     period = min(file.period for file in files)
-    parts = [part for number, file in enumerate(files) for part in _segments(file, number, period, options)]
+    labelled: dict[str, list[RegularPiece]] = {}
+    parts = [
+        part
+        for number, file in enumerate(files)
+        for part in _segments(file, number, period, labelled if file.labels else {}, options)
+    ]
     recording = concatenate(parts) if len(parts) > 1 else parts[0]
     del parts
-    lines = _lines(files) + _periods(files, period) + leaps
+    lines = _lines(files) + _periods(files, period) + leaps + _renamed(files, recording)
     recording, remarks = _judged(recording, files, options)
     return Imported(recording, tuple(plain(line) for line in lines + remarks))
 
 
 def _read(path: Path, paths: Sequence[Path], options: Options) -> _File:
     source = FORMATS[options.format](path)
-    assigned = parse_assignments(list(options.columns), source)
+    said_columns, labelled = label_column(options.columns, source)
+    refuse_experiment_too(options.experiment, labelled, path)
+    assigned = parse_assignments(said_columns, source)
     choices, doubts = choose(source, assigned, options.wishes)
     unit, why = motion_unit(choices, options.wishes)
     lines = [*source.notes, *said(choices, source), f"motion unit {unit} ({why})"]
     columns, more = _load(source, [choice for choice in choices if choice.target], lines)
     doubts += more
     if doubts:
-        raise ask(path, paths, doubts, written(choices, source, assigned), options)
+        known = written(choices, source, assigned) | ({TARGET: labelled.name} if labelled else {})
+        raise ask(path, paths, doubts, known, options)
     facts: dict[str, str] = {}
+    columns, names = _labelled(columns, source, labelled, lines)
     columns = _with_clock(columns, source, options, lines)
     columns = without_missing(columns, path, lines)
     refuse_absurd(columns, path)
@@ -122,7 +139,7 @@ def _read(path: Path, paths: Sequence[Path], options: Options) -> _File:
         pieces = on_one_grid(pieces, period, lines, facts)
     stretches = [positioned(piece, lines, facts) for piece in pieces]
     resolution = _resolution(columns, options, unit, lines)
-    return _File(path, stretches, period, unit, facts, lines, resolution, steps)
+    return _File(path, stretches, period, unit, facts, lines, names, resolution, steps)
 
 
 def _resolution(columns: dict[str, Floats], options: Options, unit: str, lines: list[str]) -> float | None:
@@ -154,6 +171,17 @@ def _load(source: Source, choices: list[Choice], lines: list[str]) -> tuple[dict
     return columns, doubts
 
 
+def _labelled(
+    columns: dict[str, Floats], source: Source, labelled: Column | None, lines: list[str]
+) -> tuple[dict[str, Floats], tuple[str, ...]]:
+    """The columns with the number of each row's label, and what the labels are called."""
+    if labelled is None:
+        return columns, ()
+    labels = load_labels(source, labelled)
+    lines += told(labelled, labels)
+    return {**columns, TARGET: labels.codes}, labels.names
+
+
 def _with_clock(
     columns: dict[str, Floats], source: Source, options: Options, lines: list[str]
 ) -> dict[str, Floats]:
@@ -183,8 +211,10 @@ def _completed(columns: dict[str, Floats], lines: list[str], facts: dict[str, st
     return columns
 
 
-def _segments(file: _File, number: int, period: float, options: Options) -> list[Recording]:
-    """The stretches of the file as recordings with the common period."""
+def _segments(
+    file: _File, number: int, period: float, seen: dict[str, list[RegularPiece]], options: Options
+) -> list[Recording]:
+    """The stretches of the file as recordings with the common period; `seen` is told them by name."""
     metadata = Metadata(
         motion_unit=file.unit,
         sample_period=period,
@@ -192,32 +222,31 @@ def _segments(file: _File, number: int, period: float, options: Options) -> list
         torque_limit=options.torque_limit,
         controller=options.controller,
     )
-    name = options.experiment or _name(file.path, file.lines)
     parts = []
-    for index, stretch in enumerate(file.stretches):
+    for stretch in file.stretches:
+        label, repeat = _label(_name(file, stretch, options), number, stretch, seen, options)
         if abs(file.period / period - 1.0) > 1e-6:
             stretch = resampled(stretch, period)
-        columns = dict(stretch.columns)
-        columns.pop("repeat", None)
+        columns = {name: values for name, values in stretch.columns.items() if name not in (TARGET, "repeat")}
         missed = np.zeros(len(stretch), dtype=np.int64)
         missed[0] = stretch.missed
-        label, repeat = _label(name, number, index, file.stretches, options)
         parts.append(Recording.from_columns(columns, metadata, label, repeat, missed))
     return parts
 
 
 def _label(
-    name: str, number: int, index: int, stretches: list[RegularPiece], options: Options
+    name: str, number: int, stretch: RegularPiece, seen: dict[str, list[RegularPiece]], options: Options
 ) -> tuple[str, int]:
     """Experiment and repeat: runs with the same reference are repetitions, other pieces are not."""
-    stretch = stretches[index]
     if "repeat" in stretch.columns:
         return name, int(stretch.columns["repeat"][0])
-    same = [i for i in range(index) if _same_reference(stretches[i], stretch)]
+    before = seen.setdefault(name, [])
+    same = [i for i, other in enumerate(before) if _same_reference(other, stretch)]
+    before.append(stretch)
     if same and not stretch.missed:
         return name if same[0] == 0 else f"{name}-{same[0] + 1}", len(same)
     repeat = number if options.experiment else 0
-    return (name if index == 0 else f"{name}-{index + 1}"), repeat
+    return (name if len(before) == 1 else f"{name}-{len(before)}"), repeat
 
 
 def _same_reference(one: RegularPiece, other: RegularPiece) -> bool:
@@ -228,13 +257,31 @@ def _same_reference(one: RegularPiece, other: RegularPiece) -> bool:
     return bool(np.max(np.abs(first - second)) <= 1e-3 * max(float(np.ptp(first)), 1e-12))
 
 
-def _name(path: Path, lines: list[str]) -> str:
-    """The file's name as an experiment's; reserved names would change what is done with the data."""
-    name = re.sub(r"[^\w.+-]+", "_", path.stem) or "import"
-    if name in RESERVED_EXPERIMENTS:
-        lines.append(f"experiment {name!r} has a meaning of its own here; this one is named 'file-{name}'")
-        return f"file-{name}"
-    return name
+def _name(file: _File, stretch: RegularPiece, options: Options) -> str:
+    """What the stretch is called: its label, or the option, or the file's name.
+
+    Reserved names change what is done with the data: only a person or a label gives them.
+    """
+    label = file.labels[int(stretch.columns[TARGET][0])] if file.labels else ""
+    if label or options.experiment:
+        return options.experiment or _plain_name(label)
+    name = _plain_name(file.path.stem)
+    return f"file-{name}" if name in RESERVED_EXPERIMENTS else name
+
+
+def _renamed(files: list[_File], recording: Recording) -> list[str]:
+    """A sentence for each file whose name means something else as an experiment's."""
+    names = {_plain_name(file.path.stem) for file in files} & set(RESERVED_EXPERIMENTS)
+    given = set(recording.experiment)
+    return [
+        f"experiment {name!r} has a meaning of its own here; this one is named 'file-{name}'"
+        for name in sorted(names)
+        if f"file-{name}" in given
+    ]
+
+
+def _plain_name(text: str) -> str:
+    return re.sub(r"[^\w.+-]+", "_", text) or "import"
 
 
 def _lines(files: list[_File]) -> list[str]:

@@ -13,6 +13,7 @@ import pyarrow.parquet
 from autotune.core.arrays import Floats
 from autotune.core.errors import RecordingError
 from autotune.recordings.importing.source import Column, Loaded, Source, foreign_bytes, seconds, short, within
+from autotune.recordings.importing.texts import Coding, Labels
 from autotune.recordings.importing.units import split_unit
 
 _UNIT_KEYS = (b"unit", b"units", b"Unit", b"unit_string")
@@ -45,7 +46,19 @@ def read_parquet(path: Path) -> Source:
 
     columns = tuple(column for field, column in every if _numeric(field.type))
     texts = tuple(column for field, column in every if not _numeric(field.type))
-    return Source(path, columns, load, texts=texts)
+
+    def labels(number: int) -> Labels:
+        coding = Coding()
+        try:
+            for chunk in (
+                pyarrow.parquet.read_table(path, columns=[schema.names[number - 1]]).column(0).chunks
+            ):
+                coding.add(chunk)
+        except (pa.ArrowException, OSError, ValueError) as error:
+            raise _damaged(path, error) from error
+        return coding.whole()
+
+    return Source(path, columns, load, texts=texts, labels=labels)
 
 
 def _numeric(kind: Any) -> bool:

@@ -15,7 +15,7 @@ from autotune.recordings.importing.clock import (
     cut_at,
     fitted_period,
     median_period,
-    new_repeats,
+    new_segments,
     regular,
     split_gaps,
     split_runs,
@@ -63,7 +63,7 @@ def _runs_by_period(
     """With `--period` the rows are regular and stamps only jitter; they must agree on the whole."""
     time = columns["time"]
     if not np.any(np.diff(time) < 0):
-        runs = cut_at(columns, [0, *new_repeats(columns), len(time)])
+        runs = cut_at(columns, [0, *new_segments(columns), len(time)])
     else:
         runs = split_runs(columns, path, lines)
     regular_runs = []

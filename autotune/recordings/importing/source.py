@@ -13,6 +13,7 @@ import pyarrow as pa
 
 from autotune.core.arrays import Floats
 from autotune.core.errors import LONGEST_NAME, RecordingError, a_few
+from autotune.recordings.importing.texts import Labels
 
 LIST_LETTERS = 60
 """Room for a list of names in a message of one line."""
@@ -69,6 +70,7 @@ class Source:
         period: sample period that the file states [s]; None if it does not.
         notes: what a person should know about the file, one sentence each.
         texts: columns that hold no numbers; they count where columns go by number.
+        labels: number of a column of texts → the label of each row; None where the format has no texts.
     """
 
     path: Path
@@ -78,6 +80,7 @@ class Source:
     period: float | None = None
     notes: tuple[str, ...] = ()
     texts: tuple[Column, ...] = ()
+    labels: Callable[[int], Labels] | None = None
 
     def described(self) -> str:
         """The columns for a message; those of one name with their numbers."""

@@ -1,0 +1,128 @@
+"""Files that say themselves which experiment a row belongs to."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+import pytest
+
+from autotune.core.errors import AutotuneError
+from autotune.recordings.recording import Recording
+
+from .conftest import Floats, bring_in
+
+HEAD = "t [s],phase,run,pos [rad],tau [Nm]"
+COLUMNS = ("time=t", "position=pos", "torque=tau")
+
+
+def programme(signals: dict[str, Floats]) -> list[tuple[float, str, int, float, float]]:
+    """2000 rows: sweep, sweep again, veto, and a stretch without a label."""
+    labels = np.repeat(["sweep", "sweep", "veto", ""], 500)
+    runs = np.repeat([0, 1, 0, 0], 500)
+    return [
+        (float(time), str(label), int(run), float(position), float(torque))
+        for time, label, run, position, torque in zip(
+            signals["time"], labels, runs, signals["position"], signals["torque"], strict=True
+        )
+    ]
+
+
+def write(path: Path, rows: list[tuple[float, str, int, float, float]], head: str = HEAD) -> Path:
+    lines = [head] + [f"{t:.6f},{label},{run},{q:.9g},{tau:.9g}" for t, label, run, q, tau in rows]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def segments(recording: Recording) -> dict[tuple[str, int], int]:
+    """Rows of each experiment and repeat."""
+    found: dict[tuple[str, int], int] = {}
+    for key in zip(recording.experiment.tolist(), recording.repeat.tolist(), strict=True):
+        found[key] = found.get(key, 0) + 1
+    return found
+
+
+def test_labels_name_the_experiments(tmp_path: Path, signals: dict[str, Floats]) -> None:
+    path = write(tmp_path / "axis.csv", programme(signals))
+    brought = bring_in(path, columns=(*COLUMNS, "experiment=phase", "repeat=run"))
+    assert segments(brought.recording) == {
+        ("sweep", 0): 500,
+        ("sweep", 1): 500,
+        ("veto", 0): 500,
+        ("axis", 0): 500,
+    }
+    np.testing.assert_allclose(brought.recording["torque"], signals["torque"], rtol=1e-8)
+    told = "\n".join(brought.lines)
+    assert "experiment = 'phase': 2 labels, sweep, veto" in told
+    assert "experiment 'veto' only gates a verdict" in told
+
+
+def test_a_column_with_the_recordings_own_name_is_taken(tmp_path: Path, signals: dict[str, Floats]) -> None:
+    path = write(tmp_path / "axis.csv", programme(signals), HEAD.replace("phase", "experiment"))
+    assert ("veto", 0) in segments(bring_in(path, columns=COLUMNS).recording)
+
+
+def test_numbers_can_be_labels(tmp_path: Path, signals: dict[str, Floats]) -> None:
+    path = write(tmp_path / "axis.csv", programme(signals))
+    found = segments(bring_in(path, columns=(*COLUMNS, "experiment=run")).recording)
+    assert found == {("run_0", 0): 500, ("run_1", 0): 500, ("run_0-2", 0): 1000}
+
+
+def test_texts_of_parquet(tmp_path: Path, signals: dict[str, Floats]) -> None:
+    path = tmp_path / "axis.parquet"
+    names = ("t", "phase", "run", "pos [rad]", "tau [Nm]")
+    columns = dict(zip(names, map(list, zip(*programme(signals), strict=True)), strict=True))
+    labels = [label or None for label in columns["phase"]]
+    pyarrow.parquet.write_table(pa.table({**columns, "phase": labels}), path, row_group_size=300)
+    wanted = ("time=t*s", "position=pos", "torque=tau", "experiment=phase", "repeat=run")
+    found = segments(bring_in(path, kind="parquet", columns=wanted).recording)
+    assert found == {("sweep", 0): 500, ("sweep", 1): 500, ("veto", 0): 500, ("axis", 0): 500}
+
+
+def test_a_label_in_several_files_is_a_repetition_where_the_reference_is_the_same(
+    tmp_path: Path, signals: dict[str, Floats]
+) -> None:
+    head = "t [s],phase,run,pos [rad],tau [Nm],soll [rad]"
+    paths = []
+    for number, scale in enumerate((1.0, 1.0, 0.5)):
+        path = tmp_path / f"day{number}.csv"
+        rows = [
+            f"{t:.6f},sine,0,{q:.9g},{tau:.9g},{scale * q:.9g}"
+            for t, q, tau in zip(signals["time"], signals["position"], signals["torque"], strict=True)
+        ]
+        path.write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
+        paths.append(path)
+    wanted = (*COLUMNS, "experiment=phase", "reference=soll")
+    found = segments(bring_in(*paths, columns=wanted).recording)
+    assert found == {("sine", 0): 2000, ("sine", 1): 2000, ("sine-3", 0): 2000}
+
+
+@pytest.mark.parametrize(
+    ("columns", "options", "message"),
+    [
+        (("experiment=phases",), {}, "did you mean 'phase'"),
+        (("experiment=pos",), {}, "no column of labels"),
+        (("experiment=phase", "experiment=run"), {}, "twice"),
+        (("experiment=phase",), {"experiment": "day"}, "leave one of the two out"),
+        (("experiment=",), {}, "NAME=FIELD"),
+    ],
+)
+def test_what_cannot_be_labels_is_said(
+    tmp_path: Path,
+    signals: dict[str, Floats],
+    columns: tuple[str, ...],
+    options: dict[str, str],
+    message: str,
+) -> None:
+    path = write(tmp_path / "axis.csv", programme(signals))
+    with pytest.raises(AutotuneError, match=message) as caught:
+        bring_in(path, columns=(*COLUMNS, *columns), **options)
+    assert caught.value.exit_code == 2
+
+
+def test_the_command_that_asks_keeps_the_labels(tmp_path: Path, signals: dict[str, Floats]) -> None:
+    path = write(tmp_path / "axis.csv", programme(signals), HEAD.replace(" [Nm]", ""))
+    with pytest.raises(AutotuneError, match=r"--column experiment=phase"):
+        bring_in(path, columns=("experiment=phase",))
