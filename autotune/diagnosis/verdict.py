@@ -53,7 +53,7 @@ from autotune.diagnosis.wording import (
 from autotune.estimation.bandwidth import prepared_both
 from autotune.estimation.bias_corrected_fit import ModelFit, unseen_error
 from autotune.estimation.coordinates import variance_shares
-from autotune.estimation.data import Prepared
+from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.disturbance_estimate import with_counts
 from autotune.estimation.model_error import model_error, with_misfit
 from autotune.estimation.policy import POLICY, Policy
@@ -304,7 +304,7 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
         confusable,
         variance_shares(problem.data, root.fitted.error, problem.training > 0),
         facts.evidence.noise_rms(problem, final),
-        next_experiment(case.verdict, effects, confusable, confidence, chosen, own_axis),
+        next_experiment(case.verdict, effects, confusable, confidence, chosen, own_axis, _kinds(problem)),
         problem.twin,
         unseen_error(problem, final),
         notes=(*notes, *filter(None, said), TORQUE_CONSTANT),
@@ -313,6 +313,11 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
         root=root,
         base=facts.base,
     )
+
+
+def _kinds(problem: Problem) -> int:
+    """How many motions were fitted that were played more than once."""
+    return len({block.name for block in problem.data.blocks if block.role == TRAINING and block.repeats > 1})
 
 
 def _as_chosen(found: Found) -> list[FittedCandidate]:

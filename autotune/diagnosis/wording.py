@@ -73,6 +73,13 @@ OWN_RECORDER = (
     "record it with your own controller or scope, at least twice, and import both: autotune data import FILE"
 )
 """Where the axis is not one that this program has recorded."""
+OTHER_STATE = (
+    "These data hold {kinds} kinds of motion, each repeated, so another motion tells little more. Change one thing on "
+    "the machine and record the same again: the load taken off, another payload, cold and warm. What changes with it "
+    "tells where it comes from; the page of autotune model compare --html shows where and when it is there"
+)
+ALL_KINDS = 5
+"""Kinds of motion among which every effect shows itself; as many as where nothing is known of what is missing."""
 MOST_NAMES = 4
 """In one sentence: a longer list tells nobody what to look at."""
 
@@ -250,13 +257,20 @@ def next_experiment(
     confidence: str | None,
     chosen: FittedCandidate | None,
     own_axis: bool,
+    kinds: int = 0,
 ) -> str | None:
-    """What to record next, where that would tell more; None where nothing is missing or all is confirmed."""
+    """What to record next, where that would tell more; None where nothing is missing or all is confirmed.
+
+    Args:
+        kinds: how many motions these data hold that were played more than once.
+    """
     if verdict == "ambiguous":
         return separating_experiment(confusable[0], own_axis)
     if verdict == "named" and confidence == "suspected":
         near = confusable[0] if confusable else effects
         return separating_experiment(near, own_axis) + ". A second trajectory confirms or refutes the name."
+    if verdict == "unknown" and kinds >= ALL_KINDS:
+        return OTHER_STATE.format(kinds=kinds)
     if verdict == "unknown":
         return separating_experiment(chosen.model_fit.effects if chosen else (), own_axis)
     return None

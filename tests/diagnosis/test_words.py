@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from autotune.core.errors import ConfigurationError, a_few
-from autotune.diagnosis.wording import MOST_NAMES, PROGRAMME, separating_experiment
+from autotune.diagnosis.wording import MOST_NAMES, PROGRAMME, next_experiment, separating_experiment
 from autotune.models.table import EFFECTS, effect_kind
 
 
@@ -15,6 +15,16 @@ def test_who_has_a_file_only_is_not_sent_to_an_axis_file() -> None:
     assert "AXIS.toml" not in foreign
     assert "autotune data import" in foreign
     assert "To tell spring from gravity imbalance" in foreign
+
+
+def test_who_gave_every_kind_of_motion_is_not_asked_for_them_again() -> None:
+    few, all_of_them = (next_experiment("unknown", (), (), None, None, True, kinds) for kinds in (2, 7))
+    assert few is not None
+    assert PROGRAMME in few
+    assert all_of_them is not None
+    assert PROGRAMME not in all_of_them
+    assert "7 kinds of motion" in all_of_them
+    assert "another payload" in all_of_them
 
 
 def test_nobody_is_asked_to_tell_ten_effects_apart() -> None:
