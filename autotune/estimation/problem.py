@@ -193,11 +193,12 @@ class Problem:
         """Of each repeated experiment the mean of every second or so, and how much it counts, shape (chunks, 2)."""
         chunks: list[Floats] = []
         for block, spare in zip(self.data.blocks, correction.variance, strict=True):
-            if block.role != role or block.repeats < 2:
+            steady = self._steadiness(block)
+            if block.role != role or block.repeats < 2 or steady == 0.0:
                 continue
             product = shared(self._compared(block, error)) - spare
             means = chunk_means(product)
-            means[:, 1] *= self._steadiness(block)
+            means[:, 1] *= steady
             chunks.append(means)
         return chunks
 
