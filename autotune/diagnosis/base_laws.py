@@ -186,12 +186,17 @@ def _as_chain(model_fit: ModelFit, links: Sequence[float]) -> tuple[Packed, list
     `links`: of the bristle's reach, where elements slide.
     """
     packed = model_fit.fitted.packed
-    level, reach = float(packed.p[layout.COULOMB]), float(packed.p[layout.COULOMB] / packed.p[layout.STIFFNESS])
+    level, reach = (
+        float(packed.p[layout.COULOMB]),
+        float(packed.p[layout.COULOMB] / packed.p[layout.STIFFNESS]),
+    )
     elements = _on_the_curve(level, reach, reach * np.array(links))
     started = _started(packed, elements)
     p, on = started.p, started.on.copy()
     on[REMEMBERS] = True
-    p[layout.MICRO_DAMPING] = max(packed.p[layout.MICRO_DAMPING], usual_damping(level / reach, p[layout.INERTIA]))
+    p[layout.MICRO_DAMPING] = max(
+        packed.p[layout.MICRO_DAMPING], usual_damping(level / reach, p[layout.INERTIA])
+    )
     share_damping(p, on)
     free = [_down_to(one, LEAST_LEVEL * level) for one in model_fit.free]
     for i, one in enumerate(elements, 1):
