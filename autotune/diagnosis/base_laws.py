@@ -14,7 +14,7 @@ together, with what is left of the bristle, is the one stiffness that presliding
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,12 +29,21 @@ from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import usual_damping
 from autotune.estimation.cross_validation import gain_and_z, held_out
 from autotune.estimation.data import VETO
-from autotune.estimation.least_squares import Free
+from autotune.estimation.least_squares import Fitted, Free
 from autotune.estimation.problem import Problem, fading_free, refit
 from autotune.models import layout
 from autotune.models.drive_model import FADING, Packed
 from autotune.models.effect import Kind
-from autotune.models.reversal_memory import ELEMENTS, REMEMBERS, REVERSAL_MEMORY, climbing, of_one_contact
+from autotune.models.reversal_memory import (
+    DAMPING,
+    ELEMENTS,
+    REMEMBERS,
+    REVERSAL_MEMORY,
+    as_one_bristle,
+    climbing,
+    of_one_contact,
+    share_damping,
+)
 from autotune.models.table import EFFECTS
 
 EFFECT = REVERSAL_MEMORY.name
@@ -59,11 +68,11 @@ SHORTEST, SHORTER, ROOM = 0.1, 0.3, 3.0
 """Times where an element begins: how short it may become, of a climb and of a memory, and how long."""
 BEYOND = (1.5, 5.0)
 """Times the way on which a contact climbs: where elements would go on that are memory."""
-ELEMENT_SLOTS = tuple(
-    REVERSAL_MEMORY.parameter(f"{part}_{n}").slot
-    for n in range(1, ELEMENTS + 1)
-    for part in ("displacement", "torque")
-)
+ELEMENT_SLOTS = tuple(parameter.slot for parameter in REVERSAL_MEMORY.parameters)
+LINKS, MORE_LINKS = (0.5, 1.2), (0.3, 0.7, 1.2, 2.0)
+"""Of a bristle's reach: where the contacts of a chain let go that take its place, and those of a finer one."""
+LEAST_LEVEL = 1e-3
+"""Of all friction: what is left of the bristle at least, where a chain is in its place."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,15 +130,46 @@ def with_climb(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
     """The model with elements that make its contact climb by another curve; None where the data do not ask for it.
 
     A part of friction that is there at once, as of a contact too short to be seen, and one that lets go where the
-    bristle is bent: what powers of Dahl's law, elastic-then-plastic contacts and chains of them have in common. None
-    where elements would go on beyond that contact: that is memory.
+    bristle is bent: what powers of Dahl's law, elastic-then-plastic contacts and chains of them have in common. Or the
+    bristle taken apart into a chain of contacts that are damped as long as they stick, as the generalised Maxwell-slip
+    model has it. None where elements would go on beyond that contact: that is memory.
     """
     fitted = model_fit.fitted
     known = {layout.COULOMB, layout.STIFFNESS, layout.MICRO_DAMPING} <= {one.slot for one in model_fit.free}
     there = fitted.packed.on[REMEMBERS] or problem.two_masses(fitted.packed)
     if there or not known or problem.data.steady:
         return None
-    p, on = fitted.packed.p.copy(), fitted.packed.on.copy()
+    starts = [_with_parts(model_fit), _as_chain(model_fit, LINKS)]
+    shorts = [refit(problem, *start, model_fit.correction, SHORT) for start in starts]
+    least = (1.0 - problem.policy.least_gain) * fitted.cost
+    climbs = _one_contact(problem, model_fit, [short for short in shorts if short.cost < least])
+    if climbs is None or not asked_for(problem, model_fit, climbs) or _remembers_beyond(problem, climbs):
+        return None
+    return _with_more_links(problem, model_fit, climbs) or climbs
+
+
+def _with_more_links(problem: Problem, model_fit: ModelFit, climbs: ModelFit) -> ModelFit | None:
+    """A chain of more contacts, where it predicts better than the model that `climbs`; else None."""
+    if climbs.fitted.packed.p[DAMPING] == 0.0:
+        return None
+    short = refit(problem, *_as_chain(model_fit, MORE_LINKS), model_fit.correction, SHORT)
+    finer = _one_contact(problem, model_fit, [short])
+    return finer if finer is not None and asked_for(problem, climbs, finer) else None
+
+
+def _one_contact(problem: Problem, model_fit: ModelFit, near: Sequence[Fitted]) -> ModelFit | None:
+    """Of several fits the lowest that is one contact inside the twin."""
+    for short in sorted(near, key=lambda one: one.cost):
+        climbs = fit_inside_twin(problem, short.packed, list(short.free), ROUNDS + 1, model_fit.effects)
+        if climbs is not None and of_one_contact(climbs.fitted.packed.p):
+            return climbs
+    return None
+
+
+def _with_parts(model_fit: ModelFit) -> tuple[Packed, list[Free]]:
+    """A start of elements beside the bristle, which keeps most of it."""
+    packed = model_fit.fitted.packed
+    p, on = packed.p.copy(), packed.on.copy()
     level, reach = float(p[layout.COULOMB]), float(p[layout.COULOMB] / p[layout.STIFFNESS])
     on[REMEMBERS] = True
     p[layout.COULOMB] *= 1.0 - sum(share for _, share in PARTS)
@@ -137,16 +177,34 @@ def with_climb(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
     more = [_element_free(i, way, level, SHORTEST * way) for i, way in enumerate(ways, 1)]
     for i, (place, share) in enumerate(PARTS, 1):
         p[_slot("displacement", i)], p[_slot("torque", i)] = place * reach, share * level
-    free = [*model_fit.free, *(one for pair in more for one in pair)]
-    short = refit(problem, Packed(p, on), free, model_fit.correction, SHORT)
-    if not short.cost < (1.0 - problem.policy.least_gain) * fitted.cost:
-        return None
-    climbs = fit_inside_twin(problem, short.packed, list(short.free), ROUNDS + 1, model_fit.effects)
-    if climbs is None or not of_one_contact(climbs.fitted.packed.p):
-        return None
-    return (
-        climbs if asked_for(problem, model_fit, climbs) and not _remembers_beyond(problem, climbs) else None
+    return Packed(p, on), [*model_fit.free, *(one for pair in more for one in pair)]
+
+
+def _as_chain(model_fit: ModelFit, links: Sequence[float]) -> tuple[Packed, list[Free]]:
+    """A start of elements in place of the bristle, on its virgin curve, with a damping of their own.
+
+    `links`: of the bristle's reach, where elements slide.
+    """
+    packed = model_fit.fitted.packed
+    level, reach = (
+        float(packed.p[layout.COULOMB]),
+        float(packed.p[layout.COULOMB] / packed.p[layout.STIFFNESS]),
     )
+    elements = _on_the_curve(level, reach, reach * np.array(links))
+    started = _started(packed, elements)
+    p, on = started.p, started.on.copy()
+    on[REMEMBERS] = True
+    p[layout.MICRO_DAMPING] = max(
+        packed.p[layout.MICRO_DAMPING], usual_damping(level / reach, p[layout.INERTIA])
+    )
+    share_damping(p, on)
+    free = [_down_to(one, LEAST_LEVEL * level) for one in model_fit.free]
+    for i, one in enumerate(elements, 1):
+        free += _element_free(i, one.displacement, level, SHORTER * one.displacement)
+    damping = REVERSAL_MEMORY.parameter("damping")
+    scale = 0.3 * float(p[damping.slot])
+    free.append(Free(REVERSAL_MEMORY.surface(damping.name), damping.slot, 0.0, damping.upper, scale, np.inf))
+    return Packed(p, on), free
 
 
 def _element_free(number: int, place: float, level: float, shortest: float = 0.0) -> tuple[Free, Free]:
@@ -179,8 +237,9 @@ def _remembers_beyond(problem: Problem, climbs: ModelFit) -> bool:
 def without_climb(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
     """The model with one bristle again; None where the twin is unstable."""
     p, on = model_fit.fitted.packed.p.copy(), model_fit.fitted.packed.on.copy()
-    more = 1.0 + sum(one.torque for one in _present(p)) / float(p[layout.COULOMB])
-    p[[layout.COULOMB, layout.STIFFNESS]] *= more
+    level, reach = as_one_bristle(p)
+    p[layout.COULOMB], p[layout.STIFFNESS] = level, level / reach
+    p[layout.MICRO_DAMPING] += p[DAMPING]
     p[[*ELEMENT_SLOTS]], on[REMEMBERS] = 0.0, False
     free = [one for one in model_fit.free if one.slot not in ELEMENT_SLOTS]
     return fit_inside_twin(problem, Packed(p, on), free, ROUNDS, model_fit.effects)
@@ -416,11 +475,16 @@ def _started(packed: Packed, elements: list[_Element]) -> Packed:
     return Packed(p, packed.on)
 
 
+def _down_to(one: Free, least: float) -> Free:
+    """A free parameter; the bristle's level may come as low as that."""
+    return replace(one, lower=min(one.lower, least)) if one.slot == layout.COULOMB else one
+
+
 def _free(problem: Problem, model_fit: ModelFit, elements: list[_Element]) -> list[Free]:
     coulomb = float(model_fit.fitted.packed.p[layout.COULOMB])
     friction = coulomb + sum(one.torque for one in elements)
     free = [f for f in model_fit.free if not f.name.startswith(f"{EFFECT}.")]
-    free = [replace(f, lower=min(f.lower, 1e-3 * friction)) if f.name == "coulomb" else f for f in free]
+    free = [_down_to(f, LEAST_LEVEL * friction) for f in free]
     for i, one in enumerate(elements, 1):
         shortest = max(SHORTER * one.displacement, problem.data.resolution)
         way, torque = _element_free(i, one.displacement, friction, shortest)

@@ -151,16 +151,16 @@ def _searched(
     candidates: Sequence[Kind] | None,
 ) -> Searched:
     """What a search comes to, begun again where the base turns out to have another law; with the model, and notes."""
-    base, first = model, True
+    base, first, beside = model, True, None
     while True:
         problem, root, nominal, notes = begin(data, base, progress, policy=policy)
         problem = with_misfit(with_counts(problem, root.fitted.packed))
         if candidates is not None:
             problem = replace(problem, candidates=tuple(candidates))
-        found = search(problem, root, nominal, progress, first)
+        found = search(problem, root, nominal, progress, first, beside)
         if found.begin_again is None:
             break
-        base, first = model_from(model, found.begin_again, found.root.free), False
+        base, first, beside = model_from(model, found.begin_again, found.root.free), False, found.beside
     told = told_of_base(found.root.fitted.packed, model.pack(), model.motion_unit, found.presliding is None)
     return replace(found, base=told), nominal, notes_after(notes, problem, found.problem)
 

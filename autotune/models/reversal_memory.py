@@ -184,6 +184,11 @@ def of_one_contact(p: Floats) -> bool:
     return drawn_out(p) < 1.0 or left < HUNDREDTH
 
 
+def as_one_bristle(p: Floats) -> tuple[float, float]:
+    """Level [N m or N] and reach [rad or m] of the bristle that climbs after a rest as bristle and elements do."""
+    return _level(p), _way_to(p, ONE_REACH)
+
+
 def _used(p: Floats) -> tuple[Floats, Floats]:
     """Displacements [rad or m] and torques [N m or N] of the elements in use."""
     reach, torque = p[_AT : _AT + 2 * ELEMENTS : 2], p[_AT + 1 : _AT + 2 * ELEMENTS : 2]

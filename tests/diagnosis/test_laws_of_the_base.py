@@ -11,6 +11,8 @@ from autotune.diagnosis.found_model import found_model
 from autotune.diagnosis.verdict import Diagnosis, diagnose
 from autotune.estimation.least_squares import standard_errors
 from autotune.models.drive_model import DriveModel, base_model
+from autotune.models.layout import MICRO_DAMPING
+from autotune.models.reversal_memory import DAMPING
 from autotune.models.stribeck import STRIBECK
 from autotune.recordings.recording import Recording
 from autotune_sim.plant import Bristle, Element
@@ -115,6 +117,44 @@ def test_an_effect_is_named_beside_friction_that_is_there_at_once() -> None:
 def test_a_memory_keeps_its_name_beside_friction_that_is_there_at_once() -> None:
     found = diagnose([at_once(49, {"reversal_memory": 0.06})], base_model(NOMINAL))
     assert (found.verdict, found.effects) == ("named", ("reversal_memory",))
+
+
+LINKS = (0.45, 0.75, 1.25, 2.1)
+"""Of a bristle's reach: where contacts of a chain let go that carry alike."""
+
+
+def chain(seed: int, effects: dict[str, float]) -> Recording:
+    """A plain axis with contacts that let go one after another, each damped as long as it sticks."""
+    axis = plain_axis(seed, effects)
+    own = axis.plant.bristle
+    assert own is not None
+    part, reach = own.coulomb / len(LINKS), own.coulomb / own.stiffness
+    elements = tuple(Element(place * reach, part) for place in LINKS)
+    damping = 2.0 * DAMPED * math.sqrt(own.stiffness * axis.plant.inertia)
+    plant = replace(
+        axis.plant, bristle=None, micro_damping=damping, elements=(*elements, *axis.plant.elements)
+    )
+    return play(replace(axis, plant=plant), seed)
+
+
+@pytest.mark.slow(12)
+def test_a_chain_of_contacts_that_are_damped_while_they_stick_is_a_law_of_the_base() -> None:
+    recording = chain(45, {})
+    found = diagnose([recording], base_model(NOMINAL))
+    assert (found.verdict, found.effects) == ("none", ())
+    assert any("another curve than the exponential" in note for note in found.notes)
+    assert found.root is not None
+    assert found.root.fitted.packed.p[DAMPING] > found.root.fitted.packed.p[MICRO_DAMPING]
+    made = found_model(found, base_model(NOMINAL), "2024-05-01", "bench")
+    assert made is not None
+    assert made.error_after < 0.9 * made.error_before
+    assert diagnose([recording], made.model).verdict == "none"
+
+
+@pytest.mark.slow(12)
+def test_an_effect_is_named_beside_such_a_chain() -> None:
+    found = diagnose([chain(48, {"nonlinear_viscous": 0.02})], base_model(NOMINAL))
+    assert (found.verdict, found.effects) == ("named", ("nonlinear_viscous",))
 
 
 def falling(bristle: Bristle) -> DriveModel:
