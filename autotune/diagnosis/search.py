@@ -170,7 +170,7 @@ class _Search:
         self._drop_laws()
         self._try_look_alikes()
         found = (self.problem, self.root, self.chosen, self.first, self.tried, self.generic)
-        return self._beside_own_presliding(Found(*found, self._still_freed()))
+        return self._where_it_slides(self._beside_own_presliding(Found(*found, self._still_freed())))
 
     def _seek(self) -> None:
         """Adds effects to the root, one beside the other, as long as they explain enough."""
@@ -369,6 +369,31 @@ class _Search:
             return beside
         found = replace(beside, problem=again.problem, root=again.root, sliding=sliding)
         return replace(found, chosen=chosen, freed=again._still_freed())
+
+    def _where_it_slides(self, found: Found) -> Found:
+        """What was found, by what it explains while the contact slides, where the base has another law of presliding.
+
+        No two such laws are alike near a reversal, and what the law that was found leaves there is as much a part of
+        what repeats as an effect is. An effect that explains half of all, and all that is left where any contact slides,
+        is no worse for it.
+        """
+        chosen, root = found.chosen, found.root
+        otherwise = any(law.there(root.fitted.packed) for law in BASE_LAWS)
+        if chosen is None or chosen.named or not otherwise or found.sliding is not None:
+            return found
+        sliding = beyond_presliding(self.problem, root.fitted.packed)
+        if sliding is None or not self._shares_with_repeats(sliding, chosen):
+            return found
+        part = judged(sliding, root, chosen.model_fit, chosen.effect)
+        if part.share <= chosen.share:
+            return found
+        return replace(found, chosen=replace(part, gain=chosen.gain), sliding=sliding)
+
+    def _shares_with_repeats(self, sliding: Problem, chosen: FittedCandidate) -> bool:
+        """Whether repeats tell that something is left while the contact slides, of which half of all is explained."""
+        if not self.evidence.repeats or chosen.share < self.problem.policy.partly:
+            return False
+        return self.evidence.structure_left(sliding, self.root)
 
     def _while_sliding(self, sliding: Problem, chosen: FittedCandidate) -> FittedCandidate | None:
         """An effect by what it explains while the contact slides; None where it hardly lowers what is left there.
