@@ -5,10 +5,17 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from autotune.diagnosis.candidates import no_progress
+from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.found_model import found_model
+from autotune.diagnosis.refits import judged
+from autotune.diagnosis.search import Found, _Search
 from autotune.diagnosis.verdict import Diagnosis, diagnose
+from autotune.estimation.cross_validation import beyond_presliding
+from autotune.estimation.data import TRAINING
 from autotune.estimation.least_squares import standard_errors
 from autotune.models.drive_model import DriveModel, base_model
 from autotune.models.layout import MICRO_DAMPING
@@ -175,3 +182,31 @@ def test_friction_in_the_base_that_falls_by_another_curve_is_shaped_first() -> N
     made = found_model(found, falling(true), "2024-05-01", "bench")
     assert made is not None
     assert made.model["stribeck_exponent"] == pytest.approx(known["stribeck_exponent"][0])
+
+
+@pytest.mark.slow(12)
+def test_what_that_law_leaves_near_reversals_is_not_held_against_an_effect() -> None:
+    """The same rest near reversals in every repeat, as no law of presliding follows: half of all that comes again."""
+    told = diagnose([at_once(48, {"nonlinear_viscous": 0.02})], base_model(NOMINAL))
+    problem, root, named = told.problem, told.root, told.model_fit
+    assert problem is not None
+    assert root is not None
+    assert named is not None
+    sliding = beyond_presliding(problem, root.fitted.packed)
+    assert sliding is not None
+    near = (sliding.weight == 0.0) & (problem.weight > 0.0)
+    lost = problem.mean_square(root.fitted.error, TRAINING) - problem.mean_square(
+        named.fitted.error, TRAINING
+    )
+    rest = math.sqrt(0.6 * lost / float(np.mean(near[problem.training > 0]))) * near
+    evidence = evidence_of(problem.data)
+    root, named = (
+        replace(one, fitted=replace(one.fitted, error=one.fitted.error + rest)) for one in (root, named)
+    )
+    chosen = judged(problem, root, named, "nonlinear_viscous")
+    assert problem.policy.partly < chosen.share < problem.policy.named
+    search = _Search(problem, root, root.fitted.packed, no_progress, evidence)
+    found = search._where_it_slides(Found(problem, root, chosen, (), (), {}))
+    assert found.sliding is not None
+    assert found.chosen is not None
+    assert found.chosen.named
