@@ -12,7 +12,7 @@ from autotune.diagnosis.candidates import Progress, ScreenedCandidate
 from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.starts import Context, FitStart, scouted, shapes, starts_of
 from autotune.diagnosis.transmission import adds_nothing
-from autotune.estimation.bias_corrected_fit import STEPS_A_ROUND, ModelFit, stepped, twinned
+from autotune.estimation.bias_corrected_fit import STEPS_A_ROUND, ModelFit, fit_inside_twin, stepped, twinned
 from autotune.estimation.coordinates import generic_columns
 from autotune.estimation.cross_validation import evenly, gain_and_z, held_out, with_columns
 from autotune.estimation.least_squares import Fitted, fit
@@ -30,6 +30,8 @@ NEAR_BEST, NEAR_WORTH = 0.3, 0.5
 """Beside another effect: of the best short fit's fall, and of the fall that a further effect is worth having for."""
 HOPEFUL = 3e-3
 """Relative fall of the cost that a short fit must be able to reach, to be begun."""
+MOST_BACK = 0.5
+"""Of the rows that were left out: an effect beside which no more of them stand out explains most."""
 TO_ITS_END = 15
 """Rounds of a fit that is not given up."""
 
@@ -96,6 +98,29 @@ def rank(
     found = [_followed(problem, evidence, base, kind, fits, least) for kind, fits in tried]
     found = evidence.borne_out(model_fit, [item for item in found if np.isfinite(item.gain)])
     return sorted(found, key=lambda item: -item.gain)
+
+
+def rows_back(
+    problem: Problem, evidence: Evidence, root: ModelFit, nominal: Packed, progress: Progress
+) -> tuple[Problem, ModelFit]:
+    """Problem and root with those rows that were left out as events, where an effect explains most of them.
+
+    What shows at reversals only, or at high torque, looks like starts and stops until it is looked for there.
+    """
+    out = float(np.mean(problem.weight == 0.0))
+    whole = replace(problem, weight=np.ones_like(problem.weight))
+    base = None
+    if out > 0.0 and evidence.weights(problem, root.fitted.error) is not None:
+        base = fit_inside_twin(whole, root.fitted.packed, list(root.free), 2, root.effects)
+    if base is None:
+        return problem, root
+    found = [evidence.weights(whole, item.fitted.error) for item in rank(whole, evidence, base, nominal, progress)]
+    weight = max((one for one in found if one is not None), key=np.count_nonzero, default=problem.weight)
+    if np.mean(weight == 0.0) > MOST_BACK * out:
+        return problem, root
+    again = replace(problem, weight=weight)
+    there = fit_inside_twin(again, root.fitted.packed, list(root.free), 2, root.effects)
+    return (problem, root) if there is None else (again, there)
 
 
 def _least_fall(problem: Problem, base: ModelFit, best: Sequence[_ShortFit], worth: float) -> float:
