@@ -114,7 +114,9 @@ def rows_back(
         base = fit_inside_twin(whole, root.fitted.packed, list(root.free), 2, root.effects)
     if base is None:
         return problem, root
-    found = [evidence.weights(whole, item.fitted.error) for item in rank(whole, evidence, base, nominal, progress)]
+    found = [
+        evidence.weights(whole, item.fitted.error) for item in rank(whole, evidence, base, nominal, progress)
+    ]
     weight = max((one for one in found if one is not None), key=np.count_nonzero, default=problem.weight)
     if np.mean(weight == 0.0) > MOST_BACK * out:
         return problem, root
@@ -150,8 +152,8 @@ def _sized(problem: Problem, model_fit: ModelFit, kind: Kind, start: FitStart) -
     """A start with the size that its shape asks for, as the base is fitted beside it; None where size is all there is.
 
     What a base takes up of an effect may be many times what it leaves. Begun as large as that, both are led by a shape
-    that has hardly a size yet, along a curved valley: of a film that shears off, on one trajectory, such a fit explained
-    a sixth after fifteen rounds, and this one six sevenths after two.
+    that has hardly a size yet, along a curved valley: of a film that shears off, on one trajectory, such a fit
+    explained a fifth after fifteen rounds, and this one five sixths after two.
     """
     size = [one for one in start.free if one.slot == kind.slot(kind.size)] if kind.size else []
     if not size or len(start.free) == 1:

@@ -138,6 +138,7 @@ class Kind:
         free_shape: what begins and varies beside its own law where that is another one: the same place, any course.
         own_size: what its own law is scaled by, where a free course is a sum beside that law and may do without it.
         terms: of what it is a sum of numbered terms; None where it is not.
+        waves: p → orders of waves over place that it has by its own law or another: none of them is another's.
         may_grow: further terms are looked for beside those that a model has.
 
     When it can be seen:
@@ -181,6 +182,7 @@ class Kind:
     free_shape: Callable[[StartContext], StartValues | None] | None = None
     own_size: str = ""
     terms: Terms | None = None
+    waves: Callable[[Floats], tuple[float, ...]] | None = None
     may_grow: bool = False
     extent: Measure | None = None
     resonance: Measure | None = None

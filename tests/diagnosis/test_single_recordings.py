@@ -350,7 +350,9 @@ def _strokes(top: float) -> np.ndarray:
         speed = top * np.exp(random.uniform(np.log(0.12), 0.0)) * (-1.0) ** len(speeds)
         ramp = np.linspace(0.0, np.pi, int(abs(speed) / (6e-3 * top)) + 20)
         up = speed * 0.5 * (1.0 - np.cos(ramp))
-        speeds.append(np.concatenate([up, np.full(int(250.0 * top / abs(speed)), speed), up[::-1], np.zeros(60)]))
+        speeds.append(
+            np.concatenate([up, np.full(int(250.0 * top / abs(speed)), speed), up[::-1], np.zeros(60)])
+        )
         seconds += len(speeds[-1]) * PERIOD
     return np.cumsum(np.concatenate(speeds)) * PERIOD
 
