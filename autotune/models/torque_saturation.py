@@ -114,7 +114,6 @@ TORQUE_SATURATION = Kind(
     look_alikes=(IN_TORQUE, AT_REVERSALS),
     not_fed_forward="it acts where there is no torque in reserve",
     starts=starts,
-    size="loss",
     free_shape=free_shape,
     own_size="loss",
     quick=True,
