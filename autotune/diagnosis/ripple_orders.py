@@ -96,7 +96,8 @@ def find_orders(
         trial, beside_found, left = waves.together([*trial, order], SPACING * tells, basis, error)
         order, rest = trial[-1], float(left @ left)
         beside = np.where(far, _gains(table, beside_found, left), 0.0)
-        if order < orders[0]:  # a wave that slides below is the imbalance's
+        slid = any(abs(order - other) <= SAME * tells for other in present)
+        if slid or order < orders[0]:  # to one in the model; a wave that slides below is the imbalance's
             break
         fallen = [
             before,

@@ -47,7 +47,7 @@ from autotune.diagnosis.refits import (
     without_insignificant_terms,
 )
 from autotune.diagnosis.ripple_orders import with_whole_orders
-from autotune.diagnosis.screening import NEAR_WORTH, at_its_best, generic_gains, rank, screen
+from autotune.diagnosis.screening import NEAR_WORTH, at_its_best, generic_gains, rank, rows_back, screen
 from autotune.diagnosis.transmission import (
     other_contact_tried,
     other_transmission_tried,
@@ -159,6 +159,9 @@ class _Search:
 
     def found(self) -> Found:
         self._shape_base()
+        self.problem, self.root = rows_back(
+            self.problem, self.evidence, self.root, self.nominal, self.progress
+        )
         self._seek()
         if self.begin_again is None and self._other_law_beside():
             self._seek()

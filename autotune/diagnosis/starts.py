@@ -150,6 +150,9 @@ class Context:
         present = [
             float(self.p[TORQUE_RIPPLE.slot(f"order_{i}")]) for i in TORQUE_RIPPLE.terms_in_use(self.p)
         ]
+        for kind in EFFECTS.values():
+            if kind.waves is not None and self.fitted.packed.on[layout.flag(kind.name)]:
+                present += kind.waves(self.p)
         return find_orders(self.problem, thinned(self, sliding=True), self.angle, present, most)
 
 

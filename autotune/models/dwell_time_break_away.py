@@ -134,6 +134,7 @@ DWELL_TIME_BREAK_AWAY = Kind(
     not_fed_forward="it depends on how long the axis has rested, and on every small motion then",
     kernels=Kernels(level=age_level),
     starts=starts,
+    size="rise",
     free_shape=free_shape,
     needs_rests=True,
     quick=True,

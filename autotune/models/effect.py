@@ -132,10 +132,13 @@ class Kind:
     How it is fitted:
         starts: where a fit of it begins; several where its law has several minima.
         why_no_start: what it means for people where there is no start.
+        size: what the effect is proportional to, where else that is free says how it is shaped: a fit begins with it
+            alone, as a shape of nothing leads anywhere.
         freed_later: name → how it varies, once a first fit is there.
         free_shape: what begins and varies beside its own law where that is another one: the same place, any course.
         own_size: what its own law is scaled by, where a free course is a sum beside that law and may do without it.
         terms: of what it is a sum of numbered terms; None where it is not.
+        waves: p → orders of waves over place that it has by its own law or another: none of them is another's.
         may_grow: further terms are looked for beside those that a model has.
 
     When it can be seen:
@@ -174,10 +177,12 @@ class Kind:
     kernels: Kernels = Kernels()
     starts: Callable[[StartContext], Iterator[StartValues]] = no_start
     why_no_start: str = "there is nothing in the motion to start a fit from"
+    size: str = ""
     freed_later: Callable[[Floats], Mapping[str, Vary]] | None = None
     free_shape: Callable[[StartContext], StartValues | None] | None = None
     own_size: str = ""
     terms: Terms | None = None
+    waves: Callable[[Floats], tuple[float, ...]] | None = None
     may_grow: bool = False
     extent: Measure | None = None
     resonance: Measure | None = None

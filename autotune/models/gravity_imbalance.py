@@ -83,6 +83,11 @@ def free_shape(c: StartContext) -> StartValues | None:
     return StartValues({}, {"sin_2": Vary(0.1 * c.coulomb), "cos_2": Vary(0.1 * c.coulomb)})
 
 
+def waves(p: Floats) -> tuple[float, ...]:
+    """One a turn of the load, and two where its lever changes over the turn or it hangs at a rod."""
+    return float(p[_AT + 2]), 2.0 * float(p[_AT + 2])
+
+
 GRAVITY_IMBALANCE = Kind(
     name="gravity_imbalance",
     parameters=(
@@ -110,6 +115,7 @@ GRAVITY_IMBALANCE = Kind(
     starts=starts,
     free_shape=free_shape,
     shows_course=shows_course,
+    waves=waves,
     of_place=True,
     keeps_zero=True,
     rotary_only=True,

@@ -79,6 +79,7 @@ LOAD_DEPENDENT_FRICTION = Kind(
     not_fed_forward="it depends on the load of the moment",
     kernels=Kernels(level=load_level),
     starts=starts,
+    size="factor",
     free_shape=free_shape,
     quick=True,
 )

@@ -112,6 +112,7 @@ NONLINEAR_VISCOUS = Kind(
     look_alikes=(IN_SPEED,),
     kernels=Kernels(viscous=curved_coefficient),
     starts=starts,
+    size="torque",
     free_shape=free_shape,
     own_size="torque",
     at_constant_speed=True,

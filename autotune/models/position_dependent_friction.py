@@ -109,6 +109,7 @@ POSITION_DEPENDENT_FRICTION = Kind(
     look_alikes=(IN_PLACE,),
     kernels=Kernels(level_factor=place_factor),
     starts=starts,
+    size="height",
     free_shape=free_shape,
     of_place=True,
     keeps_zero=True,

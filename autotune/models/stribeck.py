@@ -79,6 +79,7 @@ STRIBECK = Kind(
     surface_prefix=False,
     look_alikes=(IN_SPEED, AT_STARTS, IN_TIME),
     starts=starts,
+    size="break_away",
     free_shape=free_shape,
     own_course=falls,
     at_constant_speed=True,

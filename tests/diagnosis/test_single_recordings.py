@@ -15,6 +15,7 @@ from autotune.diagnosis.compare import compare
 from autotune.diagnosis.evidence.single import SingleRecording
 from autotune.diagnosis.fitting import fit_model
 from autotune.diagnosis.free_shape import any_course, like_a_motor, like_a_parabola
+from autotune.diagnosis.screening import rows_back, screen
 from autotune.diagnosis.verdict import diagnose
 from autotune.estimation.alignment import aligned, best_shift, compensated
 from autotune.estimation.bandwidth import loud_below, prepared_for, without_rest
@@ -340,3 +341,56 @@ def test_look_alikes_share_a_set_and_do_not_bend_to_any_dynamics() -> None:
     assert {"dwell_time_break_away", "nonlinear_viscous", "thermal_drift"} <= set(found)
     assert "stribeck" not in found
     assert "backlash" not in found
+
+
+def _strokes(top: float) -> np.ndarray:
+    """To and fro at many speeds up to `top` [rad/s], with short rests."""
+    random, speeds, seconds = np.random.default_rng(7), [np.zeros(200)], 0.0
+    while seconds < 30.0:
+        speed = top * np.exp(random.uniform(np.log(0.12), 0.0)) * (-1.0) ** len(speeds)
+        ramp = np.linspace(0.0, np.pi, int(abs(speed) / (6e-3 * top)) + 20)
+        up = speed * 0.5 * (1.0 - np.cos(ramp))
+        speeds.append(
+            np.concatenate([up, np.full(int(250.0 * top / abs(speed)), speed), up[::-1], np.zeros(60)])
+        )
+        seconds += len(speeds[-1]) * PERIOD
+    return np.cumsum(np.concatenate(speeds)) * PERIOD
+
+
+def test_what_a_base_takes_up_is_found_at_its_size() -> None:
+    """A film that shears off leaves a tenth of itself: begun at that size, a shape led the fit astray."""
+    q = _strokes(60.0)
+    v = np.gradient(q, PERIOD)
+    film = 0.05 * v / (np.abs(v) + 6.0)
+    torque = _torque(q) + film + np.random.default_rng(5).normal(0.0, 2e-4, len(q))
+    columns = {"time": np.arange(len(q)) * PERIOD, "position": np.round(q / COUNT) * COUNT, "torque": torque}
+    metadata = Metadata(sample_period=PERIOD, position_resolution=COUNT)
+    recording = Recording.from_columns(columns, metadata, "strokes")
+    problem, root, nominal, _ = begin(prepared_for([recording]), fit_model([recording]).model)
+    found = screen(problem, SingleRecording(), root, nominal, "nonlinear_viscous")
+    assert found is not None
+    assert np.sqrt(root.fitted.cost) < 0.1 * np.sqrt(np.mean(film**2))
+    assert found.fitted.cost < 0.2 * root.fitted.cost
+
+
+def _rarely_reversed(bump: float, event: float) -> Recording:
+    """Long strokes; friction is higher by `bump` while it is slow, and a torque `event` pushes in two strokes."""
+    time = np.arange(0.0, 40.0, PERIOD)
+    q = 4.0 * np.sin(2 * np.pi * 0.1 * time) + 0.4 * np.sin(2 * np.pi * 0.37 * time)
+    v = np.gradient(q, PERIOD)
+    pushed = event * sum(np.exp(-(((time - at) / 0.1) ** 2)) for at in (11.3, 27.9))
+    slow = bump * np.exp(-((v / 0.15) ** 2)) * np.tanh(v / 5e-3)
+    torque = _torque(q) + slow + pushed + np.random.default_rng(5).normal(0.0, 5e-4, len(q))
+    return _with(_recording(seconds=40.0), position=np.round(q / COUNT) * COUNT, torque=torque)
+
+
+@pytest.mark.parametrize(("bump", "event", "back"), [(0.012, 0.0, True), (0.0, 0.02, False)])
+def test_rows_that_an_effect_explains_were_no_events(bump: float, event: float, back: bool) -> None:
+    """Friction that falls with speed shows at a few reversals, and looked like a stop in each."""
+    recording = _rarely_reversed(bump, event)
+    problem, root, nominal, _ = begin(prepared_for([recording]), fit_model([recording]).model)
+    out = np.mean(problem.weight == 0.0)
+    again, there = rows_back(problem, SingleRecording(), root, nominal, lambda _: None)
+    assert out > 0.01
+    assert bool(np.mean(again.weight == 0.0) < 0.5 * out) is back
+    assert (there is root) is not back

@@ -90,6 +90,14 @@ def test_a_free_shape_begins_beside_the_effects_own_law(kind: Kind) -> None:
         assert max(parameter.lower, vary.lower) <= begins <= min(parameter.upper, vary.upper)
 
 
+@pytest.mark.parametrize("kind", [kind for kind in EFFECTS.values() if kind.size], ids=lambda kind: kind.name)
+def test_a_size_is_free_where_a_shape_is(kind: Kind) -> None:
+    sized = [start.free for start in kind.starts(context()) if kind.size in start.free]
+    assert sized
+    assert all(len(free) > 1 for free in sized)
+    assert kind.parameter(kind.size).neutral == 0.0
+
+
 @pytest.mark.parametrize("kind", EFFECTS.values(), ids=list(EFFECTS))
 def test_terms_and_what_is_freed_later_are_parameters(kind: Kind) -> None:
     p = base_model(NUMBERS).pack().p
@@ -134,3 +142,11 @@ def test_elements_add_their_stiffness_and_their_friction() -> None:
     assert stiffness_of_elements(plain) == 0.0
     assert stiffness_of_elements(whole) == pytest.approx(5.0 + 0.5)
     assert total_friction(whole).value == pytest.approx(0.4)
+
+
+def test_waves_of_an_imbalance_are_one_and_two_a_turn_of_its_load() -> None:
+    kind = EFFECTS["gravity_imbalance"]
+    p = base_model(NUMBERS).pack().p
+    p[kind.slot("order")] = 0.25
+    assert kind.waves is not None
+    assert kind.waves(p) == (0.25, 0.5)
