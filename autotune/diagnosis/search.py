@@ -451,7 +451,8 @@ class _Search:
         near = [item for item in ranked if first or item.fall >= NEAR_WORTH * worth or self._promises(item)]
         passing = self.evidence.worth_fitting(problem, model_fit, near)
         fits = self._fit_down(model_fit, passing)
-        fits = self._as_beside(fits) if first else fits
+        if first and not any(item.named for item in fits):
+            fits = self._as_beside(fits)
         if not any(item.named for item in fits):
             fits += self._second_look(model_fit, ranked, passing)
         self.seen += [item.model_fit for item in fits]
