@@ -377,8 +377,8 @@ class _Search:
         """What was found, by what it explains while the contact slides, where the base has another law of presliding.
 
         No two such laws are alike near a reversal, and what the law that was found leaves there is as much a part of
-        what repeats as an effect is. An effect that explains half of all, and all that is left where any contact slides,
-        is no worse for it.
+        what repeats as an effect is. An effect that explains half of all, and all that is left where any contact
+        slides, is no worse for it.
         """
         chosen, root = found.chosen, found.root
         otherwise = any(law.there(root.fitted.packed) for law in BASE_LAWS)
