@@ -21,6 +21,7 @@ from autotune import __version__
 from autotune.cli.output import complain
 from autotune.core.errors import AutotuneError, ConfigurationError
 from autotune.core.garbage import seldom_collected
+from autotune.core.memory import large_arrays_kept
 from autotune.core.threads import one_thread
 
 NEWEST = "newest"
@@ -116,6 +117,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     one_thread()
     if arguments is None:
         seldom_collected()
+        if sys.argv[1:2] == ["model"]:  # fits and diagnoses; a server gives memory back
+            large_arrays_kept()
     os.environ.setdefault(
         "PYTHONSAFEPATH", "1"
     )  # no process of ours takes a module from the working directory

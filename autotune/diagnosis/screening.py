@@ -87,12 +87,13 @@ def rank(
     """
     base = _walked_on(problem, model_fit)
     tried: list[tuple[Kind, list[_ShortFit]]] = []
-    for kind in evidence.candidates(problem):
+    for kind in sorted(evidence.candidates(problem), key=lambda kind: kind.in_transmission):
         there = model_fit.fitted.packed.on[flag(kind.name)] and not kind.may_grow
         if there or adds_nothing(kind, model_fit):
             continue
         progress(f"candidate {kind.name}")
-        if fits := _short_fits(problem, base, nominal, kind):
+        needed = _needed_beside(problem, base, tried) if kind.in_transmission else 0.0
+        if fits := _short_fits(problem, base, nominal, kind, needed):
             tried.append((kind, fits))
     least = _least_fall(problem, base, [fits[0] for _, fits in tried], worth)
     found = [_followed(problem, evidence, base, kind, fits, least) for kind, fits in tried]
@@ -135,12 +136,30 @@ def _least_fall(problem: Problem, base: ModelFit, best: Sequence[_ShortFit], wor
     return max(PROMISING, near)
 
 
-def _short_fits(problem: Problem, model_fit: ModelFit, nominal: Packed, kind: Kind) -> list[_ShortFit]:
-    """Short fits from all starts of an effect, the best first."""
+def _needed_beside(
+    problem: Problem, base: ModelFit, tried: Sequence[tuple[Kind, Sequence[_ShortFit]]]
+) -> float:
+    """Relative fall of the cost without which an effect comes to nothing beside those that were tried.
+
+    Two masses are looked for last, as that is dear: beside what explains most of the error, in the rows that were
+    fitted and in those held out, they matter only if they explain a good part of as much.
+    """
+    cost = base.fitted.cost
+    leads = [
+        min(1.0 - best.cost / cost, gain_and_z(base.unseen, held_out(problem, best.error, best.jacobian))[0])
+        for best in (fits[0].fitted for kind, fits in tried if not kind.in_transmission)
+    ]
+    return NEAR_BEST * max((lead for lead in leads if math.isfinite(lead)), default=0.0)
+
+
+def _short_fits(
+    problem: Problem, model_fit: ModelFit, nominal: Packed, kind: Kind, needed: float = 0.0
+) -> list[_ShortFit]:
+    """Short fits from all starts of an effect, the best first; `needed`: see `scouted`."""
     context = Context(problem, model_fit.fitted, nominal)
     tried: list[_ShortFit] = []
     starts = list(starts_of(kind, context))
-    for start in scouted(problem, model_fit, starts) if kind.in_transmission else starts:
+    for start in scouted(problem, model_fit, starts, needed) if kind.in_transmission else starts:
         found = [_ShortFit(one.packed, fitted) for one in (start, _sized(problem, model_fit, kind, start))
                  if one is not None and (fitted := _short_fit(problem, model_fit, one)) is not None]  # fmt: skip
         if found:
@@ -170,10 +189,12 @@ def _short_fit(problem: Problem, model_fit: ModelFit, start: FitStart) -> Fitted
 
     What a second mass does only its own twin tells, from which a fit inside it goes on.
     """
-    if problem.two_masses(start.packed) and start.free and start.free[0].slot in BETWEEN:
+    if problem.two_masses(start.packed) and (not start.free or start.free[0].slot in BETWEEN):
         here = twinned(problem, start.packed)
         if here is None:
             return None
+        if not start.free:
+            return replace(model_fit.fitted, packed=here.packed, error=here.error, cost=here.cost)
         hopeful = (1.0 - HOPEFUL) * model_fit.fitted.cost
         return stepped(problem, here, [*model_fit.free, *start.free], STEPS_A_ROUND, hopeful=hopeful)
     same = start.packed.p[layout.INERTIA] == model_fit.fitted.packed.p[layout.INERTIA]

@@ -27,6 +27,7 @@ from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.effect import Kind
 from autotune.models.lanes import WIDTH
+from autotune.models.load_side import SPLITS
 from autotune.models.start_values import StartValues, Vary
 from autotune.models.table import EFFECTS
 from autotune.models.torque_ripple import TORQUE_RIPPLE, scale_slot
@@ -41,6 +42,10 @@ LOOKED_AT = 8
 """Starts that are looked at more closely: their twins fill a pass."""
 ENOUGH, NEAR = 1e-2, 0.1
 """Relative difference of the cost, and of places in steps, below which a valley's floor is reached."""
+SHOWN, TRACE = 0.2, 0.5
+"""Of the fall that is needed: what the best of all starts must show before it is led on; and of that, what the best of
+those with friction on both sides must. Starts are so near each other that a true second mass shows a third of what it
+explains, and more."""
 FELT, FAR = (layout.INERTIA, layout.COULOMB), 1.5
 """What must have gone how far from the model that was given, for a fit to begin there too."""
 PROBED, ROUNDS, FIRST_ROOT = 2, 6, 1.0 / 3.0
@@ -239,10 +244,16 @@ def shapes(effect: str, packed: Packed) -> tuple[Free, ...]:
     return tuple(varying(kind, name, vary) for name, vary in later.items())
 
 
-def scouted(problem: Problem, model_fit: ModelFit, starts: Sequence[FitStart]) -> list[FitStart]:
-    """The best of the starts: by their own twins, or led down their valleys where there is no twin."""
+def scouted(
+    problem: Problem, model_fit: ModelFit, starts: Sequence[FitStart], needed: float = 0.0
+) -> list[FitStart]:
+    """The best of the starts: by their own twins, or led down their valleys where there is no twin.
+
+    `needed` is the relative fall of the cost below which an effect comes to nothing beside others. The best start where
+    its twin shows too little of that is given with nothing free: it is not worth another run.
+    """
     if problem.twin:
-        return _by_own_twins(Projected.of(_one_of_each(problem, starts), model_fit), starts)
+        return _by_own_twins(Projected.of(_one_of_each(problem, starts), model_fit), starts, needed)
     projected = Projected.of(problem, model_fit)
     none = model_fit.correction.bias
     changes = projected.changes([start.packed for start in starts])
@@ -263,21 +274,32 @@ def _one_of_each(problem: Problem, starts: Sequence[FitStart]) -> Problem:
     return replace(problem, data=replace(once, blocks=tuple(replace(one, repeats=1) for one in once.blocks)))
 
 
-def _by_own_twins(projected: Projected, starts: Sequence[FitStart]) -> list[FitStart]:
-    """The best starts by their own twins, the best first; led down where one is better than the model without it.
+def _by_own_twins(projected: Projected, starts: Sequence[FitStart], needed: float) -> list[FitStart]:
+    """The best start by its own twin; led down where it is better than the model without it.
 
-    All are looked at with one run, and the better ones with as many as a fit takes.
+    All are looked at with one run, and the better ones with as many as a fit takes. Where much is needed, those with
+    friction on both sides are looked at first: what none of them shows a trace of is no second mass.
     """
     problem = projected.problem
+    if not starts:
+        return []
 
     def costs_of(models: Sequence[Packed], runs: int = 1) -> Floats:
         twins = problem.corrections(models, runs)
         return np.array([projected.cost(0.0, twin.bias) if twin.stable else math.inf for twin in twins])
 
-    first = costs_of([start.packed for start in starts])
+    shown = SHOWN * needed if SHOWN * needed > 1.0 - PROMISED else 0.0
+    first = np.full(len(starts), math.inf)
+    few = np.arange(len(starts))[len(SPLITS) // 2 :: len(SPLITS)]
+    for part in (few, np.setdiff1d(np.arange(len(starts)), few)):
+        first[part] = costs_of([starts[i].packed for i in part])
+        if part is few and shown and first.min() > (1.0 - TRACE * shown) * projected.before:
+            return [replace(starts[int(np.argmin(first))], free=())]
     order = np.argsort(first, kind="stable")[:LOOKED_AT]
     closer = costs_of([starts[i].packed for i in order], problem.simulations + 1)
     near = [int(order[i]) for i in np.argsort(closer, kind="stable")[:FOLLOWED] if math.isfinite(closer[i])]
+    if near and shown and closer.min() > (1.0 - shown) * projected.before:
+        return [replace(starts[near[0]], free=())]
     if not near or closer.min() > PROMISED * projected.before:
         return [starts[i] for i in near[:1]]
     return _led_by_twins([starts[i] for i in near], [float(first[i]) for i in near], costs_of)

@@ -298,10 +298,14 @@ def _gathered(recordings: Sequence[Recording], steady: bool, pace: float) -> _Pa
 def filtered_motion(
     measured: Floats, stretches: Sequence[Stretch], period: float, cutoff: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Position, velocity and acceleration, filtered within each stretch; shape (n,) each."""
-    position, velocity, acceleration = (np.zeros(len(measured)) for _ in range(3))
+    """Position, velocity and acceleration, filtered within each stretch; each of the shape given, (…, n)."""
+    if len(stretches) == 1 and stretches[0].stop - stretches[0].start == measured.shape[-1]:
+        return motion(measured, period, cutoff)
+    parts = np.zeros((3, *measured.shape))
     for s in stretches:
-        position[s.rows], velocity[s.rows], acceleration[s.rows] = motion(measured[s.rows], period, cutoff)
+        for part, values in zip(parts, motion(measured[..., s.rows], period, cutoff), strict=True):
+            part[..., s.rows] = values
+    position, velocity, acceleration = parts
     return position, velocity, acceleration
 
 

@@ -86,15 +86,18 @@ def measured_motion(data: Prepared) -> Motion:
     return Motion(clockless(data, data.torque), data.position, data.velocity, data.acceleration)
 
 
-def simulated_motion(data: Prepared, run: Simulated) -> Motion:
-    """A simulation through the same filters as the measurement."""
-    parts = filtered_motion(run.position, data.stretches, data.period, data.motion_cutoff)
-    return Motion(run.torque, *parts)
+def simulated_motions(data: Prepared, runs: Sequence[Simulated]) -> list[Motion]:
+    """Simulations through the same filters as the measurement."""
+    if not runs:
+        return []
+    positions = np.array([run.position for run in runs])
+    parts = filtered_motion(positions, data.stretches, data.period, data.motion_cutoff)
+    return [Motion(run.torque, *moved) for run, *moved in zip(runs, *parts, strict=True)]
 
 
 def compared_motion(data: Prepared, run: Simulated) -> Motion:
-    """The same without the torques that follow the clock, as the measured motion has none: `measured_motion`."""
-    moved = simulated_motion(data, run)
+    """The same of one without the torques that follow the clock; the measured motion has none: `measured_motion`."""
+    (moved,) = simulated_motions(data, [run])
     return replace(moved, torque=clockless(data, moved.torque))
 
 

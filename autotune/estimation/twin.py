@@ -23,7 +23,7 @@ from autotune.models.lanes import WIDTH, filled
 from autotune.models.layout import STIFFNESS
 from autotune.models.plant import FASTEST, seen_late, simulate, simulate_in_lanes, substeps_for
 from autotune.models.torque_lag import MOTOR_TORQUE, STAGES
-from autotune.models.torque_saturation import saturated
+from autotune.models.torque_saturation import bent, saturated
 from autotune.signals.between_samples import between_moments, delayed, finer, later
 
 START_SECONDS = 0.02
@@ -344,7 +344,9 @@ def start_state(recorded: Recorded, packed: Packed) -> Floats:
 def started_torque(packed: Packed, start: Floats, demand: float) -> Floats:
     """The start with the torque behind lag and saturation settled at a demand."""
     state = start.copy()
-    state[MOTOR_TORQUE : MOTOR_TORQUE + 1 + STAGES] = saturated(packed.p, packed.on, demand)
+    state[MOTOR_TORQUE : MOTOR_TORQUE + 1 + STAGES] = saturated(
+        packed.p, packed.on, demand, bent(packed.p, packed.on)
+    )
     return state
 
 

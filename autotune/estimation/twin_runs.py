@@ -24,7 +24,7 @@ from autotune.estimation.residual import (
     batches,
     clockless,
     residuals_of_each,
-    simulated_motion,
+    simulated_motions,
 )
 from autotune.estimation.twin import Loop, loop_along, simulate_stretch, simulate_stretches, steps_of_twin
 from autotune.models.drive_model import Packed
@@ -263,11 +263,13 @@ def add_runs(many: Sequence[TwinRuns], count: int, measured: Motion) -> None:
     noise = [one.noise.of(i) for one, i in jobs]
     runs = run_twins(data, [one.packed for one, _ in jobs], controller, noise, many[0].loops)
     asked: list[tuple[TwinRuns, Simulated | None]] = [(one, None) for one in many if one.raw is None]
+    kept: list[Simulated] = []
     for (one, _), made in zip(jobs, runs, strict=True):
         one.stable &= made.stable
         if one.stable:
             asked.append((one, made))
-    motions = [measured if run is None else simulated_motion(data, run) for _, run in asked]
+            kept.append(made)
+    motions = [*[measured] * (len(asked) - len(kept)), *simulated_motions(data, kept)]
     acted = [None if run is None else run.disturbance for _, run in asked]
     errors = residuals_of_each(data, [one.packed for one, _ in asked], motions, acted)
     for (one, run), error in zip(asked, errors, strict=True):

@@ -40,7 +40,7 @@ def starts(c: StartContext) -> Iterator[StartValues]:
     After a reversal, or at a stop, motor and load part by ½·(F/J)·t² in a time t.
     """
     least = least_compliance(c)
-    for periods, share, split, side in itertools.product(CROSSINGS, SHARES, SPLITS, sides(c)):
+    for periods, share, side, split in itertools.product(CROSSINGS, SHARES, sides(c), SPLITS):
         compliance = compliance_at(c, share, CONTACT)
         gap = 0.5 * c.coulomb / float(c.p[INERTIA]) * (periods / c.cutoff) ** 2
         free = {

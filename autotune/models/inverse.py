@@ -26,6 +26,7 @@ from autotune.models.lugre import bristle_rate
 from autotune.models.plant import MOST_SUBSTEPS, rubbing
 from autotune.models.thermal_drift import WARMS, warm
 from autotune.models.torque_path import delivered
+from autotune.models.torque_saturation import bent
 from autotune.models.transmission import (
     LOAD_BRISTLE,
     LOAD_POSITION,
@@ -48,9 +49,9 @@ def applied_torque(
     A demand acts from its sample to the next, so that the mean of the intervals before and after the
     instant belongs to it.
     """
-    before = demand[0]
+    before, c = demand[0], bent(p, on)
     for k in range(len(demand)):
-        now = delivered(p, on, state, demand[k], period)
+        now = delivered(p, on, state, demand[k], period, c)
         if k == 0:
             before = now
         torque[k] = 0.5 * (before + now)

@@ -30,6 +30,7 @@ from autotune.models.lugre import bristle_rate
 from autotune.models.reversal_memory import DAMPING, REMEMBERS, memory_stiffness
 from autotune.models.thermal_drift import WARMS, warm
 from autotune.models.torque_path import delivered
+from autotune.models.torque_saturation import bent
 from autotune.models.transmission import (
     LOAD_BRISTLE,
     LOAD_POSITION,
@@ -206,7 +207,7 @@ def simulate(
         return 0
     for i in range(room):
         loop[LOOP + i] = loop[6]  # what was seen until then
-    summed = 0.0 * loop[6]
+    summed, c = 0.0 * loop[6], bent(p, on)
     for k in range(len(command)):
         row, tick = k // ticks, k % ticks
         measured = _measured(p, on, state[POSITION], position_noise[row], loop[2])
@@ -219,7 +220,7 @@ def simulate(
         summed += demand
         if averaged and tick == ticks - 1:
             torque[row] = summed / ticks
-        actual = delivered(p, on, state, demand, loop[0])
+        actual = delivered(p, on, state, demand, loop[0], c)
         advance(p, on, state, actual + disturbance[row], loop[0], substeps)
         if anywhere(abs(state[VELOCITY]) >= FASTEST) or anywhere(state[VELOCITY] != state[VELOCITY]):
             return row

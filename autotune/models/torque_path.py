@@ -16,9 +16,9 @@ from autotune.models.torque_saturation import saturated
 
 
 @compiled
-def delivered(p: Floats, on: Flags, state: Floats, demand: float, duration: float) -> float:
-    """Mean torque at the shaft while a demand is held for `duration` [N m]."""
-    target = saturated(p, on, demand)
+def delivered(p: Floats, on: Flags, state: Floats, demand: float, duration: float, c: float) -> float:
+    """Mean torque at the shaft while a demand is held for `duration` [N m]; `c`: see `saturated`."""
+    target = saturated(p, on, demand, c)
     if not on[IS_LATE]:
         return target
     share = p[STEEPNESS]

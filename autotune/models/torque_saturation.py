@@ -32,12 +32,19 @@ PLACES = (0.15, 0.3, 0.5, 0.75)
 
 
 @compiled
-def saturated(p: Floats, on: Flags, demand: float) -> float:
-    """Torque that a demand gives in the long run [N m]."""
+def bent(p: Floats, on: Flags) -> float:
+    """c, which is the same for every demand; 0 where nothing saturates."""
+    if not on[SATURATES]:
+        return float(0.0 * p[_AT])
+    return float((1.0 - p[_AT]) ** -p[_AT + 2] - 1.0)
+
+
+@compiled
+def saturated(p: Floats, on: Flags, demand: float, c: float) -> float:
+    """Torque that a demand gives in the long run [N m]; `c` is what `bent` gives."""
     if not on[SATURATES]:
         return demand
     n, size = p[_AT + 2], abs(demand)
-    c = (1.0 - p[_AT]) ** -n - 1.0
     torque = size * (1.0 + c * (size / p[_AT + 1]) ** n) ** (-1.0 / n)
     for i in range(KNEES):
         if not anywhere(p[_AT + 4 + 2 * i] > 0.0):

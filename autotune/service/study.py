@@ -12,6 +12,7 @@ import sys
 
 from autotune.core.errors import AutotuneError
 from autotune.core.garbage import seldom_collected
+from autotune.core.memory import large_arrays_kept
 from autotune.core.text import clean
 from autotune.core.threads import one_thread
 
@@ -20,6 +21,7 @@ def main(what: str, recording: str, model: str) -> int:
     """Returns the exit code."""
     one_thread()
     seldom_collected()
+    large_arrays_kept()
     import autotune
 
     try:

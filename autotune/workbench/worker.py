@@ -14,6 +14,7 @@ from typing import Any, TextIO
 
 from autotune.core.errors import AutotuneError
 from autotune.core.garbage import seldom_collected
+from autotune.core.memory import large_arrays_kept
 from autotune.core.text import clean
 from autotune.core.threads import one_thread
 
@@ -22,6 +23,7 @@ def main() -> None:
     """Reads until the end of standard input; libraries that print do so on standard error."""
     one_thread()
     seldom_collected()
+    large_arrays_kept()
     out = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     for line in sys.stdin:

@@ -18,6 +18,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from autotune.core.memory import large_arrays_kept
 from bench.worlds.cases import Case, Wanted, batch_hash, draw_batch
 from bench.worlds.judge import judged
 from bench.worlds.names import BASES, LOOPS
@@ -65,9 +66,10 @@ def chosen(given: argparse.Namespace) -> list[Case]:
 def results(cases: list[Case], workers: int, wanted: Wanted) -> Iterator[dict[str, Any]]:
     judge = partial(judged, wanted=wanted)
     if workers <= 1:
+        large_arrays_kept()
         yield from map(judge, cases)
         return
-    with multiprocessing.get_context("spawn").Pool(workers, maxtasksperchild=20) as pool:
+    with multiprocessing.get_context("spawn").Pool(workers, large_arrays_kept, maxtasksperchild=20) as pool:
         yield from pool.imap_unordered(judge, cases)
 
 

@@ -35,6 +35,7 @@ from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.torque_lag import IS_LATE, MOTOR_TORQUE, TIME_CONSTANT
 from autotune.models.torque_path import delivered
+from autotune.models.torque_saturation import bent
 
 Begun = tuple[Problem, ModelFit]
 
@@ -136,7 +137,9 @@ def test_what_a_demand_becomes_behind_a_current_loop_is_what_the_model_makes_of_
     p[TIME_CONSTANT], on[IS_LATE] = lag, True
     state = np.zeros(layout.STATES)
     state[MOTOR_TORQUE] = data.torque[rows][0]
-    modelled = np.array([delivered(p, on, state, float(u), data.period) for u in data.torque[rows]])
+    modelled = np.array(
+        [delivered(p, on, state, float(u), data.period, bent(p, on)) for u in data.torque[rows]]
+    )
     assert behind_current_loop(data, lag).torque[rows] == pytest.approx(modelled, rel=1e-9, abs=1e-12)
     assert behind_current_loop(behind_current_loop(data, lag), 0.0).torque == pytest.approx(
         data.recorded_torque

@@ -10,7 +10,8 @@ import pytest
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.diagnosis.refits import inside_twin
-from autotune.diagnosis.screening import screen
+from autotune.diagnosis.screening import NEAR_BEST, screen
+from autotune.diagnosis.starts import Context, scouted, starts_of
 from autotune.diagnosis.verdict import diagnose
 from autotune.estimation.bandwidth import prepared_for
 from autotune.estimation.bias_corrected_fit import SHARP, ModelFit
@@ -47,6 +48,21 @@ def test_the_fit_comes_as_low_as_the_truth(begun: Begun) -> None:
     own, least = (problem.mean_square(error, TRAINING) for error in (found.model_fit.fitted.error, true))
     assert found.named
     assert 0.7 < own / least < 1.15  # the noise of both biases is below a tenth
+
+
+@pytest.mark.slow(5)
+def test_a_second_mass_is_led_on_beside_what_explains_nearly_all(begun: Begun) -> None:
+    """A true one shows far more than must be shown; where it is in the model already, another shows nothing."""
+    problem, root, nominal = begun
+    every = list(starts_of(EFFECTS[EFFECT], Context(problem, root.fitted, nominal)))
+    (led,) = scouted(problem, root, every, needed=0.9 * NEAR_BEST)
+    assert [one.slot for one in led.free] == [one.slot for one in every[0].free]
+    found = inside_twin(problem, root, root, screen(problem, RepeatedProgramme(), root, nominal, EFFECT))
+    settled = found.model_fit
+    gaps = list(starts_of(EFFECTS["backlash"], Context(problem, settled.fitted, nominal)))
+    (left,) = scouted(problem, settled, gaps, needed=0.9 * NEAR_BEST)
+    assert left.free == ()
+    assert any(left.packed is one.packed for one in gaps)
 
 
 @pytest.mark.slow(5)

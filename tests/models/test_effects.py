@@ -18,7 +18,7 @@ from autotune.models.encoder_eccentricity import reading_error, true_motion
 from autotune.models.inverse import applied_torque, load_substeps, required
 from autotune.models.plant import simulate, substeps_for
 from autotune.models.table import EFFECTS
-from autotune.models.torque_saturation import saturated, torque_slope
+from autotune.models.torque_saturation import bent, saturated, torque_slope
 
 PERIOD = 1e-3
 NUMBERS = {
@@ -169,7 +169,8 @@ def test_a_saturating_motor_loses_what_is_said_and_never_turns_back(loss, expone
     effect = EFFECTS["torque_saturation"].make({"loss": loss, "torque": 1.3 * scale, "exponent": exponent})
     packed = base_model(NUMBERS).with_effect(effect).pack()
     demand = scale * np.linspace(0.0, 2.6, 201)
-    torque = np.array([saturated(packed.p, packed.on, u) for u in demand])
+    c = bent(packed.p, packed.on)
+    torque = np.array([saturated(packed.p, packed.on, u, c) for u in demand])
     assert torque[100] == pytest.approx((1.0 - loss) * demand[100], rel=1e-9)
     assert np.all(np.diff(torque) > 0.0)
     assert np.all(torque <= demand * (1.0 + 1e-12))

@@ -28,6 +28,30 @@ def test_motion_of_a_slow_sine_is_its_derivatives() -> None:
     np.testing.assert_allclose(acceleration[middle], -(w**2) * np.sin(w * time)[middle], atol=2e-3 * w**2)
 
 
+def test_rows_beside_each_other_are_filtered_as_each_alone() -> None:
+    """To the last digit, and as scipy's routine does it; one to nine rows fill their passes or not."""
+    walks = np.cumsum(np.random.default_rng(2).standard_normal((9, 700)), axis=1)
+    sections = signal.butter(4, 2.0 * 40.0 * PERIOD, output="sos")
+    padding = round(2.0 / (40.0 * PERIOD))
+    for count in (1, 3, 4, 9):
+        together = motion(walks[:count], PERIOD, 40.0)
+        for row in range(count):
+            for part, alone in zip(together, motion(walks[row], PERIOD, 40.0), strict=True):
+                np.testing.assert_array_equal(part[row], alone)
+        np.testing.assert_allclose(
+            together[0], signal.sosfiltfilt(sections, walks[:count], padlen=padding), rtol=1e-12, atol=1e-12
+        )
+
+
+def test_differences_are_those_of_numpy() -> None:
+    walk = np.cumsum(np.random.default_rng(3).standard_normal(50))
+    smooth, velocity, acceleration = motion(walk, PERIOD, 1e6)  # beyond the samples: not filtered
+    np.testing.assert_array_equal(smooth, walk)
+    np.testing.assert_array_equal(velocity, np.gradient(walk, PERIOD))
+    np.testing.assert_array_equal(acceleration[1:-1], np.diff(walk, 2) / PERIOD**2)
+    assert acceleration[0] == acceleration[-1] == 0.0
+
+
 def test_block_means_and_derivative() -> None:
     np.testing.assert_allclose(block_mean(np.arange(7.0), 3), [1.0, 4.0])
     np.testing.assert_allclose(derivative(np.arange(5.0) * 0.2, 0.1), 2.0)

@@ -22,6 +22,7 @@ from autotune.models.layout import POSITION, VELOCITY
 from autotune.models.plant import advance, substeps_for
 from autotune.models.reversal_memory import share_damping
 from autotune.models.torque_path import delivered
+from autotune.models.torque_saturation import bent
 from autotune.models.total_friction import ELEMENTS_DAMPING
 
 SEED = 11
@@ -34,12 +35,13 @@ def pass_time(
     p: Floats, on: Flags, state: Floats, older: float, newer: float, late: float, period: float, parts: int
 ) -> None:
     """One sample in which the torque changes from `older` to `newer` after `late` seconds."""
+    c = bent(p, on)
     if late > 1e-3 * period:
-        first = delivered(p, on, state, older, late)
+        first = delivered(p, on, state, older, late, c)
         advance(p, on, state, first, late, max(1, math.ceil(parts * late / period)))
     rest = period - late
     if rest > 1e-3 * period:
-        second = delivered(p, on, state, newer, rest)
+        second = delivered(p, on, state, newer, rest, c)
         advance(p, on, state, second, rest, max(1, math.ceil(parts * rest / period)))
 
 
