@@ -15,7 +15,7 @@ from autotune.diagnosis.evidence.visibility import loop_note, refuse_answers
 from autotune.diagnosis.refits import with_noise_of
 from autotune.diagnosis.ripple_orders import MOST_LINES
 from autotune.diagnosis.starts import Context
-from autotune.estimation.alignment import shifted, without_twin
+from autotune.estimation.alignment import CURRENT_LOOP, shifted, without_twin
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import (
     as_rough,
@@ -247,9 +247,9 @@ def _late_record(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelF
         return problem, model_fit, ()
     if problem.data.cycles > 0:  # it acts later than it was recorded, and the law's delay is that
         return problem, model_fit, ()
-    prompt = replace(law.sooner(), why="")
+    sooner = replace(law.sooner(), why="")
     data = shifted(problem.data, 2.0)
-    again = replace(problem, data=data, moved=measured_motion(data), controller=prompt)
+    again = replace(problem, data=data, moved=measured_motion(data), controller=sooner)
     other: ModelFit | None = model_fit
     for _ in range(2):
         if other is None:
@@ -259,7 +259,9 @@ def _late_record(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelF
     if other is None:
         return problem, model_fit, ()
     again, other = _aligned(with_expected_noise(again, other.fitted.packed), other)
-    if other.fitted.cost > CLEARLY_LESS * model_fit.fitted.cost:
+    # what is late of it then makes up for a record that was not
+    prompt = again.data.cycles == 0 and again.data.lag < CURRENT_LOOP
+    if not prompt or other.fitted.cost > CLEARLY_LESS * model_fit.fitted.cost:
         return problem, model_fit, ()
     return again, other, (LATE_RECORD,)
 

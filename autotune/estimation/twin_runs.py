@@ -14,6 +14,7 @@ import numpy as np
 
 from autotune.core.arrays import Floats
 from autotune.core.remembered import LastOf
+from autotune.estimation.alignment import followed_late
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import Prepared, Stretch
 from autotune.estimation.disturbance import Disturbance
@@ -128,7 +129,17 @@ def _run(
             loop=_loop(data, controller, stretch, loops),
         )
         stable &= inside
+    torque = _as_recorded(data, torque)
     return Simulated(position, torque, disturbance, stable and _follows(data, position))
+
+
+def _as_recorded(data: Prepared, torque: Floats) -> Floats:
+    """A twin's demand behind the current loop that the recorded one was put behind; (n,). In torque mode it is that."""
+    late = followed_late(data, torque, data.lag)
+    for stretch in data.stretches:
+        if not stretch.closed:
+            late[stretch.rows] = torque[stretch.rows]
+    return late
 
 
 def _follows(data: Prepared, position: Floats) -> bool:
@@ -198,6 +209,7 @@ def _runs_in_lanes(
                 next(again) if stays else Simulated(position[i], torque[i], noise[0], False)
                 for i, ((_, noise), stays) in enumerate(zip(together, inside, strict=False))
             ]
+    torque = np.array([_as_recorded(data, one) for one in torque])
     torque = _compared(data, controller, position, torque)
     return [
         Simulated(position[i], torque[i], noise[0], _follows(data, position[i]))
@@ -336,6 +348,7 @@ class _Recorded:
     last_reference: float
     last_position: float
     pace: float
+    lag: float
 
 
 def _recorded(data: Prepared, controller: PositionController, stretch: Stretch) -> _Recorded:
@@ -357,4 +370,5 @@ def _recorded(data: Prepared, controller: PositionController, stretch: Stretch) 
         float(reference[0]) - wanted * data.period,
         float(data.measured[stretch.start]) - float(velocity[0]) * data.period,
         data.pace,
+        data.lag,
     )

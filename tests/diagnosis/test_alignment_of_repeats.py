@@ -18,19 +18,21 @@ from autotune.diagnosis.evidence.single import SingleRecording
 from autotune.diagnosis.found_model import torque_late
 from autotune.diagnosis.search import _Search
 from autotune.diagnosis.wording import torque_path_notes
-from autotune.estimation.alignment import behind_current_loop, shifted
+from autotune.estimation.alignment import behind_current_loop, followed_late, shifted
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import (
     damped_as_twins_creep,
 )
 from autotune.estimation.cross_validation import Explained
 from autotune.estimation.data import Prepared
+from autotune.estimation.disturbance import STILL
 from autotune.estimation.disturbance_estimate import (
     estimate_disturbance,
 )
 from autotune.estimation.least_squares import Free
 from autotune.estimation.problem import Problem, refit
-from autotune.estimation.residual import measured_motion
+from autotune.estimation.residual import Simulated, measured_motion
+from autotune.estimation.twin_runs import run_twin, run_twins, shaken
 from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.torque_lag import IS_LATE, MOTOR_TORQUE, TIME_CONSTANT
@@ -141,6 +143,30 @@ def test_what_a_demand_becomes_behind_a_current_loop_is_what_the_model_makes_of_
     assert behind_current_loop(behind_current_loop(data, lag), 0.0).torque == pytest.approx(
         data.recorded_torque
     )
+
+
+def test_the_twin_moves_behind_the_current_loop_that_was_taken_out(begun: Begun) -> None:
+    """As an axis does that has the lag as an effect; and what it records is behind that loop, as the recording is."""
+    problem, model_fit = begun
+    law, packed, lag = problem.controller, model_fit.fitted.packed, 3e-4
+    assert law is not None
+    on, p = packed.on.copy(), packed.p.copy()
+    p[TIME_CONSTANT], on[IS_LATE] = lag, True
+    prompt = behind_current_loop(problem.data, 0.0)
+    late = replace(prompt, lag=lag)  # it begins as the other does
+
+    def run(data: Prepared, model: Packed) -> Simulated:
+        return run_twin(data, model, law, STILL, np.random.default_rng(0))
+
+    own, taken_out, none = run(prompt, Packed(p, on)), run(late, packed), run(prompt, packed)
+    assert taken_out.position == pytest.approx(own.position, abs=1e-12)
+    assert taken_out.torque == pytest.approx(followed_late(prompt, own.torque, lag), abs=1e-12)
+    assert np.abs(none.position - own.position).max() > problem.data.resolution
+    twins = run_twins(late, [packed] * 2, law, [shaken(late, STILL, np.random.default_rng(0))] * 2)
+    assert twins[1].torque == pytest.approx(taken_out.torque, abs=1e-12)
+    both = run(late, Packed(p, on)).position
+    p[TIME_CONSTANT] = 2.0 * lag
+    assert both == pytest.approx(run(prompt, Packed(p, on)).position, abs=1e-12)
 
 
 def test_a_current_loop_is_no_noise_of_the_torque_sensor(begun: Begun) -> None:
