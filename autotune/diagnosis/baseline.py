@@ -108,7 +108,12 @@ def begin(
 
 
 def notes_after(notes: tuple[str, ...], before: Problem, after: Problem) -> tuple[str, ...]:
-    """What was said at the beginning of a diagnosis, as it is where a twin was told beside what was found."""
+    """What was said at the beginning of a diagnosis, as it is where a twin was told beside what was found.
+
+    Or where a torque turned out to act a cycle after the row that it was taken to be too late for.
+    """
+    if after.data.cycles > 0:
+        notes = tuple(note for note in notes if note != LATE_RECORD)
     if before.twin or not after.twin:
         return notes
     return (*(note for note in notes if not note.startswith(NO_TWIN)), TWIN_AFTER_ALL)
@@ -229,11 +234,17 @@ def _worse_than_none(problem: Problem, evidence: Evidence, model_fit: ModelFit, 
 
 
 def _aligned(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit]:
-    """Torque and motion of a single recording aligned to this model, and the model fitted again."""
-    again = evidence_of(problem.data).aligned(problem, model_fit)
+    """Torque and motion aligned to this model, and the model fitted again.
+
+    What a demand goes through before it acts was taken for a disturbance, and the twin shaken by it.
+    """
+    evidence = evidence_of(problem.data)
+    again = evidence.aligned(problem, model_fit)
     if again is problem:
         return problem, model_fit
-    return again, fit_inside_twin(again, model_fit.fitted.packed, list(model_fit.free), 2) or model_fit
+    fitted = fit_inside_twin(again, model_fit.fitted.packed, list(model_fit.free), 2) or model_fit
+    late = again.data.cycles > 0 or again.data.lag > 0.0
+    return with_noise_of(again, fitted) if evidence.repeats and late else (again, fitted)
 
 
 def _late_record(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit, tuple[str, ...]]:

@@ -116,6 +116,7 @@ class Recorded(Protocol):
         rate, last_reference, last_position: the controller's memory before the first row.
         pace: what lengths of time are multiplied by where the axis is much faster or slower than usual.
         lag: time constant of the current loop that `torque` is behind, and the twin's axis too [s].
+        late: samples by which `torque` was taken later than it was recorded, and acts in the twin.
     """
 
     @property
@@ -146,6 +147,8 @@ class Recorded(Protocol):
     def last_position(self) -> float: ...
     @property
     def lag(self) -> float: ...
+    @property
+    def late(self) -> int: ...
 
 
 def leading(packed: Packed, pace: float) -> PositionController:
@@ -313,8 +316,9 @@ def _at_samples(recorded: Recorded, controller: PositionController) -> Loop:
 
 
 def _between_samples(recorded: Recorded, controller: PositionController) -> Loop:
-    """The loop of a drive that works between the samples."""
-    ticks = controller.ticks
+    """The loop of a drive that works between the samples; its torque answers as late as it acts on the axis."""
+    ticks, averaged = controller.ticks, controller.taken != MOMENT or controller.answer_delay > 0.0
+    controller = controller.answering(recorded.late)
     share = 1.0 - (1.0 - controller.derivative_filter) ** (1.0 / ticks)
     reference = delayed(recorded.reference, controller.reference_delay, recorded.last_reference)
     fine = finer(reference, ticks, controller.cubic)
@@ -328,7 +332,6 @@ def _between_samples(recorded: Recorded, controller: PositionController) -> Loop
     gains = replace(controller, derivative_filter=share).gains
     fine = later(fine, controller.ticks_late)
     memory = total, rate, float(fine[0]), float(recorded.measured[0])
-    averaged = controller.taken != MOMENT or controller.answer_delay > 0.0
     return Loop(ticks, gains, fine, pushed, memory, averaged)
 
 

@@ -69,13 +69,32 @@ def _compared(data: Prepared, law: PositionController, position: Floats, torque:
     """
     if data.asked is None:
         return torque
-    wanted = np.array(np.broadcast_to(data.asked, torque.shape))
+    late = acted_late(data, law)
+    wanted = np.array(np.broadcast_to(moved_later(data, data.asked, late), torque.shape))
     rate = law.filter_rate(data.period)
     for rows in (stretch.rows for stretch in data.stretches):
         apart = position[..., rows] - data.measured[rows]
         answer = mean_answer(apart, data.period, (law.kp, law.kd, law.ki), rate)
-        wanted[..., rows] -= later(answer, law.answer_delay)
+        wanted[..., rows] -= later(answer, law.answer_delay + late)
     return wanted + slower(data, torque - wanted, law.asked)
+
+
+def acted_late(data: Prepared, law: PositionController) -> int:
+    """Samples by which the torque of a loop between the samples acts later than it was recorded: whole cycles.
+
+    Parts of a sample are the moment of recording as well: with them in its loop a twin left more.
+    """
+    return data.upsampling * data.cycles if law.ticks > 1 else 0
+
+
+def moved_later(data: Prepared, values: Floats, late: int) -> Floats:
+    """Values of shape (n,) so many samples later in each stretch."""
+    if late == 0:
+        return values
+    moved = values.copy()
+    for rows in (stretch.rows for stretch in data.stretches):
+        moved[rows] = later(values[rows], late)
+    return moved
 
 
 def slower(data: Prepared, values: Floats, cutoff: float) -> Floats:
@@ -349,6 +368,7 @@ class _Recorded:
     last_position: float
     pace: float
     lag: float
+    late: int
 
 
 def _recorded(data: Prepared, controller: PositionController, stretch: Stretch) -> _Recorded:
@@ -371,4 +391,5 @@ def _recorded(data: Prepared, controller: PositionController, stretch: Stretch) 
         float(data.measured[stretch.start]) - float(velocity[0]) * data.period,
         data.pace,
         data.lag,
+        acted_late(data, controller),
     )
