@@ -15,7 +15,7 @@ from autotune.diagnosis.evidence.visibility import loop_note, refuse_answers
 from autotune.diagnosis.refits import with_noise_of
 from autotune.diagnosis.ripple_orders import MOST_LINES
 from autotune.diagnosis.starts import Context
-from autotune.estimation.alignment import shifted, without_twin
+from autotune.estimation.alignment import CURRENT_LOOP, shifted, without_twin
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import (
     as_rough,
@@ -108,7 +108,12 @@ def begin(
 
 
 def notes_after(notes: tuple[str, ...], before: Problem, after: Problem) -> tuple[str, ...]:
-    """What was said at the beginning of a diagnosis, as it is where a twin was told beside what was found."""
+    """What was said at the beginning of a diagnosis, as it is where a twin was told beside what was found.
+
+    Or where a torque turned out to act a cycle after the row that it was taken to be too late for.
+    """
+    if after.data.cycles > 0:
+        notes = tuple(note for note in notes if note != LATE_RECORD)
     if before.twin or not after.twin:
         return notes
     return (*(note for note in notes if not note.startswith(NO_TWIN)), TWIN_AFTER_ALL)
@@ -229,11 +234,17 @@ def _worse_than_none(problem: Problem, evidence: Evidence, model_fit: ModelFit, 
 
 
 def _aligned(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit]:
-    """Torque and motion of a single recording aligned to this model, and the model fitted again."""
-    again = evidence_of(problem.data).aligned(problem, model_fit)
+    """Torque and motion aligned to this model, and the model fitted again.
+
+    What a demand goes through before it acts was taken for a disturbance, and the twin shaken by it.
+    """
+    evidence = evidence_of(problem.data)
+    again = evidence.aligned(problem, model_fit)
     if again is problem:
         return problem, model_fit
-    return again, fit_inside_twin(again, model_fit.fitted.packed, list(model_fit.free), 2) or model_fit
+    fitted = fit_inside_twin(again, model_fit.fitted.packed, list(model_fit.free), 2) or model_fit
+    late = again.data.cycles > 0 or again.data.lag > 0.0
+    return with_noise_of(again, fitted) if evidence.repeats and late else (again, fitted)
 
 
 def _late_record(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit, tuple[str, ...]]:
@@ -247,9 +258,9 @@ def _late_record(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelF
         return problem, model_fit, ()
     if problem.data.cycles > 0:  # it acts later than it was recorded, and the law's delay is that
         return problem, model_fit, ()
-    prompt = replace(law.sooner(), why="")
+    sooner = replace(law.sooner(), why="")
     data = shifted(problem.data, 2.0)
-    again = replace(problem, data=data, moved=measured_motion(data), controller=prompt)
+    again = replace(problem, data=data, moved=measured_motion(data), controller=sooner)
     other: ModelFit | None = model_fit
     for _ in range(2):
         if other is None:
@@ -259,7 +270,9 @@ def _late_record(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelF
     if other is None:
         return problem, model_fit, ()
     again, other = _aligned(with_expected_noise(again, other.fitted.packed), other)
-    if other.fitted.cost > CLEARLY_LESS * model_fit.fitted.cost:
+    # what is late of it then makes up for a record that was not
+    prompt = again.data.cycles == 0 and again.data.lag < CURRENT_LOOP
+    if not prompt or other.fitted.cost > CLEARLY_LESS * model_fit.fitted.cost:
         return problem, model_fit, ()
     return again, other, (LATE_RECORD,)
 

@@ -104,10 +104,14 @@ class Candidate:
 
 
 def torque_path_notes(data: Prepared) -> tuple[str, ...]:
-    """On what a demand goes through before it acts, and was taken out: cycles of a bus, and the current loop."""
+    """On what a demand goes through before it acts, and was taken out: cycles of a bus, and the current loop.
+
+    Cycles that only make up for a record that was taken to be late are none.
+    """
     notes = []
-    if data.cycles > 0:
-        cycles = f"{data.cycles} cycle" + "s" * (data.cycles > 1)
+    whole = min(data.cycles, round(data.late / data.upsampling))
+    if whole > 0:
+        cycles = f"{whole} cycle" + "s" * (whole > 1)
         notes.append(CYCLES_LATE.format(cycles=cycles, period=1e3 * data.upsampling * data.period))
     if data.lag > 2.0 * data.lag_error:
         late, error, hertz = 1e3 * data.lag, 1e3 * data.lag_error, 1.0 / (2.0 * math.pi * data.lag)

@@ -118,7 +118,8 @@ def shifted(data: Prepared, half_samples: float) -> Prepared:
         rows = np.arange(stretch.start, stretch.stop, dtype=np.float64)
         recorded = data.recorded_torque[stretch.rows]
         torque[stretch.rows] = np.interp(rows + 0.5 * half_samples, rows, recorded)
-    return replace(data, torque=torque, shift=half_samples, lag=0.0, lag_error=0.0, cycles=0)
+    late = data.late + 0.5 * (data.shift - half_samples)
+    return replace(data, torque=torque, shift=half_samples, late=late, lag=0.0, lag_error=0.0, cycles=0)
 
 
 def half_a_sample_later(data: Prepared) -> Floats:
@@ -127,10 +128,15 @@ def half_a_sample_later(data: Prepared) -> Floats:
     return smoothed(data, np.concatenate([change[:1], 0.5 * (change[1:] + change[:-1])]))
 
 
-def behind_current_loop(data: Prepared, time_constant: float) -> Prepared:
-    """The data with the torque that a current loop of a time constant [s] makes of the recorded demand."""
+def behind_current_loop(data: Prepared, time_constant: float, stages: int = 1) -> Prepared:
+    """The data with the torque that a current loop of a time constant [s] makes of the recorded demand.
+
+    Of several `stages` each has a part of it.
+    """
     prompt = shifted(data, data.shift)
-    torque = followed_late(prompt, prompt.torque, time_constant)
+    torque = prompt.torque
+    for _ in range(stages):
+        torque = followed_late(prompt, torque, time_constant / stages)
     return replace(prompt, torque=torque, lag=time_constant, cycles=data.cycles)
 
 

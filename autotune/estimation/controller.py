@@ -168,7 +168,7 @@ def as_recorded(data: Prepared, found: PositionController) -> Prepared:
     """Data with the torque that tells most, where a drive's loop works between the samples, from each to the next."""
     quiet = felt(data) if found.sensed else quieter(data) if found.in_band and not found.demanded else data
     late = RECORDED_LATE[found.taken]
-    taken = shifted(quiet, late) if late else quiet
+    taken = replace(shifted(quiet, late), late=0.0) if late else quiet
     return _as_asked(taken, found) if found.asked > 0.0 and found.ticks > 1 else taken
 
 

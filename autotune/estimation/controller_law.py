@@ -129,6 +129,12 @@ class PositionController:
         """The law that sees reference and position a sample sooner."""
         return replace(self, reference_delay=self.reference_delay - 1, position_delay=self.position_delay - 1)
 
+    def answering(self, late: int) -> PositionController:
+        """The law whose torque answers so many samples later."""
+        if late == 0:
+            return self
+        return replace(self, answer_delay=late + max(self.answer_delay, 0.5 / self.ticks))
+
     def filter_rate(self, period: float) -> float:
         """Rate of the velocity's filter [1/s]; the period in s. Without a filter one that a sample ends by far."""
         return -math.log(max(1.0 - self.derivative_filter, NO_FILTER)) / period

@@ -80,10 +80,11 @@ def law_from_data(samples: LoopSamples) -> PositionController:
         other = _searched(samples, cascaded=False)
         found = other if plainly_better(samples, other, found) else found
     if 1.0 - found.explained > NEARLY_EXACT:
-        prompt = None if _rounding_explains(samples, found) else _of_prompt_rows(samples)
+        late = searched_late(samples)
+        rounded = any(_rounding_explains(samples, law) for law in (found, late))
+        prompt = None if rounded else _of_prompt_rows(samples)  # by all rows, where none is written late
         if prompt is not None:
             return prompt
-        late = searched_late(samples)
         if 1.0 - late.explained < WORTH_DELAYS * (1.0 - found.explained):
             found = late
         enough = HARDLY_MORE if found.reference_delay or found.position_delay else WORTH_DELAYS

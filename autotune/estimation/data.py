@@ -103,6 +103,7 @@ class Prepared:
         sensed: the torque by its own sensor, where the files hold it beside the demand, shape (n,).
         recorded_torque: as it was in the file; `torque` is this, moved by `shift` half samples, in which are `cycles`
             of the file that a bus takes, and through a current loop of time constant `lag` ± `lag_error` [s].
+        late: samples by which `torque` was taken later than it was recorded.
         filtered: one side was put through a low-pass that the file's other column had gone through.
         starts: first sample of each recording.
         temperature: °C, shape (n,); None unless every recording has it.
@@ -137,6 +138,7 @@ class Prepared:
     recorded_reference: bool
     recorded_torque: Floats
     shift: float = 0.0
+    late: float = 0.0
     lag: float = 0.0
     lag_error: float = 0.0
     cycles: int = 0

@@ -31,7 +31,7 @@ from autotune.estimation.least_squares import followed
 from autotune.estimation.parts import until_sample
 from autotune.estimation.problem import Problem
 from autotune.estimation.residual import compared_motion, raw_residual, residual
-from autotune.estimation.twin_runs import SEED, run_twin
+from autotune.estimation.twin_runs import SEED, acted_late, moved_later, run_twin
 from autotune.models import layout
 from autotune.models.drive_model import BASE, Packed
 from autotune.models.transmission import has_load
@@ -147,7 +147,8 @@ def estimate_disturbance(problem: Problem, packed: Packed) -> Disturbance:
 
 def _asked_late(data: Prepared, law: PositionController) -> Floats:
     """What a law asks for, behind the current loop that the recorded torque was put behind, shape (n,)."""
-    return followed_late(data, asked(behind_current_loop(data, 0.0), law), data.lag)
+    wanted = moved_later(data, asked(behind_current_loop(data, 0.0), law), acted_late(data, law))
+    return followed_late(data, wanted, data.lag)
 
 
 def _chaotic(measured: Floats, own: Floats) -> bool:

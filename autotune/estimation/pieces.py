@@ -47,6 +47,7 @@ class Piece:
         use: which decimated rows of the residual are compared, shape (m,).
         sticks: the axis hardly left where it stood, so that the start of its bristle is unknown.
         rate, last_reference, last_position: the controller's memory before the first row.
+        lag, late: of the current loop that `torque` was put behind, and by which it was moved: none.
         pace: what lengths of time are multiplied by (`Bands.pace`).
     """
 
@@ -67,6 +68,8 @@ class Piece:
     rate: float = 0.0
     last_reference: float = 0.0
     last_position: float = 0.0
+    lag: float = 0.0
+    late: int = 0
     pace: float = 1.0
 
     def __len__(self) -> int:

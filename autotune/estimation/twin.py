@@ -22,7 +22,7 @@ from autotune.models.drive_model import Packed
 from autotune.models.lanes import WIDTH, filled
 from autotune.models.layout import STIFFNESS
 from autotune.models.plant import FASTEST, seen_late, simulate, simulate_in_lanes, substeps_for
-from autotune.models.torque_lag import MOTOR_TORQUE, STAGES
+from autotune.models.torque_lag import IS_LATE, MOTOR_TORQUE, STAGES, STEEPNESS, TIME_CONSTANT
 from autotune.models.torque_saturation import bent, saturated
 from autotune.signals.between_samples import between_moments, delayed, finer, later
 
@@ -115,6 +115,8 @@ class Recorded(Protocol):
         feedforward: part of the torque that was recorded as not the controller's.
         rate, last_reference, last_position: the controller's memory before the first row.
         pace: what lengths of time are multiplied by where the axis is much faster or slower than usual.
+        lag: time constant of the current loop that `torque` is behind, and the twin's axis too [s].
+        late: samples by which `torque` was taken later than it was recorded, and acts in the twin.
     """
 
     @property
@@ -143,6 +145,10 @@ class Recorded(Protocol):
     def last_reference(self) -> float: ...
     @property
     def last_position(self) -> float: ...
+    @property
+    def lag(self) -> float: ...
+    @property
+    def late(self) -> int: ...
 
 
 def leading(packed: Packed, pace: float) -> PositionController:
@@ -175,6 +181,7 @@ def simulate_stretch(
         disturbance, position_noise: torque after the demand, and position before it is quantised; shape (n,).
         loop: what `loop_along` gives, where it is known.
     """
+    packed = late_as_recorded(recorded, packed)
     given = loop or loop_along(recorded, controller)
     n, period = len(disturbance), recorded.period / given.ticks
     offset = float(position_noise.mean()) if controller.adrift else 0.0
@@ -217,6 +224,7 @@ def simulate_stretches(
         disturbance, position_noise: as there, shape (8, n).
         given: what `loop_along` gives.
     """
+    models = [late_as_recorded(recorded, packed) for packed in models]
     n, period = len(recorded.reference), recorded.period / given.ticks
     offset = np.broadcast_to(position_noise.mean(axis=1) if controller.adrift else 0.0, WIDTH)
     commands = given.command[None]
@@ -308,8 +316,9 @@ def _at_samples(recorded: Recorded, controller: PositionController) -> Loop:
 
 
 def _between_samples(recorded: Recorded, controller: PositionController) -> Loop:
-    """The loop of a drive that works between the samples."""
-    ticks = controller.ticks
+    """The loop of a drive that works between the samples; its torque answers as late as it acts on the axis."""
+    ticks, averaged = controller.ticks, controller.taken != MOMENT or controller.answer_delay > 0.0
+    controller = controller.answering(recorded.late)
     share = 1.0 - (1.0 - controller.derivative_filter) ** (1.0 / ticks)
     reference = delayed(recorded.reference, controller.reference_delay, recorded.last_reference)
     fine = finer(reference, ticks, controller.cubic)
@@ -323,8 +332,20 @@ def _between_samples(recorded: Recorded, controller: PositionController) -> Loop
     gains = replace(controller, derivative_filter=share).gains
     fine = later(fine, controller.ticks_late)
     memory = total, rate, float(fine[0]), float(recorded.measured[0])
-    averaged = controller.taken != MOMENT or controller.answer_delay > 0.0
     return Loop(ticks, gains, fine, pushed, memory, averaged)
+
+
+def late_as_recorded(recorded: Recorded, packed: Packed) -> Packed:
+    """The model behind the current loop that the recorded torque was put behind, and behind its own lag, if it has one.
+
+    In torque mode it is given that torque, which is late already.
+    """
+    if recorded.lag <= 0.0 or not recorded.closed:
+        return packed
+    p, on = packed.p.copy(), packed.on.copy()
+    own, steep = (p[TIME_CONSTANT], p[STEEPNESS]) if on[IS_LATE] else (0.0, 0.0)
+    p[TIME_CONSTANT], p[STEEPNESS], on[IS_LATE] = own + recorded.lag, steep, True
+    return Packed(p, on)
 
 
 def start_state(recorded: Recorded, packed: Packed) -> Floats:

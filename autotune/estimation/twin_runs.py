@@ -14,6 +14,7 @@ import numpy as np
 
 from autotune.core.arrays import Floats
 from autotune.core.remembered import LastOf
+from autotune.estimation.alignment import followed_late
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import Prepared, Stretch
 from autotune.estimation.disturbance import Disturbance
@@ -68,13 +69,32 @@ def _compared(data: Prepared, law: PositionController, position: Floats, torque:
     """
     if data.asked is None:
         return torque
-    wanted = np.array(np.broadcast_to(data.asked, torque.shape))
+    late = acted_late(data, law)
+    wanted = np.array(np.broadcast_to(moved_later(data, data.asked, late), torque.shape))
     rate = law.filter_rate(data.period)
     for rows in (stretch.rows for stretch in data.stretches):
         apart = position[..., rows] - data.measured[rows]
         answer = mean_answer(apart, data.period, (law.kp, law.kd, law.ki), rate)
-        wanted[..., rows] -= later(answer, law.answer_delay)
+        wanted[..., rows] -= later(answer, law.answer_delay + late)
     return wanted + slower(data, torque - wanted, law.asked)
+
+
+def acted_late(data: Prepared, law: PositionController) -> int:
+    """Samples by which the torque of a loop between the samples acts later than it was recorded: whole cycles.
+
+    Parts of a sample are the moment of recording as well: with them in its loop a twin left more.
+    """
+    return data.upsampling * data.cycles if law.ticks > 1 else 0
+
+
+def moved_later(data: Prepared, values: Floats, late: int) -> Floats:
+    """Values of shape (n,) so many samples later in each stretch."""
+    if late == 0:
+        return values
+    moved = values.copy()
+    for rows in (stretch.rows for stretch in data.stretches):
+        moved[rows] = later(values[rows], late)
+    return moved
 
 
 def slower(data: Prepared, values: Floats, cutoff: float) -> Floats:
@@ -128,7 +148,17 @@ def _run(
             loop=_loop(data, controller, stretch, loops),
         )
         stable &= inside
+    torque = _as_recorded(data, torque)
     return Simulated(position, torque, disturbance, stable and _follows(data, position))
+
+
+def _as_recorded(data: Prepared, torque: Floats) -> Floats:
+    """A twin's demand behind the current loop that the recorded one was put behind; (n,). In torque mode it is that."""
+    late = followed_late(data, torque, data.lag)
+    for stretch in data.stretches:
+        if not stretch.closed:
+            late[stretch.rows] = torque[stretch.rows]
+    return late
 
 
 def _follows(data: Prepared, position: Floats) -> bool:
@@ -198,6 +228,7 @@ def _runs_in_lanes(
                 next(again) if stays else Simulated(position[i], torque[i], noise[0], False)
                 for i, ((_, noise), stays) in enumerate(zip(together, inside, strict=False))
             ]
+    torque = np.array([_as_recorded(data, one) for one in torque])
     torque = _compared(data, controller, position, torque)
     return [
         Simulated(position[i], torque[i], noise[0], _follows(data, position[i]))
@@ -338,6 +369,8 @@ class _Recorded:
     last_reference: float
     last_position: float
     pace: float
+    lag: float
+    late: int
 
 
 def _recorded(data: Prepared, controller: PositionController, stretch: Stretch) -> _Recorded:
@@ -359,4 +392,6 @@ def _recorded(data: Prepared, controller: PositionController, stretch: Stretch) 
         float(reference[0]) - wanted * data.period,
         float(data.measured[stretch.start]) - float(velocity[0]) * data.period,
         data.pace,
+        data.lag,
+        acted_late(data, controller),
     )

@@ -18,22 +18,24 @@ from autotune.diagnosis.evidence.single import SingleRecording
 from autotune.diagnosis.found_model import torque_late
 from autotune.diagnosis.search import _Search
 from autotune.diagnosis.wording import torque_path_notes
-from autotune.estimation.alignment import behind_current_loop, shifted
+from autotune.estimation.alignment import behind_current_loop, followed_late, shifted
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import (
     damped_as_twins_creep,
 )
 from autotune.estimation.cross_validation import Explained
 from autotune.estimation.data import Prepared
+from autotune.estimation.disturbance import STILL
 from autotune.estimation.disturbance_estimate import (
     estimate_disturbance,
 )
 from autotune.estimation.least_squares import Free
 from autotune.estimation.problem import Problem, refit
-from autotune.estimation.residual import measured_motion
+from autotune.estimation.residual import Simulated, measured_motion
+from autotune.estimation.twin_runs import acted_late, run_twin, run_twins, shaken
 from autotune.models import layout
 from autotune.models.drive_model import Packed
-from autotune.models.torque_lag import IS_LATE, MOTOR_TORQUE, TIME_CONSTANT
+from autotune.models.torque_lag import IS_LATE, MOTOR_TORQUE, STAGES, TIME_CONSTANT
 from autotune.models.torque_path import delivered
 from autotune.models.torque_saturation import bent
 
@@ -44,7 +46,7 @@ def _spoilt(begun: Begun, data: Prepared, exact: bool) -> Begun:
     """Problem and fit with other data in place of those that fit, under a law of the samples or of a drive."""
     problem, model_fit = begun
     law = replace(problem.controller, exact=exact, in_band=not exact)
-    data = replace(data, recorded_torque=data.torque, shift=0.0)
+    data = replace(data, recorded_torque=data.torque, shift=0.0, late=0.0)
     problem = replace(problem, data=data, moved=measured_motion(data), controller=law)
     fitted = refit(problem, model_fit.fitted.packed, list(model_fit.free), model_fit.correction, 2)
     return problem, replace(model_fit, fitted=fitted)
@@ -65,6 +67,46 @@ def test_what_the_measurement_chain_can_do_is_taken_out(begun: Begun, late: floa
         other = RepeatedProgramme().aligned(*_spoilt(begun, shifted(begun[0].data, late), exact=False))
         assert again.data.shift - other.data.shift == pytest.approx(2.0 * late, abs=0.1)
         assert again.data.shift == pytest.approx(late, abs=0.3)
+
+
+def test_whole_cycles_behind_a_drive_s_loop_are_no_lag(begun: Begun) -> None:
+    """A demand that acts a cycle later and behind a current loop; more than that by half a cycle is neither."""
+    late = shifted(begun[0].data, 2.0)
+    asked = replace(late, torque=_demand(late, 2e-4), recorded_torque=late.torque)
+    problem, model_fit = _spoilt(begun, asked, exact=False)
+    assert problem.controller is not None
+    law = replace(problem.controller, ticks=4)
+    problem = replace(problem, controller=law)
+    again = RepeatedProgramme().aligned(problem, model_fit)
+    assert again.data.cycles == 1
+    assert again.data.shift == -2.0
+    assert again.data.lag == pytest.approx(2e-4, abs=1.5e-4)  # and a quarter of a half sample of this axis
+    assert again.controller == law
+    assert acted_late(again.data, law) == 1.0, "the twin is as late as its torque"
+    fitted = refit(again, model_fit.fitted.packed, list(model_fit.free), model_fit.correction, 4)
+    settled = RepeatedProgramme().aligned(again, replace(model_fit, fitted=fitted))
+    assert (settled.data.cycles, settled.data.shift) == (1, -2.0)
+
+
+def test_a_running_mean_is_not_taken_for_whole_cycles(begun: Begun, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It bends the torque as several stages do; cycles that were taken out before that was seen come back."""
+    monkeypatch.setattr(
+        "autotune.diagnosis.evidence.evidence.CLEARLY_LESS", 0.993
+    )  # much of this rest is noise
+    data = begun[0].data
+    for _ in range(STAGES):
+        data = replace(data, torque=_demand(data, 1.1e-3 / STAGES))
+    problem, model_fit = _spoilt(begun, data, exact=True)
+    assert RepeatedProgramme().aligned(problem, model_fit) is problem
+    cycle = replace(shifted(problem.data, -2.0), cycles=1)
+    law = problem.controller
+    assert law is not None
+    later = replace(law, reference_delay=law.reference_delay + 1, position_delay=law.position_delay + 1)
+    taken = replace(problem, data=cycle, moved=measured_motion(cycle), controller=later)
+    fitted = refit(taken, model_fit.fitted.packed, list(model_fit.free), model_fit.correction, 2)
+    again = RepeatedProgramme().aligned(taken, replace(model_fit, fitted=fitted))
+    assert (again.data.cycles, again.data.shift, again.data.lag) == (0, 0.0, 0.0)
+    assert again.controller == law
 
 
 def _demand(data: Prepared, lag: float) -> Floats:
@@ -116,6 +158,8 @@ def test_an_ordinary_current_loop_behind_a_held_demand_is_taken_out(
     notes = torque_path_notes(again.data)
     assert len(notes) == 1 + (cycles > 0)
     assert all("no effect of the axis" in note for note in notes)
+    made_up = replace(again.data, late=0.0)  # for a record that was taken to be late by as much
+    assert len(torque_path_notes(made_up)) == 1
 
 
 def test_a_model_that_has_a_lag_keeps_it(begun: Begun) -> None:
@@ -144,6 +188,30 @@ def test_what_a_demand_becomes_behind_a_current_loop_is_what_the_model_makes_of_
     assert behind_current_loop(behind_current_loop(data, lag), 0.0).torque == pytest.approx(
         data.recorded_torque
     )
+
+
+def test_the_twin_moves_behind_the_current_loop_that_was_taken_out(begun: Begun) -> None:
+    """As an axis does that has the lag as an effect; and what it records is behind that loop, as the recording is."""
+    problem, model_fit = begun
+    law, packed, lag = problem.controller, model_fit.fitted.packed, 3e-4
+    assert law is not None
+    on, p = packed.on.copy(), packed.p.copy()
+    p[TIME_CONSTANT], on[IS_LATE] = lag, True
+    prompt = behind_current_loop(problem.data, 0.0)
+    late = replace(prompt, lag=lag)  # it begins as the other does
+
+    def run(data: Prepared, model: Packed) -> Simulated:
+        return run_twin(data, model, law, STILL, np.random.default_rng(0))
+
+    own, taken_out, none = run(prompt, Packed(p, on)), run(late, packed), run(prompt, packed)
+    assert taken_out.position == pytest.approx(own.position, abs=1e-12)
+    assert taken_out.torque == pytest.approx(followed_late(prompt, own.torque, lag), abs=1e-12)
+    assert np.abs(none.position - own.position).max() > problem.data.resolution
+    twins = run_twins(late, [packed] * 2, law, [shaken(late, STILL, np.random.default_rng(0))] * 2)
+    assert twins[1].torque == pytest.approx(taken_out.torque, abs=1e-12)
+    both = run(late, Packed(p, on)).position
+    p[TIME_CONSTANT] = 2.0 * lag
+    assert both == pytest.approx(run(prompt, Packed(p, on)).position, abs=1e-12)
 
 
 def test_a_current_loop_is_no_noise_of_the_torque_sensor(begun: Begun) -> None:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from autotune.estimation.controller import identified
+from autotune.estimation.alignment import shifted
+from autotune.estimation.controller import as_recorded, identified
 from autotune.estimation.controller_between import (
     FED,
     answering_late,
@@ -19,10 +20,11 @@ from autotune.estimation.controller_law import (
     PositionController,
     between_terms,
 )
-from autotune.estimation.data import prepare
+from autotune.estimation.data import Prepared, prepare
 from autotune.estimation.disturbance import STILL
 from autotune.estimation.policy import POLICY
-from autotune.estimation.twin_runs import run_twin, run_twins
+from autotune.estimation.residual import Simulated
+from autotune.estimation.twin_runs import acted_late, run_twin, run_twins
 from autotune.models.drive_model import base_model
 from autotune.recordings.recording import Recording
 from tests.estimation.simulated import AXIS, PERIOD, RESOLUTION, TRUE, recorded
@@ -238,6 +240,23 @@ def test_twins_of_one_pass_record_their_torque_as_one_alone_does(taken: str) -> 
     for model, run in zip(models, run_twins(data, models, law, [(still, still)] * 2), strict=True):
         alone = run_twin(data, model, law, STILL, np.random.default_rng(1))
         assert run.torque == pytest.approx(alone.torque, abs=1e-9)
+
+
+@pytest.mark.parametrize("taken", ["moment", "next", "before"])
+def test_a_twin_acts_as_late_as_the_torque_was_taken(taken: str) -> None:
+    """A torque that acts a cycle later than it was recorded is that of a loop that answers so much later."""
+    law = replace(TRUE, source="identified", ticks=4, taken=taken, answer_delay=0.2)
+    data = as_recorded(prepare([recorded(TRUE)]), law)
+    later = replace(shifted(data, data.shift - 2.0), cycles=1)
+    assert (acted_late(data, law), acted_late(later, law)) == (0, 1)
+    assert acted_late(later, replace(law, ticks=1)) == 0
+
+    def run(data: Prepared, law: PositionController) -> Simulated:
+        return run_twin(data, base_model(AXIS).pack(), law, STILL, np.random.default_rng(1))
+
+    moved, slower, prompt = run(later, law), run(data, replace(law, answer_delay=1.2)), run(data, law)
+    apart = moved.position - slower.position  # they begin alike but for the torque of the first row
+    assert np.std(apart[200:]) < 0.05 * np.std((moved.position - prompt.position)[200:])
 
 
 @pytest.mark.slow

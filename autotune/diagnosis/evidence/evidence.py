@@ -24,7 +24,7 @@ from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Problem, refit
 from autotune.estimation.residual import measured_motion, smoothed
 from autotune.models.effect import Kind
-from autotune.models.torque_lag import IS_LATE, TIME_CONSTANT, TORQUE_LAG
+from autotune.models.torque_lag import IS_LATE, STAGES, TIME_CONSTANT, TORQUE_LAG
 from autotune.signals.line_search import lowest
 
 CLOSE_START = 0.4
@@ -267,18 +267,30 @@ def _moved_once(problem: Problem, model_fit: ModelFit) -> Problem:
             errors[shift] = _cost(problem, _left(problem, model_fit, shifted(data, shift)))
         return errors[shift]
 
+    if data.cycles > 0:
+        return _without_cycles(problem, model_fit)
     best, lowest_cost = best_shift(cost, data.shift, step=min(0.1, FINE_SHIFT * 2.0 / data.period))
+    if best == data.shift or lowest_cost > WORTH_ALIGNING * cost(data.shift):
+        return problem
     earliest, latest = -np.inf, np.inf
     if law is not None:
         early, late = CHAIN
         earliest, latest = 2.0 * (early - BESIDE / data.period), 2.0 * late
-    if (
-        best == data.shift
-        or not earliest <= best <= latest
-        or lowest_cost > WORTH_ALIGNING * cost(data.shift)
-    ):
+    if best < earliest:
+        return _without_cycles(problem, model_fit)
+    return problem if best > latest else _with(problem, shifted(data, best))
+
+
+def _without_cycles(problem: Problem, model_fit: ModelFit) -> Problem:
+    """The torque of a loop between the samples later than any moment of recording: whole cycles, as behind a bus.
+
+    What is later by less was moved, or is a lag; nothing is moved beside whole cycles.
+    """
+    between = problem.controller is not None and problem.controller.ticks > 1
+    if model_fit.fitted.packed.on[IS_LATE] or not between:
         return problem
-    return _with(problem, shifted(data, best))
+    trials = [_late_by(problem, model_fit, count) for count in (0, *CYCLES)]
+    return _ordinary(problem, model_fit, trials, trials[1:])
 
 
 @dataclass(frozen=True, slots=True)
@@ -302,41 +314,67 @@ def _without_current_loop(problem: Problem, model_fit: ModelFit) -> Problem:
     plain = _late_by(problem, model_fit, 0)
     whole = int(plain.data.lag / (problem.data.upsampling * problem.data.period))
     trials = [plain, *(_late_by(problem, model_fit, count) for count in {whole, whole + 1} & set(CYCLES))]
-    usual = [one for one in trials if _is_current_loop(problem, model_fit, one)]
+    return _ordinary(problem, model_fit, trials, trials)
+
+
+def _ordinary(
+    problem: Problem, model_fit: ModelFit, trials: Sequence[_Late], known: Sequence[_Late]
+) -> Problem:
+    """The problem with the best of those `known` from any drive taken out, where no other trial explains clearly more.
+
+    Cycles that were taken out come back where a lag turns out to be none: the running mean of a demand bends less than
+    one stage does, as several stages do.
+    """
+    usual = [one for one in known if _is_current_loop(problem, model_fit, one)]
     if not usual:
         return problem
     best = min(usual, key=lambda one: one.cost)
     least = min(one.cost for one in trials)
+    if best.data.cycles > 0:
+        steep = _late_by(problem, model_fit, 0, STAGES)
+        least = least if _is_current_loop(problem, model_fit, steep, STAGES) else min(least, steep.cost)
+    if least < CLEARLY_LESS * best.cost:
+        return _with_cycles_again(problem)
     here = _cost(problem, _left(problem, model_fit, problem.data))
-    if least < CLEARLY_LESS * best.cost or best.cost > WORTH_ALIGNING * here:
+    if best.cost > WORTH_ALIGNING * here:
         return problem
     error = _error_of_lag(problem, model_fit, best)
     data = replace(behind_current_loop(best.data, min(best.data.lag, CURRENT_LOOP)), lag_error=error)
     return _with(_later_by(problem, data.cycles - problem.data.cycles), data)
 
 
+def _with_cycles_again(problem: Problem) -> Problem:
+    """The problem without cycles taken out; itself where there were none."""
+    data = problem.data
+    if data.cycles == 0:
+        return problem
+    prompt = shifted(data, data.shift + 2.0 * data.upsampling * data.cycles)
+    return _with(_later_by(problem, -data.cycles), prompt)
+
+
 def _later_by(problem: Problem, cycles: int) -> Problem:
-    """The problem whose controller sees everything so many cycles later."""
+    """The problem whose controller sees everything so many cycles later; between the samples the twin sees to it."""
     law, later = problem.controller, problem.data.upsampling * cycles
-    if law is None or later == 0:
+    if law is None or later == 0 or law.ticks > 1:
         return problem
     delays = law.reference_delay + later, law.position_delay + later
     return replace(problem, controller=replace(law, reference_delay=delays[0], position_delay=delays[1]))
 
 
-def _is_current_loop(problem: Problem, model_fit: ModelFit, late: _Late) -> bool:
+def _is_current_loop(problem: Problem, model_fit: ModelFit, late: _Late, stages: int = 1) -> bool:
     """Whether a lag is not beyond doubt longer than that of an ordinary current loop."""
-    return late.data.lag - SURE * _error_of_lag(problem, model_fit, late) <= CURRENT_LOOP
+    return late.data.lag - SURE * _error_of_lag(problem, model_fit, late, stages) <= CURRENT_LOOP
 
 
-def _late_by(problem: Problem, model_fit: ModelFit, cycles: int) -> _Late:
-    """The best lag behind so many cycles."""
-    data = problem.data
-    later = 2.0 * data.upsampling * (cycles - data.cycles)
-    prompt = replace(shifted(data, data.shift - later), cycles=cycles)
+def _late_by(problem: Problem, model_fit: ModelFit, cycles: int, stages: int = 1) -> _Late:
+    """The best lag behind so many cycles, of so many stages."""
+    data, between = problem.data, problem.controller is not None and problem.controller.ticks > 1
+    already = data.late if between else data.upsampling * data.cycles
+    later = data.upsampling * cycles - already
+    prompt = replace(shifted(data, data.shift - 2.0 * later), cycles=cycles)
 
     def late(lag: float) -> _Late:
-        moved = behind_current_loop(prompt, lag)
+        moved = behind_current_loop(prompt, lag, stages)
         rest = _left(problem, model_fit, moved)
         return _Late(moved, rest, _cost(problem, rest))
 
@@ -344,10 +382,10 @@ def _late_by(problem: Problem, model_fit: ModelFit, cycles: int) -> _Late:
     return late(lowest(lambda lag: late(lag).cost, (0.0, most), FINE_LATE * CURRENT_LOOP))
 
 
-def _error_of_lag(problem: Problem, model_fit: ModelFit, found: _Late) -> float:
+def _error_of_lag(problem: Problem, model_fit: ModelFit, found: _Late, stages: int = 1) -> float:
     """Standard error [s]."""
     step = FINE_LATE * CURRENT_LOOP
-    longer = _left(problem, model_fit, behind_current_loop(found.data, found.data.lag + step))
+    longer = _left(problem, model_fit, behind_current_loop(found.data, found.data.lag + step, stages))
     rows = problem.training > 0
     slope = (longer - found.rest)[rows] / step
     return float(np.sqrt(CORRELATED * np.mean(found.rest[rows] ** 2) / max(float(slope @ slope), 1e-300)))
