@@ -51,8 +51,8 @@ TWIN_AFTER_ALL = (
     "A twin explained less than none of the model as it was, but more beside what was found: it is used."
 )
 AS_ASKED = (
-    "Above {:.2g} Hz the torque is compared as the controller asks for it along the recorded motion: so the model "
-    "leaves less than of the recorded torque, which was read at a moment, or is noisier."
+    "Above {:.2g} Hz the torque is compared as the controller asks for it along the recorded motion: of that "
+    "the model leaves less than of the recorded torque, which was read at a moment, or is noisier."
 )
 LATE_RECORD = "The torque is taken as recorded a sample late: so the axis answers to it."
 

@@ -270,7 +270,7 @@ def much_unexplained(problem: Problem, model_fit: ModelFit, number: int) -> str:
 
 
 def base_in_words(first: tuple[int, Problem, ModelFit], other: tuple[int, Problem, ModelFit]) -> str:
-    """By which parameters two recordings have a different base, beyond their standard errors; empty where by none.
+    """By which parameters two recordings come to a different base, beyond their standard errors; empty where by none.
 
     Each by its number, with its problem and the fit to it.
     """
@@ -287,7 +287,7 @@ def base_in_words(first: tuple[int, Problem, ModelFit], other: tuple[int, Proble
             told.append(f"{words} {one:.3g} and {two:.3g} {unit}")
     if not told:
         return ""
-    return f"Recordings {number} and {other[0]} have a different base: {', '.join(told)}."
+    return f"Recordings {number} and {other[0]} come to a different base: {', '.join(told)}."
 
 
 def _base(problem: Problem, model_fit: ModelFit) -> dict[str, tuple[float, float]]:

@@ -53,7 +53,9 @@ def upsampled(recording: Recording, factor: int) -> Recording:
     new = np.arange((len(recording) - 1) * factor + 1) / factor
     stretches = [stretch.rows for stretch in stretches_of(recording, 0)]
     columns = {
-        name: np.interp(new, old, values) if name == "time" else _splined(values, stretches, factor, old, new)
+        name: _finer_time(recording, old, new)
+        if name == "time"
+        else _splined(values, stretches, factor, old, new)
         for name, values in recording.floats.items()
     }
     row = np.floor(new + 1e-9).astype(np.int64)
@@ -64,6 +66,17 @@ def upsampled(recording: Recording, factor: int) -> Recording:
         position_resolution=known_resolution(recording.metadata, recording["position"]),
     ).metadata
     return Recording.from_columns(columns, metadata, recording.experiment[row], recording.repeat[row], missed)
+
+
+def _finer_time(recording: Recording, old: Floats, new: Floats) -> Floats:
+    """Time on the new raster: it goes on after the last row of a segment, as the next one may begin before it."""
+    time = recording["time"]
+    finer = np.asarray(np.interp(new, old, time), dtype=np.float64)
+    for segment in recording.segments():
+        last = segment.stop - 1
+        behind = (new > last) & (new < segment.stop)
+        finer[behind] = time[last] + (new[behind] - last) * recording.period
+    return finer
 
 
 def _splined(values: Floats, stretches: Sequence[slice], factor: int, old: Floats, new: Floats) -> Floats:

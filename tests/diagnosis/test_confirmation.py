@@ -151,7 +151,7 @@ def test_a_base_that_differs_beyond_its_errors_is_said(monkeypatch: pytest.Monke
         return number, problem, SimpleNamespace(free=free, fitted=SimpleNamespace(packed=packed))
 
     said = base_in_words(fitted(1, 0.21), fitted(2, 0.17))
-    assert said == "Recordings 1 and 2 have a different base: Coulomb friction 0.21 and 0.17 N m."
+    assert said == "Recordings 1 and 2 come to a different base: Coulomb friction 0.21 and 0.17 N m."
     assert base_in_words(fitted(1, 0.21), fitted(2, 0.208)) == ""
 
 

@@ -57,6 +57,18 @@ def test_differences_on_the_finer_raster_are_derivatives() -> None:
     np.testing.assert_allclose(fine["position"][::3], recording["position"], atol=1e-12)
 
 
+def test_time_rises_within_segments_of_which_each_begins_at_zero() -> None:
+    plain = _wave()
+    count = len(plain) // 2
+    time = np.concatenate([plain["time"][:count], plain["time"][: len(plain) - count]])
+    names = np.where(np.arange(len(plain)) < count, "one", "two")
+    twice = Recording(plain.metadata, {**plain.floats, "time": time}, names, plain.repeat, plain.missed)
+    fine = upsampled(twice, 3)
+    for segment in fine.segments():
+        steps = np.diff(fine["time"][segment.rows])
+        np.testing.assert_allclose(steps, PERIOD / 3, rtol=1e-6)
+
+
 def test_cuts_segments_and_the_count_of_the_position_stay() -> None:
     plain = _wave()
     missed = np.zeros(len(plain), dtype=np.int64)

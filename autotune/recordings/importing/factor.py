@@ -112,10 +112,11 @@ def _find(field: str, source: Source, text: str) -> int | None:
     keys: tuple[Callable[[Column], str], ...] = (
         lambda column: column.name,
         lambda column: f"{column.name} [{column.unit}]",
+        lambda column: f"{column.name} ({column.unit})",
         lambda column: f"{column.name}_{column.unit}",
         lambda column: column.name.lower(),
     )
-    for key, wanted in zip(keys, (field, field, field, field.lower()), strict=True):
+    for key, wanted in zip(keys, (field, field, field, field, field.lower()), strict=True):
         hits = [i for i, column in enumerate(source.columns) if key(column) == wanted]
         if len(hits) > 1:
             raise ConfigurationError(
