@@ -13,6 +13,7 @@ from autotune.diagnosis.candidates import (
     explained_of_rest,
     is_end_of,
 )
+from autotune.diagnosis.each_recording import unexplained
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
 from autotune.diagnosis.evidence.time_driven import (
@@ -47,6 +48,8 @@ OUTDONE = 1.5
 """Times the gain of what is named: what a candidate that could not pass may gain at most beside it."""
 LAW_DIFFERS, LAW_LEAD = 0.9, 0.6
 """Share explained from which one effect is named though its law differs, and what another may gain of its gain."""
+MOST_NOISE = 0.25
+"""Of a recording's torque (rms): so loud is no sensor, and no disturbance of an axis that is used."""
 LAW_DIFFERS_ALONE = 0.8
 """The same where all that can look like it was looked for too and is left behind: what takes the place of an effect
 that was looked for loses to it, and what takes that of one that nobody knows explains less of both trajectories."""
@@ -95,6 +98,13 @@ class Facts:
     unlike: str = ""
     edge: bool = False
     base: tuple[str, ...] = ()
+
+    @property
+    def loud(self) -> bool:
+        """Whether more than noise usually is stays unexplained, and no repeats tell it from what is missing."""
+        if self.chosen is not None or self.evidence.repeats:
+            return False
+        return math.sqrt(unexplained(self.problem, self.root)) > MOST_NOISE
 
     @property
     def drowned(self) -> bool:

@@ -19,7 +19,7 @@ from autotune.diagnosis.candidates import (
 )
 from autotune.diagnosis.compare import check_same_axis
 from autotune.diagnosis.confirmation import confirm, in_words
-from autotune.diagnosis.each_recording import Searched, of_each, own_recordings, unexplained
+from autotune.diagnosis.each_recording import Searched, of_each, own_recordings
 from autotune.diagnosis.evidence.evidence import HoldoutResult
 from autotune.diagnosis.evidence.time_driven import (
     all_lines,
@@ -245,24 +245,9 @@ def _hunts(facts: Facts) -> str:
     return HUNTS.format(hertz=facts.hunts)
 
 
-MOST_NOISE = 0.25
-"""Of a recording's torque (rms): so loud is no sensor and no disturbance of an axis that is used."""
-
-
-def _untold_rest(facts: Facts) -> bool:
-    """Without repeats nothing tells noise from what is missing; a quarter of the torque is more than noise is."""
-    return (
-        facts.chosen is None
-        and not facts.evidence.repeats
-        and math.sqrt(unexplained(facts.problem, facts.root)) > MOST_NOISE
-    )
-
-
 def _noise_or_not(facts: Facts) -> str:
-    share = math.sqrt(unexplained(facts.problem, facts.root))
     return (
-        f"{100 * share:.2g} % of the torque (rms) stay unexplained, and nothing in these data tells whether that is "
-        "noise: record the same motion twice. " + _nothing(facts)
+        f"{_nothing(facts)} Nothing in these data tells whether that is noise: record the same motion twice."
     )
 
 
@@ -290,7 +275,7 @@ CASES: tuple[Case, ...] = (
     Case("an effect explains too little", lambda f: f.chosen is not None and f.left, UNKNOWN, _unknown),
     Case("another trajectory refutes it", lambda f: bool(f.carried), UNKNOWN, _unknown),
     Case("what is left is no noise", lambda f: f.left or f.climbing, UNKNOWN, _unknown),
-    Case("too much is unexplained to say that nothing is missing", _untold_rest, UNKNOWN, _noise_or_not),
+    Case("too much is unexplained to say that nothing is missing", lambda f: f.loud, UNKNOWN, _noise_or_not),
     Case("nothing is missing", lambda f: True, NONE, _nothing),
 )
 

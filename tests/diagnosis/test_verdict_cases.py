@@ -38,6 +38,7 @@ NOTHING = {
     "hunts": 0.0,
     "unlike": "",
     "edge": False,
+    "loud": False,
 }
 FOUND = {"chosen": object(), "accepted": True}
 
@@ -76,6 +77,7 @@ def test_what_another_law_of_presliding_leaves_is_said() -> None:
         (FOUND | {"own_law": True}, "named"),
         ({"carried": ("refuted",)}, "unknown"),
         ({"left": True}, "unknown"),
+        ({"loud": True}, "unknown"),
         ({"climbing": True}, "unknown"),  # beside a law of presliding that does not explain enough
         ({"climbing": True, "own_law": True}, "none"),
         ({"structured": True}, "unknown"),
@@ -107,6 +109,7 @@ def test_every_row_can_be_reached_and_has_a_name_of_its_own() -> None:
         _row(carried=("refuted",)),
         _row(breathing=TimeLine(0.4, 0.3)),
         _row(left=True),
+        _row(loud=True),
         _row(line=TimeLine(15.6, 0.3, steady=False)),
     }
     assert {name for _, name in reached} == {case.name for case in CASES}
@@ -295,7 +298,7 @@ def test_what_was_taken_out_hides_the_rest_where_it_has_a_cause_of_its_own(
 
 @pytest.mark.parametrize(("left", "structured"), [(True, True), (False, False)])
 def test_a_free_function_that_gains_on_noise_says_nothing(left: bool, structured: bool) -> None:
-    problem = SimpleNamespace(policy=POLICY)
+    problem = SimpleNamespace(policy=POLICY, has_veto=True)
     facts = Facts(
         problem,
         SimpleNamespace(),
@@ -311,6 +314,22 @@ def test_a_free_function_that_gains_on_noise_says_nothing(left: bool, structured
     )
     assert facts.plainly
     assert facts.structured == structured
+
+
+@pytest.mark.parametrize(
+    ("named", "has_veto", "structured"), [(True, True, False), (True, False, True), (False, True, True)]
+)
+def test_nor_does_one_beside_what_repeats_and_the_veto_say_is_explained(
+    monkeypatch: pytest.MonkeyPatch, named: bool, has_veto: bool, structured: bool
+) -> None:
+    monkeypatch.setattr(facts, "any_course", lambda *_: False)
+    problem = SimpleNamespace(policy=POLICY, has_veto=has_veto)
+    chosen = SimpleNamespace(named=named, model_fit=None)
+    known = Facts(
+        problem, SimpleNamespace(), chosen, RepeatedProgramme(), (), None, "acceleration", 0.1, 0.02, ()
+    )
+    assert known.plainly
+    assert known.structured == structured
 
 
 @pytest.mark.parametrize(
