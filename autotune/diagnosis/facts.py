@@ -188,6 +188,8 @@ class Facts:
             fitted.setdefault(GAP.name, fitted[SPRING.name])
         refuted = {item.effect for item in self.tried if item.share < self.problem.policy.partly}
         near = {effect for effect, gain in gains if gain > least} - {chosen.effect} - refuted
+        if chosen.effect == SPRING.name in fitted and fitted[GAP.name] is fitted[SPRING.name]:
+            near -= {GAP.name}  # given up for it: no rival of what explains as much
         return all(effect in fitted and self._far_behind(chosen, fitted[effect]) for effect in near)
 
     def _far_behind(self, chosen: FittedCandidate, rival: FittedCandidate) -> bool:

@@ -275,6 +275,25 @@ def test_a_second_mass_stands_for_a_gap_that_was_given_up_for_it(fitted: bool, l
     assert Facts(*known, first=[chosen, gap], tried=[spring] if fitted else []).leads is leads
 
 
+@pytest.mark.parametrize(("given_up", "leads"), [(True, True), (False, False)])
+def test_nor_does_a_gap_stand_in_the_way_of_the_spring_that_it_was_given_up_for(
+    given_up: bool, leads: bool
+) -> None:
+    """Of eight elastic transmissions two were "unknown" so, with 94 and 94 % explained."""
+    spring = SimpleNamespace(
+        effect="elastic_transmission",
+        gain=0.6,
+        share=0.94,
+        plain_share=0.94,
+        model_fit=SimpleNamespace(effects=("elastic_transmission",)),
+    )
+    gap = SimpleNamespace(effect="backlash", gain=0.7, share=0.96, model_fit=SimpleNamespace())
+    evidence = SimpleNamespace(apart=lambda _, better, worse: better is not worse and given_up)
+    known = (SimpleNamespace(policy=POLICY), None, spring, evidence, (), None, "", 0.0, 0.6, ())
+    tried = [spring] if given_up else [spring, gap]
+    assert Facts(*known, first=[spring, gap], tried=tried).leads is leads
+
+
 @pytest.mark.parametrize(("share", "drowned"), [(0.06, False), (0.45, False), (0.7, True)])
 def test_a_disturbance_that_follows_the_clock_hides_what_is_smaller_than_it(
     share: float, drowned: bool
