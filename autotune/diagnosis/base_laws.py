@@ -170,7 +170,7 @@ def _with_parts(model_fit: ModelFit) -> tuple[Packed, list[Free]]:
     """A start of elements beside the bristle, which keeps most of it."""
     packed = model_fit.fitted.packed
     p, on = packed.p.copy(), packed.on.copy()
-    level, reach = float(p[layout.COULOMB]), float(p[layout.COULOMB] / p[layout.STIFFNESS])
+    level, reach = _bristle(packed)
     on[REMEMBERS] = True
     p[layout.COULOMB] *= 1.0 - sum(share for _, share in PARTS)
     ways = [place * reach for place, _ in PARTS]
@@ -180,16 +180,19 @@ def _with_parts(model_fit: ModelFit) -> tuple[Packed, list[Free]]:
     return Packed(p, on), [*model_fit.free, *(one for pair in more for one in pair)]
 
 
+def _bristle(packed: Packed) -> tuple[float, float]:
+    """Level and reach of the bristle, without elements."""
+    level = float(packed.p[layout.COULOMB])
+    return level, level / float(packed.p[layout.STIFFNESS])
+
+
 def _as_chain(model_fit: ModelFit, links: Sequence[float]) -> tuple[Packed, list[Free]]:
     """A start of elements in place of the bristle, on its virgin curve, with a damping of their own.
 
     `links`: of the bristle's reach, where elements slide.
     """
     packed = model_fit.fitted.packed
-    level, reach = (
-        float(packed.p[layout.COULOMB]),
-        float(packed.p[layout.COULOMB] / packed.p[layout.STIFFNESS]),
-    )
+    level, reach = _bristle(packed)
     elements = _on_the_curve(level, reach, reach * np.array(links))
     started = _started(packed, elements)
     p, on = started.p, started.on.copy()
@@ -435,7 +438,7 @@ def _present(p: Floats) -> list[_Element]:
 def _elements(problem: Problem, packed: Packed) -> list[_Element]:
     """Those that the bristle is taken apart into, then those that carry something already."""
     p = packed.p
-    coulomb, reach = float(p[layout.COULOMB]), float(p[layout.COULOMB] / p[layout.STIFFNESS])
+    coulomb, reach = _bristle(packed)
     present = _present(p)
     friction = coulomb + sum(one.torque for one in present)
     if coulomb < SPENT * friction:

@@ -13,7 +13,6 @@ from autotune.diagnosis.candidates import (
     explained_of_rest,
     is_end_of,
 )
-from autotune.diagnosis.each_recording import unexplained
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult
 from autotune.diagnosis.evidence.time_driven import (
@@ -36,6 +35,7 @@ from autotune.diagnosis.ripple_orders import candidate_orders
 from autotune.diagnosis.search import Found
 from autotune.diagnosis.starts import own_course
 from autotune.diagnosis.transmission import GAP, SPRING, hardly_a_gap
+from autotune.diagnosis.wording import rms_unexplained
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.cross_validation import beyond_presliding, gain_and_z, goes_with_place
 from autotune.estimation.data import TRAINING
@@ -104,7 +104,7 @@ class Facts:
         """Whether more than noise usually is stays unexplained, and no repeats tell it from what is missing."""
         if self.chosen is not None or self.evidence.repeats:
             return False
-        return math.sqrt(unexplained(self.problem, self.root)) > MOST_NOISE
+        return rms_unexplained(self.problem, self.root) > MOST_NOISE
 
     @property
     def drowned(self) -> bool:

@@ -182,13 +182,18 @@ def why(
     return f"{gain}; {gate}" if gate else f"{gain}, less than others"
 
 
+def rms_unexplained(problem: Problem, root: ModelFit) -> float:
+    """Of the recorded torque on the rows that are fitted: the share that the model leaves, by their spread."""
+    rows = problem.training > 0
+    torque = problem.data.torque[problem.data.grid[rows]]
+    return float(np.std(root.fitted.error[rows])) / max(float(np.std(torque)), 1e-300)
+
+
 def nothing_note(
     problem: Problem, evidence: Evidence, root: ModelFit, first: Sequence[ScreenedCandidate]
 ) -> str:
     """Where nothing is missing: the share of the torque that stays unexplained, and what stopped the best candidate."""
-    rows = problem.training > 0
-    torque = problem.data.torque[problem.data.grid[rows]]
-    share = float(np.std(root.fitted.error[rows])) / max(float(np.std(torque)), 1e-300)
+    share = rms_unexplained(problem, root)
     text = f"{100 * share:.2g} % of the torque (rms) stay unexplained after refitting"
     best = max(first, key=lambda item: item.gain, default=None)
     if best is None or best.gain <= 0.0:

@@ -53,7 +53,7 @@ def upsampled(recording: Recording, factor: int) -> Recording:
     new = np.arange((len(recording) - 1) * factor + 1) / factor
     stretches = [stretch.rows for stretch in stretches_of(recording, 0)]
     columns = {
-        name: _finer_time(recording, old, new)
+        name: _finer_time(recording, factor, old, new)
         if name == "time"
         else _splined(values, stretches, factor, old, new)
         for name, values in recording.floats.items()
@@ -68,14 +68,14 @@ def upsampled(recording: Recording, factor: int) -> Recording:
     return Recording.from_columns(columns, metadata, recording.experiment[row], recording.repeat[row], missed)
 
 
-def _finer_time(recording: Recording, old: Floats, new: Floats) -> Floats:
+def _finer_time(recording: Recording, factor: int, old: Floats, new: Floats) -> Floats:
     """Time on the new raster: it goes on after the last row of a segment, as the next one may begin before it."""
     time = recording["time"]
     finer = np.asarray(np.interp(new, old, time), dtype=np.float64)
-    for segment in recording.segments():
-        last = segment.stop - 1
-        behind = (new > last) & (new < segment.stop)
-        finer[behind] = time[last] + (new[behind] - last) * recording.period
+    behind = np.arange(1, factor) * (recording.period / factor)
+    for segment in recording.segments()[:-1]:
+        first = (segment.stop - 1) * factor + 1
+        finer[first : first + len(behind)] = time[segment.stop - 1] + behind
     return finer
 
 

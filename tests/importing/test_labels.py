@@ -64,6 +64,19 @@ def test_a_column_with_the_recordings_own_name_is_taken(tmp_path: Path, signals:
     assert ("veto", 0) in segments(bring_in(path, columns=COLUMNS).recording)
 
 
+def test_who_names_all_segments_is_not_stopped_by_it(tmp_path: Path, signals: dict[str, Floats]) -> None:
+    path = write(tmp_path / "axis.csv", programme(signals), HEAD.replace("phase", "experiment"))
+    assert segments(bring_in(path, columns=COLUMNS, experiment="day").recording) == {("day", 0): 2000}
+
+
+def test_of_two_columns_of_one_name_the_command_keeps_the_number(
+    tmp_path: Path, signals: dict[str, Floats]
+) -> None:
+    path = write(tmp_path / "axis.csv", programme(signals), HEAD.replace("run", "Phase").replace(" [Nm]", ""))
+    with pytest.raises(AutotuneError, match=r"--column experiment=2"):
+        bring_in(path, columns=("experiment=2",))
+
+
 def test_numbers_can_be_labels(tmp_path: Path, signals: dict[str, Floats]) -> None:
     path = write(tmp_path / "axis.csv", programme(signals))
     found = segments(bring_in(path, columns=(*COLUMNS, "experiment=run")).recording)

@@ -260,6 +260,8 @@ def _moved_once(problem: Problem, model_fit: ModelFit) -> Problem:
     if law is not None and law.exact:
         return _without_current_loop(problem, model_fit)
     data = problem.data
+    if data.cycles > 0:
+        return _without_cycles(problem, model_fit)
     errors: dict[float, float] = {}
 
     def cost(shift: float) -> float:
@@ -267,8 +269,6 @@ def _moved_once(problem: Problem, model_fit: ModelFit) -> Problem:
             errors[shift] = _cost(problem, _left(problem, model_fit, shifted(data, shift)))
         return errors[shift]
 
-    if data.cycles > 0:
-        return _without_cycles(problem, model_fit)
     best, lowest_cost = best_shift(cost, data.shift, step=min(0.1, FINE_SHIFT * 2.0 / data.period))
     if best == data.shift or lowest_cost > WORTH_ALIGNING * cost(data.shift):
         return problem
@@ -286,8 +286,7 @@ def _without_cycles(problem: Problem, model_fit: ModelFit) -> Problem:
 
     What is later by less was moved, or is a lag; nothing is moved beside whole cycles.
     """
-    between = problem.controller is not None and problem.controller.ticks > 1
-    if model_fit.fitted.packed.on[IS_LATE] or not between:
+    if model_fit.fitted.packed.on[IS_LATE] or not _loops_between(problem):
         return problem
     trials = [_late_by(problem, model_fit, count) for count in (0, *CYCLES)]
     return _ordinary(problem, model_fit, trials, trials[1:])
@@ -355,10 +354,15 @@ def _with_cycles_again(problem: Problem) -> Problem:
 def _later_by(problem: Problem, cycles: int) -> Problem:
     """The problem whose controller sees everything so many cycles later; between the samples the twin sees to it."""
     law, later = problem.controller, problem.data.upsampling * cycles
-    if law is None or later == 0 or law.ticks > 1:
+    if law is None or later == 0 or _loops_between(problem):
         return problem
     delays = law.reference_delay + later, law.position_delay + later
     return replace(problem, controller=replace(law, reference_delay=delays[0], position_delay=delays[1]))
+
+
+def _loops_between(problem: Problem) -> bool:
+    """Whether a loop was found that works between the samples."""
+    return problem.controller is not None and problem.controller.ticks > 1
 
 
 def _is_current_loop(problem: Problem, model_fit: ModelFit, late: _Late, stages: int = 1) -> bool:
@@ -368,8 +372,8 @@ def _is_current_loop(problem: Problem, model_fit: ModelFit, late: _Late, stages:
 
 def _late_by(problem: Problem, model_fit: ModelFit, cycles: int, stages: int = 1) -> _Late:
     """The best lag behind so many cycles, of so many stages."""
-    data, between = problem.data, problem.controller is not None and problem.controller.ticks > 1
-    already = data.late if between else data.upsampling * data.cycles
+    data = problem.data
+    already = data.late if _loops_between(problem) else data.upsampling * data.cycles
     later = data.upsampling * cycles - already
     prompt = replace(shifted(data, data.shift - 2.0 * later), cycles=cycles)
 

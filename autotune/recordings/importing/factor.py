@@ -9,11 +9,11 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
-from autotune.core.errors import ConfigurationError, a_few
-from autotune.recordings.importing.source import Column, Source, short, within
+from autotune.core.errors import ConfigurationError
+from autotune.recordings.importing.source import Source, by_name, by_number, near, within
 from autotune.recordings.importing.units import find_unit
 from autotune.recordings.recording import FLOAT_COLUMNS
 
@@ -67,8 +67,8 @@ def _assignment(text: str, source: Source) -> Assignment:
         )
     if target not in TARGETS:
         allowed = (*TARGETS, "experiment")
-        near = difflib.get_close_matches(target.lower(), allowed, 1, 0.5)
-        hint = f" (did you mean {near[0]}?)" if near else ""
+        like = difflib.get_close_matches(target.lower(), allowed, 1, 0.5)
+        hint = f" (did you mean {like[0]}?)" if like else ""
         raise ConfigurationError(
             f"--column {text!r}: {target!r} is no column of a recording{hint}; allowed are {', '.join(allowed)}"
         )
@@ -88,51 +88,30 @@ def _field(rest: str, source: Source, text: str) -> tuple[int, float | None]:
         tail = rest[cut + 1 :] if rest[cut] == "*" else f"1/{rest[cut + 1 :]}"
         return index, evaluate(tail, source.scalars, f"--column {text!r}")
     field = re.split(r"[*/]", rest)[0].strip()
+    highest = max((column.number for column in (*source.columns, *source.texts)), default=0)
     raise ConfigurationError(
-        f"--column {text!r}: {source.path} has no column {field!r}{_near(field, source)}; it has {source.described()}, "
-        f"or say its number, 1 to {max((c.number for c in (*source.columns, *source.texts)), default=0)}"
+        f"--column {text!r}: {source.path} has no column {field!r}{near(field, source.columns)}; it has "
+        f"{source.described()}, or say its number, 1 to {highest}"
     )
-
-
-def _near(field: str, source: Source) -> str:
-    """A name like the one written, with the numbers of the columns where several bear it."""
-    near = difflib.get_close_matches(field, [column.name for column in source.columns], 1, 0.5)
-    if not near:
-        return ""
-    hits = [str(column.number) for column in source.columns if column.name == near[0]]
-    which = f", columns {a_few(hits)}" if len(hits) > 1 else ""
-    return f" (did you mean {short(near[0], 40)!r}{which}?)"
 
 
 def _find(field: str, source: Source, text: str) -> int | None:
-    """Index by exact name, by name with its unit, without regard to case, or by the number in the file.
-
-    A unit may stand in brackets, or at the end of the name as in the file's own header.
-    """
-    keys: tuple[Callable[[Column], str], ...] = (
-        lambda column: column.name,
-        lambda column: f"{column.name} [{column.unit}]",
-        lambda column: f"{column.name} ({column.unit})",
-        lambda column: f"{column.name}_{column.unit}",
-        lambda column: column.name.lower(),
-    )
-    for key, wanted in zip(keys, (field, field, field, field, field.lower()), strict=True):
-        hits = [i for i, column in enumerate(source.columns) if key(column) == wanted]
-        if len(hits) > 1:
-            raise ConfigurationError(
-                f"--column {text!r}: {source.path} has {len(hits)} columns {field!r}; say which by its number: "
-                f"{within([str(source.columns[hit].number) for hit in hits])}"
-            )
-        if hits:
-            return hits[0]
-    number = int(field) if re.fullmatch(r"[0-9]{1,6}", field) else 0
-    for column in source.texts:
-        if field == column.name or number == column.number:
-            raise ConfigurationError(
-                f"--column {text!r}: column {column.number} of {source.path}, {column}, holds texts or nothing; it has "
-                f"numbers in {source.numbered()}"
-            )
-    return next((i for i, column in enumerate(source.columns) if number and column.number == number), None)
+    """Index of the column with that name or number; None where there is none."""
+    hits = by_name(field, source.columns)
+    if len(hits) > 1:
+        raise ConfigurationError(
+            f"--column {text!r}: {source.path} has {len(hits)} columns {field!r}; say which by its number: "
+            f"{within([str(column.number) for column in hits])}"
+        )
+    if not hits:
+        for column in source.texts:
+            if field == column.name or column in by_number(field, source.texts):
+                raise ConfigurationError(
+                    f"--column {text!r}: column {column.number} of {source.path}, {column}, holds texts or nothing; it "
+                    f"has numbers in {source.numbered()}"
+                )
+    hits = hits or by_number(field, source.columns)
+    return source.columns.index(hits[0]) if hits else None
 
 
 def evaluate(text: str, scalars: Mapping[str, float], where: str) -> float:

@@ -33,7 +33,6 @@ from autotune.recordings.importing.labels import (
     TARGET,
     label_column,
     load_labels,
-    refuse_experiment_too,
     told,
 )
 from autotune.recordings.importing.leaps import Steps, judge_leaps, steps_of
@@ -103,15 +102,14 @@ def import_files(paths: Sequence[Path], options: Options) -> Imported:
     ]
     recording = concatenate(parts) if len(parts) > 1 else parts[0]
     del parts
-    lines = _lines(files) + _periods(files, period) + leaps + _renamed(files, recording)
+    lines = _lines(files) + _periods(files, period) + leaps
     recording, remarks = _judged(recording, files, options)
     return Imported(recording, tuple(plain(line) for line in lines + remarks))
 
 
 def _read(path: Path, paths: Sequence[Path], options: Options) -> _File:
     source = FORMATS[options.format](path)
-    said_columns, labelled = label_column(options.columns, source)
-    refuse_experiment_too(options.experiment, labelled, path)
+    said_columns, labelled = label_column(options, source)
     assigned = parse_assignments(said_columns, source)
     choices, doubts = choose(source, assigned, options.wishes)
     unit, why = motion_unit(choices, options.wishes)
@@ -119,7 +117,7 @@ def _read(path: Path, paths: Sequence[Path], options: Options) -> _File:
     columns, more = _load(source, [choice for choice in choices if choice.target], lines)
     doubts += more
     if doubts:
-        known = written(choices, source, assigned) | ({TARGET: labelled.name} if labelled else {})
+        known = written(choices, source, assigned) | ({TARGET: source.name_of(labelled)} if labelled else {})
         raise ask(path, paths, doubts, known, options)
     facts: dict[str, str] = {}
     columns, names = _labelled(columns, source, labelled, lines)
@@ -266,18 +264,11 @@ def _name(file: _File, stretch: RegularPiece, options: Options) -> str:
     if label or options.experiment:
         return options.experiment or _plain_name(label)
     name = _plain_name(file.path.stem)
-    return f"file-{name}" if name in RESERVED_EXPERIMENTS else name
-
-
-def _renamed(files: list[_File], recording: Recording) -> list[str]:
-    """A sentence for each file whose name means something else as an experiment's."""
-    names = {_plain_name(file.path.stem) for file in files} & set(RESERVED_EXPERIMENTS)
-    given = set(recording.experiment)
-    return [
-        f"experiment {name!r} has a meaning of its own here; this one is named 'file-{name}'"
-        for name in sorted(names)
-        if f"file-{name}" in given
-    ]
+    if name not in RESERVED_EXPERIMENTS:
+        return name
+    line = f"experiment {name!r} has a meaning of its own here; this one is named 'file-{name}'"
+    file.lines.extend([line] * (line not in file.lines))
+    return f"file-{name}"
 
 
 def _plain_name(text: str) -> str:

@@ -6,15 +6,12 @@ without being named. The recording is cut where the label changes.
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Sequence
-from pathlib import Path
-
 import numpy as np
 
 from autotune.core.errors import ConfigurationError, RecordingError, a_few
 from autotune.recordings.importing.clock import LEAST_ROWS
-from autotune.recordings.importing.source import Column, Source, short, within
+from autotune.recordings.importing.options import Options
+from autotune.recordings.importing.source import Column, Source, by_name, by_number, near, short, within
 from autotune.recordings.importing.texts import Labels
 from autotune.recordings.recording import RESERVED_EXPERIMENTS
 
@@ -25,21 +22,26 @@ _RESERVED = dict(
 )
 
 
-def label_column(texts: Sequence[str], source: Source) -> tuple[list[str], Column | None]:
+def label_column(options: Options, source: Source) -> tuple[list[str], Column | None]:
     """The `--column` options that name numbers, and the column of labels, where there is one.
 
     Raises:
-        ConfigurationError: no such column, or named twice.
+        ConfigurationError: no such column, named twice, or all segments have a name already.
     """
-    split = [(text, *(part.strip() for part in text.partition("=")[::2])) for text in texts]
+    split = [(text, *(part.strip() for part in text.partition("=")[::2])) for text in options.columns]
     fields = [wanted for _, target, wanted in split if target == TARGET and wanted]
     others = [text for text, target, wanted in split if target != TARGET or not wanted]
     if len(fields) > 1:
         raise ConfigurationError(f"--column gives {TARGET} twice; keep one of the two")
     if fields:
-        return others, _named(fields[0], source)
-    used = {wanted.split("*")[0] for _, _, wanted in split}
-    own = [column for column in source.texts if column.name == TARGET and TARGET not in used]
+        column = _named(fields[0], source)
+        if options.experiment is not None:
+            raise ConfigurationError(
+                f"{source.path}: --experiment {options.experiment} names all segments, and {column} names each; leave "
+                "one of the two out"
+            )
+        return others, column
+    own = [column for column in source.texts if column.name == TARGET and options.experiment is None]
     return others, own[0] if len(own) == 1 else None
 
 
@@ -82,10 +84,7 @@ def told(column: Column, labels: Labels) -> list[str]:
 def _named(wanted: str, source: Source) -> Column:
     """The column of that name or number, texts included."""
     every = (*source.texts, *source.columns)
-    hits = [column for column in every if column.name == wanted] or [
-        column for column in every if column.name.lower() == wanted.lower()
-    ]
-    hits = hits or [column for column in every if column.number and str(column.number) == wanted]
+    hits = by_name(wanted, every) or by_number(wanted, every)
     if len(hits) == 1:
         return hits[0]
     shown = within([f"{column.number} {column}" for column in every])
@@ -94,16 +93,6 @@ def _named(wanted: str, source: Source) -> Column:
             f"--column '{TARGET}={wanted}': {source.path} has {len(hits)} columns of that name; say which by its "
             f"number, of {shown}"
         )
-    near = difflib.get_close_matches(wanted, [column.name for column in every], 1, 0.5)
-    hint = f" (did you mean {short(near[0], 40)!r}?)" if near else ""
     raise ConfigurationError(
-        f"--column '{TARGET}={wanted}': {source.path} has no column {wanted!r}{hint}; it has {shown}"
+        f"--column '{TARGET}={wanted}': {source.path} has no column {wanted!r}{near(wanted, every)}; it has {shown}"
     )
-
-
-def refuse_experiment_too(experiment: str | None, column: Column | None, path: Path) -> None:
-    """Raises ConfigurationError where both an option and a column name the experiments."""
-    if experiment is not None and column is not None:
-        raise ConfigurationError(
-            f"{path}: --experiment {experiment} names all segments, and {column} names each; leave one of the two out"
-        )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -99,14 +101,49 @@ class Source:
         return within([f"{column.number} {column}" for column in self.columns])
 
     def called(self, index: int) -> str:
+        """What a person writes for a column of numbers: see `name_of`."""
+        return self.name_of(self.columns[index])
+
+    def name_of(self, column: Column) -> str:
         """What a person writes for a column: its name, or its number where that is too long or not its alone."""
-        column = self.columns[index]
         clear = self._names()[column.name.lower()] == 1 and len(column.name) <= LONGEST_NAME
         return column.name if clear or not column.number else str(column.number)
 
     def _names(self) -> Counter[str]:
         """How many columns have each name; small and capital letters are the same."""
         return Counter(column.name.lower() for column in (*self.columns, *self.texts))
+
+
+def by_name(field: str, columns: Sequence[Column]) -> list[Column]:
+    """The columns of that exact name, else with their unit, else without regard to case.
+
+    A unit may stand in brackets, or at the end of the name as in the file's own header.
+    """
+    ways: tuple[Callable[[Column], bool], ...] = (
+        lambda column: column.name == field,
+        lambda column: f"{column.name} [{column.unit}]" == field,
+        lambda column: f"{column.name} ({column.unit})" == field,
+        lambda column: f"{column.name}_{column.unit}" == field,
+        lambda column: column.name.lower() == field.lower(),
+    )
+    found = ([column for column in columns if fits(column)] for fits in ways)
+    return next((hits for hits in found if hits), [])
+
+
+def by_number(field: str, columns: Sequence[Column]) -> list[Column]:
+    """The column with that number in the file, where it is one."""
+    number = int(field) if re.fullmatch(r"[0-9]{1,6}", field) else 0
+    return [column for column in columns if number and column.number == number]
+
+
+def near(field: str, columns: Sequence[Column]) -> str:
+    """For a message: a name like the one written, with the numbers of the columns where several bear it."""
+    like = difflib.get_close_matches(field, [column.name for column in columns], 1, 0.5)
+    if not like:
+        return ""
+    hits = [str(column.number) for column in columns if column.name == like[0]]
+    which = f", columns {a_few(hits)}" if len(hits) > 1 else ""
+    return f" (did you mean {short(like[0], 40)!r}{which}?)"
 
 
 def usual_rows(columns: Sequence[Column]) -> int | None:
