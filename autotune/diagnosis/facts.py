@@ -377,11 +377,14 @@ def _something_left(facts: Facts, rows: Problem) -> bool:
     """Whether what the root leaves is more than noise; a disturbance that follows the clock is taken out first.
 
     `rows`: the problem on those rows that tell; beside another law of presliding where its contact slides.
-    So it is where the chosen effect lowers what repeats share by as much. Without repeats a gain on unseen stretches
-    says it.
+    So it is where the chosen effect lowers what repeats share by as much, or where one that is not named halves the
+    error of experiments held out (beside another law of presliding that may be the law's own rest). Without repeats
+    a gain on unseen stretches says it.
     """
     problem, root, evidence, chosen = facts.problem, facts.root, facts.evidence, facts.chosen
-    if not evidence.repeats and (chosen is not None or facts.plainly or facts.overlooked is not None):
+    if not evidence.repeats and (chosen is not None or facts.plainly):
+        return True
+    if facts.overlooked is not None and not (evidence.repeats and facts.presliding is not None):
         return True
     if chosen is not None and chosen.share >= problem.policy.partly:
         noise = problem.noise_variance(root.fitted.error, TRAINING)

@@ -140,7 +140,7 @@ def test_an_effect_that_would_go_on_beyond_its_law_is_at_its_edge(
 @pytest.mark.parametrize(
     ("gain", "part", "overlooked"), [(0.86, 0.016, True), (0.86, 0.004, False), (0.4, 0.016, False)]
 )
-def test_what_gains_half_of_a_lone_recording_is_never_nothing(
+def test_what_gains_half_of_unseen_data_is_never_nothing(
     monkeypatch: pytest.MonkeyPatch, gain: float, part: float, overlooked: bool
 ) -> None:
     """Unless it is as small as what measurement chains leave, 0.7 % of the torque, and may be chance."""
@@ -149,6 +149,8 @@ def test_what_gains_half_of_a_lone_recording_is_never_nothing(
     item = SimpleNamespace(effect="nonlinear_viscous", gain=gain)
     found = SingleRecording().overlooked(SimpleNamespace(policy=POLICY), SimpleNamespace(), [item])
     assert (found is item) == overlooked
+    repeated = RepeatedProgramme().overlooked(SimpleNamespace(policy=POLICY), SimpleNamespace(), [item])
+    assert (repeated is item) == overlooked
 
 
 @pytest.mark.parametrize(

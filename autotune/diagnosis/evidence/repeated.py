@@ -11,7 +11,7 @@ import numpy as np
 from autotune.core.arrays import Flags, Floats
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, error_left, explained_of_rest
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult, without_chain
-from autotune.diagnosis.evidence.single import folds_of
+from autotune.diagnosis.evidence.single import folds_of, halves_unseen
 from autotune.diagnosis.evidence.visibility import flank_in_sight, law_hides_ringing, loop_rings_otherwise
 from autotune.diagnosis.refits import gain_on_veto
 from autotune.estimation.bias_corrected_fit import ModelFit
@@ -113,6 +113,14 @@ class RepeatedProgramme(Evidence):
         if drift(problem, model_fit.fitted, model_fit.correction, TRAINING)[0] > 0.0:
             return True
         return self._structured(problem, model_fit)
+
+    def overlooked(
+        self, problem: Problem, model_fit: ModelFit, first: Sequence[ScreenedCandidate]
+    ) -> ScreenedCandidate | None:
+        """One that halves the error of experiments that it was not fitted to, and by more than measurement chains
+        leave: its name may be refuted, but something is there.
+        """
+        return halves_unseen(problem, model_fit, first)
 
     def _structured(self, problem: Problem, model_fit: ModelFit) -> bool:
         """Whether more comes again than replicas have of it, without what a stretch of its own at each rest makes."""

@@ -149,10 +149,9 @@ class SingleRecording(Evidence):
         law nor a delay of the columns, nor what else bends to any dynamics.
         """
         policy = problem.policy
-        best = max(first, key=lambda item: item.gain, default=None)
-        half = best is not None and best.gain >= policy.clear_single_gain
-        if best is not None and half and part_of_torque(problem, model_fit, best) >= policy.least_part:
-            return best
+        large = halves_unseen(problem, model_fit, first)
+        if large is not None:
+            return large
         small = [
             item
             for item in self._likely(problem, first, policy.least_gain_single)
@@ -283,6 +282,16 @@ def while_sliding(problem: Problem, model_fit: ModelFit, item: ScreenedCandidate
     unseen = [held_out(sliding, one.error, one.jacobian) for one in (model_fit.fitted, item.fitted)]
     gain, z = gain_and_z(*unseen)
     return gain >= policy.least_gain_single and z >= policy.least_z_single
+
+
+def halves_unseen(
+    problem: Problem, model_fit: ModelFit, first: Sequence[ScreenedCandidate]
+) -> ScreenedCandidate | None:
+    """The best candidate, where it explains half of unseen data and more than measurement chains leave."""
+    best = max(first, key=lambda item: item.gain, default=None)
+    if best is None or best.gain < problem.policy.clear_single_gain:
+        return None
+    return best if part_of_torque(problem, model_fit, best) >= problem.policy.least_part else None
 
 
 def part_of_torque(problem: Problem, model_fit: ModelFit, item: ScreenedCandidate) -> float:
