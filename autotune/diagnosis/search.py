@@ -751,7 +751,8 @@ class _Search:
         """Drops every effect without which training and veto are hardly worse, or without which the rest has a name.
 
         Where a model without it was `seen` to be far worse, it is needed; unless nothing has a name with it: beside the
-        second effect the first may have come into its own.
+        second effect the first may have come into its own. And what was found before the others must be worth having
+        beside them, as they were beside it: it may have stood for one of them, and now takes its crumbs.
         """
         problem, current = self.problem, chosen
         for effect in chosen.model_fit.effects:
@@ -768,7 +769,15 @@ class _Search:
             if less is not None and (
                 (less.named and not current.named)
                 or negligible(problem, current, less.model_fit)
+                or (less.named and not self._enters_beside(less, current))
                 or differ_by_chance(problem, current.model_fit, less.model_fit)
             ):
                 current = less
         return current
+
+    def _enters_beside(self, less: FittedCandidate, current: FittedCandidate) -> bool:
+        """Whether what the current model has more than `less` explains what is asked of a further effect."""
+        beside = explained_beside(self.problem, less.model_fit, current.model_fit, TRAINING)
+        if beside.fall < least_fall(self.problem, less):
+            return False
+        return not self.evidence.repeats or beside.share >= self.problem.policy.partly
