@@ -148,8 +148,11 @@ def told_apart(found: Found, rivals: Collection[str], others: Sequence[Elsewhere
     err clearly more there.
     """
     chosen = found.chosen
-    near = [item for item in found.tried if item.effect in rivals]
-    if chosen is None or not near:
+    if chosen is None:
+        return found
+    fits = found.exchanged if len(chosen.model_fit.effects) > 1 else found.tried
+    near = [item for item in fits if item.effect in rivals]
+    if not near:
         return found
     errors = [(item, _pieces(others, item.model_fit)) for item in (chosen, *near)]
     known = [(item, error) for item, error in errors if error is not None]

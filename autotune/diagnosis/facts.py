@@ -30,7 +30,7 @@ from autotune.diagnosis.free_shape import (
     like_a_parabola,
     with_free_shape,
 )
-from autotune.diagnosis.refits import REFINED, adds_beside, inside_twin
+from autotune.diagnosis.refits import REFINED, adds_beside, inside_twin, without_effect
 from autotune.diagnosis.ripple_orders import candidate_orders
 from autotune.diagnosis.search import Found
 from autotune.diagnosis.starts import own_course
@@ -64,7 +64,7 @@ class Facts:
         coordinate, generic: the free function that gains most, and its gain.
         left: what the root leaves is more than noise, chance and the measurement chain make; where that is asked.
         overlooked: a candidate that gains too much to be nothing, though it cannot be named.
-        rivals: effects that explain as much as the chosen one.
+        rivals: effects that explain as much as the chosen one, or as that one of several in whose place they are.
         freed: those whose course was fitted freely, and whether their own law would have named them too.
         presliding: that of another law, which the root has.
         breathing: a friction level that rises and falls with the clock; looked for where nothing is named.
@@ -267,8 +267,11 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     coordinate, generic = max(found.generic.items(), key=lambda item: item[1], default=("", 0.0))
     final = chosen.model_fit if chosen is not None else root
     line = time_driven_line(problem, final.fitted.error)
-    contest = [item for item in found.tried if item.effect not in found.told_apart]
-    rivals = tuple(_rivals(problem, evidence, root, chosen, contest)) if chosen is not None else ()
+    several = chosen is not None and len(chosen.model_fit.effects) > 1
+    fits = found.exchanged if several else found.tried
+    contest = [item for item in fits if item.effect not in found.told_apart]
+    sought = _rivals_beside if several else _rivals
+    rivals = tuple(sought(problem, evidence, root, chosen, contest)) if chosen is not None else ()
     seen = (problem, root, chosen, evidence, carried, line, coordinate, generic, lead, rivals)
     hunts = limit_cycle(problem, float(root.fitted.packed.p[layout.COULOMB]))
     facts = Facts(
@@ -408,8 +411,6 @@ def _rivals(
     Nor is what becomes the chosen one at an end of its parameters: that cannot explain less. What need not be excused
     in the chosen one is not excused in a rival.
     """
-    if len(chosen.model_fit.effects) != 1:
-        return []
     strict = chosen.plain_share >= problem.policy.named
     return [
         item.effect
@@ -425,3 +426,23 @@ def _rivals(
         )
         and evidence.comes_near(problem, root, chosen, item)
     ]
+
+
+def _rivals_beside(
+    problem: Problem,
+    evidence: Evidence,
+    root: ModelFit,
+    chosen: FittedCandidate,
+    exchanged: Sequence[FittedCandidate],
+) -> list[str]:
+    """Effects that explain as much as one of several does beside the others, of what it explains beyond them."""
+    near = []
+    for item in exchanged:
+        own = set(chosen.model_fit.effects) - set(item.model_fit.effects)
+        if len(own) != 1:  # what was chosen is another set since
+            continue
+        others = without_effect(problem, root, chosen.model_fit, own.pop())
+        before = others.model_fit if others is not None else root
+        if item.named and evidence.comes_near(problem, before, chosen, item):
+            near.append(item.effect)
+    return near

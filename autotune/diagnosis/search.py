@@ -98,6 +98,7 @@ class Found:
         begin_again: the model from which to begin anew, as what was settled before the search rests on another base.
         beside: what that base was found beside.
         told_apart: rivals that err clearly more on other recordings.
+        exchanged: of several effects, fits with another one in the place of one of them that have a name too.
     """
 
     problem: Problem
@@ -113,6 +114,7 @@ class Found:
     begin_again: Packed | None = None
     beside: ModelFit | None = None
     told_apart: tuple[str, ...] = ()
+    exchanged: Sequence[FittedCandidate] = ()
 
 
 def search(
@@ -138,7 +140,7 @@ class _Search:
 
     `outdone` is the root with a law of the base, where an effect explains more than that; `beside` a model with effects
     that the root's law was found beside; `seen` are the models that were fitted inside the twin, `first` and `tried`
-    those of the first round.
+    those of the first round, `later` those of the others.
     """
 
     problem: Problem
@@ -154,6 +156,7 @@ class _Search:
     seen: list[ModelFit] = field(default_factory=list)
     first: Sequence[ScreenedCandidate] = ()
     tried: Sequence[FittedCandidate] = ()
+    later: list[FittedCandidate] = field(default_factory=list)
     generic: Mapping[str, float] = field(default_factory=dict)
     freed: dict[str, bool] = field(default_factory=dict)
 
@@ -172,12 +175,13 @@ class _Search:
         self._drop_doubtful_load()
         self._drop_laws()
         self._try_look_alikes()
-        found = (self.problem, self.root, self.chosen, self.first, self.tried, self.generic)
-        return self._where_it_slides(self._beside_own_presliding(Found(*found, self._still_freed())))
+        seen = (self.problem, self.root, self.chosen, self.first, self.tried, self.generic)
+        found = Found(*seen, self._still_freed(), exchanged=self._exchanged())
+        return self._where_it_slides(self._beside_own_presliding(found))
 
     def _seek(self) -> None:
         """Adds effects to the root, one beside the other, as long as they explain enough."""
-        self.chosen, self.seen, self.freed = None, [], {}
+        self.chosen, self.seen, self.later, self.freed = None, [], [], {}
         for number in range(MOST_EFFECTS):
             best = self._round(first=number == 0)
             if best is not None and number == 0 and self._rooted_anew(best):
@@ -459,7 +463,9 @@ class _Search:
         fits = without_needless_gap(problem, fits)
         if first:
             self.tried = fits
-        elif self.evidence.repeats and fits:
+        else:
+            self.later += fits
+        if not first and self.evidence.repeats and fits:
             fits = best_refined(problem, self.root, fits, self.evidence.best(problem, fits), self.progress)
         return self._best(fits)
 
@@ -774,6 +780,24 @@ class _Search:
             ):
                 current = less
         return current
+
+    def _exchanged(self) -> list[FittedCandidate]:
+        """Of several effects, what may stand for one of them beside the others: fitted to what is compared now."""
+        chosen = self.chosen
+        if chosen is None or len(chosen.model_fit.effects) < 2:
+            return []
+        own, again = set(chosen.model_fit.effects), []
+        for item in self.later:
+            effects, fitted = item.model_fit.effects, item.model_fit.fitted
+            in_place = len(effects) == len(own) and len(own - set(effects)) == 1
+            if not (in_place and item.named) or fitted.cost > RIVAL_COST * chosen.model_fit.fitted.cost:
+                continue
+            self.progress(f"{item.effect} in the place of another")
+            model_fit = fit_inside_twin(self.problem, fitted.packed, list(item.model_fit.free), 2, effects)
+            if model_fit is not None:
+                fresh = judged(self.problem, self.root, model_fit, item.effect)
+                again.append(refined(self.problem, self.root, fresh, self.progress))
+        return again
 
     def _enters_beside(self, less: FittedCandidate, current: FittedCandidate) -> bool:
         """Whether what the current model has more than `less` explains what is asked of a further effect."""

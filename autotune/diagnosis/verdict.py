@@ -340,9 +340,19 @@ def _confusable(
 ) -> tuple[tuple[str, ...], ...]:
     """Effects that these data cannot tell from those that are named."""
     if verdict == AMBIGUOUS:
-        return ((*effects, *facts.rivals),)
+        return ((*_contested(effects, facts.rivals, found.exchanged), *facts.rivals),)
     if confidence != SUSPECTED:
         return ()
     near = [rival for item in facts.carried for rival in item.rivals]
     near += likely_rivals(facts.problem.policy, effects, found.first)
     return (tuple(dict.fromkeys([*effects, *near])),) if near else ()
+
+
+def _contested(
+    effects: tuple[str, ...], rivals: tuple[str, ...], exchanged: Sequence[FittedCandidate]
+) -> tuple[str, ...]:
+    """Of the effects those in whose place a rival was fitted; a single one always."""
+    if len(effects) < 2:
+        return effects
+    others = [item.model_fit.effects for item in exchanged if item.effect in rivals]
+    return tuple(effect for effect in effects if any(effect not in one for one in others))
