@@ -333,3 +333,18 @@ def test_what_stands_beside_a_doubtful_second_mass_keeps_its_name(
     )
     found._drop_doubtful_load()
     assert len(found.chosen.model_fit.effects) == kept
+
+
+@pytest.mark.parametrize(
+    ("fall", "share", "enters"), [(0.02, 0.8, True), (0.02, 0.3, False), (0.002, 0.8, False)]
+)
+def test_what_was_found_first_must_be_worth_having_beside_the_rest(
+    monkeypatch: pytest.MonkeyPatch, fall: float, share: float, enters: bool
+) -> None:
+    """A motor that saturates was named with the load dependence that had stood for it: 0.3 % of what both explain."""
+    monkeypatch.setattr(search, "explained_beside", lambda *_: SimpleNamespace(fall=fall, share=share))
+    monkeypatch.setattr(search, "least_fall", lambda *_: 0.01)
+    problem = SimpleNamespace(policy=POLICY)
+    sought = search._Search(problem, None, None, no_progress, RepeatedProgramme())
+    fit = SimpleNamespace(model_fit=None)
+    assert sought._enters_beside(fit, fit) == enters

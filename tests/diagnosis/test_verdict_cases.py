@@ -449,3 +449,30 @@ def test_what_speaks_against_an_effect_is_said() -> None:
     assert "Dwell time break away" in case.sentence(facts)
     assert "another law" in verdict._unlike(facts)
     assert not verdict._unlike(SimpleNamespace(unlike=""))
+
+
+def _several(*effects: str, named: bool = True) -> SimpleNamespace:
+    return SimpleNamespace(effect=effects[-1], named=named, model_fit=SimpleNamespace(effects=effects))
+
+
+@pytest.mark.parametrize(
+    ("other", "near", "rivals"),
+    [
+        (_several("torque_lag", "load_dependent_friction"), True, ["load_dependent_friction"]),
+        (_several("torque_lag", "load_dependent_friction"), False, []),
+        (_several("torque_lag", "load_dependent_friction", named=False), True, []),
+        (_several("spring", "load_dependent_friction"), True, []),  # another set altogether
+    ],
+)
+def test_one_of_several_that_another_explains_as_well_is_ambiguous(
+    monkeypatch: pytest.MonkeyPatch, other: SimpleNamespace, near: bool, rivals: list[str]
+) -> None:
+    """A lag with load dependence, 99.4 % explained, was named lag and saturation, which explain 99.7 %."""
+    monkeypatch.setattr(facts, "without_effect", lambda *_: None)
+    evidence = SimpleNamespace(comes_near=lambda *_: near)
+    chosen = _several("torque_lag", "torque_saturation")
+    found = facts._rivals_beside(SimpleNamespace(), evidence, SimpleNamespace(), chosen, [other])
+    assert found == rivals
+    in_doubt = verdict._contested(chosen.model_fit.effects, tuple(found), [other])
+    assert in_doubt == (("torque_saturation",) if rivals else ())
+    assert verdict._contested(("spring",), ("gravity_imbalance",), ()) == ("spring",)
