@@ -51,6 +51,8 @@ from autotune.diagnosis.screening import NEAR_WORTH, at_its_best, generic_gains,
 from autotune.diagnosis.transmission import (
     other_contact_tried,
     other_transmission_tried,
+    spring_in_place,
+    spring_led_on,
     without_needless_gap,
 )
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
@@ -98,6 +100,7 @@ class Found:
         begin_again: the model from which to begin anew, as what was settled before the search rests on another base.
         beside: what that base was found beside.
         told_apart: rivals that err clearly more on other recordings.
+        spring: the chosen model with a spring where it has hardly a gap; None where it has none.
     """
 
     problem: Problem
@@ -113,6 +116,7 @@ class Found:
     begin_again: Packed | None = None
     beside: ModelFit | None = None
     told_apart: tuple[str, ...] = ()
+    spring: FittedCandidate | None = None
 
 
 def search(
@@ -172,8 +176,12 @@ class _Search:
         self._drop_doubtful_load()
         self._drop_laws()
         self._try_look_alikes()
-        found = (self.problem, self.root, self.chosen, self.first, self.tried, self.generic)
-        return self._where_it_slides(self._beside_own_presliding(Found(*found, self._still_freed())))
+        all_found = (self.problem, self.root, self.chosen, self.first, self.tried, self.generic)
+        found = Found(*all_found, self._still_freed())
+        found = self._where_it_slides(self._beside_own_presliding(found))
+        if found.chosen is None:
+            return found
+        return replace(found, spring=spring_in_place(found.problem, found.root, self.nominal, found.chosen))
 
     def _seek(self) -> None:
         """Adds effects to the root, one beside the other, as long as they explain enough."""
@@ -583,6 +591,8 @@ class _Search:
         if self.evidence.repeats and self._unsettled(best):
             best = refined(self.problem, self.root, best, self.progress)
             best = self._begun_anew(best)
+            if self._unsettled(best):
+                best = spring_led_on(self.problem, self.root, best, self.progress)
             if best.share < REFINED:
                 best = other_contact_tried(self.problem, self.root, best, self.progress)
             best = self._told_beside(best)
