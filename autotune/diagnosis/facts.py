@@ -208,7 +208,8 @@ class Facts:
         """Whether a rival errs more beyond chance, and nothing is left with the chosen one, with nothing excused.
 
         Or of what the rival leaves that can be explained the chosen one explains as much as a name asks of all. Or the
-        rival adds next to nothing beside it: what both leave is the base's, and says nothing of either.
+        rival adds next to nothing beside it: what both leave is the base's, and says nothing of either. That says
+        nothing of a spring beside a gap, which has one in its contact, whichever of them is true.
         """
         problem, policy = self.problem, self.problem.policy
         if not self.evidence.apart(problem, chosen.model_fit, rival.model_fit):
@@ -217,6 +218,8 @@ class Facts:
             return True
         if _names_rest_of(problem, rival, chosen):
             return True
+        if (chosen.effect, rival.effect) == (GAP.name, SPRING.name):
+            return False
         return adds_beside(problem, self.root, chosen.model_fit, rival.model_fit) <= 1.0 - policy.named
 
     @property
