@@ -34,7 +34,7 @@ from autotune.diagnosis.refits import REFINED, adds_beside, inside_twin, without
 from autotune.diagnosis.ripple_orders import candidate_orders
 from autotune.diagnosis.search import Found
 from autotune.diagnosis.starts import own_course
-from autotune.diagnosis.transmission import GAP, SPRING, hardly_a_gap
+from autotune.diagnosis.transmission import GAP, SPRING, gap_is_told, hardly_a_gap
 from autotune.diagnosis.wording import rms_unexplained
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.cross_validation import beyond_presliding, gain_and_z, goes_with_place
@@ -73,6 +73,7 @@ class Facts:
         unlike: an experiment in which one effect leaves what it explains in all others; looked for where it is named.
         edge: the one effect would go on beyond the bounds of its law; likewise.
         base: sentences on laws of the base that were found: they are no effects.
+        spring: the chosen model with a spring where it has hardly a gap.
         hunts: frequency of a limit cycle with more torque than friction [Hz]; 0 where there is none.
     """
 
@@ -98,6 +99,7 @@ class Facts:
     unlike: str = ""
     edge: bool = False
     base: tuple[str, ...] = ()
+    spring: FittedCandidate | None = None
 
     @property
     def loud(self) -> bool:
@@ -157,10 +159,20 @@ class Facts:
         return (
             chosen is not None
             and self.evidence.accepts(policy, chosen)
-            and not hardly_a_gap(policy, chosen.model_fit)
+            and not self._needless_gap
             and (all(self.freed.values()) or self.leads)
             and not self._doubted
         )
+
+    @property
+    def _needless_gap(self) -> bool:
+        """Hardly a gap, and no spring in its place was left behind."""
+        problem, chosen, spring = self.problem, self.chosen, self.spring
+        if chosen is None or not hardly_a_gap(problem.policy, chosen.model_fit):
+            return False
+        if spring is None or not self.evidence.apart(problem, chosen.model_fit, spring.model_fit):
+            return True
+        return not gap_is_told(problem, chosen, spring)
 
     @property
     def _doubted(self) -> bool:
@@ -196,7 +208,8 @@ class Facts:
         """Whether a rival errs more beyond chance, and nothing is left with the chosen one, with nothing excused.
 
         Or of what the rival leaves that can be explained the chosen one explains as much as a name asks of all. Or the
-        rival adds next to nothing beside it: what both leave is the base's, and says nothing of either.
+        rival adds next to nothing beside it: what both leave is the base's, and says nothing of either. That says
+        nothing of a spring beside a gap, which has one in its contact, whichever of them is true.
         """
         problem, policy = self.problem, self.problem.policy
         if not self.evidence.apart(problem, chosen.model_fit, rival.model_fit):
@@ -205,6 +218,8 @@ class Facts:
             return True
         if _names_rest_of(problem, rival, chosen):
             return True
+        if (chosen.effect, rival.effect) == (GAP.name, SPRING.name):
+            return False
         return adds_beside(problem, self.root, chosen.model_fit, rival.model_fit) <= 1.0 - policy.named
 
     @property
@@ -225,10 +240,10 @@ class Facts:
         A spring between two masses takes the shape of much that a twin is not, with stiffness, damping and shares free:
         it must explain more than others. A gap need not: nothing in a loop has a width.
         """
-        policy, chosen = self.problem.policy, self.chosen
+        chosen = self.chosen
         if chosen is None or not self.evidence.repeats or len(chosen.model_fit.effects) > 1:
             return False
-        if hardly_a_gap(policy, chosen.model_fit) or not self.problem.has_veto or self._doubted:
+        if self._needless_gap or not self.problem.has_veto or self._doubted:
             return False
         return chosen.share >= self._least_by_another_law(chosen.effect) and self.leads
 
@@ -275,8 +290,9 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     seen = (problem, root, chosen, evidence, carried, line, coordinate, generic, lead, rivals)
     hunts = limit_cycle(problem, float(root.fitted.packed.p[layout.COULOMB]))
     facts = Facts(
-        *seen, found.first, found.tried, found.freed, found.presliding, hunts=hunts, base=found.base
-    )
+        *seen, found.first, found.tried, found.freed, found.presliding, hunts=hunts, base=found.base,
+        spring=found.spring,
+    )  # fmt: skip
     named = (facts.accepted or facts.law_differs) and not facts.structured
     if named and chosen is not None and len(chosen.model_fit.effects) == 1:
         unlike = evidence.unlike_in_one(problem, root, chosen.model_fit)

@@ -51,6 +51,8 @@ from autotune.diagnosis.screening import NEAR_WORTH, at_its_best, generic_gains,
 from autotune.diagnosis.transmission import (
     other_contact_tried,
     other_transmission_tried,
+    spring_in_place,
+    spring_led_on,
     without_needless_gap,
 )
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
@@ -99,6 +101,7 @@ class Found:
         beside: what that base was found beside.
         told_apart: rivals that err clearly more on other recordings.
         exchanged: of several effects, fits with another one in the place of one of them that have a name too.
+        spring: the chosen model with a spring where it has hardly a gap; None where it has none.
     """
 
     problem: Problem
@@ -115,6 +118,7 @@ class Found:
     beside: ModelFit | None = None
     told_apart: tuple[str, ...] = ()
     exchanged: Sequence[FittedCandidate] = ()
+    spring: FittedCandidate | None = None
 
 
 def search(
@@ -177,7 +181,10 @@ class _Search:
         self._try_look_alikes()
         seen = (self.problem, self.root, self.chosen, self.first, self.tried, self.generic)
         found = Found(*seen, self._still_freed(), exchanged=self._exchanged())
-        return self._where_it_slides(self._beside_own_presliding(found))
+        found = self._where_it_slides(self._beside_own_presliding(found))
+        if found.chosen is None:
+            return found
+        return replace(found, spring=spring_in_place(found.problem, found.root, self.nominal, found.chosen))
 
     def _seek(self) -> None:
         """Adds effects to the root, one beside the other, as long as they explain enough."""
@@ -589,6 +596,8 @@ class _Search:
         if self.evidence.repeats and self._unsettled(best):
             best = refined(self.problem, self.root, best, self.progress)
             best = self._begun_anew(best)
+            if self._unsettled(best):
+                best = spring_led_on(self.problem, self.root, best, self.progress)
             if best.share < REFINED:
                 best = other_contact_tried(self.problem, self.root, best, self.progress)
             best = self._told_beside(best)

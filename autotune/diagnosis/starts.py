@@ -31,6 +31,7 @@ from autotune.models.load_side import SPLITS
 from autotune.models.start_values import StartValues, Vary
 from autotune.models.table import EFFECTS
 from autotune.models.torque_ripple import TORQUE_RIPPLE, scale_slot
+from autotune.models.transmission import BETWEEN, load_shares
 from autotune.signals.pattern_search import Asked, Reached, lowest_by_parabolas
 from autotune.signals.simplex import Descent, lowest_places
 
@@ -38,8 +39,9 @@ PASSES, PROBING = 45, 18
 """Passes of the inverse by which a start is followed, and those after which it must have shown something."""
 FOLLOWED, AS_GOOD = 2, 1.3
 """Starts that are followed, and times the cost of the best of them."""
-LOOKED_AT = 8
-"""Starts that are looked at more closely: their twins fill a pass."""
+LOOKED_AT, APART = 8, 2.0
+"""Starts that are looked at more closely: their twins fill a pass; and how many times the size of the one that of the
+other is, at least: next to each other they lie in one valley."""
 ENOUGH, NEAR = 1e-2, 0.1
 """Relative difference of the cost, and of places in steps, below which a valley's floor is reached."""
 SHOWN, TRACE = 0.2, 0.5
@@ -48,9 +50,10 @@ those with friction on both sides must. Starts are so near each other that a tru
 explains, and more."""
 FELT, FAR = (layout.INERTIA, layout.COULOMB), 1.5
 """What must have gone how far from the model that was given, for a fit to begin there too."""
-PROBED, ROUNDS, FIRST_ROOT = 2, 6, 1.0 / 3.0
-"""Rounds in which a start is led by its twins, to see which is the better one and then to its floor; and the first
-steps, of the root of what is large."""
+ROUNDS, FIRST_ROOT = 6, 1.0 / 3.0
+"""Rounds in which the best start is led by its twins to its floor; and first steps, of the root of what is large."""
+LED_ON, AFTER_A_FIT = 3, 0.5
+"""Rounds in which a fit that has stopped is led on, and the part of the first steps with which."""
 FIRST_STEP = 0.5
 """Of the longest step of a parameter."""
 
@@ -275,10 +278,10 @@ def _one_of_each(problem: Problem, starts: Sequence[FitStart]) -> Problem:
 
 
 def _by_own_twins(projected: Projected, starts: Sequence[FitStart], needed: float) -> list[FitStart]:
-    """The best start by its own twin; led down where it is better than the model without it.
+    """The best start by its own twin; led down where any is better than the model without it.
 
-    All are looked at with one run, and the better ones with as many as a fit takes. Where much is needed, those with
-    friction on both sides are looked at first: what none of them shows a trace of is no second mass.
+    All are looked at with one run, and the best of every size with as many as a fit takes. Where much is needed, those
+    with friction on both sides are looked at first: what none of them shows a trace of is no second mass.
     """
     problem = projected.problem
     if not starts:
@@ -290,14 +293,14 @@ def _by_own_twins(projected: Projected, starts: Sequence[FitStart], needed: floa
 
     shown = SHOWN * needed if SHOWN * needed > 1.0 - PROMISED else 0.0
     first = np.full(len(starts), math.inf)
-    few = np.arange(len(starts))[len(SPLITS) // 2 :: len(SPLITS)]
+    few = np.flatnonzero([_friction_at_load(start) == SPLITS[len(SPLITS) // 2] for start in starts])
     for part in (few, np.setdiff1d(np.arange(len(starts)), few)):
         first[part] = costs_of([starts[i].packed for i in part])
         if part is few and shown and first.min() > (1.0 - TRACE * shown) * projected.before:
             return [replace(starts[int(np.argmin(first))], free=())]
-    order = np.argsort(first, kind="stable")[:LOOKED_AT]
+    order = _of_each_size(starts, first)
     closer = costs_of([starts[i].packed for i in order], problem.simulations + 1)
-    near = [int(order[i]) for i in np.argsort(closer, kind="stable")[:FOLLOWED] if math.isfinite(closer[i])]
+    near = [int(order[i]) for i in np.argsort(closer, kind="stable") if math.isfinite(closer[i])]
     if near and shown and closer.min() > (1.0 - shown) * projected.before:
         return [replace(starts[near[0]], free=())]
     if not near or closer.min() > PROMISED * projected.before:
@@ -305,10 +308,56 @@ def _by_own_twins(projected: Projected, starts: Sequence[FitStart], needed: floa
     return _led_by_twins([starts[i] for i in near], [float(first[i]) for i in near], costs_of)
 
 
+def _friction_at_load(start: FitStart) -> float:
+    """Share of the friction beyond the transmission."""
+    return load_shares(start.packed.p, start.packed.on)[1]
+
+
+def _of_each_size(starts: Sequence[FitStart], costs: Floats) -> list[int]:
+    """The best starts of sizes that are apart, the best first; their size is what is free first.
+
+    The floor of a valley is narrower than a raster that can be looked at, and what comes to nothing costs as much as
+    nothing does: gaps too small to be seen stood before one whose valley leaves half, and none of its size was led on.
+    """
+    chosen: list[int] = []
+    sizes = np.array([float(start.packed.p[start.free[0].slot]) for start in starts])
+    for i in np.argsort(costs, kind="stable"):
+        ratios = sizes[i] / np.maximum(sizes[chosen], 1e-300)
+        if np.all(np.maximum(ratios, 1.0 / np.maximum(ratios, 1e-300)) >= APART):
+            chosen.append(int(i))
+        if len(chosen) >= LOOKED_AT:
+            break
+    return chosen
+
+
+def led_on(problem: Problem, model_fit: ModelFit) -> Packed:
+    """A fit with two masses, what is between them led on from where it stopped: by its twins, and without slopes.
+
+    There stiffness and the shares of the load have changed places, and what the base's parameters make of the twin's
+    bias is held in the sensitivities: no step is lower, though the valley goes on.
+    """
+    projected = Projected.of(problem, model_fit)
+    moved = tuple(one for one in model_fit.free if one.slot in BETWEEN)
+
+    def costs_of(models: Sequence[Packed]) -> Floats:
+        twins = problem.corrections(models, problem.simulations + 1)
+        return np.array([projected.cost(0.0, twin.bias) if twin.stable else math.inf for twin in twins])
+
+    start = FitStart(model_fit.fitted.packed, moved)
+    (end,) = _led_by_twins([start], [float(costs_of([start.packed])[0])], costs_of, LED_ON, AFTER_A_FIT)
+    return end.packed
+
+
 def _led_by_twins(
-    starts: Sequence[FitStart], costs: Sequence[float], costs_of: Callable[[Sequence[Packed]], Floats]
+    starts: Sequence[FitStart],
+    costs: Sequence[float],
+    costs_of: Callable[[Sequence[Packed]], Floats],
+    rounds: int = ROUNDS,
+    size: float = 1.0,
 ) -> list[FitStart]:
-    """The best of starts that cost so much, moved to where its twin leaves least.
+    """The best of starts that cost so much, moved to where its twin leaves least, in so many `rounds` at last.
+
+    All go down side by side, the better half of them after each round; `size` is the part of the usual first steps.
 
     What is between two masses is positive, and goes by its root: a gap by the time in which it is crossed, compliance
     by the period of what rings.
@@ -324,17 +373,24 @@ def _led_by_twins(
 
     steps = [FIRST_ROOT * np.sqrt([f.scale for f in start.free]) for start in starts]
     begun = [
-        Reached(np.sqrt(start.packed.p[[f.slot for f in start.free]]), cost)
+        Reached(np.sqrt(start.packed.p[[f.slot for f in start.free]]), cost, size)
         for start, cost in zip(starts, costs, strict=True)
     ]
-    probed = lowest_by_parabolas(asked, begun, steps, PROBED)
-    best = min(range(len(probed)), key=lambda i: probed[i].cost)
+    left = list(range(len(starts)))
 
-    def alone(places: Asked) -> Floats:
-        return asked([(best, place) for _, place in places])
+    def led(rounds: int) -> None:
+        ends = lowest_by_parabolas(
+            lambda places: asked([(left[i], place) for i, place in places]),
+            [begun[i] for i in left], [steps[i] for i in left], rounds,
+        )  # fmt: skip
+        for i, end in zip(left, ends, strict=True):
+            begun[i] = end
 
-    (end,) = lowest_by_parabolas(alone, [probed[best]], [steps[best]], ROUNDS)
-    return [FitStart(at(best, end.place), starts[best].free)]
+    while len(left) > 1:
+        led(1)
+        left = sorted(left, key=lambda i: begun[i].cost)[: len(left) // 2]
+    led(rounds)
+    return [FitStart(at(left[0], begun[left[0]].place), starts[left[0]].free)]
 
 
 @dataclass(frozen=True, slots=True)

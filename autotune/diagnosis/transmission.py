@@ -13,10 +13,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from autotune.core.arrays import Floats
-from autotune.diagnosis.candidates import FittedCandidate, Progress, error_left
+from autotune.diagnosis.candidates import FittedCandidate, Progress, error_left, explained_of_rest
 from autotune.diagnosis.refits import NEARLY, judged
-from autotune.diagnosis.starts import Context, FitStart, scouted, starts_of, varying
-from autotune.estimation.bias_corrected_fit import ModelFit, fit_from_starts
+from autotune.diagnosis.starts import Context, FitStart, led_on, scouted, starts_of, varying
+from autotune.estimation.bias_corrected_fit import ModelFit, fit_from_starts, fit_inside_twin
+from autotune.estimation.data import VETO
 from autotune.estimation.least_squares import Free
 from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Problem
@@ -61,16 +62,18 @@ def other_transmission_tried(
 ) -> FittedCandidate:
     """The chosen model with the other transmission, where that does better.
 
-    A spring is tried for every gap; what is hardly a gap can have no other name. A gap is tried for a spring where that
-    alone does not explain enough, and the gap was not `seen` by itself. Of single ones with a twin each was looked for
-    everywhere.
+    A spring is tried for every gap; for what is hardly a gap it is taken wherever it has a name. A gap is tried for a
+    spring where that alone does not explain enough, and the gap was not `seen` by itself. Of single ones with a twin
+    each was looked for everywhere.
     """
     effects, policy = chosen.model_fit.effects, problem.policy
     if GAP.name in effects:
-        hardly = hardly_a_gap(policy, chosen.model_fit)
-        if problem.twin and effects == (GAP.name,) and not hardly:
+        if hardly_a_gap(policy, chosen.model_fit):
+            progress(f"{SPRING.name} in place of {GAP.name}")
+            return _plainer_of(problem, chosen, spring_in_place(problem, root, nominal, chosen))
+        if problem.twin and effects == (GAP.name,):
             return chosen
-        exchange = _Exchange(GAP, SPRING, math.inf if hardly else policy.spring_instead_beside)
+        exchange = _Exchange(GAP, SPRING, policy.spring_instead_beside)
     elif effects == (SPRING.name,) and not (
         problem.twin or chosen.named or any(one.effects == (GAP.name,) for one in seen)
     ):
@@ -81,6 +84,36 @@ def other_transmission_tried(
         return chosen
     progress(f"{exchange.new.name} in place of {exchange.old.name}")
     return exchange.tried(problem, root, nominal, chosen)
+
+
+def spring_in_place(
+    problem: Problem, root: ModelFit, nominal: Packed, chosen: FittedCandidate
+) -> FittedCandidate | None:
+    """The chosen model with a spring where it has hardly a gap; None where it has no such thing, or none was found."""
+    policy = problem.policy
+    if not hardly_a_gap(policy, chosen.model_fit) or SPRING not in problem.candidates:
+        return None
+    return _Exchange(GAP, SPRING, policy.spring_instead).fitted(problem, root, nominal, chosen)
+
+
+def gap_is_told(problem: Problem, chosen: FittedCandidate, spring: FittedCandidate) -> bool:
+    """Whether what is hardly a gap is one all the same: a spring in its place has no name, and is left far behind.
+
+    Of what the spring leaves the gap explains as much as a name asks of all, on training and on the veto trajectory. A
+    contact that gives way by more than its gap still parts; a spring by another law does not predict that.
+    """
+    if spring.named or not problem.has(VETO):
+        return False
+    parts = explained_of_rest(problem, spring.model_fit, chosen.model_fit)
+    return all(part.plain_share >= problem.policy.named for part in parts)
+
+
+def _plainer_of(problem: Problem, gap: FittedCandidate, spring: FittedCandidate | None) -> FittedCandidate:
+    """The spring in place of what is hardly a gap, where it has a name or leaves about as little; else the gap."""
+    if spring is None:
+        return gap
+    left = [error_left(problem, one.model_fit) for one in (spring, gap)]
+    return spring if spring.named or left[0] <= problem.policy.spring_instead * left[1] else gap
 
 
 def hardly_a_gap(policy: Policy, model_fit: ModelFit) -> bool:
@@ -129,6 +162,21 @@ def other_contact_tried(
         settled = fit_from_starts(problem, led, 0.0, free, model_fit.effects, target)
         chosen = _instead(problem, root, chosen, settled, chosen.effect, least)
     return chosen
+
+
+def spring_led_on(
+    problem: Problem, root: ModelFit, chosen: FittedCandidate, progress: Progress
+) -> FittedCandidate:
+    """The chosen model with its spring, the fit led on by twins from where it stopped, where that comes lower."""
+    model_fit = chosen.model_fit
+    if not problem.twin or SPRING.name not in model_fit.effects:
+        return chosen
+    progress(f"{SPRING.name} led on")
+    packed = led_on(problem, model_fit)
+    settled = fit_inside_twin(problem, packed, list(model_fit.free), 2, model_fit.effects)
+    if settled is None or settled.fitted.cost >= model_fit.fitted.cost:
+        return chosen
+    return replace(judged(problem, root, settled, chosen.effect), gain=chosen.gain)
 
 
 def _free_with(model_fit: ModelFit, impact: bool) -> list[Free]:
@@ -188,6 +236,14 @@ class _Exchange:
         self, problem: Problem, root: ModelFit, nominal: Packed, chosen: FittedCandidate
     ) -> FittedCandidate:
         """The model with the new one where that is better, else the chosen one."""
+        other = self.fitted(problem, root, nominal, chosen)
+        least = self.least * error_left(problem, chosen.model_fit)
+        return chosen if other is None or error_left(problem, other.model_fit) > least else other
+
+    def fitted(
+        self, problem: Problem, root: ModelFit, nominal: Packed, chosen: FittedCandidate
+    ) -> FittedCandidate | None:
+        """The model with the new one; None where its twin is unstable."""
         model_fit = chosen.model_fit
         begun = list(starts_of(self.new, Context(problem, model_fit.fitted, nominal)))
         starts = [self._start(start, root) for start in (begun[:1] if self.new is SPRING else begun)]
@@ -196,8 +252,10 @@ class _Exchange:
         effects = tuple(self.new.name if name == self.old.name else name for name in model_fit.effects)
         target = max(self.least, 1.0) * model_fit.fitted.cost if self.new is GAP else math.inf
         settled = fit_from_starts(problem, starts, 0.0, free, effects, target)
+        if settled is None:
+            return None
         effect = self.new.name if chosen.effect == self.old.name else chosen.effect
-        return _instead(problem, root, chosen, settled, effect, self.least)
+        return replace(judged(problem, root, settled, effect), gain=chosen.gain)
 
     def _start(self, start: FitStart, root: ModelFit) -> Packed:
         """A start of the new one without the old one; a spring begins where the gap's contact is."""

@@ -13,9 +13,11 @@ from autotune.models.load_side import (
     SHARES,
     SPLITS,
     compliance_at,
+    hangs,
     least_compliance,
     load_parameters,
     load_varies,
+    settles,
     sides,
 )
 from autotune.models.look_alikes import IN_QUICK_MOTION, IN_SPEED
@@ -39,16 +41,20 @@ def starts(c: StartContext) -> Iterator[StartValues]:
 
     After a reversal, or at a stop, motor and load part by ½·(F/J)·t² in a time t.
     """
-    least = least_compliance(c)
-    for periods, share, side, split in itertools.product(CROSSINGS, SHARES, sides(c), SPLITS):
+    least, hung = least_compliance(c), hangs(c)
+    for periods, share, split in itertools.product(CROSSINGS, SHARES, SPLITS):
         compliance = compliance_at(c, share, CONTACT)
         gap = 0.5 * c.coulomb / float(c.p[INERTIA]) * (periods / c.cutoff) ** 2
         free = {
             "gap": Vary(0.5 * gap, 0.6 * gap),
             "contact_compliance": Vary(compliance, compliance, lower=least),
         }
-        values = {"gap": gap, "contact_compliance": compliance, **side}
-        yield StartValues(values | {"load_inertia": share, "load_friction": split}, free | load_varies(c))
+        told = hung or (split == 0.0 and settles(c, gap, share))
+        for side in sides(told):
+            values = {"gap": gap, "contact_compliance": compliance, **side}
+            yield StartValues(
+                values | {"load_inertia": share, "load_friction": split}, free | load_varies(told)
+            )
 
 
 def damped_by_impact(p: Floats, damping: float) -> float:

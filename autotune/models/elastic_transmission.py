@@ -13,6 +13,7 @@ from autotune.models.load_side import (
     SHARES,
     SPLITS,
     compliance_at,
+    hangs,
     least_compliance,
     load_parameters,
     load_varies,
@@ -29,10 +30,10 @@ RESONANCES = (0.37, 0.55, 0.83, 1.25, 1.83, 2.67, 4.0, 6.0)
 
 def starts(c: StartContext) -> Iterator[StartValues]:
     """Many resonances, with small loads and large ones, with friction on both sides or on one."""
-    least = least_compliance(c)
-    for cutoffs, share, side, split in itertools.product(RESONANCES, SHARES, sides(c), SPLITS):
+    least, told = least_compliance(c), hangs(c)
+    for cutoffs, share, side, split in itertools.product(RESONANCES, SHARES, sides(told), SPLITS):
         compliance = compliance_at(c, share, cutoffs)
-        free = {"compliance": Vary(compliance, 0.6 * compliance, lower=least)} | load_varies(c)
+        free = {"compliance": Vary(compliance, 0.6 * compliance, lower=least)} | load_varies(told)
         values = {"compliance": compliance, **side, "load_inertia": share, "load_friction": split}
         yield StartValues(values, free)
 

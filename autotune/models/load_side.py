@@ -32,22 +32,23 @@ def load_parameters(at: int) -> tuple[Parameter, ...]:
     )
 
 
-def load_varies(c: StartContext) -> dict[str, Vary]:
-    """Shares of a load that deserves the name, and the damping between."""
+def load_varies(told: bool) -> dict[str, Vary]:
+    """Shares of a load that deserves the name, and the damping; where it is `told`, that of a constant torque."""
     free = {
         "load_inertia": Vary(0.2, 0.2, lower=LEAST_LOAD),
         "load_friction": Vary(0.2, 0.3),
         "damping": Vary(0.1, 0.1),
     }
-    return free | ({"load_offset": Vary(0.3, 0.5)} if hangs(c) else {})
+    return free | ({"load_offset": Vary(0.3, 0.5)} if told else {})
 
 
-def sides(c: StartContext) -> tuple[dict[str, float], ...]:
+def sides(told: bool) -> tuple[dict[str, float], ...]:
     """Where fits of the load begin, but for its shares: a constant torque is a weight at the load, or an amplifier's.
 
-    What friction and a gap make of the one is far from what they make of the other.
+    What friction and a gap make of the one is far from what they make of the other; where nothing is `told`, it acts at
+    the motor.
     """
-    return tuple(AT_START | {"load_offset": share} for share in (1.0, 0.0)) if hangs(c) else (AT_START,)
+    return tuple(AT_START | {"load_offset": share} for share in (1.0, 0.0)) if told else (AT_START,)
 
 
 def hangs(c: StartContext) -> bool:
@@ -56,6 +57,16 @@ def hangs(c: StartContext) -> bool:
     One that is less than what is left makes nothing of that.
     """
     return abs(float(c.p[OFFSET])) > c.left
+
+
+def settles(c: StartContext, gap: float, share: float) -> bool:
+    """Whether a constant torque lays a load that nothing holds against one wall of a gap, before the axis turns.
+
+    It crosses the gap in √(2·gap·J/w), the axis its travel in travel over speed. However little it is of what is left,
+    the gap is closed then, and opens where the axis brakes.
+    """
+    seconds = c.travel / max(c.mean_speed, 1e-300)
+    return abs(float(c.p[OFFSET])) * seconds**2 > 2.0 * gap * share * float(c.p[INERTIA])
 
 
 def compliance_at(c: StartContext, share: float, cutoffs: float) -> float:

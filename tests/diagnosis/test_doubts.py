@@ -234,34 +234,36 @@ def test_motor_and_load_ring_where_it_is_compared(compliance: float, doubted: bo
 
 
 @pytest.mark.parametrize(
-    ("lag", "period", "exact", "doubted"),
+    ("lag", "period", "exact", "gain", "doubted"),
     [
-        (0.0, 1e-3, True, False),
-        (3e-5, 1e-3, True, False),
-        (1e-4, 1e-3, True, True),
-        (0.0, 1e-3, False, True),
-        (0.0, 4e-3, True, True),
+        (0.0, 1e-3, True, 0.1, False),
+        (3e-5, 1e-3, True, 0.1, False),
+        (1e-4, 1e-3, True, 0.1, True),
+        (1e-4, 1e-3, True, 0.4, False),
+        (0.0, 1e-3, False, 0.4, True),
+        (0.0, 4e-3, True, 0.4, True),
     ],
     ids=[
         "a loop as it is",
         "a ninth of a radian at most",
         "a slower current loop",
+        "so much is no rest of a lag that the twin has",
         "a dead time",
         "above half the rate",
     ],
 )
 def test_what_a_twin_lacks_of_phase_is_no_second_mass(
-    lag: float, period: float, exact: bool, doubted: bool
+    lag: float, period: float, exact: bool, gain: float, doubted: bool
 ) -> None:
-    """At about 200 Hz, where 45 Hz are compared; a lag by itself gains nothing, as it has been taken out."""
+    """At about 200 Hz, where 45 Hz are compared; a lag by itself gains nothing, as the twin has it."""
     kind = EFFECTS["elastic_transmission"]
     values = {"compliance": 2.2e-2, "load_inertia": 0.5, "load_friction": 0.3, "damping": 0.05}
     packed = base_model(NOMINAL | {"inertia": 1.07e-4}).with_effect(kind.make(values)).pack()
     fit = SimpleNamespace(effects=(kind.name,), fitted=SimpleNamespace(packed=packed))
     data = SimpleNamespace(cutoff=45.0, period=period, upsampling=1, lag=lag)
     law = SimpleNamespace(within=False, exact=exact)
-    problem = SimpleNamespace(data=data, policy=POLICY, controller=law)
-    first = [SimpleNamespace(effect=kind.name, gain=0.4), SimpleNamespace(effect="torque_lag", gain=0.0)]
+    problem = SimpleNamespace(data=data, policy=POLICY, controller=law, has_veto=False)
+    first = [SimpleNamespace(effect=kind.name, gain=gain), SimpleNamespace(effect="torque_lag", gain=0.0)]
     assert RepeatedProgramme().doubted(problem, fit, fit, first) == doubted
 
 

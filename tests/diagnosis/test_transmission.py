@@ -8,14 +8,24 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from autotune.diagnosis.transmission import LOADS, OF_THE_GAP, _contacts, adds_nothing
+from autotune.diagnosis import transmission
+from autotune.diagnosis.starts import FitStart, _of_each_size, varying
+from autotune.diagnosis.transmission import (
+    LOADS,
+    OF_THE_GAP,
+    _contacts,
+    _plainer_of,
+    adds_nothing,
+    gap_is_told,
+)
+from autotune.estimation.policy import POLICY
 from autotune.models import layout
 from autotune.models.backlash import BACKLASH, damped_by_impact
 from autotune.models.drive_model import Packed, base_model
 from autotune.models.effect import Kind
 from autotune.models.elastic_transmission import ELASTIC_TRANSMISSION
 from autotune.models.plant import advance
-from autotune.models.start_values import StartValues
+from autotune.models.start_values import StartValues, Vary
 from autotune.models.transmission import LOAD_POSITION, coupling, hung, load_shares, passed_torque
 
 BASE = {
@@ -112,14 +122,71 @@ def test_other_contacts_of_a_gap_give_way_as_far_under_a_load() -> None:
 
 @pytest.mark.parametrize("kind", [ELASTIC_TRANSMISSION, BACKLASH])
 def test_fits_begin_with_a_constant_torque_on_either_side(kind: Kind) -> None:
-    """Where it is more than what is left; else nothing tells the side, and it stays the motor's."""
+    """Where it is more than what is left; else nothing tells the side of a load that rubs, and it stays the motor's."""
 
     def begun(left: float) -> list[StartValues]:
-        p = base_model(BASE | {"offset": 0.1}).pack().p
-        return list(kind.starts(SimpleNamespace(p=p, left=left, coulomb=0.28, cutoff=60.0, period=1e-3)))
+        axis = {"coulomb": 0.28, "cutoff": 60.0, "period": 1e-3, "travel": 6.0, "mean_speed": 2.0}
+        c = SimpleNamespace(p=base_model(BASE | {"offset": 0.1}).pack().p, left=left, **axis)
+        return [start for start in kind.starts(c) if start.values["load_friction"] > 0.0]
 
     told, hidden = begun(0.02), begun(0.2)
     assert {start.values["load_offset"] for start in told} == {0.0, 1.0}
     assert all("load_offset" in start.free for start in told)
     assert len(told) == 2 * len(hidden)
     assert not any("load_offset" in {**start.values, **start.free} for start in hidden)
+
+
+@pytest.mark.parametrize(
+    ("named", "shares", "told"),
+    [(False, (0.97, 0.95), True), (False, (0.97, 0.8), False), (True, (0.97, 0.95), False)],
+    ids=["far behind", "not on the veto trajectory", "a spring with a name"],
+)
+def test_what_is_hardly_a_gap_is_one_where_a_spring_is_left_behind(
+    monkeypatch: pytest.MonkeyPatch, named: bool, shares: tuple[float, float], told: bool
+) -> None:
+    """Of a gap of a quarter of its twist, 99.5 % explained, nothing was left but a spring that explains 68 %."""
+    parts = [SimpleNamespace(plain_share=share) for share in shares]
+    monkeypatch.setattr(transmission, "explained_of_rest", lambda *_: parts)
+    problem = SimpleNamespace(policy=POLICY, has=lambda role: True)
+    spring = SimpleNamespace(named=named, model_fit=None)
+    assert gap_is_told(problem, SimpleNamespace(model_fit=None), spring) == told
+    assert not gap_is_told(SimpleNamespace(policy=POLICY, has=lambda role: False), spring, spring)
+
+
+@pytest.mark.parametrize(
+    ("named", "left", "instead"), [(False, 1.1, True), (False, 3.0, False), (True, 3.0, True)]
+)
+def test_a_spring_takes_the_place_of_what_is_hardly_a_gap(
+    monkeypatch: pytest.MonkeyPatch, named: bool, left: float, instead: bool
+) -> None:
+    """Where it has a name, or leaves about as little; an exchange that leaves three times as much is none."""
+    monkeypatch.setattr(transmission, "error_left", lambda _, model_fit: model_fit)
+    gap, spring = SimpleNamespace(model_fit=1.0), SimpleNamespace(model_fit=left, named=named)
+    chosen = _plainer_of(SimpleNamespace(policy=POLICY), gap, spring)
+    assert chosen is (spring if instead else gap)
+    assert _plainer_of(SimpleNamespace(policy=POLICY), gap, None) is gap
+
+
+def test_a_start_of_every_size_is_looked_at() -> None:
+    """Gaps too small to be seen cost what nothing costs, and stood before one whose valley leaves half."""
+    sizes, costs = (1.0, 1.2, 0.9, 3.0, 3.1, 9.0), np.array([1.0, 1.01, 1.02, 1.3, 1.2, 1.4])
+    slot = BACKLASH.slot("gap")
+    starts = []
+    for size in sizes:
+        packed = base_model(BASE).pack()
+        packed.p[slot] = size
+        starts.append(FitStart(packed, (varying(BACKLASH, "gap", Vary(1.0)),)))
+    assert _of_each_size(starts, costs) == [0, 4, 5]
+
+
+@pytest.mark.parametrize(("weight", "both"), [(0.02, True), (1e-10, False)])
+def test_any_weight_closes_the_gap_of_a_load_that_floats(weight: float, both: bool) -> None:
+    """However little it is of what is left: a true one of 3 % of the friction left 2.4 times as much at the motor."""
+    p = base_model(BASE | {"offset": weight}).pack().p
+    c = SimpleNamespace(
+        p=p, coulomb=BASE["coulomb"], left=0.1, cutoff=60.0, period=1e-3, travel=6.0, mean_speed=2.0
+    )
+    values = [dict(start.values) for start in BACKLASH.starts(c)]
+    floating = [one["load_offset"] for one in values if one["load_friction"] == 0.0 and "load_offset" in one]
+    assert (set(floating) == {0.0, 1.0}) == both
+    assert not any("load_offset" in one for one in values if one["load_friction"] > 0.0)

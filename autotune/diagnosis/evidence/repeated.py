@@ -12,7 +12,12 @@ from autotune.core.arrays import Flags, Floats
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, error_left, explained_of_rest
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult, without_chain
 from autotune.diagnosis.evidence.single import folds_of, halves_unseen
-from autotune.diagnosis.evidence.visibility import flank_in_sight, law_hides_ringing, loop_rings_otherwise
+from autotune.diagnosis.evidence.visibility import (
+    flank_in_sight,
+    lag_turns_ringing,
+    law_hides_ringing,
+    loop_rings_otherwise,
+)
 from autotune.diagnosis.refits import gain_on_veto
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.coordinates import Rests, without_rests
@@ -191,18 +196,19 @@ class RepeatedProgramme(Evidence):
     ) -> bool:
         """Whether motor and load ring far above all that is compared, and nothing tells them from a lag.
 
-        A lag tells itself where it is among the candidates: one that gains far less is not what was found. But a lag
-        that the loop has, and its twin has not, is none of these. What a drive's law hides is a part of the error only:
-        motor and load that lower nearly a third of it on experiments held out are no law's rest.
+        A lag tells itself where it is among the candidates: one that gains far less is not what was found. But what the
+        axis's loop has of a lag, and its twin has not, is none of these. That, and what a drive's law hides, is part of
+        the error only: motor and load that lower nearly a third of it on experiments held out are no loop's rest.
         """
         gains = {item.effect: item.gain for item in first}
         own = max((gains.get(effect, 0.0) for effect in model_fit.effects), default=0.0)
         hidden = law_hides_ringing(problem, model_fit)
         if flank_in_sight(problem, model_fit) and not hidden:
             return False
+        little = _gain_of_load(problem, root, model_fit, gains) < problem.policy.confirming_gain
         if problem.controller is not None and problem.controller.within:
-            return _gain_of_load(problem, root, model_fit, gains) < problem.policy.confirming_gain
-        if loop_rings_otherwise(problem, model_fit):
+            return little
+        if loop_rings_otherwise(problem, model_fit) or (little and lag_turns_ringing(problem, model_fit)):
             return True
         lag = gains.get(TORQUE_LAG.name)
         return lag is None or lag >= problem.policy.rival_gain * own

@@ -72,16 +72,22 @@ def law_hides_ringing(problem: Problem, model_fit: ModelFit) -> bool:
 def loop_rings_otherwise(problem: Problem, model_fit: ModelFit) -> bool:
     """Whether the twin's loop has another phase than the axis's where motor and load of a model ring.
 
-    A current loop's lag is taken out of what is compared, and the twin has none; a law that is not exact may lack a
-    dead time. By so much less phase the twin rings less than the axis, and motor and load make up for it. And above
-    half the sampling rate nothing that was recorded rings: there a load with friction of its own is a memory.
+    A law that is not exact may lack a dead time: by so much less phase the twin rings less than the axis, and motor and
+    load make up for it. And above half the sampling rate nothing that was recorded rings: there a load with friction of
+    its own is a memory.
     """
-    lag = problem.data.lag
     below = 0.5 / (problem.data.upsampling * problem.data.period)
-    if lag > 0.0:
-        below = min(below, 1.0 / (FLANK**2 * 2.0 * math.pi * lag))
     exact = problem.controller is None or problem.controller.exact
     return not (exact and _rings_below(model_fit, below))
+
+
+def lag_turns_ringing(problem: Problem, model_fit: ModelFit) -> bool:
+    """Whether the current loop's lag that the twin was given turns the phase where motor and load of a model ring.
+
+    It is one stage, and known to some microseconds; what acts so late on the axis is that only about.
+    """
+    lag = problem.data.lag
+    return lag > 0.0 and not _rings_below(model_fit, 1.0 / (FLANK**2 * 2.0 * math.pi * lag))
 
 
 def _rings_below(model_fit: ModelFit, hertz: float) -> bool:
