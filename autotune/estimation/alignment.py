@@ -8,6 +8,10 @@ Time: anything from a filtered position, read late, to a torque that was logged 
 controller nor repeats tell how columns belong together, the torque is moved by fractions of a sample to where a
 model explains it best, the nearest such place.
 
+A controller tells how they belong together only where they are of one moment. A torque that comes a sample or more
+after the motion that it causes is not, however well the law of a slower loop explains it: no axis answers before it is
+asked (`recorded_late`). Taken as it is, it looks like an elastic transmission too.
+
 Filters: drives and loggers often record a filtered torque or a filtered position. Moving one against the other
 mends the delay, not the lag that is left, and that looks like an elastic transmission. So each side is put through
 first-order filters; where motion and torque then belong together far better, the other side is filtered alike, and
@@ -89,19 +93,24 @@ def _splined(values: Floats, stretches: Sequence[slice], factor: int, old: Float
     return result
 
 
-EARLIEST, LATEST = -4.0, 6.0
-"""Half samples of the file by which the torque may be moved."""
+EARLIEST, LATEST, FARTHEST = -4.0, 6.0, 40.0
+"""Half samples of the file by which the torque may be moved; farther only where the misfit shows plainly how far."""
+ACAUSAL = 2.0
+"""Half samples from which on a torque is later than any way of reading it within its own sample makes it."""
 LEAST_FAST = 0.2
 
 
 def best_shift(
-    cost: Callable[[float], float], start: float, upsampling: int = 1, step: float = 0.1
+    cost: Callable[[float], float], start: float, upsampling: int = 1, step: float = 0.1, farthest: float = LATEST
 ) -> tuple[float, float]:
     """The nearest minimum of a cost over the shift, in steps of `step` half samples, and its cost there.
 
-    `upsampling`: rows for each sample of the file.
+    `upsampling`: rows for each sample of the file; `farthest`: half samples of it by which it may be moved, or a
+    sample beyond where it is already.
     """
-    earliest, latest = upsampling * EARLIEST, upsampling * LATEST
+    earliest, latest = upsampling * EARLIEST, upsampling * farthest
+    if start > latest:
+        latest = start + upsampling * ACAUSAL
     known: dict[float, float] = {}
 
     def at(shift: float) -> float:
@@ -179,10 +188,42 @@ def aligned(data: Prepared) -> Prepared:
 
     Rows near a reversal do not count: friction that reverses over some travel looks like a delay.
     """
+    return shifted(data, _aligned_best(data)[0])
+
+
+def _aligned_best(data: Prepared) -> tuple[float, float]:
+    """Shift at which inertia and friction explain the torque best, and what they leave of it.
+
+    Beyond the usual range only where they explain nearly all there: what else is missing may draw it anywhere.
+    """
     rows = away_from_reversals(data)
-    return shifted(
-        data, best_shift(lambda shift: linear_misfit(shifted(data, shift), rows), 0.0, data.upsampling)[0]
-    )
+    known: dict[float, float] = {}
+
+    def cost(shift: float) -> float:
+        if shift not in known:
+            known[shift] = linear_misfit(shifted(data, shift), rows)
+        return known[shift]
+
+    shift, left = best_shift(cost, 0.0, data.upsampling)
+    if shift < data.upsampling * LATEST:
+        return shift, left
+    far, least = best_shift(cost, shift, data.upsampling, farthest=FARTHEST)
+    return (far, least) if least <= min(LARGE, CLEARLY * left) else (shift, left)
+
+
+def recorded_late(data: Prepared) -> float:
+    """Seconds by which a single recording's torque comes after the motion that it causes; 0 where within a sample.
+
+    Beyond doubt only where inertia and friction then leave far less of it than at the moment it was recorded.
+    """
+    if data.repeated or data.steady or data.pace < 1.0:
+        return 0.0
+    prompt = shifted(data, 0.0)
+    shift, left = _aligned_best(prompt)
+    if shift < ACAUSAL * data.upsampling or left > LARGE:
+        return 0.0
+    at_once = linear_misfit(prompt, away_from_reversals(prompt))
+    return 0.5 * shift * data.period if left <= CLEARLY * at_once else 0.0
 
 
 def away_from_reversals(data: Prepared) -> Flags:
@@ -241,37 +282,44 @@ def without_twin(data: Prepared) -> tuple[Prepared, tuple[str, ...]]:
     return data, () if said is None else (said,)
 
 
-def compensated(data: Prepared) -> tuple[Prepared, str | None]:
-    """The data with both sides filtered alike, and a sentence on it; as they are where no column seems filtered."""
+def low_passed(data: Prepared) -> tuple[str, float] | None:
+    """The column that seems low-passed against the others, and its time constant [s]; None where none does."""
     plain = _misfit(data)
     if plain > LARGE:
-        return data, None
+        return None
     trials: list[tuple[float, str, float]] = []
     for samples in (data.upsampling * count for count in SAMPLES):
         trials.append((_misfit(_motion_through(data, samples)), "torque", samples))
         trials.append((_misfit(_torque_through(data, samples)), "position", samples))
     misfit, column, samples = min(trials)
-    if misfit > CLEARLY * plain:
+    return (column, samples * data.period) if misfit <= CLEARLY * plain else None
+
+
+def compensated(data: Prepared) -> tuple[Prepared, str | None]:
+    """The data with both sides filtered alike, and a sentence on it; as they are where no column seems filtered."""
+    found = low_passed(data)
+    if found is None:
         return data, None
+    column, constant = found
     through, other = (_motion_through, "motion") if column == "torque" else (_torque_through, "torque")
     said = (
-        f"The {column} looks low-passed against the other columns, by about {1e3 * samples * data.period:.2g} ms; "
+        f"The {column} looks low-passed against the other columns, by about {1e3 * constant:.2g} ms; "
         f"the {other} was filtered alike. An elastic transmission cannot be told from that: record the {column} "
         "unfiltered."
     )
-    alike = through(data, samples)
-    return replace(shifted(alike, _best(alike)), filtered=True), said
+    alike = through(data, constant / data.period)
+    return replace(shifted(alike, _shift_from_here(alike)[0]), filtered=True), said
 
 
-def _best(data: Prepared) -> float:
+def _shift_from_here(data: Prepared) -> tuple[float, float]:
+    """As `best_shift`, from where the torque is."""
     rows = away_from_reversals(data)
-    return best_shift(lambda shift: linear_misfit(shifted(data, shift), rows), data.shift, data.upsampling)[0]
+    return best_shift(lambda shift: linear_misfit(shifted(data, shift), rows), data.shift, data.upsampling)
 
 
 def _misfit(data: Prepared) -> float:
     """Share of the torque's variance that inertia and friction leave, at the best shift."""
-    rows = away_from_reversals(data)
-    return best_shift(lambda shift: linear_misfit(shifted(data, shift), rows), data.shift, data.upsampling)[1]
+    return _shift_from_here(data)[1]
 
 
 def _motion_through(data: Prepared, samples: float) -> Prepared:

@@ -18,6 +18,7 @@ import numpy as np
 from autotune.core.arrays import Floats
 from autotune.core.errors import NotEnoughExcitation, RecordingError
 from autotune.estimation.bandwidth import Bands
+from autotune.estimation.data import STANDSTILL_SECONDS
 from autotune.estimation.pieces import Piece
 from autotune.identify.ripple_lines import ALIKE, LEAST_GAIN, PlaceTerms, find_lines, held_out_error
 from autotune.models.compiled import compiled
@@ -102,6 +103,12 @@ def guess(
         RecordingError: a torque of the wrong sign, or two axes in one recording.
     """
     _refuse_one_direction(pieces)
+    if not any(np.any(piece.use) for piece in pieces):
+        raise NotEnoughExcitation(
+            "the encoder's counts are so coarse for this motion that the axis never seems to move: within "
+            f"{2e3 * STANDSTILL_SECONDS * bands.pace:.3g} ms by hardly more than two of them; move faster, or record a "
+            "finer position"
+        )
     travel = max(float(np.ptp(piece.position)) for piece in pieces)
     reaches = np.geomspace(SHORTEST * travel, LONGEST * travel, TRIALS).tolist()
     plain = [_solved(reach, [_regressors(piece, bands, reach) for piece in pieces]) for reach in reaches]
