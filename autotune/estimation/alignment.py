@@ -22,13 +22,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 import scipy
 
 from autotune.core.arrays import Flags, Floats
-from autotune.estimation.data import Prepared, known_resolution, stretches_of
+from autotune.estimation.data import Prepared, Stretch, known_resolution, stretches_of
+from autotune.estimation.policy import POLICY
 from autotune.estimation.residual import smoothed
 from autotune.recordings.recording import Recording
 
@@ -42,6 +44,7 @@ FINE = 20.0
 """Samples a period of the highest frequency compared, from which differences do: within 1.6 %."""
 MOST = 4
 DEGREE = 5
+TORQUES = ("torque", "torque_command", "torque_feedforward")
 
 
 def needed(cutoff: float, period: float) -> int:
@@ -144,6 +147,20 @@ def shifted(data: Prepared, half_samples: float) -> Prepared:
     return replace(data, torque=torque, shift=half_samples, late=late, lag=0.0, lag_error=0.0, cycles=0)
 
 
+def later(recording: Recording, rows: float) -> Recording:
+    """The recording with the torque of so many rows later at each row, within each stretch."""
+    columns = dict(recording.floats)
+    for name in TORQUES:
+        if name not in columns:
+            continue
+        moved = columns[name].copy()
+        for stretch in stretches_of(recording, 0):
+            at = np.arange(stretch.start, stretch.stop, dtype=np.float64)
+            moved[stretch.rows] = np.interp(at + rows, at, columns[name][stretch.rows])
+        columns[name] = moved
+    return replace(recording, floats=MappingProxyType(columns))
+
+
 def half_a_sample_later(data: Prepared) -> Floats:
     """What an error changes by where the torque acts half a sample later than it is taken to, on the grid, (m,)."""
     change = shifted(data, data.shift - 1.0).torque - data.torque
@@ -222,8 +239,7 @@ def recorded_late(data: Prepared) -> float:
     shift, left = _aligned_best(prompt)
     if shift < ACAUSAL * data.upsampling or left > LARGE:
         return 0.0
-    at_once = linear_misfit(prompt, away_from_reversals(prompt))
-    return 0.5 * shift * data.period if left <= CLEARLY * at_once else 0.0
+    return 0.5 * shift * data.period if left <= CLEARLY * misfit_here(prompt) else 0.0
 
 
 def away_from_reversals(data: Prepared) -> Flags:
@@ -239,6 +255,11 @@ def linear_misfit(data: Prepared, rows: Flags) -> float:
     """Share of the torque's variance that inertia, friction and offset leave on some grid rows."""
     _, target, left = linear_fit(data, rows)
     return float(np.sum(left**2)) / max(float(np.sum((target - target.mean()) ** 2)), 1e-300)
+
+
+def misfit_here(data: Prepared) -> float:
+    """The same on rows away from reversals, with the torque where it is."""
+    return linear_misfit(data, away_from_reversals(data))
 
 
 def linear_fit(data: Prepared, rows: Flags) -> tuple[Floats, Floats, Floats]:
@@ -282,6 +303,49 @@ def without_twin(data: Prepared) -> tuple[Prepared, tuple[str, ...]]:
     return data, () if said is None else (said,)
 
 
+@dataclass(frozen=True, slots=True)
+class Filtered:
+    """How columns belong together where one of them was filtered, not only read late.
+
+    Attributes:
+        column: `torque` or `position`: the one that was filtered; "" for none.
+        rows: time constant, in rows of the raster; `shift`: of the torque beside it, in half rows.
+        change: of the gains of inertia and friction against none, over themselves, shape (4,), as `linear_fit` has them.
+    """
+
+    column: str
+    rows: float
+    shift: float
+    change: Floats
+
+
+def filtered_or_late(data: Prepared) -> Filtered:
+    """Whichever explains the torque better: the torque where it is, or a first-order filter of one of the columns."""
+    rows = away_from_reversals(data)
+    gains, left = linear_fit(data, rows)[0], linear_misfit(data, rows)
+    best, found = POLICY.clearly_less * left, Filtered("", 0.0, data.shift, np.zeros(len(gains)))
+    for samples in (data.upsampling * count for count in SAMPLES):
+        for column, through in (("torque", _motion_through), ("position", _torque_through)):
+            alike = through(data, samples)
+            shift, misfit = _shift_from_here(alike)
+            if misfit < best:
+                other = linear_fit(shifted(alike, shift), rows)[0]
+                change = np.abs(other - gains) / np.maximum(np.abs(gains), 1e-300)
+                best, found = misfit, Filtered(column, samples, shift, np.asarray(change))
+    return found
+
+
+def brought_together(recording: Recording, how: Filtered) -> Recording:
+    """The recording with what was not filtered put through the same filter, and its torque moved."""
+    columns = dict(recording.floats)
+    motion, torque = ("position", "velocity", "reference"), TORQUES
+    for name in {"torque": motion, "position": torque}.get(how.column, ()):
+        if name in columns:
+            through = _through(tuple(stretches_of(recording, 0)), how.rows)
+            columns[name] = through(columns[name])
+    return later(replace(recording, floats=MappingProxyType(columns)), 0.5 * how.shift)
+
+
 def low_passed(data: Prepared) -> tuple[str, float] | None:
     """The column that seems low-passed against the others, and its time constant [s]; None where none does."""
     plain = _misfit(data)
@@ -323,7 +387,7 @@ def _misfit(data: Prepared) -> float:
 
 
 def _motion_through(data: Prepared, samples: float) -> Prepared:
-    through = _through(data, samples)
+    through = _through(data.stretches, samples)
     return replace(
         data,
         position=through(data.position),
@@ -333,15 +397,15 @@ def _motion_through(data: Prepared, samples: float) -> Prepared:
 
 
 def _torque_through(data: Prepared, samples: float) -> Prepared:
-    return replace(data, recorded_torque=_through(data, samples)(data.recorded_torque))
+    return replace(data, recorded_torque=_through(data.stretches, samples)(data.recorded_torque))
 
 
-def _through(data: Prepared, samples: float) -> Callable[[Floats], Floats]:
+def _through(stretches: Sequence[Stretch], samples: float) -> Callable[[Floats], Floats]:
     share = 1.0 - float(np.exp(-1.0 / samples))
 
     def run(values: Floats) -> Floats:
-        result = np.zeros_like(values)
-        for stretch in data.stretches:
+        result = values.copy()
+        for stretch in stretches:
             part = values[stretch.rows]
             state = [(1.0 - share) * part[0]]
             result[stretch.rows] = scipy.signal.lfilter([share], [1.0, share - 1.0], part, zi=state)[0]

@@ -24,8 +24,19 @@ import scipy
 
 from autotune.core.arrays import Floats, Integers
 from autotune.core.errors import NotEnoughExcitation, RecordingError
-from autotune.estimation.alignment import aligned, linear_fit, needed, upsampled
+from autotune.estimation.alignment import (
+    LARGE,
+    aligned,
+    brought_together,
+    filtered_or_late,
+    linear_fit,
+    misfit_here,
+    needed,
+    recorded_late,
+    upsampled,
+)
 from autotune.estimation.controller import as_read, find_controller
+from autotune.estimation.controller_law import PositionController
 from autotune.estimation.coordinates import travel_since_reversal
 from autotune.estimation.data import (
     CUTOFF,
@@ -281,6 +292,48 @@ def without_rest(data: Prepared) -> Prepared:
     if sum(len(part) for part in rows) < LEAST_MOVING * len(data.grid):
         return data
     return replace(data, grid=np.concatenate(rows), blocks=tuple(blocks))
+
+
+@dataclass(frozen=True, slots=True)
+class Brought:
+    """A single recording whose columns were brought together for a fit.
+
+    Attributes:
+        law: the controller that may lead a twin of it.
+        doubt: by how much inertia, viscous and Coulomb friction and offset change, over themselves, as a column is
+            taken to have been filtered, where that explains the torque better than one that was read late; shape (4,).
+        notes: sentences on it.
+    """
+
+    recording: Recording
+    law: PositionController
+    doubt: Floats
+    notes: tuple[str, ...] = ()
+
+
+def of_one_moment(recording: Recording, law: PositionController) -> Brought:
+    """A single recording on a raster that is fine enough, its torque moved to the motion that it causes.
+
+    As `prepared_for` has it, and only where no law tells how its columns belong together, or the torque comes late for
+    any: then there is none. Where inertia and friction leave much of the torque, what is missing may draw it anywhere.
+    """
+    same = Brought(recording, law, np.zeros(4))
+    if np.any(recording.repeat > 0) or not np.ptp(recording["position"]) > 0.0:
+        return same
+    try:
+        data = prepared_for([recording])
+    except (NotEnoughExcitation, RecordingError):
+        return same
+    late = recorded_late(data) if law.usable else 0.0
+    apart = data.shift != 0.0 and not (data.repeated or data.steady) and misfit_here(data) <= LARGE
+    if not apart or (law.usable and late == 0.0):
+        return same
+    how = filtered_or_late(data)
+    moved = brought_together(upsampled(recording, data.upsampling), how)
+    if late == 0.0:
+        return Brought(moved, law, how.change)
+    why = find_controller(data).why
+    return Brought(moved, replace(law, source="none", why=why), how.change, (f"No twin: {why}.",))
 
 
 def _quiet(recordings: Sequence[Recording], cutoff: float, pace: float) -> Prepared:

@@ -9,12 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
 from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError
-from autotune.estimation.bandwidth import Bands
+from autotune.estimation.bandwidth import Bands, Brought, of_one_moment
 from autotune.estimation.controller import as_read, controller_of
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.joint_fit import free_by_name
@@ -39,6 +40,10 @@ from autotune.recordings.recording import Recording, concatenate, refuse_twice
 
 MOST_ROWS, STRETCH = 600_000, 20_000
 VAGUE = 0.1
+FILTERED = (
+    "torque and motion do not belong together as they were recorded; whether one of them was read late or filtered makes "
+    "{:.2g} % of the inertia, and is in the standard errors"
+)
 TWIN_WORSE = "a simulation of the model with this controller explains less than none"
 
 
@@ -90,11 +95,13 @@ def fit(recordings: Sequence[Recording] | Recording, effects: Sequence[str] = ()
     read = as_read(recording, controller)
     if read is not recording:
         recording, controller = read, controller_of(read)
-    bands = Bands.of(recording)
-    pieces = cut(recording, bands, controller, UNFITTED)
     if holds_constant_speeds_only(recording):
         speeds = fit_speed_curve(recording, effects)
         return FitResult(speeds.model, speeds.estimate, controller, speeds.steady_state)
+    brought = of_one_moment(recording, controller)
+    recording, controller = brought.recording, brought.law
+    bands = Bands.of(recording)
+    pieces = cut(recording, bands, controller, UNFITTED)
     metadata = recording.metadata
     start = guess(pieces, bands, metadata.motion_unit, effects)
     model = base_model(
@@ -117,6 +124,7 @@ def fit(recordings: Sequence[Recording] | Recording, effects: Sequence[str] = ()
         joint = refine_recording(model, recording, seed=seed, controller=controller)
         for name in _vague(kind, joint):
             joint = _held(name, model, recording, seed, controller)
+    joint = replace(joint, estimate=_doubted(joint.estimate, brought))
     return _result(_without_beside(joint, start, effects))
 
 
@@ -136,6 +144,20 @@ def place_effects(start: Guess) -> list[Effect]:
         lines = [Line(order, *pairs[order]) for order in terms.waves]
         effects.append(TORQUE_RIPPLE.make(_ripple_values(lines)))
     return effects
+
+
+def _doubted(estimate: Estimate, brought: Brought) -> Estimate:
+    """The estimate with what it is not known how the columns belong together adds to its standard errors."""
+    quantities = dict(estimate.parameters)
+    doubts = zip(("inertia", "viscous", "coulomb", "offset"), brought.doubt.tolist(), strict=True)
+    for name, doubt in doubts:
+        if (one := quantities.get(name)) is not None:
+            error = math.hypot(one.standard_error, doubt * one.value)
+            quantities[name] = replace(one, standard_error=error)
+    notes = brought.notes
+    if brought.doubt[0] * quantities["inertia"].value > estimate.parameters["inertia"].standard_error:
+        notes = (*notes, FILTERED.format(100.0 * brought.doubt[0]))
+    return replace(estimate, parameters=MappingProxyType(quantities), notes=(*notes, *estimate.notes))
 
 
 def _without_beside(joint: Joint, start: Guess, wanted: Sequence[str]) -> Joint:
