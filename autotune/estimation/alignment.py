@@ -242,6 +242,15 @@ def recorded_late(data: Prepared) -> float:
     return 0.5 * shift * data.period if left <= CLEARLY * misfit_here(prompt) else 0.0
 
 
+def plainly_apart(data: Prepared) -> bool:
+    """Whether inertia and friction explain clearly more of the torque where it was moved to than as it was recorded.
+
+    They leave little there, too. A few parts of a sample may be friction's: its bristle bends as a delay does.
+    """
+    here = misfit_here(data)
+    return here <= min(LARGE, POLICY.clearly_less * misfit_here(shifted(data, 0.0)))
+
+
 def away_from_reversals(data: Prepared) -> Flags:
     """Grid rows whose low-pass sees one direction only, shape (m,); all where those are too few."""
     speed = np.abs(data.velocity)
@@ -329,10 +338,19 @@ def filtered_or_late(data: Prepared) -> Filtered:
             alike = through(data, samples)
             shift, misfit = _shift_from_here(alike)
             if misfit < best:
-                other = linear_fit(shifted(alike, shift), rows)[0]
-                change = np.abs(other - gains) / np.maximum(np.abs(gains), 1e-300)
-                best, found = misfit, Filtered(column, samples, shift, np.asarray(change))
+                change = _relative(linear_fit(shifted(alike, shift), rows)[0], gains)
+                best, found = misfit, Filtered(column, samples, shift, change)
     return found
+
+
+def change_of_gains(before: Prepared, after: Prepared) -> Floats:
+    """By how much gains of inertia and friction differ between two preparations, over themselves, shape (4,)."""
+    one, other = (linear_fit(data, away_from_reversals(data))[0] for data in (before, after))
+    return _relative(other, one)
+
+
+def _relative(gains: Floats, of: Floats) -> Floats:
+    return np.asarray(np.abs(gains - of) / np.maximum(np.abs(of), 1e-300))
 
 
 def brought_together(recording: Recording, how: Filtered) -> Recording:

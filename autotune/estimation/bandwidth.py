@@ -25,13 +25,13 @@ import scipy
 from autotune.core.arrays import Floats, Integers
 from autotune.core.errors import NotEnoughExcitation, RecordingError
 from autotune.estimation.alignment import (
-    LARGE,
     aligned,
     brought_together,
+    change_of_gains,
     filtered_or_late,
     linear_fit,
-    misfit_here,
     needed,
+    plainly_apart,
     recorded_late,
     upsampled,
 )
@@ -300,8 +300,9 @@ class Brought:
 
     Attributes:
         law: the controller that may lead a twin of it.
-        doubt: by how much inertia, viscous and Coulomb friction and offset change, over themselves, as a column is
-            taken to have been filtered, where that explains the torque better than one that was read late; shape (4,).
+        doubt: by how much inertia, viscous and Coulomb friction and offset change, over themselves, shape (4,): as a
+            column is taken to have been filtered, where that explains the torque better than one that was read late; or
+            on a finer raster, with the torque moved, where that is not plainly better than as they were recorded.
         notes: sentences on it.
     """
 
@@ -315,7 +316,7 @@ def of_one_moment(recording: Recording, law: PositionController) -> Brought:
     """A single recording on a raster that is fine enough, its torque moved to the motion that it causes.
 
     As `prepared_for` has it, and only where no law tells how its columns belong together, or the torque comes late for
-    any: then there is none. Where inertia and friction leave much of the torque, what is missing may draw it anywhere.
+    any: then there is none; and where it is told plainly that they do not as they were recorded.
     """
     same = Brought(recording, law, np.zeros(4))
     if np.any(recording.repeat > 0) or not np.ptp(recording["position"]) > 0.0:
@@ -325,9 +326,12 @@ def of_one_moment(recording: Recording, law: PositionController) -> Brought:
     except (NotEnoughExcitation, RecordingError):
         return same
     late = recorded_late(data) if law.usable else 0.0
-    apart = data.shift != 0.0 and not (data.repeated or data.steady) and misfit_here(data) <= LARGE
-    if not apart or (law.usable and late == 0.0):
+    known = data.repeated or data.steady or data.pace < 1.0 or (law.usable and late == 0.0)
+    if known:
         return same
+    if not plainly_apart(data):
+        raw = prepare([recording], data.cutoff, data.motion_cutoff)
+        return replace(same, doubt=change_of_gains(without_rest(raw), data))
     how = filtered_or_late(data)
     moved = brought_together(upsampled(recording, data.upsampling), how)
     if late == 0.0:

@@ -41,8 +41,8 @@ from autotune.recordings.recording import Recording, concatenate, refuse_twice
 MOST_ROWS, STRETCH = 600_000, 20_000
 VAGUE = 0.1
 FILTERED = (
-    "torque and motion do not belong together as they were recorded; whether one of them was read late or filtered makes "
-    "{:.2g} % of the inertia, and is in the standard errors"
+    "how torque and motion belong together (read late, filtered, or between slow samples) makes {:.2g} % of the inertia, "
+    "which is in its standard error"
 )
 TWIN_WORSE = "a simulation of the model with this controller explains less than none"
 
