@@ -125,12 +125,7 @@ class Bands:
     def of(cls, recording: Recording) -> Bands:
         """Those of a fit: the usual ones, as low as a coarse encoder needs."""
         usual = cls.usual(recording)
-        error, counted = usual.error, counts_over_motion(recording, usual.error)
-        for _ in range(QUIET_ROUNDS):
-            if counted <= COUNTED or error <= LEAST:
-                break
-            error = max(error * (0.9 * COUNTED / counted) ** 0.2, LEAST)
-            counted = counts_over_motion(recording, error)
+        error, counted = below_counts(recording, usual.error)
         if error == usual.error:
             return replace(usual, counted=counted)
         return replace(cls.below(error, recording.period), counted=counted, lowered=True)
@@ -154,6 +149,17 @@ class Bands:
     def pace(self) -> float:
         """What lengths of time that suit the usual cut-off are multiplied by."""
         return CUTOFF / self.error
+
+
+def below_counts(recording: Recording, cutoff: float) -> tuple[float, float]:
+    """A cut-off [Hz], lowered to where counts are no more than `COUNTED` of the acceleration; and what they are there."""
+    counted = counts_over_motion(recording, cutoff)
+    for _ in range(QUIET_ROUNDS):
+        if counted <= COUNTED or cutoff <= LEAST:
+            break
+        cutoff = max(cutoff * (0.9 * COUNTED / counted) ** 0.2, LEAST)
+        counted = counts_over_motion(recording, cutoff)
+    return cutoff, counted
 
 
 def counts_over_motion(recording: Recording, cutoff: float) -> float:
@@ -434,6 +440,8 @@ def prepared_for(recordings: Sequence[Recording], policy: Policy = POLICY) -> Pr
     cutoff = coherent_cutoff(longest, known)
     if known:
         return without_rest(prepare(recordings, cutoff, 2.5 * cutoff, pace=pace))
+    if pace == 1.0:  # no twin makes the same counts, and what they look like an elastic transmission swallows
+        cutoff = min(below_counts(recording, cutoff)[0] for recording in recordings)
     factor = needed(cutoff, recordings[0].period)
     fine = [upsampled(recording, factor) for recording in recordings]
     data = replace(without_rest(prepare(fine, cutoff, 2.5 * cutoff, pace=pace)), upsampling=factor)
