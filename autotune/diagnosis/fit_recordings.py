@@ -23,7 +23,7 @@ from autotune.estimation.policy import POLICY
 from autotune.identify.complexity import Complexity, judge_complexity
 from autotune.identify.estimate import Estimate, Quantity, judge_model
 from autotune.identify.first_guess import OneDirection
-from autotune.identify.fit import STARTS, fit, joined
+from autotune.identify.fit import HOLDS, STARTS, fit, joined
 from autotune.identify.residuals import simulate_closed_loop, torque_residual
 from autotune.identify.run import EXPERIMENTS, identify_run
 from autotune.models.drive_model import DriveModel
@@ -36,6 +36,10 @@ from autotune.recordings.turn_lines import unit_question
 HARDLY_ANY = (
     "the model's error is {percent:.0f} % of the torque, so that it explains hardly any of it: a wrong sign or unit, "
     "another axis, or an encoder whose error with the place shakes the axis"
+)
+FITTED_BESIDE = (
+    "the model's error is {percent:.0f} % of the torque: most of that belongs to the place and was fitted beside the "
+    "model, which does not hold it; take it in with --effects"
 )
 
 Progress = Callable[[str], None]
@@ -178,7 +182,8 @@ def _with_error(result: FitResult, recordings: Sequence[Recording]) -> FitResult
         return result
     estimate = replace(result.estimate, relative_error=compared.relative_error)
     if result.method in ("programme", "twin") and compared.relative_error**2 > POLICY.misfit:
-        why = HARDLY_ANY.format(percent=100.0 * compared.relative_error)
+        beside = any(note.startswith(HOLDS) for note in result.notes)
+        why = (FITTED_BESIDE if beside else HARDLY_ANY).format(percent=100.0 * compared.relative_error)
         reason = "; ".join(filter(None, (estimate.reason, why)))
         estimate = replace(estimate, valid=False, reason=reason)
     return replace(

@@ -44,6 +44,7 @@ FILTERED = (
     "how torque and motion belong together (read late, filtered, or between slow samples) makes {:.2g} % of the inertia, "
     "which is in its standard error"
 )
+HOLDS = "The torque holds"
 TWIN_WORSE = "a simulation of the model with this controller explains less than none"
 
 
@@ -139,7 +140,8 @@ def place_effects(start: Guess) -> list[Effect]:
     effects = [SPRING.make({"stiffness": sizes.pop(0)})] if terms.spring else []
     pairs = dict(zip(terms.orders, zip(sizes[::2], sizes[1::2], strict=True), strict=True))
     if terms.gravity:
-        effects.append(GRAVITY_IMBALANCE.make(dict(zip(("sin", "cos"), pairs[1.0], strict=True))))
+        values = dict(zip(("sin", "cos"), pairs[terms.load], strict=True))
+        effects.append(GRAVITY_IMBALANCE.make(values | ({"order": terms.load} if terms.load < 1.0 else {})))
     if terms.waves:
         lines = [Line(order, *pairs[order]) for order in terms.waves]
         effects.append(TORQUE_RIPPLE.make(_ripple_values(lines)))
@@ -193,13 +195,14 @@ def _beside_note(effect: Effect, start: Guess, model: DriveModel) -> str:
         )
         said = f"waves over position, as cogging makes them: orders {', '.join(waves)}"
     elif effect.name == GRAVITY_IMBALANCE.name:
-        said = f"one sine a turn, as gravity makes it, of {math.hypot(value['sin'], value['cos']):.3g} {unit}"
+        behind = f" of a load that turns {value['order']:.3g} times as far" if start.place.load < 1.0 else ""
+        said = f"one sine a turn{behind}, as gravity makes it, of {math.hypot(value['sin'], value['cos']):.3g} {unit}"
     else:
         size = f"{value['stiffness']:.3g} {model.unit(SPRING.surface('stiffness'))}"
         said = f"a torque in proportion to position, as a spring makes it, of {size}"
     alike = " (over this travel gravity and a spring look alike)" if start.place.spring_like else ""
     return (
-        f"The torque holds {said}{alike}. It was fitted beside the model, which does not hold it; without it the model "
+        f"{HOLDS} {said}{alike}. It was fitted beside the model, which does not hold it; without it the model "
         f"is wrong by as much: 'autotune model fit --effects {effect.name}' takes it in, 'autotune model diagnose' "
         "judges it"
     )
