@@ -47,6 +47,7 @@ USUAL_ACCELERATION = 0.2 * (2.0 * math.pi) ** 2
 """Of the benchmark sine, at its reversals."""
 ONE_NUMBER = ("coulomb", "offset")
 """What motion in one direction cannot tell apart."""
+TOO_SLOW = "not identified: the samples are too slow for the torque; record faster, or move more gently"
 USUAL_PRECISION = {"rad": 1e-3, "m": 1e-5}
 
 
@@ -147,6 +148,9 @@ def _by_search(
     unknown: dict[str, Quantity] = {}
     if notes:
         model, unknown = _as_one_number(model, notes[0])
+    if result.untold:
+        model, more = _without_error(model, result.untold, TOO_SLOW)
+        unknown |= more
     estimate = Estimate(
         "search", unknown, result.valid, reason, result.relative_error, tuple(result.notes) + notes
     )
@@ -155,9 +159,16 @@ def _by_search(
 
 def _as_one_number(model: DriveModel, why: str) -> tuple[DriveModel, dict[str, Quantity]]:
     """The model of an axis that moved one way only: neither part of a sum has an error of its own."""
+    return _without_error(model, ONE_NUMBER, why)
+
+
+def _without_error(
+    model: DriveModel, names: Sequence[str], why: str
+) -> tuple[DriveModel, dict[str, Quantity]]:
+    """The model with parameters that are not known."""
     base = dict(model.base)
     unknown = {}
-    for name in ONE_NUMBER:
+    for name in names:
         base[name] = replace(base[name], standard_error=None)
         unknown[name] = Quantity(model[name], math.inf, identified=False, note=why)
     return replace(model, base=base), unknown

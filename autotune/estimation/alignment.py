@@ -104,7 +104,11 @@ LEAST_FAST = 0.2
 
 
 def best_shift(
-    cost: Callable[[float], float], start: float, upsampling: int = 1, step: float = 0.1, farthest: float = LATEST
+    cost: Callable[[float], float],
+    start: float,
+    upsampling: int = 1,
+    step: float = 0.1,
+    farthest: float = LATEST,
 ) -> tuple[float, float]:
     """The nearest minimum of a cost over the shift, in steps of `step` half samples, and its cost there.
 
@@ -319,7 +323,7 @@ class Filtered:
     Attributes:
         column: `torque` or `position`: the one that was filtered; "" for none.
         rows: time constant, in rows of the raster; `shift`: of the torque beside it, in half rows.
-        change: of the gains of inertia and friction against none, over themselves, shape (4,), as `linear_fit` has them.
+        change: of the gains of inertia and friction against none, over themselves, shape (4,), as in `linear_fit`.
     """
 
     column: str

@@ -152,7 +152,7 @@ class Bands:
 
 
 def below_counts(recording: Recording, cutoff: float) -> tuple[float, float]:
-    """A cut-off [Hz], lowered to where counts are no more than `COUNTED` of the acceleration; and what they are there."""
+    """A cut-off [Hz], lowered to where counts are at most `COUNTED` of the acceleration; and what they are there."""
     counted = counts_over_motion(recording, cutoff)
     for _ in range(QUIET_ROUNDS):
         if counted <= COUNTED or cutoff <= LEAST:

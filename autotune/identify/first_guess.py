@@ -193,7 +193,7 @@ def _slow(
 
 
 def _of_a_gear(best: _Trial, pieces: Sequence[Piece], bands: Bands) -> float:
-    """Turns of a load behind a gear for one of the axis, below 1, at which gravity explains most; 1 where none can be told.
+    """Turns of a load behind a gear for one of the axis, below 1, at which gravity explains most; 1 where none is told.
 
     Over less than a good part of a turn of the load a spring has the same course, and an offset the rest.
     """
@@ -212,11 +212,13 @@ def _of_a_gear(best: _Trial, pieces: Sequence[Piece], bands: Bands) -> float:
         return float(np.sum((target - table @ np.linalg.lstsq(table, target, rcond=1e-9)[0]) ** 2))
 
     orders = np.arange(LEAST_OF_A_TURN / turns, 1.0 - step, step)[:MOST_ORDERS]
-    best = min([*orders.tolist(), 1.0], key=left)
-    if best == 1.0:
+    order = min([*orders.tolist(), 1.0], key=left)
+    if order == 1.0:
         return 1.0
-    near = max(best - step, 0.5 * LEAST_OF_A_TURN / turns), min(best + step, 1.0)
-    found = scipy.optimize.minimize_scalar(left, bounds=near, method="bounded", options={"xatol": 1e-3 * step})
+    near = max(order - step, 0.5 * LEAST_OF_A_TURN / turns), min(order + step, 1.0)
+    found = scipy.optimize.minimize_scalar(
+        left, bounds=near, method="bounded", options={"xatol": 1e-3 * step}
+    )
     return float(found.x) if left(float(found.x)) <= (1.0 - LEAST_GAIN) * left(1.0) else 1.0
 
 

@@ -41,8 +41,8 @@ from autotune.recordings.recording import Recording, concatenate, refuse_twice
 MOST_ROWS, STRETCH = 600_000, 20_000
 VAGUE = 0.1
 FILTERED = (
-    "how torque and motion belong together (read late, filtered, or between slow samples) makes {:.2g} % of the inertia, "
-    "which is in its standard error"
+    "how torque and motion belong together (read late, filtered, or between slow samples) makes {:.2g} % of the "
+    "inertia, which is in its standard error"
 )
 HOLDS = "The torque holds"
 TWIN_WORSE = "a simulation of the model with this controller explains less than none"

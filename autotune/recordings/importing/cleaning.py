@@ -62,7 +62,8 @@ def without_copies(columns: dict[str, Floats], notes: list[str]) -> dict[str, Fl
     if not copies:
         return columns
     notes.append(
-        f"{copies} rows repeat the row before with its time and are dropped, the first is row {int(np.argmax(same)) + 2}"
+        f"{copies} rows repeat the row before with its time and are dropped, the first is row "
+        f"{int(np.argmax(same)) + 2}"
     )
     good = np.concatenate([[True], ~same])
     return {name: values[good] for name, values in columns.items()}

@@ -87,8 +87,8 @@ def split_runs(columns: Mapping[str, Floats], path: Path, notes: list[str]) -> l
         what_to_do = "sort the rows, or give separate recordings separate files"
         if float(-step[backward].min()) < GAP_SAMPLES * period:
             what_to_do = (
-                "the stamps jitter by more than the samples are apart. If the samples are regular, rows are counted with "
-                f"--period {_round(period, 3):g}; else {what_to_do}"
+                "the stamps jitter by more than the samples are apart. If the samples are regular, rows are counted "
+                f"with --period {_round(period, 3):g}; else {what_to_do}"
             )
         raise RecordingError(
             f"{path}: time decreases at row {row + 1}: {time[row]:.9g} s after {time[row - 1]:.9g} s "

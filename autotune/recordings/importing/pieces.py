@@ -78,8 +78,8 @@ def without_held(
         kept = {name: values[first::held] for name, values in piece.columns.items()}
         thinned.append(RegularPiece(kept, round(piece.missed / held), piece.row + first, piece.run))
     lines.append(
-        f"all columns change at every {held}th row only: the file was written {held} times as often as it was read; one "
-        f"row of {held} is taken, {held * period:g} s apart"
+        f"all columns change at every {held}th row only: the file was written {held} times as often as it was read; "
+        f"one row of {held} is taken, {held * period:g} s apart"
     )
     facts["held"] = f"one row of {held}: the others repeat it"
     return [piece for piece in thinned if len(piece) >= LEAST_ROWS], held * period
