@@ -249,8 +249,11 @@ def recorded_late(data: Prepared) -> float:
 def plainly_apart(data: Prepared) -> bool:
     """Whether inertia and friction explain clearly more of the torque where it was moved to than as it was recorded.
 
-    They leave little there, too. A few parts of a sample may be friction's: its bristle bends as a delay does.
+    They leave little there, too. A few parts of a sample may be friction's: its bristle bends as a delay does. Where it
+    would be moved farther still, as in a swing of one frequency, nothing tells where it belongs.
     """
+    if not data.upsampling * EARLIEST < data.shift < data.upsampling * FARTHEST:
+        return False
     here = misfit_here(data)
     return here <= min(LARGE, POLICY.clearly_less * misfit_here(shifted(data, 0.0)))
 
@@ -337,11 +340,13 @@ def filtered_or_late(data: Prepared) -> Filtered:
     rows = away_from_reversals(data)
     gains, left = linear_fit(data, rows)[0], linear_misfit(data, rows)
     best, found = POLICY.clearly_less * left, Filtered("", 0.0, data.shift, np.zeros(len(gains)))
+    if left > LARGE:
+        return found
     for samples in (data.upsampling * count for count in SAMPLES):
         for column, through in (("torque", _motion_through), ("position", _torque_through)):
             alike = through(data, samples)
             shift, misfit = _shift_from_here(alike)
-            if misfit < best:
+            if misfit < best and abs(shift) < abs(data.shift):  # it is why the torque seemed early or late
                 change = _relative(linear_fit(shifted(alike, shift), rows)[0], gains)
                 best, found = misfit, Filtered(column, samples, shift, change)
     return found

@@ -335,10 +335,10 @@ def of_one_moment(recording: Recording, law: PositionController) -> Brought:
     known = data.repeated or data.steady or data.pace < 1.0 or (law.usable and late == 0.0)
     if known:
         return same
-    if not plainly_apart(data):
+    how = filtered_or_late(data)
+    if not how.column and not plainly_apart(data):
         raw = prepare([recording], data.cutoff, data.motion_cutoff)
         return replace(same, doubt=change_of_gains(without_rest(raw), data))
-    how = filtered_or_late(data)
     moved = brought_together(upsampled(recording, data.upsampling), how)
     if late == 0.0:
         return Brought(moved, law, how.change)

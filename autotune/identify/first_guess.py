@@ -184,7 +184,9 @@ def _slow(
     if not looked:
         return None
     left = [held_out_error(_best(found).parts) for _, found in looked]
-    chosen = int(np.argmin(left))
+    # a load behind a gear has one more number that is free: it must be plainly better than what has not
+    freedom = [1.0 if kind.load == 1.0 else 1.0 / (1.0 - LEAST_GAIN) for kind, _ in looked]
+    chosen = int(np.argmin(np.multiply(left, freedom)))
     if left[chosen] > (1.0 - LEAST_GAIN) * held_out_error(_best(trials).parts):
         return None
     spring = left[1 if terms.scale == 1.0 and len(left) > 1 else 0]
