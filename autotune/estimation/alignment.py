@@ -374,16 +374,22 @@ def brought_together(recording: Recording, how: Filtered) -> Recording:
 
 
 def low_passed(data: Prepared) -> tuple[str, float] | None:
-    """The column that seems low-passed against the others, and its time constant [s]; None where none does."""
-    plain = _misfit(data)
-    if plain > LARGE:
+    """The column that seems low-passed against the others, and its time constant [s]; None where none does.
+
+    It leaves clearly less than a torque that was moved by a few samples, and less than one that was moved farther.
+    """
+    here = plain = _misfit(data)
+    if here > LARGE:
         return None
+    if data.shift > data.upsampling * LATEST:
+        plain = _misfit(shifted(data, 0.0))
     trials: list[tuple[float, str, float]] = []
     for samples in (data.upsampling * count for count in SAMPLES):
         trials.append((_misfit(_motion_through(data, samples)), "torque", samples))
         trials.append((_misfit(_torque_through(data, samples)), "position", samples))
     misfit, column, samples = min(trials)
-    return (column, samples * data.period) if misfit <= CLEARLY * plain else None
+    clearly = misfit <= CLEARLY * plain and (plain == here or misfit < here)
+    return (column, samples * data.period) if clearly else None
 
 
 def compensated(data: Prepared) -> tuple[Prepared, str | None]:

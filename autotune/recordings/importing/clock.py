@@ -165,11 +165,13 @@ def regular(piece: RegularPiece, period: float) -> tuple[RegularPiece, str]:
 def _by_rows(piece: RegularPiece, period: float) -> RegularPiece | None:
     """The piece with its rows counted, lost ones filled in, where the motion says that only its stamps jitter."""
     time = piece.columns["time"]
-    rows = np.concatenate([[0.0], np.cumsum(np.round(np.diff(time) / period))])
+    rows = np.arange(len(time), dtype=np.float64)
+    if abs((time[-1] - time[0]) / period - rows[-1]) >= 1.0:  # some were lost
+        rows = np.concatenate([[0.0], np.cumsum(np.round(np.diff(time) / period))])
     if len(time) < LEAST_ROWS or np.any(np.diff(rows) < 1.0):
         return None
     away = time - time[0] - period * rows
-    drifts = float(np.ptp(away)) > period
+    drifts = float(np.ptp(away)) > 2.0 * period
     moving = next((piece.columns[name] for name in ("position", "velocity") if name in piece.columns), None)
     if drifts or moving is None or not smoother_by_rows(moving, time, rows * period):
         return None
