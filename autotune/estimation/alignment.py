@@ -229,7 +229,7 @@ def _aligned_best(data: Prepared) -> tuple[float, float]:
     if shift < data.upsampling * LATEST:
         return shift, left
     far, least = best_shift(cost, shift, data.upsampling, farthest=FARTHEST)
-    return (far, least) if least <= min(LARGE, CLEARLY * left) else (shift, left)
+    return (far, least) if least <= min(LARGE, CLEARLY * cost(0.0)) else (shift, left)
 
 
 def recorded_late(data: Prepared) -> float:
