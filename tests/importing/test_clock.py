@@ -240,7 +240,7 @@ def test_stamps_that_jitter_back_are_said_and_counted_on_demand(tmp_path: Path) 
     columns = sampled_at(regular)
     columns["time"] = regular + np.random.default_rng(3).normal(0.0, 3e-4, 3000)
     path = write_table(tmp_path / "t.csv", columns, digits=12)
-    with pytest.raises(RecordingError, match="jitter by more .* --period 0.00"):
+    with pytest.raises(RecordingError, match=r"jitter by more .* --period 0.00"):
         bring_in(path)
     counted = bring_in(path, period=1e-3).recording
     np.testing.assert_allclose(counted["position"], columns["position"], rtol=1e-9, atol=1e-12)
