@@ -14,7 +14,7 @@ from autotune.models.waves import Wave, ripple_waves
 from autotune.view.model_pages import floor_range
 from autotune.view.scale import quantity
 
-BAR = 40
+BAR, MOST_ROWS = 40, 6
 
 
 def compared_lines(result: Comparison) -> Iterator[str]:
@@ -56,7 +56,8 @@ def diagnosis_lines(result: DiagnosisResult) -> Iterator[str]:
     for rivals in result.confusable:
         yield f"cannot be told apart for certain: {', '.join(rivals)}"
     yield "candidates, by how far the squared error falls on unseen experiments:"
-    for c in sorted(result.candidates, key=lambda item: -item.gain)[:6]:
+    ranked = sorted(result.candidates, key=lambda item: -item.gain)
+    for c in (*ranked[:MOST_ROWS], *(item for item in ranked[MOST_ROWS:] if item.accepted)):
         mark = "*" if c.accepted else " "
         yield f" {mark} {c.effect:<27} {100 * c.gain:6.1f} %  {c.why}"
     if math.isfinite(result.noise_floor_rms):

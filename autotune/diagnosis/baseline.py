@@ -15,6 +15,7 @@ from autotune.diagnosis.evidence.visibility import loop_note, refuse_answers
 from autotune.diagnosis.refits import with_noise_of
 from autotune.diagnosis.ripple_orders import MOST_LINES
 from autotune.diagnosis.starts import Context
+from autotune.diagnosis.wording import left_out_note
 from autotune.estimation.alignment import CURRENT_LOOP, shifted, without_twin
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import (
@@ -101,9 +102,7 @@ def begin(
     notes = (*notes, *said)
     problem, settled = _without_clocked(problem, settled)
     notes = (*notes, *_refuse_misfit(problem, settled))
-    dropped = 1.0 - float(np.mean(problem.weight > 0))
-    if dropped > 0.0:
-        notes = (*notes, f"{100 * dropped:.1f} % of the rows were left out: starts, stops or disturbances.")
+    notes = (*notes, *left_out_note(problem, settled))
     return problem, settled, packed, (*notes, *evidence_of(problem.data).limits(problem))
 
 

@@ -103,10 +103,15 @@ class Facts:
 
     @property
     def loud(self) -> bool:
-        """Whether more than noise usually is stays unexplained, and no repeats tell it from what is missing."""
+        """Whether more than noise usually is stays unexplained, and no repeats tell it from what is missing.
+
+        Also with the rows that were left out: what the model lacks may be why they stand out.
+        """
         if self.chosen is not None or self.evidence.repeats:
             return False
-        return rms_unexplained(self.problem, self.root) > MOST_NOISE
+        whole = self.problem.data.role(TRAINING)
+        parts = (rms_unexplained(self.problem, self.root, rows) for rows in (None, whole))
+        return max(parts) > MOST_NOISE
 
     @property
     def drowned(self) -> bool:

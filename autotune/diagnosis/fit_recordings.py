@@ -23,7 +23,7 @@ from autotune.estimation.policy import POLICY
 from autotune.identify.complexity import Complexity, judge_complexity
 from autotune.identify.estimate import Estimate, Quantity, judge_model
 from autotune.identify.first_guess import OneDirection
-from autotune.identify.fit import STARTS, fit, joined
+from autotune.identify.fit import HOLDS, STARTS, fit, joined
 from autotune.identify.residuals import simulate_closed_loop, torque_residual
 from autotune.identify.run import EXPERIMENTS, identify_run
 from autotune.models.drive_model import DriveModel
@@ -37,12 +37,17 @@ HARDLY_ANY = (
     "the model's error is {percent:.0f} % of the torque, so that it explains hardly any of it: a wrong sign or unit, "
     "another axis, or an encoder whose error with the place shakes the axis"
 )
+FITTED_BESIDE = (
+    "the model's error is {percent:.0f} % of the torque: most of that belongs to the place and was fitted beside the "
+    "model, which does not hold it; take it in with --effects"
+)
 
 Progress = Callable[[str], None]
 USUAL_ACCELERATION = 0.2 * (2.0 * math.pi) ** 2
 """Of the benchmark sine, at its reversals."""
 ONE_NUMBER = ("coulomb", "offset")
 """What motion in one direction cannot tell apart."""
+TOO_SLOW = "not identified: the samples are too slow for the torque; record faster, or move more gently"
 USUAL_PRECISION = {"rad": 1e-3, "m": 1e-5}
 
 
@@ -143,6 +148,9 @@ def _by_search(
     unknown: dict[str, Quantity] = {}
     if notes:
         model, unknown = _as_one_number(model, notes[0])
+    if result.untold:
+        model, more = _without_error(model, result.untold, TOO_SLOW)
+        unknown |= more
     estimate = Estimate(
         "search", unknown, result.valid, reason, result.relative_error, tuple(result.notes) + notes
     )
@@ -151,9 +159,16 @@ def _by_search(
 
 def _as_one_number(model: DriveModel, why: str) -> tuple[DriveModel, dict[str, Quantity]]:
     """The model of an axis that moved one way only: neither part of a sum has an error of its own."""
+    return _without_error(model, ONE_NUMBER, why)
+
+
+def _without_error(
+    model: DriveModel, names: Sequence[str], why: str
+) -> tuple[DriveModel, dict[str, Quantity]]:
+    """The model with parameters that are not known."""
     base = dict(model.base)
     unknown = {}
-    for name in ONE_NUMBER:
+    for name in names:
         base[name] = replace(base[name], standard_error=None)
         unknown[name] = Quantity(model[name], math.inf, identified=False, note=why)
     return replace(model, base=base), unknown
@@ -178,7 +193,8 @@ def _with_error(result: FitResult, recordings: Sequence[Recording]) -> FitResult
         return result
     estimate = replace(result.estimate, relative_error=compared.relative_error)
     if result.method in ("programme", "twin") and compared.relative_error**2 > POLICY.misfit:
-        why = HARDLY_ANY.format(percent=100.0 * compared.relative_error)
+        beside = any(note.startswith(HOLDS) for note in result.notes)
+        why = (FITTED_BESIDE if beside else HARDLY_ANY).format(percent=100.0 * compared.relative_error)
         reason = "; ".join(filter(None, (estimate.reason, why)))
         estimate = replace(estimate, valid=False, reason=reason)
     return replace(

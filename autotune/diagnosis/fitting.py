@@ -29,6 +29,7 @@ from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import usual_damping
 from autotune.estimation.data import Prepared, prepare
 from autotune.estimation.least_squares import Fitted, covariance, standard_errors
+from autotune.estimation.normal_equations import BLOCK_SECONDS, Part, assemble
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import Problem, new_problem
 from autotune.estimation.residual import residual, smoothed
@@ -42,18 +43,21 @@ WAVE_ROWS, MOST_ORDER = 6000, 400.0
 """Rows in which waves over position are looked for before anything is fitted, and the largest order."""
 POOR = 0.2
 """Relative error above which a user is told of it."""
+OF_MOTION = ("inertia", "viscous", "stiffness", "micro_damping")
+"""What only quick motion tells: not samples that are too slow for the torque."""
 REACHES = (1e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2)  # of the travel
 
 
 @dataclass(frozen=True, slots=True)
 class FittedModel:
-    """A fitted model and whether it may be used."""
+    """A fitted model and whether it may be used; `untold` are parameters that samples so slow cannot tell."""
 
     model: DriveModel
     valid: bool
     reason: str
     relative_error: float
     notes: tuple[str, ...] = ()
+    untold: tuple[str, ...] = ()
 
 
 def fit_model(
@@ -78,15 +82,15 @@ def fit_model(
         progress(f"refit with {effect}")
         problem, _, model_fit = grown(problem, model_fit, nominal, effect, start)
     notes = (*notes, *torque_path_notes(problem.data))
-    errors = standard_errors(model_fit.fitted, problem.training)
+    errors = _standard_errors(problem, model_fit.fitted)
     model = model_from(start, model_fit.fitted.packed, model_fit.fitted.free, errors)
     relative = relative_error(problem, model_fit)
     reason = _reason(model, policy)
     if not reason and relative > POOR:
         notes = (
             *notes,
-            f"The base model leaves {100 * relative:.0f} % of the torque unexplained; "
-            "'autotune model diagnose' tells what is missing.",
+            f"The base model leaves {100 * relative:.0f} % of the torque unexplained, a part of which is in "
+            "its parameters and not in their standard errors; 'autotune model diagnose' tells what is missing.",
         )
     if data.steady:
         notes = (*notes, "Only the curve over constant speeds was fitted; inertia and stiffness are rough.")
@@ -96,7 +100,25 @@ def fit_model(
             "The axis moved one way only: offset and Coulomb friction are one number; it is "
             "given as Coulomb friction.",
         )
-    return FittedModel(model, not reason, reason, relative, notes)
+    untold = OF_MOTION if evidence_of(problem.data).limits(problem) else ()
+    return FittedModel(model, not reason, reason, relative, notes, untold)
+
+
+def _standard_errors(problem: Problem, fitted: Fitted) -> Floats:
+    """Of the free parameters, in their units, shape (k,): where nothing repeats, at least what seconds disagree by.
+
+    What a single recording's model lacks is no noise that rows a few apart would average; left out second by second, it
+    says how much of it each parameter takes (`normal_equations`).
+    """
+    data, plain = problem.data, standard_errors(fitted, problem.training)
+    if data.repeated or data.steady:
+        return plain
+    rows = problem.training > 0
+    seconds = float(np.median(np.diff(data.grid[:50]))) * data.period
+    block = max(1, round(BLOCK_SECONDS * data.pace / seconds))
+    part = Part(fitted.error[rows], fitted.jacobian[rows], fitted.jacobian[rows], block)
+    spread = np.sqrt(np.maximum(np.diag(assemble([part]).covariance), 0.0)) * fitted.scales
+    return np.asarray(np.maximum(plain, spread))
 
 
 def relative_error(problem: Problem, model_fit: ModelFit) -> float:
@@ -129,7 +151,8 @@ def starting_model(data: Prepared, policy: Policy = POLICY) -> DriveModel:
 
 def _least_squares(data: Prepared, one_way: bool, policy: Policy) -> dict[str, float]:
     rows = data.role("training")
-    speed = np.percentile(np.abs(data.velocity[data.grid[rows]]), 90)
+    speeds = data.velocity[data.grid[rows]]
+    speed = np.percentile(np.abs(speeds), 90)
     moving = rows & (np.abs(data.velocity[data.grid]) > 0.02 * speed)
     parts = {
         "inertia": data.acceleration,
@@ -149,9 +172,18 @@ def _least_squares(data: Prepared, one_way: bool, policy: Policy) -> dict[str, f
     if values["inertia"] <= 0.0 and not _waves_instead(data, moving, table, target):
         part = float(np.std(values["inertia"] * table[:, 0]) / max(float(np.std(target)), 1e-300))
         if part > policy.wrong_sign:
+            friction = values["coulomb"] + (values["offset"] * np.sign(speeds.mean()) if one_way else 0.0)
+            why = (
+                "its sign is wrong, or it is not the torque of this motion. Import again with a factor of -1"
+            )
+            if friction > 0.0:  # which a torque of the wrong sign would have below zero too
+                why = (
+                    "friction has the right sign, so that is not turned: torque or motion is filtered or late against "
+                    "the other, or torque waves with the place make the axis speed up and slow down. Record both "
+                    "unfiltered, and quicker changes of speed"
+                )
             raise NotEnoughExcitation(
-                f"the torque falls where the axis accelerates (inertia {values['inertia']:.3g}): its sign is "
-                "wrong, or it is not the torque of this motion. Import again with a factor of -1"
+                f"the torque falls where the axis accelerates (inertia {values['inertia']:.3g}): {why}"
             )
     scale = float(np.std(target))
     values["inertia"] = max(values["inertia"], 1e-3 * scale / max(float(np.std(table[:, 0])), 1e-300))

@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from autotune.core.arrays import Floats
+from autotune.core.arrays import Flags, Floats
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate
 from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.evidence.time_driven import TimeLine
 from autotune.diagnosis.refits import needed_share
 from autotune.estimation.bias_corrected_fit import ModelFit
-from autotune.estimation.data import Prepared
+from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Problem
 from autotune.models.table import looking_alike, usual_rivals
@@ -182,11 +182,26 @@ def why(
     return f"{gain}; {gate}" if gate else f"{gain}, less than others"
 
 
-def rms_unexplained(problem: Problem, root: ModelFit) -> float:
-    """Of the recorded torque on the rows that are fitted: the share that the model leaves, by their spread."""
-    rows = problem.training > 0
+def rms_unexplained(problem: Problem, root: ModelFit, rows: Flags | None = None) -> float:
+    """Of the recorded torque on the rows that are fitted, or on those given: the share that the model leaves, by their
+    spread."""
+    rows = problem.training > 0 if rows is None else rows
     torque = problem.data.torque[problem.data.grid[rows]]
     return float(np.std(root.fitted.error[rows])) / max(float(np.std(torque)), 1e-300)
+
+
+def left_out_note(problem: Problem, root: ModelFit) -> tuple[str, ...]:
+    """How many rows were left out, and what the model leaves of the torque there: an effect may show there alone."""
+    out = problem.data.role(TRAINING) & (problem.weight <= 0.0)
+    share = float(np.count_nonzero(problem.weight <= 0.0)) / len(problem.weight)
+    if share == 0.0:
+        return ()
+    text = f"{100 * share:.1f} % of the rows were left out: starts, stops or disturbances"
+    if np.count_nonzero(out) < 2:
+        return (f"{text}.",)
+    torque = math.sqrt(float(np.mean(problem.data.torque[problem.data.grid[out]] ** 2)))
+    left = math.sqrt(float(np.mean(root.fitted.error[out] ** 2))) / max(torque, 1e-300)
+    return (f"{text}; there the model leaves {100 * left:.2g} % of the torque (rms).",)
 
 
 def nothing_note(
@@ -195,6 +210,9 @@ def nothing_note(
     """Where nothing is missing: the share of the torque that stays unexplained, and what stopped the best candidate."""
     share = rms_unexplained(problem, root)
     text = f"{100 * share:.2g} % of the torque (rms) stay unexplained after refitting"
+    if np.any(problem.weight <= 0.0):
+        whole = rms_unexplained(problem, root, problem.data.role(TRAINING))
+        text += f", {100 * whole:.2g} % with the rows that were left out"
     best = max(first, key=lambda item: item.gain, default=None)
     if best is None or best.gain <= 0.0:
         return text + "; no candidate lowers it on unseen experiments."

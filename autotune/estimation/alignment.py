@@ -8,6 +8,10 @@ Time: anything from a filtered position, read late, to a torque that was logged 
 controller nor repeats tell how columns belong together, the torque is moved by fractions of a sample to where a
 model explains it best, the nearest such place.
 
+A controller tells how they belong together only where they are of one moment. A torque that comes a sample or more
+after the motion that it causes is not, however well the law of a slower loop explains it: no axis answers before it is
+asked (`recorded_late`). Taken as it is, it looks like an elastic transmission too.
+
 Filters: drives and loggers often record a filtered torque or a filtered position. Moving one against the other
 mends the delay, not the lag that is left, and that looks like an elastic transmission. So each side is put through
 first-order filters; where motion and torque then belong together far better, the other side is filtered alike, and
@@ -18,13 +22,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 import scipy
 
 from autotune.core.arrays import Flags, Floats
-from autotune.estimation.data import Prepared, known_resolution, stretches_of
+from autotune.estimation.data import Prepared, Stretch, known_resolution, stretches_of
+from autotune.estimation.policy import POLICY
 from autotune.estimation.residual import smoothed
 from autotune.recordings.recording import Recording
 
@@ -38,6 +44,7 @@ FINE = 20.0
 """Samples a period of the highest frequency compared, from which differences do: within 1.6 %."""
 MOST = 4
 DEGREE = 5
+TORQUES = ("torque", "torque_command", "torque_feedforward")
 
 
 def needed(cutoff: float, period: float) -> int:
@@ -89,19 +96,28 @@ def _splined(values: Floats, stretches: Sequence[slice], factor: int, old: Float
     return result
 
 
-EARLIEST, LATEST = -4.0, 6.0
-"""Half samples of the file by which the torque may be moved."""
+EARLIEST, LATEST, FARTHEST = -4.0, 6.0, 40.0
+"""Half samples of the file by which the torque may be moved; farther only where the misfit shows plainly how far."""
+ACAUSAL = 2.0
+"""Half samples from which on a torque is later than any way of reading it within its own sample makes it."""
 LEAST_FAST = 0.2
 
 
 def best_shift(
-    cost: Callable[[float], float], start: float, upsampling: int = 1, step: float = 0.1
+    cost: Callable[[float], float],
+    start: float,
+    upsampling: int = 1,
+    step: float = 0.1,
+    farthest: float = LATEST,
 ) -> tuple[float, float]:
     """The nearest minimum of a cost over the shift, in steps of `step` half samples, and its cost there.
 
-    `upsampling`: rows for each sample of the file.
+    `upsampling`: rows for each sample of the file; `farthest`: half samples of it by which it may be moved, or a
+    sample beyond where it is already.
     """
-    earliest, latest = upsampling * EARLIEST, upsampling * LATEST
+    earliest, latest = upsampling * EARLIEST, upsampling * farthest
+    if start > latest:
+        latest = start + upsampling * ACAUSAL
     known: dict[float, float] = {}
 
     def at(shift: float) -> float:
@@ -133,6 +149,20 @@ def shifted(data: Prepared, half_samples: float) -> Prepared:
         torque[stretch.rows] = np.interp(rows + 0.5 * half_samples, rows, recorded)
     late = data.late + 0.5 * (data.shift - half_samples)
     return replace(data, torque=torque, shift=half_samples, late=late, lag=0.0, lag_error=0.0, cycles=0)
+
+
+def later(recording: Recording, rows: float) -> Recording:
+    """The recording with the torque of so many rows later at each row, within each stretch."""
+    columns = dict(recording.floats)
+    for name in TORQUES:
+        if name not in columns:
+            continue
+        moved = columns[name].copy()
+        for stretch in stretches_of(recording, 0):
+            at = np.arange(stretch.start, stretch.stop, dtype=np.float64)
+            moved[stretch.rows] = np.interp(at + rows, at, columns[name][stretch.rows])
+        columns[name] = moved
+    return replace(recording, floats=MappingProxyType(columns))
 
 
 def half_a_sample_later(data: Prepared) -> Floats:
@@ -179,10 +209,53 @@ def aligned(data: Prepared) -> Prepared:
 
     Rows near a reversal do not count: friction that reverses over some travel looks like a delay.
     """
+    return shifted(data, _aligned_best(data)[0])
+
+
+def _aligned_best(data: Prepared) -> tuple[float, float]:
+    """Shift at which inertia and friction explain the torque best, and what they leave of it.
+
+    Beyond the usual range only where they explain nearly all there: what else is missing may draw it anywhere.
+    """
     rows = away_from_reversals(data)
-    return shifted(
-        data, best_shift(lambda shift: linear_misfit(shifted(data, shift), rows), 0.0, data.upsampling)[0]
-    )
+    known: dict[float, float] = {}
+
+    def cost(shift: float) -> float:
+        if shift not in known:
+            known[shift] = linear_misfit(shifted(data, shift), rows)
+        return known[shift]
+
+    shift, left = best_shift(cost, 0.0, data.upsampling)
+    if shift < data.upsampling * LATEST:
+        return shift, left
+    far, least = best_shift(cost, shift, data.upsampling, farthest=FARTHEST)
+    return (far, least) if least <= min(LARGE, CLEARLY * cost(0.0)) else (shift, left)
+
+
+def recorded_late(data: Prepared) -> float:
+    """Seconds by which a single recording's torque comes after the motion that it causes; 0 where within a sample.
+
+    Beyond doubt only where inertia and friction then leave far less of it than at the moment it was recorded.
+    """
+    if data.repeated or data.steady or data.pace < 1.0:
+        return 0.0
+    prompt = shifted(data, 0.0)
+    shift, left = _aligned_best(prompt)
+    if shift < ACAUSAL * data.upsampling or left > LARGE:
+        return 0.0
+    return 0.5 * shift * data.period if left <= CLEARLY * misfit_here(prompt) else 0.0
+
+
+def plainly_apart(data: Prepared) -> bool:
+    """Whether inertia and friction explain clearly more of the torque where it was moved to than as it was recorded.
+
+    They leave little there, too. A few parts of a sample may be friction's: its bristle bends as a delay does. Where it
+    would be moved farther still, as in a swing of one frequency, nothing tells where it belongs.
+    """
+    if not data.upsampling * EARLIEST < data.shift < data.upsampling * FARTHEST:
+        return False
+    here = misfit_here(data)
+    return here <= min(LARGE, POLICY.clearly_less * misfit_here(shifted(data, 0.0)))
 
 
 def away_from_reversals(data: Prepared) -> Flags:
@@ -198,6 +271,11 @@ def linear_misfit(data: Prepared, rows: Flags) -> float:
     """Share of the torque's variance that inertia, friction and offset leave on some grid rows."""
     _, target, left = linear_fit(data, rows)
     return float(np.sum(left**2)) / max(float(np.sum((target - target.mean()) ** 2)), 1e-300)
+
+
+def misfit_here(data: Prepared) -> float:
+    """The same on rows away from reversals, with the torque where it is."""
+    return linear_misfit(data, away_from_reversals(data))
 
 
 def linear_fit(data: Prepared, rows: Flags) -> tuple[Floats, Floats, Floats]:
@@ -241,41 +319,108 @@ def without_twin(data: Prepared) -> tuple[Prepared, tuple[str, ...]]:
     return data, () if said is None else (said,)
 
 
-def compensated(data: Prepared) -> tuple[Prepared, str | None]:
-    """The data with both sides filtered alike, and a sentence on it; as they are where no column seems filtered."""
-    plain = _misfit(data)
-    if plain > LARGE:
-        return data, None
+@dataclass(frozen=True, slots=True)
+class Filtered:
+    """How columns belong together where one of them was filtered, not only read late.
+
+    Attributes:
+        column: `torque` or `position`: the one that was filtered; "" for none.
+        rows: time constant, in rows of the raster; `shift`: of the torque beside it, in half rows.
+        change: of the gains of inertia and friction against none, over themselves, shape (4,), as in `linear_fit`.
+    """
+
+    column: str
+    rows: float
+    shift: float
+    change: Floats
+
+
+def filtered_or_late(data: Prepared) -> Filtered:
+    """Whichever explains the torque better: the torque where it is, or a first-order filter of one of the columns."""
+    rows = away_from_reversals(data)
+    gains, left = linear_fit(data, rows)[0], linear_misfit(data, rows)
+    best, found = POLICY.clearly_less * left, Filtered("", 0.0, data.shift, np.zeros(len(gains)))
+    if left > LARGE:
+        return found
+    for samples in (data.upsampling * count for count in SAMPLES):
+        for column, through in (("torque", _motion_through), ("position", _torque_through)):
+            alike = through(data, samples)
+            shift, misfit = _shift_from_here(alike)
+            if misfit < best and abs(shift) < abs(data.shift):  # it is why the torque seemed early or late
+                change = _relative(linear_fit(shifted(alike, shift), rows)[0], gains)
+                best, found = misfit, Filtered(column, samples, shift, change)
+    return found
+
+
+def change_of_gains(before: Prepared, after: Prepared) -> Floats:
+    """By how much gains of inertia and friction differ between two preparations, over themselves, shape (4,)."""
+    one, other = (linear_fit(data, away_from_reversals(data))[0] for data in (before, after))
+    return _relative(other, one)
+
+
+def _relative(gains: Floats, of: Floats) -> Floats:
+    return np.asarray(np.abs(gains - of) / np.maximum(np.abs(of), 1e-300))
+
+
+def brought_together(recording: Recording, how: Filtered) -> Recording:
+    """The recording with what was not filtered put through the same filter, and its torque moved."""
+    columns = dict(recording.floats)
+    motion, torque = ("position", "velocity", "reference"), TORQUES
+    for name in {"torque": motion, "position": torque}.get(how.column, ()):
+        if name in columns:
+            through = _through(tuple(stretches_of(recording, 0)), how.rows)
+            columns[name] = through(columns[name])
+    return later(replace(recording, floats=MappingProxyType(columns)), 0.5 * how.shift)
+
+
+def low_passed(data: Prepared) -> tuple[str, float] | None:
+    """The column that seems low-passed against the others, and its time constant [s]; None where none does.
+
+    It leaves clearly less than a torque that was moved by a few samples, and less than one that was moved farther.
+    """
+    here = plain = _misfit(data)
+    if here > LARGE:
+        return None
+    if data.shift > data.upsampling * LATEST:
+        plain = _misfit(shifted(data, 0.0))
     trials: list[tuple[float, str, float]] = []
     for samples in (data.upsampling * count for count in SAMPLES):
         trials.append((_misfit(_motion_through(data, samples)), "torque", samples))
         trials.append((_misfit(_torque_through(data, samples)), "position", samples))
     misfit, column, samples = min(trials)
-    if misfit > CLEARLY * plain:
+    clearly = misfit <= CLEARLY * plain and (plain == here or misfit < here)
+    return (column, samples * data.period) if clearly else None
+
+
+def compensated(data: Prepared) -> tuple[Prepared, str | None]:
+    """The data with both sides filtered alike, and a sentence on it; as they are where no column seems filtered."""
+    found = low_passed(data)
+    if found is None:
         return data, None
+    column, constant = found
     through, other = (_motion_through, "motion") if column == "torque" else (_torque_through, "torque")
     said = (
-        f"The {column} looks low-passed against the other columns, by about {1e3 * samples * data.period:.2g} ms; "
+        f"The {column} looks low-passed against the other columns, by about {1e3 * constant:.2g} ms; "
         f"the {other} was filtered alike. An elastic transmission cannot be told from that: record the {column} "
         "unfiltered."
     )
-    alike = through(data, samples)
-    return replace(shifted(alike, _best(alike)), filtered=True), said
+    alike = through(data, constant / data.period)
+    return replace(shifted(alike, _shift_from_here(alike)[0]), filtered=True), said
 
 
-def _best(data: Prepared) -> float:
+def _shift_from_here(data: Prepared) -> tuple[float, float]:
+    """As `best_shift`, from where the torque is."""
     rows = away_from_reversals(data)
-    return best_shift(lambda shift: linear_misfit(shifted(data, shift), rows), data.shift, data.upsampling)[0]
+    return best_shift(lambda shift: linear_misfit(shifted(data, shift), rows), data.shift, data.upsampling)
 
 
 def _misfit(data: Prepared) -> float:
     """Share of the torque's variance that inertia and friction leave, at the best shift."""
-    rows = away_from_reversals(data)
-    return best_shift(lambda shift: linear_misfit(shifted(data, shift), rows), data.shift, data.upsampling)[1]
+    return _shift_from_here(data)[1]
 
 
 def _motion_through(data: Prepared, samples: float) -> Prepared:
-    through = _through(data, samples)
+    through = _through(data.stretches, samples)
     return replace(
         data,
         position=through(data.position),
@@ -285,15 +430,15 @@ def _motion_through(data: Prepared, samples: float) -> Prepared:
 
 
 def _torque_through(data: Prepared, samples: float) -> Prepared:
-    return replace(data, recorded_torque=_through(data, samples)(data.recorded_torque))
+    return replace(data, recorded_torque=_through(data.stretches, samples)(data.recorded_torque))
 
 
-def _through(data: Prepared, samples: float) -> Callable[[Floats], Floats]:
+def _through(stretches: Sequence[Stretch], samples: float) -> Callable[[Floats], Floats]:
     share = 1.0 - float(np.exp(-1.0 / samples))
 
     def run(values: Floats) -> Floats:
-        result = np.zeros_like(values)
-        for stretch in data.stretches:
+        result = values.copy()
+        for stretch in stretches:
             part = values[stretch.rows]
             state = [(1.0 - share) * part[0]]
             result[stretch.rows] = scipy.signal.lfilter([share], [1.0, share - 1.0], part, zi=state)[0]

@@ -24,8 +24,19 @@ import scipy
 
 from autotune.core.arrays import Floats, Integers
 from autotune.core.errors import NotEnoughExcitation, RecordingError
-from autotune.estimation.alignment import aligned, linear_fit, needed, upsampled
+from autotune.estimation.alignment import (
+    aligned,
+    brought_together,
+    change_of_gains,
+    filtered_or_late,
+    linear_fit,
+    needed,
+    plainly_apart,
+    recorded_late,
+    upsampled,
+)
 from autotune.estimation.controller import as_read, find_controller
+from autotune.estimation.controller_law import PositionController
 from autotune.estimation.coordinates import travel_since_reversal
 from autotune.estimation.data import (
     CUTOFF,
@@ -114,12 +125,7 @@ class Bands:
     def of(cls, recording: Recording) -> Bands:
         """Those of a fit: the usual ones, as low as a coarse encoder needs."""
         usual = cls.usual(recording)
-        error, counted = usual.error, counts_over_motion(recording, usual.error)
-        for _ in range(QUIET_ROUNDS):
-            if counted <= COUNTED or error <= LEAST:
-                break
-            error = max(error * (0.9 * COUNTED / counted) ** 0.2, LEAST)
-            counted = counts_over_motion(recording, error)
+        error, counted = below_counts(recording, usual.error)
         if error == usual.error:
             return replace(usual, counted=counted)
         return replace(cls.below(error, recording.period), counted=counted, lowered=True)
@@ -143,6 +149,17 @@ class Bands:
     def pace(self) -> float:
         """What lengths of time that suit the usual cut-off are multiplied by."""
         return CUTOFF / self.error
+
+
+def below_counts(recording: Recording, cutoff: float) -> tuple[float, float]:
+    """A cut-off [Hz], lowered to where counts are at most `COUNTED` of the acceleration; and what they are there."""
+    counted = counts_over_motion(recording, cutoff)
+    for _ in range(QUIET_ROUNDS):
+        if counted <= COUNTED or cutoff <= LEAST:
+            break
+        cutoff = max(cutoff * (0.9 * COUNTED / counted) ** 0.2, LEAST)
+        counted = counts_over_motion(recording, cutoff)
+    return cutoff, counted
 
 
 def counts_over_motion(recording: Recording, cutoff: float) -> float:
@@ -283,6 +300,52 @@ def without_rest(data: Prepared) -> Prepared:
     return replace(data, grid=np.concatenate(rows), blocks=tuple(blocks))
 
 
+@dataclass(frozen=True, slots=True)
+class Brought:
+    """A single recording whose columns were brought together for a fit.
+
+    Attributes:
+        law: the controller that may lead a twin of it.
+        doubt: by how much inertia, viscous and Coulomb friction and offset change, over themselves, shape (4,): as a
+            column is taken to have been filtered, where that explains the torque better than one that was read late; or
+            on a finer raster, with the torque moved, where that is not plainly better than as they were recorded.
+        notes: sentences on it.
+    """
+
+    recording: Recording
+    law: PositionController
+    doubt: Floats
+    notes: tuple[str, ...] = ()
+
+
+def of_one_moment(recording: Recording, law: PositionController) -> Brought:
+    """A single recording on a raster that is fine enough, its torque moved to the motion that it causes.
+
+    As `prepared_for` has it, and only where no law tells how its columns belong together, or the torque comes late for
+    any: then there is none; and where it is told plainly that they do not as they were recorded.
+    """
+    same = Brought(recording, law, np.zeros(4))
+    if np.any(recording.repeat > 0) or not np.ptp(recording["position"]) > 0.0:
+        return same
+    try:
+        data = prepared_for([recording])
+    except (NotEnoughExcitation, RecordingError):
+        return same
+    late = recorded_late(data) if law.usable else 0.0
+    known = data.repeated or data.steady or data.pace < 1.0 or (law.usable and late == 0.0)
+    if known:
+        return same
+    how = filtered_or_late(data)
+    if not how.column and not plainly_apart(data):
+        raw = prepare([recording], data.cutoff, data.motion_cutoff)
+        return replace(same, doubt=change_of_gains(without_rest(raw), data))
+    moved = brought_together(upsampled(recording, data.upsampling), how)
+    if late == 0.0:
+        return Brought(moved, law, how.change)
+    why = find_controller(data).why
+    return Brought(moved, replace(law, source="none", why=why), how.change, (f"No twin: {why}.",))
+
+
 def _quiet(recordings: Sequence[Recording], cutoff: float, pace: float) -> Prepared:
     """Recordings prepared with the cut-off [Hz] at which encoder's counts are below what repeats do not share.
 
@@ -377,6 +440,8 @@ def prepared_for(recordings: Sequence[Recording], policy: Policy = POLICY) -> Pr
     cutoff = coherent_cutoff(longest, known)
     if known:
         return without_rest(prepare(recordings, cutoff, 2.5 * cutoff, pace=pace))
+    if pace == 1.0:  # no twin makes the same counts, and what they look like an elastic transmission swallows
+        cutoff = min(below_counts(recording, cutoff)[0] for recording in recordings)
     factor = needed(cutoff, recordings[0].period)
     fine = [upsampled(recording, factor) for recording in recordings]
     data = replace(without_rest(prepare(fine, cutoff, 2.5 * cutoff, pace=pace)), upsampling=factor)

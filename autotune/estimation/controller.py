@@ -15,7 +15,7 @@ import numpy as np
 
 from autotune.core.arrays import Flags, Floats
 from autotune.core.remembered import Remembered, digest_of
-from autotune.estimation.alignment import shifted
+from autotune.estimation.alignment import recorded_late, shifted
 from autotune.estimation.controller_between import (
     answering_late,
     following_late,
@@ -88,6 +88,8 @@ def find_controller(data: Prepared, policy: Policy = POLICY) -> PositionControll
     if found.in_band and not data.repeated:
         # without repeats nothing tells what such a drive makes of counts from what a model lacks
         return replace(found, source="none", why=BETWEEN_SAMPLES)
+    if found.usable and (late := recorded_late(data)) > 0.0:
+        return replace(found, source="none", why=LATE.format(1e3 * late))
     return _or_between(data, samples, found)[0]
 
 
@@ -380,6 +382,10 @@ SAME_GAIN = 0.05
 BETWEEN_SAMPLES = (
     "the drive closes its loop between the samples, and one recording does not tell what that makes of encoder counts "
     "from what the model lacks; record the same motion at least twice"
+)
+LATE = (
+    "the torque is recorded about {:.2g} ms after the motion that it causes, as no loop can have it: read late, or "
+    "filtered, by the drive or the logger; it is taken to have acted as much sooner"
 )
 
 

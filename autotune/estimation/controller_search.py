@@ -252,6 +252,8 @@ def _least_absolute(table: Floats, wanted: Floats, step: float = 0.0) -> Floats:
     weight = np.ones(len(wanted))
     gains = np.zeros(table.shape[1])
     least = max(SAME_DEMAND**2 * float(np.std(wanted)), step)
+    if least == 0.0:  # a demand that never changes in these rows tells nothing
+        return gains
     for _ in range(WEIGHED):
         gains = np.linalg.lstsq(table / size * weight[:, None], weight * wanted, rcond=1e-12)[0] / size
         weight = 1.0 / np.sqrt(np.maximum(np.abs(wanted - table @ gains), least))

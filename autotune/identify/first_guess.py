@@ -14,14 +14,16 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from autotune.core.arrays import Floats
 from autotune.core.errors import NotEnoughExcitation, RecordingError
 from autotune.estimation.bandwidth import Bands
+from autotune.estimation.data import STANDSTILL_SECONDS
 from autotune.estimation.pieces import Piece
 from autotune.identify.ripple_lines import ALIKE, LEAST_GAIN, PlaceTerms, find_lines, held_out_error
 from autotune.models.compiled import compiled
-from autotune.models.gravity_imbalance import GRAVITY_IMBALANCE
+from autotune.models.gravity_imbalance import GRAVITY_IMBALANCE, LEAST_PERIODS, MOST_ORDERS, SPACING
 from autotune.models.lugre import bristle_rate, bristle_step
 from autotune.models.spring import SPRING
 from autotune.signals.filters import low_pass
@@ -29,6 +31,8 @@ from autotune.signals.filters import low_pass
 TRIALS = 12
 MOST_WAVES, WAVE_ROWS, MOST_PERIODS = 8, 6000, 4000
 """Waves beside a model, rows in which they are looked for, and periods in the travel."""
+LEAST_OF_A_TURN = 0.3
+"""Of a load behind a gear: over less its gravity is a spring's."""
 MATTERS = 0.05
 """Of inertia or Coulomb friction: terms of the place that change them by less are left to the diagnosis."""
 PASSED = 0.8
@@ -102,6 +106,12 @@ def guess(
         RecordingError: a torque of the wrong sign, or two axes in one recording.
     """
     _refuse_one_direction(pieces)
+    if not any(np.any(piece.use) for piece in pieces):
+        raise NotEnoughExcitation(
+            "the encoder's counts are so coarse for this motion that the axis never seems to move: within "
+            f"{2e3 * STANDSTILL_SECONDS * bands.pace:.3g} ms by hardly more than two of them; move faster, or record a "
+            "finer position"
+        )
     travel = max(float(np.ptp(piece.position)) for piece in pieces)
     reaches = np.geomspace(SHORTEST * travel, LONGEST * travel, TRIALS).tolist()
     plain = [_solved(reach, [_regressors(piece, bands, reach) for piece in pieces]) for reach in reaches]
@@ -136,7 +146,10 @@ def _beside(
     plain: list[_Trial], pieces: Sequence[Piece], bands: Bands, scale: float, wanted: Collection[str]
 ) -> tuple[PlaceTerms, list[_Trial]]:
     """What belongs to the place, and the trials with it: gravity or a spring, waves, and gravity again under waves."""
-    terms = PlaceTerms(scale, SPRING.name in wanted, (1.0,) if GRAVITY_IMBALANCE.name in wanted else ())
+    terms = PlaceTerms(scale, SPRING.name in wanted)
+    if GRAVITY_IMBALANCE.name in wanted:
+        load = _of_a_gear(_best(plain), pieces, bands)
+        terms = replace(terms, orders=(load,), load=load)
     asked = terms, _with_place(plain, pieces, bands, terms)
     terms, trials = asked
     for look in (_slow, _waves, _slow):
@@ -164,16 +177,51 @@ def _slow(
     kinds = [replace(terms, spring=True)]
     if terms.scale == 1.0:
         kinds.insert(0, replace(terms, orders=(1.0, *terms.orders)))
+        order = _of_a_gear(_best(trials), pieces, bands)
+        kinds += [replace(terms, orders=(order, *terms.orders), load=order)] if order < 1.0 else []
     looked = [(kind, _with_place(plain, pieces, bands, kind)) for kind in kinds]
     looked = [one for one in looked if not (one[0].gravity and _heavier_than_seen(*one))]
     if not looked:
         return None
     left = [held_out_error(_best(found).parts) for _, found in looked]
-    chosen = int(np.argmin(left))
+    # a load behind a gear has one more number that is free: it must be plainly better than what has not
+    freedom = [1.0 if kind.load == 1.0 else 1.0 / (1.0 - LEAST_GAIN) for kind, _ in looked]
+    chosen = int(np.argmin(np.multiply(left, freedom)))
     if left[chosen] > (1.0 - LEAST_GAIN) * held_out_error(_best(trials).parts):
         return None
-    alike = len(left) > 1 and max(left) <= ALIKE * min(left)
+    spring = left[1 if terms.scale == 1.0 and len(left) > 1 else 0]
+    alike = len(left) > 1 and max(left[chosen], spring) <= ALIKE * min(left)
     return replace(looked[chosen][0], spring_like=alike), looked[chosen][1]
+
+
+def _of_a_gear(best: _Trial, pieces: Sequence[Piece], bands: Bands) -> float:
+    """Turns of a load behind a gear for one of the axis, below 1, at which gravity explains most; 1 where none is told.
+
+    Over less than a good part of a turn of the load a spring has the same course, and an offset the rest.
+    """
+    position = np.concatenate([_reduced(piece.position, piece, bands) for piece in pieces])
+    turns = float(np.ptp(position)) / (2.0 * math.pi)
+    if turns <= LEAST_PERIODS:
+        return 1.0
+    step = SPACING / turns
+    every = math.ceil(len(position) / WAVE_ROWS)
+    place, target = position[::every], best.target[::every]
+    fixed = best.design[::every]
+    fixed = fixed / np.maximum(np.sqrt(np.mean(fixed**2, axis=0)), 1e-300)
+
+    def left(order: float) -> float:
+        table = np.column_stack([fixed, np.sin(order * place), np.cos(order * place)])
+        return float(np.sum((target - table @ np.linalg.lstsq(table, target, rcond=1e-9)[0]) ** 2))
+
+    orders = np.arange(LEAST_OF_A_TURN / turns, 1.0 - step, step)[:MOST_ORDERS]
+    order = min([*orders.tolist(), 1.0], key=left)
+    if order == 1.0:
+        return 1.0
+    near = max(order - step, 0.5 * LEAST_OF_A_TURN / turns), min(order + step, 1.0)
+    found = scipy.optimize.minimize_scalar(
+        left, bounds=near, method="bounded", options={"xatol": 1e-3 * step}
+    )
+    return float(found.x) if left(float(found.x)) <= (1.0 - LEAST_GAIN) * left(1.0) else 1.0
 
 
 def _heavier_than_seen(terms: PlaceTerms, trials: list[_Trial]) -> bool:

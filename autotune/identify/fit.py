@@ -9,12 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
 from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError
-from autotune.estimation.bandwidth import Bands
+from autotune.estimation.bandwidth import Bands, Brought, of_one_moment
 from autotune.estimation.controller import as_read, controller_of
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.joint_fit import free_by_name
@@ -39,6 +40,11 @@ from autotune.recordings.recording import Recording, concatenate, refuse_twice
 
 MOST_ROWS, STRETCH = 600_000, 20_000
 VAGUE = 0.1
+FILTERED = (
+    "how torque and motion belong together (read late, filtered, or between slow samples) makes {:.2g} % of the "
+    "inertia, which is in its standard error"
+)
+HOLDS = "The torque holds"
 TWIN_WORSE = "a simulation of the model with this controller explains less than none"
 
 
@@ -90,11 +96,13 @@ def fit(recordings: Sequence[Recording] | Recording, effects: Sequence[str] = ()
     read = as_read(recording, controller)
     if read is not recording:
         recording, controller = read, controller_of(read)
-    bands = Bands.of(recording)
-    pieces = cut(recording, bands, controller, UNFITTED)
     if holds_constant_speeds_only(recording):
         speeds = fit_speed_curve(recording, effects)
         return FitResult(speeds.model, speeds.estimate, controller, speeds.steady_state)
+    brought = of_one_moment(recording, controller)
+    recording, controller = brought.recording, brought.law
+    bands = Bands.of(recording)
+    pieces = cut(recording, bands, controller, UNFITTED)
     metadata = recording.metadata
     start = guess(pieces, bands, metadata.motion_unit, effects)
     model = base_model(
@@ -117,6 +125,7 @@ def fit(recordings: Sequence[Recording] | Recording, effects: Sequence[str] = ()
         joint = refine_recording(model, recording, seed=seed, controller=controller)
         for name in _vague(kind, joint):
             joint = _held(name, model, recording, seed, controller)
+    joint = replace(joint, estimate=_doubted(joint.estimate, brought))
     return _result(_without_beside(joint, start, effects))
 
 
@@ -131,11 +140,26 @@ def place_effects(start: Guess) -> list[Effect]:
     effects = [SPRING.make({"stiffness": sizes.pop(0)})] if terms.spring else []
     pairs = dict(zip(terms.orders, zip(sizes[::2], sizes[1::2], strict=True), strict=True))
     if terms.gravity:
-        effects.append(GRAVITY_IMBALANCE.make(dict(zip(("sin", "cos"), pairs[1.0], strict=True))))
+        values = dict(zip(("sin", "cos"), pairs[terms.load], strict=True))
+        effects.append(GRAVITY_IMBALANCE.make(values | ({"order": terms.load} if terms.load < 1.0 else {})))
     if terms.waves:
         lines = [Line(order, *pairs[order]) for order in terms.waves]
         effects.append(TORQUE_RIPPLE.make(_ripple_values(lines)))
     return effects
+
+
+def _doubted(estimate: Estimate, brought: Brought) -> Estimate:
+    """The estimate with what it is not known how the columns belong together adds to its standard errors."""
+    quantities = dict(estimate.parameters)
+    doubts = zip(("inertia", "viscous", "coulomb", "offset"), brought.doubt.tolist(), strict=True)
+    for name, doubt in doubts:
+        if (one := quantities.get(name)) is not None:
+            error = math.hypot(one.standard_error, doubt * one.value)
+            quantities[name] = replace(one, standard_error=error)
+    notes = brought.notes
+    if brought.doubt[0] * quantities["inertia"].value > estimate.parameters["inertia"].standard_error:
+        notes = (*notes, FILTERED.format(100.0 * brought.doubt[0]))
+    return replace(estimate, parameters=MappingProxyType(quantities), notes=(*notes, *estimate.notes))
 
 
 def _without_beside(joint: Joint, start: Guess, wanted: Sequence[str]) -> Joint:
@@ -171,13 +195,14 @@ def _beside_note(effect: Effect, start: Guess, model: DriveModel) -> str:
         )
         said = f"waves over position, as cogging makes them: orders {', '.join(waves)}"
     elif effect.name == GRAVITY_IMBALANCE.name:
-        said = f"one sine a turn, as gravity makes it, of {math.hypot(value['sin'], value['cos']):.3g} {unit}"
+        behind = f" of a load that turns {value['order']:.3g} times as far" if start.place.load < 1.0 else ""
+        said = f"one sine a turn{behind}, as gravity makes it, of {math.hypot(value['sin'], value['cos']):.3g} {unit}"
     else:
         size = f"{value['stiffness']:.3g} {model.unit(SPRING.surface('stiffness'))}"
         said = f"a torque in proportion to position, as a spring makes it, of {size}"
     alike = " (over this travel gravity and a spring look alike)" if start.place.spring_like else ""
     return (
-        f"The torque holds {said}{alike}. It was fitted beside the model, which does not hold it; without it the model "
+        f"{HOLDS} {said}{alike}. It was fitted beside the model, which does not hold it; without it the model "
         f"is wrong by as much: 'autotune model fit --effects {effect.name}' takes it in, 'autotune model diagnose' "
         "judges it"
     )

@@ -55,10 +55,11 @@ def columns(position: Floats, orders: list[float], scale: float) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class PlaceTerms:
-    """Torque of the place beside a model: a spring, and waves of these orders; 1 on an axis that turns is gravity.
+    """Torque of the place beside a model: a spring, and waves of these orders; `load` on an axis that turns is gravity.
 
     Attributes:
         scale: angle per motion unit and order: 1 for rad, 2π for m.
+        load: turns of the load for one of the axis: below 1 behind a gear.
         spring_like: a spring and gravity leave the same over this travel.
     """
 
@@ -66,15 +67,16 @@ class PlaceTerms:
     spring: bool = False
     orders: tuple[float, ...] = ()
     spring_like: bool = False
+    load: float = 1.0
 
     @property
     def gravity(self) -> bool:
-        return self.scale == 1.0 and 1.0 in self.orders
+        return self.scale == 1.0 and self.load in self.orders
 
     @property
     def waves(self) -> tuple[float, ...]:
         """Orders that are not gravity's."""
-        return tuple(order for order in self.orders if not (self.gravity and order == 1.0))
+        return tuple(order for order in self.orders if not (self.gravity and order == self.load))
 
     @property
     def count(self) -> int:

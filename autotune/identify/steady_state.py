@@ -225,9 +225,13 @@ class SpeedCurve:
 
 
 def holds_constant_speeds_only(recording: Recording) -> bool:
-    """Whether nearly every segment is one stretch of constant speed."""
+    """Whether nearly every segment is one stretch of constant speed, at speeds enough for a curve in both directions.
+
+    One speed that lost samples cut into segments is no curve: what it tells is where the torque waves.
+    """
     resolution = recording.metadata.position_resolution or 0.0
-    single = total = count = 0
+    single = total = 0
+    speeds: list[float] = []
     for segment, part in recording.split():
         if segment.experiment in UNFITTED or len(part) < 16:
             continue
@@ -235,8 +239,12 @@ def holds_constant_speeds_only(recording: Recording) -> bool:
         total += len(part)
         if len(legs) == 1 and len(legs[0]) > _COVERED * len(part):
             single += len(part)
-            count += 1
-    return count >= LEAST_SEGMENTS and single > _OF_ROWS * total
+            speeds.append(float(part["position"][-1] - part["position"][0]) / (len(part) * part.period))
+    if len(speeds) < LEAST_SEGMENTS or single <= _OF_ROWS * total:
+        return False
+    velocity = np.array(speeds)
+    both = len(np.unique(np.sign(velocity))) > 1
+    return both and len(np.unique(speed_groups(velocity, 1.2))) >= LEAST_SPEEDS
 
 
 def fit_speed_curve(recording: Recording, effects: Sequence[str]) -> SpeedCurve:

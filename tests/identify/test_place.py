@@ -82,6 +82,26 @@ def test_gravity_that_is_asked_for_is_in_the_model() -> None:
     assert "beside the model" not in said(found)
 
 
+@pytest.mark.parametrize(("far", "within"), [(1.0, 0.15), (4.0, 0.03)])
+def test_gravity_of_a_load_behind_a_gear_has_its_own_order(far: float, within: float) -> None:
+    """It was told as a spring and eight waves, as cogging makes them, and the offset was ten times too large."""
+    gear = 20.0
+    load = arm(gravity=8.0, narrow=far)
+    behind = {
+        name: load[name] * (gear if name == "position" else 1.0) for name in ("time", "position", "torque")
+    }
+    recording = Recording.from_columns(behind, load.metadata, "moves")
+    found = fit_recordings([recording])
+    assert "as gravity makes it" in said(found)
+    assert "a load that turns 0.05" in said(found)
+    assert "as cogging makes them" not in said(found)
+    taken_in = fit_recordings([recording], effects=["gravity_imbalance"]).model
+    assert taken_in is not None
+    assert taken_in["gravity_imbalance.order"] == pytest.approx(1.0 / gear, rel=0.03)
+    assert taken_in["inertia"] == pytest.approx(INERTIA / gear, rel=within)
+    assert taken_in["coulomb"] == pytest.approx(COULOMB, rel=within)
+
+
 def test_gravity_over_a_turn_is_no_effect_of_an_axis_that_slides() -> None:
     """Over a quarter of a metre it was a wave like the offset, and the fit was four times as bad as without."""
     turning = arm(spring=5.0)

@@ -196,3 +196,51 @@ def test_several_files_are_segments_named_after_them(tmp_path: Path, signals: di
 def test_an_unknown_format_is_said(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="known are csv, mat, epos, parquet"):
         bring_in(tmp_path / "x", kind="xlsx")
+
+
+def test_of_stamps_that_jitter_the_motion_tells_whether_the_samples_do(tmp_path: Path) -> None:
+    """20 µs on the stamps of a regular drive were as much position noise as the motion covers in them."""
+    regular = 1e-3 * np.arange(3000)
+    stamps = regular + np.random.default_rng(2).normal(0.0, 1e-4, 3000)
+    columns = sampled_at(regular)
+    imported = bring_in(write_table(tmp_path / "t.csv", columns | {"time": stamps}, digits=12))
+    np.testing.assert_allclose(imported.recording["position"], columns["position"], rtol=1e-9, atol=1e-12)
+    assert any("rows are counted" in line for line in imported.lines)
+    really = bring_in(write_table(tmp_path / "r.csv", sampled_at(stamps), digits=12))
+    assert any("irregular" in line for line in really.lines)
+
+
+def test_rows_written_twice_are_dropped_and_others_of_one_time_refused(tmp_path: Path) -> None:
+    rows = np.sort(np.r_[np.arange(2000), [300, 700, 701]])
+    columns = {name: values[rows] for name, values in sampled_at(1e-3 * np.arange(2000)).items()}
+    imported = bring_in(write_table(tmp_path / "t.csv", columns))
+    assert len(imported.recording) == 2000
+    assert any("3 rows repeat the row before" in line for line in imported.lines)
+    columns["torque"][301] += 1.0
+    with pytest.raises(RecordingError, match="duplicated at row 302"):
+        bring_in(write_table(tmp_path / "t.csv", columns))
+
+
+def test_a_file_written_faster_than_it_was_read_is_thinned(tmp_path: Path) -> None:
+    """Steps of five rows were motion in jerks; a column that changes at every row says that it was read then."""
+    time = 1e-3 * np.arange(3000)
+    held = {name: np.repeat(values[::5], 5) for name, values in sampled_at(time).items()} | {"time": time}
+    imported = bring_in(write_table(tmp_path / "t.csv", held))
+    assert imported.recording.period == pytest.approx(5e-3)
+    assert any("every 5th row only" in line for line in imported.lines)
+    np.testing.assert_allclose(
+        imported.recording["position"], sampled_at(imported.recording["time"])["position"], atol=1e-6
+    )
+    mixed = held | {"torque": sampled_at(time)["torque"]}
+    assert bring_in(write_table(tmp_path / "m.csv", mixed)).recording.period == pytest.approx(1e-3)
+
+
+def test_stamps_that_jitter_back_are_said_and_counted_on_demand(tmp_path: Path) -> None:
+    regular = 1e-3 * np.arange(3000)
+    columns = sampled_at(regular)
+    columns["time"] = regular + np.random.default_rng(3).normal(0.0, 3e-4, 3000)
+    path = write_table(tmp_path / "t.csv", columns, digits=12)
+    with pytest.raises(RecordingError, match=r"jitter by more .* --period 0.00"):
+        bring_in(path)
+    counted = bring_in(path, period=1e-3).recording
+    np.testing.assert_allclose(counted["position"], columns["position"], rtol=1e-9, atol=1e-12)

@@ -51,6 +51,24 @@ def without_missing(columns: Mapping[str, Floats], path: Path, notes: list[str])
     return {name: values[good] for name, values in columns.items()}
 
 
+def without_copies(columns: dict[str, Floats], notes: list[str]) -> dict[str, Floats]:
+    """The rows without those that repeat the one before to the last digit, its time too: a logger wrote it twice."""
+    same = np.diff(columns["time"]) == 0.0
+    if not np.any(same):
+        return columns
+    for values in columns.values():
+        same &= values[1:] == values[:-1]
+    copies = int(np.count_nonzero(same))
+    if not copies:
+        return columns
+    notes.append(
+        f"{copies} rows repeat the row before with its time and are dropped, the first is row "
+        f"{int(np.argmax(same)) + 2}"
+    )
+    good = np.concatenate([[True], ~same])
+    return {name: values[good] for name, values in columns.items()}
+
+
 def _refuse_many(
     name: str, lost: int, rows: int, finite: np.ndarray[tuple[int], np.dtype[np.bool_]], path: Path
 ) -> None:

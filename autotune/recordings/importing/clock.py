@@ -1,8 +1,10 @@
 """Time stamps as others write them → stretches on a regular grid.
 
 A clock that starts again begins a new stretch, and so does a gap of more than three samples. Stamps
-that only carry the rounding of their digits are replaced by the line through them; stamps that really
-jitter are the times of the samples, and the samples are interpolated onto a regular grid: position,
+that only carry the rounding of their digits are replaced by the line through them. Of stamps that jitter the
+motion tells whether the samples do: what moves smoothly is smoother over its own times than over any others
+(`smoother_by_rows`). Where the samples are regular, rows are counted and lost ones interpolated; where the stamps
+are the times of the samples, these are interpolated onto a regular grid: position,
 velocity and temperature by cubic pieces with three-point derivatives (error of order h³, overshoot
 beside an encoder step at most a tenth of it), torque linearly.
 """
@@ -10,6 +12,7 @@ beside an encoder step at most a tenth of it), torque linearly.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -31,6 +34,9 @@ _CHUNK = 1 << 19
 _CLOSEST = 1e-9
 """Of the period: what two stamps at least are apart; jitter of any clock is larger by decades."""
 _SMOOTH = ("position", "reference", "velocity", "temperature")
+_BEYOND_DOUBT = 3.0
+"""Standard errors by which the motion is smoother over counted rows than over its stamps, where rows are counted."""
+_PARTS = 24
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,9 +84,15 @@ def split_runs(columns: Mapping[str, Floats], path: Path, notes: list[str]) -> l
     if len(backward) > max(1000, len(time) // LEAST_ROWS) or not _restarts(time, starts, period):
         row = int(backward[0]) + 1
         _refuse_mixed(columns, path)
+        what_to_do = "sort the rows, or give separate recordings separate files"
+        if float(-step[backward].min()) < GAP_SAMPLES * period:
+            what_to_do = (
+                "the stamps jitter by more than the samples are apart. If the samples are regular, rows are counted "
+                f"with --period {_round(period, 3):g}; else {what_to_do}"
+            )
         raise RecordingError(
             f"{path}: time decreases at row {row + 1}: {time[row]:.9g} s after {time[row - 1]:.9g} s "
-            f"({len(backward)} times in all); sort the rows, or give separate recordings separate files"
+            f"({len(backward)} times in all); {what_to_do}"
         )
     _refuse_duplicates(columns, step, path)
     if len(backward):
@@ -134,7 +146,7 @@ def fitted_period(pieces: list[RegularPiece], median: float) -> float:
 
 
 def regular(piece: RegularPiece, period: float) -> tuple[RegularPiece, str]:
-    """The piece on a regular grid, and what was done: nothing, `straightened` or `resampled`."""
+    """The piece on a regular grid, and what was done: nothing, `straightened`, `counted` or `resampled`."""
     time = piece.columns["time"]
     line = time[0] + period * np.arange(len(time))
     away = time - line
@@ -144,7 +156,56 @@ def regular(piece: RegularPiece, period: float) -> tuple[RegularPiece, str]:
         return piece, ""
     if _rounded_only(time, period):
         return piece.with_columns(time=line + middle), "straightened"
+    counted = _by_rows(piece, period)
+    if counted is not None:
+        return counted, "counted"
     return resampled(piece, period), "resampled"
+
+
+def _by_rows(piece: RegularPiece, period: float) -> RegularPiece | None:
+    """The piece with its rows counted, lost ones filled in, where the motion says that only its stamps jitter."""
+    time = piece.columns["time"]
+    rows = np.arange(len(time), dtype=np.float64)
+    if abs((time[-1] - time[0]) / period - rows[-1]) >= 1.0:  # some were lost
+        rows = np.concatenate([[0.0], np.cumsum(np.round(np.diff(time) / period))])
+    if len(time) < LEAST_ROWS or np.any(np.diff(rows) < 1.0):
+        return None
+    away = time - time[0] - period * rows
+    drifts = float(np.ptp(away)) > 2.0 * period
+    moving = next((piece.columns[name] for name in ("position", "velocity") if name in piece.columns), None)
+    if drifts or moving is None or not smoother_by_rows(moving, time, rows * period):
+        return None
+    regular_rows = piece.with_columns(time=time[0] + 0.5 * float(away.max() + away.min()) + period * rows)
+    return regular_rows if np.all(np.diff(rows) == 1.0) else resampled(regular_rows, period)
+
+
+def smoother_by_rows(values: Floats, stamps: Floats, counted: Floats) -> bool:
+    """Whether values of shape (n,) are smoother over counted times than over their stamps, beyond doubt.
+
+    Each is predicted from its four neighbours by the cubic through them. Over times that are not its own a motion
+    misses that by its speed times the error of the stamp; noise and counts of an encoder miss it over either.
+    """
+    by_stamp, by_count = (_missed(values, time) ** 2 for time in (stamps, counted))
+    parts = [part for part in np.array_split(by_stamp - by_count, _PARTS) if len(part)]
+    sums = np.array([float(part.sum()) for part in parts])
+    if len(sums) < _PARTS:
+        return False
+    error = float(np.std(sums, ddof=1)) / math.sqrt(len(sums))
+    return bool(float(sums.mean()) > _BEYOND_DOUBT * error)
+
+
+def _missed(values: Floats, time: Floats) -> Floats:
+    """By how much each value misses the cubic through its two neighbours on each side, shape (n − 4,)."""
+    centre = time[2:-2]
+    nodes = [time[2 + k : len(time) - 2 + k] - centre for k in (-2, -1, 1, 2)]
+    predicted = np.zeros(len(centre))
+    for i, k in enumerate((-2, -1, 1, 2)):
+        weight = np.ones(len(centre))
+        for j, other in enumerate(nodes):
+            if j != i:
+                weight *= other / (other - nodes[i])
+        predicted += weight * values[2 + k : len(values) - 2 + k]
+    return np.asarray(values[2:-2] - predicted)
 
 
 def resampled(piece: RegularPiece, period: float) -> RegularPiece:

@@ -21,6 +21,7 @@ from autotune.recordings.importing.cleaning import (
     grain,
     refuse_absurd,
     unwrap_clock,
+    without_copies,
     without_missing,
 )
 from autotune.recordings.importing.clock import (
@@ -38,7 +39,13 @@ from autotune.recordings.importing.labels import (
 from autotune.recordings.importing.leaps import Steps, judge_leaps, steps_of
 from autotune.recordings.importing.mapping import Choice, choose, motion_unit, said, value_doubt, written
 from autotune.recordings.importing.options import Options
-from autotune.recordings.importing.pieces import continuous, on_one_grid, pieces_of, positioned
+from autotune.recordings.importing.pieces import (
+    continuous,
+    on_one_grid,
+    pieces_of,
+    positioned,
+    without_held,
+)
 from autotune.recordings.importing.plausible import (
     clipping_note,
     constant_notes,
@@ -122,7 +129,7 @@ def _read(path: Path, paths: Sequence[Path], options: Options) -> _File:
     facts: dict[str, str] = {}
     columns, names = _labelled(columns, source, labelled, lines)
     columns = _with_clock(columns, source, options, lines)
-    columns = without_missing(columns, path, lines)
+    columns = without_copies(without_missing(columns, path, lines), lines)
     refuse_absurd(columns, path)
     if len(columns["time"]) < LEAST_ROWS:
         raise RecordingError(
@@ -130,7 +137,7 @@ def _read(path: Path, paths: Sequence[Path], options: Options) -> _File:
         )
     columns = _completed(columns, lines, facts)
     factor = next((choice.factor for choice in choices if choice.target == "position"), 1.0)
-    pieces, period = pieces_of(columns, path, source, options, lines)
+    pieces, period = without_held(*pieces_of(columns, path, source, options, lines), lines, facts)
     pieces = [continuous(piece, unit, factor, lines, facts) for piece in pieces]
     steps = steps_of(pieces, path, period)
     if options.wishes.period is None:

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from autotune.core.arrays import Floats
+from autotune.core.arrays import Flags, Floats, Integers
 from autotune.core.errors import RecordingError
 from autotune.recordings.importing.cleaning import unwrapped, wrap_length
 from autotune.recordings.importing.clock import (
+    GAP_SAMPLES,
     LEAST_ROWS,
     RegularPiece,
     cut_at,
@@ -24,6 +25,8 @@ from autotune.recordings.importing.options import Options
 from autotune.recordings.importing.source import Source
 
 _PERIOD_OFF = 0.02  # of a period or a span: stamps that differ more tell another clock
+MOST_HELD, LEAST_CHANGES, IN_PHASE = 50, 50, 0.99
+"""Rows that may hold one value, changes that tell it, and share of them that must be in step."""
 
 
 def pieces_of(
@@ -57,12 +60,62 @@ def on_one_grid(
     return [piece for piece, _ in done]
 
 
+def without_held(
+    pieces: list[RegularPiece], period: float, lines: list[str], facts: dict[str, str]
+) -> tuple[list[RegularPiece], float]:
+    """The pieces without rows that only repeat what was read before, and the period of what is left.
+
+    A logger that is faster than what it reads writes each value several times: all columns change together, at
+    every n-th row only. Taken for samples they are motion in steps, and torque that is late by half of them.
+    """
+    times = [np.flatnonzero(_changes(piece)) + 1 for piece in pieces]
+    held = _held_rows(times)
+    if held == 1:
+        return pieces, period
+    thinned = []
+    for piece, changed in zip(pieces, times, strict=True):
+        first = int(np.argmax(np.bincount(changed % held, minlength=held)))
+        kept = {name: values[first::held] for name, values in piece.columns.items()}
+        thinned.append(RegularPiece(kept, round(piece.missed / held), piece.row + first, piece.run))
+    lines.append(
+        f"all columns change at every {held}th row only: the file was written {held} times as often as it was read; "
+        f"one row of {held} is taken, {held * period:g} s apart"
+    )
+    facts["held"] = f"one row of {held}: the others repeat it"
+    return [piece for piece in thinned if len(piece) >= LEAST_ROWS], held * period
+
+
+def _changes(piece: RegularPiece) -> Flags:
+    """Whether anything but the clock differs from the row before, shape (n − 1,)."""
+    changes = np.zeros(len(piece) - 1, dtype=np.bool_)
+    for name, values in piece.columns.items():
+        if name != "time":
+            changes |= np.diff(values) != 0.0
+    return changes
+
+
+def _held_rows(changes: list[Integers]) -> int:
+    """The largest number of rows of which only one ever differs from that before it; 1 where all may.
+
+    `changes` are the rows of each piece that differ from the one before; few changes tell nothing.
+    """
+    known = [rows for rows in changes if len(rows) >= LEAST_CHANGES]
+    for held in range(MOST_HELD, 1, -1):
+        if known and all(_in_phase(rows, held) for rows in known):
+            return held
+    return 1
+
+
+def _in_phase(rows: Integers, held: int) -> bool:
+    return float(np.bincount(rows % held).max()) >= IN_PHASE * len(rows)
+
+
 def _runs_by_period(
     columns: dict[str, Floats], path: Path, period: float, lines: list[str]
 ) -> list[RegularPiece]:
     """With `--period` the rows are regular and stamps only jitter; they must agree on the whole."""
     time = columns["time"]
-    if not np.any(np.diff(time) < 0):
+    if not np.any(np.diff(time) < -GAP_SAMPLES * period):
         runs = cut_at(columns, [0, *new_segments(columns), len(time)])
     else:
         runs = split_runs(columns, path, lines)
@@ -111,6 +164,11 @@ def _tell(
     if "straightened" in ways:
         lines.append(f"time stamps are rounded; the samples are regular, {period:g} s apart")
         facts["time"] = "rounded stamps replaced by a line"
+    if "counted" in ways:
+        lines.append(
+            f"time stamps jitter, the motion does not: rows are counted, {period:g} s apart, as it is smoother then"
+        )
+        facts["time"] = "jittering stamps replaced by counted rows"
     if "resampled" in ways:
         text = "cubic for position, velocity, reference; linear for torque"
         lines.append(
