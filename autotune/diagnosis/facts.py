@@ -377,15 +377,17 @@ def _something_left(facts: Facts, rows: Problem) -> bool:
     """Whether what the root leaves is more than noise; a disturbance that follows the clock is taken out first.
 
     `rows`: the problem on those rows that tell; beside another law of presliding where its contact slides.
-    So it is where the chosen effect lowers what repeats share by as much. Without repeats a gain on unseen stretches
-    says it.
+    So it is where the chosen effect lowers what repeats share by as much, and by more than the measurement chain may
+    leave of it. Without repeats a gain on unseen stretches says it.
     """
     problem, root, evidence, chosen = facts.problem, facts.root, facts.evidence, facts.chosen
     if not evidence.repeats and (chosen is not None or facts.plainly or facts.overlooked is not None):
         return True
     if chosen is not None and chosen.share >= problem.policy.partly:
         noise = problem.noise_variance(root.fitted.error, TRAINING)
-        if again_explained(problem, root, chosen.model_fit) > problem.policy.structure_part * noise:
+        least = evidence.rest_that_is_none(problem, root.fitted.error, noise)
+        least = max(least, problem.policy.structure_part * noise)
+        if again_explained(problem, root, chosen.model_fit) > least:
             return True
     if facts.line is not None:
         error = without_line(problem, root.fitted.error, facts.line)
