@@ -37,7 +37,12 @@ from autotune.diagnosis.starts import own_course
 from autotune.diagnosis.transmission import GAP, SPRING, hardly_a_gap
 from autotune.diagnosis.wording import rms_unexplained
 from autotune.estimation.bias_corrected_fit import ModelFit
-from autotune.estimation.cross_validation import beyond_presliding, gain_and_z, goes_with_place
+from autotune.estimation.cross_validation import (
+    beyond_presliding,
+    gain_and_z,
+    goes_with_place,
+    still_explainable,
+)
 from autotune.estimation.data import TRAINING
 from autotune.estimation.problem import Problem
 from autotune.models import layout
@@ -378,7 +383,7 @@ def _something_left(facts: Facts, rows: Problem) -> bool:
 
     `rows`: the problem on those rows that tell; beside another law of presliding where its contact slides.
     So it is where the chosen effect lowers what repeats share by as much, and by more than the measurement chain may
-    leave of it. Without repeats a gain on unseen stretches says it.
+    leave of it; not what is there by chance only. Without repeats a gain on unseen stretches says it.
     """
     problem, root, evidence, chosen = facts.problem, facts.root, facts.evidence, facts.chosen
     if not evidence.repeats and (chosen is not None or facts.plainly or facts.overlooked is not None):
@@ -387,7 +392,8 @@ def _something_left(facts: Facts, rows: Problem) -> bool:
         noise = problem.noise_variance(root.fitted.error, TRAINING)
         least = evidence.rest_that_is_none(problem, root.fitted.error, noise)
         least = max(least, problem.policy.structure_part * noise)
-        if again_explained(problem, root, chosen.model_fit) > least:
+        there = still_explainable(problem, root.fitted, root.correction, TRAINING)
+        if min(again_explained(problem, root, chosen.model_fit), there) > least:
             return True
     if facts.line is not None:
         error = without_line(problem, root.fitted.error, facts.line)
