@@ -13,7 +13,6 @@ from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate
 from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.evidence.time_driven import TimeLine
 from autotune.diagnosis.refits import needed_share
-from autotune.estimation.alignment import BESIDE, CURRENT_LOOP
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.data import Prepared
 from autotune.estimation.policy import Policy
@@ -63,10 +62,6 @@ PRESLIDING_REST = (
 CURRENT_LOOP_LATE = (
     "The torque follows its demand {late:.2g} ± {error:.1g} ms late, as a current loop of {hertz:.0f} Hz does: any "
     "drive has one, and it is no effect of the axis. It is taken out."
-)
-DEAD_TIME_LATE = (
-    "The torque follows its demand {late:.2g} ± {error:.1g} ms late, as a drive's dead time of {dead:.1g} ms and a "
-    "current loop of {hertz:.0f} Hz do: each is ordinary, and no effect of the axis. It is taken out."
 )
 CYCLES_LATE = (
     "The torque acts {cycles} of {period:.3g} ms after the row that it is recorded in, as one that goes over a bus "
@@ -119,10 +114,8 @@ def torque_path_notes(data: Prepared) -> tuple[str, ...]:
         cycles = f"{whole} cycle" + "s" * (whole > 1)
         notes.append(CYCLES_LATE.format(cycles=cycles, period=1e3 * data.upsampling * data.period))
     if data.lag > 2.0 * data.lag_error:
-        dead = BESIDE if data.lag > CURRENT_LOOP else 0.0
-        late, error, hertz = 1e3 * data.lag, 1e3 * data.lag_error, 1.0 / (2.0 * math.pi * (data.lag - dead))
-        text = DEAD_TIME_LATE if dead else CURRENT_LOOP_LATE
-        notes.append(text.format(late=late, error=error, hertz=hertz, dead=1e3 * dead))
+        late, error, hertz = 1e3 * data.lag, 1e3 * data.lag_error, 1.0 / (2.0 * math.pi * data.lag)
+        notes.append(CURRENT_LOOP_LATE.format(late=late, error=error, hertz=hertz))
     return tuple(notes)
 
 

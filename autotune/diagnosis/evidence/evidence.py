@@ -171,9 +171,8 @@ class Evidence(ABC):
         error = max(
             (e for e, one in zip(errors, fitted.free, strict=True) if one.slot == TIME_CONSTANT), default=0.0
         )
-        taken = problem.data.lag
-        most = CURRENT_LOOP if taken <= CURRENT_LOOP else CURRENT_LOOP + BESIDE
-        return taken + float(fitted.packed.p[TIME_CONSTANT]) - SURE * float(error) <= most
+        lag = problem.data.lag + float(fitted.packed.p[TIME_CONSTANT])
+        return lag - SURE * float(error) <= CURRENT_LOOP
 
     def look_alikes(self, problem: Problem, effect: str) -> list[str]:
         """Effects that may do as well as a single one that was found, though nothing made them candidates for it."""
@@ -342,7 +341,7 @@ def _ordinary(
     Cycles that were taken out come back where a lag turns out to be none: the running mean of a demand bends less than
     one stage does, as several stages do.
     """
-    usual = [one for one in known if _is_current_loop(problem, model_fit, one) or _has_dead_time(problem, model_fit, one)]
+    usual = [one for one in known if _is_current_loop(problem, model_fit, one)]
     if not usual:
         return problem
     best = min(usual, key=lambda one: one.cost)
@@ -356,8 +355,7 @@ def _ordinary(
     if best.cost > WORTH_ALIGNING * here:
         return problem
     error = _error_of_lag(problem, model_fit, best)
-    most = CURRENT_LOOP if _is_current_loop(problem, model_fit, best) else CURRENT_LOOP + BESIDE
-    data = replace(behind_current_loop(best.data, min(best.data.lag, most)), lag_error=error)
+    data = replace(behind_current_loop(best.data, min(best.data.lag, CURRENT_LOOP)), lag_error=error)
     return _with(_later_by(problem, data.cycles - problem.data.cycles), data)
 
 
@@ -387,21 +385,6 @@ def _loops_between(problem: Problem) -> bool:
 def _is_current_loop(problem: Problem, model_fit: ModelFit, late: _Late, stages: int = 1) -> bool:
     """Whether a lag is not beyond doubt longer than that of an ordinary current loop."""
     return late.data.lag - SURE * _error_of_lag(problem, model_fit, late, stages) <= CURRENT_LOOP
-
-
-def _has_dead_time(problem: Problem, model_fit: ModelFit, late: _Late) -> bool:
-    """Whether a lag is no longer than a drive's dead time and its current loop, and they leave no more than it does.
-
-    A drive takes up to two tenths of a millisecond to compute and to switch; by the shape of so short a delay a longer
-    lag is told from it only where noise is low.
-    """
-    if problem.controller is None or not problem.controller.exact:
-        return False
-    if late.data.lag - SURE * _error_of_lag(problem, model_fit, late) > CURRENT_LOOP + BESIDE:
-        return False
-    prompt = shifted(late.data, late.data.shift - 2.0 * BESIDE / late.data.period)
-    dead = _left(problem, model_fit, behind_current_loop(prompt, max(late.data.lag - BESIDE, 0.0)))
-    return _cost(problem, dead) <= late.cost
 
 
 def _late_by(problem: Problem, model_fit: ModelFit, cycles: int, stages: int = 1) -> _Late:
