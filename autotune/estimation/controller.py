@@ -204,7 +204,7 @@ def as_wanted(data: Prepared, law: PositionController) -> Prepared:
         count = np.maximum(np.bincount(runs), 1)
         off[stretch.rows] -= (np.bincount(runs, off[stretch.rows]) / count)[runs]
     torque = data.recorded_torque - np.clip(off, -0.5 * step, 0.5 * step)
-    return shifted(replace(data, recorded_torque=torque, late=data.late), data.shift)
+    return shifted(replace(data, recorded_torque=torque), data.shift)
 
 
 def felt(data: Prepared) -> Prepared:
