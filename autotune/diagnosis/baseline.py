@@ -9,7 +9,7 @@ import numpy as np
 from autotune.core.errors import NotEnoughExcitation
 from autotune.diagnosis.candidates import Progress, free_of_model, no_progress
 from autotune.diagnosis.evidence import evidence_of
-from autotune.diagnosis.evidence.evidence import Evidence
+from autotune.diagnosis.evidence.evidence import Evidence, without_rounding
 from autotune.diagnosis.evidence.time_driven import without_clocked
 from autotune.diagnosis.evidence.visibility import loop_note, refuse_answers
 from autotune.diagnosis.refits import with_noise_of
@@ -238,12 +238,16 @@ def _aligned(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit]:
     What a demand goes through before it acts was taken for a disturbance, and the twin shaken by it.
     """
     evidence = evidence_of(problem.data)
-    again = evidence.aligned(problem, model_fit)
+    told, here = without_rounding(problem, model_fit), model_fit
+    if told is not problem:
+        fitted = refit(told, here.fitted.packed, list(here.free), here.correction, 2)
+        here = replace(here, fitted=fitted)
+    again = evidence.aligned(told, here)
     if again is problem:
         return problem, model_fit
-    fitted = fit_inside_twin(again, model_fit.fitted.packed, list(model_fit.free), 2) or model_fit
-    late = again.data.cycles > 0 or again.data.lag > 0.0
-    return with_noise_of(again, fitted) if evidence.repeats and late else (again, fitted)
+    found = fit_inside_twin(again, here.fitted.packed, list(here.free), 2) or here
+    heard = told is not problem or again.data.cycles > 0 or again.data.lag > 0.0
+    return with_noise_of(again, found) if evidence.repeats and heard else (again, found)
 
 
 def _late_record(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit, tuple[str, ...]]:

@@ -37,7 +37,12 @@ from autotune.diagnosis.starts import own_course
 from autotune.diagnosis.transmission import GAP, SPRING, gap_is_told, hardly_a_gap
 from autotune.diagnosis.wording import rms_unexplained
 from autotune.estimation.bias_corrected_fit import ModelFit
-from autotune.estimation.cross_validation import beyond_presliding, gain_and_z, goes_with_place
+from autotune.estimation.cross_validation import (
+    beyond_presliding,
+    gain_and_z,
+    goes_with_place,
+    still_explainable,
+)
 from autotune.estimation.data import TRAINING
 from autotune.estimation.problem import Problem
 from autotune.models import layout
@@ -401,9 +406,10 @@ def _something_left(facts: Facts, rows: Problem) -> bool:
     """Whether what the root leaves is more than noise; a disturbance that follows the clock is taken out first.
 
     `rows`: the problem on those rows that tell; beside another law of presliding where its contact slides.
-    So it is where the chosen effect lowers what repeats share by as much, or where one that is not named halves the
-    error of experiments held out (beside another law of presliding that may be the law's own rest). Without repeats
-    a gain on unseen stretches says it.
+    So it is where the chosen effect lowers what repeats share by as much, and by more than the measurement chain may
+    leave of it; not what is there by chance only. Or where one that is not named halves the error of experiments held
+    out (beside another law of presliding that may be the law's own rest). Without repeats a gain on unseen stretches
+    says it.
     """
     problem, root, evidence, chosen = facts.problem, facts.root, facts.evidence, facts.chosen
     if not evidence.repeats and (chosen is not None or facts.plainly):
@@ -412,7 +418,10 @@ def _something_left(facts: Facts, rows: Problem) -> bool:
         return True
     if chosen is not None and chosen.share >= problem.policy.partly:
         noise = problem.noise_variance(root.fitted.error, TRAINING)
-        if again_explained(problem, root, chosen.model_fit) > problem.policy.structure_part * noise:
+        least = evidence.rest_that_is_none(problem, root.fitted.error, noise)
+        least = max(least, problem.policy.structure_part * noise)
+        there = still_explainable(problem, root.fitted, root.correction, TRAINING)
+        if min(again_explained(problem, root, chosen.model_fit), there) > least:
             return True
     if facts.line is not None:
         error = without_line(problem, root.fitted.error, facts.line)

@@ -187,6 +187,28 @@ def _as_asked(data: Prepared, law: PositionController) -> Prepared:
     return replace(data, torque=torque, recorded_torque=torque, shift=0.0, asked=wanted)
 
 
+def as_wanted(data: Prepared, law: PositionController) -> Prepared:
+    """Data with the demand as an exact law of the samples computed it, before it was rounded; itself where it was not.
+
+    What rounding to steps takes off a demand comes again where repeats move alike within one, and no model explains it.
+    The demand is told by the recorded motion to within half a step of what was recorded, but for a constant from clamp
+    to clamp.
+    """
+    step = step_of(data.recorded_torque)
+    if not law.exact or law.ticks > 1 or data.upsampling > 1 or step == 0.0:
+        return data
+    # the law was identified in the torque as it was recorded
+    recorded = replace(data, torque=data.recorded_torque)
+    off = data.recorded_torque - asked(recorded, law)
+    held = clamped(data.recorded_torque, data.metadata.torque_limit)
+    for stretch in data.stretches:
+        runs = np.cumsum(held[stretch.rows])
+        count = np.maximum(np.bincount(runs), 1)
+        off[stretch.rows] -= (np.bincount(runs, off[stretch.rows]) / count)[runs]
+    torque = data.recorded_torque - np.clip(off, -0.5 * step, 0.5 * step)
+    return shifted(replace(data, recorded_torque=torque), data.shift)
+
+
 def felt(data: Prepared) -> Prepared:
     """The data with the torque by its sensor, where there is one: what the axis felt, and not what was asked for."""
     return data if data.sensed is None else replace(data, torque=data.sensed, recorded_torque=data.sensed)

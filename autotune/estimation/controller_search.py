@@ -86,7 +86,7 @@ def law_from_data(samples: LoopSamples) -> PositionController:
         if prompt is not None:
             return prompt
         if 1.0 - late.explained < WORTH_DELAYS * (1.0 - found.explained):
-            found = late
+            found = _plain_of(samples, late)
         enough = HARDLY_MORE if found.reference_delay or found.position_delay else WORTH_DELAYS
         plain = _searched_smeared(samples, found, enough)
         if plain is not None and 1.0 - plain.explained < enough * (1.0 - found.explained):
@@ -314,10 +314,39 @@ def plain_in_band(samples: LoopSamples) -> PositionController | None:
 
 def searched_late(samples: LoopSamples) -> PositionController:
     """The best of the laws whose reference and position come late; first roughly, over delays and filters."""
-    trials = list(_late_trials(first_look(samples)))
-    _, r, y = max(trials, key=lambda trial: trial[0].explained)
+    r, y = _best_delays(first_look(samples))
     found = _best_filter(late_samples(samples, r, y), _fitted_late)
     return replace(found, reference_delay=r, position_delay=y, why=how_late(samples.period))
+
+
+def _plain_of(samples: LoopSamples, late: PositionController) -> PositionController:
+    """The plain law of the same delays, where that leaves no more of the demand than rounding does; else the law."""
+    r, y = late.reference_delay, late.position_delay
+    if r != y:
+        return late
+    plain = _best_filter(late_samples(samples, r, y), partial(fitted_pid, cascaded=True))
+    exact = 1.0 - plain.explained < EXACT or _rounding_explains(samples, plain)
+    return replace(plain, reference_delay=r, position_delay=y, why=late.why) if exact else late
+
+
+def _best_delays(samples: LoopSamples) -> tuple[int, int]:
+    """Delays of reference and position whose law leaves least, each with the filter that is best for it.
+
+    Between the rough filters even the true delays leave more than others do with terms of the reference in their place.
+    """
+    rough: dict[tuple[int, int], PositionController] = {}
+    for law, r, y in _late_trials(samples):
+        if (r, y) not in rough or law.explained > rough[r, y].explained:
+            rough[r, y] = law
+
+    def left(delays: tuple[int, int]) -> float:
+        late = late_samples(samples, *delays)
+        place = _ROUGH_FILTERS.index(rough[delays].derivative_filter)
+        near = _ROUGH_FILTERS[max(place - 1, 0)], _ROUGH_FILTERS[min(place + 1, len(_ROUGH_FILTERS) - 1)]
+        best = lowest(lambda one: 1.0 - _fitted_late(late, float(one)).explained, near, ROUGHLY)
+        return 1.0 - max(_fitted_late(late, best).explained, rough[delays].explained)
+
+    return min(rough, key=left)
 
 
 def _late_trials(samples: LoopSamples) -> Iterator[tuple[PositionController, int, int]]:

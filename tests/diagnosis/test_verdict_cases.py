@@ -476,3 +476,24 @@ def test_one_of_several_that_another_explains_as_well_is_ambiguous(
     in_doubt = verdict._contested(chosen.model_fit.effects, tuple(found), [other])
     assert in_doubt == (("torque_saturation",) if rivals else ())
     assert verdict._contested(("spring",), ("gravity_imbalance",), ()) == ("spring",)
+
+
+@pytest.mark.parametrize(
+    ("explained", "there", "chain", "left"),
+    [(0.5, 0.5, 0.03, True), (0.5, 0.5, 1.0, False), (0.5, 0.05, 0.03, False), (0.1, 0.5, 0.03, False)],
+)
+def test_what_an_effect_without_a_name_explains_is_left_beyond_chance_and_the_chain(
+    monkeypatch: pytest.MonkeyPatch, explained: float, there: float, chain: float, left: bool
+) -> None:
+    """A second mass explained by chance half of what repeats share, where by all repeats a twentieth was there."""
+    monkeypatch.setattr(facts, "again_explained", lambda *_: explained)
+    monkeypatch.setattr(facts, "still_explainable", lambda *_: there)
+    problem = SimpleNamespace(policy=POLICY, noise_variance=lambda *_: 1.0)
+    root = SimpleNamespace(fitted=SimpleNamespace(error=None), correction=None)
+    evidence = SimpleNamespace(
+        repeats=True, rest_that_is_none=lambda *_: chain, structure_left=lambda *_: False
+    )
+    chosen = SimpleNamespace(share=0.8, model_fit=root)
+    known = SimpleNamespace(problem=problem, root=root, evidence=evidence, chosen=chosen, line=None)
+    known.overlooked = known.presliding = None
+    assert facts._something_left(known, problem) is left

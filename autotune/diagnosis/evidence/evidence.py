@@ -18,6 +18,7 @@ from autotune.core.arrays import Flags, Floats
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, error_left, explained_of_rest
 from autotune.estimation.alignment import BESIDE, CURRENT_LOOP, behind_current_loop, best_shift, shifted
 from autotune.estimation.bias_corrected_fit import ModelFit
+from autotune.estimation.controller import as_wanted
 from autotune.estimation.data import Prepared
 from autotune.estimation.least_squares import CORRELATED, followed, standard_errors
 from autotune.estimation.policy import Policy
@@ -253,6 +254,22 @@ def without_chain(problem: Problem, model_fit: ModelFit) -> Problem:
         return problem
     fitted = refit(again, model_fit.fitted.packed, list(model_fit.free), model_fit.correction, SETTLED)
     return _moved_once(again, replace(model_fit, fitted=fitted))
+
+
+def without_rounding(problem: Problem, model_fit: ModelFit) -> Problem:
+    """The problem with the demand as its controller computed it, where the axis answers to that; else as it is.
+
+    A drive may compute with the demand that it was given, or with one that is rounded as it is recorded: the model
+    leaves less of that which acted.
+    """
+    law = problem.controller
+    if law is None or model_fit.fitted.packed.on[IS_LATE]:
+        return problem
+    data = as_wanted(problem.data, law)
+    if data is problem.data:
+        return problem
+    here, there = (_cost(problem, _left(problem, model_fit, one)) for one in (problem.data, data))
+    return _with(problem, data) if there < WORTH_ALIGNING * here else problem
 
 
 def _moved_once(problem: Problem, model_fit: ModelFit) -> Problem:
