@@ -32,6 +32,12 @@ def record(
         Path | None,
         typer.Option("--from", metavar="DIAGNOSIS.json", help="For decide: the diagnosis that is in doubt."),
     ] = None,
+    set_points: Annotated[
+        bool,
+        typer.Option(
+            "--set-points", help="Move nothing: write the set points as CSV, for another rig to play."
+        ),
+    ] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Move the axis unasked.")] = False,
     view: View = False,
     runs: Annotated[Path, typer.Option(help="Folder for what runs leave.")] = Path("runs"),
@@ -41,7 +47,7 @@ def record(
     from autotune.tuning.motion_plan import planned_programme
     from autotune.tuning.preparation import SessionRequest
     from autotune.tuning.question import question_in
-    from autotune.tuning.recording_run import record_programme
+    from autotune.tuning.recording_run import record_programme, write_set_points
 
     if out.suffix not in ENDINGS or not out.resolve().parent.is_dir():
         raise ConfigurationError(f"--out {out}: it must end in .parquet or .csv, in a folder that is there")
@@ -49,6 +55,11 @@ def record(
         raise ConfigurationError(f"--from belongs to programme 'decide', not to {programme!r}")
     rivals = question_in(asked) if asked is not None else None
     axis = read_axis(axis_file)
+    if set_points:
+        if out.suffix != ".csv":
+            raise ConfigurationError(f"--out {out}: set points are written as .csv")
+        answer(_points_in(out, write_set_points(axis, programme, out, rivals)))
+        return
     confirmation(axis, yes, planned_programme(axis, programme, rivals), "record")
     with (
         holding(axis, axis_file, "record"),
@@ -67,3 +78,11 @@ def record(
     answer(f"{out}: {len(recording)} samples, {len(recording) * recording.period:.1f} s")
     if rivals is not None:
         answer("Decide with both: autotune model diagnose FIRST " + str(out) + " --model MODEL.toml")
+
+
+def _points_in(out: Path, seconds: float) -> str:
+    """What to do with a file of set points."""
+    return (
+        f"{out}: set points of {seconds:.1f} s, to be played from rest at the middle of the travel; "
+        "with columns 'position' and 'torque' as measured beside them it is a recording"
+    )

@@ -38,6 +38,7 @@ from autotune.estimation.pieces import UNFITTED
 from autotune.estimation.problem import Problem
 from autotune.estimation.residual import smoothed
 from autotune.models.drive_model import Packed, surface_parameter
+from autotune.models.table import EFFECTS
 from autotune.recordings.recording import Recording
 
 if TYPE_CHECKING:
@@ -188,6 +189,9 @@ def _without_unheld(
 
 def _doubt(one: _Alone, others: Sequence[_Alone], bases: Sequence[OwnBase], model_fit: ModelFit) -> str:
     """What speaks against calling effects confirmed that were found in one recording; empty where nothing does."""
+    shown = {effect for each in (one, *others) for effect in each.verdict.effects}
+    if not shown & set(model_fit.effects):
+        return f"no recording by itself shows {' and '.join(model_fit.effects).replace('_', ' ')} first"
     for other in others:
         names = set(other.verdict.effects)
         if other.verdict.verdict == NAMED and not names & set(model_fit.effects):
@@ -233,15 +237,25 @@ class OwnBase:
 
     def fit_of(self, model_fit: ModelFit) -> ModelFit | None:
         """The base beside a model's effects; None where the twin is unstable with them."""
-        for known, settled in self._known:
+        for known, found in self._known:
             if known is model_fit:
-                return settled
-        settled = self.root
+                return found
+        settled: ModelFit | None = self.root
         if model_fit.effects:
-            packed = with_effects(self.root.fitted.packed, model_fit.fitted.packed, model_fit.effects)
-            settled = fit_inside_twin(self.problem, packed, list(self.root.free), ROUNDS, model_fit.effects)
+            settled = self._fitted(self.root.fitted.packed, model_fit)
+            if settled is not None and levels_above(model_fit.effects):
+                settled = self._fitted(settled.fitted.packed, model_fit)
         self._known.append((model_fit, settled))
         return settled
+
+    def _fitted(self, start: Packed, model_fit: ModelFit) -> ModelFit | None:
+        """The base from a start, beside a model's effects; levels of friction in proportion to the friction there."""
+        own, effects = model_fit.fitted.packed, model_fit.effects
+        packed = with_effects(start, own, effects)
+        for level, base in levels_above(effects):
+            if own.p[base] > 0.0:
+                packed.p[level] = own.p[level] * start.p[base] / own.p[base]
+        return fit_inside_twin(self.problem, packed, list(self.root.free), ROUNDS, effects)
 
     def _error_of(self, model_fit: ModelFit) -> Floats | None:
         settled, weight = self.fit_of(model_fit), self.problem.training
@@ -259,6 +273,15 @@ class OwnBase:
                 f"recording {self.number}, with only the base refitted, errs no less with them than without"
             )
         return much_unexplained(self.problem, settled, self.number)
+
+
+def levels_above(effects: Sequence[str]) -> list[tuple[int, int]]:
+    """Slots of parameters that are levels on top of one of the base, each with that one's.
+
+    Under another load or warmer the break-away torque is another one, as Coulomb friction is; their ratio stays.
+    """
+    parameters = [parameter for name in effects for parameter in EFFECTS[name].parameters]
+    return [(one.slot, one.above) for one in parameters if one.above >= 0]
 
 
 def much_unexplained(problem: Problem, model_fit: ModelFit, number: int) -> str:

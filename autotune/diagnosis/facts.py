@@ -146,7 +146,7 @@ class Facts:
         """
         chosen = self.chosen
         return (self.plainly and self.left and not self._explained) or (
-            chosen is not None and any_course(self.problem, chosen.model_fit)
+            chosen is not None and any_course(self.problem, self.root, chosen.model_fit)
         )
 
     @property

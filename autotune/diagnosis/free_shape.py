@@ -88,10 +88,11 @@ def _courses(problem: Problem, nominal: Packed, before: ModelFit, effect: str) -
         yield fit_inside_twin(problem, packed, free, ROUNDS + 1, before.effects)
 
 
-def any_course(problem: Problem, model_fit: ModelFit) -> bool:
+def any_course(problem: Problem, root: ModelFit, model_fit: ModelFit) -> bool:
     """Whether the one effect found leaves what a function of place explains, over too little travel to show its course.
 
-    There it comes near to any smooth course: what it is not exactly, it is not by another law either.
+    There it comes near to any smooth course: what it is not exactly, it is not by another law either. Unless a cubic,
+    which has as many coefficients as a wave of free order, errs by more than that: then its own law is what is shown.
     """
     if len(model_fit.effects) != 1:
         return False
@@ -104,7 +105,12 @@ def any_course(problem: Problem, model_fit: ModelFit) -> bool:
         and gain * model_fit.fitted.cost < (problem.policy.least_part * problem.scales.torque) ** 2
     ):
         return False
-    return gain >= problem.policy.least_gain
+    if gain < problem.policy.least_gain:
+        return False
+    place = problem.data.position[problem.data.grid] / problem.scales.travel
+    own, cubic, _ = _left(problem, root, model_fit, np.column_stack([place, place**2, place**3]))
+    told = cubic - own
+    return bool(told.sum() <= gain * own.sum()) or not beyond_chance(told, problem.policy.apart_z)
 
 
 def like_a_parabola(problem: Problem, root: ModelFit, model_fit: ModelFit, alike: float) -> bool:
@@ -146,11 +152,23 @@ def _as_well(problem: Problem, root: ModelFit, model_fit: ModelFit, columns: Flo
 
     That is all of its fall but the part `alike`, or as much by chance.
     """
+    left = _left(problem, root, model_fit, columns)
+    surplus = left[1] - left[0]
+    if surplus.sum() < alike * (left[2] - left[0]).sum():
+        return True
+    return not beyond_chance(surplus, problem.policy.apart_z)
+
+
+def _left(problem: Problem, root: ModelFit, model_fit: ModelFit, columns: Floats) -> list[Floats]:
+    """Squared error of the one effect, of columns, shape (m, k), in its place, and of none; shape (m,) each.
+
+    The base is refitted to first order with each of them.
+    """
     kind, fitted = EFFECTS[model_fit.effects[0]], model_fit.fitted
     base = fitted.jacobian[:, [one.slot not in {q.slot for q in kind.parameters} for one in fitted.free]]
     without = problem.raw(taken_out(root, model_fit, kind.name)) - model_fit.correction.bias
     weight = problem.training
-    left = [
+    return [
         weight * followed(table, error, weight) ** 2
         for table, error in (
             (fitted.jacobian, fitted.error),
@@ -158,10 +176,6 @@ def _as_well(problem: Problem, root: ModelFit, model_fit: ModelFit, columns: Flo
             (base, without),
         )
     ]
-    surplus = left[1] - left[0]
-    if surplus.sum() < alike * (left[2] - left[0]).sum():
-        return True
-    return not beyond_chance(surplus, problem.policy.apart_z)
 
 
 def at_an_edge(problem: Problem, model_fit: ModelFit) -> bool:

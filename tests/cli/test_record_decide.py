@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from autotune.cli.main import main
@@ -65,3 +66,49 @@ def test_what_is_in_doubt_is_played_and_kept(tmp_path: Path) -> None:
     found = read_recording(out)
     assert {"slow_scan", "scan", "veto"} <= set(found.experiment)
     assert len(found) * found.period < 65.0
+
+
+def test_set_points_are_written_for_another_rig_and_nothing_moves(tmp_path: Path) -> None:
+    (tmp_path / "d.json").write_text(json.dumps(DOUBT))
+    out = tmp_path / "set_points.csv"
+    words = ["record", str(axis_in(tmp_path)), "decide", "--from", str(tmp_path / "d.json"), "--set-points"]
+    assert exit_code(*words, "--out", str(out), "--runs", str(tmp_path / "runs")) == 0
+    assert not (tmp_path / "runs").exists()
+    table = np.genfromtxt(out, delimiter=",", skip_header=2, names=True, dtype=None, encoding="utf-8")
+    assert {"slow_scan", "scan", "veto"} <= set(table["experiment"])
+    assert np.allclose(np.diff(table["time"]), 0.001)
+    assert np.abs(np.diff(table["reference"])).max() < 0.02
+    assert abs(table["reference"][-1]) < 1e-9
+    first, second = (
+        table["reference"][(table["experiment"] == "veto") & (table["repeat"] == k)] for k in (0, 1)
+    )
+    assert np.allclose(first, second, atol=1e-6)
+
+
+def test_what_a_rig_played_by_set_points_is_a_recording(tmp_path: Path) -> None:
+    (tmp_path / "d.json").write_text(json.dumps(DOUBT))
+    out = tmp_path / "set_points.csv"
+    words = ["record", str(axis_in(tmp_path)), "decide", "--from", str(tmp_path / "d.json"), "--set-points"]
+    assert exit_code(*words, "--out", str(out)) == 0
+    head, rows = out.read_text().split("reference\n")
+    measured = [f"{row},{row.rsplit(',', 1)[1]},0.1" for row in rows.splitlines()]
+    (tmp_path / "measured.csv").write_text(head + "reference,position,torque\n" + "\n".join(measured) + "\n")
+    found = read_recording(tmp_path / "measured.csv")
+    assert {"slow_scan", "scan", "veto"} <= set(found.experiment)
+    assert {segment.repeat for segment in found.segments()} == {0, 1}
+
+
+def test_set_points_that_depend_on_what_is_measured_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [
+        "record",
+        str(axis_in(tmp_path)),
+        "presliding",
+        "--set-points",
+        "--out",
+        str(tmp_path / "out.csv"),
+    ]
+    assert exit_code(*words) == 2
+    assert "depends on what it measures" in " ".join(capsys.readouterr().err.split())
+    assert not (tmp_path / "out.csv").exists()

@@ -30,7 +30,7 @@ from autotune.estimation.disturbance_estimate import (
     estimate_disturbance,
 )
 from autotune.estimation.least_squares import Free
-from autotune.estimation.problem import Problem, refit
+from autotune.estimation.problem import Correction, Problem, refit
 from autotune.estimation.residual import Simulated, measured_motion
 from autotune.estimation.twin_runs import acted_late, run_twin, run_twins, shaken
 from autotune.models import layout
@@ -86,6 +86,25 @@ def test_whole_cycles_behind_a_drive_s_loop_are_no_lag(begun: Begun) -> None:
     fitted = refit(again, model_fit.fitted.packed, list(model_fit.free), model_fit.correction, 4)
     settled = RepeatedProgramme().aligned(again, replace(model_fit, fitted=fitted))
     assert (settled.data.cycles, settled.data.shift) == (1, -2.0)
+
+
+def test_a_delay_with_which_the_loop_would_be_unstable_is_none_of_the_axis(
+    begun: Begun, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The axis ran in that loop: with a twin that cannot run nothing could be fitted any more."""
+    late = shifted(begun[0].data, 2.0)
+    asked = replace(late, torque=_demand(late, 2e-4), recorded_torque=late.torque)
+    problem, model_fit = _spoilt(begun, asked, exact=False)
+    assert problem.controller is not None
+    problem = replace(problem, controller=replace(problem.controller, ticks=4))
+    assert RepeatedProgramme().aligned(problem, model_fit).data.cycles == 1
+    correction = Problem.correction
+
+    def unstable_behind_a_bus(self: Problem, packed: Packed, simulations: int | None = None) -> Correction:
+        return replace(correction(self, packed, simulations), stable=self.data.cycles == 0)
+
+    monkeypatch.setattr(Problem, "correction", unstable_behind_a_bus)
+    assert RepeatedProgramme().aligned(problem, model_fit) is problem
 
 
 def test_a_running_mean_is_not_taken_for_whole_cycles(begun: Begun, monkeypatch: pytest.MonkeyPatch) -> None:

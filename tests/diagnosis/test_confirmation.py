@@ -21,8 +21,8 @@ from autotune.diagnosis.search import Found
 from autotune.diagnosis.verdict import Diagnosis
 from autotune.estimation.least_squares import Free
 from autotune.estimation.policy import POLICY
-from autotune.models.drive_model import base_model
-from autotune.models.layout import COULOMB, INERTIA, flag
+from autotune.models.drive_model import Packed, base_model
+from autotune.models.layout import BREAK_AWAY, COULOMB, INERTIA, flag
 from autotune.models.table import EFFECTS
 from tests.support.axes import NOMINAL
 
@@ -137,6 +137,47 @@ def test_confirmed_is_what_lowers_the_error_with_only_the_base_refitted(
     said = base.doubt(_model_fit("spring"))
     assert why in said
     assert bool(said) == bool(why)
+
+
+def test_a_break_away_torque_is_carried_in_proportion_to_the_friction_there(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Under another load friction is another one, and what must be overcome at first with it; the spring is not."""
+    model = base_model(NOMINAL | {"coulomb": 0.2})
+    for name, values in (
+        ("stribeck", {"break_away": 0.3, "stribeck_velocity": 0.05}),
+        ("spring", {"stiffness": 0.004}),
+    ):
+        model = model.with_effect(EFFECTS[name].make(values))
+    effects = ("stribeck", "spring")
+    one = SimpleNamespace(effects=effects, fitted=SimpleNamespace(packed=model.pack()))
+    root = base_model(NOMINAL | {"coulomb": 0.35}).pack()
+    asked = []
+
+    def fitted(_: object, packed: Packed, *rest: object) -> SimpleNamespace:
+        asked.append(packed.p[BREAK_AWAY])
+        settled = Packed(packed.p.copy(), packed.on)
+        settled.p[COULOMB] = 0.3  # with the effect, its part is not in the base's friction
+        return SimpleNamespace(effects=effects, fitted=SimpleNamespace(packed=settled))
+
+    monkeypatch.setattr(each_recording, "fit_inside_twin", fitted)
+    own = SimpleNamespace(free=(), fitted=SimpleNamespace(packed=root))
+    settled = OwnBase(2, SimpleNamespace(problem=None, root=own)).fit_of(one)
+    assert asked == pytest.approx([0.525, 0.45])
+    assert settled.fitted.packed.p[EFFECTS["spring"].slot("stiffness")] == 0.004
+
+
+def test_a_name_that_no_recording_shows_first_by_itself_is_not_confirmed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(each_recording, "much_unexplained", lambda *_: "")
+    both = [
+        each_recording._Alone(number, _found(None), None, (), (), _verdict("ambiguous", "stribeck"))
+        for number in (1, 2)
+    ]
+    doubt = each_recording._doubt(both[0], both[1:], [], _model_fit("dwell_time_break_away"))
+    assert doubt == "no recording by itself shows dwell time break away first"
+    assert not each_recording._doubt(both[0], both[1:], [], _model_fit("stribeck"))
 
 
 def test_a_base_that_differs_beyond_its_errors_is_said(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -247,9 +247,9 @@ def test_an_imbalance_over_little_travel_is_a_sine_or_none(
     model = plain.with_effect(EFFECTS["gravity_imbalance"].make({"sin": 0.03, "cos": 0.0}))
     problem, root, _, _ = begin(prepared_for([recording]), model)
     found = replace(root, effects=("gravity_imbalance",))
-    assert any_course(problem, found) is any_will_do
-    assert not any_course(problem, root)
     bare = replace(root, fitted=replace(root.fitted, packed=plain.pack()))
+    assert any_course(problem, bare, found) is any_will_do
+    assert not any_course(problem, bare, root)
     assert like_a_parabola(problem, bare, found, POLICY.alike_single) is parabola
 
 

@@ -129,6 +129,8 @@ def test_units_in_names(header: str, name: str, unit: str) -> None:
         ("motorTorque", "Nm", "torque"), ("Torque", "A", "current"), ("pos1", "", "position"), ("acceleration", "", ""),
         ("Motor torque", "A", "current"), ("Sollposition", "°", "reference"), ("Istposition", "°", "position"),
         ("Lageistwert", "mm", "position"), ("Drehmomentsollwert", "Nm", "torque_command"), ("Motorist", "", ""),
+        ("setpoint", "deg", "reference"), ("Sollwert", "°", "reference"), ("commanded", "mm", "reference"),
+        ("command", "Nm", "torque_command"), ("setpoint", "rpm", ""), ("setpoint", "", ""), ("limit", "Nm", ""),
     ],
 )  # fmt: skip
 def test_names(name: str, unit: str, target: str) -> None:

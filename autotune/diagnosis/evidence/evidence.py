@@ -248,12 +248,14 @@ def without_chain(problem: Problem, model_fit: ModelFit) -> Problem:
     A law that explains the demand to rounding works at the samples: its torque is held until the next, comes whole
     cycles later, and behind a current loop. Any other torque may be recorded at another moment too: it is moved. A
     model that was fitted before has taken over a part of a delay of cycles: the rest is found beside the model after.
+    The axis ran in its loop: a delay with which the twin's would be unstable, where it was not, is none of the axis.
     """
     again = _moved_once(problem, model_fit)
     if again is problem:
         return problem
     fitted = refit(again, model_fit.fitted.packed, list(model_fit.free), model_fit.correction, SETTLED)
-    return _moved_once(again, replace(model_fit, fitted=fitted))
+    moved = _moved_once(again, replace(model_fit, fitted=fitted))
+    return moved if moved.correction(fitted.packed, 1).stable else problem
 
 
 def without_rounding(problem: Problem, model_fit: ModelFit) -> Problem:

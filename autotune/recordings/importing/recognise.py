@@ -23,7 +23,7 @@ _QUANTITIES = {
     "temperature": "temperature temp temperatur",
 }
 _ROLES = {
-    "wanted": "reference ref target demand demanded setpoint desired des command cmd commanded qg soll sp "
+    "wanted": "reference ref target demand demanded setpoint desired des command cmd commanded qg soll sollwert sp "
     "qref qd* trajectory",
     "error": "error err following deviation lag residual",
     "forward": "feedforward ff offset",
@@ -100,7 +100,8 @@ def guess(column: Column) -> Guess:
     if unit is not None:
         by_unit = _BY_KIND.get(unit.kind, "")
         if not quantity:
-            quantity = by_unit if by_unit in ("time", "current", "voltage") else ""
+            plain = by_unit in ("time", "current", "voltage")
+            quantity = by_unit if plain or (role == "wanted" and by_unit in ("position", "torque")) else ""
         elif by_unit in ("current", "voltage") and quantity == "torque":
             quantity = by_unit
         elif quantity in KINDS and unit.kind not in KINDS[quantity]:
@@ -120,7 +121,7 @@ def _parts(word: str) -> list[str]:
 
 
 def _words(name: str) -> tuple[str, str]:
-    """Quantity and role by the name's words; an unclear name has none."""
+    """Quantity and role by the name's words; an unclear name has none, one like 'setpoint' has a role alone."""
     spaced = re.sub(r"([a-z])([A-Z])", r"\1 \2", name.rsplit(".", 1)[-1])
     words = [part for word in re.split(r"[^a-zäöüµ]+", spaced.lower()) if word for part in _parts(word)]
     if not words:
@@ -131,6 +132,8 @@ def _words(name: str) -> tuple[str, str]:
     ]
     roles = [_ROLE_WORDS[word] for word in words if word in _ROLE_WORDS]
     numbered = re.search(r"\d", spaced) is not None
-    if len(set(quantities)) != 1:
+    if len(set(quantities)) > 1:
         return "", ""
-    return quantities[0], "" if not roles else ("other" if numbered or len(set(roles)) > 1 else roles[0])
+    return (quantities or [""])[0], "" if not roles else (
+        "other" if numbered or len(set(roles)) > 1 else roles[0]
+    )
