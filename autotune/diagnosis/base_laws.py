@@ -24,15 +24,15 @@ from autotune.core.arrays import Floats
 from autotune.diagnosis.candidates import asked_for
 from autotune.diagnosis.refits import kept_terms, without_effect
 from autotune.diagnosis.starts import Context, own_course, varying
-from autotune.diagnosis.wording import FADING_DAMPING, OTHER_CLIMB, OTHER_CURVE
+from autotune.diagnosis.wording import FADING_DAMPING, OTHER_BENDING, OTHER_CLIMB, OTHER_CURVE
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import usual_damping
 from autotune.estimation.cross_validation import gain_and_z, held_out
 from autotune.estimation.data import VETO
 from autotune.estimation.least_squares import Fitted, Free
-from autotune.estimation.problem import Problem, fading_free, refit
+from autotune.estimation.problem import Problem, curve_free, fading_free, refit
 from autotune.models import layout
-from autotune.models.drive_model import FADING, Packed
+from autotune.models.drive_model import BRISTLES_CURVE, CURVE, FADING, Packed
 from autotune.models.effect import Kind
 from autotune.models.reversal_memory import (
     DAMPING,
@@ -60,6 +60,9 @@ LONGEST = 0.3  # of the travel: elements beyond it never slide
 FADES = (3e-3, 1e-2, 3e-2, 1e-1)
 """Of the speed: where fits begin of a damping in presliding that fades."""
 FADING_SLOTS = tuple(parameter.slot for parameter in FADING)
+CURVE_SLOTS = tuple(parameter.slot for parameter in CURVE)
+ELASTIC_CURVE = (1.0, 1.0, 0.9, 0.4)
+"""Of a contact that is elastic until it slides (`lugre.bends`)."""
 SHORT = 3
 """Steps of a fit by which its start is judged."""
 PARTS = ((0.05, 0.05), (1.4, 0.3))
@@ -121,6 +124,45 @@ def without_fading(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
     return fit_inside_twin(problem, packed, free, ROUNDS, model_fit.effects)
 
 
+def curved(packed: Packed) -> bool:
+    """Whether the contact bends by another curve than a bristle's."""
+    return bool(packed.p[layout.BENDS_BACK] > 0.0)
+
+
+def with_curve(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
+    """The model whose contact bends by a curve of its own (`lugre.bends`); None where the data do not ask for it.
+
+    Begun at a bristle's, and at that of a contact that is elastic until it slides.
+    """
+    fitted = model_fit.fitted
+    known = {layout.COULOMB, layout.STIFFNESS} <= {one.slot for one in model_fit.free}
+    there = curved(fitted.packed) or climbs_otherwise(fitted.packed)
+    if there or not known or problem.data.steady:
+        return None
+    shorts = []
+    for curve in (BRISTLES_CURVE, ELASTIC_CURVE):
+        p = fitted.packed.p.copy()
+        p[list(CURVE_SLOTS)] = curve
+        usual = usual_damping(p[layout.STIFFNESS], p[layout.INERTIA])
+        p[layout.MICRO_DAMPING] = max(p[layout.MICRO_DAMPING], usual)
+        free = [*model_fit.free, *curve_free()]
+        shorts.append(refit(problem, Packed(p, fitted.packed.on), free, model_fit.correction, SHORT))
+    best = min(shorts, key=lambda one: one.cost)
+    if not best.cost < (1.0 - problem.policy.least_gain) * fitted.cost:
+        return None
+    after = fit_inside_twin(problem, best.packed, list(best.free), ROUNDS + 1, model_fit.effects)
+    return after if after is not None and asked_for(problem, model_fit, after) else None
+
+
+def without_curve(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
+    """The model with a bristle's curve; None where the twin is unstable."""
+    p = model_fit.fitted.packed.p.copy()
+    p[list(CURVE_SLOTS)] = 0.0
+    free = [one for one in model_fit.free if one.slot not in CURVE_SLOTS]
+    packed = Packed(p, model_fit.fitted.packed.on)
+    return fit_inside_twin(problem, packed, free, ROUNDS, model_fit.effects)
+
+
 def climbs_otherwise(packed: Packed) -> bool:
     """Whether the friction of one contact climbs after a rest by another curve than a bristle's exponential."""
     return bool(packed.on[REMEMBERS]) and of_one_contact(packed.p)
@@ -136,7 +178,7 @@ def with_climb(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
     """
     fitted = model_fit.fitted
     known = {layout.COULOMB, layout.STIFFNESS, layout.MICRO_DAMPING} <= {one.slot for one in model_fit.free}
-    there = fitted.packed.on[REMEMBERS] or problem.two_masses(fitted.packed)
+    there = fitted.packed.on[REMEMBERS] or curved(fitted.packed) or problem.two_masses(fitted.packed)
     if there or not known or problem.data.steady:
         return None
     starts = [_with_parts(model_fit), _as_chain(model_fit, LINKS)]
@@ -292,7 +334,15 @@ CLIMB_LAW = BaseLaw(
     ELEMENT_SLOTS,
     lambda *_: OTHER_CLIMB,
 )
-BASE_LAWS = (FADING_LAW, CLIMB_LAW)
+CURVE_LAW = BaseLaw(
+    "another curve of presliding",
+    curved,
+    with_curve,
+    without_curve,
+    CURVE_SLOTS,
+    lambda *_: OTHER_BENDING,
+)
+BASE_LAWS = (FADING_LAW, CLIMB_LAW, CURVE_LAW)
 
 
 def told_of_base(root: Packed, nominal: Packed, motion_unit: str, climbs: bool = True) -> tuple[str, ...]:
@@ -300,7 +350,7 @@ def told_of_base(root: Packed, nominal: Packed, motion_unit: str, climbs: bool =
 
     `climbs`: whether elements are such a law; else they were found as a memory that is none, and that is said.
     """
-    laws = BASE_LAWS if climbs else (FADING_LAW,)
+    laws = BASE_LAWS if climbs else (FADING_LAW, CURVE_LAW)
     notes = [law.note(root, motion_unit) for law in laws if law.new(root, nominal)]
     for kind in _in_textbooks(root):
         slots = [parameter.slot for parameter in kind.parameters if parameter.optional]

@@ -55,7 +55,7 @@ from autotune.diagnosis.transmission import (
     spring_led_on,
     without_needless_gap,
 )
-from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
+from autotune.estimation.bias_corrected_fit import LEVEL_GROUND, ModelFit, fit_inside_twin
 from autotune.estimation.cross_validation import (
     beyond_presliding,
     drift,
@@ -68,6 +68,7 @@ from autotune.estimation.cross_validation import (
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.model_error import told_beside
 from autotune.estimation.problem import Problem
+from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.table import EFFECTS
 from autotune.models.transmission import has_load
@@ -215,7 +216,7 @@ class _Search:
             return False
         found = [self._borne_out(law.added(self.problem, self.root)) for law in BASE_LAWS]
         gains = [gain_and_z(self.root.unseen, one.unseen)[0] if one is not None else 0.0 for one in found]
-        best = max(range(len(found)), key=lambda i: gains[i])
+        best = self._plainest(found, max(range(len(found)), key=lambda i: gains[i]))
         other = found[best]
         if other is None:
             return False
@@ -227,15 +228,29 @@ class _Search:
         self._begins_again()
         return True
 
+    def _plainest(self, found: Sequence[ModelFit | None], best: int) -> int:
+        """The best of several laws of the base; or one with fewer parameters, where data do not ask for more."""
+        other = found[best]
+        plainer = [
+            (one.fitted.cost, i)
+            for i, one in enumerate(found)
+            if one is not None
+            and other is not None
+            and len(one.free) < len(other.free)
+            and not asked_for(self.problem, one, other)
+        ]
+        return min(plainer)[1] if plainer else best
+
     def _other_law_beside(self) -> bool:
         """Whether one does so beside what was found: then the root has it, and effects are looked for anew.
 
         Where what explained more could not be taken after all, or errs more inside the twin, it does.
         """
         other = self.outdone if self._outdone_after_all() else None
-        if other is None and self.chosen is not None:
-            other = self._root_beside(self.chosen)
-        if other is None or other.fitted.cost >= self.root.fitted.cost:
+        found = self.chosen or self._best_refused()
+        if other is None and found is not None:
+            other = self._root_beside(found)
+        if other is None or other.fitted.cost > LEVEL_GROUND * self.root.fitted.cost:
             return False
         self.progress("another law of the base")
         self._take_root(other)
@@ -262,9 +277,19 @@ class _Search:
             return None
         law, after = min(beside, key=lambda item: item[1].fitted.cost)
         self.beside = after
-        packed = taken_out(self.root, after, *after.effects)
+        starts = [taken_out(self.root, after, *after.effects)]
+        if max(law.slots) < layout.BASE_PARAMETERS:
+            p = self.root.fitted.packed.p.copy()
+            p[list(law.slots)] = after.fitted.packed.p[list(law.slots)]
+            starts.append(Packed(p, self.root.fitted.packed.on))
         free = [*self.root.free, *(one for one in after.free if one.slot in law.slots)]
-        return fit_inside_twin(self.problem, packed, free, 2, self.root.effects)
+        fits = [fit_inside_twin(self.problem, packed, free, 2, self.root.effects) for packed in starts]
+        return min((one for one in fits if one is not None), key=lambda one: one.fitted.cost, default=None)
+
+    def _best_refused(self) -> FittedCandidate | None:
+        """The best of the first round that explains half of all, where none was taken."""
+        half = [one for one in self.tried if one.share >= self.problem.policy.partly]
+        return min(half, key=lambda one: error_left(self.problem, one.model_fit), default=None)
 
     def _borne_out(self, after: ModelFit | None, before: ModelFit | None = None) -> ModelFit | None:
         """A model with another law of the base, where recordings of this kind bear it out beside the root."""
@@ -574,10 +599,12 @@ class _Search:
         """Whether an effect that has another past in every repeat explains them all: it need not come again.
 
         A memory that spans a part of the travel lowered the error by 70 % on experiments held out and all of it on the
-        veto, and nothing of what repeats share. What swallows noise does not know it beforehand.
+        veto, and nothing of what repeats share. A contact that ages by a logarithm is older in every repeat. What
+        swallows noise does not know it beforehand.
         """
-        sure = best.named and best.veto is not None and best.gain >= self.problem.policy.clear_gain
-        return sure and EFFECTS[best.effect].approximate
+        policy, kind = self.problem.policy, EFFECTS[best.effect]
+        sure = best.share >= policy.named and best.veto is not None and best.gain >= policy.clear_gain
+        return sure and (kind.approximate or kind.needs_rests)
 
     def _take(self, best: FittedCandidate) -> FittedCandidate:
         """Makes it the chosen model, at its best."""

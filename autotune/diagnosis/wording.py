@@ -46,6 +46,11 @@ OTHER_CLIMB = (
     "once, or lets go sooner. This is the base model's presliding by another law and no effect that is missing; it was "
     "fitted beside all else."
 )
+OTHER_BENDING = (
+    "After a reversal or a rest the contact bends by another curve than a bristle's: elastic for longer, or letting go "
+    "sooner, as the laws of Dahl, Bouc and Wen, and elastic-then-plastic ones have it. This is the base model's "
+    "presliding by another law and no effect that is missing; it was fitted beside all else."
+)
 FADING_DAMPING = (
     "The damping in presliding fades with speed, to a third at {speed:.2g} {unit} or so: the contact is damped while "
     "it bends and hardly while it slides. This is a law of the base model, as textbooks have it, and no effect that is "

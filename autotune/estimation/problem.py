@@ -23,7 +23,7 @@ from autotune.estimation.residual import Motion, alike, kind_of_pass, measured_m
 from autotune.estimation.twin import leading, steps_of_twin
 from autotune.estimation.twin_runs import KnownRuns, Noise, TwinRuns, add_runs
 from autotune.models import layout
-from autotune.models.drive_model import BASE, DAMPING_TAIL, DAMPING_VELOCITY, Packed
+from autotune.models.drive_model import BASE, CURVE, DAMPING_TAIL, DAMPING_VELOCITY, Packed
 from autotune.models.effect import Kind
 from autotune.models.lanes import WIDTH
 from autotune.models.table import EFFECTS
@@ -43,6 +43,7 @@ LEAST_WEIGHT = 0.1
 """Of the steadiest experiment: an unsteady one is never left out."""
 LEAST_COULOMB = 0.005  # of the torque
 LONGEST_REACH = 0.1  # of the travel
+LEAST_BENT = 0.02  # of the motion: below its level a contact bends at least so much
 SLOWEST = 1e-4  # of the speed: damping that has gone by then is none
 
 
@@ -376,6 +377,8 @@ def base_free(packed: Packed, scales: Scales, motion_unit: str) -> list[Free]:
     ]
     if p[layout.DAMPING_VELOCITY] > 0.0 and not scales.steady:
         free += fading_free(p, scales)
+    if p[layout.BENDS_BACK] > 0.0 and not scales.steady:
+        free += curve_free()
     for parameter in free:
         p[parameter.slot] = min(max(p[parameter.slot], parameter.lower), parameter.upper)
     return free
@@ -397,6 +400,11 @@ def fading_free(p: Floats, scales: Scales) -> list[Free]:
         ),
         Free(tail.name, tail.slot, tail.lower, tail.upper, 0.5, step=0.5),
     ]
+
+
+def curve_free() -> list[Free]:
+    """How a contact bends by a curve of its own, as free parameters."""
+    return [Free(one.name, one.slot, LEAST_BENT, one.upper, 0.3, step=0.4) for one in CURVE]
 
 
 def by_steadiness(problem: Problem, error: Floats) -> Problem:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import ast
 import math
+import textwrap
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -28,7 +29,7 @@ from autotune.models import layout
 from autotune.models.contact import LEAST_DEFLECTION, LEAST_SHARE
 from autotune.models.drive_model import WHOLE_BASE, DriveModel
 from autotune.models.effect import Kind
-from autotune.models.lugre import fallen
+from autotune.models.lugre import bends, fallen, halfway, onward
 from autotune.models.reversal_memory import DAMPING, REMEMBERS, memory_damping, memory_torque
 from autotune.models.stribeck import EXPONENT, FALLS, TAIL
 from autotune.models.table import EFFECTS
@@ -185,6 +186,8 @@ class _Frame:
         self._note("LEAST_LEVEL", LEAST_SHARE * self._model["coulomb"], torque, "friction never falls below")
         self._note("LEAST_DEFLECTION", LEAST_DEFLECTION, motion, "its limit never falls below")
         self._note("LEAST_SLIP", LEAST_SLIP, "1", "less than this of the limit in a sample is no motion")
+        if self._p[layout.BENDS_BACK] > 0.0:
+            return self._bent(stiffness, damping)
         return (
             f"limit = max(max(level, LEAST_LEVEL) / {stiffness}, LEAST_DEFLECTION)\n"
             "slip = abs(travel) / limit\n"
@@ -195,6 +198,33 @@ class _Frame:
             "    bristle = steady + (bristle - steady) * exp(-slip)\n"
             "rate = velocity - abs(velocity) / limit * bristle\n"
             f"friction = {stiffness} * bristle + {damping} * rate"
+        )
+
+    def _bent(self, stiffness: str, damping: str) -> str:
+        """The contact by a curve of its own."""
+        slots = (layout.BENDS_BACK, layout.BENDS_35, layout.BENDS_65, layout.BENDS_85)
+        curve = [self._constant(slot) for slot in slots]
+        ratio, slip, half, part = (named(name) for name in ("ratio", "slip", "half", "part_bent"))
+        steps = (
+            self._written(bends, "part_bent = {}", ratio, *curve),
+            self._written(halfway, "half = {}", ratio, slip, part),
+            self._written(bends, "part_bent = {}", half, *curve),
+            self._written(onward, "ratio = {}", ratio, slip, half, part, curve[-1]),
+        )
+        on = "\n".join(steps)
+        rate = self._written(bends, "rate = {}", named("ratio"), *curve)
+        return (
+            f"limit = max(max(level, LEAST_LEVEL) / {stiffness}, LEAST_DEFLECTION)\n"
+            "slip = abs(travel) / limit\n"
+            "side = 1.0\n"
+            "if velocity < 0.0:\n"
+            "    side = -1.0\n"
+            "ratio = side * bristle / limit\n"
+            "if slip >= LEAST_SLIP:\n"
+            f"{textwrap.indent(on, '    ')}\n"
+            "    bristle = side * ratio * limit\n"
+            f"{rate}\n"
+            f"friction = {stiffness} * bristle + {damping} * rate * velocity"
         )
 
     def _from_kernels(self, quantity: str, use: str, *arguments: Term | None) -> Iterator[Block]:

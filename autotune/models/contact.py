@@ -13,6 +13,10 @@ from autotune.models.contributions import all_added, all_multiplied
 from autotune.models.dwell_time_break_away import AGES, grow_older
 from autotune.models.lanes import anywhere, where
 from autotune.models.layout import (
+    BENDS_35,
+    BENDS_65,
+    BENDS_85,
+    BENDS_BACK,
     BREAK_AWAY,
     COULOMB,
     DAMPING_TAIL,
@@ -23,7 +27,7 @@ from autotune.models.layout import (
     STRIBECK_VELOCITY,
     VISCOUS,
 )
-from autotune.models.lugre import bristle_step, faded_part, falling_level
+from autotune.models.lugre import bends, bent_on, bristle_rate, bristle_step, faded_part, falling_level
 from autotune.models.reversal_memory import DAMPING, REMEMBERS, memory_damping, memory_torque
 from autotune.models.stribeck import EXPONENT, FALLS, TAIL
 
@@ -65,13 +69,38 @@ def additive(p: Floats, on: Flags, position: float) -> float:
 
 
 @compiled
+def bent(p: Floats, bristle: float, velocity: float, limit: float, duration: float) -> float:
+    """The bristle after `duration` at a constant velocity, by its own curve where it has one."""
+    plain = bristle_step(bristle, velocity, limit, duration)
+    if not anywhere(p[BENDS_BACK] > 0.0):
+        return plain
+    distance = abs(velocity) * duration / limit
+    ratio = where(velocity < 0.0, -bristle, bristle) / limit
+    ratio = bent_on(ratio, distance, p[BENDS_BACK], p[BENDS_35], p[BENDS_65], p[BENDS_85])
+    own = where(velocity < 0.0, -ratio, ratio) * limit
+    moved = where(p[BENDS_BACK] > 0.0, own, plain)
+    return float(where(distance < 1e-12, bristle, moved))
+
+
+@compiled
+def bending(p: Floats, bristle: float, velocity: float, limit: float) -> float:
+    """z', how fast the bristle is bent [rad/s or m/s]."""
+    plain = bristle_rate(bristle, velocity, limit)
+    if not anywhere(p[BENDS_BACK] > 0.0):
+        return plain
+    ratio = where(velocity < 0.0, -bristle, bristle) / limit
+    own = velocity * bends(ratio, p[BENDS_BACK], p[BENDS_35], p[BENDS_65], p[BENDS_85])
+    return float(where(p[BENDS_BACK] > 0.0, own, plain))
+
+
+@compiled
 def bend(
     p: Floats, on: Flags, state: Floats, at: int, position: float, velocity: float, duration: float
 ) -> float:
     """Moves the bristle that is in state `at` for `duration`; returns its limit g."""
     limit = friction_limit(p, on, state, position, velocity)
     before = state[at]
-    state[at] = bristle_step(before, velocity, limit, duration)
+    state[at] = bent(p, before, velocity, limit, duration)
     if on[AGES]:
         slip = abs(velocity * duration - (state[at] - before))
         grow_older(p, state, slip, abs(velocity * duration), duration)
@@ -107,8 +136,12 @@ def remembered_in_motion(
 
 
 @compiled
-def damping_slope(damping: float, bristle: float, velocity: float, limit: float) -> float:
+def damping_slope(p: Floats, damping: float, bristle: float, velocity: float, limit: float) -> float:
     """How much the torque of the bristle's damping at a speed grows with velocity [N m s/rad], at least 0."""
     size = abs(bristle) / limit
     ratio = where(bristle * velocity < 0.0, -size, size)
-    return float(max(damping * (1.0 - ratio), 0.0))
+    part = 1.0 - ratio
+    if anywhere(p[BENDS_BACK] > 0.0):
+        own = bends(ratio, p[BENDS_BACK], p[BENDS_35], p[BENDS_65], p[BENDS_85])
+        part = where(p[BENDS_BACK] > 0.0, own, part)
+    return float(max(damping * part, 0.0))

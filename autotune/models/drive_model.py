@@ -57,7 +57,21 @@ DAMPING_TAIL = Parameter(
 )
 FADING = (DAMPING_VELOCITY, DAMPING_TAIL)
 """Of the base, where the damping in presliding fades with speed."""
-WHOLE_BASE = (*BASE, *FADING)
+CURVE = tuple(
+    Parameter(
+        name, "1", 0.0, 0.0, 3.0, f"part of the motion that bends the contact {where}", slot, optional=True
+    )
+    for name, where, slot in (
+        ("bends_back", "where it is bent the other way; 0: a bristle's, 2", layout.BENDS_BACK),
+        ("bends_35", "at 35 % of its level", layout.BENDS_35),
+        ("bends_65", "at 65 % of its level", layout.BENDS_65),
+        ("bends_85", "at 85 % of its level", layout.BENDS_85),
+    )
+)
+"""Of the base, where the contact bends by another curve than a bristle's (`lugre.bends`)."""
+BRISTLES_CURVE = (2.0, 0.65, 0.35, 0.15)
+"""What a bristle's own curve has there: 1 less the part of its level."""
+WHOLE_BASE = (*BASE, *FADING, *CURVE)
 _BASE_BY_NAME = {parameter.name: parameter for parameter in WHOLE_BASE}
 
 
@@ -150,7 +164,7 @@ class DriveModel:
     damping_error: float | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
-        wrong = (set(self.base) ^ set(_BASE_BY_NAME)) - ({p.name for p in FADING} - set(self.base))
+        wrong = (set(self.base) ^ set(_BASE_BY_NAME)) - ({p.name for p in (*FADING, *CURVE)} - set(self.base))
         if wrong:
             raise ConfigurationError(
                 f"a drive model needs exactly the base parameters {', '.join(p.name for p in BASE)}; "
@@ -237,6 +251,14 @@ class DriveModel:
         base = {key: value for key, value in self.base.items() if key not in names}
         if velocity > 0.0:
             base |= dict(zip(names, (Value(velocity), Value(tail)), strict=True))
+        return replace(self, base=MappingProxyType(base))
+
+    def with_curve(self, values: Sequence[float]) -> DriveModel:
+        """The model whose contact bends by a curve of its own, its values as `CURVE`; a bristle's where they are 0."""
+        names = [parameter.name for parameter in CURVE]
+        base = {key: value for key, value in self.base.items() if key not in names}
+        if values[0] > 0.0:
+            base |= {name: Value(float(value)) for name, value in zip(names, values, strict=True)}
         return replace(self, base=MappingProxyType(base))
 
     def with_effect(self, effect: Effect) -> DriveModel:

@@ -13,6 +13,7 @@ from autotune.models.compiled import compiled
 from autotune.models.contact import (
     additive,
     bend,
+    bending,
     bristle_damping,
     friction_limit,
     remembered_in_motion,
@@ -22,7 +23,6 @@ from autotune.models.encoder_eccentricity import IS_ECCENTRIC, true_motion
 from autotune.models.lanes import along, anywhere, side_by_side
 from autotune.models.layout import BRISTLE, INERTIA, MICRO_DAMPING, POSITION, STIFFNESS, VELOCITY
 from autotune.models.load_dependent_friction import IS_PRESSED, press
-from autotune.models.lugre import bristle_rate
 from autotune.models.plant import MOST_SUBSTEPS, rubbing
 from autotune.models.thermal_drift import WARMS, warm
 from autotune.models.torque_path import delivered
@@ -129,7 +129,7 @@ def required(
         mean = 0.5 * (before + v)
         before = v
         bend(p, on, state, BRISTLE, q, mean, period)
-        rate = bristle_rate(state[BRISTLE], v, friction_limit(p, on, state, q, v))
+        rate = bending(p, state[BRISTLE], v, friction_limit(p, on, state, q, v))
         friction = p[STIFFNESS] * state[BRISTLE] + bristle_damping(p, v) * rate
         friction += viscous_coefficient(p, on, state, v) * v
         friction *= 1.0 - rub

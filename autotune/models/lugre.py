@@ -98,6 +98,44 @@ def bristle_rate(bristle: float, velocity: float, limit: float) -> float:
     return velocity - abs(velocity) / limit * bristle
 
 
+@compiled
+def bends(ratio: float, back: float, at_35: float, at_65: float, at_85: float) -> float:
+    """Part of the motion that bends the contact, where it carries `ratio` of its level in the motion's direction.
+
+    1 at nothing and 0 at its level, in straight pieces by way of 35, 65 and 85 % of it; `back` where it is bent as far
+    the other way. Any law of one contact that knows no time is such a curve (Duhem): 1 - ratio is LuGre's,
+    (1 - ratio)^i Dahl's, and that of Bouc and Wen is 1 - ratio^n on the way up; an elastic-then-plastic contact has 1
+    until it begins to slide.
+    """
+    part = 1.0 + (back - 1.0) * min(max(-ratio, 0.0), 1.0)
+    part += (at_35 - 1.0) / 0.35 * min(max(ratio, 0.0), 0.35)
+    part += (at_65 - at_35) / 0.3 * min(max(ratio - 0.35, 0.0), 0.3)
+    part += (at_85 - at_65) / 0.2 * min(max(ratio - 0.65, 0.0), 0.2)
+    return part - at_85 / 0.15 * max(ratio - 0.85, 0.0)
+
+
+@compiled
+def bent_on(ratio: float, distance: float, back: float, at_35: float, at_65: float, at_85: float) -> float:
+    """Part of its level that a contact carries after `distance` limits more, at the pace that it has halfway."""
+    half = halfway(ratio, distance, bends(ratio, back, at_35, at_65, at_85))
+    return onward(ratio, distance, half, bends(half, back, at_35, at_65, at_85), at_85)
+
+
+@compiled
+def halfway(ratio: float, distance: float, part: float) -> float:
+    """Part of its level that a contact carries halfway, where `part` of the motion bends it."""
+    return min(max(ratio + 0.5 * distance * part, min(ratio, 1.0)), 1.0)
+
+
+@compiled
+def onward(ratio: float, distance: float, half: float, part: float, at_85: float) -> float:
+    """The same after the whole `distance`, where `part` of the motion bends it halfway; exact on the last piece."""
+    pace = part / max(1.0 - half, 0.15)
+    if anywhere(half > 0.85):
+        pace = where(half > 0.85, at_85 / 0.15, pace)
+    return 1.0 - (1.0 - ratio) * math.exp(-pace * distance)
+
+
 def level(
     shape: Shape,
     velocity: Floats,

@@ -16,6 +16,7 @@ from autotune.models.compiled import compiled
 from autotune.models.contact import (
     additive,
     bend,
+    bending,
     bristle_damping,
     damping_slope,
     remembered,
@@ -26,7 +27,6 @@ from autotune.models.encoder_eccentricity import IS_ECCENTRIC, reading_error
 from autotune.models.lanes import along, anywhere, side_by_side, where
 from autotune.models.layout import BRISTLE, INERTIA, MICRO_DAMPING, POSITION, STIFFNESS, VELOCITY
 from autotune.models.load_dependent_friction import IS_PRESSED, press
-from autotune.models.lugre import bristle_rate
 from autotune.models.reversal_memory import DAMPING, REMEMBERS, memory_stiffness
 from autotune.models.thermal_drift import WARMS, warm
 from autotune.models.torque_path import delivered
@@ -66,8 +66,8 @@ def rubbing(
     bristle = state[at]
     viscous = viscous_coefficient(p, on, state, velocity)
     damping = bristle_damping(p, velocity)
-    torque = p[STIFFNESS] * bristle + damping * bristle_rate(bristle, velocity, limit) + viscous * velocity
-    return share * torque, share * (max(viscous, 0.0) + damping_slope(damping, bristle, velocity, limit))
+    torque = p[STIFFNESS] * bristle + damping * bending(p, bristle, velocity, limit) + viscous * velocity
+    return share * torque, share * (max(viscous, 0.0) + damping_slope(p, damping, bristle, velocity, limit))
 
 
 @compiled

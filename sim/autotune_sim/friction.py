@@ -10,7 +10,8 @@ one integration step h:
 
     ż = v − |v|·z/g(v),   g(v) = (S·F_c + C·(F_s − F_c)·exp(−|v/v_s|^δ))/σ0,   T = σ0·z + σ1·ż
 
-σ1 may fade with speed, σ1·exp(−(v/v_d)²) (the same paper).
+σ1 may fade with speed, σ1·exp(−(v/v_d)²) (the same paper). Where the contact is elastic at first, ż = v − α(z)·|v|·z/g
+with α from 0 to 1 by half a sine (Dupont, Hayward, Armstrong and Altpeter 2002).
 
 S and C say how strong the contact is: 1 on the nominal axis, varied by planted effects (`strength`).
 Each function is called once per integration step; `side` is 0 for the motor and 1 for the load.
@@ -71,6 +72,16 @@ def slide(p: Record, s: Record, side: int, share: float, displacement: float, le
 
 
 @kernel
+def _plastic(sticks: float, ratio: float) -> float:
+    """How much of the motion is slip by its law, where the bristle carries `ratio` of its level; 1: LuGre's."""
+    if sticks == 0.0 or ratio >= 1.0:
+        return 1.0
+    if ratio <= sticks:
+        return 0.0
+    return 0.5 + 0.5 * math.sin(math.pi * (ratio - 0.5 * (1.0 + sticks)) / (1.0 - sticks))
+
+
+@kernel
 def bend(
     p: Record, s: Record, side: int, share: float, v: float, h: float, level: float, scale: float
 ) -> float:
@@ -91,9 +102,13 @@ def bend(
         excess = (p.bristle_break_away - p.bristle_coulomb) * math.exp(-fall)
         torque = (1.0 + direction * p.asymmetry) * (level * p.bristle_coulomb + scale * excess)
         g = torque / p.bristle_stiffness
-        decay = math.exp(-abs(v) * h / g)
-        z = old * decay + direction * g * (1.0 - decay)
-        damping *= max(1.0 - direction * z / g, 0.0)
+        plastic = _plastic(p.bristle_sticks, direction * old / g)
+        if plastic > 0.0:
+            decay = math.exp(-plastic * abs(v) * h / g)
+            z = old * decay + direction * g / plastic * (1.0 - decay)
+        else:
+            z = old + v * h
+        damping *= max(1.0 - _plastic(p.bristle_sticks, direction * z / g) * direction * z / g, 0.0)
         if p.bristle_fading_velocity > 0.0:
             damping *= math.exp(-((v / p.bristle_fading_velocity) ** 2))
     s.bristle_state[side] = z

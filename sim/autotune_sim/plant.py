@@ -56,7 +56,8 @@ class Bristle:
     """LuGre bristle: F_c, F_s [N m], v_s [rad/s], σ0 [N m/rad], σ1 [N m s/rad].
 
     `fading_velocity`: v_d of σ1·exp(−(v/v_d)²) [rad/s]; 0: σ1 is the same at all speeds. `exponent`: δ of
-    exp(−|v/v_s|^δ), by which F_s falls to F_c.
+    exp(−|v/v_s|^δ), by which F_s falls to F_c. `sticks`: part of the level up to which the contact is elastic (Dupont,
+    Hayward, Armstrong and Altpeter 2002); 0: LuGre's.
     """
 
     coulomb: float
@@ -66,6 +67,7 @@ class Bristle:
     damping: float
     fading_velocity: float = 0.0
     exponent: float = 2.0
+    sticks: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -164,6 +164,29 @@ def test_an_effect_is_named_beside_such_a_chain() -> None:
     assert (found.verdict, found.effects) == ("named", ("nonlinear_viscous",))
 
 
+@pytest.mark.slow(12)
+def test_a_contact_that_is_elastic_at_first_bends_by_a_curve_of_its_own() -> None:
+    true, recording = axis_and_recording(50, {}, sticks=0.55)
+    found = diagnose([recording], base_model(NOMINAL))
+    assert (found.verdict, found.effects) == ("none", ())
+    assert any("bends by another curve" in note for note in found.notes)
+    known = known_within(found)
+    assert abs(known["stiffness"][0] - true.stiffness) < 0.05 * true.stiffness
+    assert known["bends_35"][0] > 0.85
+    made = found_model(found, base_model(NOMINAL), "2024-05-01", "bench")
+    assert made is not None
+    assert made.error_after < 0.9 * made.error_before
+    assert made.model["bends_35"] == pytest.approx(known["bends_35"][0])
+    assert diagnose([recording], made.model).base == ()
+
+
+@pytest.mark.slow(12)
+def test_an_effect_is_named_beside_such_a_contact() -> None:
+    _, recording = axis_and_recording(51, {"nonlinear_viscous": 0.02}, sticks=0.55)
+    found = diagnose([recording], base_model(NOMINAL))
+    assert (found.verdict, found.effects) == ("named", ("nonlinear_viscous",))
+
+
 def falling(bristle: Bristle) -> DriveModel:
     """A model whose base has Stribeck friction, by the Gaussian curve."""
     values = {"break_away": 1.2 * NOMINAL["coulomb"], "stribeck_velocity": bristle.velocity}

@@ -110,7 +110,7 @@ def fading(*names: str) -> DriveModel:
 
 def shaped() -> DriveModel:
     """A model of effects by laws of their own course, and so its base."""
-    model = fading()
+    model = fading().with_curve((1.0, 1.0, 0.9, 0.4))
     for name, shape in SHAPES.items():
         model = model.with_effect(EFFECTS[name].make({**VALUES[name], **shape}))
     return model

@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from autotune.control.model_feedforward import ModelFeedforward, beyond_lugre, torque_along
 from autotune.core.errors import ConfigurationError
 from autotune.models import layout
-from autotune.models.drive_model import DriveModel, base_model
+from autotune.models.drive_model import BRISTLES_CURVE, DriveModel, base_model
 from autotune.models.inverse import required, required_in_lanes
 from autotune.models.lanes import WIDTH, filled
-from autotune.models.lugre import faded_part, fallen, falling_level, level
+from autotune.models.lugre import bends, bent_on, bristle_step, faded_part, fallen, falling_level, level
 from autotune.models.model_file import model_text, read_model, write_model
 from autotune.models.plant import simulate, simulate_in_lanes, substeps_for
 from autotune.models.stribeck import STRIBECK
@@ -31,8 +31,14 @@ GAINS = np.array([8.0, 0.05, 20.0, 0.5])
 speeds = st.floats(1e-4, 10.0)
 
 
-def fading(velocity: float = 0.1, tail: float = 0.0, memory: bool = False) -> DriveModel:
+ELASTIC = (1.0, 1.0, 0.9, 0.4)
+
+
+def fading(
+    velocity: float = 0.1, tail: float = 0.0, memory: bool = False, curve: tuple[float, ...] = ()
+) -> DriveModel:
     model = base_model({**NUMBERS, "damping_velocity": velocity, "damping_tail": tail})
+    model = model.with_curve(curve) if curve else model
     return model.with_effect(EFFECTS["reversal_memory"].make(VALUES["reversal_memory"])) if memory else model
 
 
@@ -64,6 +70,20 @@ def test_all_curves_of_table_21_are_one(shape, exponent, tail) -> None:
     assert fallen(0.2, 0.2, 1.0, 1.0) == pytest.approx(0.5)  # the hyperbola
 
 
+@given(start=st.floats(-1.0, 1.0), way=st.floats(0.0, 0.05), back=st.floats(-1.0, 1.0))
+def test_a_bristles_own_curve_is_the_exponential(start, way, back) -> None:
+    assert bends(back, *BRISTLES_CURVE) == pytest.approx(1.0 - back, abs=1e-12)
+    assert bent_on(start, way, *BRISTLES_CURVE) == pytest.approx(bristle_step(start, 1.0, 1.0, way), abs=1e-6)
+
+
+@given(start=st.floats(-1.5, 1.5), way=st.floats(0.0, 100.0), curve=st.tuples(*[st.floats(0.02, 3.0)] * 4))
+def test_a_contact_with_any_curve_comes_to_its_level_and_not_beyond(start, way, curve) -> None:
+    after = bent_on(start, way, *curve)
+    assert start - 1e-12 <= after <= 1.0 + 1e-12 if start <= 1.0 else 1.0 - 1e-12 <= after <= start + 1e-12
+    assert bent_on(start, 1e6, *curve) == pytest.approx(1.0)
+    assert bends(0.0, *curve) == 1.0
+
+
 def _moved(model: DriveModel) -> tuple[np.ndarray, np.ndarray]:
     """Position and torque of the model in closed loop."""
     packed, still = model.pack(), np.zeros(ROWS)
@@ -86,21 +106,22 @@ def _needed(model: DriveModel, position: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("tail", [0.0, 1.0])
-@pytest.mark.parametrize("memory", [False, True])
-def test_the_inverse_gives_back_the_torque(memory: bool, tail: float) -> None:
-    model = fading(tail=tail, memory=memory)
+@pytest.mark.parametrize(("memory", "curve"), [(False, ()), (True, ()), (False, ELASTIC)])
+def test_the_inverse_gives_back_the_torque(memory: bool, curve: tuple[float, ...], tail: float) -> None:
+    model = fading(tail=tail, memory=memory, curve=curve)
     position, torque = _moved(model)
     acted = 0.5 * (torque + np.roll(torque, 1))
     rows = slice(20, -5)
     right = np.std((_needed(model, position) - acted)[rows])
-    plain = fading(velocity=0.0, memory=memory)
+    plain = fading(velocity=0.0, memory=memory, curve=curve)
     assert np.std((_needed(plain, position) - acted)[rows]) > 3.0 * right
 
 
 @pytest.mark.parametrize("memory", [False, True])
 def test_eight_models_in_one_pass_are_each_as_alone(memory: bool) -> None:
-    """With and without fading, by both laws."""
-    models = [fading(0.05 * lane, 0.5 * (lane % 3), memory).pack() for lane in range(WIDTH)]
+    """With and without fading, by both laws; with and without a curve of its own."""
+    curves = [(), ELASTIC, BRISTLES_CURVE]
+    models = [fading(0.05 * lane, 0.5 * (lane % 3), memory, curves[lane % 3]).pack() for lane in range(WIDTH)]
     velocity = np.gradient(POSITION, PERIOD)
     motion = POSITION, velocity, np.gradient(velocity, PERIOD)
     found, still = np.empty((ROWS, WIDTH)), np.zeros(ROWS)
@@ -130,13 +151,20 @@ def test_eight_models_in_one_pass_are_each_as_alone(memory: bool) -> None:
 
 def test_a_model_file_holds_it_only_where_the_model_has_it(tmp_path: Path) -> None:
     path = tmp_path / "model.toml"
-    for model in (fading(0.1, 0.7), base_model(NUMBERS, motion_unit="m"), fading(memory=True)):
+    models = (
+        fading(0.1, 0.7),
+        base_model(NUMBERS, motion_unit="m"),
+        fading(memory=True),
+        fading(curve=ELASTIC),
+    )
+    for model in models:
         write_model(model, path)
         assert read_model(path) == model
     assert "damping_velocity" not in model_text(base_model(NUMBERS))
     assert fading().unit("damping_velocity") == "rad/s"
     assert fading(0.1).with_fading(0.0, 0.0) == base_model(NUMBERS)
     assert base_model(NUMBERS).with_fading(0.1, 0.7) == fading(0.1, 0.7)
+    assert fading(curve=ELASTIC).with_curve((0.0,) * 4) == fading()
     with pytest.raises(ConfigurationError, match="damping_velocity"):
         fading(-0.1)
 
@@ -152,6 +180,7 @@ def test_a_feedforward_plays_it_and_says_that_the_plain_one_does_not() -> None:
     assert np.std(stepped - along) < 0.3 * np.std(stepped - plain)
     assert beyond_lugre(model) == ("damping_velocity",)
     assert beyond_lugre(base_model(NUMBERS)) == ()
+    assert beyond_lugre(fading(curve=ELASTIC)) == ("damping_velocity", "bends_back")
 
 
 @pytest.mark.parametrize(
