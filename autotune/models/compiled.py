@@ -15,6 +15,8 @@ from typing import Any, TypeVar
 
 from numba import njit
 
+from autotune.core.kernel_cache import digest, kept
+
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False, "forceinline": True}
 
@@ -26,12 +28,7 @@ def compiled(function: Kernel) -> Kernel:
     (`_nrt`) on every call between kernels, the plant runs five to nine times faster, and built into one
     routine (`forceinline`) a quarter faster again: as fast as the same loop in C.
     """
-    dispatcher: Any = njit(cache=True, **_OPTIONS)(function)
-    files = getattr(dispatcher._cache, "_cache_file", None)
-    if files is not None and hasattr(files, "_source_stamp"):
-        files._source_stamp = _stamp(function.__code__.co_filename)
-        return dispatcher  # type: ignore[no-any-return]
-    return njit(**_OPTIONS)(function)  # type: ignore[no-any-return]
+    return kept(function, _stamp(function.__code__.co_filename), **_OPTIONS)
 
 
 def built_in(function: Kernel) -> Kernel:
@@ -45,12 +42,7 @@ def _stamp(own: str) -> str:
 
 @cache
 def _package(folder: Path) -> bytes:
-    digest = hashlib.sha256()
+    whole = hashlib.sha256()
     for file in sorted(folder.glob("*.py")):
-        digest.update(_digest(file))
-    return digest.digest()
-
-
-@cache
-def _digest(file: Path) -> bytes:
-    return hashlib.sha256(file.read_bytes()).digest()
+        whole.update(digest(file))
+    return whole.digest()

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from autotune.core.arrays import Floats
+from autotune.core.kernel_cache import kernel
 
 
 def delayed(values: Floats, late: int, before: float) -> Floats:
@@ -79,7 +79,7 @@ def mean_answer(values: Floats, period: float, gains: tuple[float, float, float]
     return rows.reshape(values.shape)
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@kernel
 def _mean_answers(rows: Floats, period: float, kp: float, kd: float, ki: float, rate: float) -> None:
     """`mean_answer` of rows of shape (k, n), in place."""
     left = math.exp(-rate * period)

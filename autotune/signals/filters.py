@@ -9,9 +9,9 @@ from functools import lru_cache
 
 import numpy as np
 import scipy
-from numba import njit
 
 from autotune.core.arrays import Floats
+from autotune.core.kernel_cache import kernel
 
 
 def low_pass(values: Floats, cutoff: float, period: float, order: int = 4) -> Floats:
@@ -52,7 +52,7 @@ def block_mean(values: Floats, factor: int) -> Floats:
     )
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@kernel
 def _differences(rows: Floats, period: float, velocity: Floats, acceleration: Floats) -> None:
     """`derivative` and second differences of rows of shape (k, n) in one pass; the latter are 0 at the ends."""
     n = rows.shape[1]
@@ -76,7 +76,7 @@ ABREAST = 4
 """Rows that are filtered side by side: a recursion waits for its last result, while others can go on."""
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@kernel
 def _forward_and_backward(sections: Floats, rest: Floats, padding: int, rows: Floats) -> None:
     """`scipy.signal.sosfiltfilt` in place on rows of shape (k, n), odd extension and all.
 
@@ -96,7 +96,7 @@ def _forward_and_backward(sections: Floats, rest: Floats, padding: int, rows: Fl
                 rows[i, k] = long[padding + k, i - first]
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@kernel
 def _extended(row: Floats, padding: int, long: Floats) -> None:
     """A row of shape (n,) with an odd extension before and after it, to `long` of shape (n + 2·padding,)."""
     n = len(row)
@@ -107,7 +107,7 @@ def _extended(row: Floats, padding: int, long: Floats) -> None:
         long[n + padding + i] = 2.0 * row[n - 1] - row[n - 2 - i]
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@kernel
 def _through(sections: Floats, rest: Floats, values: Floats) -> None:
     """Sections one after another, from rest at the first value, in place; direct form II transposed.
 

@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-from numba import njit
+from autotune.core.kernel_cache import kept
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 Record = Any
@@ -29,12 +29,7 @@ def kernel(function: Function) -> Function:
 
     A kernel cannot make arrays: without reference counts (`_nrt`) calls between kernels cost nothing.
     """
-    compiled: Any = njit(cache=True, error_model="numpy", _nrt=False)(function)
-    files = getattr(compiled._cache, "_cache_file", None)
-    if files is None or not hasattr(files, "_source_stamp"):
-        return njit(error_model="numpy", _nrt=False)(function)  # type: ignore[no-any-return]
-    files._source_stamp = _stamp()
-    return compiled  # type: ignore[no-any-return]
+    return kept(function, _stamp(), error_model="numpy", _nrt=False)
 
 
 @cache
