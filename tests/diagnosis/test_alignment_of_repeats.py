@@ -296,21 +296,22 @@ def test_noise_that_is_swallowed_explains_nothing_again(begun: Begun) -> None:
 
 
 @pytest.mark.parametrize(
-    ("effect", "gain", "named", "sure"),
+    ("effect", "gain", "left", "sure"),
     [
-        ("reversal_memory", 0.7, True, True),
-        ("reversal_memory", 0.7, False, False),
-        ("reversal_memory", 0.05, True, False),
-        ("torque_lag", 0.7, True, False),
+        ("reversal_memory", 0.7, 0.01, True),
+        ("dwell_time_break_away", 0.7, 0.01, True),  # older in every repeat
+        ("reversal_memory", 0.7, 0.2, False),
+        ("reversal_memory", 0.05, 0.01, False),
+        ("torque_lag", 0.7, 0.01, False),
     ],
 )
 def test_what_remembers_need_not_come_again_where_experiments_held_out_and_veto_are_explained(
-    begun: Begun, effect: str, gain: float, named: bool, sure: bool
+    begun: Begun, effect: str, gain: float, left: float, sure: bool
 ) -> None:
     """A lag smooths noise and says nothing of it; elements have another past in every repeat."""
     problem, root = begun
-    all_of_it = Explained(1e-4, 1e-6)
-    best = FittedCandidate(effect, root, gain, all_of_it, all_of_it, named)
+    part = Explained(1e-4, left * 1e-4)
+    best = FittedCandidate(effect, root, gain, part, part, False)
     search = _Search(problem, root, root.fitted.packed, print, RepeatedProgramme())
     assert search._remembers(best) == sure
     assert not search._remembers(replace(best, veto=None))
