@@ -30,7 +30,7 @@ def kept(function: Kernel, stamp: str, **options: Any) -> Kernel:
     """
     dispatcher: Any = njit(cache=True, **options)(function)
     files = getattr(dispatcher._cache, "_cache_file", None)
-    if files is None or not hasattr(files, "_source_stamp"):
+    if files is None or not (hasattr(files, "_source_stamp") and hasattr(files, "_data_name")):
         return njit(**options)(function)  # type: ignore[no-any-return]
     _keep_apart(files, stamp)
     return dispatcher  # type: ignore[no-any-return]
