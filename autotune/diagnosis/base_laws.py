@@ -108,20 +108,12 @@ def with_fading(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
         found.append(
             refit(problem, Packed(p, fitted.packed.on), free, model_fit.correction, SHORT, near=fitted)
         )
-    best = min(found, key=lambda one: one.cost)
-    if not best.cost < (1.0 - problem.policy.least_gain) * fitted.cost:
-        return None
-    faded = fit_inside_twin(problem, best.packed, list(best.free), ROUNDS, model_fit.effects)
-    return faded if faded is not None and asked_for(problem, model_fit, faded) else None
+    return _followed(problem, model_fit, found, ROUNDS)
 
 
 def without_fading(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
     """The model with the same damping in presliding at all speeds; None where the twin is unstable."""
-    p = model_fit.fitted.packed.p.copy()
-    p[list(FADING_SLOTS)] = 0.0
-    free = [one for one in model_fit.free if one.slot not in FADING_SLOTS]
-    packed = Packed(p, model_fit.fitted.packed.on)
-    return fit_inside_twin(problem, packed, free, ROUNDS, model_fit.effects)
+    return _given_up(problem, model_fit, FADING_SLOTS)
 
 
 def curved(packed: Packed) -> bool:
@@ -147,18 +139,30 @@ def with_curve(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
         p[layout.MICRO_DAMPING] = max(p[layout.MICRO_DAMPING], usual)
         free = [*model_fit.free, *curve_free()]
         shorts.append(refit(problem, Packed(p, fitted.packed.on), free, model_fit.correction, SHORT))
-    best = min(shorts, key=lambda one: one.cost)
-    if not best.cost < (1.0 - problem.policy.least_gain) * fitted.cost:
-        return None
-    after = fit_inside_twin(problem, best.packed, list(best.free), ROUNDS + 1, model_fit.effects)
-    return after if after is not None and asked_for(problem, model_fit, after) else None
+    return _followed(problem, model_fit, shorts, ROUNDS + 1)
 
 
 def without_curve(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
     """The model with a bristle's curve; None where the twin is unstable."""
+    return _given_up(problem, model_fit, CURVE_SLOTS)
+
+
+def _followed(
+    problem: Problem, model_fit: ModelFit, shorts: Sequence[Fitted], rounds: int
+) -> ModelFit | None:
+    """The best of some short fits, followed inside the twin; None where the data do not ask for what it has more."""
+    best = min(shorts, key=lambda one: one.cost)
+    if not best.cost < (1.0 - problem.policy.least_gain) * model_fit.fitted.cost:
+        return None
+    after = fit_inside_twin(problem, best.packed, list(best.free), rounds, model_fit.effects)
+    return after if after is not None and asked_for(problem, model_fit, after) else None
+
+
+def _given_up(problem: Problem, model_fit: ModelFit, slots: Sequence[int]) -> ModelFit | None:
+    """The model fitted without what stands in some slots of its base; None where the twin is unstable."""
     p = model_fit.fitted.packed.p.copy()
-    p[list(CURVE_SLOTS)] = 0.0
-    free = [one for one in model_fit.free if one.slot not in CURVE_SLOTS]
+    p[list(slots)] = 0.0
+    free = [one for one in model_fit.free if one.slot not in slots]
     packed = Packed(p, model_fit.fitted.packed.on)
     return fit_inside_twin(problem, packed, free, ROUNDS, model_fit.effects)
 
