@@ -99,15 +99,9 @@ def with_fading(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
         return None
     found = []
     for share in FADES:
-        p = fitted.packed.p.copy()
-        p[layout.DAMPING_VELOCITY] = share * problem.scales.velocity
-        usual = usual_damping(p[layout.STIFFNESS], p[layout.INERTIA])
-        # the same at all speeds it may have gone to 0
-        p[layout.MICRO_DAMPING] = max(p[layout.MICRO_DAMPING], usual)
-        free = [*model_fit.free, *fading_free(p, problem.scales)]
-        found.append(
-            refit(problem, Packed(p, fitted.packed.on), free, model_fit.correction, SHORT, near=fitted)
-        )
+        start = _begun(fitted.packed, (layout.DAMPING_VELOCITY,), (share * problem.scales.velocity,))
+        free = [*model_fit.free, *fading_free(start.p, problem.scales)]
+        found.append(refit(problem, start, free, model_fit.correction, SHORT, near=fitted))
     return _followed(problem, model_fit, found, ROUNDS)
 
 
@@ -133,18 +127,24 @@ def with_curve(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
         return None
     shorts = []
     for curve in (BRISTLES_CURVE, ELASTIC_CURVE):
-        p = fitted.packed.p.copy()
-        p[list(CURVE_SLOTS)] = curve
-        usual = usual_damping(p[layout.STIFFNESS], p[layout.INERTIA])
-        p[layout.MICRO_DAMPING] = max(p[layout.MICRO_DAMPING], usual)
+        start = _begun(fitted.packed, CURVE_SLOTS, curve)
         free = [*model_fit.free, *curve_free()]
-        shorts.append(refit(problem, Packed(p, fitted.packed.on), free, model_fit.correction, SHORT))
+        shorts.append(refit(problem, start, free, model_fit.correction, SHORT))
     return _followed(problem, model_fit, shorts, ROUNDS + 1)
 
 
 def without_curve(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
     """The model with a bristle's curve; None where the twin is unstable."""
     return _given_up(problem, model_fit, CURVE_SLOTS)
+
+
+def _begun(packed: Packed, slots: Sequence[int], values: Sequence[float]) -> Packed:
+    """Where a fit of another law of the contact begins; without that law its damping may have gone to 0."""
+    p = packed.p.copy()
+    p[list(slots)] = values
+    usual = usual_damping(p[layout.STIFFNESS], p[layout.INERTIA])
+    p[layout.MICRO_DAMPING] = max(p[layout.MICRO_DAMPING], usual)
+    return Packed(p, packed.on)
 
 
 def _followed(

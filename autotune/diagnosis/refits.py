@@ -39,6 +39,8 @@ MOST_ROUNDS, WORTH_ANOTHER_ROUND = 3, 0.02
 """Rounds of a fit, and the relative fall of the cost in one of them that is worth the next."""
 NEARLY, REFINED = 0.8, 0.99
 """Shares between which a fit is carried on: more rounds win hundredths, and above it no name changes."""
+RIVAL_COST = 1.5
+"""Of the lowest cost: a fit that will not come so near is given up, to save time."""
 CONTACT_STEPS = ROOT_STEPS = 8
 NOISE_CHANGED = 0.25
 """Relative change of the twin's noise that is worth fitting anew."""
@@ -202,6 +204,11 @@ def best_refined(
         return list(fits)
     done = refined(problem, root, best, progress)
     return [replace(done, effect=best.effect, gain=max(best.gain, done.gain))]
+
+
+def unsettled(problem: Problem, chosen: FittedCandidate) -> bool:
+    """Whether more rounds of a fit may change its name."""
+    return problem.policy.partly < chosen.share < REFINED
 
 
 def refined(problem: Problem, root: ModelFit, chosen: FittedCandidate, progress: Progress) -> FittedCandidate:

@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from autotune.diagnosis.backward import exchanged, tidied, without_doubtful_load
 from autotune.diagnosis.base_laws import BASE_LAWS, with_base_shapes, with_own_presliding, without_tail
 from autotune.diagnosis.base_laws import EFFECT as MEMORY
 from autotune.diagnosis.candidates import (
@@ -30,23 +31,21 @@ from autotune.diagnosis.evidence.time_driven import without_clocked
 from autotune.diagnosis.free_shape import with_free_shape
 from autotune.diagnosis.refits import (
     REFINED,
+    RIVAL_COST,
     best_refined,
-    differ_by_chance,
     fitted_again,
     gain_on_veto,
     inside_twin,
     judged,
-    negligible,
     refined,
     root_from,
     taken_out,
+    unsettled,
     with_contact,
     with_noise_of,
     with_own_noise,
     without_effect,
-    without_insignificant_terms,
 )
-from autotune.diagnosis.ripple_orders import with_whole_orders
 from autotune.diagnosis.screening import NEAR_WORTH, at_its_best, generic_gains, rank, rows_back, screen
 from autotune.diagnosis.transmission import (
     other_contact_tried,
@@ -77,12 +76,8 @@ MOST_EFFECTS, MOST_FITS = 3, 4
 """Effects that are added, and candidates fitted inside the twin for each of them."""
 WORTH_A_FIT_BESIDE, CLOSE_RIVAL = 0.6, 0.75
 """Of the best candidate's gain: what is fitted beside another effect, and beside one that can be named already."""
-PLAINLY_NEEDED = 20.0
-"""Times what is negligible: so much needs no fit without the effect to be seen."""
 LEAST_AGAIN = 0.1
 """Of what a further effect explains: that must come again in repeats, or drift; the rest may be noise it swallows."""
-RIVAL_COST = 1.5
-"""Of the lowest cost: a fit that will not come so near is given up, to save time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,11 +172,13 @@ class _Search:
             anew = Found(self.problem, self.root, None, (), (), {}, begin_again=self.begin_again)
             return replace(anew, beside=self.beside)
         self._tidy()
-        self._drop_doubtful_load()
+        if self.chosen is not None:
+            asked = (self.problem, self.root, self.evidence, self.chosen, self.first, self.progress)
+            self.chosen = without_doubtful_load(*asked)
         self._drop_laws()
         self._try_look_alikes()
         seen = (self.problem, self.root, self.chosen, self.first, self.tried, self.generic)
-        found = Found(*seen, self._still_freed(), exchanged=self._exchanged())
+        found = Found(*seen, self._still_freed(), exchanged=self._in_place())
         found = self._where_it_slides(self._beside_own_presliding(found))
         if found.chosen is None:
             return found
@@ -620,10 +617,10 @@ class _Search:
             best = self._moved(again, best)
         if not self.evidence.repeats:
             best = with_contact(self.problem, self.root, best)
-        if self.evidence.repeats and self._unsettled(best):
+        if self.evidence.repeats and unsettled(self.problem, best):
             best = refined(self.problem, self.root, best, self.progress)
             best = self._begun_anew(best)
-            if self._unsettled(best):
+            if unsettled(self.problem, best):
                 best = spring_led_on(self.problem, self.root, best, self.progress)
             if best.share < REFINED:
                 best = other_contact_tried(self.problem, self.root, best, self.progress)
@@ -708,13 +705,14 @@ class _Search:
             return None
         if not EFFECTS[item.effect].approximate:  # elements are its own law, however many
             self.freed[item.effect] = item.named
-        return refined(self.problem, self.root, shaped, self.progress) if self._unsettled(shaped) else shaped
+        return (
+            refined(self.problem, self.root, shaped, self.progress)
+            if unsettled(self.problem, shaped)
+            else shaped
+        )
 
     def _still_freed(self) -> dict[str, bool]:
         return {effect: named for effect, named in self.freed.items() if effect in self._model_fit.effects}
-
-    def _unsettled(self, chosen: FittedCandidate) -> bool:
-        return self.problem.policy.partly < chosen.share < REFINED
 
     def _begun_anew(self, chosen: FittedCandidate) -> FittedCandidate:
         """Each effect looked for again beside the others, where together they do not explain what they should.
@@ -762,82 +760,13 @@ class _Search:
 
     def _tidy(self) -> None:
         """Drops what is not needed beside the others, and refines what is left."""
+        if self.chosen is not None:
+            self.chosen = tidied(
+                self.problem, self.root, self.evidence, self.chosen, self.seen, self.progress
+            )
+
+    def _in_place(self) -> list[FittedCandidate]:
+        """What may stand for one of several effects."""
         if self.chosen is None:
-            return
-        problem, root = self.problem, self.root
-        chosen = self._pruned(self.chosen)
-        if self._unsettled(chosen):
-            chosen = refined(problem, root, chosen, self.progress)
-        model_fit = without_insignificant_terms(problem, chosen.model_fit)
-        if not negligible(problem, chosen, model_fit, PLAINLY_NEEDED):  # fitted again it went astray
-            model_fit = chosen.model_fit
-        model_fit = with_whole_orders(problem, model_fit)
-        self.chosen = (
-            chosen if model_fit is chosen.model_fit else judged(problem, root, model_fit, chosen.effect)
-        )
-
-    def _drop_doubtful_load(self) -> None:
-        """What was found beside a second mass keeps its own standing where that mass is in doubt.
-
-        Beside a true effect a second mass takes up what the twin's loop is not; together they would be nameless.
-        """
-        chosen = self.chosen
-        if chosen is None or len(chosen.model_fit.effects) < 2 or not self.evidence.repeats:
-            return
-        loads = [effect for effect in chosen.model_fit.effects if EFFECTS[effect].in_transmission]
-        if loads and self.evidence.doubted(self.problem, self.root, chosen.model_fit, self.first):
-            self.progress(f"is {loads[0]} needed")
-            self.chosen = without_effect(self.problem, self.root, chosen.model_fit, loads[0]) or chosen
-
-    def _pruned(self, chosen: FittedCandidate) -> FittedCandidate:
-        """Drops every effect without which training and veto are hardly worse, or without which the rest has a name.
-
-        Where a model without it was `seen` to be far worse, it is needed; unless nothing has a name with it: beside the
-        second effect the first may have come into its own. And what was found before the others must be worth having
-        beside them, as they were beside it: it may have stood for one of them, and now takes its crumbs.
-        """
-        problem, current = self.problem, chosen
-        for effect in chosen.model_fit.effects:
-            if len(current.model_fit.effects) < 2:
-                break
-            rest = set(current.model_fit.effects) - {effect}
-            known = [model_fit for model_fit in self.seen if set(model_fit.effects) == rest]
-            times = PLAINLY_NEEDED
-            far = not any(negligible(problem, current, model_fit, times) for model_fit in known)
-            if known and far and current.named:
-                continue
-            self.progress(f"is {effect} needed")
-            less = without_effect(problem, self.root, current.model_fit, effect)
-            if less is not None and (
-                (less.named and not current.named)
-                or negligible(problem, current, less.model_fit)
-                or (less.named and not self._enters_beside(less, current))
-                or differ_by_chance(problem, current.model_fit, less.model_fit)
-            ):
-                current = less
-        return current
-
-    def _exchanged(self) -> list[FittedCandidate]:
-        """Of several effects, what may stand for one of them beside the others: fitted to what is compared now."""
-        chosen = self.chosen
-        if chosen is None or len(chosen.model_fit.effects) < 2:
             return []
-        own, again = set(chosen.model_fit.effects), []
-        for item in self.later:
-            effects, fitted = item.model_fit.effects, item.model_fit.fitted
-            in_place = len(effects) == len(own) and len(own - set(effects)) == 1
-            if not (in_place and item.named) or fitted.cost > RIVAL_COST * chosen.model_fit.fitted.cost:
-                continue
-            self.progress(f"{item.effect} in the place of another")
-            model_fit = fit_inside_twin(self.problem, fitted.packed, list(item.model_fit.free), 2, effects)
-            if model_fit is not None:
-                fresh = judged(self.problem, self.root, model_fit, item.effect)
-                again.append(refined(self.problem, self.root, fresh, self.progress))
-        return again
-
-    def _enters_beside(self, less: FittedCandidate, current: FittedCandidate) -> bool:
-        """Whether what the current model has more than `less` explains what is asked of a further effect."""
-        beside = explained_beside(self.problem, less.model_fit, current.model_fit, TRAINING)
-        if beside.fall < least_fall(self.problem, less):
-            return False
-        return not self.evidence.repeats or beside.share >= self.problem.policy.partly
+        return exchanged(self.problem, self.root, self.chosen, self.later, self.progress)

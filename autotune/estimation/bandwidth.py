@@ -54,9 +54,9 @@ from autotune.estimation.data import (
 )
 from autotune.estimation.parts import fitted_part
 from autotune.estimation.policy import POLICY, Policy
-from autotune.estimation.speed_points import as_steady_recordings, speed_points
 from autotune.recordings.checks import check_recording, guide_of, torque_of
 from autotune.recordings.recording import Recording
+from autotune.recordings.speed_points import as_steady_recordings, speed_points
 from autotune.signals.filters import low_pass, motion
 
 CANDIDATES = (

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from autotune.diagnosis import search
+from autotune.diagnosis import backward
 from autotune.diagnosis.candidates import no_progress
 from autotune.diagnosis.evidence import repeated, single
 from autotune.diagnosis.evidence.evidence import HoldoutResult
@@ -327,14 +327,12 @@ def test_what_stands_beside_a_doubtful_second_mass_keeps_its_name(
     alone = SimpleNamespace(model_fit=SimpleNamespace(effects=("stribeck",)))
     both = SimpleNamespace(model_fit=SimpleNamespace(effects=("stribeck", "elastic_transmission")))
     monkeypatch.setattr(
-        search, "without_effect", lambda _problem, _root, _fit, effect: alone if "el" in effect else None
+        backward, "without_effect", lambda _problem, _root, _fit, effect: alone if "el" in effect else None
     )
     evidence = SimpleNamespace(repeats=repeats, doubted=lambda *_: doubted)
-    found = search._Search(
-        SimpleNamespace(), SimpleNamespace(), SimpleNamespace(), no_progress, evidence, chosen=both
-    )
-    found._drop_doubtful_load()
-    assert len(found.chosen.model_fit.effects) == kept
+    problem, root = SimpleNamespace(), SimpleNamespace()
+    found = backward.without_doubtful_load(problem, root, evidence, both, (), no_progress)
+    assert len(found.model_fit.effects) == kept
 
 
 @pytest.mark.parametrize(
@@ -344,9 +342,7 @@ def test_what_was_found_first_must_be_worth_having_beside_the_rest(
     monkeypatch: pytest.MonkeyPatch, fall: float, share: float, enters: bool
 ) -> None:
     """A motor that saturates was named with the load dependence that had stood for it: 0.3 % of what both explain."""
-    monkeypatch.setattr(search, "explained_beside", lambda *_: SimpleNamespace(fall=fall, share=share))
-    monkeypatch.setattr(search, "least_fall", lambda *_: 0.01)
-    problem = SimpleNamespace(policy=POLICY)
-    sought = search._Search(problem, None, None, no_progress, RepeatedProgramme())
-    fit = SimpleNamespace(model_fit=None)
-    assert sought._enters_beside(fit, fit) == enters
+    monkeypatch.setattr(backward, "explained_beside", lambda *_: SimpleNamespace(fall=fall, share=share))
+    monkeypatch.setattr(backward, "least_fall", lambda *_: 0.01)
+    problem, fit = SimpleNamespace(policy=POLICY), SimpleNamespace(model_fit=None)
+    assert backward.enters_beside(problem, RepeatedProgramme(), fit, fit) == enters

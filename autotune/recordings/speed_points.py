@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from autotune.models.table import EFFECTS, names
 from autotune.recordings.checks import torque_of
 from autotune.recordings.recording import Recording
 
@@ -24,7 +23,6 @@ ROWS = 400
 SETTLING = 340
 PERIOD = 0.01
 FINE = 1e-15
-FAMILIES = names(kind for kind in EFFECTS.values() if kind.at_constant_speed)
 
 
 @dataclass(frozen=True, slots=True)
