@@ -32,8 +32,12 @@ def question_in(path: Path) -> tuple[str, ...]:
     except ValueError as error:
         raise ConfigurationError(f"--from {path} is no diagnosis: {error}; {_HOW}") from error
     found = content.get("diagnosis", content) if isinstance(content, dict) else None
-    if not isinstance(found, dict) or found.get("verdict") not in VERDICTS:
+    if not isinstance(found, dict) or found.get("verdict") is None:
         raise ConfigurationError(f"--from {path} is no diagnosis: it holds no 'verdict'; {_HOW}")
+    if found["verdict"] not in VERDICTS:
+        raise ConfigurationError(
+            f"--from {path} is damaged: its verdict is {found['verdict']!r}, not one of {', '.join(VERDICTS)}; {_HOW}"
+        )
     try:
         rivals = rivals_of(found)
     except (TypeError, ValueError, KeyError, AttributeError) as error:

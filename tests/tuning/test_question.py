@@ -70,6 +70,11 @@ def test_what_is_no_diagnosis_is_named_with_the_file(tmp_path: Path, content: An
         question_in(path)
 
 
+def test_a_verdict_that_is_none_is_named_beside_those_that_are(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match="its verdict is 'perhaps', not one of named, none, unknown"):
+        question_in(file_with(tmp_path, {"verdict": "perhaps"}))
+
+
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="No such file"):
         question_in(tmp_path / "missing.json")
