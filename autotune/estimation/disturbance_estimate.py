@@ -406,7 +406,8 @@ def with_counts(problem: Problem, packed: Packed) -> Problem:
     """The problem, knowing what twins of this model share in their repeats, and not with each other.
 
     Their parameters are apart by what a good fit is off by. That is nothing where the encoder is fine; where it is
-    coarse, or the axis sticks and slips, each twin has a course of its own that comes again in its repeats.
+    coarse, or the axis sticks and slips, each twin has a course of its own that comes again in its repeats. Twins that
+    swing by more than the axis did share no more than its part of that.
     """
     data = problem.data
     if problem.controller is None or not data.repeated or problem.two_masses(packed):
@@ -425,7 +426,9 @@ def with_counts(problem: Problem, packed: Packed) -> Problem:
     for i, block in enumerate(data.blocks):
         if block.repeats > 1:
             level[:, i] = [shared(data.in_usual_noise(block, pair)).mean() for pair in pairs]
-    return replace(problem, by_counts=level)
+    noise = problem.noise_variance(residual(data, packed, problem.moved), TRAINING)
+    swings = np.array([0.5 * problem.noise_variance(pair, TRAINING) for pair in pairs])
+    return replace(problem, by_counts=level * np.minimum(noise / np.maximum(swings, 1e-300), 1.0)[:, None])
 
 
 def null_errors(problem: Problem, root: ModelFit) -> list[Floats]:

@@ -43,18 +43,25 @@ def test_counts_that_are_coarse_come_again_in_each_twin_and_differ_between_twins
 ) -> None:
     """Of a fine encoder next to nothing, of one with twenty times the count far more than of that.
 
-    Four draws of twins: by one of them it is known to a fifth of the noise.
+    Four draws of twins: by one of them it is known to a fifth of the noise. Where the recording is quieter than twins
+    behind coarse counts, it holds no more of what they share than of what they do not.
     """
     problem, packed = begun[0], begun[1].fitted.packed
-    coarse = replace(problem, data=replace(problem.data, resolution=20.0 * problem.data.resolution))
+    coarse = replace(problem.data, resolution=20.0 * problem.data.resolution)
+    quiet = replace(problem, data=coarse)
+    shaken = problem.moved.torque + 0.1 * np.random.default_rng(9).standard_normal(len(coarse.time))
+    loud = replace(quiet, moved=replace(problem.moved, torque=shaken))
     draws = []
     for seed in range(4):
         monkeypatch.setattr(disturbance_estimate, "SEED", SEED + seed)
-        draws.append([with_counts(one, packed).comes_by_counts(TRAINING)[0] for one in (problem, coarse)])
-    fine, much = np.mean(draws, axis=0)
+        draws.append([
+            with_counts(one, packed).comes_by_counts(TRAINING)[0] for one in (problem, loud, quiet)
+        ])  # fmt: skip
+    fine, much, quieter = np.mean(draws, axis=0)
     noise = problem.noise_variance(begun[1].fitted.error, TRAINING)
     assert fine < 0.15 * noise
     assert much > 5.0 * fine
+    assert quieter < 0.2 * much
 
 
 def test_rows_where_the_twin_is_chaotic_count_less(begun: Begun) -> None:
@@ -116,6 +123,15 @@ def _in_the_fastest(problem: Problem, size: float) -> np.ndarray:
     return wave
 
 
+def _turned_in_every_second(problem: Problem, wave: np.ndarray) -> np.ndarray:
+    """The wave with its sign turned from repeat to repeat: all of it is noise."""
+    turned = np.zeros_like(wave)
+    for block in problem.data.blocks:
+        signs = np.resize([1.0, -1.0], block.repeats)
+        turned[block.rows] = (signs[:, None] * block.by_repeat(wave)).ravel()
+    return turned
+
+
 def test_what_replicas_that_lack_nothing_leave_is_no_structure(begun: Begun, monkeypatch) -> None:
     """The same rest is unknown beside a twin that is exact, and the chain's own beside one that makes as much of it."""
     problem, model_fit = begun
@@ -127,6 +143,9 @@ def test_what_replicas_that_lack_nothing_leave_is_no_structure(begun: Begun, mon
     assert not RepeatedProgramme().structure_left(problem, spoilt)
     monkeypatch.setattr(repeated, "null_errors", lambda *_: own[:2])
     assert RepeatedProgramme().structure_left(problem, spoilt), "two of eight tell nothing"
+    turned = _turned_in_every_second(problem, 3.0 * wave)
+    monkeypatch.setattr(repeated, "null_errors", lambda *_: [error + turned for error in own])
+    assert RepeatedProgramme().structure_left(problem, spoilt), "replicas that swing far more than the axis"
 
 
 def test_replicas_are_as_noisy_as_the_axis_and_share_next_to_nothing(begun: Begun) -> None:

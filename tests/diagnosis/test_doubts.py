@@ -91,8 +91,8 @@ def test_one_experiment_says_the_contrary(
     Dwell time in the place of friction that falls with speed left 44 → 4.9 of the dwells, 47 → 0.6 of the triangles.
     """
 
-    def shared(problem: object, correction: object, error: float, rests: object) -> SimpleNamespace:
-        return SimpleNamespace(blocks=np.array([[0.1, noise], [error, noise]]))
+    def shared(problem: object, correction: object, error: float, rests: object) -> repeated._Shared:
+        return repeated._Shared(0.0, 0.0, np.array([[0.1, noise], [error, noise]]))
 
     monkeypatch.setattr(repeated, "rests_of", lambda *_: None)
     monkeypatch.setattr(repeated, "_shared", shared)

@@ -133,9 +133,7 @@ class RepeatedProgramme(Evidence):
         seen = _shared(problem, model_fit.correction, model_fit.fitted.error, rests)
         if not math.isfinite(seen.variance) or not self._left(problem, model_fit, seen, []):
             return False
-        replicas = [
-            _shared(problem, model_fit.correction, error, rests) for error in null_errors(problem, model_fit)
-        ]
+        replicas = _replicas(problem, model_fit, rests)
         return len(replicas) < FEW or self._left(problem, model_fit, seen, replicas)
 
     def _left(
@@ -179,10 +177,7 @@ class RepeatedProgramme(Evidence):
         )
         if not np.any(seen.blocks[:, 0] > least):
             return ""
-        replicas = np.array([
-            _shared(problem, model_fit.correction, error, rests).blocks[:, 0]
-            for error in null_errors(problem, model_fit)
-        ])  # fmt: skip
+        replicas = np.array([one.blocks[:, 0] for one in _replicas(problem, model_fit, rests)])
         if len(replicas) < FEW:
             loud = seen.blocks[:, 0] > np.maximum(least, STANDS_OUT * _usual(problem, seen, floor))
         else:
@@ -249,6 +244,22 @@ def _shared(problem: Problem, correction: Correction, error: Floats, rests: Rest
     rested, quiet, settled = beyond_rests(problem, error, correction, rests)
     found = quiet.repeatable(rested, settled, TRAINING)
     return _Shared(*found, quiet.repeatable_by_block(rested, settled, TRAINING))
+
+
+def _replicas(problem: Problem, model_fit: ModelFit, rests: Rests) -> list[_Shared]:
+    """What repeats of replicas share, as far as a replica's noise is the axis's own.
+
+    What counts, chaos and parameters that are a little off make comes again in a part of a replica, and differs from
+    repeat to repeat in another. One that swings by far more than the axis did has made more of either.
+    """
+    own = problem.noise_variance(model_fit.fitted.error, TRAINING)
+    replicas = []
+    for error in null_errors(problem, model_fit):
+        noise = problem.noise_variance(error, TRAINING)
+        known = min(own / noise, 1.0) if noise > 0.0 else 1.0
+        one = _shared(problem, model_fit.correction, error, rests)
+        replicas.append(_Shared(known * one.variance, known * one.error, known * one.blocks))
+    return replicas
 
 
 def _usual(problem: Problem, seen: _Shared, least: float) -> Floats:
