@@ -17,7 +17,6 @@ from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import TRAINING, VETO, Block, Prepared
 from autotune.estimation.disturbance import STILL, Disturbance
 from autotune.estimation.least_squares import Fitted, Free, fit
-from autotune.estimation.parts import until_last
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.residual import Motion, alike, kind_of_pass, measured_motion, residual
 from autotune.estimation.twin import leading, steps_of_twin
@@ -149,7 +148,7 @@ class Problem:
 
     def until_trained(self) -> Problem:
         """The problem up to the last row that is fitted: costs are the same, and nothing after it is computed."""
-        return replace(self, data=until_last(self.data, self.training > 0))
+        return replace(self, data=self.runs.until_last(self.data, self.training > 0))
 
     def twins_alike(self, models: Sequence[Packed]) -> int:
         """How many of the first models one pass of simulation and of inverse can take together."""

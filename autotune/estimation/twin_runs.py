@@ -12,12 +12,13 @@ from typing import TypeAlias
 
 import numpy as np
 
-from autotune.core.arrays import Floats
+from autotune.core.arrays import Flags, Floats
 from autotune.core.remembered import LastOf
 from autotune.estimation.alignment import followed_late
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import Prepared, Stretch
 from autotune.estimation.disturbance import Disturbance
+from autotune.estimation.parts import until_last
 from autotune.estimation.residual import (
     Motion,
     Simulated,
@@ -36,6 +37,7 @@ Asked: TypeAlias = Callable[[Prepared, PositionController], Floats]
 SEED = 20_240
 KNOWN_RUNS = 24  # models
 KNOWN_LOOPS = 4  # stretches
+KNOWN_PARTS = 2  # data
 Loops: TypeAlias = LastOf[Loop]
 GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 """Of a count: from run to run, so that few of them lie evenly."""
@@ -317,6 +319,7 @@ class KnownRuns:
         self._runs: dict[tuple[bytes, bytes], TwinRuns] = {}
         self._noise: Noise | None = None
         self._heard: LastOf[Floats] = LastOf(1)
+        self._parts: LastOf[dict[int, Prepared]] = LastOf(KNOWN_PARTS)
         self.loops: Loops = LastOf(KNOWN_LOOPS)
 
     def of(
@@ -339,6 +342,14 @@ class KnownRuns:
         """Residual of the measured motion at a model, where it is known."""
         known = self._runs.get((packed.p.tobytes(), packed.on.tobytes()))
         return known.raw if known is not None and known.data is data else None
+
+    def until_last(self, data: Prepared, rows: Flags) -> Prepared:
+        """`parts.until_last`, the same one for the same question: its runs, and what its loop is given, are known then."""
+        known = self._parts.answer((data,), dict)
+        last = int(np.flatnonzero(rows)[-1]) if rows.any() else -1
+        if last not in known:
+            known[last] = until_last(data, rows)
+        return known[last]
 
     def heard(self, data: Prepared, controller: PositionController, asked: Asked) -> Floats:
         """What the recorded torque has beside what a controller asks for [N m], shape (n,); the last is known."""
