@@ -344,7 +344,7 @@ class KnownRuns:
         return known.raw if known is not None and known.data is data else None
 
     def until_last(self, data: Prepared, rows: Flags) -> Prepared:
-        """`parts.until_last`, the same one for the same question: its runs, and what its loop is given, are known then."""
+        """`parts.until_last`, the same one for the same question: its runs and its loop are known then."""
         known = self._parts.answer((data,), dict)
         last = int(np.flatnonzero(rows)[-1]) if rows.any() else -1
         if last not in known:

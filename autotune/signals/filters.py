@@ -25,9 +25,7 @@ def low_pass(values: Floats, cutoff: float, period: float, order: int = 4) -> Fl
     return smooth
 
 
-def _smooth_within(
-    rows: Floats, first: int, last: int, cutoff: float, period: float, order: int = 4
-) -> None:
+def _smooth_within(rows: Floats, first: int, last: int, cutoff: float, period: float, order: int = 4) -> None:
     """`low_pass` in place, of a span of rows of shape (k, n) by itself."""
     if cutoff * period >= 0.45 or last - first < 4:
         return
@@ -82,7 +80,7 @@ def block_mean(values: Floats, factor: int) -> Floats:
 def _differences(
     rows: Floats, first: int, last: int, period: float, velocity: Floats, acceleration: Floats
 ) -> None:
-    """`derivative` and second differences of a span of rows of shape (k, n) in one pass; the latter are 0 at its ends."""
+    """`derivative` and second differences of a span of rows of shape (k, n); the latter are 0 at its ends."""
     n = last - first
     for i in range(len(rows)):
         row, rate, bend = rows[i, first:last], velocity[i, first:last], acceleration[i, first:last]
