@@ -340,9 +340,10 @@ class _Problem:
 
     def linearised(self, here: _Place, columns: Floats) -> tuple[Floats, Floats]:
         """Matrix and right side of the normal equations."""
-        inner = columns[self.rows] * self.share[:, None]
+        table = columns[self.rows]
+        inner = table * self.share[:, None]
         error = (here.raw - here.correction)[self.rows]
-        return inner.T @ columns[self.rows] / self.total, inner.T @ error / self.total
+        return inner.T @ table / self.total, inner.T @ error / self.total
 
     def downhill(
         self, here: _Place, normal: Floats, slope: Floats, damping: float, scales: Floats

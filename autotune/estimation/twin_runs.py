@@ -151,7 +151,7 @@ def _run(
         )
         stable &= inside
     torque = _as_recorded(data, torque)
-    return Simulated(position, torque, disturbance, stable and _follows(data, position))
+    return Simulated(position, torque, disturbance, stable and _follows(data, position, _near(data)))
 
 
 def _as_recorded(data: Prepared, torque: Floats) -> Floats:
@@ -163,12 +163,15 @@ def _as_recorded(data: Prepared, torque: Floats) -> Floats:
     return late
 
 
-def _follows(data: Prepared, position: Floats) -> bool:
+def _near(data: Prepared) -> float:
+    """How far a twin may be from where the axis was."""
+    return float(0.5 * np.ptp(data.measured) + 1e3 * data.resolution)
+
+
+def _follows(data: Prepared, position: Floats, near: float) -> bool:
     """Whether a simulated axis stays near where the axis was."""
-    if not np.all(np.isfinite(position)):
-        return False
-    lag = max(float(np.max(np.abs((position - data.measured)[s.rows]))) for s in data.stretches)
-    return bool(lag < 0.5 * np.ptp(data.measured) + 1e3 * data.resolution)
+    apart = [float(np.max(np.abs(position[s.rows] - data.measured[s.rows]))) for s in data.stretches]
+    return bool(np.all(np.isfinite(position)) and max(apart) < near)
 
 
 def run_twins(
@@ -230,10 +233,12 @@ def _runs_in_lanes(
                 next(again) if stays else Simulated(position[i], torque[i], noise[0], False)
                 for i, ((_, noise), stays) in enumerate(zip(together, inside, strict=False))
             ]
-    torque = np.array([_as_recorded(data, one) for one in torque])
+    if data.lag > 0.0:
+        torque = np.array([_as_recorded(data, one) for one in torque])
     torque = _compared(data, controller, position, torque)
+    near = _near(data)
     return [
-        Simulated(position[i], torque[i], noise[0], _follows(data, position[i]))
+        Simulated(position[i], torque[i], noise[0], _follows(data, position[i], near))
         for i, (_, noise) in enumerate(together)
     ]
 
