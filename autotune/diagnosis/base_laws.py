@@ -30,7 +30,7 @@ from autotune.estimation.contact_start import usual_damping
 from autotune.estimation.cross_validation import gain_and_z, held_out
 from autotune.estimation.data import VETO
 from autotune.estimation.least_squares import Fitted, Free
-from autotune.estimation.problem import Problem, curve_free, fading_free, refit
+from autotune.estimation.problem import Problem, curve_free, fading_free, refit, refits
 from autotune.models import layout
 from autotune.models.drive_model import BRISTLES_CURVE, CURVE, FADING, Packed
 from autotune.models.effect import Kind
@@ -97,12 +97,11 @@ def with_fading(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
     damped = any(one.slot == layout.MICRO_DAMPING for one in model_fit.free)
     if fades(fitted.packed) or not damped or problem.data.steady or problem.two_masses(fitted.packed):
         return None
-    found = []
+    starts: list[tuple[Packed, list[Free], Fitted | None]] = []
     for share in FADES:
         start = _begun(fitted.packed, (layout.DAMPING_VELOCITY,), (share * problem.scales.velocity,))
-        free = [*model_fit.free, *fading_free(start.p, problem.scales)]
-        found.append(refit(problem, start, free, model_fit.correction, SHORT, near=fitted))
-    return _followed(problem, model_fit, found, ROUNDS)
+        starts.append((start, [*model_fit.free, *fading_free(start.p, problem.scales)], fitted))
+    return _followed(problem, model_fit, refits(problem, starts, model_fit.correction, SHORT), ROUNDS)
 
 
 def without_fading(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
@@ -125,12 +124,11 @@ def with_curve(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
     there = curved(fitted.packed) or climbs_otherwise(fitted.packed)
     if there or not known or problem.data.steady:
         return None
-    shorts = []
-    for curve in (BRISTLES_CURVE, ELASTIC_CURVE):
-        start = _begun(fitted.packed, CURVE_SLOTS, curve)
-        free = [*model_fit.free, *curve_free()]
-        shorts.append(refit(problem, start, free, model_fit.correction, SHORT))
-    return _followed(problem, model_fit, shorts, ROUNDS + 1)
+    starts: list[tuple[Packed, list[Free], Fitted | None]] = [
+        (_begun(fitted.packed, CURVE_SLOTS, curve), [*model_fit.free, *curve_free()], None)
+        for curve in (BRISTLES_CURVE, ELASTIC_CURVE)
+    ]
+    return _followed(problem, model_fit, refits(problem, starts, model_fit.correction, SHORT), ROUNDS + 1)
 
 
 def without_curve(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
@@ -185,8 +183,8 @@ def with_climb(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
     there = fitted.packed.on[REMEMBERS] or curved(fitted.packed) or problem.two_masses(fitted.packed)
     if there or not known or problem.data.steady:
         return None
-    starts = [_with_parts(model_fit), _as_chain(model_fit, LINKS)]
-    shorts = [refit(problem, *start, model_fit.correction, SHORT) for start in starts]
+    starts = [(*start, None) for start in (_with_parts(model_fit), _as_chain(model_fit, LINKS))]
+    shorts = refits(problem, starts, model_fit.correction, SHORT)
     least = (1.0 - problem.policy.least_gain) * fitted.cost
     climbs = _one_contact(problem, model_fit, [short for short in shorts if short.cost < least])
     if climbs is None or not asked_for(problem, model_fit, climbs) or _remembers_beyond(problem, climbs):

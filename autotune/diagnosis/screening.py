@@ -15,8 +15,8 @@ from autotune.diagnosis.transmission import adds_nothing
 from autotune.estimation.bias_corrected_fit import STEPS_A_ROUND, ModelFit, fit_inside_twin, stepped, twinned
 from autotune.estimation.coordinates import generic_columns
 from autotune.estimation.cross_validation import evenly, gain_and_z, held_out, with_columns
-from autotune.estimation.least_squares import Fitted, fit
-from autotune.estimation.problem import Problem, refit
+from autotune.estimation.least_squares import Fitted, Steps, done_together, fit, fitting
+from autotune.estimation.problem import Problem, refits
 from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.effect import Kind
@@ -61,12 +61,11 @@ def at_its_best(
     A first look gives up what begins far from where it would be as good as another; whether it would be is asked then.
     """
     kind = EFFECTS[effect]
-    fits = [
-        refit(
-            problem, item.start, [*item.fitted.free, *shapes(effect, item.start)], model_fit.correction, TO_ITS_END
-        )
+    starts = [
+        (item.start, [*item.fitted.free, *shapes(effect, item.start)], None)
         for item in _short_fits(problem, model_fit, nominal, kind)
-    ]  # fmt: skip
+    ]
+    fits = refits(problem, starts, model_fit.correction, TO_ITS_END)
     best = min(fits, key=lambda item: item.cost, default=None)
     return None if best is None else _judged(problem, model_fit, kind, best, ())
 
@@ -156,19 +155,27 @@ def _short_fits(
     problem: Problem, model_fit: ModelFit, nominal: Packed, kind: Kind, needed: float = 0.0
 ) -> list[_ShortFit]:
     """Short fits from all starts of an effect, the best first; `needed`: see `scouted`."""
-    context = Context(problem, model_fit.fitted, nominal)
-    tried: list[_ShortFit] = []
-    starts = list(starts_of(kind, context))
-    for start in scouted(problem, model_fit, starts, needed) if kind.in_transmission else starts:
-        found = [_ShortFit(one.packed, fitted) for one in (start, _sized(problem, model_fit, kind, start))
-                 if one is not None and (fitted := _short_fit(problem, model_fit, one)) is not None]  # fmt: skip
-        if found:
-            tried.append(min(found, key=lambda item: item.fitted.cost))
+    starts = list(starts_of(kind, Context(problem, model_fit.fitted, nominal)))
+    if kind.in_transmission:
+        starts = scouted(problem, model_fit, starts, needed)
+    ways = [
+        way
+        for start in starts
+        for way in (_short_fit(problem, model_fit, start), _from_its_size(problem, model_fit, kind, start))
+    ]
+    done = done_together(ways, problem.moved)
+    tried = [
+        min(found, key=lambda item: item.fitted.cost)
+        for both in zip(done[::2], done[1::2], strict=True)
+        if (found := [one for one in both if one is not None])
+    ]
     return sorted(tried, key=lambda item: item.fitted.cost)
 
 
-def _sized(problem: Problem, model_fit: ModelFit, kind: Kind, start: FitStart) -> FitStart | None:
-    """A start with the size that its shape asks for, as the base is fitted beside it; None where size is all there is.
+def _from_its_size(
+    problem: Problem, model_fit: ModelFit, kind: Kind, start: FitStart
+) -> Steps[_ShortFit | None]:
+    """A short fit with the size that its shape asks for, as the base is fitted beside it; None where size is all.
 
     What a base takes up of an effect may be many times what it leaves. Begun as large as that, both are led by a shape
     that has hardly a size yet, along a curved valley: of a film that shears off, on one trajectory, such a fit
@@ -177,14 +184,16 @@ def _sized(problem: Problem, model_fit: ModelFit, kind: Kind, start: FitStart) -
     size = [one for one in start.free if one.slot == kind.slot(kind.size)] if kind.size else []
     if not size or len(start.free) == 1:
         return None
-    fitted = fit(
-        problem.data, problem.moved, start.packed, [*model_fit.free, *size], model_fit.correction.bias,
-        problem.training, 2, known=(model_fit.fitted.jacobian, model_fit.fitted.scales), whole=False,
+    fitted = yield from fitting(
+        problem.data, start.packed, [*model_fit.free, *size], model_fit.correction.bias, problem.training, 2,
+        known=(model_fit.fitted.jacobian, model_fit.fitted.scales), whole=False,
     )  # fmt: skip
-    return replace(start, packed=fitted.packed) if math.isfinite(fitted.cost) else None
+    if not math.isfinite(fitted.cost):
+        return None
+    return (yield from _short_fit(problem, model_fit, replace(start, packed=fitted.packed)))
 
 
-def _short_fit(problem: Problem, model_fit: ModelFit, start: FitStart) -> Fitted | None:
+def _short_fit(problem: Problem, model_fit: ModelFit, start: FitStart) -> Steps[_ShortFit | None]:
     """Two steps from a start, with the sensitivities of what is already in the model taken from there.
 
     What a second mass does only its own twin tells, from which a fit inside it goes on.
@@ -194,17 +203,18 @@ def _short_fit(problem: Problem, model_fit: ModelFit, start: FitStart) -> Fitted
         if here is None:
             return None
         if not start.free:
-            return replace(model_fit.fitted, packed=here.packed, error=here.error, cost=here.cost)
+            known_here = replace(model_fit.fitted, packed=here.packed, error=here.error, cost=here.cost)
+            return _ShortFit(start.packed, known_here)
         hopeful = (1.0 - HOPEFUL) * model_fit.fitted.cost
-        return stepped(problem, here, [*model_fit.free, *start.free], STEPS_A_ROUND, hopeful=hopeful)
+        free = [*model_fit.free, *start.free]
+        return _ShortFit(start.packed, stepped(problem, here, free, STEPS_A_ROUND, hopeful=hopeful))
     same = start.packed.p[layout.INERTIA] == model_fit.fitted.packed.p[layout.INERTIA]
     known = (model_fit.fitted.jacobian, model_fit.fitted.scales) if same else None
-    fitted = fit(
-        problem.data, problem.moved, start.packed, [*model_fit.free, *start.free], model_fit.correction.bias,
-        problem.training, 2, known=known,
-        hopeful=(1.0 - HOPEFUL) * model_fit.fitted.cost, whole=False,
+    fitted = yield from fitting(
+        problem.data, start.packed, [*model_fit.free, *start.free], model_fit.correction.bias,
+        problem.training, 2, known=known, hopeful=(1.0 - HOPEFUL) * model_fit.fitted.cost, whole=False,
     )  # fmt: skip
-    return fitted if math.isfinite(fitted.cost) else None
+    return _ShortFit(start.packed, fitted) if math.isfinite(fitted.cost) else None
 
 
 def _followed(
@@ -226,10 +236,11 @@ def _followed(
         effort = evidence.effort(problem)
         # a start that has come to nothing, as it was without the effect, is no measure of the others
         enough = effort.close * fall if falls else -math.inf
-        for start in [f for f in found if cost - f.cost > enough][: effort.starts]:
-            near = start if model_fit.effects else None
-            free = [*start.free, *shapes(kind.name, start.packed)]
-            finished = refit(problem, start.packed, free, model_fit.correction, effort.rounds, near)
+        starts = [
+            (one.packed, [*one.free, *shapes(kind.name, one.packed)], one if model_fit.effects else None)
+            for one in [f for f in found if cost - f.cost > enough][: effort.starts]
+        ]
+        for finished in refits(problem, starts, model_fit.correction, effort.rounds):
             best = finished if finished.cost <= best.cost else best
     before = [item.packed for item in found] + [item.start for item in tried]
     others = tuple(packed for packed in before if packed is not best.packed)

@@ -298,17 +298,10 @@ def _gathered(recordings: Sequence[Recording], steady: bool, pace: float) -> _Pa
 
 
 def filtered_motion(
-    measured: Floats, stretches: Sequence[Stretch], period: float, cutoff: float
+    measured: Floats | Sequence[Floats], stretches: Sequence[Stretch], period: float, cutoff: float
 ) -> tuple[Floats, Floats, Floats]:
     """Position, velocity and acceleration, filtered within each stretch; each of the shape given, (…, n)."""
-    if len(stretches) == 1 and stretches[0].stop - stretches[0].start == measured.shape[-1]:
-        return motion(measured, period, cutoff)
-    parts = np.zeros((3, *measured.shape))
-    for s in stretches:
-        for part, values in zip(parts, motion(measured[..., s.rows], period, cutoff), strict=True):
-            part[..., s.rows] = values
-    position, velocity, acceleration = parts
-    return position, velocity, acceleration
+    return motion(measured, period, cutoff, [(s.start, s.stop) for s in stretches])
 
 
 def low_pass_taps(cutoff: float, period: float) -> Floats:

@@ -6,16 +6,17 @@ inner steps. Steps of a base parameter are limited to 30 % of it, those of a sha
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from functools import partial
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
 from autotune.core.arrays import Flags, Floats
-from autotune.estimation.data import Prepared
+from autotune.estimation.data import Prepared, Stretch
 from autotune.estimation.parts import first_round, spread, until_last
-from autotune.estimation.residual import Motion, alike, kind_of_pass, residual, residuals
+from autotune.estimation.residual import Motion, alike, kind_of_pass, residuals
 from autotune.models.drive_model import Packed
 from autotune.models.transmission import BETWEEN
 
@@ -24,6 +25,10 @@ Judged: TypeAlias = Callable[[Sequence[Packed]], Sequence[tuple[Floats, Floats] 
 shape (m,) each; None where the twin is unstable."""
 Sensed: TypeAlias = Callable[[Packed, Floats], tuple[Floats, Floats]]
 """Sensitivities and scales, as `jacobian` gives them, at a model whose bias is given, shape (m,)."""
+Result = TypeVar("Result")
+Asked: TypeAlias = tuple[Prepared, Sequence[Packed]]
+"""Models whose residuals of the measured motion a fit asks for next, shape (models, m), and the data that they need."""
+Steps: TypeAlias = Generator[Asked, Floats, Result]
 CORRELATED = 4.0
 """Rows of a residual that count as one, as it went through a low-pass."""
 BASE_STEP = 0.3
@@ -122,7 +127,18 @@ def jacobian(
     `at` is the residual at `packed`; `known` are columns and scales of the first parameters, from a fit
     nearby, taken over to save time.
     """
-    once = first_round(data, packed.on)
+    (found,) = done_together([_sensitivities(data, packed, free, at, known)], moved)
+    return found
+
+
+def _sensitivities(
+    data: Prepared,
+    packed: Packed,
+    free: Sequence[Free],
+    at: Floats,
+    known: tuple[Floats, Floats] | None,
+) -> Steps[tuple[Floats, Floats]]:
+    """`jacobian`, asking for residuals."""
     columns = np.empty((len(at), len(free)), order="F")
     scales = np.empty(len(free))
     first = 0
@@ -141,8 +157,10 @@ def jacobian(
         p[parameter.slot] = value + change
         changes.append(change)
         models.append(Packed(p, packed.on))
-    for i, moved_by in enumerate(residuals(once, models, moved), first):
-        columns[:, i] = (moved_by - at) * (scales[i] / changes[i - first])
+    if models:
+        found = yield first_round(data, packed.on), models
+        for i, moved_by in enumerate(found, first):
+            columns[:, i] = (moved_by - at) * (scales[i] / changes[i - first])
     spread(data, columns[:, first:], packed.on)
     return columns, scales
 
@@ -172,11 +190,39 @@ def fit(
     without it, what moves in the twin only is held. Unless the `whole` error is asked for, it is right up to the
     last fitted row only. A fit is given up where a few steps as good as the last would not reach the cost `target`.
     """
+    (found,) = done_together(
+        [
+            fitting(
+                data, packed, free, correction, weight, iterations, stop, known, hopeful, judged, sensed,
+                whole, target,
+            )
+        ],
+        moved,
+    )  # fmt: skip
+    return found
+
+
+def fitting(
+    data: Prepared,
+    packed: Packed,
+    free: Sequence[Free],
+    correction: Floats,
+    weight: Floats,
+    iterations: int = 5,
+    stop: float = 2e-4,
+    known: tuple[Floats, Floats] | None = None,
+    hopeful: float = np.inf,
+    judged: Judged | None = None,
+    sensed: Sensed | None = None,
+    whole: bool = True,
+    target: float = np.inf,
+) -> Steps[Fitted]:
+    """`fit`, asking for the residuals that it needs: several go side by side (`done_together`)."""
     rows = weight > 0
     part = until_last(data, rows)
-    problem = _Problem(part, moved, rows, weight[rows], tuple(free), judged, sensed)
-    here = problem.at(packed, correction)
-    columns, scales = problem.sensitivities(data, here, known)
+    problem = _Problem(part, rows, weight[rows], tuple(free), judged, sensed)
+    here = yield from problem.at(packed, correction)
+    columns, scales = yield from problem.sensitivities(data, here, known)
     known = known if known is not None and known[0].shape[1] < len(free) else None
     damping, converged = 1e-4, False
     for _ in range(iterations):
@@ -188,7 +234,7 @@ def fit(
         converged = promised < stop * here.cost
         if converged or here.cost - promised > hopeful:
             break
-        found, damping = problem.downhill(here, normal, slope, damping, scales)
+        found, damping = yield from problem.downhill(here, normal, slope, damping, scales)
         if found is None:
             converged = True
             break
@@ -198,12 +244,42 @@ def fit(
         if fall < stop or here.cost - HOPE * gained > target:
             break
         if fall > STALE:
-            columns, scales = problem.sensitivities(data, here, known)
+            columns, scales = yield from problem.sensitivities(data, here, known)
     raw = here.raw
     if whole and part.stretches != data.stretches:
-        raw = residual(data, here.packed, moved)
+        (raw,) = yield data, [here.packed]
     error = raw - here.correction
     return Fitted(here.packed, tuple(free), error, columns, scales, here.cost, converged)
+
+
+def done_together(fits: Sequence[Steps[Result]], moved: Motion) -> list[Result]:
+    """What several fits on parts of the same data come to: what they ask for goes through the inverse together.
+
+    Every one makes the steps that it would make alone. Of those that ask for different parts of the data the most are
+    answered first: the others wait for company.
+    """
+    results: dict[int, Result] = {}
+    waiting: dict[int, Asked] = {}
+
+    def go_on(number: int, step: Callable[[], Asked]) -> None:
+        try:
+            waiting[number] = step()
+        except StopIteration as end:
+            results[number] = end.value
+
+    for number, one in enumerate(fits):
+        go_on(number, partial(next, one))
+    while waiting:
+        groups: dict[tuple[Stretch, ...], list[int]] = {}
+        for number, (data, _) in waiting.items():
+            groups.setdefault(data.stretches, []).append(number)
+        together = max(groups.values(), key=lambda group: sum(len(waiting[i][1]) for i in group))
+        asked = [waiting.pop(i) for i in together]
+        found = residuals(asked[0][0], [one for _, models in asked for one in models], moved)
+        ends = np.cumsum([len(models) for _, models in asked])
+        for number, (_, models), end in zip(together, asked, ends, strict=True):
+            go_on(number, partial(fits[number].send, found[end - len(models) : end]))
+    return [results[number] for number in range(len(fits))]
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,7 +297,6 @@ class _Problem:
     """What a fit minimises; `rows` of the grid with their `share` of the cost."""
 
     data: Prepared
-    moved: Motion
     rows: Flags
     share: Floats
     free: tuple[Free, ...]
@@ -232,14 +307,15 @@ class _Problem:
     def total(self) -> float:
         return max(float(self.share.sum()), 1.0)
 
-    def at(self, packed: Packed, correction: Floats) -> _Place:
-        return self._place(packed, residual(self.data, packed, self.moved), correction)
+    def at(self, packed: Packed, correction: Floats) -> Steps[_Place]:
+        (raw,) = yield self.data, [packed]
+        return self._place(packed, raw, correction)
 
     def _place(self, packed: Packed, raw: Floats, correction: Floats) -> _Place:
         cost = float(np.dot(self.share, (raw - correction)[self.rows] ** 2) / self.total)
         return _Place(packed, raw, correction, cost)
 
-    def _places(self, models: Sequence[Packed], correction: Floats) -> list[_Place | None]:
+    def _places(self, models: Sequence[Packed], correction: Floats) -> Steps[list[_Place | None]]:
         """Where the first of these steps lead to, as many as cost little more than one; None where a twin is unstable.
 
         `correction` is held unless it is renewed.
@@ -247,32 +323,31 @@ class _Problem:
         if self.judged is not None:
             found = zip(models, self.judged(models), strict=False)
             return [None if one is None else self._place(packed, *one) for packed, one in found]
-        if len(models) == 1:
-            return [self.at(models[0], correction)]
         models = models[: alike([kind_of_pass(self.data, packed) for packed in models])]
-        found_raw = zip(models, residuals(self.data, models, self.moved), strict=True)
-        return [self._place(packed, raw, correction) for packed, raw in found_raw]
+        found_raw = yield self.data, models
+        return [self._place(packed, raw, correction) for packed, raw in zip(models, found_raw, strict=True)]
 
     def sensitivities(
         self, data: Prepared, here: _Place, known: tuple[Floats, Floats] | None
-    ) -> tuple[Floats, Floats]:
+    ) -> Steps[tuple[Floats, Floats]]:
         """Columns and their scales, `known` ones where they are not sensed; nothing of what moves in the twin only."""
         if self.sensed is not None:
             return self.sensed(here.packed, here.correction)
-        columns, scales = jacobian(data, self.moved, here.packed, self.free, here.raw, known)
+        columns, scales = yield from _sensitivities(data, here.packed, self.free, here.raw, known)
         if data.load_in_twin:
             columns[:, [i for i, one in enumerate(self.free) if one.slot in BETWEEN]] = 0.0
         return columns, scales
 
     def linearised(self, here: _Place, columns: Floats) -> tuple[Floats, Floats]:
         """Matrix and right side of the normal equations."""
-        inner = columns[self.rows] * self.share[:, None]
+        table = columns[self.rows]
+        inner = table * self.share[:, None]
         error = (here.raw - here.correction)[self.rows]
-        return inner.T @ columns[self.rows] / self.total, inner.T @ error / self.total
+        return inner.T @ table / self.total, inner.T @ error / self.total
 
     def downhill(
         self, here: _Place, normal: Floats, slope: Floats, damping: float, scales: Floats
-    ) -> tuple[_Place | None, float]:
+    ) -> Steps[tuple[_Place | None, float]]:
         """The best of a few ever more damped steps, and its damping; None where none lowers the cost.
 
         The first is taken alone where it keeps what it promises. Where it does not, the others are looked at together,
@@ -293,7 +368,7 @@ class _Problem:
                 promised = _gained(normal, slope, change / scales)
                 waiting.append((with_values(here.packed, self.free, values + change), damping, promised))
                 damping = max(damping * harder, damped)
-            places = self._places([packed for packed, _, _ in waiting], here.correction)
+            places = yield from self._places([packed for packed, _, _ in waiting], here.correction)
             kept = looked_at > 0 or self.judged is not None
             for found, (_, used, promised) in zip(places, waiting, strict=False):
                 if found is not None and np.isfinite(found.cost) and found.cost < best.cost:

@@ -16,8 +16,7 @@ from autotune.core.arrays import Floats
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import TRAINING, VETO, Block, Prepared
 from autotune.estimation.disturbance import STILL, Disturbance
-from autotune.estimation.least_squares import Fitted, Free, fit
-from autotune.estimation.parts import until_last
+from autotune.estimation.least_squares import Fitted, Free, done_together, fitting
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.residual import Motion, alike, kind_of_pass, measured_motion, residual
 from autotune.estimation.twin import leading, steps_of_twin
@@ -149,7 +148,7 @@ class Problem:
 
     def until_trained(self) -> Problem:
         """The problem up to the last row that is fitted: costs are the same, and nothing after it is computed."""
-        return replace(self, data=until_last(self.data, self.training > 0))
+        return replace(self, data=self.runs.until_last(self.data, self.training > 0))
 
     def twins_alike(self, models: Sequence[Packed]) -> int:
         """How many of the first models one pass of simulation and of inverse can take together."""
@@ -454,10 +453,24 @@ def refit(
     near: Fitted | None = None,
 ) -> Fitted:
     """A fit on the training rows; `near` lends its sensitivities to the first step."""
-    known = None if near is None else (near.jacobian, near.scales)
-    return fit(
-        problem.data, problem.moved, packed, free, correction.bias, problem.training, iterations, known=known
-    )
+    return refits(problem, [(packed, free, near)], correction, iterations)[0]
+
+
+def refits(
+    problem: Problem,
+    starts: Sequence[tuple[Packed, list[Free], Fitted | None]],
+    correction: Correction,
+    iterations: int,
+) -> list[Fitted]:
+    """`refit` from several starts, each with what is free and the fit nearby: side by side, in less time."""
+    fits = [
+        fitting(
+            problem.data, packed, free, correction.bias, problem.training, iterations,
+            known=None if near is None else (near.jacobian, near.scales),
+        )
+        for packed, free, near in starts
+    ]  # fmt: skip
+    return done_together(fits, problem.moved)
 
 
 def without_outlying(problem: Problem, error: Floats) -> Floats:

@@ -90,7 +90,7 @@ def simulated_motions(data: Prepared, runs: Sequence[Simulated]) -> list[Motion]
     """Simulations through the same filters as the measurement."""
     if not runs:
         return []
-    positions = np.array([run.position for run in runs])
+    positions = [run.position for run in runs]
     parts = filtered_motion(positions, data.stretches, data.period, data.motion_cutoff)
     return [Motion(run.torque, *moved) for run, *moved in zip(runs, *parts, strict=True)]
 

@@ -12,12 +12,13 @@ from typing import TypeAlias
 
 import numpy as np
 
-from autotune.core.arrays import Floats
+from autotune.core.arrays import Flags, Floats
 from autotune.core.remembered import LastOf
 from autotune.estimation.alignment import followed_late
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import Prepared, Stretch
 from autotune.estimation.disturbance import Disturbance
+from autotune.estimation.parts import until_last
 from autotune.estimation.residual import (
     Motion,
     Simulated,
@@ -36,6 +37,7 @@ Asked: TypeAlias = Callable[[Prepared, PositionController], Floats]
 SEED = 20_240
 KNOWN_RUNS = 24  # models
 KNOWN_LOOPS = 4  # stretches
+KNOWN_PARTS = 2  # data
 Loops: TypeAlias = LastOf[Loop]
 GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 """Of a count: from run to run, so that few of them lie evenly."""
@@ -149,7 +151,7 @@ def _run(
         )
         stable &= inside
     torque = _as_recorded(data, torque)
-    return Simulated(position, torque, disturbance, stable and _follows(data, position))
+    return Simulated(position, torque, disturbance, stable and _follows(data, position, _near(data)))
 
 
 def _as_recorded(data: Prepared, torque: Floats) -> Floats:
@@ -161,12 +163,15 @@ def _as_recorded(data: Prepared, torque: Floats) -> Floats:
     return late
 
 
-def _follows(data: Prepared, position: Floats) -> bool:
+def _near(data: Prepared) -> float:
+    """How far a twin may be from where the axis was."""
+    return float(0.5 * np.ptp(data.measured) + 1e3 * data.resolution)
+
+
+def _follows(data: Prepared, position: Floats, near: float) -> bool:
     """Whether a simulated axis stays near where the axis was."""
-    if not np.all(np.isfinite(position)):
-        return False
-    lag = max(float(np.max(np.abs((position - data.measured)[s.rows]))) for s in data.stretches)
-    return bool(lag < 0.5 * np.ptp(data.measured) + 1e3 * data.resolution)
+    apart = [float(np.max(np.abs(position[s.rows] - data.measured[s.rows]))) for s in data.stretches]
+    return bool(np.all(np.isfinite(position)) and max(apart) < near)
 
 
 def run_twins(
@@ -228,10 +233,12 @@ def _runs_in_lanes(
                 next(again) if stays else Simulated(position[i], torque[i], noise[0], False)
                 for i, ((_, noise), stays) in enumerate(zip(together, inside, strict=False))
             ]
-    torque = np.array([_as_recorded(data, one) for one in torque])
+    if data.lag > 0.0:
+        torque = np.array([_as_recorded(data, one) for one in torque])
     torque = _compared(data, controller, position, torque)
+    near = _near(data)
     return [
-        Simulated(position[i], torque[i], noise[0], _follows(data, position[i]))
+        Simulated(position[i], torque[i], noise[0], _follows(data, position[i], near))
         for i, (_, noise) in enumerate(together)
     ]
 
@@ -317,6 +324,7 @@ class KnownRuns:
         self._runs: dict[tuple[bytes, bytes], TwinRuns] = {}
         self._noise: Noise | None = None
         self._heard: LastOf[Floats] = LastOf(1)
+        self._parts: LastOf[dict[int, Prepared]] = LastOf(KNOWN_PARTS)
         self.loops: Loops = LastOf(KNOWN_LOOPS)
 
     def of(
@@ -339,6 +347,14 @@ class KnownRuns:
         """Residual of the measured motion at a model, where it is known."""
         known = self._runs.get((packed.p.tobytes(), packed.on.tobytes()))
         return known.raw if known is not None and known.data is data else None
+
+    def until_last(self, data: Prepared, rows: Flags) -> Prepared:
+        """`parts.until_last`, the same one for the same question: its runs and its loop are known then."""
+        known = self._parts.answer((data,), dict)
+        last = int(np.flatnonzero(rows)[-1]) if rows.any() else -1
+        if last not in known:
+            known[last] = until_last(data, rows)
+        return known[last]
 
     def heard(self, data: Prepared, controller: PositionController, asked: Asked) -> Floats:
         """What the recorded torque has beside what a controller asks for [N m], shape (n,); the last is known."""

@@ -5,6 +5,7 @@ Arrays of shape (n,) or (k, n), along the last axis.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -19,13 +20,18 @@ def low_pass(values: Floats, cutoff: float, period: float, order: int = 4) -> Fl
 
     A cut-off at or above 0.45 of the sampling frequency leaves the values as they are.
     """
-    if cutoff * period >= 0.45 or values.shape[-1] < 4:
-        return np.array(values, dtype=np.float64)
-    padding = min(values.shape[-1] - 1, round(2.0 / (cutoff * period)))
-    rows = np.array(values, dtype=np.float64, order="C").reshape(-1, values.shape[-1])
+    smooth = np.array(values, dtype=np.float64, order="C")
+    _smooth_within(smooth.reshape(-1, smooth.shape[-1]), 0, smooth.shape[-1], cutoff, period, order)
+    return smooth
+
+
+def _smooth_within(rows: Floats, first: int, last: int, cutoff: float, period: float, order: int = 4) -> None:
+    """`low_pass` in place, of a span of rows of shape (k, n) by itself."""
+    if cutoff * period >= 0.45 or last - first < 4:
+        return
+    padding = min(last - first - 1, round(2.0 / (cutoff * period)))
     sections, rest = _sections(order, round(2.0 * cutoff * period, 12))
-    _forward_and_backward(sections, rest, padding, rows)
-    return rows.reshape(values.shape)
+    _forward_and_backward(sections, rest, padding, rows, first, last)
 
 
 def derivative(values: Floats, period: float) -> Floats:
@@ -33,14 +39,32 @@ def derivative(values: Floats, period: float) -> Floats:
     return np.asarray(np.gradient(values, period, axis=-1))
 
 
-def motion(position: Floats, period: float, cutoff: float) -> tuple[Floats, Floats, Floats]:
-    """Position, velocity and acceleration, zero-phase filtered at `cutoff` [Hz]."""
-    smooth = low_pass(position, cutoff, period)
-    if smooth.shape[-1] < 3:
-        return smooth, derivative(smooth, period), np.zeros_like(smooth)
+def motion(
+    position: Floats | Sequence[Floats],
+    period: float,
+    cutoff: float,
+    spans: Sequence[tuple[int, int]] | None = None,
+) -> tuple[Floats, Floats, Floats]:
+    """Position, velocity and acceleration, zero-phase filtered at `cutoff` [Hz]; arrays of shape (n,) or (k, n).
+
+    Each of the `spans`, in order, from a sample up to one, is filtered by itself; all is 0 beside them.
+    """
+    smooth = np.array(position, dtype=np.float64, order="C")
     rows = smooth.reshape(-1, smooth.shape[-1])
     velocity, acceleration = np.empty_like(rows), np.empty_like(rows)
-    _differences(rows, period, velocity, acceleration)
+    done = 0
+    for first, last in spans if spans is not None else [(0, rows.shape[1])]:
+        for part in (rows, velocity, acceleration):
+            part[:, done:first] = 0.0
+        done = last
+        _smooth_within(rows, first, last, cutoff, period)
+        if last - first < 3:
+            velocity[:, first:last] = derivative(rows[:, first:last], period)
+            acceleration[:, first:last] = 0.0
+        else:
+            _differences(rows, first, last, period, velocity, acceleration)
+    for part in (rows, velocity, acceleration):
+        part[:, done:] = 0.0
     return smooth, velocity.reshape(smooth.shape), acceleration.reshape(smooth.shape)
 
 
@@ -53,16 +77,18 @@ def block_mean(values: Floats, factor: int) -> Floats:
 
 
 @kernel
-def _differences(rows: Floats, period: float, velocity: Floats, acceleration: Floats) -> None:
-    """`derivative` and second differences of rows of shape (k, n) in one pass; the latter are 0 at the ends."""
-    n = rows.shape[1]
+def _differences(
+    rows: Floats, first: int, last: int, period: float, velocity: Floats, acceleration: Floats
+) -> None:
+    """`derivative` and second differences of a span of rows of shape (k, n); the latter are 0 at its ends."""
+    n = last - first
     for i in range(len(rows)):
-        row = rows[i]
+        row, rate, bend = rows[i, first:last], velocity[i, first:last], acceleration[i, first:last]
         for k in range(1, n - 1):
-            velocity[i, k] = (row[k + 1] - row[k - 1]) / (2.0 * period)
-            acceleration[i, k] = ((row[k + 1] - row[k]) - (row[k] - row[k - 1])) / (period * period)
-        velocity[i, 0], velocity[i, n - 1] = (row[1] - row[0]) / period, (row[n - 1] - row[n - 2]) / period
-        acceleration[i, 0] = acceleration[i, n - 1] = 0.0
+            rate[k] = (row[k + 1] - row[k - 1]) / (2.0 * period)
+            bend[k] = ((row[k + 1] - row[k]) - (row[k] - row[k - 1])) / (period * period)
+        rate[0], rate[n - 1] = (row[1] - row[0]) / period, (row[n - 1] - row[n - 2]) / period
+        bend[0] = bend[n - 1] = 0.0
 
 
 @lru_cache(maxsize=32)
@@ -77,23 +103,25 @@ ABREAST = 4
 
 
 @kernel
-def _forward_and_backward(sections: Floats, rest: Floats, padding: int, rows: Floats) -> None:
-    """`scipy.signal.sosfiltfilt` in place on rows of shape (k, n), odd extension and all.
+def _forward_and_backward(
+    sections: Floats, rest: Floats, padding: int, rows: Floats, start: int, stop: int
+) -> None:
+    """`scipy.signal.sosfiltfilt` in place on a span of rows of shape (k, n), odd extension and all.
 
     The same sums in the same order; on the few hundred samples of a stretch scipy's routine takes ten to a hundred
     times as long, nearly all of it outside the filter.
     """
-    n = rows.shape[1]
+    n = stop - start
     long = np.empty((n + 2 * padding, ABREAST))
     for first in range(0, len(rows), ABREAST):
         last = min(first + ABREAST, len(rows)) - 1
         for lane in range(ABREAST):  # the last row once more where there are fewer
-            _extended(rows[min(first + lane, last)], padding, long[:, lane])
+            _extended(rows[min(first + lane, last), start:stop], padding, long[:, lane])
         _through(sections, rest, long)
         _through(sections, rest, long[::-1])
         for i in range(first, last + 1):
             for k in range(n):
-                rows[i, k] = long[padding + k, i - first]
+                rows[i, start + k] = long[padding + k, i - first]
 
 
 @kernel

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from autotune.estimation.data import TRAINING, VETO, Prepared, prepare
-from autotune.estimation.least_squares import jacobian
+from autotune.estimation.least_squares import done_together, fit, fitting, jacobian, with_values
 from autotune.estimation.parts import first_round, until_last
 from autotune.estimation.problem import base_free, new_problem
 from autotune.estimation.residual import measured_motion, residual
@@ -65,3 +65,26 @@ def test_repeats_at_another_place_are_computed_each(data: Prepared) -> None:
     elsewhere = replace(data, position=position)
     everything = until_last(elsewhere, elsewhere.role(TRAINING))
     assert first_round(elsewhere, PACKED.on).stretches == everything.stretches
+
+
+def test_fits_side_by_side_are_those_that_each_would_be_alone(data: Prepared) -> None:
+    problem = new_problem(data, None)
+    free = base_free(PACKED, problem.scales, "rad")
+    none, weight = np.zeros(len(data.grid)), problem.training
+    values = PACKED.p[[one.slot for one in free]]
+    starts = [
+        with_values(PACKED, free[:count], times * values[:count])
+        for count, times in ((6, 1.3), (2, 0.7), (4, 1.0))
+    ]
+    asked = [(start, free[: 6 - 2 * i]) for i, start in enumerate(starts)]
+
+    together = done_together(
+        [fitting(data, start, some, none, weight, 3, whole=i > 0) for i, (start, some) in enumerate(asked)],
+        problem.moved,
+    )
+
+    for i, ((start, some), found) in enumerate(zip(asked, together, strict=True)):
+        alone = fit(data, problem.moved, start, some, none, weight, 3, whole=i > 0)
+        np.testing.assert_array_equal(found.packed.p, alone.packed.p)
+        np.testing.assert_array_equal(found.error, alone.error)
+        np.testing.assert_array_equal(found.jacobian, alone.jacobian)

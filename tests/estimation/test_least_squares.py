@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from autotune.core.arrays import Floats
-from autotune.estimation.least_squares import Free, _lowest_in_box, _Place, _Problem
+from autotune.estimation.least_squares import Free, Steps, _lowest_in_box, _Place, _Problem, done_together
 from autotune.models.drive_model import Packed
 
 SPEEDS = np.linspace(0.02, 4.0, 400)
@@ -46,7 +46,8 @@ class _Curved(_Problem):
     def error(self, p: Floats) -> Floats:
         return np.asarray(p[0] * SPEEDS + p[1] * SPEEDS ** p[2] - np.arcsinh(SPEEDS / KNEE))
 
-    def _places(self, models: Sequence[Packed], correction: Floats) -> list[_Place | None]:
+    def _places(self, models: Sequence[Packed], correction: Floats) -> Steps[list[_Place | None]]:
+        yield from ()
         return [self._place(packed, self.error(packed.p), correction) for packed in models]
 
 
@@ -58,14 +59,15 @@ def test_a_step_that_is_hardly_lower_than_its_start_is_compared_with_shorter_one
         Free("exponent", 2, 0.1, 3.0, 1.0, 2.5),
     )
     weight = np.ones(len(SPEEDS))
-    problem = _Curved(none, none, weight > 0.0, weight, free, None, None)
+    problem = _Curved(none, weight > 0.0, weight, free, None, None)
     p = np.array([0.9, 0.2, 1.8])
     here = problem._place(Packed(p, np.zeros(0, dtype=np.bool_)), problem.error(p), np.zeros(len(SPEEDS)))
     shape = p[1] * SPEEDS ** p[2] * np.log(SPEEDS)
     columns = np.column_stack([SPEEDS, SPEEDS ** p[2], shape]) * [one.scale for one in free]
     normal, slope = problem.linearised(here, columns)
 
-    found, damping = problem.downhill(here, normal, slope, 1e-4, np.array([one.scale for one in free]))
+    steps = problem.downhill(here, normal, slope, 1e-4, np.array([one.scale for one in free]))
+    ((found, damping),) = done_together([steps], none)
 
     assert found is not None
     assert found.cost < 0.5 * here.cost
