@@ -37,6 +37,8 @@ SEED = 20_240
 KNOWN_RUNS = 24  # models
 KNOWN_LOOPS = 4  # stretches
 Loops: TypeAlias = LastOf[Loop]
+MIRRORED = 2.0
+"""Periods of its cut-off by which a stretch is mirrored for a low-pass."""
 GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 """Of a count: from run to run, so that few of them lie evenly."""
 
@@ -98,10 +100,16 @@ def moved_later(data: Prepared, values: Floats, late: int) -> Floats:
 
 
 def slower(data: Prepared, values: Floats, cutoff: float) -> Floats:
-    """Values of shape (…, n) below a frequency [Hz], in each stretch."""
+    """Values of shape (…, n) below a frequency [Hz], in each stretch, which goes on mirrored beyond its ends.
+
+    A low-pass turns what it sees about the last value, and lifts the last seconds by whatever that has of noise.
+    """
     slow = np.zeros_like(values)
     for rows in (stretch.rows for stretch in data.stretches):
-        slow[..., rows] = low_pass(values[..., rows], cutoff, data.period)
+        own = values[..., rows]
+        beyond = min(own.shape[-1], round(MIRRORED / (cutoff * data.period)))
+        mirrored = np.pad(own, [(0, 0)] * (own.ndim - 1) + [(beyond, beyond)], mode="symmetric")
+        slow[..., rows] = low_pass(mirrored, cutoff, data.period)[..., beyond : beyond + own.shape[-1]]
     return slow
 
 
