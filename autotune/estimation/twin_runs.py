@@ -100,16 +100,18 @@ def moved_later(data: Prepared, values: Floats, late: int) -> Floats:
 
 
 def slower(data: Prepared, values: Floats, cutoff: float) -> Floats:
-    """Values of shape (…, n) below a frequency [Hz], in each stretch, which goes on mirrored beyond its ends.
+    """Values of shape (…, n) below a frequency [Hz], in each stretch, which goes on mirrored beyond its end.
 
-    A low-pass turns what it sees about the last value, and lifts the last seconds by whatever that has of noise.
+    A low-pass turns what it sees about the last value, and would lift the last seconds by whatever that has of noise:
+    a law asks there for what is to come.
     """
     slow = np.zeros_like(values)
     for rows in (stretch.rows for stretch in data.stretches):
         own = values[..., rows]
-        beyond = min(own.shape[-1], round(MIRRORED / (cutoff * data.period)))
-        mirrored = np.pad(own, [(0, 0)] * (own.ndim - 1) + [(beyond, beyond)], mode="symmetric")
-        slow[..., rows] = low_pass(mirrored, cutoff, data.period)[..., beyond : beyond + own.shape[-1]]
+        count = own.shape[-1]
+        beyond = min(count, round(MIRRORED / (cutoff * data.period)))
+        mirrored = np.concatenate([own, own[..., ::-1][..., :beyond]], axis=-1)
+        slow[..., rows] = low_pass(mirrored, cutoff, data.period)[..., :count]
     return slow
 
 
