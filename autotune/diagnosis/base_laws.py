@@ -8,8 +8,10 @@ A memory that is one is resolved down to the first contacts that let go. A searc
 bristle, which then stands for all short ones at once: an exponential F·(1 − e^(−x/g)) where the axis has a chain of
 straight pieces. That names the effect, but a feedforward built on it is wrong by several mN m in the first milliradians
 after every reversal. Here the bristle is taken apart into elements of its own, started on its virgin curve, and
-everything is fitted again inside the twin: torques and displacements of all elements. What the elements carry at rest
-together, with what is left of the bristle, is the one stiffness that presliding and Dahl's curve have in common.
+everything is fitted again inside the twin: torques and displacements of all elements, and whether they yield before
+they slide, for a memory is as often one that is forgotten on the way (Dahl's, Bouc and Wen's) as one that is wiped out.
+What the elements carry at rest together, with what is left of the bristle, is the one stiffness that presliding and
+Dahl's curve have in common.
 """
 
 from __future__ import annotations
@@ -29,7 +31,7 @@ from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import usual_damping
 from autotune.estimation.cross_validation import gain_and_z, held_out
 from autotune.estimation.data import VETO
-from autotune.estimation.least_squares import Fitted, Free
+from autotune.estimation.least_squares import Fitted, Free, standard_errors
 from autotune.estimation.problem import Problem, curve_free, fading_free, refit, refits
 from autotune.models import layout
 from autotune.models.drive_model import BRISTLES_CURVE, CURVE, FADING, Packed
@@ -39,6 +41,7 @@ from autotune.models.reversal_memory import (
     ELEMENTS,
     REMEMBERS,
     REVERSAL_MEMORY,
+    YIELDING,
     as_one_bristle,
     climbing,
     of_one_contact,
@@ -52,6 +55,8 @@ NEAREST, FARTHEST = 0.2, 1.4  # of the bristle's reach
 LEAST_COUNTS = 3.0
 KEPT = 0.1  # of the bristle
 SPENT = 0.05  # of all friction: a bristle that carries less is not taken apart
+HALF = 0.5
+"""Of its stiffness: what an element loses where a fit begins in which it may yield."""
 IDLE = 0.01  # of all friction: an element that carries less is given up
 MOST_OF_A_BRISTLE = 0.5  # of all friction: beside a contact that lets go at once
 ROUNDS = 2
@@ -429,19 +434,39 @@ def without_tail(problem: Problem, own: ModelFit) -> ModelFit | None:
 
 
 def resolved(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
-    """The model with its bristle taken apart; None where that explains unseen data no better.
+    """The model with its bristle taken apart, of elements that may yield; None where unseen data say no better.
 
     Args:
         problem: of the diagnosis that named the effect.
         model_fit: the model with it.
     """
-    best: ModelFit | None = None
+    best = _yields(problem, model_fit)
     for _ in range(ROUNDS):
         more = _taken_apart(problem, best or model_fit)
         if more is None:
             break
         best = more
     return best
+
+
+def _yields(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
+    """The model whose elements yield before they slide; None where that is chance, or unseen data say no better."""
+    packed = model_fit.fitted.packed
+    if not packed.on[REMEMBERS] or packed.p[YIELDING] > 0.0:
+        return None
+    yielding = REVERSAL_MEMORY.parameter("yielding")
+    p = packed.p.copy()
+    p[YIELDING] = HALF
+    free = _free(problem, model_fit, _present(p))
+    free.append(Free(REVERSAL_MEMORY.surface(yielding.name), YIELDING, 0.0, yielding.upper, HALF, HALF))
+    short = refit(problem, Packed(p, packed.on), free, model_fit.correction)
+    if short.cost > (1.0 - problem.policy.least_gain) * model_fit.fitted.cost:
+        return None
+    more = _settled(problem, short.packed, free, model_fit.effects)
+    if more is None or not _better(problem, model_fit, more):
+        return None
+    error = standard_errors(more.fitted, problem.training)[-1]
+    return more if more.fitted.packed.p[YIELDING] > problem.policy.least_z * error else None
 
 
 def _taken_apart(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
@@ -453,13 +478,15 @@ def _taken_apart(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
     more = _settled(
         problem, _started(packed, elements), _free(problem, model_fit, elements), model_fit.effects
     )
-    if more is None or more.unseen.total > (1.0 - problem.policy.least_gain) * model_fit.unseen.total:
-        return None
-    if problem.has(VETO):
-        before, after = (problem.mean_square(one.fitted.error, VETO) for one in (model_fit, more))
-        if after >= before:
-            return None
-    return more
+    return more if more is not None and _better(problem, model_fit, more) else None
+
+
+def _better(problem: Problem, before: ModelFit, after: ModelFit) -> bool:
+    """Whether elements of another kind explain experiments that were held out, and the veto trajectory."""
+    if after.unseen.total > (1.0 - problem.policy.least_gain) * before.unseen.total:
+        return False
+    errors = [problem.mean_square(one.fitted.error, VETO) for one in (before, after)]
+    return not problem.has(VETO) or errors[1] < errors[0]
 
 
 def _settled(problem: Problem, packed: Packed, free: list[Free], effects: tuple[str, ...]) -> ModelFit | None:
@@ -538,7 +565,7 @@ def _down_to(one: Free, least: float) -> Free:
 def _free(problem: Problem, model_fit: ModelFit, elements: list[_Element]) -> list[Free]:
     coulomb = float(model_fit.fitted.packed.p[layout.COULOMB])
     friction = coulomb + sum(one.torque for one in elements)
-    free = [f for f in model_fit.free if not f.name.startswith(f"{EFFECT}.")]
+    free = [f for f in model_fit.free if f.slot not in ELEMENT_SLOTS or f.slot == YIELDING]
     free = [_down_to(f, LEAST_LEVEL * friction) for f in free]
     for i, one in enumerate(elements, 1):
         shortest = max(SHORTER * one.displacement, problem.data.resolution)

@@ -39,6 +39,8 @@ KNOWN_RUNS = 24  # models
 KNOWN_LOOPS = 4  # stretches
 KNOWN_PARTS = 2  # data
 Loops: TypeAlias = LastOf[Loop]
+MIRRORED = 2.0
+"""Periods of its cut-off by which a stretch is mirrored for a low-pass."""
 GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 """Of a count: from run to run, so that few of them lie evenly."""
 
@@ -100,10 +102,18 @@ def moved_later(data: Prepared, values: Floats, late: int) -> Floats:
 
 
 def slower(data: Prepared, values: Floats, cutoff: float) -> Floats:
-    """Values of shape (…, n) below a frequency [Hz], in each stretch."""
+    """Values of shape (…, n) below a frequency [Hz], in each stretch, which goes on mirrored beyond its end.
+
+    A low-pass turns what it sees about the last value, and would lift the last seconds by whatever that has of noise:
+    a law asks there for what is to come.
+    """
     slow = np.zeros_like(values)
     for rows in (stretch.rows for stretch in data.stretches):
-        slow[..., rows] = low_pass(values[..., rows], cutoff, data.period)
+        own = values[..., rows]
+        count = own.shape[-1]
+        beyond = min(count, round(MIRRORED / (cutoff * data.period)))
+        mirrored = np.concatenate([own, own[..., ::-1][..., :beyond]], axis=-1)
+        slow[..., rows] = low_pass(mirrored, cutoff, data.period)[..., :count]
     return slow
 
 

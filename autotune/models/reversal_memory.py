@@ -5,6 +5,10 @@ W_i: z_i ← clip(z_i + Δq, −d_i, d_i), T = Σ W_i·z_i/d_i (Iwan 1966; Al-Be
 Every reversal leaves elements bent, and a loop closes at the point where it began: the reversal-point
 memory that the single bristle of LuGre does not have (thesis, sections 3.2.3 and 7.2).
 
+Contacts that yield before they slide forget on the way what others keep: dz = dq·(1 − b·s·z/d), s the direction, until
+|z| = d. That is Bouc and Wen's equation with an exponent of 1 (Wen 1976); with b = 1 it is Dahl's (1968), and Valanis'
+endochronic element. `yielding` is the b of all elements.
+
 While it sticks an element is damped, too (the same paper's generalised model: σ_i·ż_i in each); all have one relaxation
 time, so that the `damping` of all is shared as their stiffness is. A model without it has the bristle's.
 """
@@ -29,6 +33,7 @@ _AT = block("reversal_memory")
 _STATE = state_block("reversal_memory")
 REMEMBERS = flag("reversal_memory")
 DAMPING = _AT + 2 * ELEMENTS
+YIELDING = DAMPING + 1
 _DAMPING = Parameter(
     "damping",
     "N m s/rad",
@@ -37,6 +42,17 @@ _DAMPING = Parameter(
     1e12,
     "of all elements together, while they stick",
     DAMPING,
+    optional=True,
+    held=True,
+)
+_YIELDING = Parameter(
+    "yielding",
+    "1",
+    0.0,
+    0.0,
+    1.0,
+    "part of its stiffness that an element has lost when it slides",
+    YIELDING,
     optional=True,
     held=True,
 )
@@ -70,7 +86,14 @@ def memory_torque(p: Floats, state: Floats, displacement: float) -> float:
         limit = p[_AT + 2 * i]
         if not anywhere(limit > 0.0):
             break
-        z = min(max(state[_STATE + i] + displacement, -limit), limit)
+        z = state[_STATE + i] + displacement
+        if anywhere(p[YIELDING] > 0.0):
+            some = where(limit > 0.0, limit, 1.0)
+            part = where(p[YIELDING] > 0.0, p[YIELDING], 1.0)
+            end = where(displacement < 0.0, -some / part, some / part)
+            bent = end + (state[_STATE + i] - end) * math.exp(-part * abs(displacement) / some)
+            z = where(p[YIELDING] > 0.0, bent, z)
+        z = min(max(z, -limit), limit)
         state[_STATE + i] = z
         total += where(limit > 0.0, p[_AT + 2 * i + 1] * z / limit, 0.0)
     return total
@@ -90,7 +113,7 @@ def memory_stiffness(p: Floats) -> float:
 def memory_damping(p: Floats, state: Floats, displacement: float) -> float:
     """Damping of the elements over a displacement that they have yet to make [N m s/rad].
 
-    Each has the share of its stiffness, for that part of the way on which it sticks.
+    Each has the share of its stiffness, for that part of the way on which it sticks; of what yields, as it is now.
     """
     way = abs(displacement)
     whole = 0.0
@@ -102,8 +125,9 @@ def memory_damping(p: Floats, state: Floats, displacement: float) -> float:
         stiffness = where(limit > 0.0, p[_AT + 2 * i + 1] / limit, 0.0)
         bent = where(displacement < 0.0, -state[_STATE + i], state[_STATE + i])
         room = max(limit - bent, 0.0)
+        kept = 1.0 - where(limit > 0.0, p[YIELDING] * bent / limit, 0.0)
         whole += stiffness
-        sticking += stiffness * where(room < way, room / way, 1.0)
+        sticking += stiffness * kept * where(room < way, room / way, 1.0)
     return float(where(whole > 0.0, p[DAMPING] * sticking / whole, 0.0))
 
 
@@ -210,12 +234,16 @@ def _carried(p: Floats, way: float) -> float:
     """What bristle and elements carry on a way from rest [N m or N]."""
     reach, torque = _used(p)
     bristle = -float(p[COULOMB]) * math.expm1(-way * p[STIFFNESS] / p[COULOMB])
-    return bristle + float(torque @ np.minimum(way / reach, 1.0))
+    bent, part = way / reach, float(p[YIELDING])
+    if part > 0.0:
+        bent = -np.expm1(-part * bent) / part
+    return bristle + float(torque @ np.minimum(bent, 1.0))
 
 
 def _way_to(p: Floats, part: float) -> float:
     """Way from rest on which friction comes to a part of its level [rad or m]."""
-    least, far = 0.0, float(max(_used(p)[0].max(initial=0.0), -math.log1p(-part) * p[COULOMB] / p[STIFFNESS]))
+    longest = _used(p)[0].max(initial=0.0) * (1.0 if p[YIELDING] == 0.0 else max(1.0, -math.log1p(-part)))
+    least, far = 0.0, float(max(longest, -math.log1p(-part) * p[COULOMB] / p[STIFFNESS]))
     for _ in range(HALVINGS):
         way = 0.5 * (least + far)
         least, far = (least, way) if _carried(p, way) >= part * _level(p) else (way, far)
@@ -240,7 +268,7 @@ def longest_displacement(p: Floats) -> float:
 
 REVERSAL_MEMORY = Kind(
     name="reversal_memory",
-    parameters=(*(one for number in range(1, ELEMENTS + 1) for one in _element(number)), _DAMPING),
+    parameters=(*(one for number in range(1, ELEMENTS + 1) for one in _element(number)), _DAMPING, _YIELDING),
     looks_like="After a reversal the torque climbs in several stages over a long way; small loops inside "
     "large ones close where they began.",
     cause="Many contacts that let go one after another: preloaded balls and rollers, seals, wipers, cables.",

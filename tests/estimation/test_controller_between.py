@@ -24,7 +24,7 @@ from autotune.estimation.data import Prepared, prepare
 from autotune.estimation.disturbance import STILL
 from autotune.estimation.policy import POLICY
 from autotune.estimation.residual import Simulated
-from autotune.estimation.twin_runs import acted_late, run_twin, run_twins
+from autotune.estimation.twin_runs import acted_late, run_twin, run_twins, slower
 from autotune.models.drive_model import base_model
 from autotune.recordings.recording import Recording
 from tests.estimation.simulated import AXIS, PERIOD, RESOLUTION, TRUE, recorded
@@ -290,3 +290,16 @@ def test_where_counts_lie_is_moved_and_nothing_else() -> None:
     counted = run_twins(data, [model, model], law, [(still, still), (still, moved)])
     apart = counted[1].position - counted[0].position
     assert 0.1 * RESOLUTION < np.std(apart) < RESOLUTION
+
+
+def test_what_a_sum_wanders_is_told_to_the_last_sample_whatever_that_one_holds() -> None:
+    """The last sample of a difference of two torques may be anything: a law asks there for what is to come."""
+    data = prepare([recorded(TRUE, seconds=12.0)])
+    time = np.arange(len(data.torque)) * data.period
+    wanders = 0.01 * np.sin(0.3 * time)
+    noisy = wanders.copy()
+    noisy[-1] += 1.0
+    found = slower(data, np.array([wanders, noisy]), 0.5)
+    assert found.shape == (2, len(time))
+    np.testing.assert_allclose(found[1], wanders, atol=0.01)
+    np.testing.assert_allclose(found[0], slower(data, wanders, 0.5))

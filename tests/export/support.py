@@ -52,6 +52,7 @@ SHAPES: Mapping[str, Mapping[str, float]] = {
     "position_dependent_friction": {"from": -1.0, "step": 1.0, "rise_1": 0.2, "rise_3": -0.1},
     "gravity_imbalance": {"sin_2": 0.02, "cos_2": 0.01},
     "spring": {"from": -0.5, "step": 0.5, "ramp_1": 0.02, "ramp_3": 0.05},
+    "reversal_memory": {"yielding": 0.7},
 }
 """What an effect by another law has beside its own."""
 FADING = {"damping_velocity": 0.2, "damping_tail": 0.6}

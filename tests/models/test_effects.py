@@ -61,6 +61,10 @@ SHAPED: dict[str, dict[str, float]] = {
     },
     "gravity_imbalance": {"sin": 0.05, "cos": -0.03, "sin_2": 0.02, "cos_2": 0.01},
     "spring": {"stiffness": 0.01, "from": -0.5, "step": 0.5, "ramp_1": 0.02, "ramp_3": 0.05},
+    "reversal_memory": {
+        "displacement_1": 0.01, "torque_1": 0.05, "displacement_2": 0.1, "torque_2": 0.05, "damping": 0.02,
+        "yielding": 0.7,
+    },
     "torque_lag": {"time_constant": 2e-2, "steepness": 0.6},
     "dwell_time_break_away": {
         "rise": 0.1, "time_constant": 0.1, "slip": 2e-3, "rise_2": 0.1, "time_constant_2": 0.01, "rise_3": 0.2,

@@ -181,3 +181,52 @@ def test_the_damping_at_rest_is_that_of_bristle_and_elements() -> None:
     shared = packed.p[DAMPING] / bristle
     assert shared == pytest.approx(40.0 / (40.0 + NOMINAL["stiffness"]))
     assert packed.p[layout.MICRO_DAMPING] + packed.p[DAMPING] == pytest.approx(bristle)
+
+
+def _bent(yielding: float, begin: float, way: float, number: int = 1) -> float:
+    """How far an element is bent after a way."""
+    p, state = memory(yielding=yielding).pack().p, np.zeros(layout.STATES)
+    at = layout.state_block("reversal_memory") + number - 1
+    state[at] = begin
+    memory_torque(p, state, way)
+    return float(state[at])
+
+
+@pytest.mark.parametrize("yielding", [0.05, 0.4, 1.0])
+def test_an_element_that_yields_follows_its_equation(yielding: float) -> None:
+    """dz = dq·(1 − b·s·z/d) until it slides, in small steps; one step of any length comes to the same place."""
+    limit, small = DAMPED["displacement_1"], 2e-8
+    for begin, way in ((0.0, 6e-4), (0.0, -6e-4), (8e-4, -1.5e-3), (-9e-4, 4e-4)):
+        bend = begin
+        for _ in range(round(abs(way) / small)):
+            step = math.copysign(small, way)
+            bend += step * (1.0 - yielding * math.copysign(1.0, way) * bend / limit)
+        assert _bent(yielding, begin, way) == pytest.approx(bend, abs=1e-3 * limit)
+
+
+def test_elements_that_yield_forget_on_the_way_what_others_keep() -> None:
+    """Small swings after a long way: what slides keeps what it carries, what yields comes to the middle of its loop."""
+    left = []
+    for yielding in (0.0, 1.0):
+        p, state = memory(yielding=yielding).pack().p, np.zeros(layout.STATES)
+        memory_torque(p, state, 0.1)
+        swings = [memory_torque(p, state, step) for step in [-1e-4, 1e-4] * 1000]
+        left.append(sum(swings[-2:]) / (DAMPED["torque_1"] + DAMPED["torque_2"]) / 2.0)
+    assert left[0] > 0.9
+    assert left[1] == pytest.approx(0.0, abs=0.02)
+
+
+def test_a_yielding_contact_of_one_element_climbs_as_a_bristle_does() -> None:
+    p = base_model(NOMINAL).pack().p
+    p[layout.COULOMB], p[layout.STIFFNESS] = 1e-6, 1e-2
+    for name, value in (("displacement_1", 1.0), ("torque_1", 1.0), ("yielding", 1.0)):
+        p[REVERSAL_MEMORY.slot(name)] = value
+    assert drawn_out(p) == pytest.approx(1.0, rel=0.02)
+
+
+def test_yielding_elements_are_damped_less_the_further_they_are_bent() -> None:
+    p, state = memory(yielding=0.5).pack().p, np.zeros(layout.STATES)
+    bent = [_bent(0.5, 0.0, 5e-4, number) / DAMPED[f"displacement_{number}"] for number in (1, 2)]
+    memory_torque(p, state, 5e-4)
+    expected = 0.06 * (1.0 - 0.5 * bent[0]) + 0.02 * (1.0 - 0.5 * bent[1])
+    assert memory_damping(p, state, 1e-6) == pytest.approx(expected, rel=1e-9)
