@@ -32,6 +32,8 @@ from autotune.signals.chunks import chunk_means, mean_and_error, shared
 
 CERTAIN_ERRORS = 2.0
 """Standard errors of what comes again in one experiment, taken off where it must be beyond doubt."""
+MEDIAN_OF_ONE = 0.455
+"""Of its mean: the median of a squared deviate, as the variance of two repeats is one."""
 NOISE_CHUNK = 60
 OUTLYING, OUTLYING_SECONDS = 12.0, 0.25
 """Times the median power: a piece of so many seconds with more is left out."""
@@ -202,12 +204,11 @@ class Problem:
         """Variance between repeats of the mean of an experiment [(N m)²].
 
         A disturbance that wanders over tens of seconds is one number in each repeat. The product of two of them is
-        then a single draw with this for its standard deviation, however many seconds there are.
+        then a single draw with this for its standard deviation, however many seconds there are. By the median, so that
+        one experiment that counts make chaotic says nothing of the others.
         """
-        means = [
-            self._compared(block, error).mean(axis=1) for block in self.data.blocks if block.repeats > 1
-        ]
-        return float(np.mean([one.var(ddof=1) for one in means])) if means else 0.0
+        means = [self._compared(block, error).mean(axis=1) for block in self.data.blocks if block.repeats > 1]
+        return float(np.median([one.var(ddof=1) for one in means])) / MEDIAN_OF_ONE if means else 0.0
 
     def _repeatable_chunks(self, error: Floats, correction: Correction, role: str) -> list[Floats]:
         """Of each repeated experiment the mean of every second or so, and how much it counts, shape (chunks, 2)."""
