@@ -10,7 +10,7 @@ from autotune.core.errors import NotEnoughExcitation
 from autotune.diagnosis.candidates import Progress, free_of_model, no_progress
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence, without_rounding
-from autotune.diagnosis.evidence.time_driven import without_clocked
+from autotune.diagnosis.evidence.time_driven import without_clocked, without_reading_waves
 from autotune.diagnosis.evidence.visibility import loop_note, refuse_answers
 from autotune.diagnosis.refits import with_noise_of
 from autotune.diagnosis.ripple_orders import MOST_LINES
@@ -100,7 +100,7 @@ def begin(
     problem, settled = _aligned(problem, model_fit)
     problem, settled, said = _late_record(problem, settled)
     notes = (*notes, *said)
-    problem, settled = _without_clocked(problem, settled)
+    problem, settled = _without_reading_waves(*_without_clocked(problem, settled))
     notes = (*notes, *_refuse_misfit(problem, settled))
     notes = (*notes, *left_out_note(problem, settled))
     return problem, settled, packed, (*notes, *evidence_of(problem.data).limits(problem))
@@ -290,6 +290,17 @@ def _without_clocked(problem: Problem, model_fit: ModelFit) -> tuple[Problem, Mo
         if other is None or other.fitted.cost > model_fit.fitted.cost:
             return problem, model_fit
         problem, model_fit = again, other
+
+
+def _without_reading_waves(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit]:
+    """Problem and fit without what the encoder's interpolation adds to the motion."""
+    again = without_reading_waves(problem, model_fit)
+    if again is None:
+        return problem, model_fit
+    other = fit_inside_twin(again, model_fit.fitted.packed, list(model_fit.free), 2)
+    if other is None or other.fitted.cost > model_fit.fitted.cost:
+        return problem, model_fit
+    return _aligned(again, other)
 
 
 def _refuse_misfit(problem: Problem, model_fit: ModelFit) -> tuple[str, ...]:

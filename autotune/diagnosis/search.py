@@ -27,7 +27,7 @@ from autotune.diagnosis.candidates import (
 )
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence
-from autotune.diagnosis.evidence.time_driven import without_clocked
+from autotune.diagnosis.evidence.time_driven import without_clocked, without_reading_waves
 from autotune.diagnosis.free_shape import with_free_shape
 from autotune.diagnosis.refits import (
     REFINED,
@@ -612,6 +612,9 @@ class _Search:
         clockless = without_clocked(self.problem, fitted.packed, fitted.error)
         if clockless is not None:
             best = self._moved(clockless, best)
+        true = without_reading_waves(self.problem, best.model_fit)
+        if true is not None:
+            best = self._moved(true, best)
         again = self.evidence.aligned(self.problem, best.model_fit)
         if again is not self.problem:
             best = self._moved(again, best)

@@ -68,6 +68,11 @@ CURRENT_LOOP_LATE = (
     "The torque follows its demand {late:.2g} ± {error:.1g} ms late, as a current loop of {hertz:.0f} Hz does: any "
     "drive has one, and it is no effect of the axis. It is taken out."
 )
+READS_IN_WAVES = (
+    "The encoder tells up to {size:.2g} {unit} too much or too little over each {period:.4g} {unit}, as one does that "
+    "interpolates the sine and cosine of its lines. It is no effect of the axis, and taken out of the motion; its "
+    "signals' offsets and sizes can be set in most drives."
+)
 CYCLES_LATE = (
     "The torque acts {cycles} of {period:.3g} ms after the row that it is recorded in, as one that goes over a bus "
     "does. It is no effect of the axis, and taken out; a shorter one makes room for faster gains."
@@ -121,6 +126,10 @@ def torque_path_notes(data: Prepared) -> tuple[str, ...]:
     if data.lag > 2.0 * data.lag_error:
         late, error, hertz = 1e3 * data.lag, 1e3 * data.lag_error, 1.0 / (2.0 * math.pi * data.lag)
         notes.append(CURRENT_LOOP_LATE.format(late=late, error=error, hertz=hertz))
+    if data.reading is not None:
+        period = 2.0 * math.pi / data.reading.wavenumber
+        unit = data.metadata.motion_unit
+        notes.append(READS_IN_WAVES.format(size=data.reading.size, period=period, unit=unit))
     return tuple(notes)
 
 

@@ -136,29 +136,69 @@ def shared(problem: Problem, fitted: Fitted, correction: Correction) -> float:
 def drift(problem: Problem, fitted: Fitted, correction: Correction, role: str) -> tuple[float, float]:
     """Variance that a friction level differing between repeats explains [(N m)²], and its z."""
     column = of_friction(problem, fitted, correction, role)
-    if column is None:
-        return 0.0, 0.0
+    found = _level_between(problem, fitted.error, column, role)
+    return found.variance, found.z
+
+
+@dataclass(frozen=True, slots=True)
+class _Level:
+    """By how much a friction level differs between the first repeat and the last, relative; 0 where by chance.
+
+    Attributes:
+        z: of that; power: mean square of the level [(N m)²].
+    """
+
+    slope: float
+    z: float
+    power: float
+
+    @property
+    def variance(self) -> float:
+        """That it explains [(N m)²]."""
+        return 0.25 * self.slope**2 * self.power
+
+
+def _level_between(problem: Problem, error: Floats, column: Floats | None, role: str) -> _Level:
+    """By an error and the sensitivity to friction, both of shape (m,); None where that was not fitted."""
     differences, levels = [], []
+    if column is None:
+        return _Level(0.0, 0.0, 0.0)
     for block in problem.data.blocks:
         if block.role != role or block.repeats < 2:
             continue
-        error = block.by_repeat(fitted.error)
+        table = block.by_repeat(error)
         level = block.by_repeat(column)
-        differences.append(error[-1] - error[0])
+        differences.append(table[-1] - table[0])
         levels.append(0.5 * (level[-1] + level[0]))
     if not differences:
-        return 0.0, 0.0
+        return _Level(0.0, 0.0, 0.0)
     d, x = np.concatenate(differences), np.concatenate(levels)
     power = float(x @ x)
     if power <= 0.0:
-        return 0.0, 0.0
+        return _Level(0.0, 0.0, 0.0)
     slope = float(x @ d) / power
     rest = d - slope * x
     z = slope / max(math.sqrt(float(rest @ rest) / len(d) * 4.0 / power), 1e-300)
     share = 1.0 - float(rest @ rest) / max(float(d @ d), 1e-300)
     if abs(z) < problem.policy.drift_z or share < problem.policy.drift_part:
-        return 0.0, z
-    return 0.25 * slope**2 * power / len(d), z
+        slope = 0.0
+    return _Level(slope, z, power / len(d))
+
+
+def _of_drift(problem: Problem, error: Floats, column: Floats | None, role: str) -> float:
+    """Of the variance between repeats, what a friction level makes that differs between them beyond doubt [(N m)²].
+
+    A disturbance that was estimated beside a model without it has it too, as the slowest of its colours.
+    """
+    found = _level_between(problem, error, column, role)
+    if column is None or found.slope == 0.0:
+        return 0.0
+    level = error.copy()
+    for block in problem.data.blocks:
+        if block.role == role and block.repeats > 1:
+            late = np.linspace(-0.5, 0.5, block.repeats)[:, None]
+            level[block.rows] -= (found.slope * late * block.by_repeat(column)).ravel()
+    return problem.noise_variance(error, role) - problem.noise_variance(level, role)
 
 
 def of_friction(problem: Problem, fitted: Fitted, correction: Correction, role: str) -> Floats | None:
@@ -255,19 +295,21 @@ def explained(
     How far a bristle is stretched at a rest comes again in repeats, and no effect explains it: neither what counts as
     explained nor what is left holds it.
     """
-    fall = _explainable_fall(problem, before.error, after.error, role)
+    column = of_friction(problem, after, correction, role)
+    fall = _explainable_fall(problem, before.error, after.error, role, column)
     if not math.isfinite(problem.noise_variance(after.error, role)):
         return Explained(fall, 0.0)
     rests = rests_of(problem, after.packed)
     rested, quiet, settled = beyond_rests(problem, after.error, correction, rests)
     missing = without_rests(before.error, rests)
-    moved = _explainable_fall(quiet, missing, rested, role)
+    moved = _explainable_fall(quiet, missing, rested, role, column)
     variance, error = quiet.repeatable(rested, settled, role)
     counts, _ = quiet.comes_by_counts(role)
     beyond = variance if variance > problem.policy.rest_errors * error else 0.0
     beyond = max(beyond, quiet.repeatable_for_certain(rested, settled, role))
     certain = beyond > max(problem.policy.rest_part * quiet.noise_variance(rested, role), counts)
-    left = whole = _comes_again(quiet, rested, settled, role) + drift(problem, after, correction, role)[0]
+    drifting = _level_between(problem, after.error, column, role).variance
+    left = whole = _comes_again(quiet, rested, settled, role) + drifting
     if role == VETO and not certain and _tells_nothing(quiet, missing, settled, counts):
         left = max(left - (problem.policy.rest_errors - 1.0) * error, 0.0)
     of_chain = max(quiet.of_chain(rested, role), counts)
@@ -276,15 +318,20 @@ def explained(
     return Explained(fall, still, certain, whole - still, moved)
 
 
-def _explainable_fall(problem: Problem, before: Floats, after: Floats, role: str) -> float:
-    """Fall of a role's mean square [(N m)²].
+def _explainable_fall(
+    problem: Problem, before: Floats, after: Floats, role: str, column: Floats | None
+) -> float:
+    """Fall of a role's mean square [(N m)²]; `column`: sensitivity to friction, shape (m,).
 
     Of what repeats do not share only what the disturbance does not make can be explained: a lag that smooths the
-    noise of the torque explains nothing.
+    noise of the torque explains nothing. A friction level that differs between repeats is no disturbance.
     """
     fall = problem.mean_square(before, role) - problem.mean_square(after, role)
     noise = problem.noise_variance(after, role)
     if not math.isfinite(noise):
         return fall
     quieter = problem.noise_variance(before, role) - noise
-    return fall - max(quieter - problem.noise_explainable(before, role), 0.0)
+    if quieter <= 0.0:
+        return fall
+    known = max(problem.noise_explainable(before, role), _of_drift(problem, before, column, role))
+    return fall - max(quieter - known, 0.0)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -92,6 +92,37 @@ class Clocked:
 
 
 @dataclass(frozen=True, slots=True)
+class ReadingWave:
+    """What an encoder that interpolates the sine and cosine of its lines tells too much, over the place it tells.
+
+    Attributes:
+        wavenumber: of one period of the scale [rad/motion unit].
+        parts: sine and cosine of one wave a period, as offsets of its signals make it, then of two, as unequal sizes
+            and a phase that is off do [motion unit].
+    """
+
+    wavenumber: float
+    parts: tuple[float, float, float, float]
+
+    def error(self, measured: Floats) -> Floats:
+        """At readings of shape (n,) [motion unit]."""
+        angle = self.wavenumber * measured
+        one, two = np.exp(1j * angle), np.exp(2j * angle)
+        sine, cosine, sine_2, cosine_2 = self.parts
+        return np.asarray(sine * one.imag + cosine * one.real + sine_2 * two.imag + cosine_2 * two.real)
+
+    @property
+    def size(self) -> float:
+        """How much it tells too much at most [motion unit]."""
+        return math.hypot(*self.parts[:2]) + math.hypot(*self.parts[2:])
+
+    @property
+    def steepest(self) -> float:
+        """Its largest slope over place at most; from 1 on the reading would go backwards."""
+        return self.wavenumber * (math.hypot(*self.parts[:2]) + 2.0 * math.hypot(*self.parts[2:]))
+
+
+@dataclass(frozen=True, slots=True)
 class Prepared:
     """Arrays of shape (n,) by sample, (m,) by grid row. SI, motor side.
 
@@ -112,6 +143,7 @@ class Prepared:
         periodic: stretches whose motion repeats itself: they are held out by phase.
         pace: what lengths of time are multiplied by (`bandwidth.Bands.pace`).
         clocked: torques that follow the clock; what is compared has none of them.
+        reading: what the encoder's interpolation tells too much; the filtered motion has none of it, `measured` has.
         certainty: how much each grid row counts, at most 1: the usual noise over its own; None: all alike.
         load_in_twin: a load beyond a transmission moves in runs of the twin only; motions go through the inverse of the
             rigid axis, the measured one and the twin's (`residual`).
@@ -151,6 +183,7 @@ class Prepared:
     sensed: Floats | None = None
     pace: float = 1.0
     clocked: tuple[Clocked, ...] = ()
+    reading: ReadingWave | None = None
     certainty: Floats | None = None
     load_in_twin: bool = False
     asked: Floats | None = None
@@ -302,6 +335,13 @@ def filtered_motion(
 ) -> tuple[Floats, Floats, Floats]:
     """Position, velocity and acceleration, filtered within each stretch; each of the shape given, (…, n)."""
     return motion(measured, period, cutoff, [(s.start, s.stop) for s in stretches])
+
+
+def read_without(data: Prepared, reading: ReadingWave) -> Prepared:
+    """The data with the motion as it was where the encoder's reading has such an error."""
+    true = data.measured - reading.error(data.measured)
+    position, velocity, acceleration = filtered_motion(true, data.stretches, data.period, data.motion_cutoff)
+    return replace(data, position=position, velocity=velocity, acceleration=acceleration, reading=reading)
 
 
 def low_pass_taps(cutoff: float, period: float) -> Floats:

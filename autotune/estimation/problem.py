@@ -31,6 +31,8 @@ from autotune.signals.chunks import chunk_means, mean_and_error, shared
 
 CERTAIN_ERRORS = 2.0
 """Standard errors of what comes again in one experiment, taken off where it must be beyond doubt."""
+MEDIAN_OF_ONE = 0.455
+"""Of its mean: the median of a squared deviate, as the variance of two repeats is one."""
 NOISE_CHUNK = 60
 OUTLYING, OUTLYING_SECONDS = 12.0, 0.25
 """Times the median power: a piece of so many seconds with more is left out."""
@@ -176,7 +178,11 @@ class Problem:
 
     def repeatable(self, error: Floats, correction: Correction, role: str) -> tuple[float, float]:
         """Variance that comes again in every repeat, and its standard error [(N m)²]."""
-        return mean_and_error(self._repeatable_chunks(error, correction, role))
+        chunks = self._repeatable_chunks(error, correction, role)
+        mean, spread = mean_and_error(chunks)
+        rows = np.array([float(one[:, 1].sum()) for one in chunks])
+        share = float(np.linalg.norm(rows)) / max(float(rows.sum()), 1e-300)
+        return mean, math.hypot(spread, share * self._wanders(error))
 
     def repeatable_for_certain(self, error: Floats, correction: Correction, role: str) -> float:
         """Variance that comes again beyond doubt, experiment by experiment [(N m)²].
@@ -187,7 +193,21 @@ class Problem:
         chunks = self._repeatable_chunks(error, correction, role)
         rows = sum(float(one[:, 1].sum()) for one in chunks)
         each = [(mean_and_error([one]), float(one[:, 1].sum()) / max(rows, 1e-300)) for one in chunks]
-        return sum(share * max(mean - CERTAIN_ERRORS * spread, 0.0) for (mean, spread), share in each)
+        slow = self._wanders(error)
+        return sum(
+            share * max(mean - CERTAIN_ERRORS * math.hypot(spread, slow), 0.0)
+            for (mean, spread), share in each
+        )
+
+    def _wanders(self, error: Floats) -> float:
+        """Variance between repeats of the mean of an experiment [(N m)²].
+
+        A disturbance that wanders over tens of seconds is one number in each repeat. The product of two of them is
+        then a single draw with this for its standard deviation, however many seconds there are. By the median, so that
+        one experiment that counts make chaotic says nothing of the others.
+        """
+        means = [self._compared(block, error).mean(axis=1) for block in self.data.blocks if block.repeats > 1]
+        return float(np.median([one.var(ddof=1) for one in means])) / MEDIAN_OF_ONE if means else 0.0
 
     def _repeatable_chunks(self, error: Floats, correction: Correction, role: str) -> list[Floats]:
         """Of each repeated experiment the mean of every second or so, and how much it counts, shape (chunks, 2)."""

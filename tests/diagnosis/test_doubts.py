@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,6 +18,7 @@ from autotune.diagnosis.free_shape import at_an_edge
 from autotune.diagnosis.starts import varying
 from autotune.estimation import contact_start
 from autotune.estimation.coordinates import coordinates, generic_columns
+from autotune.estimation.data import Block
 from autotune.estimation.policy import POLICY
 from autotune.estimation.problem import Problem, without_outlying
 from autotune.models.drive_model import base_model
@@ -280,10 +282,34 @@ def test_chance_of_one_experiment_hides_nothing_of_another() -> None:
     random = np.random.default_rng(2)
     noisy = np.column_stack([-2.0 + 3.0 * random.normal(size=9), np.ones(9)])
     quiet = np.column_stack([0.15 + 0.03 * random.normal(size=9), np.ones(9)])
-    problem = SimpleNamespace(_repeatable_chunks=lambda *_: [noisy, quiet])
+    problem = SimpleNamespace(_repeatable_chunks=lambda *_: [noisy, quiet], _wanders=lambda _: 0.0)
     certain = Problem.repeatable_for_certain(problem, None, None, "training")
     assert 0.04 < certain < 0.075
     assert Problem.repeatable(problem, None, None, "training")[0] < 0.0
+
+
+@pytest.mark.parametrize(
+    ("level", "chaotic", "told"), [(0.0, 0.0, 0.01), (1.0, 0.0, 1.0), (0.0, 5.0, 0.01)],
+    ids=["noise", "a level that wanders", "chaos in one experiment"],
+)  # fmt: skip
+def test_what_wanders_over_an_experiment_is_one_number_in_each_repeat(
+    level: float, chaotic: float, told: float
+) -> None:
+    """Variance between the repeats of forty experiments of 100 rows, in noise of one."""
+    random = np.random.default_rng(5)
+    blocks = tuple(Block(f"part {i}", "training", 200 * i, 2, 100) for i in range(40))
+    error = random.standard_normal(8000) + np.repeat(level * random.standard_normal(80), 100)
+    error[:100] += chaotic
+    problem = SimpleNamespace(
+        data=SimpleNamespace(blocks=blocks), _compared=lambda block, values: block.by_repeat(values)
+    )
+    assert Problem._wanders(problem, error) == pytest.approx(told, rel=0.4)
+    rows = np.column_stack([1.0 + 0.1 * random.standard_normal(9), np.ones(9)])
+    problem = SimpleNamespace(_repeatable_chunks=lambda *_: [rows], _wanders=lambda _: told)
+    assert Problem.repeatable(problem, error, None, "training")[1] == pytest.approx(
+        math.hypot(told, 0.03), rel=0.2
+    )
+    assert (Problem.repeatable_for_certain(problem, error, None, "training") > 0.0) == (told < 0.4)
 
 
 def test_points_of_a_speed_curve_have_a_speed_and_nothing_else() -> None:

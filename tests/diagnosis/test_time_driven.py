@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,9 +11,12 @@ import pytest
 
 from autotune.diagnosis.evidence import time_driven
 from autotune.diagnosis.verdict import NONE, diagnose
-from autotune.estimation.data import TRAINING, Block, Clocked
+from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
+from autotune.estimation.data import TRAINING, Block, Clocked, ReadingWave, filtered_motion
 from autotune.estimation.disturbance import STILL
 from autotune.estimation.policy import POLICY
+from autotune.estimation.problem import Problem
+from autotune.estimation.residual import measured_motion
 from autotune.estimation.twin_runs import shaken
 from autotune.models.drive_model import base_model
 from tests.support.axes import NOMINAL, plain_axis
@@ -161,3 +165,35 @@ def test_a_hum_that_comes_again_in_repeats_is_taken_out() -> None:
     level = math.hypot(found.sine, found.cosine)
     assert level == pytest.approx(0.0105, rel=0.15), "most of it: at rest it is below a count of the encoder"
     assert any("50.0" in note for note in told.notes)
+
+
+WAVE = ReadingWave(150.0, (1.6e-4, -0.4e-4, 0.4e-4, 0.8e-4))
+"""A period is 42 mrad, on an axis whose encoder has counts of 0.13 mrad."""
+
+
+def _with_reading(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit]:
+    """The axis seen by an encoder that interpolates with an error."""
+    data = problem.data
+    data = replace(data, measured=data.measured + WAVE.error(data.measured))
+    moved = filtered_motion(data.measured, data.stretches, data.period, data.motion_cutoff)
+    parts = dict(zip(("position", "velocity", "acceleration"), moved, strict=True))
+    data = replace(data, **parts)
+    problem = replace(problem, data=data, moved=measured_motion(data))
+    again = fit_inside_twin(problem, model_fit.fitted.packed, list(model_fit.free), 2)
+    assert again is not None
+    return problem, again
+
+
+def test_what_an_encoder_interpolates_is_taken_out(begun: tuple[Problem, ModelFit]) -> None:
+    assert time_driven.without_reading_waves(*begun) is None
+    problem, model_fit = _with_reading(*begun)
+    without = time_driven.without_reading_waves(problem, model_fit)
+    assert without is not None
+    found = without.data.reading
+    assert found is not None
+    assert found.wavenumber == pytest.approx(WAVE.wavenumber, rel=1e-3)
+    assert found.parts == pytest.approx(WAVE.parts, abs=1e-5)
+    assert time_driven.without_reading_waves(without, model_fit) is None
+    again = fit_inside_twin(without, model_fit.fitted.packed, list(model_fit.free), 2)
+    assert again is not None
+    assert again.fitted.cost < 1.1 * begun[1].fitted.cost

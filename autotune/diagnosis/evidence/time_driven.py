@@ -1,7 +1,7 @@
 """What follows the clock, not the motion: one frequency in every experiment, of a torque or of the friction's level.
 
 Repeats of a trajectory do not start in the phase of it, so that it looks like noise; but its phase runs on through
-all experiments.
+all experiments. And what follows the lines of the encoder's scale: the error of a reading that is interpolated.
 """
 
 from __future__ import annotations
@@ -15,12 +15,13 @@ from scipy.signal import welch
 
 from autotune.core.arrays import Floats
 from autotune.estimation.bias_corrected_fit import ModelFit
-from autotune.estimation.cross_validation import of_friction
-from autotune.estimation.data import TRAINING, Clocked, Prepared
+from autotune.estimation.cross_validation import gain_and_z, of_friction, with_columns
+from autotune.estimation.data import TRAINING, Clocked, Prepared, ReadingWave, read_without
 from autotune.estimation.disturbance_estimate import estimate_disturbance, with_expected_noise
 from autotune.estimation.problem import Problem
-from autotune.estimation.residual import measured_motion, smoothed
+from autotune.estimation.residual import measured_motion, residual, smoothed
 from autotune.models.drive_model import Packed
+from autotune.signals.place_line import strongest_line
 
 LEAST_HERTZ = 0.7
 MOST_CLOCKED = 3
@@ -38,6 +39,11 @@ ALIKE_PHASE = math.radians(30.0)
 HUNTS_ABOVE, NARROW, MOST, LOUD = 10.0, 0.1, 0.5, 0.1
 """Of a limit cycle: the lowest frequency [Hz]; the width of its line, over that; its least share of all that repeats do
 not share there; its least level over the torque's, where an axis has next to no friction."""
+
+LEAST_PERIODS, LEAST_LINES = 20.0, 8.0
+"""Of an encoder's scale: periods over the travel and over a turn at least; fewer are waves of the axis."""
+COUNTS_A_PERIOD, FINEST_PERIOD = 8.0, 1e-5
+"""Counts, and part of the travel, that a period is at least: a finer one cannot be told."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +112,89 @@ def without_clocked(problem: Problem, packed: Packed, error: Floats) -> Problem 
     problem = replace(problem, data=data, moved=measured_motion(data))
     problem = replace(problem, disturbance=estimate_disturbance(problem, packed))
     return with_expected_noise(problem, packed)
+
+
+def without_reading_waves(problem: Problem, model_fit: ModelFit) -> Problem | None:
+    """The problem without what the encoder's interpolation adds to the motion; None where there is none.
+
+    It is alike in every repeat, and no effect of the axis. A reading y = q + e(y) leaves -J·e'' of what a model leaves:
+    by its size over speed it differs from a torque over place, which must predict experiments held out less well.
+    """
+    data = problem.data
+    if not data.repeated or data.steady or data.reading is not None:
+        return None
+    line = strongest_line(data.measured, _bent(problem, model_fit.fitted.error), _lines_of_scales(problem))
+    if line is None or line.contrast < problem.policy.line_contrast:
+        return None
+    found = max(
+        (_read(problem, model_fit, line.wavenumber / times) for times in (1.0, 2.0)), key=lambda one: one.gain
+    )
+    known = found.gain >= problem.policy.least_gain and problem.policy.no_chance(found.gain, found.z)
+    if not known or found.gain <= found.as_torque or found.wave.steepest >= 1.0:
+        return None
+    data = read_without(data, found.wave)
+    problem = replace(problem, data=data, moved=measured_motion(data))
+    packed = model_fit.fitted.packed
+    problem = replace(problem, disturbance=estimate_disturbance(problem, packed))
+    return with_expected_noise(problem, packed)
+
+
+def _bent(problem: Problem, error: Floats) -> Floats:
+    """What sums over all samples of a wave along the motion, so that it is what the wave as a reading's error has in
+    common with an error of shape (m,): through the low-pass, and differentiated twice; shape (n,).
+    """
+    data = problem.data
+    spread = np.zeros(len(data.torque))
+    spread[data.grid] = problem.training * error
+    spread = np.convolve(spread, data.taps, mode="same")
+    for stretch in data.stretches:
+        spread[stretch.rows] = np.gradient(np.gradient(spread[stretch.rows]))
+    return spread
+
+
+def _lines_of_scales(problem: Problem) -> tuple[float, float]:
+    """Wavenumbers [rad/motion unit] of a scale's periods: many over the travel and a turn, of many counts each."""
+    data = problem.data
+    least = 2.0 * math.pi * LEAST_PERIODS / problem.scales.travel
+    if data.metadata.motion_unit == "rad":
+        least = max(least, LEAST_LINES)
+    return least, 2.0 * math.pi / max(
+        COUNTS_A_PERIOD * data.resolution, FINEST_PERIOD * problem.scales.travel
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Read:
+    """A reading's wave, what it gains on experiments held out and by what z, and what a torque over place does."""
+
+    wave: ReadingWave
+    gain: float
+    z: float
+    as_torque: float
+
+
+def _read(problem: Problem, model_fit: ModelFit, wavenumber: float) -> _Read:
+    """The error of a reading that has so many radians per motion unit, by the slopes of what the model leaves."""
+    data, fitted = problem.data, model_fit.fitted
+    size = 1e-3 / wavenumber
+    plain = problem.raw(fitted.packed)
+    columns = np.empty((len(plain), 4))
+    for i, parts in enumerate(np.eye(4) * size):
+        moved = read_without(data, ReadingWave(wavenumber, tuple(parts)))
+        columns[:, i] = (residual(moved, fitted.packed, measured_motion(moved)) - plain) / size
+    weight = problem.training
+    table = np.hstack([fitted.jacobian, columns])
+    sizes = np.maximum(np.sqrt(weight @ table**2 / weight.sum()), 1e-300)
+    table = table / sizes
+    root = np.sqrt(weight)
+    steps = np.linalg.lstsq(root[:, None] * table, root * fitted.error, rcond=None)[0]
+    parts = -(steps / sizes)[-4:]
+    angle = wavenumber * data.position[data.grid]
+    waves = np.column_stack([np.sin(angle), np.cos(angle), np.sin(2.0 * angle), np.cos(2.0 * angle)])
+    gains = [
+        gain_and_z(model_fit.unseen, with_columns(problem, fitted, one)) for one in (table[:, -4:], waves)
+    ]
+    return _Read(ReadingWave(wavenumber, tuple(parts.tolist())), *gains[0], gains[1][0])
 
 
 def louder_than_all(data: Prepared) -> bool:
