@@ -35,6 +35,7 @@ from autotune.diagnosis.refits import (
     best_refined,
     fitted_again,
     gain_on_veto,
+    in_quieter_twin,
     inside_twin,
     judged,
     refined,
@@ -48,10 +49,10 @@ from autotune.diagnosis.refits import (
 )
 from autotune.diagnosis.screening import NEAR_WORTH, at_its_best, generic_gains, rank, rows_back, screen
 from autotune.diagnosis.transmission import (
+    masses_led_on,
     other_contact_tried,
     other_transmission_tried,
     spring_in_place,
-    spring_led_on,
     without_needless_gap,
 )
 from autotune.estimation.bias_corrected_fit import LEVEL_GROUND, ModelFit, fit_inside_twin
@@ -621,17 +622,40 @@ class _Search:
         if not self.evidence.repeats:
             best = with_contact(self.problem, self.root, best)
         if self.evidence.repeats and unsettled(self.problem, best):
+            best = self._shaken_less(best)
             best = refined(self.problem, self.root, best, self.progress)
             best = self._begun_anew(best)
             if unsettled(self.problem, best):
-                best = spring_led_on(self.problem, self.root, best, self.progress)
+                best = masses_led_on(self.problem, self.root, best, self.progress)
             if best.share < REFINED:
-                best = other_contact_tried(self.problem, self.root, best, self.progress)
+                best = self._other_contact(best)
             best = self._told_beside(best)
         if self.evidence.repeats and (best.plain_share < REFINED or self._more_to_explain(best.model_fit)):
             best = self._freed(best)
         self.chosen = best
         self.seen.append(best.model_fit)
+        return best
+
+    def _other_contact(self, best: FittedCandidate) -> FittedCandidate:
+        """The best candidate with another contact in its gap where that does clearly better, led on from there."""
+        other = other_contact_tried(self.problem, self.root, best, self.progress)
+        if other is best:
+            return best
+        other = refined(self.problem, self.root, other, self.progress)
+        return masses_led_on(self.problem, self.root, other, self.progress)
+
+    def _shaken_less(self, best: FittedCandidate) -> FittedCandidate:
+        """The best candidate in twins that are shaken less, where these leave clearly less; led on, and as loud again.
+
+        What it leaves is the least that is to be had then, and tells how much the axis is shaken.
+        """
+        before = self.problem
+        self.problem, best = in_quieter_twin(before, self.root, best)
+        if self.problem is before:
+            return best
+        self.progress("twins that are shaken less")
+        best = masses_led_on(self.problem, self.root, best, self.progress)
+        self.problem, best = with_own_noise(self.problem, self.root, best)
         return best
 
     def _told_beside(self, best: FittedCandidate) -> FittedCandidate:
@@ -641,7 +665,7 @@ class _Search:
         if again is self.problem:
             return best
         self.progress("another law of the controller")
-        moved = self._moved(again, best)
+        moved = self._shaken_less(self._moved(again, best))
         moved = refined(self.problem, self.root, moved, self.progress)
         if moved.model_fit.fitted.cost < best.model_fit.fitted.cost:
             return moved

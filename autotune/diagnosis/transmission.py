@@ -164,14 +164,14 @@ def other_contact_tried(
     return chosen
 
 
-def spring_led_on(
+def masses_led_on(
     problem: Problem, root: ModelFit, chosen: FittedCandidate, progress: Progress
 ) -> FittedCandidate:
-    """The chosen model with its spring, the fit led on by twins from where it stopped, where that comes lower."""
+    """The chosen model with two masses, the fit led on by twins from where it stopped, where that comes lower."""
     model_fit = chosen.model_fit
-    if not problem.twin or SPRING.name not in model_fit.effects:
+    if not problem.twin or not problem.two_masses(model_fit.fitted.packed):
         return chosen
-    progress(f"{SPRING.name} led on")
+    progress("motor and load led on")
     packed = led_on(problem, model_fit)
     settled = fit_inside_twin(problem, packed, list(model_fit.free), 2, model_fit.effects)
     if settled is None or settled.fitted.cost >= model_fit.fitted.cost:

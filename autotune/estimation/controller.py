@@ -332,7 +332,7 @@ def identified(samples: LoopSamples) -> PositionController:
 
     def found() -> tuple[PositionController]:
         law = _identified(samples)
-        return (replace(law, exact=_to_rounding(samples, law.explained)),)
+        return (replace(law, exact=law.usable and _to_rounding(samples, law.explained)),)
 
     return _remembered(b"identified", samples, found)[0]
 

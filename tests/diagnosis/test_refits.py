@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,16 +10,31 @@ import pytest
 
 from autotune.diagnosis import refits
 from autotune.diagnosis.baseline import begin
-from autotune.diagnosis.refits import adds_beside, root_from
+from autotune.diagnosis.refits import adds_beside, in_quieter_twin, root_from
 from autotune.estimation.bandwidth import prepared_to_fit
 from autotune.estimation.bias_corrected_fit import fit_inside_twin
+from autotune.estimation.disturbance import Disturbance
 from autotune.estimation.least_squares import followed
+from autotune.estimation.policy import POLICY
 from autotune.estimation.problem import refit
 from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.table import EFFECTS
 
 DRIFT = EFFECTS["thermal_drift"]
+
+
+@dataclass(frozen=True)
+class _Shaken:
+    """A problem of which only the twin's disturbance counts."""
+
+    disturbance: Disturbance
+    loads: bool = True
+    twin: bool = True
+    policy: object = POLICY
+
+    def two_masses(self, _: object) -> bool:
+        return self.loads
 
 
 @pytest.mark.slow
@@ -66,3 +81,27 @@ def test_what_a_rival_adds_beside_the_true_effect_is_next_to_nothing_whatever_bo
     right, wrong = fit("spring", true), fit("torque_lag", 0.9 * true + 0.4 * other)
     assert adds_beside(problem, None, right, wrong) < 0.03
     assert adds_beside(problem, None, wrong, right) > 1.0
+
+
+@pytest.mark.parametrize(("right", "expected"), [(0.5, 0.5), (0.9, 1.0)])
+def test_twins_with_two_masses_are_shaken_less_as_long_as_they_leave_clearly_less(
+    monkeypatch: pytest.MonkeyPatch, right: float, expected: float
+) -> None:
+    """`right`: the level at which they leave least; one that is hardly less loud is not another one."""
+
+    def fitted(problem: _Shaken, *_: object) -> SimpleNamespace:
+        cost = 1.0 + 10.0 * (problem.disturbance.white - right) ** 2
+        packed = SimpleNamespace(packed=None, cost=cost)
+        return SimpleNamespace(fitted=packed, free=(), effects=("backlash",))
+
+    monkeypatch.setattr(refits, "fit_inside_twin", fitted)
+    monkeypatch.setattr(refits, "with_expected_noise", lambda problem, _: problem)
+    monkeypatch.setattr(
+        refits, "judged", lambda _, __, fit, effect: SimpleNamespace(model_fit=fit, effect=effect)
+    )
+    loud = _Shaken(Disturbance(1.0, 0.0, 0.0, 0.0, 0.0))
+    begun = SimpleNamespace(model_fit=fitted(loud), effect="backlash")
+    problem, found = in_quieter_twin(loud, None, begun)
+    assert problem.disturbance.white == expected
+    assert found.model_fit.fitted.cost == fitted(problem).fitted.cost
+    assert in_quieter_twin(replace(loud, loads=False), None, begun)[1] is begun

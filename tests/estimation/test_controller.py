@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from autotune.estimation import controller
 from autotune.estimation.controller import (
     as_read,
     as_wanted,
@@ -120,6 +121,21 @@ def test_a_torque_that_is_always_clamped_cannot_verify_and_that_is_said() -> Non
     assert found.usable
     assert "could not be verified" in found.notes[0]
     assert not both(clamped.with_metadata(controller=None)).usable
+
+
+def test_a_law_without_gains_is_never_exact(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Clamped and free by turns, a demand may leave no run that varies: nothing explains all of nothing."""
+    monkeypatch.setattr(controller, "_identified", lambda _: PositionController(explained=1.0))
+    recording = recorded(TRUE)
+    columns = {
+        **recording.floats,
+        "torque": np.roll(recording["torque"], 7),
+    }  # not the one that is remembered
+    hunting = Recording.from_columns(columns, recording.metadata, "motion")
+    found = controller_of(hunting)
+    assert not found.usable
+    assert not found.exact
+    assert as_read(hunting, found) is hunting
 
 
 @pytest.mark.slow
