@@ -182,7 +182,8 @@ def at_an_edge(problem: Problem, model_fit: ModelFit) -> bool:
     """Whether the one effect found would go on beyond a bound of its law, by more than chance.
 
     There it is another effect: contacts that age within a tenth of a second are friction that falls with speed, and
-    friction that the load presses and that falls with itself is a motor that saturates.
+    friction that the load presses and that falls with itself is a motor that saturates. So it is too where a bound
+    away from nothing is met and the data do not tell the parameter from nothing.
     """
     if len(model_fit.effects) != 1:
         return False
@@ -196,6 +197,8 @@ def at_an_edge(problem: Problem, model_fit: ModelFit) -> bool:
             continue
         column = followed(np.delete(fitted.jacobian, i, axis=1), fitted.jacobian[:, i], weight)
         pieces = by_second(at * weight * column * fitted.error)
-        if pieces.sum() > problem.policy.apart_z * math.sqrt(float(pieces @ pieces)):
+        chance = problem.policy.apart_z * math.sqrt(float(pieces @ pieces))
+        least = value / fitted.scales[i] * float(weight * column @ column)
+        if pieces.sum() > chance or (at > 0 and one.lower > near and chance > least):
             return True
     return False

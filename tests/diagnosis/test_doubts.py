@@ -119,21 +119,34 @@ def test_one_experiment_says_the_contrary(
 
 
 @pytest.mark.parametrize(
-    ("seconds", "pull", "edge"), [(0.1, -1.0, True), (0.1, 1.0, False), (0.1, 0.0, False), (0.4, -1.0, False)]
+    ("seconds", "pull", "shown", "edge"),
+    [
+        (0.1, -1.0, 1.0, True),
+        (0.1, 1.0, 1.0, False),
+        (0.1, 0.0, 1.0, False),
+        (0.4, -1.0, 1.0, False),
+        (0.1, 0.0, 0.03, True),
+        (0.4, 0.0, 0.03, False),
+    ],
 )
 def test_an_effect_that_would_go_on_beyond_its_law_is_at_its_edge(
-    seconds: float, pull: float, edge: bool
+    seconds: float, pull: float, shown: float, edge: bool
 ) -> None:
-    """Contacts that age within 0.1 s are friction that falls with speed; `pull`: where the data would take them."""
+    """Contacts that age within 0.1 s are friction that falls with speed; `pull`: where the data would take them.
+
+    `shown`: how much of the time constant the data show; at 0.1 s it has to be told from nothing.
+    """
     kind = EFFECTS["dwell_time_break_away"]
     packed = base_model(NOMINAL).with_effect(
         kind.make({"rise": 0.01, "time_constant": seconds, "slip": 0.01})
     )
     free = tuple(varying(kind, name, Vary(0.5, lower=0.1)) for name in ("rise", "time_constant"))
     random = np.random.default_rng(3)
-    columns = random.normal(size=(6000, 2))
+    columns = random.normal(size=(6000, 2)) * [1.0, shown]
     error = random.normal(size=6000) - 0.2 * pull * columns[:, 1]
-    fitted = SimpleNamespace(packed=packed.pack(), free=free, jacobian=columns, error=error)
+    fitted = SimpleNamespace(
+        packed=packed.pack(), free=free, jacobian=columns, error=error, scales=[0.01, 0.5]
+    )
     problem = SimpleNamespace(policy=POLICY, training=np.ones(6000))
     assert at_an_edge(problem, SimpleNamespace(effects=(kind.name,), fitted=fitted)) == edge
     assert not at_an_edge(problem, SimpleNamespace(effects=(kind.name, "spring"), fitted=fitted))
