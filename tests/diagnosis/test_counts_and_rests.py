@@ -19,7 +19,7 @@ from autotune.estimation.contact_start import (
     sticking,
 )
 from autotune.estimation.coordinates import since_rest, without_rests
-from autotune.estimation.cross_validation import Explained, explained
+from autotune.estimation.cross_validation import Explained, _explainable_fall, explained, of_friction
 from autotune.estimation.data import TRAINING
 from autotune.estimation.disturbance_estimate import (
     by_certainty,
@@ -309,3 +309,25 @@ def test_where_no_count_of_presliding_is_seen_rows_at_rest_are_left_out(begun: B
     assert without.noise_variance(error, TRAINING) == pytest.approx(
         without.noise_variance(model_fit.fitted.error, TRAINING)
     )
+
+
+def test_a_friction_level_that_drifts_is_explained_though_the_disturbance_was_told_with_it(
+    begun: Begun,
+) -> None:
+    """Told beside a model without drift, a disturbance makes all that repeats do not share."""
+    problem, model_fit = begun
+    column = of_friction(problem, model_fit.fitted, model_fit.correction, TRAINING)
+    assert column is not None
+    drifted = model_fit.fitted.error.copy()
+    for block in problem.data.blocks:
+        if block.repeats > 1:
+            late = np.linspace(-0.5, 0.5, block.repeats)[:, None]
+            drifted[block.rows] += (0.01 * late * block.by_repeat(column)).ravel()
+    loud = replace(problem, expected=np.full(len(problem.data.blocks), 1.0))
+    after = model_fit.fitted.error
+    whole = problem.mean_square(drifted, TRAINING) - problem.mean_square(after, TRAINING)
+    assert _explainable_fall(loud, drifted, after, TRAINING, None) < 0.0
+    assert _explainable_fall(loud, drifted, after, TRAINING, column) == pytest.approx(whole, rel=0.1)
+    noisier = after + 0.1 * after.std() * np.random.default_rng(7).standard_normal(len(after))
+    without = [_explainable_fall(loud, noisier, after, TRAINING, one) for one in (None, column)]
+    assert without[0] == without[1]
