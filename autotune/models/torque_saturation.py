@@ -27,6 +27,9 @@ SATURATES = flag("torque_saturation")
 
 KNEES = 4
 """Demands from which on more of the torque is lost, by another law."""
+MOST = 0.6
+"""Of the largest torque that was recorded: the most that a fit lets be lost there. With more, and a sudden limit, nearly
+all demands would give the same torque, which is the sign of the velocity: that fits any axis."""
 PLACES = (0.15, 0.3, 0.5, 0.75)
 """Of the largest demand that was recorded: where they begin; each moves as far as half-way to the next."""
 
@@ -79,7 +82,7 @@ def starts(c: StartContext) -> Iterator[StartValues]:
                 "torque": c.largest_torque,
                 "exponent": exponent,
             },
-            {"loss": Vary(0.2, 0.3), "exponent": Vary(2.0, 2.0)},
+            {"loss": Vary(0.2, 0.3, upper=MOST), "exponent": Vary(2.0, 2.0)},
         )
 
 
