@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Iterator
 
-from autotune.core.arrays import Floats
+from autotune.core.arrays import Flags, Floats
 from autotune.models.effect import Kind, Parameter
 from autotune.models.layout import INERTIA, block, flag
 from autotune.models.load_side import (
@@ -26,6 +26,8 @@ COMPLIANCE = block("elastic_transmission")
 IS_ELASTIC = flag("elastic_transmission")
 RESONANCES = (0.37, 0.55, 0.83, 1.25, 1.83, 2.67, 4.0, 6.0)
 """In cut-offs: where torques are compared, and as far above as they still tell of it."""
+CRITICAL = 1.0
+"""Damping from which free motion of motor against load does not oscillate."""
 
 
 def starts(c: StartContext) -> Iterator[StartValues]:
@@ -45,6 +47,11 @@ def resonance(p: Floats) -> float:
     if reduced <= 0.0 or p[COMPLIANCE] <= 0.0:
         return math.inf
     return float(1.0 / (2.0 * math.pi * math.sqrt(p[COMPLIANCE] * reduced)))
+
+
+def creeps(p: Floats, on: Flags) -> bool:
+    """Whether a load comes to rest on its spring without ringing, as that is damped critically or more."""
+    return bool(on[IS_ELASTIC]) and bool(p[COMPLIANCE + 3] >= CRITICAL)
 
 
 ELASTIC_TRANSMISSION = Kind(

@@ -27,6 +27,7 @@ from autotune.estimation.disturbance_estimate import null_errors
 from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Correction, Problem
 from autotune.models.effect import Kind
+from autotune.models.elastic_transmission import creeps
 from autotune.models.table import EFFECTS
 from autotune.models.torque_lag import TORQUE_LAG
 from autotune.signals.chunks import beyond_chance
@@ -194,7 +195,12 @@ class RepeatedProgramme(Evidence):
         A lag tells itself where it is among the candidates: one that gains far less is not what was found. But what the
         axis's loop has of a lag, and its twin has not, is none of these. That, and what a drive's law hides, is part of
         the error only: motor and load that lower nearly a third of it on experiments held out are no loop's rest.
+
+        Nor does a load that does not ring at all tell of a transmission, however much of the error it lowers: a lag of
+        the loop, or a contact of another law, has that shape too.
         """
+        if creeps(model_fit.fitted.packed.p, model_fit.fitted.packed.on):
+            return True
         gains = {item.effect: item.gain for item in first}
         own = max((gains.get(effect, 0.0) for effect in model_fit.effects), default=0.0)
         hidden = law_hides_ringing(problem, model_fit)
