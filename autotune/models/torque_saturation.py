@@ -28,8 +28,8 @@ SATURATES = flag("torque_saturation")
 KNEES = 4
 """Demands from which on more of the torque is lost, by another law."""
 MOST = 0.6
-"""Of the largest torque that was recorded: the most that a fit lets be lost there. With more, and a sudden limit, nearly
-all demands would give the same torque, which is the sign of the velocity: that fits any axis."""
+"""Of the largest torque that was recorded: the most that a fit lets be lost there. With more, and a sudden limit,
+nearly all demands would give the same torque, which is the sign of the velocity: that fits any axis."""
 PLACES = (0.15, 0.3, 0.5, 0.75)
 """Of the largest demand that was recorded: where they begin; each moves as far as half-way to the next."""
 
