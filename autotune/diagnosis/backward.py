@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from autotune.diagnosis.candidates import (
     FittedCandidate,
@@ -32,112 +33,94 @@ PLAINLY_NEEDED = 20.0
 """Times what is negligible: so much needs no fit without the effect to be seen."""
 
 
-def tidied(
-    problem: Problem,
-    root: ModelFit,
-    evidence: Evidence,
-    chosen: FittedCandidate,
-    seen: Sequence[ModelFit],
-    progress: Progress,
-) -> FittedCandidate:
-    """The chosen model without what is not needed beside the others, what is left refined; `seen` as in `pruned`."""
-    chosen = pruned(problem, root, evidence, chosen, seen, progress)
-    if unsettled(problem, chosen):
-        chosen = refined(problem, root, chosen, progress)
-    model_fit = without_insignificant_terms(problem, chosen.model_fit)
-    if not negligible(problem, chosen, model_fit, PLAINLY_NEEDED):  # fitted again it went astray
-        model_fit = chosen.model_fit
-    model_fit = with_whole_orders(problem, model_fit)
-    return chosen if model_fit is chosen.model_fit else judged(problem, root, model_fit, chosen.effect)
+@dataclass(frozen=True, slots=True)
+class Backward:
+    """A search's steps back, by its problem, the root without effects and the evidence that the data allow."""
 
+    problem: Problem
+    root: ModelFit
+    evidence: Evidence
+    progress: Progress
 
-def pruned(
-    problem: Problem,
-    root: ModelFit,
-    evidence: Evidence,
-    chosen: FittedCandidate,
-    seen: Sequence[ModelFit],
-    progress: Progress,
-) -> FittedCandidate:
-    """Drops every effect without which training and veto are hardly worse, or without which the rest has a name.
+    def tidied(self, chosen: FittedCandidate, seen: Sequence[ModelFit]) -> FittedCandidate:
+        """The chosen model without what is not needed, what is left refined; `seen` as in `pruned`."""
+        problem, root = self.problem, self.root
+        chosen = self.pruned(chosen, seen)
+        if unsettled(problem, chosen):
+            chosen = refined(problem, root, chosen, self.progress)
+        model_fit = without_insignificant_terms(problem, chosen.model_fit)
+        if not negligible(problem, chosen, model_fit, PLAINLY_NEEDED):  # fitted again it went astray
+            model_fit = chosen.model_fit
+        model_fit = with_whole_orders(problem, model_fit)
+        return chosen if model_fit is chosen.model_fit else judged(problem, root, model_fit, chosen.effect)
 
-    Where a model without it was `seen` to be far worse, it is needed; unless nothing has a name with it: beside the
-    second effect the first may have come into its own. And what was found before the others must be worth having
-    beside them, as they were beside it: it may have stood for one of them, and now takes its crumbs.
-    """
-    current = chosen
-    for effect in chosen.model_fit.effects:
-        if len(current.model_fit.effects) < 2:
-            break
-        rest = set(current.model_fit.effects) - {effect}
-        known = [model_fit for model_fit in seen if set(model_fit.effects) == rest]
-        far = not any(negligible(problem, current, model_fit, PLAINLY_NEEDED) for model_fit in known)
-        if known and far and current.named:
-            continue
-        progress(f"is {effect} needed")
-        less = without_effect(problem, root, current.model_fit, effect)
-        if less is not None and (
-            (less.named and not current.named)
-            or negligible(problem, current, less.model_fit)
-            or (less.named and not enters_beside(problem, evidence, less, current))
-            or differ_by_chance(problem, current.model_fit, less.model_fit)
-        ):
-            current = less
-    return current
+    def pruned(self, chosen: FittedCandidate, seen: Sequence[ModelFit]) -> FittedCandidate:
+        """Drops every effect without which training and veto are hardly worse, or without which the rest has a name.
 
+        Where a model without it was `seen` to be far worse, it is needed; unless nothing has a name with it: beside the
+        second effect the first may have come into its own. And what was found before the others must be worth having
+        beside them, as they were beside it: it may have stood for one of them, and now takes its crumbs.
+        """
+        problem, current = self.problem, chosen
+        for effect in chosen.model_fit.effects:
+            if len(current.model_fit.effects) < 2:
+                break
+            rest = set(current.model_fit.effects) - {effect}
+            known = [model_fit for model_fit in seen if set(model_fit.effects) == rest]
+            far = not any(negligible(problem, current, model_fit, PLAINLY_NEEDED) for model_fit in known)
+            if known and far and current.named:
+                continue
+            less = self._without(current, effect)
+            if less is not None and (
+                (less.named and not current.named)
+                or negligible(problem, current, less.model_fit)
+                or (less.named and not self.enters_beside(less, current))
+                or differ_by_chance(problem, current.model_fit, less.model_fit)
+            ):
+                current = less
+        return current
 
-def enters_beside(
-    problem: Problem, evidence: Evidence, less: FittedCandidate, current: FittedCandidate
-) -> bool:
-    """Whether what the current model has more than `less` explains what is asked of a further effect."""
-    beside = explained_beside(problem, less.model_fit, current.model_fit, TRAINING)
-    if beside.fall < least_fall(problem, less):
-        return False
-    return not evidence.repeats or beside.share >= problem.policy.partly
+    def _without(self, chosen: FittedCandidate, effect: str) -> FittedCandidate | None:
+        self.progress(f"is {effect} needed")
+        return without_effect(self.problem, self.root, chosen.model_fit, effect)
 
+    def enters_beside(self, less: FittedCandidate, current: FittedCandidate) -> bool:
+        """Whether what the current model has more than `less` explains what is asked of a further effect."""
+        beside = explained_beside(self.problem, less.model_fit, current.model_fit, TRAINING)
+        if beside.fall < least_fall(self.problem, less):
+            return False
+        return not self.evidence.repeats or beside.share >= self.problem.policy.partly
 
-def without_doubtful_load(
-    problem: Problem,
-    root: ModelFit,
-    evidence: Evidence,
-    chosen: FittedCandidate,
-    first: Sequence[ScreenedCandidate],
-    progress: Progress,
-) -> FittedCandidate:
-    """What was found beside a second mass keeps its own standing where that mass is in doubt.
+    def without_doubtful_load(
+        self, chosen: FittedCandidate, first: Sequence[ScreenedCandidate]
+    ) -> FittedCandidate:
+        """What was found beside a second mass keeps its own standing where that mass is in doubt.
 
-    Beside a true effect a second mass takes up what the twin's loop is not; together they would be nameless.
-    """
-    if len(chosen.model_fit.effects) < 2 or not evidence.repeats:
-        return chosen
-    loads = [effect for effect in chosen.model_fit.effects if EFFECTS[effect].in_transmission]
-    if not loads or not evidence.doubted(problem, root, chosen.model_fit, first):
-        return chosen
-    progress(f"is {loads[0]} needed")
-    return without_effect(problem, root, chosen.model_fit, loads[0]) or chosen
+        Beside a true effect a second mass takes up what the twin's loop is not; together they would be nameless.
+        """
+        if len(chosen.model_fit.effects) < 2 or not self.evidence.repeats:
+            return chosen
+        loads = [effect for effect in chosen.model_fit.effects if EFFECTS[effect].in_transmission]
+        if not loads or not self.evidence.doubted(self.problem, self.root, chosen.model_fit, first):
+            return chosen
+        return self._without(chosen, loads[0]) or chosen
 
+    def exchanged(self, chosen: FittedCandidate, later: Sequence[FittedCandidate]) -> list[FittedCandidate]:
+        """Of several effects, what may stand for one of them beside the others: fitted to what is compared now.
 
-def exchanged(
-    problem: Problem,
-    root: ModelFit,
-    chosen: FittedCandidate,
-    later: Sequence[FittedCandidate],
-    progress: Progress,
-) -> list[FittedCandidate]:
-    """Of several effects, what may stand for one of them beside the others: fitted to what is compared now.
-
-    `later`: fits of the rounds in which the others were chosen.
-    """
-    own, again = set(chosen.model_fit.effects), []
-    if len(own) < 2:
-        return []
-    for item in later:
-        effects, fitted = item.model_fit.effects, item.model_fit.fitted
-        in_place = len(effects) == len(own) and len(own - set(effects)) == 1
-        if not (in_place and item.named) or fitted.cost > RIVAL_COST * chosen.model_fit.fitted.cost:
-            continue
-        progress(f"{item.effect} in the place of another")
-        model_fit = fit_inside_twin(problem, fitted.packed, list(item.model_fit.free), 2, effects)
-        if model_fit is not None:
-            again.append(refined(problem, root, judged(problem, root, model_fit, item.effect), progress))
-    return again
+        `later`: fits of the rounds in which the others were chosen.
+        """
+        own, again = set(chosen.model_fit.effects), []
+        if len(own) < 2:
+            return []
+        for item in later:
+            effects, fitted = item.model_fit.effects, item.model_fit.fitted
+            in_place = len(effects) == len(own) and len(own - set(effects)) == 1
+            if not (in_place and item.named) or fitted.cost > RIVAL_COST * chosen.model_fit.fitted.cost:
+                continue
+            self.progress(f"{item.effect} in the place of another")
+            model_fit = fit_inside_twin(self.problem, fitted.packed, list(item.model_fit.free), 2, effects)
+            if model_fit is not None:
+                fresh = judged(self.problem, self.root, model_fit, item.effect)
+                again.append(refined(self.problem, self.root, fresh, self.progress))
+        return again

@@ -24,7 +24,7 @@ from autotune.estimation.coordinates import bins, coordinates, since_reversal, v
 from autotune.estimation.cross_validation import held_out
 from autotune.estimation.data import TEST, TRAINING, VETO, Prepared
 from autotune.estimation.disturbance import STILL
-from autotune.estimation.least_squares import fit
+from autotune.estimation.least_squares import done_alone, fitting
 from autotune.estimation.model_error import ModelError, NoiseFloor, model_error, noise_floor
 from autotune.estimation.problem import Problem, base_free
 from autotune.estimation.residual import residual
@@ -237,4 +237,5 @@ def _sensitivities(problem: Problem, model: DriveModel, error: Floats) -> Floats
     free = [*base_free(inside, problem.scales, model.motion_unit), *free_of_model(model, problem.scales)]
     free = [replace(one, lower=min(one.lower, packed.p[one.slot])) for one in free]
     bias = residual(problem.data, packed, problem.moved) - error
-    return fit(problem.data, problem.moved, packed, free, bias, problem.training, iterations=0).jacobian
+    steps = fitting(problem.data, packed, free, bias, problem.training, iterations=0)
+    return done_alone(steps, problem.moved).jacobian

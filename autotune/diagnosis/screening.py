@@ -15,8 +15,8 @@ from autotune.diagnosis.transmission import adds_nothing
 from autotune.estimation.bias_corrected_fit import STEPS_A_ROUND, ModelFit, fit_inside_twin, stepped, twinned
 from autotune.estimation.coordinates import generic_columns
 from autotune.estimation.cross_validation import evenly, gain_and_z, held_out, with_columns
-from autotune.estimation.least_squares import Fitted, Steps, done_together, fit, fitting
-from autotune.estimation.problem import Problem, refits
+from autotune.estimation.least_squares import Fitted, Steps, done_together, fitting
+from autotune.estimation.problem import Problem, refit, refits
 from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.effect import Kind
@@ -275,10 +275,8 @@ def _walked_on(problem: Problem, model_fit: ModelFit) -> ModelFit:
     """
     if not problem.two_masses(model_fit.fitted.packed):
         return model_fit
-    fitted = fit(
-        problem.data, problem.moved, model_fit.fitted.packed, model_fit.free, model_fit.correction.bias,
-        problem.training, 2, known=(model_fit.fitted.jacobian, model_fit.fitted.scales),
-    )  # fmt: skip
+    before = model_fit.fitted
+    fitted = refit(problem, before.packed, list(model_fit.free), model_fit.correction, 2, near=before)
     return replace(model_fit, fitted=fitted, unseen=held_out(problem, fitted.error, fitted.jacobian))
 
 

@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from autotune.diagnosis.backward import exchanged, tidied, without_doubtful_load
+from autotune.diagnosis.backward import Backward
 from autotune.diagnosis.base_laws import BASE_LAWS, with_base_shapes, with_own_presliding, without_tail
 from autotune.diagnosis.base_laws import EFFECT as MEMORY
 from autotune.diagnosis.candidates import (
@@ -174,8 +174,7 @@ class _Search:
             return replace(anew, beside=self.beside)
         self._tidy()
         if self.chosen is not None:
-            asked = (self.problem, self.root, self.evidence, self.chosen, self.first, self.progress)
-            self.chosen = without_doubtful_load(*asked)
+            self.chosen = self._backward.without_doubtful_load(self.chosen, self.first)
         self._drop_laws()
         self._try_look_alikes()
         seen = (self.problem, self.root, self.chosen, self.first, self.tried, self.generic)
@@ -785,15 +784,15 @@ class _Search:
         left = still_explainable(problem, fitted, model_fit.correction, TRAINING) - drifting
         return drifting > 0.0 or left > self.evidence.rest_that_is_none(problem, fitted.error, noise)
 
+    @property
+    def _backward(self) -> Backward:
+        return Backward(self.problem, self.root, self.evidence, self.progress)
+
     def _tidy(self) -> None:
         """Drops what is not needed beside the others, and refines what is left."""
         if self.chosen is not None:
-            self.chosen = tidied(
-                self.problem, self.root, self.evidence, self.chosen, self.seen, self.progress
-            )
+            self.chosen = self._backward.tidied(self.chosen, self.seen)
 
     def _in_place(self) -> list[FittedCandidate]:
         """What may stand for one of several effects."""
-        if self.chosen is None:
-            return []
-        return exchanged(self.problem, self.root, self.chosen, self.later, self.progress)
+        return [] if self.chosen is None else self._backward.exchanged(self.chosen, self.later)

@@ -16,7 +16,7 @@ import numpy as np
 from autotune.core.arrays import Floats
 from autotune.estimation.cross_validation import Unseen, held_out
 from autotune.estimation.data import TEST, TRAINING, Prepared
-from autotune.estimation.least_squares import Fitted, Free, fit, jacobian
+from autotune.estimation.least_squares import Fitted, Free, done_alone, fitting, jacobian
 from autotune.estimation.parts import first_round, spread
 from autotune.estimation.problem import Correction, Problem, refit
 from autotune.estimation.residual import residual, residuals
@@ -175,7 +175,7 @@ def stepped(
     target: float = math.inf,
     hopeful: float = math.inf,
 ) -> Fitted:
-    """So many steps between two masses, each with the bias that belongs to it; `target`, `hopeful`: see `fit`."""
+    """So many steps between two masses, each with the bias that belongs to it; `target`, `hopeful`: as in `fitting`."""
     fitted_part = problem.until_trained()
 
     def judged(models: Sequence[Packed]) -> list[tuple[Floats, Floats] | None]:
@@ -189,11 +189,11 @@ def stepped(
     def sensed(packed: Packed, bias: Floats) -> tuple[Floats, Floats]:
         return _sensed(fitted_part, packed, free, bias)
 
-    return fit(
-        problem.data, problem.moved, here.packed, free, here.correction.bias, problem.training, steps,
-        ENOUGH, judged=judged, sensed=sensed, whole=False, target=target,
-        hopeful=hopeful,
+    steps_of_fit = fitting(
+        problem.data, here.packed, free, here.correction.bias, problem.training, steps, ENOUGH,
+        judged=judged, sensed=sensed, whole=False, target=target, hopeful=hopeful,
     )  # fmt: skip
+    return done_alone(steps_of_fit, problem.moved)
 
 
 def _sensed(problem: Problem, packed: Packed, free: Sequence[Free], bias: Floats) -> tuple[Floats, Floats]:

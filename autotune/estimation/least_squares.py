@@ -127,8 +127,7 @@ def jacobian(
     `at` is the residual at `packed`; `known` are columns and scales of the first parameters, from a fit
     nearby, taken over to save time.
     """
-    (found,) = done_together([_sensitivities(data, packed, free, at, known)], moved)
-    return found
+    return done_alone(_sensitivities(data, packed, free, at, known), moved)
 
 
 def _sensitivities(
@@ -165,43 +164,6 @@ def _sensitivities(
     return columns, scales
 
 
-def fit(
-    data: Prepared,
-    moved: Motion,
-    packed: Packed,
-    free: Sequence[Free],
-    correction: Floats,
-    weight: Floats,
-    iterations: int = 5,
-    stop: float = 2e-4,
-    known: tuple[Floats, Floats] | None = None,
-    hopeful: float = np.inf,
-    judged: Judged | None = None,
-    sensed: Sensed | None = None,
-    whole: bool = True,
-    target: float = np.inf,
-) -> Fitted:
-    """Fits the free parameters on rows where `weight` (shape (m,), usually 0 and 1) is above 0.
-
-    `correction` is the twin's bias, subtracted from the residual. The result is never worse than the start.
-    `known`: see `jacobian`. `hopeful`: a fit that cannot be expected to get below this cost, as its linear
-    model at the start has it without any bounds, is not begun. `judged` renews the bias at every step
-    (a step is rejected where the twin is unstable), `sensed` gives sensitivities in place of the measured motion's;
-    without it, what moves in the twin only is held. Unless the `whole` error is asked for, it is right up to the
-    last fitted row only. A fit is given up where a few steps as good as the last would not reach the cost `target`.
-    """
-    (found,) = done_together(
-        [
-            fitting(
-                data, packed, free, correction, weight, iterations, stop, known, hopeful, judged, sensed,
-                whole, target,
-            )
-        ],
-        moved,
-    )  # fmt: skip
-    return found
-
-
 def fitting(
     data: Prepared,
     packed: Packed,
@@ -217,7 +179,17 @@ def fitting(
     whole: bool = True,
     target: float = np.inf,
 ) -> Steps[Fitted]:
-    """`fit`, asking for the residuals that it needs: several go side by side (`done_together`)."""
+    """Fits the free parameters on rows where `weight` (shape (m,), usually 0 and 1) is above 0.
+
+    It asks for the residuals that it needs, so that several go side by side (`done_together`).
+
+    `correction` is the twin's bias, subtracted from the residual. The result is never worse than the start.
+    `known`: see `jacobian`. `hopeful`: a fit that cannot be expected to get below this cost, as its linear
+    model at the start has it without any bounds, is not begun. `judged` renews the bias at every step
+    (a step is rejected where the twin is unstable), `sensed` gives sensitivities in place of the measured motion's;
+    without it, what moves in the twin only is held. Unless the `whole` error is asked for, it is right up to the
+    last fitted row only. A fit is given up where a few steps as good as the last would not reach the cost `target`.
+    """
     rows = weight > 0
     part = until_last(data, rows)
     problem = _Problem(part, rows, weight[rows], tuple(free), judged, sensed)
@@ -250,6 +222,11 @@ def fitting(
         (raw,) = yield data, [here.packed]
     error = raw - here.correction
     return Fitted(here.packed, tuple(free), error, columns, scales, here.cost, converged)
+
+
+def done_alone(steps: Steps[Result], moved: Motion) -> Result:
+    """What one fit comes to."""
+    return done_together([steps], moved)[0]
 
 
 def done_together(fits: Sequence[Steps[Result]], moved: Motion) -> list[Result]:

@@ -28,12 +28,15 @@ class PlaceLine:
     contrast: float
 
 
-def strongest_line(place: Floats, signal: Floats, bounds: tuple[float, float]) -> PlaceLine | None:
-    """The line that stands out most between two wavenumbers; None where nothing lies between them.
+def strongest_line(
+    place: Floats, signal: Floats, bounds: tuple[float, float], least: float = 0.0
+) -> PlaceLine | None:
+    """The line that stands out most between two wavenumbers; None where none does.
 
     Args:
         place, signal: arrays of shape (n,).
         bounds: radians per unit of place.
+        least: contrast from which on a line stands out.
     """
     span = float(np.ptp(place))
     if span <= 0.0 or bounds[1] <= bounds[0]:
@@ -45,7 +48,7 @@ def strongest_line(place: Floats, signal: Floats, bounds: tuple[float, float]) -
     contrast = power / np.maximum(scipy.ndimage.median_filter(power, NEIGHBOURS, mode="nearest"), 1e-300)
     contrast[(wavenumber < bounds[0]) | (wavenumber > bounds[1])] = 0.0
     best = int(np.argmax(contrast))
-    if contrast[best] == 0.0:
+    if contrast[best] == 0.0 or contrast[best] < least:
         return None
     near = wavenumber[best] + np.linspace(-1.0, 1.0, FINE) * np.pi / span
     finest = max(near, key=lambda k: abs(np.dot(signal, np.exp(1j * k * place))))

@@ -400,7 +400,7 @@ def test_what_stands_beside_a_doubtful_second_mass_keeps_its_name(
     )
     evidence = SimpleNamespace(repeats=repeats, doubted=lambda *_: doubted)
     problem, root = SimpleNamespace(), SimpleNamespace()
-    found = backward.without_doubtful_load(problem, root, evidence, both, (), no_progress)
+    found = backward.Backward(problem, root, evidence, no_progress).without_doubtful_load(both, ())
     assert len(found.model_fit.effects) == kept
 
 
@@ -414,4 +414,5 @@ def test_what_was_found_first_must_be_worth_having_beside_the_rest(
     monkeypatch.setattr(backward, "explained_beside", lambda *_: SimpleNamespace(fall=fall, share=share))
     monkeypatch.setattr(backward, "least_fall", lambda *_: 0.01)
     problem, fit = SimpleNamespace(policy=POLICY), SimpleNamespace(model_fit=None)
-    assert backward.enters_beside(problem, RepeatedProgramme(), fit, fit) == enters
+    steps = backward.Backward(problem, None, RepeatedProgramme(), no_progress)
+    assert steps.enters_beside(fit, fit) == enters

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from autotune.estimation.data import TRAINING, VETO, Prepared, prepare
-from autotune.estimation.least_squares import done_together, fit, fitting, jacobian, with_values
+from autotune.estimation.least_squares import done_alone, done_together, fitting, jacobian, with_values
 from autotune.estimation.parts import first_round, until_last
 from autotune.estimation.problem import base_free, new_problem
 from autotune.estimation.residual import measured_motion, residual
@@ -84,7 +84,7 @@ def test_fits_side_by_side_are_those_that_each_would_be_alone(data: Prepared) ->
     )
 
     for i, ((start, some), found) in enumerate(zip(asked, together, strict=True)):
-        alone = fit(data, problem.moved, start, some, none, weight, 3, whole=i > 0)
+        alone = done_alone(fitting(data, start, some, none, weight, 3, whole=i > 0), problem.moved)
         np.testing.assert_array_equal(found.packed.p, alone.packed.p)
         np.testing.assert_array_equal(found.error, alone.error)
         np.testing.assert_array_equal(found.jacobian, alone.jacobian)

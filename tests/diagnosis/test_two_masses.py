@@ -16,7 +16,7 @@ from autotune.diagnosis.verdict import diagnose
 from autotune.estimation.bandwidth import prepared_for
 from autotune.estimation.bias_corrected_fit import SHARP, ModelFit
 from autotune.estimation.data import TRAINING, prepare
-from autotune.estimation.least_squares import fit
+from autotune.estimation.least_squares import done_alone, fitting
 from autotune.estimation.problem import LEAST_WEIGHT, Problem, by_steadiness, new_problem
 from autotune.estimation.residual import residual
 from autotune.models.drive_model import Packed, base_model
@@ -114,15 +114,10 @@ def test_a_step_into_an_unstable_twin_is_not_taken(begun: Begun) -> None:
     problem, root, nominal = begun
     held = root.correction.bias
     free = root.free
-    done = fit(
-        problem.data,
-        problem.moved,
-        nominal,
-        free,
-        held,
-        problem.training,
-        judged=lambda models: [None] * len(models),
+    steps = fitting(
+        problem.data, nominal, free, held, problem.training, judged=lambda models: [None] * len(models)
     )
+    done = done_alone(steps, problem.moved)
     np.testing.assert_array_equal(done.packed.p, nominal.p)
 
 

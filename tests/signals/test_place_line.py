@@ -25,6 +25,9 @@ def test_noise_has_no_line_that_stands_out() -> None:
     line = strongest_line(PLACE, np.random.default_rng(3).standard_normal(len(TIME)), (100.0, 5e4))
     assert line is not None
     assert line.contrast < 30.0
+    assert (
+        strongest_line(PLACE, np.random.default_rng(3).standard_normal(len(TIME)), (100.0, 5e4), 30.0) is None
+    )
 
 
 def test_between_no_wavenumbers_and_on_no_way_there_is_none() -> None:

@@ -123,8 +123,9 @@ def without_reading_waves(problem: Problem, model_fit: ModelFit) -> Problem | No
     data = problem.data
     if not data.repeated or data.steady or data.reading is not None:
         return None
-    line = strongest_line(data.measured, _bent(problem, model_fit.fitted.error), _lines_of_scales(problem))
-    if line is None or line.contrast < problem.policy.line_contrast:
+    bent = _bent(problem, model_fit.fitted.error)
+    line = strongest_line(data.measured, bent, _lines_of_scales(problem), problem.policy.line_contrast)
+    if line is None:
         return None
     found = max(
         (_read(problem, model_fit, line.wavenumber / times) for times in (1.0, 2.0)), key=lambda one: one.gain
