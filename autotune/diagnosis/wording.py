@@ -47,10 +47,10 @@ OTHER_CLIMB = (
     "fitted beside all else."
 )
 MANY_CONTACTS = (
-    "After a reversal friction climbs as the sum of many contacts that let go one after another, and small loops close "
-    "where they began. All of them slide within ten times the way on which the contact comes to most of its level: "
-    "ordinary friction of plain and rolling guides, screws and gears, and no effect that is missing; it was fitted "
-    "beside all else."
+    "After a reversal friction climbs by another curve than the exponential of a bristle: as the sum of many contacts "
+    "that let go one after another, so that small loops close where they began. All of them slide within ten times the "
+    "way on which friction comes to two thirds of its level. This is ordinary for plain and rolling guides, the base "
+    "model's presliding by another law and no effect that is missing; it was fitted beside all else."
 )
 OTHER_BENDING = (
     "After a reversal or a rest the contact bends by another curve than a bristle's: elastic for longer, or letting go "

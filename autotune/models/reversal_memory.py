@@ -261,6 +261,13 @@ def as_one_bristle(p: Floats) -> tuple[float, float]:
     return _level(p), _way_to(p, ONE_REACH)
 
 
+def contact(p: Floats, on: Flags) -> tuple[float, float]:
+    """Level [N m or N] and reach [rad or m] of the axis's contact, with the elements that are its own."""
+    if on[REMEMBERS] and of_contacts(p):
+        return as_one_bristle(p)
+    return float(p[COULOMB]), float(p[COULOMB] / p[STIFFNESS])
+
+
 def _used(p: Floats) -> tuple[Floats, Floats]:
     """Displacements [rad or m] and torques [N m or N] of the elements in use."""
     reach, torque = p[_AT : _AT + 2 * ELEMENTS : 2], p[_AT + 1 : _AT + 2 * ELEMENTS : 2]
