@@ -225,7 +225,19 @@ def _of_many(problem: Problem, model_fit: ModelFit, before: ModelFit) -> ModelFi
     many = fit_inside_twin(problem, short.packed, list(short.free), ROUNDS + 1, model_fit.effects)
     if many is None or not of_many(many.fitted.packed) or not asked_for(problem, before, many):
         return None
-    return None if _remembers_beyond(problem, many) else many
+    return None if _remembers_beyond(problem, many) else _off_the_raster(problem, many) or many
+
+
+def _off_the_raster(problem: Problem, many: ModelFit) -> ModelFit | None:
+    """Many contacts that let go after ways of their own, where that predicts better; else None."""
+    p = many.fitted.packed.p
+    level, _ = as_one_bristle(p)
+    present = enumerate(_present(p), 1)
+    ways = [_element_free(i, one.displacement, level, SHORTER * one.displacement)[0] for i, one in present]
+    own = fit_inside_twin(problem, many.fitted.packed, [*many.free, *ways], ROUNDS, many.effects)
+    if own is None or not of_many(own.fitted.packed) or not asked_for(problem, many, own):
+        return None
+    return own
 
 
 def _with_more_links(problem: Problem, model_fit: ModelFit, climbs: ModelFit) -> ModelFit | None:

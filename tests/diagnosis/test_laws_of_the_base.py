@@ -172,7 +172,7 @@ def many(seed: int, effects: dict[str, float]) -> Recording:
     axis = plain_axis(seed, effects)
     own = axis.plant.bristle
     assert own is not None
-    places = np.geomspace(0.08, 7.0, 14)
+    places = np.geomspace(0.1, 6.5, 9)
     slopes = (1.0 + np.append(np.sqrt(places[1:] * places[:-1]), np.inf) / 6.0) ** -7.0
     carried = -np.diff(np.append(1.0, slopes)) * places
     reach = own.coulomb / own.stiffness
