@@ -26,7 +26,13 @@ from autotune.core.arrays import Floats
 from autotune.diagnosis.candidates import asked_for
 from autotune.diagnosis.refits import kept_terms, without_effect
 from autotune.diagnosis.starts import Context, own_course, varying
-from autotune.diagnosis.wording import FADING_DAMPING, OTHER_BENDING, OTHER_CLIMB, OTHER_CURVE
+from autotune.diagnosis.wording import (
+    FADING_DAMPING,
+    MANY_CONTACTS,
+    OTHER_BENDING,
+    OTHER_CLIMB,
+    OTHER_CURVE,
+)
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import usual_damping
 from autotune.estimation.cross_validation import gain_and_z, held_out
@@ -44,6 +50,8 @@ from autotune.models.reversal_memory import (
     YIELDING,
     as_one_bristle,
     climbing,
+    of_contacts,
+    of_many_contacts,
     of_one_contact,
     share_damping,
 )
@@ -79,6 +87,8 @@ BEYOND = (1.5, 5.0)
 ELEMENT_SLOTS = tuple(parameter.slot for parameter in REVERSAL_MEMORY.parameters)
 LINKS, MORE_LINKS = (0.5, 1.2), (0.3, 0.7, 1.2, 2.0)
 """Of a bristle's reach: where the contacts of a chain let go that take its place, and those of a finer one."""
+MANY_LINKS = tuple(0.1 * 60.0 ** (i / 7.0) for i in range(8))
+"""The same of a sum of many contacts, over a decade and a half."""
 LEAST_LEVEL = 1e-3
 """Of all friction: what is left of the bristle at least, where a chain is in its place."""
 
@@ -171,8 +181,13 @@ def _given_up(problem: Problem, model_fit: ModelFit, slots: Sequence[int]) -> Mo
 
 
 def climbs_otherwise(packed: Packed) -> bool:
-    """Whether the friction of one contact climbs after a rest by another curve than a bristle's exponential."""
-    return bool(packed.on[REMEMBERS]) and of_one_contact(packed.p)
+    """Whether the friction of one contact, or of many, climbs after a rest by another curve than an exponential."""
+    return bool(packed.on[REMEMBERS]) and of_contacts(packed.p)
+
+
+def of_many(packed: Packed) -> bool:
+    """Whether that is the sum of many contacts, which close small loops where they began."""
+    return bool(packed.on[REMEMBERS]) and of_many_contacts(packed.p)
 
 
 def with_climb(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
@@ -181,7 +196,8 @@ def with_climb(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
     A part of friction that is there at once, as of a contact too short to be seen, and one that lets go where the
     bristle is bent: what powers of Dahl's law, elastic-then-plastic contacts and chains of them have in common. Or the
     bristle taken apart into a chain of contacts that are damped as long as they stick, as the generalised Maxwell-slip
-    model has it. None where elements would go on beyond that contact: that is memory.
+    model has it, and into a sum of many where that predicts better. None where elements would go on beyond that
+    contact: that is memory.
     """
     fitted = model_fit.fitted
     known = {layout.COULOMB, layout.STIFFNESS, layout.MICRO_DAMPING} <= {one.slot for one in model_fit.free}
@@ -192,9 +208,36 @@ def with_climb(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
     shorts = refits(problem, starts, model_fit.correction, SHORT)
     least = (1.0 - problem.policy.least_gain) * fitted.cost
     climbs = _one_contact(problem, model_fit, [short for short in shorts if short.cost < least])
-    if climbs is None or not asked_for(problem, model_fit, climbs) or _remembers_beyond(problem, climbs):
+    if climbs is not None and (
+        not asked_for(problem, model_fit, climbs) or _remembers_beyond(problem, climbs)
+    ):
+        climbs = None
+    if climbs is not None:
+        climbs = _with_more_links(problem, model_fit, climbs) or climbs
+    return _of_many(problem, model_fit, climbs or model_fit) or climbs
+
+
+def _of_many(problem: Problem, model_fit: ModelFit, before: ModelFit) -> ModelFit | None:
+    """The model with its bristle taken apart into many contacts, where it predicts better than another; else None."""
+    short = refit(problem, *_as_chain(model_fit, MANY_LINKS, held=True), model_fit.correction, SHORT)
+    if short.cost > (1.0 - problem.policy.least_gain) * before.fitted.cost or not of_many(short.packed):
         return None
-    return _with_more_links(problem, model_fit, climbs) or climbs
+    many = fit_inside_twin(problem, short.packed, list(short.free), ROUNDS + 1, model_fit.effects)
+    if many is None or not of_many(many.fitted.packed) or not asked_for(problem, before, many):
+        return None
+    return None if _remembers_beyond(problem, many) else _off_the_raster(problem, many) or many
+
+
+def _off_the_raster(problem: Problem, many: ModelFit) -> ModelFit | None:
+    """Many contacts that let go after ways of their own, where that predicts better; else None."""
+    p = many.fitted.packed.p
+    level, _ = as_one_bristle(p)
+    present = enumerate(_present(p), 1)
+    ways = [_element_free(i, one.displacement, level, SHORTER * one.displacement)[0] for i, one in present]
+    own = fit_inside_twin(problem, many.fitted.packed, [*many.free, *ways], ROUNDS, many.effects)
+    if own is None or not of_many(own.fitted.packed) or not asked_for(problem, many, own):
+        return None
+    return own
 
 
 def _with_more_links(problem: Problem, model_fit: ModelFit, climbs: ModelFit) -> ModelFit | None:
@@ -235,10 +278,10 @@ def _bristle(packed: Packed) -> tuple[float, float]:
     return level, level / float(packed.p[layout.STIFFNESS])
 
 
-def _as_chain(model_fit: ModelFit, links: Sequence[float]) -> tuple[Packed, list[Free]]:
+def _as_chain(model_fit: ModelFit, links: Sequence[float], held: bool = False) -> tuple[Packed, list[Free]]:
     """A start of elements in place of the bristle, on its virgin curve, with a damping of their own.
 
-    `links`: of the bristle's reach, where elements slide.
+    `links`: of the bristle's reach, where elements slide; `held`: on a raster of so many that it need not be fitted.
     """
     packed = model_fit.fitted.packed
     level, reach = _bristle(packed)
@@ -252,7 +295,8 @@ def _as_chain(model_fit: ModelFit, links: Sequence[float]) -> tuple[Packed, list
     share_damping(p, on)
     free = [_down_to(one, LEAST_LEVEL * level) for one in model_fit.free]
     for i, one in enumerate(elements, 1):
-        free += _element_free(i, one.displacement, level, SHORTER * one.displacement)
+        way, torque = _element_free(i, one.displacement, level, SHORTER * one.displacement)
+        free += [torque] if held else [torque, way]
     damping = REVERSAL_MEMORY.parameter("damping")
     scale = 0.3 * float(p[damping.slot])
     free.append(Free(REVERSAL_MEMORY.surface(damping.name), damping.slot, 0.0, damping.upper, scale, np.inf))
@@ -275,7 +319,7 @@ def _element_free(number: int, place: float, level: float, shortest: float = 0.0
 
 def _remembers_beyond(problem: Problem, climbs: ModelFit) -> bool:
     """Whether elements that go on where that contact slides would gain as much as an effect must."""
-    p, level = climbs.fitted.packed.p.copy(), float(climbs.fitted.packed.p[layout.COULOMB])
+    p, (level, _) = climbs.fitted.packed.p.copy(), as_one_bristle(climbs.fitted.packed.p)
     _, way = climbing(p)
     free = list(climbs.free)
     for i, times in enumerate(BEYOND, len(_present(p)) + 1):
@@ -339,7 +383,7 @@ CLIMB_LAW = BaseLaw(
     with_climb,
     without_climb,
     ELEMENT_SLOTS,
-    lambda *_: OTHER_CLIMB,
+    lambda packed, _: MANY_CONTACTS if of_many(packed) else OTHER_CLIMB,
 )
 CURVE_LAW = BaseLaw(
     "another curve of presliding",
@@ -394,7 +438,7 @@ def with_own_presliding(problem: Problem, root: ModelFit, chosen: ModelFit) -> M
 
     None where there is no such memory, or the twin is unstable without what else was found.
     """
-    if EFFECT not in chosen.effects or not of_one_contact(chosen.fitted.packed.p):
+    if EFFECT not in chosen.effects or not of_contacts(chosen.fitted.packed.p):
         return None
     if chosen.fitted.cost >= root.fitted.cost:
         return None

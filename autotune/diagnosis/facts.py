@@ -45,7 +45,7 @@ from autotune.estimation.cross_validation import (
 )
 from autotune.estimation.data import TRAINING
 from autotune.estimation.problem import Problem
-from autotune.models import layout
+from autotune.models.reversal_memory import contact
 from autotune.models.table import EFFECTS, usual_rivals
 from autotune.models.torque_ripple import scale_slot
 
@@ -298,7 +298,7 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     sought = _rivals_beside if several else _rivals
     rivals = tuple(sought(problem, evidence, root, chosen, contest)) if chosen is not None else ()
     seen = (problem, root, chosen, evidence, carried, line, coordinate, generic, lead, rivals)
-    hunts = limit_cycle(problem, float(root.fitted.packed.p[layout.COULOMB]))
+    hunts = limit_cycle(problem, contact(root.fitted.packed.p, root.fitted.packed.on)[0])
     facts = Facts(
         *seen, found.first, found.tried, found.freed, found.presliding, hunts=hunts, base=found.base,
         spring=found.spring,

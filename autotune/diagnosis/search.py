@@ -11,7 +11,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from autotune.diagnosis.backward import Backward
-from autotune.diagnosis.base_laws import BASE_LAWS, with_base_shapes, with_own_presliding, without_tail
+from autotune.diagnosis.base_laws import (
+    BASE_LAWS,
+    of_many,
+    with_base_shapes,
+    with_own_presliding,
+    without_tail,
+)
 from autotune.diagnosis.base_laws import EFFECT as MEMORY
 from autotune.diagnosis.candidates import (
     FittedCandidate,
@@ -207,7 +213,10 @@ class _Search:
             self._take_root(shaped)
 
     def _other_law(self, ranked: Sequence[ScreenedCandidate]) -> bool:
-        """Whether an optional law of the base explains more than any effect: then the root has it."""
+        """Whether an optional law of the base explains more than any effect: then the root has it.
+
+        Memory is no effect beside the friction of many contacts, unless it goes on beyond them.
+        """
         asked = self._more_to_explain(self.root)
         if not asked and not self.evidence.worth_fitting(self.problem, self.root, ranked):
             return False
@@ -217,7 +226,8 @@ class _Search:
         other = found[best]
         if other is None:
             return False
-        if gains[best] < max((item.gain for item in ranked), default=0.0):
+        effects = [item for item in ranked if item.effect != MEMORY or not of_many(other.fitted.packed)]
+        if gains[best] < max((item.gain for item in effects), default=0.0):
             self.outdone = other
             return False
         self.progress(BASE_LAWS[best].about)

@@ -28,6 +28,7 @@ from autotune.models.drive_model import Packed
 from autotune.models.effect import Kind
 from autotune.models.lanes import WIDTH
 from autotune.models.load_side import SPLITS
+from autotune.models.reversal_memory import contact
 from autotune.models.start_values import StartValues, Vary
 from autotune.models.table import EFFECTS
 from autotune.models.torque_ripple import TORQUE_RIPPLE, scale_slot
@@ -81,7 +82,7 @@ class Context:
 
     @property
     def coulomb(self) -> float:
-        return max(float(self.p[layout.COULOMB]), 0.02 * self.problem.scales.torque)
+        return max(contact(self.p, self.fitted.packed.on)[0], 0.02 * self.problem.scales.torque)
 
     @property
     def left(self) -> float:
@@ -89,8 +90,9 @@ class Context:
 
     @property
     def reach(self) -> float:
-        """Travel over which the bristle bends [motion unit]."""
-        return self.coulomb / float(self.p[layout.STIFFNESS])
+        """Travel over which the contact bends [motion unit]."""
+        level, reach = contact(self.p, self.fitted.packed.on)
+        return self.coulomb / level * reach
 
     @property
     def angle(self) -> float:

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from autotune.diagnosis.base_laws import told_of_base
+from autotune.diagnosis.base_laws import of_many, told_of_base
 from autotune.diagnosis.baseline import begin, notes_after
 from autotune.diagnosis.candidates import (
     FittedCandidate,
@@ -32,6 +32,7 @@ from autotune.diagnosis.wording import (
     CONFIRMED,
     DROWNED,
     HUNTS,
+    MANY_CONTACTS,
     NAMED,
     NONE,
     OWN_PRESLIDING,
@@ -296,7 +297,8 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
     said = [*torque_path_notes(facts.problem.data), *lines, case.sentence(facts)]
     said += (
         [_unlike(facts)] * bool(effects)
-        + [OWN_PRESLIDING] * (found.presliding is not None)
+        + [MANY_CONTACTS if of_many(found.root.fitted.packed) else OWN_PRESLIDING]
+        * (found.presliding is not None)
         + list(facts.base)
     )
     chosen = None if facts.drowned else facts.chosen

@@ -20,9 +20,8 @@ from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.least_squares import DIFFERENCE, Fitted
 from autotune.estimation.problem import Correction, Problem
 from autotune.estimation.residual import residual
-from autotune.models import layout
 from autotune.models.drive_model import Packed
-from autotune.models.reversal_memory import CLIMBS, climbing
+from autotune.models.reversal_memory import CLIMBS, climbing, contact
 from autotune.signals.chunks import CHUNK
 
 MOST_OF_THE_FALL = 0.25
@@ -223,8 +222,8 @@ def _tells_nothing(problem: Problem, before: Floats, correction: Correction, cou
 
 
 def rests_of(problem: Problem, packed: Packed) -> Rests:
-    """The rests, and how far the bristle of a model has forgotten each."""
-    return since_rest(problem.data, float(packed.p[layout.COULOMB] / packed.p[layout.STIFFNESS]))
+    """The rests, and how far the contact of a model has forgotten each."""
+    return since_rest(problem.data, contact(packed.p, packed.on)[1])
 
 
 def beyond_presliding(problem: Problem, packed: Packed) -> Problem | None:

@@ -150,6 +150,12 @@ ONE_REACH, FOUR_FIFTHS, NINE_TENTHS, HALVINGS = 1.0 - math.exp(-1.0), 0.8, 0.9, 
 CLIMBS, HUNDREDTH = 5.0, 0.01
 """Times its reach: so far on a bristle's exponential has come to within a hundredth of its level, as the laws of all
 single contacts have."""
+SMALL_LOOP = (-1.2, 0.6, -0.6)
+"""Of the way to 1 − 1/e of the level, one after the other where all slides: a small loop behind a reversal."""
+A_BRISTLE_FORGETS, HALF = 0.0743, 0.5
+"""Of its level: what a LuGre bristle is off where that loop should close; and how much of it is next to nothing."""
+DECADE = 10.0
+"""Times the way to 1 − 1/e of the level: beyond it no contact climbs, however many asperities it has."""
 IN_USE = 0.05
 """Of what all elements carry: an element that carries more may be moved."""
 
@@ -208,9 +214,58 @@ def of_one_contact(p: Floats) -> bool:
     return drawn_out(p) < 1.0 or left < HUNDREDTH
 
 
+def of_many_contacts(p: Floats) -> bool:
+    """Whether all friction is a sum of many contacts that let go within their own presliding (Maxwell slip).
+
+    So it is where the contact itself remembers: small loops close where they began, as those of a bristle do not, and
+    within a decade of the way on which it climbs it has come to within a hundredth of its level. Elements beside a
+    contact that forgets are an effect, and so are those that go on beyond.
+    """
+    left = 1.0 - _carried(p, DECADE * _way_to(p, ONE_REACH)) / _level(p)
+    return left < HUNDREDTH and abs(forgotten(p)) < HALF * A_BRISTLE_FORGETS
+
+
+def of_contacts(p: Floats) -> bool:
+    """Whether bristle and elements are the friction of one contact or of many: then its elements are no memory."""
+    return of_one_contact(p) or of_many_contacts(p)
+
+
+def forgotten(p: Floats) -> float:
+    """By how much of its level friction is off where a small loop behind a reversal should close.
+
+    One bristle: 0.074; elements that slide at once: 0.
+    """
+    begins = _way_to(p, ONE_REACH)
+    bristle, bent, carried = float(p[COULOMB] / p[STIFFNESS]), _used(p)[0], []
+    for way in SMALL_LOOP:
+        bristle, bent = _moved(p, bristle, bent, way * begins)
+        carried.append(float(p[STIFFNESS] * bristle + _used(p)[1] @ (bent / _used(p)[0])))
+    return (carried[2] - carried[0]) / _level(p)
+
+
+def _moved(p: Floats, bristle: float, bent: Floats, way: float) -> tuple[float, Floats]:
+    """Bristle and elements [rad or m] after a way in one direction."""
+    reach, sign, part = _used(p)[0], math.copysign(1.0, way), float(p[YIELDING])
+    slid = sign * float(p[COULOMB] / p[STIFFNESS])
+    bristle = slid + (bristle - slid) * math.exp(-abs(way * p[STIFFNESS] / p[COULOMB]))
+    if part > 0.0:
+        end = sign * reach / part
+        bent = end + (bent - end) * np.exp(-part * abs(way) / reach)
+    else:
+        bent = bent + way
+    return bristle, np.clip(bent, -reach, reach)
+
+
 def as_one_bristle(p: Floats) -> tuple[float, float]:
     """Level [N m or N] and reach [rad or m] of the bristle that climbs after a rest as bristle and elements do."""
     return _level(p), _way_to(p, ONE_REACH)
+
+
+def contact(p: Floats, on: Flags) -> tuple[float, float]:
+    """Level [N m or N] and reach [rad or m] of the axis's contact, with the elements that are its own."""
+    if on[REMEMBERS] and of_contacts(p):
+        return as_one_bristle(p)
+    return float(p[COULOMB]), float(p[COULOMB] / p[STIFFNESS])
 
 
 def _used(p: Floats) -> tuple[Floats, Floats]:
@@ -253,11 +308,13 @@ def _way_to(p: Floats, part: float) -> float:
 def climbing(p: Floats) -> tuple[list[int], float]:
     """Numbers of the elements that slide while a bristle as stiff at rest still climbs, and the way on which it does.
 
-    Elements that go on beyond it [rad or m] are memory.
+    Or while many contacts do that climb for longer. Elements that go on beyond it [rad or m] are memory.
     """
     reach = p[_AT : _AT + 2 * ELEMENTS : 2]
     used = np.flatnonzero(reach > 0.0)
     way = CLIMBS * max(_level(p) / _stiffness(p), _way_to(p, ONE_REACH))
+    if of_many_contacts(p) and not of_one_contact(p):
+        way = max(way, DECADE * _way_to(p, ONE_REACH))
     return [int(i) + 1 for i in used if reach[i] <= way], way
 
 

@@ -164,6 +164,45 @@ def test_an_effect_is_named_beside_such_a_chain() -> None:
     assert (found.verdict, found.effects) == ("named", ("nonlinear_viscous",))
 
 
+def many(seed: int, effects: dict[str, float]) -> Recording:
+    """A plain axis whose friction is a sum of undamped contacts, none of which is a bristle (Maxwell slip).
+
+    They let go over nearly two decades, and their virgin curve falls off as a power of the way.
+    """
+    axis = plain_axis(seed, effects)
+    own = axis.plant.bristle
+    assert own is not None
+    places = np.geomspace(0.1, 6.5, 9)
+    slopes = (1.0 + np.append(np.sqrt(places[1:] * places[:-1]), np.inf) / 6.0) ** -7.0
+    carried = -np.diff(np.append(1.0, slopes)) * places
+    reach = own.coulomb / own.stiffness
+    shares = own.coulomb * carried / carried.sum()
+    elements = tuple(Element(float(x) * reach, float(w)) for x, w in zip(places, shares, strict=True))
+    plant = replace(axis.plant, bristle=None, elements=(*elements, *axis.plant.elements))
+    return play(replace(axis, plant=plant), seed)
+
+
+@pytest.mark.slow(15)
+def test_friction_of_many_contacts_is_a_law_of_the_base_and_no_memory() -> None:
+    recording = many(51, {})
+    found = diagnose([recording], base_model(NOMINAL))
+    assert (found.verdict, found.effects) == ("none", ())
+    assert any("small loops close" in note for note in found.notes)
+    made = found_model(found, base_model(NOMINAL), "2024-05-01", "bench")
+    assert made is not None
+    assert made.error_after < 0.9 * made.error_before
+
+
+@pytest.mark.slow(15)
+@pytest.mark.parametrize(
+    ("effect", "size"),
+    [("reversal_memory", 0.06), ("nonlinear_viscous", 0.02)],  # a memory that goes on beyond them is one
+)
+def test_an_effect_is_named_beside_many_contacts(effect: str, size: float) -> None:
+    found = diagnose([many(52, {effect: size})], base_model(NOMINAL))
+    assert (found.verdict, found.effects) == ("named", (effect,))
+
+
 @pytest.mark.slow(12)
 def test_a_contact_that_is_elastic_at_first_bends_by_a_curve_of_its_own() -> None:
     true, recording = axis_and_recording(50, {}, sticks=0.55)

@@ -13,12 +13,17 @@ from autotune.models import layout
 from autotune.models.drive_model import DriveModel, base_model
 from autotune.models.model_file import model_text, parse_model, read_model, write_model
 from autotune.models.reversal_memory import (
+    A_BRISTLE_FORGETS,
     DAMPING,
+    REMEMBERS,
     REVERSAL_MEMORY,
     climbing,
+    contact,
     drawn_out,
+    forgotten,
     memory_damping,
     memory_torque,
+    of_many_contacts,
     of_one_contact,
     share_damping,
 )
@@ -75,6 +80,42 @@ def test_elements_are_of_one_contact_where_friction_goes_on_no_longer_than_a_bri
         p[REVERSAL_MEMORY.slot(f"displacement_{number}")] = displacement
         p[REVERSAL_MEMORY.slot(f"torque_{number}")] = torque
     assert of_one_contact(p) is one
+
+
+MASING = [(0.15, 0.05), (0.4, 0.12), (1.0, 0.3), (2.4, 0.35), (4.2, 0.08), (6.1, 0.1)]
+"""Contacts that let go one after another, over a decade and a half."""
+
+
+@pytest.mark.parametrize(
+    ("coulomb", "elements", "many"),
+    [
+        (1e-3, MASING, True),
+        (0.05, MASING, True),  # a twentieth is a bristle still
+        (1e-3, [*MASING, (60.0, 0.05)], False),  # goes on far beyond them: memory
+        (1.0, [], False),
+        (0.9, [(2.0, 0.02), (4.5, 0.03), (10.0, 0.03)], False),  # beside a contact that forgets
+        (0.7, [(2.0, 0.1), (8.0, 0.1), (32.0, 0.1)], False),
+        (2.0, MASING, False),
+    ],
+)
+def test_many_contacts_close_small_loops_and_a_bristle_does_not(
+    coulomb: float, elements: list[tuple[float, float]], many: bool
+) -> None:
+    p, on = base_model(NOMINAL).pack().p, base_model(NOMINAL).pack().on.copy()
+    p[layout.COULOMB], p[layout.STIFFNESS] = coulomb, coulomb
+    for number, (displacement, torque) in enumerate(elements, 1):
+        p[REVERSAL_MEMORY.slot(f"displacement_{number}")] = displacement
+        p[REVERSAL_MEMORY.slot(f"torque_{number}")] = torque
+    assert of_many_contacts(p) is many
+    on[REMEMBERS] = True
+    if many:
+        assert forgotten(p) == pytest.approx(0.0, abs=0.01)
+        assert contact(p, on)[0] == pytest.approx(coulomb + sum(one for _, one in elements))
+
+
+def test_a_bristle_is_off_where_a_small_loop_should_close() -> None:
+    p = base_model(NOMINAL).pack().p
+    assert forgotten(p) == pytest.approx(A_BRISTLE_FORGETS, abs=1e-4)
 
 
 @pytest.mark.parametrize(
