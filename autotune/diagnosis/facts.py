@@ -79,6 +79,7 @@ class Facts:
         edge: the one effect would go on beyond the bounds of its law; likewise.
         base: sentences on laws of the base that were found: they are no effects.
         spring: the chosen model with a spring where it has hardly a gap.
+        unloaded: the chosen effects without a second mass among them, where they have no name so.
         hunts: frequency of a limit cycle with more torque than friction [Hz]; 0 where there is none.
     """
 
@@ -105,6 +106,7 @@ class Facts:
     edge: bool = False
     base: tuple[str, ...] = ()
     spring: FittedCandidate | None = None
+    unloaded: ModelFit | None = None
 
     @property
     def loud(self) -> bool:
@@ -188,7 +190,7 @@ class Facts:
     def _doubted(self) -> bool:
         chosen = self.chosen
         return chosen is not None and self.evidence.doubted(
-            self.problem, self.root, chosen.model_fit, self.first
+            self.problem, self.root, chosen.model_fit, self.first, self.unloaded
         )
 
     @property
@@ -301,7 +303,7 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     hunts = limit_cycle(problem, float(root.fitted.packed.p[layout.COULOMB]))
     facts = Facts(
         *seen, found.first, found.tried, found.freed, found.presliding, hunts=hunts, base=found.base,
-        spring=found.spring,
+        spring=found.spring, unloaded=found.unloaded,
     )  # fmt: skip
     named = (facts.accepted or facts.law_differs) and not facts.structured
     if named and chosen is not None and len(chosen.model_fit.effects) == 1:
