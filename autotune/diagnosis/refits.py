@@ -171,7 +171,7 @@ def without_effect(
 def in_place_of(
     problem: Problem, root: ModelFit, chosen: FittedCandidate, effect: str, rival: FittedCandidate
 ) -> FittedCandidate | None:
-    """The chosen model with a rival, as it was fitted by itself, in the place of an effect; None where it is unstable."""
+    """The chosen model with a rival, as fitted by itself, in the place of an effect; None where it is unstable."""
     other = rival.model_fit
     taken = {one.slot for one in EFFECTS[effect].parameters}
     own = {one.slot for one in EFFECTS[rival.effect].parameters}
