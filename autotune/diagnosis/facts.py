@@ -468,7 +468,7 @@ def _rivals_beside(
     exchanged: Sequence[FittedCandidate],
 ) -> list[str]:
     """Effects that explain as much as one of several does beside the others, of what it explains beyond them."""
-    near = []
+    near: list[str] = []
     for item in exchanged:
         own = set(chosen.model_fit.effects) - set(item.model_fit.effects)
         if len(own) != 1:  # what was chosen is another set since
@@ -476,5 +476,5 @@ def _rivals_beside(
         others = without_effect(problem, root, chosen.model_fit, own.pop())
         before = others.model_fit if others is not None else root
         if item.named and evidence.comes_near(problem, before, chosen, item):
-            near.append(item.effect)
-    return near
+            near += set(item.model_fit.effects) - set(chosen.model_fit.effects)
+    return list(dict.fromkeys(near))

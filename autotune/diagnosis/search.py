@@ -755,10 +755,10 @@ class _Search:
             if other is None:
                 continue
             left = [error_left(self.problem, one.model_fit) for one in (other, chosen)]
-            loser, chosen = (
-                (chosen, replace(other, effect=chosen.effect)) if left[0] < left[1] else (other, chosen)
-            )
-            self.later.append(loser)
+            if left[0] < left[1]:  # the other one is among the fits of the last round
+                chosen = replace(other, effect=chosen.effect)
+            else:
+                self.later.append(other)
         return chosen
 
     def _contends(self, chosen: FittedCandidate, item: FittedCandidate) -> bool:
