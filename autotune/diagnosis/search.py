@@ -741,13 +741,14 @@ class _Search:
         """The model with a rival of its first effect in the place of that, each with its own course, if it leaves less.
 
         The first was found while the others were missing, and what they explain may have been why it led: a weight for
-        a buffer that is met on the way, beside contacts that age.
+        a buffer that is met on the way, beside contacts that age. A gap holds a spring, and leaves no more than it.
         """
         policy, first = self.problem.policy, chosen.model_fit.effects[0]
         gains = {item.effect: item.gain for item in self.tried}
         for item in self.tried:
             led = item.gain >= policy.rival_gain * gains.get(first, math.inf) and item.share >= policy.partly
-            if item.effect in chosen.model_fit.effects or not led:
+            masses = EFFECTS[item.effect].in_transmission and EFFECTS[first].in_transmission
+            if item.effect in chosen.model_fit.effects or masses or not led:
                 continue
             self.progress(f"{item.effect} in the place of {first}")
             other = in_place_of(self.problem, self.root, chosen, first, item)
@@ -755,10 +756,8 @@ class _Search:
             if other is None:
                 continue
             left = [error_left(self.problem, one.model_fit) for one in (other, chosen)]
-            if left[0] < left[1]:  # the other one is among the fits of the last round
+            if left[0] < left[1]:  # the one that it takes the place of stays a rival: a fit of the last round
                 chosen = replace(other, effect=chosen.effect)
-            else:
-                self.later.append(other)
         return chosen
 
     def _contends(self, chosen: FittedCandidate, item: FittedCandidate) -> bool:
