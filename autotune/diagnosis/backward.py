@@ -93,17 +93,21 @@ class Backward:
 
     def without_doubtful_load(
         self, chosen: FittedCandidate, first: Sequence[ScreenedCandidate]
-    ) -> FittedCandidate:
+    ) -> tuple[FittedCandidate, ModelFit | None]:
         """What was found beside a second mass keeps its own standing where that mass is in doubt.
 
-        Beside a true effect a second mass takes up what the twin's loop is not; together they would be nameless.
+        Beside a true effect a second mass takes up what the twin's loop is not; together they would be nameless. Where
+        the others have no name by themselves, what it explains beside them tells of it, and that model is given too:
+        before they were found its gain was measured in what they explain.
         """
-        if len(chosen.model_fit.effects) < 2 or not self.evidence.repeats:
-            return chosen
         loads = [effect for effect in chosen.model_fit.effects if EFFECTS[effect].in_transmission]
-        if not loads or not self.evidence.doubted(self.problem, self.root, chosen.model_fit, first):
-            return chosen
-        return self._without(chosen, loads[0]) or chosen
+        if len(chosen.model_fit.effects) < 2 or not loads or not self.evidence.repeats:
+            return chosen, None
+        less = self._without(chosen, loads[0])
+        unloaded = less.model_fit if less is not None and not less.named else None
+        if self.evidence.doubted(self.problem, self.root, chosen.model_fit, first, unloaded):
+            return less or chosen, None
+        return chosen, unloaded
 
     def exchanged(self, chosen: FittedCandidate, later: Sequence[FittedCandidate]) -> list[FittedCandidate]:
         """Of several effects, what may stand for one of them beside the others: fitted to what is compared now.

@@ -79,6 +79,7 @@ class Facts:
         edge: the one effect would go on beyond the bounds of its law; likewise.
         base: sentences on laws of the base that were found: they are no effects.
         spring: the chosen model with a spring where it has hardly a gap.
+        unloaded: the chosen effects without a second mass among them, where they have no name so.
         hunts: frequency of a limit cycle with more torque than friction [Hz]; 0 where there is none.
     """
 
@@ -105,6 +106,7 @@ class Facts:
     edge: bool = False
     base: tuple[str, ...] = ()
     spring: FittedCandidate | None = None
+    unloaded: ModelFit | None = None
 
     @property
     def loud(self) -> bool:
@@ -188,7 +190,7 @@ class Facts:
     def _doubted(self) -> bool:
         chosen = self.chosen
         return chosen is not None and self.evidence.doubted(
-            self.problem, self.root, chosen.model_fit, self.first
+            self.problem, self.root, chosen.model_fit, self.first, self.unloaded
         )
 
     @property
@@ -301,7 +303,7 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     hunts = limit_cycle(problem, contact(root.fitted.packed.p, root.fitted.packed.on)[0])
     facts = Facts(
         *seen, found.first, found.tried, found.freed, found.presliding, hunts=hunts, base=found.base,
-        spring=found.spring,
+        spring=found.spring, unloaded=found.unloaded,
     )  # fmt: skip
     named = (facts.accepted or facts.law_differs) and not facts.structured
     if named and chosen is not None and len(chosen.model_fit.effects) == 1:
@@ -466,7 +468,7 @@ def _rivals_beside(
     exchanged: Sequence[FittedCandidate],
 ) -> list[str]:
     """Effects that explain as much as one of several does beside the others, of what it explains beyond them."""
-    near = []
+    near: list[str] = []
     for item in exchanged:
         own = set(chosen.model_fit.effects) - set(item.model_fit.effects)
         if len(own) != 1:  # what was chosen is another set since
@@ -474,5 +476,5 @@ def _rivals_beside(
         others = without_effect(problem, root, chosen.model_fit, own.pop())
         before = others.model_fit if others is not None else root
         if item.named and evidence.comes_near(problem, before, chosen, item):
-            near.append(item.effect)
-    return near
+            near += set(item.model_fit.effects) - set(chosen.model_fit.effects)
+    return list(dict.fromkeys(near))

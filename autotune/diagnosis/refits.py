@@ -168,6 +168,23 @@ def without_effect(
     return judged(problem, root, settled, effects[-1])
 
 
+def in_place_of(
+    problem: Problem, root: ModelFit, chosen: FittedCandidate, effect: str, rival: FittedCandidate
+) -> FittedCandidate | None:
+    """The chosen model with a rival, as fitted by itself, in the place of an effect; None where it is unstable."""
+    other = rival.model_fit
+    taken = {one.slot for one in EFFECTS[effect].parameters}
+    own = {one.slot for one in EFFECTS[rival.effect].parameters}
+    without = taken_out(root, chosen.model_fit, effect)
+    packed = with_effects(without, other.fitted.packed, (rival.effect,))
+    kept = {one.name for one in root.free}
+    free = [one for one in chosen.model_fit.free if one.slot not in taken or one.name in kept]
+    free += [one for one in other.free if one.slot in own]
+    effects = tuple(rival.effect if name == effect else name for name in chosen.model_fit.effects)
+    settled = fit_inside_twin(problem, packed, free, 2, effects)
+    return None if settled is None else judged(problem, root, settled, rival.effect)
+
+
 def root_from(problem: Problem, root: ModelFit, model_fit: ModelFit) -> ModelFit | None:
     """The root fitted again from the base of a model with one effect, which is taken out; None where that is no better.
 

@@ -27,6 +27,7 @@ from autotune.diagnosis.candidates import (
     asked_for,
     error_left,
     explained_beside,
+    explained_of_rest,
     fall_in_repeats,
     least_fall,
     plainer,
@@ -41,6 +42,7 @@ from autotune.diagnosis.refits import (
     best_refined,
     fitted_again,
     gain_on_veto,
+    in_place_of,
     in_quieter_twin,
     inside_twin,
     judged,
@@ -105,6 +107,7 @@ class Found:
         told_apart: rivals that err clearly more on other recordings.
         exchanged: of several effects, fits with another one in the place of one of them that have a name too.
         spring: the chosen model with a spring where it has hardly a gap; None where it has none.
+        unloaded: the chosen effects without a second mass among them, where they have no name so; else None.
     """
 
     problem: Problem
@@ -122,6 +125,7 @@ class Found:
     told_apart: tuple[str, ...] = ()
     exchanged: Sequence[FittedCandidate] = ()
     spring: FittedCandidate | None = None
+    unloaded: ModelFit | None = None
 
 
 def search(
@@ -166,6 +170,7 @@ class _Search:
     later: list[FittedCandidate] = field(default_factory=list)
     generic: Mapping[str, float] = field(default_factory=dict)
     freed: dict[str, bool] = field(default_factory=dict)
+    unloaded: ModelFit | None = None
 
     def found(self) -> Found:
         self._shape_base()
@@ -180,11 +185,11 @@ class _Search:
             return replace(anew, beside=self.beside)
         self._tidy()
         if self.chosen is not None:
-            self.chosen = self._backward.without_doubtful_load(self.chosen, self.first)
+            self.chosen, self.unloaded = self._backward.without_doubtful_load(self.chosen, self.first)
         self._drop_laws()
         self._try_look_alikes()
         seen = (self.problem, self.root, self.chosen, self.first, self.tried, self.generic)
-        found = Found(*seen, self._still_freed(), exchanged=self._in_place())
+        found = Found(*seen, self._still_freed(), exchanged=self._in_place(), unloaded=self.unloaded)
         found = self._where_it_slides(self._beside_own_presliding(found))
         if found.chosen is None:
             return found
@@ -581,7 +586,26 @@ class _Search:
         best = plainer(problem, fits, best, self.evidence.alike(problem))
         if best.named and problem.has_veto and best.gain < problem.policy.least_gain:
             best = replace(best, gain=gain_on_veto(problem, self._model_fit, best.model_fit))
-        return best if self._worth_having(best) else None
+        return best if self._worth_having(best) else self._worth_by_its_course(best)
+
+    def _worth_by_its_course(self, best: FittedCandidate) -> FittedCandidate | None:
+        """A further effect that by its own law explains less than half of what the others leave, with its course free.
+
+        Of an encoder that is tilted too the second wave makes more torque than the first. By its course it must explain
+        as much of that as a name asks of all, on training and veto.
+        """
+        problem, before = self.problem, self._model_fit
+        if self.chosen is None or not self.evidence.repeats:
+            return None
+        beside = explained_beside(problem, before, best.model_fit, TRAINING)
+        if beside.fall < least_fall(problem, self.chosen) or beside.share >= problem.policy.partly:
+            return None
+        shaped = self._shaped(best)
+        if shaped is None or not shaped.named:
+            return None
+        parts = explained_of_rest(problem, before, shaped.model_fit)
+        told = all(part.share >= problem.policy.named for part in parts)
+        return shaped if told and self._worth_having(shaped) else None
 
     def _worth_having(self, best: FittedCandidate, root: ModelFit | None = None) -> bool:
         """Whether a fit explains enough, by itself and beside what is chosen already, or beside a `root`."""
@@ -641,6 +665,8 @@ class _Search:
             best = self._told_beside(best)
         if self.evidence.repeats and (best.plain_share < REFINED or self._more_to_explain(best.model_fit)):
             best = self._freed(best)
+        if self.chosen is not None and self.evidence.repeats and self._more_to_explain(best.model_fit):
+            best = self._first_exchanged(best)
         self.chosen = best
         self.seen.append(best.model_fit)
         return best
@@ -719,6 +745,29 @@ class _Search:
             shaped = self._shaped(replace(chosen, effect=effect))
             if shaped is not None:
                 chosen = replace(shaped, effect=chosen.effect)
+        return chosen
+
+    def _first_exchanged(self, chosen: FittedCandidate) -> FittedCandidate:
+        """The model with a rival of its first effect in the place of that, each with its own course, if it leaves less.
+
+        The first was found while the others were missing, and what they explain may have been why it led: a weight for
+        a buffer that is met on the way, beside contacts that age. A gap holds a spring, and leaves no more than it.
+        """
+        policy, first = self.problem.policy, chosen.model_fit.effects[0]
+        gains = {item.effect: item.gain for item in self.tried}
+        for item in self.tried:
+            led = item.gain >= policy.rival_gain * gains.get(first, math.inf) and item.share >= policy.partly
+            masses = EFFECTS[item.effect].in_transmission and EFFECTS[first].in_transmission
+            if item.effect in chosen.model_fit.effects or masses or not led:
+                continue
+            self.progress(f"{item.effect} in the place of {first}")
+            other = in_place_of(self.problem, self.root, chosen, first, item)
+            other = (self._shaped(other) or other) if other is not None else None
+            if other is None:
+                continue
+            left = [error_left(self.problem, one.model_fit) for one in (other, chosen)]
+            if left[0] < left[1]:  # the one that it takes the place of stays a rival: a fit of the last round
+                chosen = replace(other, effect=chosen.effect)
         return chosen
 
     def _contends(self, chosen: FittedCandidate, item: FittedCandidate) -> bool:

@@ -385,23 +385,49 @@ def test_what_happens_again_and_again_belongs_to_the_axis(events: int, left_out:
 
 
 @pytest.mark.parametrize(
-    ("doubted", "repeats", "kept"), [(True, True, 1), (False, True, 2), (True, False, 2)]
+    ("doubted", "repeats", "named", "kept"),
+    [(True, True, True, 1), (True, True, False, 1), (False, True, False, 2), (True, False, True, 2)],
 )
 def test_what_stands_beside_a_doubtful_second_mass_keeps_its_name(
-    monkeypatch: pytest.MonkeyPatch, doubted: bool, repeats: bool, kept: int
+    monkeypatch: pytest.MonkeyPatch, doubted: bool, repeats: bool, named: bool, kept: int
 ) -> None:
     """Behind a drive's loop a motor and load of no axis stood beside a true Stribeck effect, and nothing was named.
 
-    In a lone recording the doubt is one of all effects together."""
-    alone = SimpleNamespace(model_fit=SimpleNamespace(effects=("stribeck",)))
+    In a lone recording the doubt is one of all effects together. What has a name by itself is no measure of the mass.
+    """
+    alone = SimpleNamespace(model_fit=SimpleNamespace(effects=("stribeck",)), named=named)
     both = SimpleNamespace(model_fit=SimpleNamespace(effects=("stribeck", "elastic_transmission")))
     monkeypatch.setattr(
         backward, "without_effect", lambda _problem, _root, _fit, effect: alone if "el" in effect else None
     )
-    evidence = SimpleNamespace(repeats=repeats, doubted=lambda *_: doubted)
+    asked = []
+    evidence = SimpleNamespace(repeats=repeats, doubted=lambda *told: asked.append(told[-1]) or doubted)
     problem, root = SimpleNamespace(), SimpleNamespace()
-    found = backward.Backward(problem, root, evidence, no_progress).without_doubtful_load(both, ())
+    found, unloaded = backward.Backward(problem, root, evidence, no_progress).without_doubtful_load(both, ())
     assert len(found.model_fit.effects) == kept
+    assert asked == ([None if named else alone.model_fit] if repeats else [])
+    assert unloaded is (alone.model_fit if kept == 2 and repeats else None)
+
+
+@pytest.mark.parametrize(("left", "doubted"), [(1.0, True), (0.75, True), (0.6, False)])
+def test_a_second_mass_beside_others_is_measured_by_what_these_leave(left: float, doubted: bool) -> None:
+    """Beside windage a spring of 180 Hz lowered the veto's error by 69 %, of all that the base leaves by 28 %."""
+    kind = EFFECTS["elastic_transmission"]
+    values = {"compliance": 2.2e-2, "load_inertia": 0.5, "load_friction": 0.3, "damping": 0.05}
+    packed = base_model(NOMINAL | {"inertia": 1.07e-4}).with_effect(kind.make(values)).pack()
+    data = SimpleNamespace(cutoff=45.0, period=2e-3, upsampling=1, lag=0.0)
+    law = SimpleNamespace(within=True, exact=True)
+    problem = SimpleNamespace(data=data, policy=POLICY, controller=law, has_veto=True)
+    problem.mean_square = lambda error, _: error
+
+    def fit(effects: tuple[str, ...], error: float) -> SimpleNamespace:
+        return SimpleNamespace(effects=effects, fitted=SimpleNamespace(packed=packed, error=error))
+
+    root, alone = fit((), 10.0), fit(("nonlinear_viscous",), 1.0)
+    both = fit(("nonlinear_viscous", kind.name), left)
+    first = [SimpleNamespace(effect=kind.name, gain=0.28), SimpleNamespace(effect="torque_lag", gain=0.0)]
+    assert RepeatedProgramme().doubted(problem, root, both, first), "as screened, in what windage makes"
+    assert RepeatedProgramme().doubted(problem, root, both, first, alone) == doubted
 
 
 @pytest.mark.parametrize(

@@ -8,9 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from autotune.diagnosis import refits
+from autotune.diagnosis import refits, search
 from autotune.diagnosis.baseline import begin
-from autotune.diagnosis.refits import adds_beside, in_quieter_twin, root_from
+from autotune.diagnosis.candidates import no_progress
+from autotune.diagnosis.refits import adds_beside, in_place_of, in_quieter_twin, root_from
 from autotune.estimation.bandwidth import prepared_to_fit
 from autotune.estimation.bias_corrected_fit import fit_inside_twin
 from autotune.estimation.disturbance import Disturbance
@@ -105,3 +106,104 @@ def test_twins_with_two_masses_are_shaken_less_as_long_as_they_leave_clearly_les
     assert problem.disturbance.white == expected
     assert found.model_fit.fitted.cost == fitted(problem).fitted.cost
     assert in_quieter_twin(replace(loud, loads=False), None, begun)[1] is begun
+
+
+def test_a_rival_in_the_place_of_an_effect_brings_its_own_parameters(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The others, and what is free of them, stay as they are beside it; of what is taken out nothing is left."""
+    weight, spring, dwell = (
+        EFFECTS[name] for name in ("gravity_imbalance", "spring", "dwell_time_break_away")
+    )
+
+    def model_fit(**sizes: float) -> SimpleNamespace:
+        p, on = np.zeros(layout.PARAMETERS), np.zeros(len(layout.EFFECT_NAMES), dtype=np.bool_)
+        free = [SimpleNamespace(name="inertia", slot=layout.INERTIA)]
+        for name, size in sizes.items():
+            slot = EFFECTS[name].parameters[0].slot
+            p[slot], on[layout.flag(name)] = size, True
+            free.append(SimpleNamespace(name=name, slot=slot))
+        return SimpleNamespace(
+            effects=tuple(sizes), free=tuple(free), fitted=SimpleNamespace(packed=Packed(p, on))
+        )
+
+    asked = []
+    monkeypatch.setattr(refits, "fit_inside_twin", lambda *told: asked.append(told))
+    chosen = SimpleNamespace(model_fit=model_fit(gravity_imbalance=1.0, dwell_time_break_away=2.0))
+    rival = SimpleNamespace(model_fit=model_fit(spring=3.0), effect=spring.name)
+    assert in_place_of(None, model_fit(), chosen, weight.name, rival) is None
+    _, packed, free, _, effects = asked[0]
+    assert effects == (spring.name, dwell.name)
+    assert [one.name for one in free] == ["inertia", dwell.name, spring.name]
+    values = [packed.p[kind.parameters[0].slot] for kind in (weight, spring, dwell)]
+    assert values == [0.0, 3.0, 2.0]
+    assert [bool(packed.on[layout.flag(kind.name)]) for kind in (weight, spring, dwell)] == [
+        False,
+        True,
+        True,
+    ]
+
+
+def _search(chosen: object, tried: tuple[object, ...] = ()) -> search._Search:
+    problem, evidence = SimpleNamespace(policy=POLICY), SimpleNamespace(repeats=True)
+    return search._Search(problem, SimpleNamespace(), None, no_progress, evidence, chosen=chosen, tried=tried)
+
+
+@pytest.mark.parametrize(
+    ("fall", "share", "of_rest", "taken"),
+    [
+        (1.0, 0.48, (0.99, 0.95), True),
+        (1.0, 0.48, (0.99, 0.8), False),
+        (1.0, 0.6, (0.99, 0.95), False),
+        (0.01, 0.48, (0.99, 0.95), False),
+    ],
+    ids=["a tilted encoder", "not on the veto", "no matter of its law", "too little"],
+)
+def test_a_further_effect_may_be_worth_having_by_its_course(
+    monkeypatch: pytest.MonkeyPatch, fall: float, share: float, of_rest: tuple[float, ...], taken: bool
+) -> None:
+    """Its second wave makes more torque than its first: 48 % of what a weight leaves by the one, 99 % by both."""
+    shaped = SimpleNamespace(named=True, model_fit=None)
+    monkeypatch.setattr(search, "explained_beside", lambda *_: SimpleNamespace(fall=fall, share=share))
+    monkeypatch.setattr(search, "least_fall", lambda *_: 0.1)
+    parts = [SimpleNamespace(share=one) for one in of_rest]
+    monkeypatch.setattr(search, "explained_of_rest", lambda *_: parts)
+    monkeypatch.setattr(search._Search, "_shaped", lambda *_: shaped)
+    monkeypatch.setattr(search._Search, "_worth_having", lambda *_: True)
+    chosen = SimpleNamespace(model_fit=None)
+    best = SimpleNamespace(model_fit=None)
+    assert _search(chosen)._worth_by_its_course(best) is (shaped if taken else None)
+    assert _search(None)._worth_by_its_course(best) is None
+
+
+@pytest.mark.parametrize(
+    ("gain", "share", "left", "first"),
+    [
+        (0.77, 0.91, 0.4, "spring"),
+        (0.77, 0.91, 1.1, "gravity_imbalance"),
+        (0.3, 0.91, 0.4, "gravity_imbalance"),
+        (0.77, 0.4, 0.4, "gravity_imbalance"),
+    ],
+    ids=["a buffer on the way", "errs more", "never came near", "explained less than half"],
+)
+def test_rivals_of_the_first_effect_are_asked_again_beside_the_second(
+    monkeypatch: pytest.MonkeyPatch, gain: float, share: float, left: float, first: str
+) -> None:
+    """A weight led while contacts that age were missing; beside them a buffer left four tenths of what it did."""
+
+    @dataclass(frozen=True)
+    class Item:
+        effect: str
+        model_fit: SimpleNamespace
+        gain: float = 0.85
+        share: float = 0.97
+
+    def item(*effects: str, left: float = 1.0, **others: float) -> Item:
+        return Item(effects[-1], SimpleNamespace(effects=effects, left=left), **others)
+
+    monkeypatch.setattr(search, "error_left", lambda _, fit: fit.left)
+    monkeypatch.setattr(search, "in_place_of", lambda *_: item("spring", "dwell_time_break_away", left=left))
+    monkeypatch.setattr(search._Search, "_shaped", lambda *_: None)
+    chosen = item("gravity_imbalance", "dwell_time_break_away")
+    tried = (item("gravity_imbalance"), item("spring", gain=gain, share=share))
+    found = _search(tried[0], tried)._first_exchanged(chosen)
+    assert found.model_fit.effects == (first, "dwell_time_break_away")
+    assert found.effect == "dwell_time_break_away"

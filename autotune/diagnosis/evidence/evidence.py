@@ -193,11 +193,17 @@ class Evidence(ABC):
         return None
 
     def doubted(
-        self, problem: Problem, root: ModelFit, model_fit: ModelFit, first: Sequence[ScreenedCandidate] = ()
+        self,
+        problem: Problem,
+        root: ModelFit,
+        model_fit: ModelFit,
+        first: Sequence[ScreenedCandidate] = (),
+        unloaded: ModelFit | None = None,
     ) -> bool:
         """Whether effects that were found may be something else, though they lower the error.
 
-        `first`: all candidates beside the root.
+        `first`: all candidates beside the root; `unloaded`: the others of several effects without a second mass, where
+        they have no name so.
         """
         return False
 

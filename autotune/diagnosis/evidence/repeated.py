@@ -188,7 +188,12 @@ class RepeatedProgramme(Evidence):
         return names[int(np.argmax(loud * seen.blocks[:, 0]))] if loud.any() else ""
 
     def doubted(
-        self, problem: Problem, root: ModelFit, model_fit: ModelFit, first: Sequence[ScreenedCandidate] = ()
+        self,
+        problem: Problem,
+        root: ModelFit,
+        model_fit: ModelFit,
+        first: Sequence[ScreenedCandidate] = (),
+        unloaded: ModelFit | None = None,
     ) -> bool:
         """Whether motor and load ring far above all that is compared, and nothing tells them from a lag.
 
@@ -206,7 +211,7 @@ class RepeatedProgramme(Evidence):
         hidden = law_hides_ringing(problem, model_fit)
         if flank_in_sight(problem, model_fit) and not hidden:
             return False
-        little = _gain_of_load(problem, root, model_fit, gains) < problem.policy.confirming_gain
+        little = _gain_of_load(problem, root, model_fit, gains, unloaded) < problem.policy.confirming_gain
         if problem.controller is not None and problem.controller.within:
             return little
         if loop_rings_otherwise(problem, model_fit) or (little and lag_turns_ringing(problem, model_fit)):
@@ -288,12 +293,22 @@ def _exact(problem: Problem) -> bool:
     return problem.controller is not None and not problem.controller.in_band
 
 
-def _gain_of_load(problem: Problem, root: ModelFit, model_fit: ModelFit, gains: Mapping[str, float]) -> float:
-    """What motor and load lower of the error that was not fitted: alone on the veto trajectory, else as screened."""
-    if len(model_fit.effects) > 1 or not problem.has_veto:
+def _gain_of_load(
+    problem: Problem,
+    root: ModelFit,
+    model_fit: ModelFit,
+    gains: Mapping[str, float],
+    unloaded: ModelFit | None,
+) -> float:
+    """What motor and load lower of the error that was not fitted: on the veto trajectory, else as screened.
+
+    Beside others, of what these leave (`unloaded`).
+    """
+    before = unloaded if len(model_fit.effects) > 1 else root
+    if before is None or not problem.has_veto:
         loads = [effect for effect in model_fit.effects if EFFECTS[effect].in_transmission]
         return max((gains.get(effect, 0.0) for effect in loads), default=0.0)
-    return gain_on_veto(problem, root, model_fit)
+    return gain_on_veto(problem, before, model_fit)
 
 
 def _usual_noise(problem: Problem, error: Floats) -> float:

@@ -163,7 +163,12 @@ class SingleRecording(Evidence):
         return max(small, key=lambda item: item.gain, default=None)
 
     def doubted(
-        self, problem: Problem, root: ModelFit, model_fit: ModelFit, first: Sequence[ScreenedCandidate] = ()
+        self,
+        problem: Problem,
+        root: ModelFit,
+        model_fit: ModelFit,
+        first: Sequence[ScreenedCandidate] = (),
+        unloaded: ModelFit | None = None,
     ) -> bool:
         """Whether more is left that some model could explain than the effects explain.
 
