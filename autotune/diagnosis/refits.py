@@ -25,12 +25,15 @@ from autotune.estimation.contact_start import CONTACT, best_contact, damped_as_t
 from autotune.estimation.cross_validation import explained, gain_and_z
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.disturbance_estimate import (
+    LOUDNESS,
     PARTS_ALONE,
     estimate_disturbance,
+    level_of_least,
     with_counts,
     with_expected_noise,
 )
 from autotune.estimation.least_squares import Free, covariance, followed
+from autotune.estimation.model_error import told_beside
 from autotune.estimation.problem import Problem, base_free, refit
 from autotune.models.drive_model import Packed
 from autotune.models.effect import Kind, Terms
@@ -308,6 +311,44 @@ def with_own_noise(
     if settled is None or settled.fitted.cost > model_fit.fitted.cost:
         return problem, chosen
     return quieter, judged(quieter, root, settled, chosen.effect)
+
+
+def looped_otherwise(problem: Problem, before: ModelFit, loaded: ModelFit) -> tuple[Problem, ModelFit] | None:
+    """The axis `before` a second mass in twins that are shaken more or less, or have another law of their controller;
+    None where that does not stand for half of what the mass explains.
+
+    An axis that rests next to break-away creeps as it is shaken, and motor and load on a spring are shaken otherwise
+    than one mass is: so that may be shaken by as much more as a disturbance is uncertain (`LOUDNESS`), and by as much
+    less as twins with two masses are (`in_quieter_twin`). And a law was told by a base that may have got another shape
+    since: what its loop lacks of phase is a spring's, too.
+    """
+    if not problem.twin or not problem.two_masses(loaded.fitted.packed):
+        return None
+    tried = [
+        _settled_in(again, before)
+        for again in (_shaken_best(problem, before), told_beside(problem, before.fitted))
+        if again is not problem
+    ]
+    found = min((one for one in tried if one is not None), key=lambda one: one[1].fitted.cost, default=None)
+    if found is None:
+        return None
+    gained, stands_for = (before.fitted.cost - one.fitted.cost for one in (loaded, found[1]))
+    return found if stands_for >= problem.policy.partly * gained else None
+
+
+def _shaken_best(problem: Problem, model_fit: ModelFit) -> Problem:
+    """The problem with its disturbance as loud as leaves least beside a model."""
+    packed = model_fit.fitted.packed
+    levels = [problem.disturbance.louder(part) for part in (1.0, *PARTS_ALONE, *LOUDNESS)]
+    again = replace(problem, disturbance=level_of_least(problem, packed, levels))
+    return with_expected_noise(again if problem.by_counts is None else with_counts(again, packed), packed)
+
+
+def _settled_in(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit] | None:
+    """A model fitted anew in another problem; None where its twin is unstable there."""
+    fitted = model_fit.fitted
+    settled = fit_inside_twin(problem, fitted.packed, list(fitted.free), 2, model_fit.effects)
+    return None if settled is None else (problem, settled)
 
 
 def in_quieter_twin(

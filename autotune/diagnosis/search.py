@@ -46,6 +46,7 @@ from autotune.diagnosis.refits import (
     in_quieter_twin,
     inside_twin,
     judged,
+    looped_otherwise,
     refined,
     root_from,
     taken_out,
@@ -85,6 +86,8 @@ MOST_EFFECTS, MOST_FITS = 3, 4
 """Effects that are added, and candidates fitted inside the twin for each of them."""
 WORTH_A_FIT_BESIDE, CLOSE_RIVAL = 0.6, 0.75
 """Of the best candidate's gain: what is fitted beside another effect, and beside one that can be named already."""
+LOOPS_ANEW = 2
+"""Times that a twin may be shaken or controlled otherwise before a second mass: one for each."""
 LEAST_AGAIN = 0.1
 """Of what a further effect explains: that must come again in repeats, or drift; the rest may be noise it swallows."""
 
@@ -199,14 +202,23 @@ class _Search:
         """Adds effects to the root, one beside the other, as long as they explain enough."""
         self.chosen, self.seen, self.later, self.freed = None, [], [], {}
         for number in range(MOST_EFFECTS):
-            best = self._round(first=number == 0)
-            if best is not None and number == 0 and self._rooted_anew(best):
-                best = self._round(first=True)
+            best = self._next(first=number == 0)
             if best is None:
                 break
             chosen = self._take(best)
             if chosen.named and not self._more_to_explain(chosen.model_fit):
                 break
+
+    def _next(self, first: bool) -> FittedCandidate | None:
+        """The best of a round, looked for again where the model as it is does half of that from elsewhere."""
+        best = self._round(first)
+        if best is not None and first and self._rooted_anew(best):
+            best = self._round(first)
+        for _ in range(LOOPS_ANEW):
+            if best is None or not self._looped_anew(best):
+                break
+            best = self._round(first)
+        return best
 
     def _shape_base(self) -> None:
         """What textbooks have in the base may have another shape there: that is asked before anything else."""
@@ -360,6 +372,19 @@ class _Search:
             return False
         self.progress("fit of the model as it is, from elsewhere")
         self.root = root
+        return True
+
+    def _looped_anew(self, best: FittedCandidate) -> bool:
+        """Whether a second mass made up for how the twin is shaken, or controlled: that is no reason for a name."""
+        found = looped_otherwise(self.problem, self._model_fit, best.model_fit)
+        if found is None:
+            return False
+        self.progress("twins that are shaken or controlled otherwise")
+        self.problem, before = found
+        if self.chosen is None:
+            self.root = before
+        else:
+            self.root, (self.chosen,) = fitted_again(self.problem, self.root, [self.chosen])
         return True
 
     def _beside_own_presliding(self, found: Found) -> Found:
@@ -851,6 +876,7 @@ class _Search:
         """Drops what is not needed beside the others, and refines what is left."""
         if self.chosen is not None:
             self.chosen = self._backward.tidied(self.chosen, self.seen)
+            self.chosen = self._backward.without_stiff_load(self.chosen)
 
     def _in_place(self) -> list[FittedCandidate]:
         """What may stand for one of several effects."""

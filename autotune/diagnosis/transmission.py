@@ -25,8 +25,9 @@ from autotune.models import layout
 from autotune.models.backlash import BACKLASH, damped_by_impact
 from autotune.models.drive_model import Packed
 from autotune.models.effect import Kind
-from autotune.models.elastic_transmission import ELASTIC_TRANSMISSION, RESONANCES
-from autotune.models.load_side import AT_START, ringing_compliance
+from autotune.models.elastic_transmission import CRITICAL, ELASTIC_TRANSMISSION, RESONANCES
+from autotune.models.load_dependent_friction import LOAD_DEPENDENT_FRICTION
+from autotune.models.load_side import AT_START, compliance_of_one_mass, ringing_compliance
 from autotune.models.start_values import Vary
 
 LOADS, PARTS = (0.0, 0.25, 0.5, 0.75, 1.0), (1.0, 0.25)
@@ -133,6 +134,30 @@ def adds_nothing(kind: Kind, model_fit: ModelFit) -> bool:
     return (kind is SPRING and GAP.name in model_fit.effects) or (
         kind is GAP and SPRING.name in model_fit.effects
     )
+
+
+def presses_at_the_load(model_fit: ModelFit) -> bool:
+    """Whether a spring is beside friction that grows with the torque that it passes on."""
+    return {SPRING.name, LOAD_DEPENDENT_FRICTION.name} <= set(model_fit.effects)
+
+
+def stiff_as_well(problem: Problem, less: ModelFit, model_fit: ModelFit) -> bool:
+    """Whether a spring that no sample could see, damped critically, does half of what the model's one does beyond a
+    model that has `less`.
+
+    Motor and load in one piece still are two sides: the load's part of inertia, friction and constant torque presses,
+    the motor's does not. That is another law of what presses, and no elasticity.
+    """
+    fitted = model_fit.fitted
+    p = fitted.packed.p.copy()
+    held = [SPRING.slot(name) for name in ("compliance", "damping")]
+    p[held] = compliance_of_one_mass(float(p[layout.INERTIA]), problem.data.period), CRITICAL
+    free = [one for one in model_fit.free if one.slot not in held]
+    stiff = fit_inside_twin(problem, Packed(p, fitted.packed.on), free, 4, model_fit.effects)
+    if stiff is None:
+        return False
+    gained = less.fitted.cost - fitted.cost
+    return less.fitted.cost - stiff.fitted.cost >= problem.policy.partly * gained
 
 
 def other_contact_tried(

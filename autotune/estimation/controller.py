@@ -99,13 +99,17 @@ def _or_between(
     """A law, and beside it or in its place that of a drive that works between the samples."""
     # a law that sees the position at once, but needs what its reference does by itself: the drive interpolates
     between = found.in_band or (found.position_delay == 0 and found.acceleration_feedforward != 0.0)
-    if not data.repeated or found.exact or (found.usable and not between):
+    if not data.repeated or (found.usable and not between):
         return (found,)
     quiet = quieter(data)
     heard = samples if quiet is data else loop_samples(quiet, samples.policy)
     if not found.usable:
         return _remembered(b"slow", heard, lambda: laws_of_slow_rows(heard)) or (found,)
-    return _remembered(b"between", heard, lambda: laws_between(heard, found, heard is not samples))
+    laws = _remembered(b"between", heard, lambda: laws_between(heard, found, heard is not samples))
+    if not found.exact:
+        return laws
+    # at the samples; what such a drive does between them is in no row, where motion is smooth
+    return (found, *(law for law in laws if law.ticks > 1))
 
 
 def controllers_of(

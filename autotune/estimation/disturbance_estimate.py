@@ -139,9 +139,9 @@ def estimate_disturbance(problem: Problem, packed: Packed) -> Disturbance:
         matched = matcher.matched(matcher.bands(measured), np.mean(own, axis=0), len(chunks.starts), scatter)
         found = replace(matched, jitter=jitter)
     if chunks.paired and own and _chaotic(matcher.bands(measured), np.mean(own, axis=0)):
-        found = _of_least_cost(problem, packed, (found, *_levels_of_all(problem, packed, found)))
+        found = level_of_least(problem, packed, (found, *_levels_of_all(problem, packed, found)))
     elif own and not chunks.paired:
-        found = _of_least_cost(problem, packed, (found, *(found.louder(part) for part in PARTS_ALONE)))
+        found = level_of_least(problem, packed, (found, *(found.louder(part) for part in PARTS_ALONE)))
     return replace(found, sensor=sensor, uneven=_unevenness(measured, simulated))
 
 
@@ -166,7 +166,7 @@ def _levels_of_all(problem: Problem, packed: Packed, found: Disturbance) -> list
     return [replace(STILL, white=whole / parts, jitter=found.jitter) for parts in LEVELS]
 
 
-def _of_least_cost(problem: Problem, packed: Packed, levels: Sequence[Disturbance]) -> Disturbance:
+def level_of_least(problem: Problem, packed: Packed, levels: Sequence[Disturbance]) -> Disturbance:
     """The disturbance with which the twin's bias leaves least: the first where nothing tells.
 
     How much friction and counts are averaged tells how much the axis is shaken: a twin that is shaken too much, or too

@@ -240,7 +240,8 @@ def _least_left(
         before = math.inf
         for one in _faster(law, 1 if every or math.isinf(best.left) else best.law.ticks, period):
             left, later = here.left_by(one, disturbance)
-            left *= AS_MUCH if one.demanded else 1.0  # of another torque, with another noise
+            # of another torque, with another noise; and what explains every row needs no more than chance beside it
+            left *= AS_MUCH if one.demanded else CLEARLY_LESS if one.exact else 1.0
             if left < best.left:
                 best = _Least(one, disturbance, left, later)
             if left > min(before, FAR * best.left):

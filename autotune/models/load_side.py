@@ -84,5 +84,10 @@ def least_compliance(c: StartContext) -> float:
 
     Without this bound a fit that needs no compliance ends where an integration takes ten times as long.
     """
-    rate = max(math.pi / c.period, STIFFEST)
-    return 4.0 / (float(c.p[INERTIA]) * rate**2)
+    return compliance_of_one_mass(float(c.p[INERTIA]), c.period)
+
+
+def compliance_of_one_mass(inertia: float, period: float) -> float:
+    """Compliance below which motor and load are one mass to samples that are a period [s] apart [rad/(N m)]."""
+    rate = max(math.pi / period, STIFFEST)
+    return 4.0 / (inertia * rate**2)

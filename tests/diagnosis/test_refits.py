@@ -11,7 +11,13 @@ import pytest
 from autotune.diagnosis import refits, search
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.candidates import no_progress
-from autotune.diagnosis.refits import adds_beside, in_place_of, in_quieter_twin, root_from
+from autotune.diagnosis.refits import (
+    adds_beside,
+    in_place_of,
+    in_quieter_twin,
+    looped_otherwise,
+    root_from,
+)
 from autotune.estimation.bandwidth import prepared_to_fit
 from autotune.estimation.bias_corrected_fit import fit_inside_twin
 from autotune.estimation.disturbance import Disturbance
@@ -207,3 +213,33 @@ def test_rivals_of_the_first_effect_are_asked_again_beside_the_second(
     found = _search(tried[0], tried)._first_exchanged(chosen)
     assert found.model_fit.effects == (first, "dwell_time_break_away")
     assert found.effect == "dwell_time_break_away"
+
+
+@pytest.mark.parametrize(
+    ("shaken", "controlled", "stands"),
+    [(0.6, 1.0, True), (0.9, 1.0, False), (1.0, 0.55, True), (None, 1.0, False)],
+)
+def test_a_second_mass_must_do_more_than_twins_that_are_shaken_or_controlled_otherwise(
+    monkeypatch: pytest.MonkeyPatch, shaken: float | None, controlled: float, stands: bool
+) -> None:
+    """Nothing was missing of an axis that rests next to break-away, but a tenth of its disturbance was not there: it
+    was named an elastic transmission. Costs of a rigid axis; 1.0 as it is, 0.4 with a second mass.
+    """
+
+    def fit(cost: float) -> SimpleNamespace:
+        return SimpleNamespace(fitted=SimpleNamespace(cost=cost, packed=None, free=()), effects=())
+
+    loud = _Shaken(Disturbance(1.0, 0.0, 0.0, 0.0, 0.0))
+    quiet = replace(loud, disturbance=loud.disturbance.louder(0.8))
+    other = replace(loud, disturbance=loud.disturbance.louder(1.1))
+    costs = {quiet: shaken, other: controlled}
+    monkeypatch.setattr(refits, "_shaken_best", lambda *_: quiet)
+    monkeypatch.setattr(refits, "told_beside", lambda *_: other if controlled < 1.0 else loud)
+    monkeypatch.setattr(
+        refits, "fit_inside_twin", lambda one, *_: None if costs[one] is None else fit(costs[one])
+    )
+    found = looped_otherwise(loud, fit(1.0), fit(0.4))
+    assert (found is not None) == stands
+    if found is not None:
+        assert found[1].fitted.cost == min(shaken, controlled)
+    assert looped_otherwise(replace(loud, loads=False), fit(1.0), fit(0.4)) is None

@@ -1,6 +1,7 @@
 """The one controller of both engines: known truth, known files, and what is said where they disagree."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -272,6 +273,21 @@ def test_a_law_is_exact_where_it_leaves_no_more_than_rounding_of_the_torque() ->
     assert both(recording).exact
     assert both(with_torque(recording, rounded)).exact
     assert not both(with_torque(recording, recording["torque"] + noise)).exact
+
+
+@pytest.mark.parametrize(("bend", "repeated", "others"), [(2e-3, True, 1), (0.0, True, 0), (2e-3, False, 0)])
+def test_an_exact_law_that_needs_its_references_bend_may_be_a_drives(
+    monkeypatch: pytest.MonkeyPatch, bend: float, repeated: bool, others: int
+) -> None:
+    """A drive's loop of 8 kHz looked like one of 1 ms with a velocity feedforward of -2026: the torque's steps, and
+    smooth motion, hide what is between the samples. It stays the first; a twin tells.
+    """
+    between = PositionController(ticks=4, source="identified", in_band=True)
+    monkeypatch.setattr(controller, "laws_between", lambda _, law, __: (between, law))
+    law = replace(TRUE, acceleration_feedforward=bend, exact=True, source="identified")
+    samples = controller.loop_samples(prepare([recorded(TRUE, seconds=8.0)]))
+    found = controller._or_between(SimpleNamespace(repeated=repeated, sensed=None), samples, law)
+    assert found == (law, between)[: 1 + others]
 
 
 def test_a_torque_by_its_sensor_holds_a_part_of_the_sample_before() -> None:

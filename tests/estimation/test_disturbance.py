@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 from autotune.estimation.controller import find_controller
 from autotune.estimation.data import Prepared, filtered_motion, prepare
 from autotune.estimation.disturbance import STILL, Disturbance, in_time, jitter_of, memory_of
-from autotune.estimation.disturbance_estimate import _of_least_cost, estimate_disturbance
+from autotune.estimation.disturbance_estimate import estimate_disturbance, level_of_least
 from autotune.estimation.problem import new_problem
 from autotune.estimation.twin_runs import run_twin
 from autotune.models.drive_model import Packed, base_model
@@ -114,4 +114,4 @@ def test_what_the_twin_leaves_tells_how_much_the_axis_is_shaken(recording: Recor
     problem = new_problem(data, find_controller(data))
     levels = [Disturbance(white=part * 5e-3) for part in (3.0, 1.0, 0.1)]
     truth = true_model(plain_axis(3).plant, ()).pack()
-    assert _of_least_cost(problem, truth, levels) is levels[1]
+    assert level_of_least(problem, truth, levels) is levels[1]
