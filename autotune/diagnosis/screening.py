@@ -14,7 +14,15 @@ from autotune.diagnosis.starts import Context, FitStart, scouted, shapes, starts
 from autotune.diagnosis.transmission import adds_nothing
 from autotune.estimation.bias_corrected_fit import STEPS_A_ROUND, ModelFit, fit_inside_twin, stepped, twinned
 from autotune.estimation.coordinates import generic_columns
-from autotune.estimation.cross_validation import evenly, gain_and_z, held_out, with_columns
+from autotune.estimation.cross_validation import (
+    drift,
+    evenly,
+    gain_and_z,
+    held_out,
+    still_explainable,
+    with_columns,
+)
+from autotune.estimation.data import TRAINING
 from autotune.estimation.least_squares import Fitted, Steps, done_together, fitting
 from autotune.estimation.problem import Problem, refit, refits
 from autotune.models import layout
@@ -91,7 +99,7 @@ def rank(
         if there or adds_nothing(kind, model_fit):
             continue
         progress(f"candidate {kind.name}")
-        needed = _needed_beside(problem, base, tried) if kind.in_transmission else 0.0
+        needed = _needed(problem, evidence, base, tried, worth) if kind.in_transmission else 0.0
         if fits := _short_fits(problem, base, nominal, kind, needed):
             tried.append((kind, fits))
     least = _least_fall(problem, base, [fits[0] for _, fits in tried], worth)
@@ -135,20 +143,39 @@ def _least_fall(problem: Problem, base: ModelFit, best: Sequence[_ShortFit], wor
     return max(PROMISING, near)
 
 
-def _needed_beside(
-    problem: Problem, base: ModelFit, tried: Sequence[tuple[Kind, Sequence[_ShortFit]]]
+def _needed(
+    problem: Problem,
+    evidence: Evidence,
+    base: ModelFit,
+    tried: Sequence[tuple[Kind, Sequence[_ShortFit]]],
+    worth: float,
 ) -> float:
-    """Relative fall of the cost without which an effect comes to nothing beside those that were tried.
+    """Relative fall of the cost without which an effect comes to nothing, by itself or beside those that were tried.
 
     Two masses are looked for last, as that is dear: beside what explains most of the error, in the rows that were
-    fitted and in those held out, they matter only if they explain a good part of as much.
+    fitted and in those held out, they matter only if they explain a good part of as much. What they do comes again in
+    every repeat: where nothing of that is left beyond doubt, what none of their starts shows a trace of is not sought.
+    Nor is what is not `worth` having beside an effect that is there.
     """
     cost = base.fitted.cost
     leads = [
         min(1.0 - best.cost / cost, gain_and_z(base.unseen, held_out(problem, best.error, best.jacobian))[0])
         for best in (fits[0].fitted for kind, fits in tried if not kind.in_transmission)
     ]
-    return NEAR_BEST * max((lead for lead in leads if math.isfinite(lead)), default=0.0)
+    beside = NEAR_BEST * max((lead for lead in leads if math.isfinite(lead)), default=0.0)
+    least = 0.0 if more_to_explain(problem, evidence, base) else problem.policy.least_gain
+    return max(beside, least, min(NEAR_WORTH * worth / cost, problem.policy.clear_gain))
+
+
+def more_to_explain(problem: Problem, evidence: Evidence, model_fit: ModelFit) -> bool:
+    """Whether anything is left beyond doubt: certain to one standard error, or drifting."""
+    fitted = model_fit.fitted
+    noise = problem.noise_variance(fitted.error, TRAINING)
+    if not math.isfinite(noise):
+        return True
+    drifting = drift(problem, fitted, model_fit.correction, TRAINING)[0]
+    left = still_explainable(problem, fitted, model_fit.correction, TRAINING) - drifting
+    return drifting > 0.0 or left > evidence.rest_that_is_none(problem, fitted.error, noise)
 
 
 def _short_fits(

@@ -56,7 +56,15 @@ from autotune.diagnosis.refits import (
     with_own_noise,
     without_effect,
 )
-from autotune.diagnosis.screening import NEAR_WORTH, at_its_best, generic_gains, rank, rows_back, screen
+from autotune.diagnosis.screening import (
+    NEAR_WORTH,
+    at_its_best,
+    generic_gains,
+    more_to_explain,
+    rank,
+    rows_back,
+    screen,
+)
 from autotune.diagnosis.transmission import (
     masses_led_on,
     other_contact_tried,
@@ -67,12 +75,10 @@ from autotune.diagnosis.transmission import (
 from autotune.estimation.bias_corrected_fit import LEVEL_GROUND, ModelFit, fit_inside_twin
 from autotune.estimation.cross_validation import (
     beyond_presliding,
-    drift,
     evenly,
     gain_and_z,
     goes_with_place,
     held_out,
-    still_explainable,
 )
 from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.model_error import told_beside
@@ -860,13 +866,7 @@ class _Search:
 
     def _more_to_explain(self, model_fit: ModelFit) -> bool:
         """Whether anything is left beyond doubt: certain to one standard error, or drifting."""
-        problem, fitted = self.problem, model_fit.fitted
-        noise = problem.noise_variance(fitted.error, TRAINING)
-        if not math.isfinite(noise):
-            return True
-        drifting = drift(problem, fitted, model_fit.correction, TRAINING)[0]
-        left = still_explainable(problem, fitted, model_fit.correction, TRAINING) - drifting
-        return drifting > 0.0 or left > self.evidence.rest_that_is_none(problem, fitted.error, noise)
+        return more_to_explain(self.problem, self.evidence, model_fit)
 
     @property
     def _backward(self) -> Backward:

@@ -65,6 +65,7 @@ SAME = 1e-9
 RECORDED_LATE = {MOMENT: 1.0, NEXT: 0.0, BEFORE: 2.0}
 """Half samples by which a torque is recorded late that acts from each sample to the next."""
 AS_READ = "Rows are written late: positions are taken as the controller read them, told by its demand."
+_ASKED: Remembered[Floats] = Remembered(12)
 _KNOWN: Remembered[tuple[PositionController, ...]] = Remembered()
 
 
@@ -275,9 +276,14 @@ def asked(data: Prepared, controller: PositionController) -> Floats:
 def _asked_between(late: LoopSamples, law: PositionController) -> Floats:
     """The same of a law that works between the samples, from each to the next as its torque is recorded."""
     by_moment = law.taken == MOMENT
-    now = replace(law, reference_delay=0, taken=MOMENT if by_moment else NEXT)
-    demand = np.asarray(between_terms(late, now, law.filter_rate(late.period)) @ law.terms_gains)
-    return between_moments(demand) if by_moment else demand
+    now = replace(law, reference_delay=0, taken=MOMENT if by_moment else NEXT, asked=0.0, adrift=False)
+
+    def found() -> Floats:
+        demand = np.asarray(between_terms(late, now, law.filter_rate(late.period)) @ law.terms_gains)
+        return between_moments(demand) if by_moment else demand
+
+    along = digest_of(late.reference, late.position), late.period, repr(late.stretches)
+    return _ASKED.answer((repr(now), *along), found)
 
 
 def controller_of(recording: Recording) -> PositionController:

@@ -13,17 +13,20 @@ measured motion wants it to.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from autotune.core.arrays import Floats, Integers
+from autotune.core.remembered import LastOf
 from autotune.estimation.data import Prepared, filtered_motion
 from autotune.estimation.twin import started_torque
 from autotune.models import layout
 from autotune.models.compiled import compiled
 from autotune.models.drive_model import Packed
+from autotune.models.dwell_time_break_away import AGES
 from autotune.models.inverse import (
     applied_in_lanes,
     applied_torque,
@@ -32,8 +35,23 @@ from autotune.models.inverse import (
     required_in_lanes,
 )
 from autotune.models.lanes import WIDTH, along, filled, side_by_side
+from autotune.models.load_dependent_friction import IS_PRESSED
+from autotune.models.reversal_memory import REMEMBERS
+from autotune.models.stribeck import FALLS
+from autotune.models.thermal_drift import WARMS
+from autotune.models.torque_lag import IS_LATE
 from autotune.models.torque_saturation import OF_SATURATION, SATURATES, torque_slope
 from autotune.models.transmission import has_load, of_one_mass
+from autotune.signals.in_pieces import Pieces, in_pieces
+
+FORGOTTEN = 60.0
+"""Reaches of the bristle on whose way it forgets where it began, to e^-30 where friction is twice as high."""
+SHARED, SAME = 8, 1e-11
+"""Rows in which two pieces of a motion must agree, and to how much of the torque: only then both have forgotten."""
+LEAST_PIECES = 4
+"""Pieces that are worth the trouble: two take as long as all rows at once, with what is copied for them."""
+LONGEST_MEMORY = (REMEMBERS, WARMS, AGES, IS_PRESSED)
+"""Effects that do not forget as the axis moves."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,11 +131,97 @@ def raw_residual(data: Prepared, packed: Packed, moved: Motion) -> Floats:
     rest = np.zeros(len(moved.torque))
     for stretch in data.stretches:
         rows = stretch.rows
-        part = Motion(
-            moved.torque[rows], moved.position[rows], moved.velocity[rows], moved.acceleration[rows]
-        )
-        rest[rows] = stretch_residual(packed, np.zeros(layout.STATES), part, data.period)
+        part = _rows_of(moved, rows)
+        own = rest[rows, None]
+        if not _in_pieces(data, rows, [packed], [part], own):
+            own[:, 0] = stretch_residual(packed, np.zeros(layout.STATES), part, data.period)
     return rest
+
+
+def _rows_of(moved: Motion, rows: slice) -> Motion:
+    return Motion(moved.torque[rows], moved.position[rows], moved.velocity[rows], moved.acceleration[rows])
+
+
+_CUTS: LastOf[dict[tuple[int, int, float, int], Pieces | None]] = LastOf(4)
+
+
+def _in_pieces(
+    data: Prepared, rows: slice, models: Sequence[Packed], moved: Sequence[Motion], rest: Floats
+) -> bool:
+    """`stretch_residual` of a few models over the rows of a stretch, each with its motion or all with one.
+
+    Written to `rest`, shape (n, models or more). Pieces of the motion fill the pass of a kernel that models do not. A
+    rigid axis whose torque acts as it is asked for has one state, its bristle's, and moves by far more than that
+    reaches: so every piece has forgotten where it began, once it has moved as far. False, and nothing is written, where
+    it has not, or where that would take as long.
+    """
+    on, most = models[0].on, WIDTH // len(models)
+    if most < LEAST_PIECES or has_load(on) or on[[*LONGEST_MEMORY, IS_LATE, SATURATES]].any():
+        return False
+    pieces = _cut(data, rows, max(_reach(one) for one in models), most)
+    if pieces is None:
+        return False
+    lanes = [(i, k) for i in range(len(models)) for k in range(len(pieces.first))]
+    needed = _needed_in_pieces(data.period, models, moved, pieces, lanes)
+    if not _agree(pieces, lanes, needed):
+        return False
+    acted = [np.empty(len(rest)) for _ in moved]
+    for torque, one in zip(acted, moved, strict=True):
+        applied_torque(models[0].p, on, np.zeros(layout.STATES), one.torque, data.period, torque)
+    for lane, (i, k) in enumerate(lanes):
+        own, first = slice(pieces.begin[k], pieces.end[k]), pieces.first[k]
+        given = needed[own.start - first : own.stop - first, lane]
+        rest[own, i] = acted[min(i, len(acted) - 1)][own] - given
+    return True
+
+
+def _needed_in_pieces(
+    period: float,
+    models: Sequence[Packed],
+    moved: Sequence[Motion],
+    pieces: Pieces,
+    lanes: Sequence[tuple[int, int]],
+) -> Floats:
+    """Torque that each lane's piece of a motion needs of a model, given as numbers of both, shape (rows, 8)."""
+    lanes = [*lanes, *[lanes[-1]] * (WIDTH - len(lanes))]
+    parts = np.empty((3, WIDTH, pieces.rows))
+    for lane, (i, k) in enumerate(lanes):
+        one, rows = moved[min(i, len(moved) - 1)], slice(pieces.first[k], pieces.first[k] + pieces.rows)
+        parts[0, lane], parts[1, lane] = one.position[rows], one.velocity[rows]
+        parts[2, lane] = one.acceleration[rows]
+    needed = np.empty((pieces.rows, WIDTH))
+    p, state = filled([models[i].p for i, _ in lanes]), np.zeros((layout.STATES, WIDTH))
+    required_in_lanes(p, models[0].on, state, parts[0], parts[1], parts[2], period, 1, needed)
+    return needed
+
+
+def _agree(pieces: Pieces, lanes: Sequence[tuple[int, int]], needed: Floats) -> bool:
+    """Whether every piece needs the same where the one before it ends."""
+    least = SAME * float(np.max(np.abs(needed)))
+    for lane, (_, k) in enumerate(lanes):
+        end = pieces.begin[k] - pieces.first[k]
+        if k and not np.max(np.abs(needed[-SHARED:, lane - 1] - needed[end - SHARED : end, lane])) <= least:
+            return False
+    return True
+
+
+def _cut(data: Prepared, rows: slice, reach: float, most: int) -> Pieces | None:
+    """Pieces of a stretch, by the motion that was recorded, with a reach up to twice as long."""
+    longer = 2.0 ** math.ceil(math.log2(reach)) if 0.0 < reach < math.inf else 0.0
+    if longer == 0.0:
+        return None
+    known, question = _CUTS.answer((data.velocity,), dict), (rows.start, rows.stop, longer, most)
+    if question not in known:
+        moved = np.cumsum(np.abs(data.velocity[rows])) * data.period
+        known[question] = in_pieces(moved, FORGOTTEN * longer, most, SHARED)
+    return known[question]
+
+
+def _reach(packed: Packed) -> float:
+    """About how far the bristle bends [rad or m]."""
+    p = packed.p
+    level = max(p[layout.COULOMB], p[layout.BREAK_AWAY] if packed.on[FALLS] else 0.0)
+    return float(level / p[layout.STIFFNESS])
 
 
 def _inverted(data: Prepared, packed: Packed) -> Packed:
@@ -195,11 +299,15 @@ def kind_of_pass(data: Prepared, packed: Packed) -> tuple[bytes, int]:
 
 def _raw_in_lanes(data: Prepared, models: Sequence[Packed], moved: Sequence[Motion]) -> Floats:
     """`raw_residual` of up to eight models, each with its motion or all with one, shape (n, 8)."""
-    models = [_inverted(data, one) for one in (*models, *[models[-1]] * (WIDTH - len(models)))]
+    asked = [_inverted(data, one) for one in models]
+    models = [*asked, *[asked[-1]] * (WIDTH - len(asked))]
     rest = np.zeros((len(moved[0].torque), WIDTH))
     p, on = filled([packed.p for packed in models]), models[0].on
     substeps = load_substeps(models[0].p, on, data.period)
     for stretch in data.stretches:
+        parts = [_rows_of(one, stretch.rows) for one in moved]
+        if _in_pieces(data, stretch.rows, asked, parts, rest[stretch.rows]):
+            continue
         torque, position, velocity, acceleration = (
             abreast([getattr(one, name)[stretch.rows] for one in moved])
             for name in ("torque", "position", "velocity", "acceleration")

@@ -37,12 +37,23 @@ def finer(values: Floats, ticks: int, cubic: bool) -> Floats:
     """
     beyond = 2.0 * values[-1:] - values[-2:-1]
     known = np.concatenate([values[:1], values, beyond, beyond])
-    zero, one, two, three = (known[i : i + len(values), None] for i in range(4))
-    parts = np.arange(ticks)[None, :] / ticks
-    if not cubic:
-        return np.asarray(one + parts * (two - one)).ravel()
-    bend = 2.0 * zero - 5.0 * one + 4.0 * two - three + parts * (3.0 * (one - two) + three - zero)
-    return np.asarray(one + 0.5 * parts * (two - zero + parts * bend)).ravel()
+    fine = np.empty(len(values) * ticks)
+    _finer(known, ticks, cubic, fine)
+    return fine
+
+
+@kernel
+def _finer(known: Floats, ticks: int, cubic: bool, fine: Floats) -> None:
+    """`finer` of values with one before them and two beyond, written to `fine`."""
+    for k in range(len(fine) // ticks):
+        zero, one, two, three = known[k], known[k + 1], known[k + 2], known[k + 3]
+        for i in range(ticks):
+            part = i / ticks
+            if cubic:
+                bend = 2.0 * zero - 5.0 * one + 4.0 * two - three + part * (3.0 * (one - two) + three - zero)
+                fine[k * ticks + i] = one + 0.5 * part * (two - zero + part * bend)
+            else:
+                fine[k * ticks + i] = one + part * (two - one)
 
 
 def bend_between(reference: Floats, period: float, ticks: int, smooth: bool) -> Floats:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import autotune.estimation.residual as module
 from autotune.estimation.bandwidth import Bands
 from autotune.estimation.controller import controller_of
 from autotune.estimation.data import prepare
@@ -102,6 +103,36 @@ def _several() -> list[Packed]:
     ]
     others = [base_model(AXIS).with_effect(effect) for effect in (LAG, SATURATION, SATURATION)]
     return [*shifted, *(model.pack() for model in (*springs, *others))]
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_pieces_of_time_leave_what_the_whole_motion_leaves(count: int, monkeypatch) -> None:
+    """Of so few models pieces of the motion fill a pass: bit for bit the same, as a bristle forgets on its way."""
+    data = prepare([recorded(TRUE, OF_TRUE, seconds=12.0)])
+    moved, models = measured_motion(data), _several()[:count]
+    found = residuals(data, models, moved)
+    passes = []
+    monkeypatch.setattr(module, "_in_pieces", lambda *given: bool(passes.append(given)))
+    np.testing.assert_array_equal(found, residuals(data, models, moved))
+    assert passes
+    monkeypatch.undo()
+    rows = data.stretches[0].rows
+    rest = np.empty((len(moved.torque), count))
+    assert module._in_pieces(data, rows, models, [moved], rest)
+
+
+def test_what_does_not_forget_is_not_cut_in_pieces() -> None:
+    """A contact that warms, remembers, ages or is pressed, and a torque that comes late; nor one that hardly moves."""
+    data = prepare([recorded(TRUE, OF_TRUE, seconds=12.0)])
+    moved, rest = measured_motion(data), np.zeros((len(data.time), 1))
+    rows = data.stretches[0].rows
+    soft = base_model({**AXIS, "stiffness": 1e-7 * AXIS["stiffness"]})
+    warm = base_model(AXIS).with_effect(
+        EFFECTS["thermal_drift"].make({"softening": 0.1, "time_constant": 5.0, "idle": 0.0})
+    )
+    for model in (base_model(AXIS).with_effect(LAG), warm, soft):
+        assert not module._in_pieces(data, rows, [model.pack()], [moved], rest)
+    assert not rest.any()
 
 
 def test_several_models_at_once_leave_what_each_of_them_leaves() -> None:
