@@ -24,7 +24,7 @@ from autotune.diagnosis.refits import (
     without_insignificant_terms,
 )
 from autotune.diagnosis.ripple_orders import with_whole_orders
-from autotune.diagnosis.transmission import SPRING, presses_at_the_load, stiff_as_well
+from autotune.diagnosis.transmission import pressed_transmission, stiff_as_well
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.data import TRAINING
 from autotune.estimation.problem import Problem
@@ -93,10 +93,11 @@ class Backward:
         return not self.evidence.repeats or beside.share >= self.problem.policy.partly
 
     def without_stiff_load(self, chosen: FittedCandidate) -> FittedCandidate:
-        """The chosen model without its spring where that tells only on which side of it torques press a contact."""
-        if not self.evidence.repeats or not presses_at_the_load(chosen.model_fit):
+        """The chosen model without its transmission where that tells only on which side torques press a contact."""
+        between = pressed_transmission(chosen.model_fit)
+        if not self.evidence.repeats or not between:
             return chosen
-        less = self._without(chosen, SPRING.name)
+        less = self._without(chosen, between)
         if less is None or not stiff_as_well(self.problem, less.model_fit, chosen.model_fit):
             return chosen
         return less

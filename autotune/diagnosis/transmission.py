@@ -136,22 +136,27 @@ def adds_nothing(kind: Kind, model_fit: ModelFit) -> bool:
     )
 
 
-def presses_at_the_load(model_fit: ModelFit) -> bool:
-    """Whether a spring is beside friction that grows with the torque that it passes on."""
-    return {SPRING.name, LOAD_DEPENDENT_FRICTION.name} <= set(model_fit.effects)
+def pressed_transmission(model_fit: ModelFit) -> str:
+    """The transmission beside friction that grows with the torque that it passes on; empty without either."""
+    pressed = LOAD_DEPENDENT_FRICTION.name in model_fit.effects
+    return next((k.name for k in (SPRING, GAP) if pressed and k.name in model_fit.effects), "")
 
 
 def stiff_as_well(problem: Problem, less: ModelFit, model_fit: ModelFit) -> bool:
-    """Whether a spring that no sample could see, damped critically, does half of what the model's one does beyond a
-    model that has `less`.
+    """Whether a spring that no sample could see, damped critically and without a gap, does half of what the model's
+    transmission does beyond a model that has `less`.
 
     Motor and load in one piece still are two sides: the load's part of inertia, friction and constant torque presses,
     the motor's does not. That is another law of what presses, and no elasticity.
     """
     fitted = model_fit.fitted
     p = fitted.packed.p.copy()
-    held = [SPRING.slot(name) for name in ("compliance", "damping")]
-    p[held] = compliance_of_one_mass(float(p[layout.INERTIA]), problem.data.period), CRITICAL
+    spring = SPRING.name in model_fit.effects
+    held = [SPRING.slot("compliance"), SPRING.slot("damping")]
+    if not spring:
+        held = [GAP.slot(name) for name in ("contact_compliance", "damping", "gap", "impact_damping")]
+        p[held[2:]] = 0.0
+    p[held[:2]] = compliance_of_one_mass(float(p[layout.INERTIA]), problem.data.period), CRITICAL
     free = [one for one in model_fit.free if one.slot not in held]
     stiff = fit_inside_twin(problem, Packed(p, fitted.packed.on), free, 4, model_fit.effects)
     if stiff is None:

@@ -21,8 +21,9 @@ from autotune.estimation.coordinates import coordinates, generic_columns
 from autotune.estimation.data import Block
 from autotune.estimation.policy import POLICY
 from autotune.estimation.problem import Problem, without_outlying
+from autotune.models import layout
 from autotune.models.drive_model import Packed, base_model
-from autotune.models.elastic_transmission import creeps, resonance
+from autotune.models.elastic_transmission import CRITICAL
 from autotune.models.start_values import Vary
 from autotune.models.table import EFFECTS
 from tests.support.axes import NOMINAL
@@ -431,13 +432,14 @@ def test_a_second_mass_beside_others_is_measured_by_what_these_leave(left: float
     assert RepeatedProgramme().doubted(problem, root, both, first, alone) == doubted
 
 
+@pytest.mark.parametrize("between", ["elastic_transmission", "backlash"])
 @pytest.mark.parametrize(("stiff", "kept"), [(True, 1), (False, 2)])
-def test_a_spring_beside_a_pressed_contact_must_do_more_than_tell_what_presses(
-    monkeypatch: pytest.MonkeyPatch, stiff: bool, kept: int
+def test_a_transmission_beside_a_pressed_contact_must_do_more_than_tell_what_presses(
+    monkeypatch: pytest.MonkeyPatch, between: str, stiff: bool, kept: int
 ) -> None:
     """Load dependence with preload was named with a spring of 142 Hz; one that nobody could see did as well."""
     alone = SimpleNamespace(model_fit=SimpleNamespace(effects=("load_dependent_friction",)))
-    pressed = ("load_dependent_friction", "elastic_transmission")
+    pressed = ("load_dependent_friction", between)
     both = SimpleNamespace(model_fit=SimpleNamespace(effects=pressed))
     monkeypatch.setattr(backward, "without_effect", lambda *_: alone)
     monkeypatch.setattr(backward, "stiff_as_well", lambda *_: stiff)
@@ -446,9 +448,12 @@ def test_a_spring_beside_a_pressed_contact_must_do_more_than_tell_what_presses(
     assert steps.without_stiff_load(alone) is alone
 
 
+@pytest.mark.parametrize(
+    ("between", "compliance"), [("elastic_transmission", "compliance"), ("backlash", "contact_compliance")]
+)
 @pytest.mark.parametrize(("left", "stiff"), [(0.45, True), (0.9, False), (None, False)])
 def test_a_spring_that_no_sample_sees_leaves_no_elasticity(
-    monkeypatch: pytest.MonkeyPatch, left: float | None, stiff: bool
+    monkeypatch: pytest.MonkeyPatch, between: str, compliance: str, left: float | None, stiff: bool
 ) -> None:
     """Costs: 1.0 without the spring, 0.4 with it; `left` with motor and load in one piece, and two sides that press."""
     seen = []
@@ -458,19 +463,20 @@ def test_a_spring_that_no_sample_sees_leaves_no_elasticity(
         return None if left is None else SimpleNamespace(fitted=SimpleNamespace(cost=left))
 
     monkeypatch.setattr(transmission, "fit_inside_twin", fit)
-    packed, spring = base_model(NOMINAL).pack(), EFFECTS["elastic_transmission"]
-    slots = [spring.slot(name) for name in ("compliance", "damping", "load_inertia")]
+    packed, spring = base_model(NOMINAL).pack(), EFFECTS[between]
+    slots = [spring.slot(name) for name in (compliance, "damping", "load_inertia")]
     packed.p[slots] = 1.0, 0.1, 0.5
     free = tuple(SimpleNamespace(slot=slot) for slot in slots)
     whole, less = (
-        SimpleNamespace(fitted=SimpleNamespace(packed=packed, cost=cost), free=free, effects=())
+        SimpleNamespace(fitted=SimpleNamespace(packed=packed, cost=cost), free=free, effects=(between,))
         for cost in (0.4, 1.0)
     )
     problem = SimpleNamespace(policy=POLICY, data=SimpleNamespace(period=1e-3))
     assert transmission.stiff_as_well(problem, less, whole) == stiff
     p, freed = seen[0]
-    assert resonance(p) >= 500.0
-    assert creeps(p, np.ones(100, dtype=np.bool_))
+    ringing, damping = p[slots[:2]]
+    assert 1.0 / (2.0 * np.pi * np.sqrt(ringing * 0.25 * p[layout.INERTIA])) >= 500.0
+    assert damping >= CRITICAL
     assert freed == slots[2:]
 
 
