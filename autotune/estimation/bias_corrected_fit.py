@@ -26,9 +26,6 @@ from autotune.models.transmission import BETWEEN
 
 LEVEL_GROUND = 1.005
 """What the cost may rise by from a twin to the next: its noise."""
-ARRIVED = 1.001
-"""Times what a fit with its bias held comes down to, at least: where it begins so near, more rounds wander about in the
-twin's noise."""
 MOST_HALVINGS = 3
 ACROSS_A_RIDGE = 1.5
 """What the cost may rise by where only a whole step is left to try."""
@@ -80,10 +77,9 @@ def fit_inside_twin(
 ) -> ModelFit | None:
     """Fits inside the twin. None where the twin is unstable.
 
-    It has arrived where a fit gains less than the twin's noise: what follows wanders about in that, and the lowest of
-    it is chance. `start` is a model, or a place whose bias is known. `near` is a fit of the same parameters nearby,
-    whose sensitivities serve the first step. Between two masses a fit that cannot be expected to reach the cost
-    `target` is given up.
+    `start` is a model, or a place whose bias is known. `near` is a fit of the same parameters nearby, whose
+    sensitivities serve the first step. Between two masses a fit that cannot be expected to reach the cost `target`
+    is given up.
     """
     here = start if isinstance(start, Twinned) else twinned(problem, start)
     if here is None:
@@ -94,14 +90,11 @@ def fit_inside_twin(
     last: Fitted | None = None
     for _ in range(rounds):
         last = refit(problem, here.packed, list(free), here.correction, 4 if problem.twin else 12, near)
-        arrived = problem.twin and last.cost * ARRIVED > here.cost
-        found = _whole_step(problem, last, here) if arrived else _downhill(problem, last, here)
+        found = _downhill(problem, last, here)
         if found is None:
             break
         here, near = found, last
         best = here if here.cost < best.cost else best
-        if arrived:
-            break
     if last is None:
         return None
     fitted = replace(last, packed=best.packed, error=best.error, cost=best.cost)
@@ -322,7 +315,7 @@ def _downhill(problem: Problem, fitted: Fitted, best: Twinned) -> Twinned | None
     leads uphill. Where no part of the step is better the whole of it may still lead across a ridge; None where it
     is far worse.
     """
-    whole = _whole_step(problem, fitted, best)
+    whole = twinned(problem, fitted.packed, raw=fitted.error + best.correction.bias)
     found, packed = whole, fitted.packed
     for number in range(MOST_HALVINGS):
         if found is not None and found.cost <= LEVEL_GROUND * best.cost:
@@ -335,11 +328,6 @@ def _downhill(problem: Problem, fitted: Fitted, best: Twinned) -> Twinned | None
     if found is not None and found.cost <= LEVEL_GROUND * best.cost:
         return found
     return whole if whole is not None and whole.cost <= ACROSS_A_RIDGE * best.cost else None
-
-
-def _whole_step(problem: Problem, fitted: Fitted, before: Twinned) -> Twinned | None:
-    """A fit with its own bias; `before` has the one that was held."""
-    return twinned(problem, fitted.packed, raw=fitted.error + before.correction.bias)
 
 
 def _model_fit(
