@@ -33,7 +33,8 @@ from autotune.models.start_values import StartValues, Vary
 from autotune.models.table import EFFECTS
 from autotune.models.torque_ripple import TORQUE_RIPPLE, scale_slot
 from autotune.models.transmission import BETWEEN, load_shares
-from autotune.signals.covariance_search import Asked, Search, led_down
+from autotune.signals.covariance_search import Search, led_down
+from autotune.signals.pattern_search import Asked, Reached, lowest_by_parabolas
 from autotune.signals.simplex import Descent, lowest_places
 
 PASSES, PROBING = 45, 18
@@ -51,11 +52,12 @@ those with friction on both sides must. Starts are so near each other that a tru
 explains, and more."""
 FELT, FAR = (layout.INERTIA, layout.COULOMB), 1.5
 """What must have gone how far from the model that was given, for a fit to begin there too."""
-FIRST, GENERATIONS, FIRST_ROOT = 2, 40, 1.0 / 3.0
-"""Generations after which the worse half of the starts is given up, and those in which the best one is led by its twins
-to its floor; and first steps, of the root of what is large."""
-AFTER_A_FIT = 0.5
-"""Part of the first steps with which a fit that has stopped is led on."""
+ROUNDS, FIRST_ROOT = 6, 1.0 / 3.0
+"""Rounds in which the best start is led by its twins to its floor; and first steps, of the root of what is large."""
+LED_ON, AFTER_A_FIT = 3, 0.5
+"""Rounds in which a fit that has stopped is led on, and the part of the first steps with which."""
+GENERATIONS = 40
+"""In which what was led along the coordinates follows its valley across them."""
 FIRST_STEP = 0.5
 """Of the longest step of a parameter."""
 
@@ -308,7 +310,8 @@ def _by_own_twins(projected: Projected, starts: Sequence[FitStart], needed: floa
         return [replace(starts[near[0]], free=())]
     if not near or closer.min() > PROMISED * projected.before:
         return [starts[i] for i in near[:1]]
-    return _led_by_twins([starts[i] for i in near], [float(first[i]) for i in near], costs_of)
+    (led,) = _led_by_twins([starts[i] for i in near], [float(first[i]) for i in near], costs_of)
+    return [_round_the_bend(led, costs_of)]
 
 
 def _friction_at_load(start: FitStart) -> float:
@@ -339,15 +342,15 @@ def led_on(problem: Problem, model_fit: ModelFit) -> Packed:
     There stiffness and the shares of the load have changed places, and what the base's parameters make of the twin's
     bias is held in the sensitivities: no step is lower, though the valley goes on.
     """
+    projected = Projected.of(problem, model_fit)
     moved = tuple(one for one in model_fit.free if one.slot in BETWEEN)
-    start = FitStart(model_fit.fitted.packed, moved)
-    projected = Projected.of(_one_of_each(problem, [start]), model_fit)
 
     def costs_of(models: Sequence[Packed]) -> Floats:
-        twins = projected.problem.corrections(models, 1)
+        twins = problem.corrections(models, problem.simulations + 1)
         return np.array([projected.cost(0.0, twin.bias) if twin.stable else math.inf for twin in twins])
 
-    (end,) = _led_by_twins([start], [float(costs_of([start.packed])[0])], costs_of, AFTER_A_FIT)
+    start = FitStart(model_fit.fitted.packed, moved)
+    (end,) = _led_by_twins([start], [float(costs_of([start.packed])[0])], costs_of, LED_ON, AFTER_A_FIT)
     return end.packed
 
 
@@ -355,11 +358,12 @@ def _led_by_twins(
     starts: Sequence[FitStart],
     costs: Sequence[float],
     costs_of: Callable[[Sequence[Packed]], Floats],
+    rounds: int = ROUNDS,
     size: float = 1.0,
 ) -> list[FitStart]:
-    """The best of starts that cost so much, moved to where its twin leaves least.
+    """The best of starts that cost so much, moved to where its twin leaves least, in so many `rounds` at last.
 
-    All go down side by side, the better half of them farther; `size` is the part of the usual first steps.
+    All go down side by side, the better half of them after each round; `size` is the part of the usual first steps.
 
     What is between two masses is positive, and goes by its root: a gap by the time in which it is crossed, compliance
     by the period of what rings.
@@ -370,28 +374,44 @@ def _led_by_twins(
         bounds = [np.array([getattr(f, end) for f in free]) for end in ("lower", "upper")]
         return with_values(starts[number].packed, free, np.clip(np.maximum(place, 0.0) ** 2, *bounds))
 
-    searches = [
-        Search(
-            np.sqrt(start.packed.p[[f.slot for f in start.free]]),
-            cost,
-            size * FIRST_ROOT * np.sqrt([f.scale for f in start.free]),
-            WIDTH,
-        )
+    def asked(places: Asked) -> Floats:
+        return costs_of([at(number, place) for number, place in places])
+
+    steps = [FIRST_ROOT * np.sqrt([f.scale for f in start.free]) for start in starts]
+    begun = [
+        Reached(np.sqrt(start.packed.p[[f.slot for f in start.free]]), cost, size)
         for start, cost in zip(starts, costs, strict=True)
     ]
     left = list(range(len(starts)))
 
-    def led(generations: int) -> None:
-        def asked(places: Asked) -> Floats:
-            return costs_of([at(left[i], place) for i, place in places])
-
-        led_down(asked, [searches[i] for i in left], generations)
+    def led(rounds: int) -> None:
+        ends = lowest_by_parabolas(
+            lambda places: asked([(left[i], place) for i, place in places]),
+            [begun[i] for i in left], [steps[i] for i in left], rounds,
+        )  # fmt: skip
+        for i, end in zip(left, ends, strict=True):
+            begun[i] = end
 
     while len(left) > 1:
-        led(FIRST)
-        left = sorted(left, key=lambda i: searches[i].cost)[: len(left) // 2]
-    led(GENERATIONS)
-    return [FitStart(at(left[0], searches[left[0]].place), starts[left[0]].free)]
+        led(1)
+        left = sorted(left, key=lambda i: begun[i].cost)[: len(left) // 2]
+    led(rounds)
+    return [FitStart(at(left[0], begun[left[0]].place), starts[left[0]].free)]
+
+
+def _round_the_bend(start: FitStart, costs_of: Callable[[Sequence[Packed]], Floats]) -> FitStart:
+    """A start that was led along the coordinates, moved on along its valley, which may run across them and be bent."""
+    free = start.free
+    slots = [f.slot for f in free]
+    bounds = [np.array([getattr(f, end) for f in free]) for end in ("lower", "upper")]
+
+    def at(place: Floats) -> Packed:
+        return with_values(start.packed, free, np.clip(np.maximum(place, 0.0) ** 2, *bounds))
+
+    steps = AFTER_A_FIT * FIRST_ROOT * np.sqrt([f.scale for f in free])
+    search = Search(np.sqrt(start.packed.p[slots]), float(costs_of([start.packed])[0]), steps, WIDTH)
+    led_down(lambda places: costs_of([at(place) for _, place in places]), [search], GENERATIONS)
+    return replace(start, packed=at(search.place))
 
 
 @dataclass(frozen=True, slots=True)
