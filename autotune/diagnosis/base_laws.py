@@ -50,6 +50,7 @@ from autotune.models.reversal_memory import (
     YIELDING,
     as_one_bristle,
     climbing,
+    contact_remembers,
     of_contacts,
     of_many_contacts,
     of_one_contact,
@@ -182,7 +183,7 @@ def _given_up(problem: Problem, model_fit: ModelFit, slots: Sequence[int]) -> Mo
 
 def climbs_otherwise(packed: Packed) -> bool:
     """Whether the friction of one contact, or of many, climbs after a rest by another curve than an exponential."""
-    return bool(packed.on[REMEMBERS]) and of_contacts(packed.p)
+    return contact_remembers(packed.p, packed.on)
 
 
 def of_many(packed: Packed) -> bool:

@@ -24,6 +24,7 @@ from autotune.estimation.bias_corrected_fit import LEVEL_GROUND, ModelFit, fit_f
 from autotune.estimation.contact_start import CONTACT, best_contact, damped_as_twins_creep, identifiable
 from autotune.estimation.cross_validation import explained, gain_and_z
 from autotune.estimation.data import TRAINING, VETO
+from autotune.estimation.disturbance import Disturbance
 from autotune.estimation.disturbance_estimate import (
     LOUDNESS,
     PARTS_ALONE,
@@ -340,8 +341,15 @@ def _shaken_best(problem: Problem, model_fit: ModelFit) -> Problem:
     """The problem with its disturbance as loud as leaves least beside a model."""
     packed = model_fit.fitted.packed
     levels = [problem.disturbance.louder(part) for part in (1.0, *PARTS_ALONE, *LOUDNESS)]
-    again = replace(problem, disturbance=level_of_least(problem, packed, levels))
-    return with_expected_noise(again if problem.by_counts is None else with_counts(again, packed), packed)
+    return _shaken_by(problem, level_of_least(problem, packed, levels), packed)
+
+
+def _shaken_by(problem: Problem, disturbance: Disturbance, packed: Packed) -> Problem:
+    """The problem with another disturbance, and what counts and noise make of the twin with it."""
+    again = replace(problem, disturbance=disturbance)
+    if problem.by_counts is not None:
+        again = with_counts(again, packed)
+    return with_expected_noise(again, packed)
 
 
 def _settled_in(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit] | None:
@@ -379,10 +387,7 @@ def with_noise_of(problem: Problem, root: ModelFit) -> tuple[Problem, ModelFit]:
     packed = root.fitted.packed
     if not problem.twin:
         return problem, root
-    again = replace(problem, disturbance=estimate_disturbance(problem, packed))
-    if problem.by_counts is not None:
-        again = with_counts(again, packed)
-    again = with_expected_noise(again, packed)
+    again = _shaken_by(problem, estimate_disturbance(problem, packed), packed)
     settled = fit_inside_twin(again, packed, list(root.free), 2, root.effects, root.fitted)
     if settled is None or settled.fitted.cost > LEVEL_GROUND * root.fitted.cost:
         return problem, root

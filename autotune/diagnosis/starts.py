@@ -33,7 +33,7 @@ from autotune.models.start_values import StartValues, Vary
 from autotune.models.table import EFFECTS
 from autotune.models.torque_ripple import TORQUE_RIPPLE, scale_slot
 from autotune.models.transmission import BETWEEN, load_shares
-from autotune.signals.covariance_search import Search, led_down
+from autotune.signals.covariance_search import lowest_along_valley
 from autotune.signals.pattern_search import Asked, Reached, lowest_by_parabolas
 from autotune.signals.simplex import Descent, lowest_places
 
@@ -369,19 +369,11 @@ def _led_by_twins(
     by the period of what rings.
     """
 
-    def at(number: int, place: Floats) -> Packed:
-        free = starts[number].free
-        bounds = [np.array([getattr(f, end) for f in free]) for end in ("lower", "upper")]
-        return with_values(starts[number].packed, free, np.clip(np.maximum(place, 0.0) ** 2, *bounds))
-
     def asked(places: Asked) -> Floats:
-        return costs_of([at(number, place) for number, place in places])
+        return costs_of([_at_root(starts[number], place) for number, place in places])
 
-    steps = [FIRST_ROOT * np.sqrt([f.scale for f in start.free]) for start in starts]
-    begun = [
-        Reached(np.sqrt(start.packed.p[[f.slot for f in start.free]]), cost, size)
-        for start, cost in zip(starts, costs, strict=True)
-    ]
+    steps = [_first_steps(start) for start in starts]
+    begun = [Reached(_root(start), cost, size) for start, cost in zip(starts, costs, strict=True)]
     left = list(range(len(starts)))
 
     def led(rounds: int) -> None:
@@ -396,22 +388,35 @@ def _led_by_twins(
         led(1)
         left = sorted(left, key=lambda i: begun[i].cost)[: len(left) // 2]
     led(rounds)
-    return [FitStart(at(left[0], begun[left[0]].place), starts[left[0]].free)]
+    best = starts[left[0]]
+    return [replace(best, packed=_at_root(best, begun[left[0]].place))]
 
 
 def _round_the_bend(start: FitStart, costs_of: Callable[[Sequence[Packed]], Floats]) -> FitStart:
     """A start that was led along the coordinates, moved on along its valley, which may run across them and be bent."""
+    begun = Reached(_root(start), float(costs_of([start.packed])[0]))
+    end = lowest_along_valley(
+        lambda places: costs_of([_at_root(start, place) for place in places]),
+        begun, AFTER_A_FIT * _first_steps(start), WIDTH, GENERATIONS,
+    )  # fmt: skip
+    return replace(start, packed=_at_root(start, end.place))
+
+
+def _root(start: FitStart) -> Floats:
+    """Where a start is, by the roots of what is free."""
+    return np.asarray(np.sqrt(start.packed.p[[f.slot for f in start.free]]))
+
+
+def _first_steps(start: FitStart) -> Floats:
+    """Of those roots."""
+    return np.asarray(FIRST_ROOT * np.sqrt([f.scale for f in start.free]))
+
+
+def _at_root(start: FitStart, place: Floats) -> Packed:
+    """The model of a start at another place, which is told by those roots."""
     free = start.free
-    slots = [f.slot for f in free]
     bounds = [np.array([getattr(f, end) for f in free]) for end in ("lower", "upper")]
-
-    def at(place: Floats) -> Packed:
-        return with_values(start.packed, free, np.clip(np.maximum(place, 0.0) ** 2, *bounds))
-
-    steps = AFTER_A_FIT * FIRST_ROOT * np.sqrt([f.scale for f in free])
-    search = Search(np.sqrt(start.packed.p[slots]), float(costs_of([start.packed])[0]), steps, WIDTH)
-    led_down(lambda places: costs_of([at(place) for _, place in places]), [search], GENERATIONS)
-    return replace(start, packed=at(search.place))
+    return with_values(start.packed, free, np.clip(np.maximum(place, 0.0) ** 2, *bounds))
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,7 +25,7 @@ from autotune.models import layout
 from autotune.models.drive_model import BASE, CURVE, DAMPING_TAIL, DAMPING_VELOCITY, Packed
 from autotune.models.effect import Kind
 from autotune.models.lanes import WIDTH
-from autotune.models.reversal_memory import REMEMBERS, as_one_bristle, climbing, of_contacts
+from autotune.models.reversal_memory import as_one_bristle, climbing, contact_remembers
 from autotune.models.table import EFFECTS
 from autotune.models.transmission import has_load
 from autotune.signals.chunks import chunk_means, mean_and_error, shared
@@ -381,12 +381,12 @@ def base_free(packed: Packed, scales: Scales, motion_unit: str) -> list[Free]:
         "offset": 0.3 * scales.torque,
     }
     coulomb = LEAST_COULOMB * scales.torque
-    longest = LONGEST_REACH * scales.travel
-    if packed.on[REMEMBERS] and of_contacts(
-        p
+    level, longest = coulomb, LONGEST_REACH * scales.travel
+    if contact_remembers(
+        p, packed.on
     ):  # a bristle beside its elements lets go with them, whatever it carries
-        coulomb, longest = as_one_bristle(p)[0], climbing(p)[1]
-    least = {"coulomb": LEAST_COULOMB * scales.torque, "stiffness": coulomb / longest}
+        level, longest = as_one_bristle(p)[0], climbing(p)[1]
+    least = {"coulomb": coulomb, "stiffness": level / longest}
     free = [
         Free(
             b.name,

@@ -230,16 +230,21 @@ def of_contacts(p: Floats) -> bool:
     return of_one_contact(p) or of_many_contacts(p)
 
 
+def contact_remembers(p: Floats, on: Flags) -> bool:
+    """Whether a model has elements, and they are its contact's own."""
+    return bool(on[REMEMBERS]) and of_contacts(p)
+
+
 def forgotten(p: Floats) -> float:
     """By how much of its level friction is off where a small loop behind a reversal should close.
 
     One bristle: 0.074; elements that slide at once: 0.
     """
-    begins = _way_to(p, ONE_REACH)
-    bristle, bent, carried = float(p[COULOMB] / p[STIFFNESS]), _used(p)[0], []
+    begins, (reach, torque) = _way_to(p, ONE_REACH), _used(p)
+    bristle, bent, carried = float(p[COULOMB] / p[STIFFNESS]), reach, []
     for way in SMALL_LOOP:
         bristle, bent = _moved(p, bristle, bent, way * begins)
-        carried.append(float(p[STIFFNESS] * bristle + _used(p)[1] @ (bent / _used(p)[0])))
+        carried.append(float(p[STIFFNESS] * bristle + torque @ (bent / reach)))
     return (carried[2] - carried[0]) / _level(p)
 
 
@@ -263,7 +268,7 @@ def as_one_bristle(p: Floats) -> tuple[float, float]:
 
 def contact(p: Floats, on: Flags) -> tuple[float, float]:
     """Level [N m or N] and reach [rad or m] of the axis's contact, with the elements that are its own."""
-    if on[REMEMBERS] and of_contacts(p):
+    if contact_remembers(p, on):
         return as_one_bristle(p)
     return float(p[COULOMB]), float(p[COULOMB] / p[STIFFNESS])
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
 
 from autotune.core.arrays import Floats
-from autotune.signals.covariance_search import STALLED, Asked, Search, led_down
+from autotune.signals.covariance_search import STALLED, lowest_along_valley
+from autotune.signals.pattern_search import Reached
 
 FLOOR = np.array([1.0, -2.0, 0.5])
 
@@ -26,21 +27,26 @@ def _banana(places: Floats) -> Floats:
     return 1.0 + (1.0 - x) ** 2 + 100.0 * (y - x**2) ** 2
 
 
-def _from(place: Floats, costs_of: Callable[[Floats], Floats], generations: int) -> Search:
+def _from(place: Floats, costs_of: Callable[[Floats], Floats], generations: int) -> Reached:
     """A search in steps of a half."""
 
-    def asked(places: Asked) -> Floats:
-        return costs_of(np.array([at for _, at in places]))
+    def asked(places: Sequence[Floats]) -> Floats:
+        return costs_of(np.array(places))
 
-    search = Search(place, float(costs_of(place[None])[0]), np.full(len(place), 0.5), 8)
-    led_down(asked, [search], generations)
-    return search
+    begun = Reached(place, float(costs_of(place[None])[0]))
+    return lowest_along_valley(asked, begun, np.full(len(place), 0.5), 8, generations)
 
 
 def test_it_comes_to_the_floor_of_a_bowl_and_ends_there() -> None:
-    search = _from(np.zeros(3), _bowl, 60)
+    asked = []
+
+    def costs_of(places: Floats) -> Floats:
+        asked.append(len(places))
+        return _bowl(places)
+
+    search = _from(np.zeros(3), costs_of, 60)
     assert 1.0 <= search.cost < 1.0 + 1e-2
-    assert search.ended
+    assert len(asked) < 1 + 60
     assert search.place == pytest.approx(FLOOR, abs=0.15)
 
 
@@ -73,30 +79,18 @@ def test_no_generation_is_the_start() -> None:
     assert not _from(np.zeros(3), _bowl, 0).place.any()
 
 
-def test_searches_side_by_side_go_where_each_goes_alone_and_go_on_where_they_stopped() -> None:
-    """Two generations and then four are six; what has ended asks for nothing any more."""
-    asked: list[list[int]] = []
+def test_what_comes_no_lower_asks_for_nothing_any_more() -> None:
+    asked = []
 
-    def costs_of(places: Asked) -> Floats:
-        asked.append([number for number, _ in places])
-        return np.array([float(_bowl(place[None])[0]) for _, place in places])
+    def costs_of(places: Floats) -> Floats:
+        asked.append(len(places))
+        return np.where(places.any(axis=1), 9.0, 1.0)
 
-    def begun() -> list[Search]:
-        starts = np.zeros(3), np.array([1.0, -2.0, 0.6])
-        steps = np.full(3, 0.5), np.full(3, 0.1)
-        return [Search(s, float(_bowl(s[None])[0]), by, 4) for s, by in zip(starts, steps, strict=True)]
+    assert _from(np.zeros(3), costs_of, 60).cost == 1.0
+    assert asked == [1] + [8] * (STALLED + 1)
 
-    together, alone = begun(), begun()
-    led_down(costs_of, together, 2)
-    led_down(costs_of, together, 4)
-    for one, other in zip(together, alone, strict=True):
-        led_down(costs_of, [other], 6)
-        assert one.cost == other.cost
-        np.testing.assert_array_equal(one.place, other.place)
-    assert asked[0] == [0] * 4 + [1] * 4
-    (there,) = begun()[1:]
-    led_down(lambda places: np.ones(len(places)) * 9.0, [there], STALLED + 1)
-    asked.clear()
-    led_down(costs_of, [there], 5)
-    assert there.ended
-    assert not asked
+
+def test_the_same_question_has_the_same_answer() -> None:
+    one, other = (_from(np.zeros(3), _bowl, 6) for _ in range(2))
+    assert one.cost == other.cost
+    np.testing.assert_array_equal(one.place, other.place)
