@@ -67,7 +67,9 @@ SPENT = 0.05  # of all friction: a bristle that carries less is not taken apart
 HALF = 0.5
 """Of its stiffness: what an element loses where a fit begins in which it may yield."""
 IDLE = 0.01  # of all friction: an element that carries less is given up
-MOST_OF_A_BRISTLE = 0.5  # of all friction: beside a contact that lets go at once
+MOST_OF_A_BRISTLE = (
+    0.5  # of all friction: beside a contact that lets go at once; one that is more is the contact
+)
 ROUNDS = 2
 MORE_FITS = 3
 LONGEST = 0.3  # of the travel: elements beyond it never slide
@@ -452,30 +454,65 @@ def with_own_presliding(problem: Problem, root: ModelFit, chosen: ModelFit) -> M
     return replace(chosen, effects=root.effects)
 
 
-def without_tail(problem: Problem, own: ModelFit) -> ModelFit | None:
-    """A root with elements (`with_own_presliding`) without those that go on where a bristle has come to its level.
+def goes_on(problem: Problem, own: ModelFit) -> bool:
+    """Whether elements of a memory that is none (`with_own_presliding`) go on where its contact has come to its level.
 
-    Nor may its bristle go on so far. None where there are no such elements, or the twin is unstable without them.
+    So that experiments held out are predicted better by them, certain to one standard error.
+    """
+    kept = without_tail(problem, own)
+    if kept is None:
+        return False
+    gain, z = gain_and_z(kept.unseen, own.unseen)
+    return gain > 0.0 and z > 1.0
+
+
+def without_tail(problem: Problem, own: ModelFit) -> ModelFit | None:
+    """A root with elements (`with_own_presliding`) without those that go on where its contact has come to its level.
+
+    What they carry while all slides the bristle carries, which may not go on so far where it is less than half of all.
+    None where there are no such elements, or the twin is unstable without them.
     """
     packed = own.fitted.packed
     keep, way = climbing(packed.p)
     if not keep or len(keep) == len(_present(packed.p)):
         return None
     kept, free = kept_terms(REVERSAL_MEMORY, packed, own.free, keep)
-    most = MOST_OF_A_BRISTLE * sum(
-        (one.torque for one in _present(packed.p)), float(packed.p[layout.COULOMB])
-    )
-    p = kept.p.copy()
-    p[layout.STIFFNESS] = max(p[layout.STIFFNESS], most / way)
+    p, level = kept.p.copy(), as_one_bristle(packed.p)[0]
+    p[layout.COULOMB] += level - as_one_bristle(p)[0]
+    least = MOST_OF_A_BRISTLE * level / way
+    p[layout.STIFFNESS] = max(p[layout.COULOMB] / _bristle(packed)[1], least)
+    most = np.inf if _is_contact(own) else MOST_OF_A_BRISTLE * level
+    p[layout.COULOMB] = min(p[layout.COULOMB], most)
     short = [
         replace(
             one,
-            upper=most if one.name == "coulomb" else one.upper,
-            lower=most / way if one.name == "stiffness" else one.lower,
+            upper=min(one.upper, most) if one.slot == layout.COULOMB else one.upper,
+            lower=least if one.slot == layout.STIFFNESS else one.lower,
         )
         for one in free
     ]
     return fit_inside_twin(problem, Packed(p, kept.on), short, ROUNDS + 1, own.effects)
+
+
+def without_memory(problem: Problem, root: ModelFit, own: ModelFit) -> ModelFit | None:
+    """The root with a contact of its own beside which elements (`with_own_presliding`) may be a memory.
+
+    That without those that go on. But a bristle that is more than half of all friction is itself the contact, and no
+    more elements are its own then than the law of one needs: many would be the memory that is asked for. None where
+    there is no such contact, or nothing goes on beyond it.
+    """
+    if not _is_contact(own):
+        return without_tail(problem, own)
+    if not goes_on(problem, own):
+        return None
+    parts = refit(problem, *_with_parts(root), root.correction, SHORT)
+    return _one_contact(problem, root, [parts])
+
+
+def _is_contact(own: ModelFit) -> bool:
+    """Whether most of all friction is the bristle's, so that elements beside it are not the contact."""
+    p = own.fitted.packed.p
+    return bool(p[layout.COULOMB] > MOST_OF_A_BRISTLE * as_one_bristle(p)[0])
 
 
 def resolved(problem: Problem, model_fit: ModelFit) -> ModelFit | None:

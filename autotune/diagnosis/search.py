@@ -16,7 +16,7 @@ from autotune.diagnosis.base_laws import (
     of_many,
     with_base_shapes,
     with_own_presliding,
-    without_tail,
+    without_memory,
 )
 from autotune.diagnosis.base_laws import EFFECT as MEMORY
 from autotune.diagnosis.candidates import (
@@ -495,8 +495,8 @@ class _Search:
         That contact lets go at once, so that what goes on may be a small part of all friction; it must be an effect by
         itself, as any other beside that root.
         """
-        climbs = without_tail(self.problem, own)
-        if climbs is None:
+        climbs = without_memory(self.problem, self.root, own)
+        if climbs is None or not asked_for(self.problem, climbs, own):
             return None
         tail = judged(self.problem, climbs, replace(own, effects=(*own.effects, MEMORY)), MEMORY)
         fall = climbs.fitted.cost - own.fitted.cost

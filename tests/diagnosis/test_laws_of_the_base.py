@@ -8,18 +8,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from autotune.diagnosis.base_laws import goes_on, without_memory, without_tail
 from autotune.diagnosis.candidates import no_progress
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.found_model import found_model
 from autotune.diagnosis.refits import judged
 from autotune.diagnosis.search import Found, _Search
 from autotune.diagnosis.verdict import Diagnosis, diagnose
+from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.cross_validation import beyond_presliding
 from autotune.estimation.data import TRAINING
-from autotune.estimation.least_squares import standard_errors
-from autotune.models.drive_model import DriveModel, base_model
-from autotune.models.layout import MICRO_DAMPING
-from autotune.models.reversal_memory import DAMPING
+from autotune.estimation.least_squares import Free, standard_errors
+from autotune.estimation.problem import Problem
+from autotune.models.drive_model import DriveModel, Packed, base_model
+from autotune.models.layout import COULOMB, MICRO_DAMPING, STIFFNESS
+from autotune.models.reversal_memory import DAMPING, REMEMBERS, REVERSAL_MEMORY
 from autotune.models.stribeck import STRIBECK
 from autotune.recordings.recording import Recording
 from autotune_sim.plant import Bristle, Element
@@ -128,6 +131,42 @@ def test_a_memory_keeps_its_name_beside_friction_that_is_there_at_once() -> None
 
 LINKS = (0.45, 0.75, 1.25, 2.1)
 """Of a bristle's reach: where contacts of a chain let go that carry alike."""
+
+
+def with_elements(found: Diagnosis) -> tuple[Problem, ModelFit, ModelFit]:
+    """The root that was found, and the same with two elements: one within its bristle's reach, one far beyond."""
+    problem, root = found.problem, found.root
+    assert problem is not None
+    assert root is not None
+    p, on = root.fitted.packed.p.copy(), root.fitted.packed.on.copy()
+    level = float(p[COULOMB])
+    reach = level / float(p[STIFFNESS])
+    on[REMEMBERS] = True
+    free = list(root.free)
+    for number, (way, part) in enumerate(((1.0, 0.03), (30.0, 0.003)), 1):
+        at = {name: REVERSAL_MEMORY.parameter(f"{name}_{number}").slot for name in ("displacement", "torque")}
+        p[at["displacement"]], p[at["torque"]] = way * reach, part * level
+        p[COULOMB] -= part * level
+        free.append(Free(f"torque_{number}", at["torque"], 0.0, level, 0.1 * level, level))
+    own = fit_inside_twin(problem, Packed(p, on), free, 3, root.effects)
+    assert own is not None
+    return problem, root, own
+
+
+@pytest.mark.slow(12)
+@pytest.mark.parametrize(("effects", "remembers"), [({}, False), ({"reversal_memory": 0.06}, True)])
+def test_elements_are_a_memory_where_they_predict_better_beyond_the_contact(
+    effects: dict[str, float], remembers: bool
+) -> None:
+    """Without them the contact keeps its level: a fit that begins outside its bounds would be stuck there."""
+    _, recording = axis_and_recording(49, effects)
+    problem, root, own = with_elements(diagnose([recording], base_model(NOMINAL)))
+    kept = without_tail(problem, own)
+    assert kept is not None
+    assert goes_on(problem, own) == remembers
+    assert (without_memory(problem, root, own) is not None) == remembers
+    if not remembers:
+        assert kept.fitted.cost < 1.01 * own.fitted.cost
 
 
 def chain(seed: int, effects: dict[str, float]) -> Recording:
