@@ -644,6 +644,7 @@ class _Search:
         beside = explained_beside(problem, before, best.model_fit, TRAINING)
         worth = best.gain >= policy.least_gain
         worth &= not self.evidence.only_at_rests(problem, before, best)
+        worth &= self.evidence.in_sight(problem, before, best.model_fit)
         if self.evidence.repeats and (root is not None or self.chosen is None):
             left = problem.mean_square((root or self.root).fitted.error, TRAINING)
             worth &= best.training.fall >= policy.least_gain * left

@@ -169,7 +169,7 @@ def _taken(root: ModelFit, item: ScreenedCandidate, fits: Mapping[str, FittedCan
 
 
 def _short_of_a_name(
-    problem: Problem, evidence: Evidence, fit: FittedCandidate, effects: Sequence[str]
+    problem: Problem, evidence: Evidence, root: ModelFit, fit: FittedCandidate, effects: Sequence[str]
 ) -> str:
     """What a candidate lacks that was followed to the end; `effects` are those that are named."""
     if effects:
@@ -177,6 +177,9 @@ def _short_of_a_name(
     needed = needed_share(problem, fit)
     if evidence.repeats and fit.share < needed:
         return f"{100 * needed:.0f} % are needed for a name"
+    if not evidence.in_sight(problem, root, fit.model_fit):
+        least = problem.policy.structure_part
+        return f"of no experiment as much as {100 * least:.0f} % of what repeats do not share"
     return "not beyond doubt"
 
 
@@ -192,9 +195,9 @@ def why(
     accepted = item.effect in effects
     if item.effect in fits:
         text = evidence.explains(fits[item.effect])
-        return (
-            text if accepted else f"{text}; {_short_of_a_name(problem, evidence, fits[item.effect], effects)}"
-        )
+        if accepted:
+            return text
+        return f"{text}; {_short_of_a_name(problem, evidence, root, fits[item.effect], effects)}"
     if accepted:
         return "taken beside the others: lowers what they leave"
     gain = f"gain {100 * max(item.gain, WORST_GAIN):.1f} % on unseen experiments"

@@ -203,7 +203,12 @@ class Policy:
         "of the repeatable rest that says something is missing",
         "chance exceeds 1.5 in one of fifteen axes where nothing is missing, 2.5 in one of a hundred and sixty",
     )
-    structure_part: float = _threshold(0.15, "1", "of the noise: the least such rest", "the same runs")
+    structure_part: float = _threshold(
+        0.15,
+        "1",
+        "of the noise: the least such rest; so much of one experiment's an effect must explain",
+        "the same runs",
+    )
     line_part: float = _threshold(
         0.05,
         "1",

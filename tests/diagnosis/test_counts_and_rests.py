@@ -94,6 +94,24 @@ def test_without_a_twin_all_rows_count_alike(begun: Begun) -> None:
     assert by_certainty(without, begun[1].fitted.packed) is without
 
 
+@pytest.mark.parametrize(("times", "seen"), [(0.7, False), (1.3, True)])
+@pytest.mark.parametrize("everywhere", [True, False])
+def test_an_effect_must_explain_what_would_be_something_without_it(
+    begun: Begun, everywhere: bool, times: float, seen: bool
+) -> None:
+    """So much of an experiment's noise as says that something is missing, in all experiments or in one alone."""
+    problem, after = begun
+    own, part = after.fitted.error, times * problem.policy.structure_part
+    noise = problem.repeatable_by_block(own, after.correction, TRAINING)[:, 1]
+    repeated_ones = [one for one in problem.data.blocks if one.role == TRAINING and one.repeats > 1]
+    more = own.copy()
+    for block, level in list(zip(repeated_ones, noise, strict=True))[: None if everywhere else 1]:
+        more[block.rows] = np.sqrt(own[block.rows] ** 2 + part * level)
+    before = replace(after, fitted=replace(after.fitted, error=more))
+    assert RepeatedProgramme().in_sight(problem, before, after) is seen
+    assert not RepeatedProgramme().in_sight(problem, after, before), "it errs more"
+
+
 def test_what_counts_make_come_again_is_no_structure_and_is_excused_in_part(begun: Begun) -> None:
     problem, model_fit = begun
     missing = 0.02 * np.sin(np.arange(len(model_fit.fitted.error)) / 15.0)

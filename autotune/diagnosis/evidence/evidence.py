@@ -107,6 +107,10 @@ class Evidence(ABC):
         """Candidates with the gains that their fits bear out."""
         return list(found)
 
+    def in_sight(self, problem: Problem, before: ModelFit, after: ModelFit) -> bool:
+        """Whether what a model explains beyond another is as much as what is missing must be."""
+        return True
+
     def bears_out(self, problem: Problem, before: ModelFit, after: ModelFit) -> bool:
         """Whether a law of the base that the data ask for is no chance of such recordings."""
         return True

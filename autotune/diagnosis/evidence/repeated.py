@@ -91,6 +91,22 @@ class RepeatedProgramme(Evidence):
         least = problem.policy.rest_part * noise if _exact(problem) else _of_the_chain(problem, error, usual)
         return max(least, problem.comes_by_counts(TRAINING)[0])
 
+    def in_sight(self, problem: Problem, before: ModelFit, after: ModelFit) -> bool:
+        """Whether of any experiment so much is explained as says that something is missing, where nothing explains it.
+
+        Less is nothing (`structure_part` of the noise): no base is the axis's to a thousandth of its friction, and what
+        its law of presliding leaves has the shape of several effects.
+        """
+        part, falls = problem.policy.structure_part, before.fitted.error**2 - after.fitted.error**2
+        for role in (TRAINING, VETO):
+            repeated = [block for block in problem.data.blocks if block.role == role and block.repeats > 1]
+            noise = problem.repeatable_by_block(after.fitted.error, after.correction, role)[:, 1]
+            for block, level in zip(repeated, noise, strict=True):
+                counts = problem.weight[block.rows] > 0.0
+                if counts.any() and float(falls[block.rows][counts].mean()) >= part * level:
+                    return True
+        return False
+
     def only_at_rests(self, problem: Problem, before: ModelFit, candidate: FittedCandidate) -> bool:
         """Less than half of what it explains is left where every rest and repeat has a stretch of its own, and such
         stretches leave nothing that it would explain.
