@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from autotune.diagnosis.base_laws import without_effects
 from autotune.diagnosis.candidates import (
     FittedCandidate,
     ScreenedCandidate,
@@ -80,6 +81,7 @@ class Facts:
         base: sentences on laws of the base that were found: they are no effects.
         spring: the chosen model with a spring where it has hardly a gap.
         unloaded: the chosen effects without a second mass among them, where they have no name so.
+        bare: the root without the effects that the model was given with; where it has any, and nothing repeats.
         hunts: frequency of a limit cycle with more torque than friction [Hz]; 0 where there is none.
     """
 
@@ -107,6 +109,7 @@ class Facts:
     base: tuple[str, ...] = ()
     spring: FittedCandidate | None = None
     unloaded: ModelFit | None = None
+    bare: ModelFit | None = None
 
     @property
     def loud(self) -> bool:
@@ -190,7 +193,7 @@ class Facts:
     def _doubted(self) -> bool:
         chosen = self.chosen
         return chosen is not None and self.evidence.doubted(
-            self.problem, self.root, chosen.model_fit, self.first, self.unloaded
+            self.problem, self.root, chosen.model_fit, self.first, self.unloaded, self.bare
         )
 
     @property
@@ -304,6 +307,7 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     facts = Facts(
         *seen, found.first, found.tried, found.freed, found.presliding, hunts=hunts, base=found.base,
         spring=found.spring, unloaded=found.unloaded,
+        bare=None if chosen is None or evidence.repeats else without_effects(problem, root),
     )  # fmt: skip
     named = (facts.accepted or facts.law_differs) and not facts.structured
     if named and chosen is not None and len(chosen.model_fit.effects) == 1:

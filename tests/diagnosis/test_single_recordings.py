@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from autotune.diagnosis.base_laws import without_effects
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.compare import compare
 from autotune.diagnosis.evidence.single import SingleRecording
@@ -273,6 +274,21 @@ def test_friction_that_only_driving_shows_may_be_a_motor_that_saturates(saturate
     found = replace(found, effects=(kind.name,))
     assert like_a_motor(problem, root, found, 0.0) is saturates
     assert not like_a_motor(problem, root, replace(root, effects=("spring",)), 0.0)
+
+
+def test_a_model_is_fitted_without_the_effects_that_it_has() -> None:
+    """It leaves what the plain model leaves of the same rows, however its bristle was held."""
+    values = {"inertia": INERTIA, "coulomb": COULOMB, "viscous": VISCOUS, "stiffness": 100.0}
+    plain = base_model(values | {"micro_damping": 0.01, "offset": 0.0})
+    data, kind = prepared_for([_recording(slope=0.01)]), EFFECTS["spring"]
+    _, root, _, _ = begin(data, plain)
+    problem, with_spring, _, _ = begin(data, plain.with_effect(kind.make({"stiffness": 0.01})))
+    bare = without_effects(problem, with_spring)
+    assert bare is not None
+    assert not bare.fitted.packed.on.any()
+    assert without_effects(problem, bare) is None
+    assert with_spring.fitted.cost < 0.5 * bare.fitted.cost
+    assert bare.fitted.cost == pytest.approx(root.fitted.cost, rel=0.1)
 
 
 @pytest.mark.parametrize(("slope", "told"), [(0.0, False), (0.004, True)])
