@@ -11,8 +11,8 @@ the effect lies at the edge of its law.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,15 +27,19 @@ from autotune.estimation.least_squares import followed
 from autotune.estimation.problem import Problem
 from autotune.estimation.residual import smoothed
 from autotune.models.drive_model import Packed
+from autotune.models.effect import Proportion
 from autotune.models.look_alikes import IN_TORQUE
 from autotune.models.reversal_memory import REVERSAL_MEMORY
 from autotune.models.table import EFFECTS
 from autotune.signals.chunks import beyond_chance, by_second
+from autotune.signals.line_search import lowest
 
 NEAR_AN_EDGE = 0.01
 """Of a parameter's scale: a bound that is so near is met."""
 KNEES = (0.2, 0.35, 0.5, 0.65, 0.8)
 """Of the largest torque: where a course over it bends, to be any course."""
+BETWEEN, WITHIN = (-1.0, 3.0), 0.02
+"""Proportions that are looked at, and to what: further away it is the other part that is not there."""
 
 
 def with_free_shape(
@@ -202,3 +206,70 @@ def at_an_edge(problem: Problem, model_fit: ModelFit) -> bool:
         if pieces.sum() > chance or (at > 0 and one.lower > near and chance > least):
             return True
     return False
+
+
+@dataclass(frozen=True, slots=True)
+class OtherProportion:
+    """A part of an effect's torque is so many times what its law makes of it, with this standard error."""
+
+    effect: str
+    times: float
+    error: float
+
+
+def out_of_proportion(problem: Problem, model_fit: ModelFit) -> OtherProportion | None:
+    """The first effect whose parts are not in its law's proportion, or may as well be in that of a stranger's law.
+
+    It is measured with all else refitted to first order. It is the effect's where it is nearer to its law's than to the
+    stranger's, told from that, and not beyond chance further off than half the way there, on the other side neither.
+    """
+    found = (_proportion(problem, model_fit, effect) for effect in model_fit.effects)
+    return next((one for one in found if one is not None), None)
+
+
+def _proportion(problem: Problem, model_fit: ModelFit, effect: str) -> OtherProportion | None:
+    """One effect's, where it is not its law's."""
+    told = EFFECTS[effect].proportion
+    if told is None:
+        return None
+    left = _by_proportion(problem, model_fit, told, effect)
+    best = lowest(lambda times: float(left(times).sum()), BETWEEN, WITHIN)
+    found = OtherProportion(effect, best, _error_of(left, best))
+    chance = problem.policy.apart_z * found.error
+    own, strangers = abs(best - 1.0), abs(best - told.other)
+    its = own < strangers and strangers > chance and own - chance <= 0.5 * abs(told.other - 1.0)
+    return None if its else found
+
+
+def _by_proportion(
+    problem: Problem, model_fit: ModelFit, told: Proportion, effect: str
+) -> Callable[[float], Floats]:
+    """Times a part of an effect's torque → the squared error with so much of it, all refitted to first order; (m,)."""
+    fitted, data, weight = model_fit.fitted, problem.data, problem.training
+
+    def part(p: Floats) -> Floats:
+        return smoothed(data, told.part(p, problem.moved.position, problem.moved.velocity))
+
+    p = fitted.packed.p
+    whole, slopes = part(p), np.zeros_like(fitted.jacobian)
+    own = {one.slot for one in EFFECTS[effect].parameters}
+    for i, one in enumerate(fitted.free):
+        if one.slot in own:
+            more = p.copy()
+            more[one.slot] += fitted.scales[i]
+            slopes[:, i] = part(more) - whole
+
+    def left(times: float) -> Floats:
+        more = times - 1.0
+        rest = followed(fitted.jacobian - more * slopes, fitted.error - more * whole, weight)
+        return np.asarray(weight * rest**2)
+
+    return left
+
+
+def _error_of(left: Callable[[float], Floats], best: float) -> float:
+    """Standard error of where a squared error is lowest, by its slope second by second."""
+    below, here, above = (left(best + step) for step in (-WITHIN, 0.0, WITHIN))
+    bend = float((above - 2.0 * here + below).sum()) / WITHIN**2
+    slopes = by_second(above - below) / (2.0 * WITHIN)
+    return math.sqrt(float(slopes @ slopes)) / bend if bend > 0.0 else math.inf

@@ -17,7 +17,7 @@ from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Problem
-from autotune.models.table import looking_alike, usual_rivals
+from autotune.models.table import EFFECTS, looking_alike, usual_rivals
 
 NAMED, NONE, UNKNOWN, AMBIGUOUS = "named", "none", "unknown", "ambiguous"
 CONFIRMED, SUSPECTED = "confirmed", "suspected"
@@ -273,6 +273,17 @@ def unknown_note(
         names = ", ".join(chosen.model_fit.effects).replace("_", " ")
         text += f"; {names} {evidence.explains_part(chosen)} and may be part of the truth"
     return text + "."
+
+
+def stranger_note(effect: str, times: float, error: float) -> str:
+    """Why an effect is not named of which a part is so many times what its law makes, with this standard error."""
+    law, name = EFFECTS[effect].proportion, effect.replace("_", " ").capitalize()
+    if law is None or not math.isfinite(error):
+        return f"{name} explains most, but so may something else; nothing is named."
+    return (
+        f"{name} explains most, but {law.name} is {times:.2f} ± {error:.1g} times what its law makes; "
+        f"{law.stranger}, has {law.other:g}. So nothing is named."
+    )
 
 
 def line_note(line: TimeLine) -> str:

@@ -8,11 +8,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+import numpy as np
+
 from autotune.core.arrays import Floats
 from autotune.models.compiled import compiled
-from autotune.models.effect import Kind, Parameter
+from autotune.models.effect import Kind, Parameter, Proportion
 from autotune.models.lanes import anywhere
-from autotune.models.layout import block, flag
+from autotune.models.layout import INERTIA, block, flag
 from autotune.models.look_alikes import IN_QUICK_MOTION
 from autotune.models.start_values import StartContext, StartValues, Vary
 from autotune.models.torque_ripple import scale_slot
@@ -67,6 +69,19 @@ def free_shape(c: StartContext) -> StartValues:
     return StartValues({}, {"sin_2": Vary(scale, 0.02), "cos_2": Vary(scale, 0.02)})
 
 
+def of_squared_speed(p: Floats, position: Floats, velocity: Floats) -> Floats:
+    """Torque that goes with the square of the speed, −J·e''·v² [N m], from the reading's motion; shape (n,) each.
+
+    To first order in the reading's error e(q); −J·e'·a goes with the acceleration a. An inertia J(q) that changes with
+    the place has the torque J·a + ½·J'·v² (Lagrange): with J' = −J·e'' half as much beside the same other part.
+    """
+    at, turn = p[_AT : _AT + 5], p[_AT + 2] * p[_SCALE]
+    angle = turn * position
+    bend = -(at[0] * np.sin(angle) + at[1] * np.cos(angle))
+    bend -= 4.0 * (at[3] * np.sin(2.0 * angle) + at[4] * np.cos(2.0 * angle))
+    return np.asarray(-p[INERTIA] * turn**2 * bend * velocity**2)
+
+
 def size(p: Floats) -> float:
     """How much the sensor tells too much at most [rad]."""
     return math.hypot(p[_AT], p[_AT + 1]) + math.hypot(p[_AT + 3], p[_AT + 4])
@@ -89,6 +104,12 @@ ENCODER_ECCENTRICITY = Kind(
     starts=starts,
     free_shape=free_shape,
     extent=size,
+    proportion=Proportion(
+        of_squared_speed,
+        "the part of its torque that goes with the square of the speed",
+        0.5,
+        "an inertia that changes with the place, as a crank's or a linkage's",
+    ),
     quick=True,
     keeps_zero=True,
     rotary_only=True,
