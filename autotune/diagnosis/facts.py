@@ -315,7 +315,7 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     )  # fmt: skip
     named = (facts.accepted or facts.law_differs) and not facts.structured
     if named and chosen is not None:
-        facts = replace(facts, proportion=out_of_proportion(problem, chosen.model_fit))
+        facts = replace(facts, proportion=out_of_proportion(problem, root, chosen.model_fit))
     if named and chosen is not None and len(chosen.model_fit.effects) == 1:
         unlike = evidence.unlike_in_one(problem, root, chosen.model_fit)
         facts = replace(facts, unlike=unlike, edge=at_an_edge(problem, chosen.model_fit))

@@ -23,7 +23,7 @@ from autotune.diagnosis.refits import judged, taken_out
 from autotune.diagnosis.screening import generic_gains
 from autotune.diagnosis.starts import Context, own_course, varying
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
-from autotune.estimation.least_squares import followed
+from autotune.estimation.least_squares import followed, jacobian
 from autotune.estimation.problem import Problem
 from autotune.estimation.residual import smoothed
 from autotune.models.drive_model import Packed
@@ -217,47 +217,55 @@ class OtherProportion:
     error: float
 
 
-def out_of_proportion(problem: Problem, model_fit: ModelFit) -> OtherProportion | None:
+def out_of_proportion(problem: Problem, root: ModelFit, model_fit: ModelFit) -> OtherProportion | None:
     """The first effect whose parts are not in its law's proportion, or may as well be in that of a stranger's law.
 
-    It is measured with all else refitted to first order. It is the effect's where it is nearer to its law's than to the
-    stranger's, told from that, and not beyond chance further off than half the way there, on the other side neither.
+    It is measured with all else refitted to first order: beside the effect's own law and, as a large effect is not the
+    sum of its parts, by the parts in its place; what leaves less tells. It is the effect's where it is nearer to its
+    law's than to the stranger's, told from that, and not beyond chance further off than half the way there, on the
+    other side neither.
     """
-    found = (_proportion(problem, model_fit, effect) for effect in model_fit.effects)
+    found = (_proportion(problem, root, model_fit, effect) for effect in model_fit.effects)
     return next((one for one in found if one is not None), None)
 
 
-def _proportion(problem: Problem, model_fit: ModelFit, effect: str) -> OtherProportion | None:
+def _proportion(problem: Problem, root: ModelFit, model_fit: ModelFit, effect: str) -> OtherProportion | None:
     """One effect's, where it is not its law's."""
     told = EFFECTS[effect].proportion
     if told is None:
         return None
-    left = _by_proportion(problem, model_fit, told, effect)
-    best = lowest(lambda times: float(left(times).sum()), BETWEEN, WITHIN)
-    found = OtherProportion(effect, best, _error_of(left, best))
+    found = _measured(problem, root, model_fit, effect, told)
     chance = problem.policy.apart_z * found.error
-    own, strangers = abs(best - 1.0), abs(best - told.other)
+    own, strangers = abs(found.times - 1.0), abs(found.times - told.other)
     its = own < strangers and strangers > chance and own - chance <= 0.5 * abs(told.other - 1.0)
     return None if its else found
 
 
-def _by_proportion(
-    problem: Problem, model_fit: ModelFit, told: Proportion, effect: str
+def _measured(
+    problem: Problem, root: ModelFit, model_fit: ModelFit, effect: str, told: Proportion
+) -> OtherProportion:
+    """What of the second part is there, by the model that leaves less."""
+    ways = (
+        _beside_own_law(problem, model_fit, effect, told),
+        _in_its_place(problem, root, model_fit, effect, told),
+    )
+    lows = [(_lowest(left), left) for left in ways]
+    best, left = min(lows, key=lambda one: float(one[1](one[0]).sum()))
+    return OtherProportion(effect, best, _error_of(left, best))
+
+
+def _lowest(left: Callable[[float], Floats]) -> float:
+    return lowest(lambda times: float(left(times).sum()), BETWEEN, WITHIN)
+
+
+def _beside_own_law(
+    problem: Problem, model_fit: ModelFit, effect: str, told: Proportion
 ) -> Callable[[float], Floats]:
-    """Times a part of an effect's torque → the squared error with so much of it, all refitted to first order; (m,)."""
-    fitted, data, weight = model_fit.fitted, problem.data, problem.training
-
-    def part(p: Floats) -> Floats:
-        return smoothed(data, told.part(p, problem.moved.position, problem.moved.velocity))
-
-    p = fitted.packed.p
-    whole, slopes = part(p), np.zeros_like(fitted.jacobian)
-    own = {one.slot for one in EFFECTS[effect].parameters}
-    for i, one in enumerate(fitted.free):
-        if one.slot in own:
-            more = p.copy()
-            more[one.slot] += fitted.scales[i]
-            slopes[:, i] = part(more) - whole
+    """Times the second part → the squared error with so much of it in all, shape (m,)."""
+    fitted, weight = model_fit.fitted, problem.training
+    whole, slopes = _parts(problem, fitted.packed.p, told)[1], np.zeros_like(fitted.jacobian)
+    for i, (_, second) in _parts_of_each(problem, model_fit, effect, told).items():
+        slopes[:, i] = second
 
     def left(times: float) -> Floats:
         more = times - 1.0
@@ -265,6 +273,47 @@ def _by_proportion(
         return np.asarray(weight * rest**2)
 
     return left
+
+
+def _in_its_place(
+    problem: Problem, root: ModelFit, model_fit: ModelFit, effect: str, told: Proportion
+) -> Callable[[float], Floats]:
+    """The same of a model that has the two parts in the place of the effect."""
+    bare, weight = taken_out(root, model_fit, effect), problem.training
+    each = _parts_of_each(problem, model_fit, effect, told)
+    free = [one for i, one in enumerate(model_fit.fitted.free) if i not in each]
+    at = problem.raw(bare)
+    base, _ = jacobian(problem.data, problem.moved, bare, free, at)
+    first, second = (np.column_stack(columns) for columns in zip(*each.values(), strict=True))
+
+    def left(times: float) -> Floats:
+        table = np.hstack([base, first + times * second])
+        return np.asarray(weight * followed(table, at - model_fit.correction.bias, weight) ** 2)
+
+    return left
+
+
+def _parts(problem: Problem, p: Floats, told: Proportion) -> tuple[Floats, Floats]:
+    """Both parts through the low-pass, shape (m,) each."""
+    moved = problem.moved
+    first, second = told.parts(p, moved.position, moved.velocity, moved.acceleration)
+    return smoothed(problem.data, first), smoothed(problem.data, second)
+
+
+def _parts_of_each(
+    problem: Problem, model_fit: ModelFit, effect: str, told: Proportion
+) -> dict[int, tuple[Floats, Floats]]:
+    """Place among the free parameters → both parts that one of the effect's, as long as its scale, adds."""
+    fitted, p = model_fit.fitted, model_fit.fitted.packed.p
+    own, here = {one.slot for one in EFFECTS[effect].parameters}, _parts(problem, p, told)
+    found = {}
+    for i, one in enumerate(fitted.free):
+        if one.slot in own:
+            more = p.copy()
+            more[one.slot] += fitted.scales[i]
+            there = _parts(problem, more, told)
+            found[i] = there[0] - here[0], there[1] - here[1]
+    return found
 
 
 def _error_of(left: Callable[[float], Floats], best: float) -> float:

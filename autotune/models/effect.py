@@ -99,13 +99,13 @@ class Proportion:
     """Two parts of an effect's torque whose proportion its law knows, and who has the same two in another one.
 
     Attributes:
-        part: (p, position, velocity) → one of them [N m], proportional to the effect's size; shape (n,) each.
-        name: of that part, in words.
-        other: times that part, beside the same other part, what a law that is not in the library has.
+        parts: (p, position, velocity, acceleration) → both [N m], proportional to the effect's size; shape (n,) each.
+        name: of the second part, in words.
+        other: times that part, beside the same first part, what a law that is not in the library has.
         stranger: that law, in words.
     """
 
-    part: Callable[[Floats, Floats, Floats], Floats]
+    parts: Callable[[Floats, Floats, Floats, Floats], tuple[Floats, Floats]]
     name: str
     other: float
     stranger: str

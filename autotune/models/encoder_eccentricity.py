@@ -69,17 +69,18 @@ def free_shape(c: StartContext) -> StartValues:
     return StartValues({}, {"sin_2": Vary(scale, 0.02), "cos_2": Vary(scale, 0.02)})
 
 
-def of_squared_speed(p: Floats, position: Floats, velocity: Floats) -> Floats:
-    """Torque that goes with the square of the speed, −J·e''·v² [N m], from the reading's motion; shape (n,) each.
+def parts(p: Floats, position: Floats, velocity: Floats, acceleration: Floats) -> tuple[Floats, Floats]:
+    """Torque that goes with the acceleration and with the square of the speed, −J·e'·a and −J·e''·v² [N m].
 
-    To first order in the reading's error e(q); −J·e'·a goes with the acceleration a. An inertia J(q) that changes with
-    the place has the torque J·a + ½·J'·v² (Lagrange): with J' = −J·e'' half as much beside the same other part.
+    From the reading's motion, to first order in its error e(q); arrays of shape (n,). An inertia J(q) that changes with
+    the place has the torque J·a + ½·J'·v² (Lagrange): with J' = −J·e'' half of the second beside the same first.
     """
-    at, turn = p[_AT : _AT + 5], p[_AT + 2] * p[_SCALE]
-    angle = turn * position
-    bend = -(at[0] * np.sin(angle) + at[1] * np.cos(angle))
-    bend -= 4.0 * (at[3] * np.sin(2.0 * angle) + at[4] * np.cos(2.0 * angle))
-    return np.asarray(-p[INERTIA] * turn**2 * bend * velocity**2)
+    own, turn = p[_AT : _AT + 5], p[_AT + 2] * p[_SCALE]
+    one, two = np.exp(1j * turn * position), np.exp(2j * turn * position)
+    error = own[0] * one.imag + own[1] * one.real + 4.0 * (own[3] * two.imag + own[4] * two.real)
+    slope = own[0] * one.real - own[1] * one.imag + 2.0 * (own[3] * two.real - own[4] * two.imag)
+    inertia = p[INERTIA]
+    return -inertia * turn * slope * acceleration, inertia * turn**2 * error * velocity**2
 
 
 def size(p: Floats) -> float:
@@ -105,7 +106,7 @@ ENCODER_ECCENTRICITY = Kind(
     free_shape=free_shape,
     extent=size,
     proportion=Proportion(
-        of_squared_speed,
+        parts,
         "the part of its torque that goes with the square of the speed",
         0.5,
         "an inertia that changes with the place, as a crank's or a linkage's",
