@@ -34,11 +34,11 @@ from autotune.diagnosis.wording import (
     OTHER_CURVE,
 )
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
-from autotune.estimation.contact_start import usual_damping
+from autotune.estimation.contact_start import CONTACT, best_contact, usual_damping
 from autotune.estimation.cross_validation import gain_and_z, held_out
 from autotune.estimation.data import VETO
 from autotune.estimation.least_squares import Fitted, Free, standard_errors
-from autotune.estimation.problem import Problem, curve_free, fading_free, refit, refits
+from autotune.estimation.problem import Problem, base_free, curve_free, fading_free, refit, refits
 from autotune.models import layout
 from autotune.models.drive_model import BRISTLES_CURVE, CURVE, FADING, Packed
 from autotune.models.effect import Kind
@@ -397,6 +397,33 @@ CURVE_LAW = BaseLaw(
     lambda *_: OTHER_BENDING,
 )
 BASE_LAWS = (FADING_LAW, CLIMB_LAW, CURVE_LAW)
+
+
+def without_effects(problem: Problem, root: ModelFit) -> ModelFit | None:
+    """The model fitted without all effects that it has; None where it has none, or its twin is unstable.
+
+    Elements that stand for a law of the base are no effect. The bristle is free, where the model's may be held: at what
+    belongs to the effects it would leave more than any base does.
+    """
+    packed = root.fitted.packed
+    bases = {slot for law in BASE_LAWS if law.there(packed) for slot in law.slots}
+    kinds = [kind for kind in EFFECTS.values() if packed.on[layout.flag(kind.name)]]
+    kinds = [kind for kind in kinds if not bases.intersection(one.slot for one in kind.parameters)]
+    if not kinds:
+        return None
+    bare = Packed(packed.p.copy(), packed.on.copy())
+    for kind in kinds:
+        bare.on[layout.flag(kind.name)] = False
+        for one in kind.parameters:
+            bare.p[one.slot] = one.neutral
+    taken = {one.slot for kind in kinds for one in kind.parameters}
+    free = [one for one in root.free if one.slot not in taken]
+    known = {one.name for one in free}
+    base = base_free(bare, problem.scales, problem.data.metadata.motion_unit)
+    free += [one for one in base if one.name in CONTACT and one.name not in known]
+    fitted = refit(problem, bare, free, root.correction, ROUNDS)
+    packed = best_contact(problem, fitted, root.correction).packed
+    return fit_inside_twin(problem, packed, free, ROUNDS)
 
 
 def told_of_base(root: Packed, nominal: Packed, motion_unit: str, climbs: bool = True) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from autotune.diagnosis.base_laws import without_effects
 from autotune.diagnosis.candidates import (
     FittedCandidate,
     ScreenedCandidate,
@@ -24,10 +25,12 @@ from autotune.diagnosis.evidence.time_driven import (
     without_line,
 )
 from autotune.diagnosis.free_shape import (
+    OtherProportion,
     any_course,
     at_an_edge,
     like_a_motor,
     like_a_parabola,
+    out_of_proportion,
     with_free_shape,
 )
 from autotune.diagnosis.refits import REFINED, adds_beside, inside_twin, without_effect
@@ -77,9 +80,11 @@ class Facts:
             rest, where that law explains enough.
         unlike: an experiment in which one effect leaves what it explains in all others; looked for where it is named.
         edge: the one effect would go on beyond the bounds of its law; likewise.
+        proportion: an effect that has two parts, and not as its law has them; likewise.
         base: sentences on laws of the base that were found: they are no effects.
         spring: the chosen model with a spring where it has hardly a gap.
         unloaded: the chosen effects without a second mass among them, where they have no name so.
+        bare: the root without the effects that the model was given with; where it has any, and nothing repeats.
         hunts: frequency of a limit cycle with more torque than friction [Hz]; 0 where there is none.
     """
 
@@ -104,9 +109,11 @@ class Facts:
     climbing: bool = False
     unlike: str = ""
     edge: bool = False
+    proportion: OtherProportion | None = None
     base: tuple[str, ...] = ()
     spring: FittedCandidate | None = None
     unloaded: ModelFit | None = None
+    bare: ModelFit | None = None
 
     @property
     def loud(self) -> bool:
@@ -190,7 +197,7 @@ class Facts:
     def _doubted(self) -> bool:
         chosen = self.chosen
         return chosen is not None and self.evidence.doubted(
-            self.problem, self.root, chosen.model_fit, self.first, self.unloaded
+            self.problem, self.root, chosen.model_fit, self.first, self.unloaded, self.bare
         )
 
     @property
@@ -304,8 +311,11 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     facts = Facts(
         *seen, found.first, found.tried, found.freed, found.presliding, hunts=hunts, base=found.base,
         spring=found.spring, unloaded=found.unloaded,
+        bare=None if chosen is None or evidence.repeats else without_effects(problem, root),
     )  # fmt: skip
     named = (facts.accepted or facts.law_differs) and not facts.structured
+    if named and chosen is not None:
+        facts = replace(facts, proportion=out_of_proportion(problem, root, chosen.model_fit))
     if named and chosen is not None and len(chosen.model_fit.effects) == 1:
         unlike = evidence.unlike_in_one(problem, root, chosen.model_fit)
         facts = replace(facts, unlike=unlike, edge=at_an_edge(problem, chosen.model_fit))

@@ -11,8 +11,8 @@ the effect lies at the edge of its law.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,19 +23,23 @@ from autotune.diagnosis.refits import judged, taken_out
 from autotune.diagnosis.screening import generic_gains
 from autotune.diagnosis.starts import Context, own_course, varying
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
-from autotune.estimation.least_squares import followed
+from autotune.estimation.least_squares import followed, jacobian
 from autotune.estimation.problem import Problem
 from autotune.estimation.residual import smoothed
 from autotune.models.drive_model import Packed
+from autotune.models.effect import Proportion
 from autotune.models.look_alikes import IN_TORQUE
 from autotune.models.reversal_memory import REVERSAL_MEMORY
 from autotune.models.table import EFFECTS
 from autotune.signals.chunks import beyond_chance, by_second
+from autotune.signals.line_search import lowest
 
 NEAR_AN_EDGE = 0.01
 """Of a parameter's scale: a bound that is so near is met."""
 KNEES = (0.2, 0.35, 0.5, 0.65, 0.8)
 """Of the largest torque: where a course over it bends, to be any course."""
+BETWEEN, WITHIN = (-1.0, 3.0), 0.02
+"""Proportions that are looked at, and to what: further away it is the other part that is not there."""
 
 
 def with_free_shape(
@@ -202,3 +206,119 @@ def at_an_edge(problem: Problem, model_fit: ModelFit) -> bool:
         if pieces.sum() > chance or (at > 0 and one.lower > near and chance > least):
             return True
     return False
+
+
+@dataclass(frozen=True, slots=True)
+class OtherProportion:
+    """A part of an effect's torque is so many times what its law makes of it, with this standard error."""
+
+    effect: str
+    times: float
+    error: float
+
+
+def out_of_proportion(problem: Problem, root: ModelFit, model_fit: ModelFit) -> OtherProportion | None:
+    """The first effect whose parts are not in its law's proportion, or may as well be in that of a stranger's law.
+
+    It is measured with all else refitted to first order: beside the effect's own law and, as a large effect is not the
+    sum of its parts, by the parts in its place; what leaves less tells. It is the effect's where it is nearer to its
+    law's than to the stranger's, told from that, and not beyond chance further off than half the way there, on the
+    other side neither.
+    """
+    found = (_proportion(problem, root, model_fit, effect) for effect in model_fit.effects)
+    return next((one for one in found if one is not None), None)
+
+
+def _proportion(problem: Problem, root: ModelFit, model_fit: ModelFit, effect: str) -> OtherProportion | None:
+    """One effect's, where it is not its law's."""
+    told = EFFECTS[effect].proportion
+    if told is None:
+        return None
+    found = _measured(problem, root, model_fit, effect, told)
+    chance = problem.policy.apart_z * found.error
+    own, strangers = abs(found.times - 1.0), abs(found.times - told.other)
+    its = own < strangers and strangers > chance and own - chance <= 0.5 * abs(told.other - 1.0)
+    return None if its else found
+
+
+def _measured(
+    problem: Problem, root: ModelFit, model_fit: ModelFit, effect: str, told: Proportion
+) -> OtherProportion:
+    """What of the second part is there, by the model that leaves less."""
+    ways = (
+        _beside_own_law(problem, model_fit, effect, told),
+        _in_its_place(problem, root, model_fit, effect, told),
+    )
+    lows = [(_lowest(left), left) for left in ways]
+    best, left = min(lows, key=lambda one: float(one[1](one[0]).sum()))
+    return OtherProportion(effect, best, _error_of(left, best))
+
+
+def _lowest(left: Callable[[float], Floats]) -> float:
+    return lowest(lambda times: float(left(times).sum()), BETWEEN, WITHIN)
+
+
+def _beside_own_law(
+    problem: Problem, model_fit: ModelFit, effect: str, told: Proportion
+) -> Callable[[float], Floats]:
+    """Times the second part → the squared error with so much of it in all, shape (m,)."""
+    fitted, weight = model_fit.fitted, problem.training
+    whole, slopes = _parts(problem, fitted.packed.p, told)[1], np.zeros_like(fitted.jacobian)
+    for i, (_, second) in _parts_of_each(problem, model_fit, effect, told).items():
+        slopes[:, i] = second
+
+    def left(times: float) -> Floats:
+        more = times - 1.0
+        rest = followed(fitted.jacobian - more * slopes, fitted.error - more * whole, weight)
+        return np.asarray(weight * rest**2)
+
+    return left
+
+
+def _in_its_place(
+    problem: Problem, root: ModelFit, model_fit: ModelFit, effect: str, told: Proportion
+) -> Callable[[float], Floats]:
+    """The same of a model that has the two parts in the place of the effect."""
+    bare, weight = taken_out(root, model_fit, effect), problem.training
+    each = _parts_of_each(problem, model_fit, effect, told)
+    free = [one for i, one in enumerate(model_fit.fitted.free) if i not in each]
+    at = problem.raw(bare)
+    base, _ = jacobian(problem.data, problem.moved, bare, free, at)
+    first, second = (np.column_stack(columns) for columns in zip(*each.values(), strict=True))
+
+    def left(times: float) -> Floats:
+        table = np.hstack([base, first + times * second])
+        return np.asarray(weight * followed(table, at - model_fit.correction.bias, weight) ** 2)
+
+    return left
+
+
+def _parts(problem: Problem, p: Floats, told: Proportion) -> tuple[Floats, Floats]:
+    """Both parts through the low-pass, shape (m,) each."""
+    moved = problem.moved
+    first, second = told.parts(p, moved.position, moved.velocity, moved.acceleration)
+    return smoothed(problem.data, first), smoothed(problem.data, second)
+
+
+def _parts_of_each(
+    problem: Problem, model_fit: ModelFit, effect: str, told: Proportion
+) -> dict[int, tuple[Floats, Floats]]:
+    """Place among the free parameters → both parts that one of the effect's, as long as its scale, adds."""
+    fitted, p = model_fit.fitted, model_fit.fitted.packed.p
+    own, here = {one.slot for one in EFFECTS[effect].parameters}, _parts(problem, p, told)
+    found = {}
+    for i, one in enumerate(fitted.free):
+        if one.slot in own:
+            more = p.copy()
+            more[one.slot] += fitted.scales[i]
+            there = _parts(problem, more, told)
+            found[i] = there[0] - here[0], there[1] - here[1]
+    return found
+
+
+def _error_of(left: Callable[[float], Floats], best: float) -> float:
+    """Standard error of where a squared error is lowest, by its slope second by second."""
+    below, here, above = (left(best + step) for step in (-WITHIN, 0.0, WITHIN))
+    bend = float((above - 2.0 * here + below).sum()) / WITHIN**2
+    slopes = by_second(above - below) / (2.0 * WITHIN)
+    return math.sqrt(float(slopes @ slopes)) / bend if bend > 0.0 else math.inf

@@ -48,6 +48,7 @@ from autotune.diagnosis.wording import (
     nearest,
     next_experiment,
     nothing_note,
+    stranger_note,
     torque_path_notes,
     unknown_note,
 )
@@ -233,6 +234,11 @@ def _contrary(facts: Facts) -> str:
     )
 
 
+def _stranger(facts: Facts) -> str:
+    found = facts.proportion
+    return stranger_note(found.effect, found.times, found.error) if found is not None else ""
+
+
 def _unlike(facts: Facts) -> str:
     if not facts.unlike:
         return ""
@@ -262,6 +268,7 @@ CASES: tuple[Case, ...] = (
     Case("a free function explains more than any physics", lambda f: f.structured, UNKNOWN, _unknown),
     Case("what is not named explains far more", lambda f: bool(f.outdone), UNKNOWN, _outdone),
     Case("it stands for something else", lambda f: bool(f.unlike) and f.edge, UNKNOWN, _contrary),
+    Case("its parts are not in its law's proportion", lambda f: f.proportion is not None, UNKNOWN, _stranger),
     Case("other effects do as well", _alike, AMBIGUOUS, lambda f: ""),
     Case("an effect explains it", lambda f: f.accepted, NAMED, _its_course),
     Case("an effect explains most, by another law", lambda f: f.law_differs, NAMED, _another_law),

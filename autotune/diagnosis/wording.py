@@ -17,7 +17,7 @@ from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Problem
-from autotune.models.table import looking_alike, usual_rivals
+from autotune.models.table import EFFECTS, looking_alike, usual_rivals
 
 NAMED, NONE, UNKNOWN, AMBIGUOUS = "named", "none", "unknown", "ambiguous"
 CONFIRMED, SUSPECTED = "confirmed", "suspected"
@@ -79,6 +79,12 @@ READS_IN_WAVES = (
     "interpolates the sine and cosine of its lines. It is no effect of the axis, and taken out of the motion; its "
     "signals' offsets and sizes can be set in most drives."
 )
+READS_OFF_CENTRE = (
+    "The encoder tells up to {size:.2g} {unit} too much or too little over each {period:.4g} {unit}: {counts:.2g} "
+    "counts, more than any encoder divides a line into. So does one that is off centre on a shaft that turns once over "
+    "that way: a screw, a pinion, a gear. It is an error of the measurement and no torque, and taken out of the "
+    "motion; centre the encoder, renew its coupling, or correct the reading by a table in the drive."
+)
 CYCLES_LATE = (
     "The torque acts {cycles} of {period:.3g} ms after the row that it is recorded in, as one that goes over a bus "
     "does. It is no effect of the axis, and taken out; a shorter one makes room for faster gains."
@@ -135,7 +141,11 @@ def torque_path_notes(data: Prepared) -> tuple[str, ...]:
     if data.reading is not None:
         period = 2.0 * math.pi / data.reading.wavenumber
         unit = data.metadata.motion_unit
-        notes.append(READS_IN_WAVES.format(size=data.reading.size, period=period, unit=unit))
+        if data.reading.interpolated(data.resolution):
+            notes.append(READS_IN_WAVES.format(size=data.reading.size, period=period, unit=unit))
+        else:
+            told = {"size": data.reading.size, "period": period, "counts": period / data.resolution}
+            notes.append(READS_OFF_CENTRE.format(**told, unit=unit))
     return tuple(notes)
 
 
@@ -266,6 +276,17 @@ def unknown_note(
         names = ", ".join(chosen.model_fit.effects).replace("_", " ")
         text += f"; {names} {evidence.explains_part(chosen)} and may be part of the truth"
     return text + "."
+
+
+def stranger_note(effect: str, times: float, error: float) -> str:
+    """Why an effect is not named of which a part is so many times what its law makes, with this standard error."""
+    law, name = EFFECTS[effect].proportion, effect.replace("_", " ").capitalize()
+    if law is None or not math.isfinite(error):
+        return f"{name} explains most, but so may something else; nothing is named."
+    return (
+        f"{name} explains most, but {law.name} is {times:.2f} ± {error:.1g} times what its law makes; "
+        f"{law.stranger}, has {law.other:g}. So nothing is named."
+    )
 
 
 def line_note(line: TimeLine) -> str:

@@ -91,9 +91,13 @@ class Clocked:
         return np.asarray(self.sine * np.sin(angle) + self.cosine * np.cos(angle))
 
 
+MOST_OF_A_LINE = 2.0**16
+"""Counts: encoders and drives divide a period of sine and cosine by 2^14 at most; two bits more are beyond all."""
+
+
 @dataclass(frozen=True, slots=True)
 class ReadingWave:
-    """What an encoder that interpolates the sine and cosine of its lines tells too much, over the place it tells.
+    """What an encoder tells too much over the place it tells, as one does that interpolates its lines.
 
     Attributes:
         wavenumber: of one period of the scale [rad/motion unit].
@@ -110,6 +114,10 @@ class ReadingWave:
         one, two = np.exp(1j * angle), np.exp(2j * angle)
         sine, cosine, sine_2, cosine_2 = self.parts
         return np.asarray(sine * one.imag + cosine * one.real + sine_2 * two.imag + cosine_2 * two.real)
+
+    def interpolated(self, resolution: float) -> bool:
+        """Whether a period has no more counts of this size [motion unit] than a line is divided into; 0: unknown."""
+        return 2.0 * math.pi / self.wavenumber <= MOST_OF_A_LINE * resolution or resolution <= 0.0
 
     @property
     def size(self) -> float:

@@ -95,6 +95,23 @@ class Terms:
 
 
 @dataclass(frozen=True, slots=True)
+class Proportion:
+    """Two parts of an effect's torque whose proportion its law knows, and who has the same two in another one.
+
+    Attributes:
+        parts: (p, position, velocity, acceleration) → both [N m], proportional to the effect's size; shape (n,) each.
+        name: of the second part, in words.
+        other: times that part, beside the same first part, what a law that is not in the library has.
+        stranger: that law, in words.
+    """
+
+    parts: Callable[[Floats, Floats, Floats, Floats], tuple[Floats, Floats]]
+    name: str
+    other: float
+    stranger: str
+
+
+@dataclass(frozen=True, slots=True)
 class Kernels:
     """Where the effect enters the contact; compiled, each None where it does not (`contact` adds them up).
 
@@ -138,6 +155,7 @@ class Kind:
         free_shape: what begins and varies beside its own law where that is another one: the same place, any course.
         own_size: what its own law is scaled by, where a free course is a sum beside that law and may do without it.
         terms: of what it is a sum of numbered terms; None where it is not.
+        proportion: of two parts of its torque, by which a stranger's law is told from it; None where none has these.
         waves: p → orders of waves over place that it has by its own law or another: none of them is another's.
         may_grow: further terms are looked for beside those that a model has.
 
@@ -182,6 +200,7 @@ class Kind:
     free_shape: Callable[[StartContext], StartValues | None] | None = None
     own_size: str = ""
     terms: Terms | None = None
+    proportion: Proportion | None = None
     waves: Callable[[Floats], tuple[float, ...]] | None = None
     may_grow: bool = False
     extent: Measure | None = None

@@ -8,11 +8,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+import numpy as np
+
 from autotune.core.arrays import Floats
 from autotune.models.compiled import compiled
-from autotune.models.effect import Kind, Parameter
+from autotune.models.effect import Kind, Parameter, Proportion
 from autotune.models.lanes import anywhere
-from autotune.models.layout import block, flag
+from autotune.models.layout import INERTIA, block, flag
 from autotune.models.look_alikes import IN_QUICK_MOTION
 from autotune.models.start_values import StartContext, StartValues, Vary
 from autotune.models.torque_ripple import scale_slot
@@ -67,6 +69,20 @@ def free_shape(c: StartContext) -> StartValues:
     return StartValues({}, {"sin_2": Vary(scale, 0.02), "cos_2": Vary(scale, 0.02)})
 
 
+def parts(p: Floats, position: Floats, velocity: Floats, acceleration: Floats) -> tuple[Floats, Floats]:
+    """Torque that goes with the acceleration and with the square of the speed, −J·e'·a and −J·e''·v² [N m].
+
+    From the reading's motion, to first order in its error e(q); arrays of shape (n,). An inertia J(q) that changes with
+    the place has the torque J·a + ½·J'·v² (Lagrange): with J' = −J·e'' half of the second beside the same first.
+    """
+    own, turn = p[_AT : _AT + 5], p[_AT + 2] * p[_SCALE]
+    one, two = np.exp(1j * turn * position), np.exp(2j * turn * position)
+    error = own[0] * one.imag + own[1] * one.real + 4.0 * (own[3] * two.imag + own[4] * two.real)
+    slope = own[0] * one.real - own[1] * one.imag + 2.0 * (own[3] * two.real - own[4] * two.imag)
+    inertia = p[INERTIA]
+    return -inertia * turn * slope * acceleration, inertia * turn**2 * error * velocity**2
+
+
 def size(p: Floats) -> float:
     """How much the sensor tells too much at most [rad]."""
     return math.hypot(p[_AT], p[_AT + 1]) + math.hypot(p[_AT + 3], p[_AT + 4])
@@ -89,6 +105,12 @@ ENCODER_ECCENTRICITY = Kind(
     starts=starts,
     free_shape=free_shape,
     extent=size,
+    proportion=Proportion(
+        parts,
+        "the part of its torque that goes with the square of the speed",
+        0.5,
+        "an inertia that changes with the place, as a crank's or a linkage's",
+    ),
     quick=True,
     keeps_zero=True,
     rotary_only=True,

@@ -54,6 +54,30 @@ def test_a_lone_recording_must_keep_less_than_is_explained(
     assert SingleRecording().doubted(problem, root, fit) == doubted
 
 
+@pytest.mark.parametrize(("bare", "doubted"), [(None, True), (1.5, True), (4.0, False)])
+def test_effects_that_the_model_has_explain_their_part_of_a_lone_recording(
+    monkeypatch: pytest.MonkeyPatch, bare: float | None, doubted: bool
+) -> None:
+    """The third, 0.3 of 1.2 that two others left of `bare`: what stays is held against all three, as if at once."""
+    size = POLICY.large_rest**2
+    known = {"before": (1.2 * size, 0.1 * size), "after": (0.9 * size, 0.1 * size)}
+    known["bare"] = ((bare or 0.0) * size, 0.1 * size)
+    monkeypatch.setattr(single, "_neighbours", lambda _: ())
+    monkeypatch.setattr(single, "_with_motion", lambda _, error: known[error])
+    data = SimpleNamespace(torque=np.ones(5), grid=np.arange(5))
+    problem = SimpleNamespace(policy=POLICY, data=data, training=np.ones(5))
+    asked = []
+    monkeypatch.setattr(
+        single, "worse_on_the_whole", lambda _, root, fit: bool(asked.append(root.fitted.error))
+    )
+    root, fit, base = (
+        SimpleNamespace(fitted=SimpleNamespace(error=name)) for name in ("before", "after", "bare")
+    )
+    told = SingleRecording().doubted(problem, root, fit, bare=None if bare is None else base)
+    assert told == doubted
+    assert asked == ["before"], "what was found last must not raise the error of what was left out"
+
+
 @pytest.mark.parametrize(
     ("out", "worse"), [((1.9, 1.9), False), ((1.9, 1.7), False), ((1.9, 2.1), True), ((0.5, 0.52), False)]
 )

@@ -71,6 +71,19 @@ def test_emps_asymmetry_comes_first() -> None:
     assert found.next_experiment
 
 
+@pytest.mark.slow(15)
+@pytest.mark.long
+def test_emps_ripple_is_named_beside_what_was_added_before_it() -> None:
+    """As where all three are named at once: the rest is held against what all of them explain."""
+    columns = ("time=t", "position=qm", "reference=qg", "torque=vir*35.15")
+    recording = _imported([DATA / "emps/DATA_EMPS.mat"], "mat", columns, "m", None)
+    model = fit_model([recording]).model
+    for effect in ("direction_asymmetry", "nonlinear_viscous"):
+        model = add_effect(effect, [recording], model, "", "").model
+    found = diagnose([recording], model)
+    assert (found.verdict, found.effects, found.confidence) == ("named", ("torque_ripple",), "suspected")
+
+
 @pytest.mark.slow(10)
 @pytest.mark.long
 def test_emps_in_two_files_is_confirmed_by_each_other() -> None:

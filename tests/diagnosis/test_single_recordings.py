@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from autotune.diagnosis.base_laws import without_effects
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.compare import compare
 from autotune.diagnosis.evidence.single import SingleRecording
 from autotune.diagnosis.fitting import fit_model
-from autotune.diagnosis.free_shape import any_course, like_a_motor, like_a_parabola
+from autotune.diagnosis.free_shape import any_course, like_a_motor, like_a_parabola, out_of_proportion
 from autotune.diagnosis.screening import rows_back, screen
 from autotune.diagnosis.verdict import diagnose
 from autotune.estimation.alignment import aligned, best_shift, compensated
@@ -273,6 +274,63 @@ def test_friction_that_only_driving_shows_may_be_a_motor_that_saturates(saturate
     found = replace(found, effects=(kind.name,))
     assert like_a_motor(problem, root, found, 0.0) is saturates
     assert not like_a_motor(problem, root, replace(root, effects=("spring",)), 0.0)
+
+
+def _swinging(eccentric: float, crank: float) -> Recording:
+    """A light motor's large inertia, an encoder that is off centre, and an inertia J·(1 + crank·cos q)."""
+    time, inertia = np.arange(0.0, 20.0, PERIOD), 0.01
+    q = 3.0 * np.sin(2 * np.pi * 0.31 * time) + 1.5 * np.sin(2 * np.pi * 0.73 * time + 1.0)
+    v = np.gradient(q, PERIOD)
+    needed = inertia * (1.0 + crank * np.cos(q)) * np.gradient(v, PERIOD) + COULOMB * np.tanh(v / 5e-3)
+    needed += VISCOUS * v - 0.5 * inertia * crank * np.sin(q) * v**2
+    torque = 0.5 * (needed + np.append(needed[1:], needed[-1])) + np.random.default_rng(5).normal(
+        0.0, 2e-3, len(q)
+    )
+    told = np.round((q + eccentric * np.sin(q)) / COUNT) * COUNT
+    return _with(_recording(), position=told, torque=torque)
+
+
+@pytest.mark.parametrize(
+    ("eccentric", "crank", "between"),
+    [
+        (0.02, 0.0, None),
+        (0.3, 0.0, None),
+        (0.0, 0.03, (0.48, 0.52)),
+        (0.0, 0.3, (0.48, 0.52)),
+        (0.1, 0.25, (0.0, 0.4)),
+    ],
+)
+def test_an_inertia_that_changes_with_the_place_is_no_encoder_off_centre(
+    eccentric: float, crank: float, between: tuple[float, float] | None
+) -> None:
+    """Of a crank's torque half as much goes with the square of the speed, however large it is; a mixture is neither."""
+    recording, kind = _swinging(eccentric, crank), EFFECTS["encoder_eccentricity"]
+    values = {"inertia": 0.01, "coulomb": COULOMB, "viscous": VISCOUS, "stiffness": 1000.0}
+    plain = base_model(values | {"micro_damping": 0.1, "offset": 0.0})
+    model = plain.with_effect(kind.make({"sin": eccentric - crank, "cos": 0.0, "order": 1.0}))
+    problem, found, _, _ = begin(prepared_for([recording]), model)
+    root = replace(found, fitted=replace(found.fitted, packed=plain.pack()))
+    told = out_of_proportion(problem, root, replace(found, effects=(kind.name,)))
+    assert out_of_proportion(problem, root, replace(found, effects=("spring",))) is None
+    assert (told is None) == (between is None)
+    if told is not None and between is not None:
+        assert between[0] < told.times < between[1]
+        assert told.error < 0.05
+
+
+def test_a_model_is_fitted_without_the_effects_that_it_has() -> None:
+    """It leaves what the plain model leaves of the same rows, however its bristle was held."""
+    values = {"inertia": INERTIA, "coulomb": COULOMB, "viscous": VISCOUS, "stiffness": 100.0}
+    plain = base_model(values | {"micro_damping": 0.01, "offset": 0.0})
+    data, kind = prepared_for([_recording(slope=0.01)]), EFFECTS["spring"]
+    _, root, _, _ = begin(data, plain)
+    problem, with_spring, _, _ = begin(data, plain.with_effect(kind.make({"stiffness": 0.01})))
+    bare = without_effects(problem, with_spring)
+    assert bare is not None
+    assert not bare.fitted.packed.on.any()
+    assert without_effects(problem, bare) is None
+    assert with_spring.fitted.cost < 0.5 * bare.fitted.cost
+    assert bare.fitted.cost == pytest.approx(root.fitted.cost, rel=0.1)
 
 
 @pytest.mark.parametrize(("slope", "told"), [(0.0, False), (0.004, True)])

@@ -14,6 +14,7 @@ from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.diagnosis.evidence.single import SingleRecording, SpeedCurve
 from autotune.diagnosis.evidence.time_driven import TimeLine
 from autotune.diagnosis.facts import Facts
+from autotune.diagnosis.free_shape import OtherProportion
 from autotune.diagnosis.verdict import CASES
 from autotune.estimation.data import Clocked
 from autotune.estimation.policy import POLICY
@@ -38,14 +39,25 @@ NOTHING = {
     "hunts": 0.0,
     "unlike": "",
     "edge": False,
+    "proportion": None,
     "loud": False,
 }
+CRANK = OtherProportion("encoder_eccentricity", 0.46, 0.02)
 FOUND = {"chosen": object(), "accepted": True}
 
 
 def _row(**facts: object) -> tuple[str, str]:
     case = next(case for case in CASES if case.holds(SimpleNamespace(**(NOTHING | facts))))
     return case.verdict, case.name
+
+
+def test_a_stranger_is_described_and_not_named() -> None:
+    case = next(case for case in CASES if "proportion" in case.name)
+    text = case.sentence(SimpleNamespace(proportion=CRANK))
+    assert "square of the speed is 0.46 ± 0.02 times" in text
+    assert "inertia that changes with the place" in text
+    untold = case.sentence(SimpleNamespace(proportion=OtherProportion("encoder_eccentricity", 1.0, math.inf)))
+    assert "nothing is named" in untold
 
 
 def test_what_another_law_of_presliding_leaves_is_said() -> None:
@@ -63,6 +75,7 @@ def test_what_another_law_of_presliding_leaves_is_said() -> None:
         (FOUND | {"structured": True}, "unknown"),
         (FOUND | {"outdone": "gravity_imbalance"}, "unknown"),
         (FOUND | {"unlike": "dwells", "edge": True, "rivals": ("stribeck",)}, "unknown"),
+        (FOUND | {"proportion": CRANK, "rivals": ("stribeck",)}, "unknown"),
         (FOUND | {"unlike": "dwells"}, "named"),
         (FOUND | {"edge": True}, "named"),
         ({"chosen": object(), "law_differs": True, "rivals": ("stribeck",)}, "ambiguous"),
@@ -103,6 +116,7 @@ def test_every_row_can_be_reached_and_has_a_name_of_its_own() -> None:
         _row(**FOUND, hunts=105.0),
         _row(**FOUND, outdone="gravity_imbalance"),
         _row(**FOUND, unlike="dwells", edge=True),
+        _row(**FOUND, proportion=CRANK),
         _row(chosen=object(), law_differs=True),
         _row(own_law=True),
         _row(chosen=object(), left=True),

@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
+import math
+from types import SimpleNamespace
+
 import pytest
 
 from autotune.core.errors import ConfigurationError, a_few
-from autotune.diagnosis.wording import MOST_NAMES, PROGRAMME, next_experiment, separating_experiment
+from autotune.diagnosis.wording import (
+    MOST_NAMES,
+    PROGRAMME,
+    next_experiment,
+    separating_experiment,
+    torque_path_notes,
+)
+from autotune.estimation.data import ReadingWave
 from autotune.models.table import EFFECTS, effect_kind
 
 
@@ -42,3 +52,26 @@ def test_a_wide_file_is_named_in_one_line() -> None:
     text = a_few([f"a rather long column name number {i} with words" for i in range(500)])
     assert len(text) < 400
     assert text.endswith("and 492 more")
+
+
+@pytest.mark.parametrize(
+    ("resolution", "lines"), [(0.0, True), (1e-8, False), (1e-6, True), (4e-8, False), (1.6e-7, True)]
+)
+def test_a_screws_turn_is_no_line_of_an_encoder(resolution: float, lines: bool) -> None:
+    """5 mm are 500 000 counts of 10 nm, and no encoder divides a line so finely."""
+    wave = ReadingWave(2.0 * math.pi / 5e-3, (1e-6, 0.0, 0.0, 0.0))
+    metadata = SimpleNamespace(motion_unit="m")
+    data = SimpleNamespace(
+        cycles=0,
+        late=0.0,
+        upsampling=1,
+        lag=0.0,
+        lag_error=1.0,
+        reading=wave,
+        resolution=resolution,
+        metadata=metadata,
+    )
+    (note,) = torque_path_notes(data)
+    assert ("sine and cosine of its lines" in note) == lines
+    assert ("off centre on a shaft" in note) != lines
+    assert "taken out of the motion" in note

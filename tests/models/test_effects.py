@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from autotune.models import layout
 from autotune.models.drive_model import DriveModel, base_model
 from autotune.models.dwell_time_break_away import AGE, DWELL_TIME_BREAK_AWAY, grow_older
-from autotune.models.encoder_eccentricity import reading_error, true_motion
+from autotune.models.encoder_eccentricity import parts, reading_error, true_motion
 from autotune.models.inverse import applied_torque, load_substeps, required
 from autotune.models.plant import simulate, substeps_for
 from autotune.models.table import EFFECTS
@@ -97,6 +97,18 @@ def test_what_a_tilted_disc_tells_is_undone_exactly() -> None:
     )
     right = np.column_stack([shaft, 6.0 * np.cos(2.0 * time), -4.0 * shaft])
     assert np.abs(found - right)[5:-5].max(axis=0) == pytest.approx(0.0, abs=2e-4)
+
+
+@pytest.mark.parametrize("part", [0, 1])
+def test_the_two_parts_of_what_an_encoder_off_centre_adds(part: int) -> None:
+    """One goes with the acceleration, one with the square of the speed; to first order in what is told too much."""
+    small = {name: 0.01 * value for name, value in SHAPED["encoder_eccentricity"].items()}
+    p = base_model(NUMBERS).with_effect(EFFECTS["encoder_eccentricity"].make(small)).pack().p
+    place, speed, gain = np.linspace(0.0, 6.0, 50), (0.0, 7.0)[part], (30.0, 0.0)[part]
+    exact = np.array([p[layout.INERTIA] * (true_motion(p, x, speed, gain)[2] - gain) for x in place])
+    found = parts(p, place, np.full(50, speed), np.full(50, gain))
+    assert found[part] == pytest.approx(exact, abs=0.01 * float(np.abs(exact).max()))
+    assert not found[1 - part].any()
 
 
 def _model(effect: str) -> DriveModel:

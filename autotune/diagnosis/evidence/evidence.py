@@ -203,11 +203,12 @@ class Evidence(ABC):
         model_fit: ModelFit,
         first: Sequence[ScreenedCandidate] = (),
         unloaded: ModelFit | None = None,
+        bare: ModelFit | None = None,
     ) -> bool:
         """Whether effects that were found may be something else, though they lower the error.
 
         `first`: all candidates beside the root; `unloaded`: the others of several effects without a second mass, where
-        they have no name so.
+        they have no name so; `bare`: the root without the effects that it has, where it has any.
         """
         return False
 

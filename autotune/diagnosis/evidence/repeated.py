@@ -210,6 +210,7 @@ class RepeatedProgramme(Evidence):
         model_fit: ModelFit,
         first: Sequence[ScreenedCandidate] = (),
         unloaded: ModelFit | None = None,
+        bare: ModelFit | None = None,
     ) -> bool:
         """Whether motor and load ring far above all that is compared, and nothing tells them from a lag.
 

@@ -169,18 +169,20 @@ class SingleRecording(Evidence):
         model_fit: ModelFit,
         first: Sequence[ScreenedCandidate] = (),
         unloaded: ModelFit | None = None,
+        bare: ModelFit | None = None,
     ) -> bool:
         """Whether more is left that some model could explain than the effects explain.
 
         That is what goes with the motion still, or what is more than measurement chains leave; or the rows that were
-        left out say the contrary.
+        left out say the contrary. Effects that the model has explain their part, too: three that are found one after
+        the other are as sure as three that are found at once.
         """
         if worse_on_the_whole(problem, root, model_fit):
             return True
         near = _neighbours(problem)
         if near is None:
             return False
-        before, after = (_with_motion(near, item.fitted.error) for item in (root, model_fit))
+        before, after = (_with_motion(near, item.fitted.error) for item in (bare or root, model_fit))
         torque = problem.data.torque[problem.data.grid[problem.training > 0]]
         noise = min(after[1], problem.policy.large_rest**2 * float(np.mean(torque**2)))
         return after[0] - noise > (before[0] - after[0]) * (1.0 / problem.policy.partly - 1.0)
