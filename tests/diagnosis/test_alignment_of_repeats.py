@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from autotune.core.arrays import Floats
+from autotune.diagnosis import baseline
 from autotune.diagnosis.candidates import FittedCandidate, again_explained, plainer
 from autotune.diagnosis.evidence.evidence import Evidence, late_anew, without_long_lag
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
@@ -126,6 +127,23 @@ def test_a_running_mean_is_not_taken_for_whole_cycles(begun: Begun, monkeypatch:
     again = RepeatedProgramme().aligned(taken, replace(model_fit, fitted=fitted))
     assert (again.data.cycles, again.data.shift, again.data.lag) == (0, 0.0, 0.0)
     assert again.controller == law
+
+
+@pytest.mark.parametrize(("left", "taken"), [(1.0, True), (1.5, False)])
+def test_a_lag_that_the_twin_does_not_bear_out_is_not_taken_out(
+    begun: Begun, monkeypatch: pytest.MonkeyPatch, left: float, taken: bool
+) -> None:
+    """An asymmetry looked like 0.26 ms of a current loop, and the twin in such a loop left 1.6 times as much.
+
+    `left`: by the twin with the lag, of what it leaves without.
+    """
+    data = replace(begun[0].data, lag=0.0)
+    problem, model_fit = _spoilt(begun, replace(data, torque=_demand(data, 3e-4)), exact=True)
+    fitted = replace(model_fit.fitted, cost=left * model_fit.fitted.cost)
+    monkeypatch.setattr(baseline, "fit_inside_twin", lambda *_: replace(model_fit, fitted=fitted))
+    monkeypatch.setattr(baseline, "with_noise_of", lambda *both: both)
+    again, _ = baseline._aligned(problem, model_fit)
+    assert (again.data.lag > 0.0) == taken
 
 
 def test_a_lag_that_was_found_beside_another_model_is_found_anew(begun: Begun) -> None:
