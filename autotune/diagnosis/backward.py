@@ -58,16 +58,17 @@ class Backward:
     def pruned(self, chosen: FittedCandidate, seen: Sequence[ModelFit]) -> FittedCandidate:
         """Drops every effect without which training and veto are hardly worse, or without which the rest has a name.
 
-        Where a model without it was `seen` to be far worse, it is needed; unless nothing has a name with it: beside the
-        second effect the first may have come into its own. And what was found before the others must be worth having
-        beside them, as they were beside it: it may have stood for one of them, and now takes its crumbs.
+        Where a model without it was `seen` to be far worse, with courses of the others as free as they are now, it is
+        needed; unless nothing has a name with it: beside the second effect the first may have come into its own. And
+        what was found before the others must be worth having beside them, as they were beside it: it may have stood for
+        one of them, and now takes its crumbs.
         """
         problem, current = self.problem, chosen
         for effect in chosen.model_fit.effects:
             if len(current.model_fit.effects) < 2:
                 break
             rest = set(current.model_fit.effects) - {effect}
-            known = [model_fit for model_fit in seen if set(model_fit.effects) == rest]
+            known = [one for one in seen if set(one.effects) == rest and as_free(one, current.model_fit)]
             far = not any(negligible(problem, current, model_fit, PLAINLY_NEEDED) for model_fit in known)
             if known and far and current.named:
                 continue
@@ -139,3 +140,13 @@ class Backward:
                 fresh = judged(self.problem, self.root, model_fit, item.effect)
                 again.append(refined(self.problem, self.root, fresh, self.progress))
         return again
+
+
+def as_free(less: ModelFit, model_fit: ModelFit) -> bool:
+    """Whether all is free in a model with fewer effects that is free of these effects in another.
+
+    An effect by its own law may explain far less than with a free course: the second is not told by the first.
+    """
+    slots = {parameter.slot for name in less.effects for parameter in EFFECTS[name].parameters}
+    known = {one.slot for one in less.free}
+    return all(one.slot in known for one in model_fit.free if one.slot in slots)

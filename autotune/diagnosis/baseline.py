@@ -246,6 +246,10 @@ def _aligned(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit]:
     if again is problem:
         return problem, model_fit
     found = fit_inside_twin(again, here.fitted.packed, list(here.free), 2) or here
+    # what is missing may look like a lag in what is compared; the twin's loop is not so late then
+    least = problem.policy.clearly_less * found.fitted.cost
+    if told is problem and again.data.lag > 0.0 and model_fit.fitted.cost < least:
+        return problem, model_fit
     heard = told is not problem or again.data.cycles > 0 or again.data.lag > 0.0
     return with_noise_of(again, found) if evidence.repeats and heard else (again, found)
 

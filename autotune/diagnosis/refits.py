@@ -314,14 +314,16 @@ def with_own_noise(
     return quieter, judged(quieter, root, settled, chosen.effect)
 
 
-def looped_otherwise(problem: Problem, before: ModelFit, loaded: ModelFit) -> tuple[Problem, ModelFit] | None:
-    """The axis `before` a second mass in twins that are shaken more or less, or have another law of their controller;
-    None where that does not stand for half of what the mass explains.
+def looped_otherwise(
+    problem: Problem, before: ModelFit, loaded: ModelFit, late: tuple[Problem, ModelFit] | None
+) -> tuple[Problem, ModelFit] | None:
+    """The axis `before` a second mass in twins that are shaken more or less, or have another law of their controller,
+    or are as `late` as they are found to be anew; None where none stands for half of what the mass explains.
 
     An axis that rests next to break-away creeps as it is shaken, and motor and load on a spring are shaken otherwise
     than one mass is: so that may be shaken by as much more as a disturbance is uncertain (`LOUDNESS`), and by as much
     less as twins with two masses are (`in_quieter_twin`). And a law was told by a base that may have got another shape
-    since: what its loop lacks of phase is a spring's, too.
+    since: what its loop lacks of phase is a spring's, too. So is what it lacks, or has too much, for a lag.
     """
     if not problem.twin or not problem.two_masses(loaded.fitted.packed):
         return None
@@ -330,7 +332,8 @@ def looped_otherwise(problem: Problem, before: ModelFit, loaded: ModelFit) -> tu
         for again in (_shaken_best(problem, before), told_beside(problem, before.fitted))
         if again is not problem
     ]
-    found = min((one for one in tried if one is not None), key=lambda one: one[1].fitted.cost, default=None)
+    every = [one for one in (*tried, late) if one is not None]
+    found = min(every, key=lambda one: one[1].fitted.cost, default=None)
     if found is None:
         return None
     gained, stands_for = (before.fitted.cost - one.fitted.cost for one in (loaded, found[1]))

@@ -33,7 +33,7 @@ from autotune.diagnosis.candidates import (
     plainer,
 )
 from autotune.diagnosis.evidence import evidence_of
-from autotune.diagnosis.evidence.evidence import Evidence
+from autotune.diagnosis.evidence.evidence import Evidence, late_anew, without_long_lag
 from autotune.diagnosis.evidence.time_driven import without_clocked, without_reading_waves
 from autotune.diagnosis.free_shape import with_free_shape
 from autotune.diagnosis.refits import (
@@ -193,6 +193,9 @@ class _Search:
             anew = Found(self.problem, self.root, None, (), (), {}, begin_again=self.begin_again)
             return replace(anew, beside=self.beside)
         self._tidy()
+        if self._loaded_by_the_loop():
+            self._seek_on()
+            self._tidy()
         if self.chosen is not None:
             self.chosen, self.unloaded = self._backward.without_doubtful_load(self.chosen, self.first)
         self._drop_laws()
@@ -207,13 +210,18 @@ class _Search:
     def _seek(self) -> None:
         """Adds effects to the root, one beside the other, as long as they explain enough."""
         self.chosen, self.seen, self.later, self.freed = None, [], [], {}
-        for number in range(MOST_EFFECTS):
-            best = self._next(first=number == 0)
+        self._seek_on()
+
+    def _seek_on(self) -> None:
+        """Adds effects beside what is chosen already."""
+        there = len(self.chosen.model_fit.effects) if self.chosen is not None else 0
+        for _ in range(MOST_EFFECTS - there):
+            if self.chosen is not None and self.chosen.named and not self._more_to_explain(self._model_fit):
+                break
+            best = self._next(first=self.chosen is None)
             if best is None:
                 break
-            chosen = self._take(best)
-            if chosen.named and not self._more_to_explain(chosen.model_fit):
-                break
+            self._take(best)
 
     def _next(self, first: bool) -> FittedCandidate | None:
         """The best of a round, looked for again where the model as it is does half of that from elsewhere."""
@@ -382,15 +390,45 @@ class _Search:
 
     def _looped_anew(self, best: FittedCandidate) -> bool:
         """Whether a second mass made up for how the twin is shaken, or controlled: that is no reason for a name."""
-        found = looped_otherwise(self.problem, self._model_fit, best.model_fit)
+        found = self._otherwise(self._model_fit, best.model_fit)
         if found is None:
             return False
-        self.progress("twins that are shaken or controlled otherwise")
         self.problem, before = found
         if self.chosen is None:
             self.root = before
         else:
             self.root, (self.chosen,) = fitted_again(self.problem, self.root, [self.chosen])
+        return True
+
+    def _otherwise(self, before: ModelFit, loaded: ModelFit) -> tuple[Problem, ModelFit] | None:
+        """What stands for a second mass, by how the twin is shaken, controlled or late; None where nothing does."""
+        late = late_anew(self.problem, before) if has_load(loaded.fitted.packed.on) else None
+        found = looped_otherwise(self.problem, before, loaded, late)
+        if found is None:
+            return None
+        self.progress("twins that are shaken or controlled otherwise")
+        if found is not late:
+            return found
+        problem = without_long_lag(found[0])
+        settled = fit_inside_twin(problem, found[1].fitted.packed, list(before.free), 2, before.effects)
+        return None if settled is None else (problem, settled)
+
+    def _loaded_by_the_loop(self) -> bool:
+        """Whether a second mass beside others made up for how the twin is shaken, controlled or late.
+
+        That was asked before the others were found, and what they explain was in the way.
+        """
+        chosen = self.chosen
+        if chosen is None or len(chosen.model_fit.effects) < 2 or not self.evidence.repeats:
+            return False
+        loads = [effect for effect in chosen.model_fit.effects if EFFECTS[effect].in_transmission]
+        less = without_effect(self.problem, self.root, chosen.model_fit, loads[0]) if loads else None
+        found = self._otherwise(less.model_fit, chosen.model_fit) if less is not None else None
+        if less is None or found is None:
+            return False
+        self.problem = found[0]
+        bare = replace(less, model_fit=found[1])
+        self.root, (self.chosen,) = fitted_again(self.problem, self.root, [bare])
         return True
 
     def _beside_own_presliding(self, found: Found) -> Found:
@@ -694,7 +732,7 @@ class _Search:
                 best = masses_led_on(self.problem, self.root, best, self.progress)
             if best.share < REFINED:
                 best = self._other_contact(best)
-            best = self._told_beside(best)
+            best = self._late_beside(self._told_beside(best))
         if self.evidence.repeats and (best.plain_share < REFINED or self._more_to_explain(best.model_fit)):
             best = self._freed(best)
         if self.chosen is not None and self.evidence.repeats and self._more_to_explain(best.model_fit):
@@ -735,6 +773,25 @@ class _Search:
         moved = self._shaken_less(self._moved(again, best))
         moved = refined(self.problem, self.root, moved, self.progress)
         if moved.model_fit.fitted.cost < best.model_fit.fitted.cost:
+            return moved
+        self.problem, self.root, self.tried = before
+        return best
+
+    def _late_beside(self, best: FittedCandidate) -> FittedCandidate:
+        """The best candidate in a loop that is as late as it is found to be beside it, where that leaves clearly less.
+
+        A second mass moves in the twin, and how late its loop is rules what it does there.
+        """
+        loaded = self.problem.twin and self.problem.two_masses(best.model_fit.fitted.packed)
+        found = late_anew(self.problem, best.model_fit) if loaded and best.share < REFINED else None
+        least = self.problem.policy.clearly_less * best.model_fit.fitted.cost
+        if found is None or found[1].fitted.cost >= least:
+            return best
+        self.progress("how late the loop is, anew")
+        before = self.problem, self.root, self.tried
+        moved = self._moved(without_long_lag(found[0]), replace(best, model_fit=found[1]))
+        moved = refined(self.problem, self.root, moved, self.progress)
+        if moved.model_fit.fitted.cost < least:
             return moved
         self.problem, self.root, self.tried = before
         return best

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from autotune.core.arrays import Floats
+from autotune.diagnosis import baseline
 from autotune.diagnosis.candidates import FittedCandidate, again_explained, plainer
-from autotune.diagnosis.evidence.evidence import Evidence
+from autotune.diagnosis.evidence.evidence import Evidence, late_anew, without_long_lag
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.diagnosis.evidence.single import SingleRecording
 from autotune.diagnosis.found_model import torque_late
@@ -126,6 +127,60 @@ def test_a_running_mean_is_not_taken_for_whole_cycles(begun: Begun, monkeypatch:
     again = RepeatedProgramme().aligned(taken, replace(model_fit, fitted=fitted))
     assert (again.data.cycles, again.data.shift, again.data.lag) == (0, 0.0, 0.0)
     assert again.controller == law
+
+
+@pytest.mark.parametrize(("left", "taken"), [(1.0, True), (1.5, False)])
+def test_a_lag_that_the_twin_does_not_bear_out_is_not_taken_out(
+    begun: Begun, monkeypatch: pytest.MonkeyPatch, left: float, taken: bool
+) -> None:
+    """An asymmetry looked like 0.26 ms of a current loop, and the twin in such a loop left 1.6 times as much.
+
+    `left`: by the twin with the lag, of what it leaves without.
+    """
+    data = replace(begun[0].data, lag=0.0)
+    problem, model_fit = _spoilt(begun, replace(data, torque=_demand(data, 3e-4)), exact=True)
+    fitted = replace(model_fit.fitted, cost=left * model_fit.fitted.cost)
+    monkeypatch.setattr(baseline, "fit_inside_twin", lambda *_: replace(model_fit, fitted=fitted))
+    monkeypatch.setattr(baseline, "with_noise_of", lambda *both: both)
+    again, _ = baseline._aligned(problem, model_fit)
+    assert (again.data.lag > 0.0) == taken
+
+
+def test_a_lag_that_was_found_beside_another_model_is_found_anew(begun: Begun) -> None:
+    """What an effect left was taken for 0.3 ms of a current loop, in what is compared and in the twin's loop."""
+    problem, model_fit = _spoilt(begun, replace(begun[0].data, lag=0.0), exact=True)
+    assert late_anew(problem, model_fit) is None, "nothing is late"
+    wrong = behind_current_loop(problem.data, 3e-4)
+    late = replace(problem, data=wrong, moved=measured_motion(wrong))
+    found = late_anew(late, model_fit)
+    assert found is not None
+    assert found[0].data.lag < 1e-4
+    assert found[1].fitted.cost <= model_fit.fitted.cost * 1.02
+
+
+@pytest.mark.parametrize(("lag", "ordinary"), [(3e-4, True), (9e-4, False)])
+def test_a_delay_that_was_taken_for_the_moment_of_recording_is_found_in_the_loop(
+    begun: Begun, lag: float, ordinary: bool
+) -> None:
+    """Where it is longer than a current loop's it is left to be named."""
+    data = begun[0].data
+    asked = replace(data, torque=_demand(data, lag))
+    problem, model_fit = _spoilt(begun, asked, exact=False)
+    assert problem.controller is not None
+    problem = replace(problem, controller=replace(problem.controller, ticks=4))
+    moved = shifted(problem.data, -2.0 * lag / problem.data.period)
+    taken = replace(problem, data=moved, moved=measured_motion(moved))
+    assert taken.data.late > 0.0
+    found = late_anew(taken, model_fit)
+    assert found is not None
+    assert (found[0].data.late, found[0].data.shift) == (0.0, 0.0)
+    assert found[0].data.lag == pytest.approx(lag, abs=1.5e-4)
+    kept = without_long_lag(found[0])
+    assert (kept.data.lag > 0.0) == ordinary
+    assert kept.data.shift == 0.0
+    if ordinary:
+        again = RepeatedProgramme().aligned(kept, found[1])
+        assert again.data.lag == kept.data.lag, "the twin told, and the torque is not moved again"
 
 
 def _demand(data: Prepared, lag: float) -> Floats:

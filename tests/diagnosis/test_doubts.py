@@ -516,3 +516,22 @@ def test_what_was_found_first_must_be_worth_having_beside_the_rest(
     problem, fit = SimpleNamespace(policy=POLICY), SimpleNamespace(model_fit=None)
     steps = backward.Backward(problem, None, RepeatedProgramme(), no_progress)
     assert steps.enters_beside(fit, fit) == enters
+
+
+@pytest.mark.parametrize(("course", "free"), [(("coulomb",), False), (("coulomb", "viscous", "width"), True)])
+def test_a_second_effect_is_needed_only_beside_a_first_with_a_course_as_free(
+    course: tuple[str, ...], free: bool
+) -> None:
+    """By its own law an asymmetry left what a spring explained, and was not tried without it once its course was free.
+
+    What is free of the spring does not matter.
+    """
+    kind, spring = EFFECTS["direction_asymmetry"], EFFECTS["elastic_transmission"]
+
+    def fit(effects: tuple[str, ...], *slots: int) -> SimpleNamespace:
+        return SimpleNamespace(effects=effects, free=[SimpleNamespace(slot=slot) for slot in slots])
+
+    own = [kind.slot(name) for name in ("coulomb", "viscous", "width")]
+    both = fit((kind.name, spring.name), layout.INERTIA, *own, spring.slot("compliance"))
+    alone = fit((kind.name,), layout.INERTIA, *(kind.slot(name) for name in course))
+    assert backward.as_free(alone, both) == free

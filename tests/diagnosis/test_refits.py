@@ -216,11 +216,17 @@ def test_rivals_of_the_first_effect_are_asked_again_beside_the_second(
 
 
 @pytest.mark.parametrize(
-    ("shaken", "controlled", "stands"),
-    [(0.6, 1.0, True), (0.9, 1.0, False), (1.0, 0.55, True), (None, 1.0, False)],
+    ("shaken", "controlled", "late", "stands"),
+    [
+        (0.6, 1.0, 1.0, True),
+        (0.9, 1.0, 0.8, False),
+        (1.0, 0.55, 1.0, True),
+        (None, 1.0, 1.0, False),
+        (0.9, 1.0, 0.5, True),
+    ],
 )
 def test_a_second_mass_must_do_more_than_twins_that_are_shaken_or_controlled_otherwise(
-    monkeypatch: pytest.MonkeyPatch, shaken: float | None, controlled: float, stands: bool
+    monkeypatch: pytest.MonkeyPatch, shaken: float | None, controlled: float, late: float, stands: bool
 ) -> None:
     """Nothing was missing of an axis that rests next to break-away, but a tenth of its disturbance was not there: it
     was named an elastic transmission. Costs of a rigid axis; 1.0 as it is, 0.4 with a second mass.
@@ -238,8 +244,9 @@ def test_a_second_mass_must_do_more_than_twins_that_are_shaken_or_controlled_oth
     monkeypatch.setattr(
         refits, "fit_inside_twin", lambda one, *_: None if costs[one] is None else fit(costs[one])
     )
-    found = looped_otherwise(loud, fit(1.0), fit(0.4))
+    anew = (loud, fit(late))
+    found = looped_otherwise(loud, fit(1.0), fit(0.4), anew)
     assert (found is not None) == stands
     if found is not None:
-        assert found[1].fitted.cost == min(shaken, controlled)
-    assert looped_otherwise(replace(loud, loads=False), fit(1.0), fit(0.4)) is None
+        assert found[1].fitted.cost == min(shaken, controlled, late)
+    assert looped_otherwise(replace(loud, loads=False), fit(1.0), fit(0.4), anew) is None

@@ -16,8 +16,9 @@ import numpy as np
 
 from autotune.core.arrays import Flags, Floats
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, error_left, explained_of_rest
+from autotune.diagnosis.refits import with_noise_of
 from autotune.estimation.alignment import BESIDE, CURRENT_LOOP, behind_current_loop, best_shift, shifted
-from autotune.estimation.bias_corrected_fit import ModelFit
+from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.controller import as_wanted
 from autotune.estimation.data import Prepared
 from autotune.estimation.least_squares import CORRELATED, followed, standard_errors
@@ -292,6 +293,8 @@ def _moved_once(problem: Problem, model_fit: ModelFit) -> Problem:
     data = problem.data
     if data.cycles > 0:
         return _without_cycles(problem, model_fit)
+    if data.lag > 0.0:  # of the loop, as its twin told (`late_anew`)
+        return problem
     errors: dict[float, float] = {}
 
     def cost(shift: float) -> float:
@@ -309,6 +312,59 @@ def _moved_once(problem: Problem, model_fit: ModelFit) -> Problem:
     if best < earliest:
         return _without_cycles(problem, model_fit)
     return problem if best > latest else _with(problem, shifted(data, best))
+
+
+def late_anew(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit] | None:
+    """Problem and model with what the demand goes through found anew, from a torque that acts at once.
+
+    How late it acts was found beside a model that lacked an effect, and by torques under a bias that was held; but the
+    twin's loop is so late, too, and near the limit of stability a tenth of a millisecond rules what it leaves. Behind a
+    loop between the samples the torque was moved, as if it had been recorded at another moment. That delays no loop;
+    here it is a lag of the loop. None where nothing is late, or the twin is unstable; whole cycles behind such a loop
+    stay.
+    """
+    prompt = None if model_fit.fitted.packed.on[IS_LATE] else _at_once(problem)
+    here = None if prompt is None else _settled(prompt, model_fit)
+    if prompt is None or here is None:
+        return None
+    again = _lag_in_loop(prompt, here) if _loops_between(prompt) else without_chain(prompt, here)
+    late = None if again is prompt else _settled(again, here)
+    if late is None or late.fitted.cost > here.fitted.cost:
+        return prompt, here
+    return with_noise_of(again, late) if problem.data.repeated else (again, late)
+
+
+def _at_once(problem: Problem) -> Problem | None:
+    """The problem with its torque acting as it was recorded; None where it does so already."""
+    data = problem.data
+    if _loops_between(problem):
+        moved = data.late > 0.0 and data.cycles == 0
+        return _with(problem, shifted(data, data.shift + 2.0 * data.late)) if moved else None
+    if data.cycles > 0:
+        return _with_cycles_again(problem)
+    return _with(problem, shifted(data, data.shift)) if data.lag > 0.0 else None
+
+
+def _settled(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
+    return fit_inside_twin(problem, model_fit.fitted.packed, list(model_fit.free), 2, model_fit.effects)
+
+
+def _lag_in_loop(problem: Problem, model_fit: ModelFit) -> Problem:
+    """The torque behind the lag that explains it best, whatever its length; so is the twin's."""
+    best = _late_by(problem, model_fit, 0)
+    return _with(problem, replace(best.data, lag_error=_error_of_lag(problem, model_fit, best)))
+
+
+def without_long_lag(problem: Problem) -> Problem:
+    """The problem of `late_anew` with its torque as recorded, where its lag is longer than an ordinary current loop's.
+
+    That is an effect, and none of the chain.
+    """
+    data = problem.data
+    if data.lag - SURE * data.lag_error <= CURRENT_LOOP:
+        most = min(data.lag, CURRENT_LOOP)
+        return _with(problem, replace(behind_current_loop(data, most), lag_error=data.lag_error))
+    return _with(problem, shifted(data, data.shift))
 
 
 def _without_cycles(problem: Problem, model_fit: ModelFit) -> Problem:
