@@ -15,10 +15,10 @@ import numpy as np
 
 from autotune.core.arrays import Flags, Floats
 from autotune.core.errors import NotEnoughExcitation
-from autotune.diagnosis.base_laws import resolved
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.candidates import Progress, model_from, no_progress
 from autotune.diagnosis.compare import EACH_IN_TURN, check_same_axis, floor_of_unseen, roles_unseen
+from autotune.diagnosis.contact_laws import resolved
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.refits import inside_twin, is_chance, without_insignificant_terms
 from autotune.diagnosis.ripple_orders import MOST_LINES, with_whole_orders
@@ -29,7 +29,6 @@ from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import usual_damping
 from autotune.estimation.data import Prepared, prepare
 from autotune.estimation.least_squares import Fitted, covariance, standard_errors
-from autotune.estimation.normal_equations import BLOCK_SECONDS, Part, assemble
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import Problem, new_problem
 from autotune.estimation.residual import residual, smoothed
@@ -38,6 +37,7 @@ from autotune.models.drive_model import DriveModel, HistoryEntry, Packed, base_m
 from autotune.models.table import effect_kind
 from autotune.models.total_friction import friction_parts, stiffness_parts
 from autotune.recordings.recording import Recording
+from autotune.signals.normal_equations import BLOCK_SECONDS, Part, assemble
 
 WAVE_ROWS, MOST_ORDER = 6000, 400.0
 """Rows in which waves over position are looked for before anything is fitted, and the largest order."""

@@ -13,8 +13,9 @@ from types import MappingProxyType
 import numpy as np
 
 from autotune.core.errors import AutotuneError
-from autotune.diagnosis.base_laws import BASE_LAWS, resolved
+from autotune.diagnosis.base_laws import BASE_LAWS
 from autotune.diagnosis.compare import roles_unseen
+from autotune.diagnosis.contact_laws import resolved
 from autotune.diagnosis.fitting import held_out_errors, updated_model
 from autotune.diagnosis.refits import without_effect
 from autotune.diagnosis.verdict import Diagnosis

@@ -2,7 +2,7 @@
 
 Where an effect explains the place of the error but not all of it, what its `Kind` names as `free_shape` is fitted
 beside its own law, inside the twin: ramps, films, further contacts. Such a shape is taken where it predicts held-out
-experiments better and lowers the error on the veto trajectory. A memory is resolved into its contacts (`base_laws`).
+experiments better and lowers the error on the veto trajectory. A memory is resolved into its contacts (`contact_laws`).
 
 What an effect only resembles has signs too: a smooth course, a parabola or a motor that falls short does as well, or
 the effect lies at the edge of its law.
@@ -17,8 +17,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from autotune.core.arrays import Floats
-from autotune.diagnosis.base_laws import ROUNDS, resolved
 from autotune.diagnosis.candidates import FittedCandidate, predicts_better
+from autotune.diagnosis.contact_laws import ROUNDS, resolved
 from autotune.diagnosis.refits import judged, taken_out
 from autotune.diagnosis.screening import generic_gains
 from autotune.diagnosis.starts import Context, own_course, varying

@@ -11,14 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from autotune.diagnosis.backward import Backward
-from autotune.diagnosis.base_laws import (
-    BASE_LAWS,
-    of_many,
-    with_base_shapes,
-    with_own_presliding,
-    without_memory,
-)
-from autotune.diagnosis.base_laws import EFFECT as MEMORY
+from autotune.diagnosis.base_laws import BASE_LAWS, with_base_shapes
 from autotune.diagnosis.candidates import (
     FittedCandidate,
     Progress,
@@ -32,6 +25,8 @@ from autotune.diagnosis.candidates import (
     least_fall,
     plainer,
 )
+from autotune.diagnosis.contact_laws import EFFECT as MEMORY
+from autotune.diagnosis.contact_laws import of_many, with_own_presliding, without_memory
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence, late_anew, without_long_lag
 from autotune.diagnosis.evidence.time_driven import without_clocked, without_reading_waves

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from autotune.diagnosis.base_laws import of_many, told_of_base
+from autotune.diagnosis.base_laws import told_of_base
 from autotune.diagnosis.baseline import begin, notes_after
 from autotune.diagnosis.candidates import (
     FittedCandidate,
@@ -19,6 +19,7 @@ from autotune.diagnosis.candidates import (
 )
 from autotune.diagnosis.compare import check_same_axis
 from autotune.diagnosis.confirmation import confirm, in_words
+from autotune.diagnosis.contact_laws import of_many
 from autotune.diagnosis.each_recording import Searched, of_each, own_recordings
 from autotune.diagnosis.evidence.evidence import HoldoutResult
 from autotune.diagnosis.evidence.time_driven import (

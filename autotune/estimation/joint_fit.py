@@ -19,7 +19,6 @@ from autotune.core.arrays import Floats
 from autotune.estimation.bandwidth import Bands
 from autotune.estimation.disturbance_estimate import estimate_disturbance
 from autotune.estimation.least_squares import Free, with_values
-from autotune.estimation.normal_equations import BLOCK_SECONDS, Normal, Part, assemble, whitener
 from autotune.estimation.pieces import (
     Piece,
     Surroundings,
@@ -32,6 +31,7 @@ from autotune.estimation.pieces import (
 from autotune.estimation.problem import Problem
 from autotune.estimation.small_motion import small_motion, suits
 from autotune.models.drive_model import DriveModel, Packed, surface_parameter
+from autotune.signals.normal_equations import BLOCK_SECONDS, Normal, Part, assemble, whitener
 
 ITERATIONS = 25
 LEAST_FINE, MOST_FINE = 2, 4

@@ -22,11 +22,11 @@ import scipy
 
 from autotune.core.arrays import Floats
 from autotune.estimation.least_squares import Free
-from autotune.estimation.normal_equations import Part
 from autotune.estimation.pieces import Piece, Surroundings
 from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.reversal_memory import DAMPING, REMEMBERS, memory_stiffness
+from autotune.signals.normal_equations import Part
 
 
 @dataclass(frozen=True, slots=True)

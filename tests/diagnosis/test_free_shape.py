@@ -10,8 +10,8 @@ import pytest
 
 from autotune.core.axis import read_axis
 from autotune.core.loop import LocalLoop
-from autotune.diagnosis.base_laws import resolved
 from autotune.diagnosis.baseline import begin
+from autotune.diagnosis.contact_laws import resolved
 from autotune.diagnosis.fitting import updated_model
 from autotune.estimation.bandwidth import prepared_for
 from autotune.experiments.diagnosis import confirmation

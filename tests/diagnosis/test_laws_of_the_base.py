@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from autotune.diagnosis.base_laws import goes_on, without_memory, without_tail
 from autotune.diagnosis.candidates import no_progress
+from autotune.diagnosis.contact_laws import goes_on, without_memory, without_tail
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.found_model import found_model
 from autotune.diagnosis.refits import judged

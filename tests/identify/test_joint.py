@@ -10,7 +10,6 @@ from autotune.core.errors import ConfigurationError, NotEnoughExcitation, Record
 from autotune.estimation import joint_fit
 from autotune.estimation.controller import controller_of, is_closed
 from autotune.estimation.joint_fit import free_by_name
-from autotune.estimation.normal_equations import Normal, Part, assemble, whitener
 from autotune.identify.first_guess import refuse_two_axes
 from autotune.identify.fit import fit, joined, thinned
 from autotune.identify.high_speed import identify_high_speed
@@ -18,6 +17,7 @@ from autotune.identify.refinement import refine_recording
 from autotune.identify.residuals import simulate_closed_loop, torque_residual
 from autotune.models.drive_model import base_model
 from autotune.recordings.recording import Metadata, Recording, concatenate
+from autotune.signals.normal_equations import Normal, Part, assemble, whitener
 from autotune_sim.presets import preset
 from tests.support.axes import NOMINAL, plain_axis
 from tests.support.identification_programme import play, truth
