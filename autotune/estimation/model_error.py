@@ -323,6 +323,8 @@ def model_error(data: Prepared, model: DriveModel, policy: Policy = POLICY) -> M
     """The error of a model on prepared data; of controllers that explain alike the one whose twin leaves least."""
     laws = controllers_of(data, find_controller(data, policy), policy)
     law, _ = told_by_twin(data, laws, model.pack(), policy)
+    if law.ticks > 1 and data.repeated:  # of a torque read at some moment, or as the law asks for it
+        return _error_inside(as_recorded(data, law), law, model, policy)
     # the recorded torque is taken as what acts from each sample to the next: so is a twin's
     return _error_inside(data, replace(law, taken=NEXT, asked=0.0), model, policy)
 

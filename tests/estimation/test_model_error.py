@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from autotune.core.arrays import Floats
+from autotune.estimation import model_error as model_error_module
 from autotune.estimation.alignment import CURRENT_LOOP, shifted
 from autotune.estimation.controller import as_recorded
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import TRAINING, Prepared, filtered_motion, prepare
 from autotune.estimation.disturbance import STILL, Disturbance
-from autotune.estimation.model_error import PlainFit, plain_fit, told_beside, told_by_twin
+from autotune.estimation.model_error import PlainFit, model_error, plain_fit, told_beside, told_by_twin
 from autotune.estimation.policy import POLICY
 from autotune.estimation.problem import Problem, Told, led
 from autotune.estimation.residual import smoothed
@@ -115,6 +116,18 @@ def test_what_a_law_asks_for_is_compared_where_the_recorded_torque_is_noisy(alia
     assert (law.asked > 0.0) == (alias > 0.0) == (taken.asked is not None)
     off = smoothed(taken, taken.torque - acted)
     assert np.std(off) < 0.5 * np.std(smoothed(taken, data.torque - acted)) or alias == 0.0
+
+
+def test_a_models_error_is_of_the_torque_that_is_compared(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As diagnosis has it: else what a moment's torque has of counts would be the model's fault once it is compared."""
+    data, _ = _read_at_a_moment(6e-3)
+    law, model = replace(LAW, ticks=6), base_model(AXIS)
+    monkeypatch.setattr(model_error_module, "find_controller", lambda *_: law)
+    monkeypatch.setattr(model_error_module, "controllers_of", lambda *_: (law,))
+    left = model_error(data, model)
+    assert left.problem.data.asked is not None
+    monkeypatch.setattr(model_error_module, "told_by_twin", lambda *_: (replace(law, ticks=1), STILL))
+    assert left.error_rms < 0.5 * model_error(data, model).error_rms
 
 
 def test_a_twins_torque_is_what_its_law_asks_for_too() -> None:
