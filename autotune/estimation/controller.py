@@ -66,7 +66,10 @@ SAME = 1e-9
 RECORDED_LATE = {MOMENT: 1.0, NEXT: 0.0, BEFORE: 2.0}
 """Half samples by which a torque is recorded late that acts from each sample to the next."""
 AS_READ = "Rows are written late: positions are taken as the controller read them, told by its demand."
-FRICTION_FED = "The controller feeds friction forward, {:.3g} N m or N by the sign of its reference's speed: told by its demand."
+FRICTION_FED = (
+    "The controller feeds friction forward, {:.3g} N m or N by the sign of its reference's speed; "
+    "that was told by its demand."
+)
 _ASKED: Remembered[Floats] = Remembered(12)
 _KNOWN: Remembered[tuple[PositionController, ...]] = Remembered()
 
