@@ -35,7 +35,7 @@ from autotune.estimation.alignment import (
     recorded_late,
     upsampled,
 )
-from autotune.estimation.controller import as_read, find_controller
+from autotune.estimation.controller import as_read, find_controller, with_friction_fed
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.coordinates import travel_since_reversal
 from autotune.estimation.data import (
@@ -431,7 +431,8 @@ def prepared_for(recordings: Sequence[Recording], policy: Policy = POLICY) -> Pr
     most = max(compared_below(longest.period), bands.error)
     data = _quiet(recordings, most, pace)
     law = find_controller(data, policy)
-    read = [as_read(recording, law) for recording in recordings]
+    read = with_friction_fed(recordings, data, policy) if not law.usable else recordings
+    read = [as_read(recording, law) for recording in read]
     if any(one is not recording for one, recording in zip(read, recordings, strict=True)):
         recordings, data = read, _quiet(read, most, pace)
     if data.repeated:

@@ -7,7 +7,7 @@ The law: `controller_law`; how it is found in the data: `controller_search`, and
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 
@@ -40,6 +40,7 @@ from autotune.estimation.controller_law import (
 )
 from autotune.estimation.controller_search import (
     EXACT,
+    friction_fed_forward,
     law_from_data,
     plain_in_band,
     plainly_better,
@@ -65,6 +66,10 @@ SAME = 1e-9
 RECORDED_LATE = {MOMENT: 1.0, NEXT: 0.0, BEFORE: 2.0}
 """Half samples by which a torque is recorded late that acts from each sample to the next."""
 AS_READ = "Rows are written late: positions are taken as the controller read them, told by its demand."
+FRICTION_FED = (
+    "The controller feeds friction forward, {:.3g} N m or N by the sign of its reference's speed; "
+    "that was told by its demand."
+)
 _ASKED: Remembered[Floats] = Remembered(12)
 _KNOWN: Remembered[tuple[PositionController, ...]] = Remembered()
 
@@ -320,6 +325,28 @@ def as_read(recording: Recording, law: PositionController) -> Recording:
         return recording
     told = replace(recording, floats=MappingProxyType({**recording.floats, "position": position}))
     return told.with_metadata(remarks=(*recording.metadata.remarks, AS_READ))
+
+
+def with_friction_fed(recordings: Sequence[Recording], data: Prepared, policy: Policy) -> Sequence[Recording]:
+    """Recordings with the friction that their controller feeds forward told apart, where it has a law only then.
+
+    `data`: the recordings made ready, row by row. What is told is known from the reference alone, and stands in the
+    column `torque_feedforward` from there on: fit, twin and comparison take it for what it is. Without repeats nothing
+    tells what such a drive makes of counts (`find_controller`), and it is not asked.
+    """
+    if not (data.repeated and data.closed) or find_controller(data, policy).usable:
+        return recordings
+    fed = friction_fed_forward(loop_samples(data, policy))
+    if fed is None or not find_controller(replace(data, feedforward=data.feedforward + fed), policy).usable:
+        return recordings
+    said = FRICTION_FED.format(float(np.max(np.abs(fed))))
+    edges = np.cumsum([len(recording) for recording in recordings])[:-1]
+    told = []
+    for recording, part in zip(recordings, np.split(data.feedforward + fed, edges), strict=True):
+        column = MappingProxyType({**recording.floats, "torque_feedforward": part})
+        with_it = replace(recording, floats=column)
+        told.append(with_it.with_metadata(remarks=(*recording.metadata.remarks, said)))
+    return told
 
 
 def clamped(torque: Floats, limit: float | None) -> Flags:

@@ -34,6 +34,7 @@ from autotune.estimation.data import compared_below, step_of
 from autotune.estimation.disturbance import in_time, readings
 from autotune.signals.filters import low_pass
 from autotune.signals.line_search import lowest, settled
+from autotune.signals.smooth_sign import SMOOTH_SIGNS
 from autotune.signals.triangle import reduced
 
 PIECE_SECONDS = 3.0
@@ -67,8 +68,13 @@ ROUGHER, SETTLING = (4.0, 2.0), 4
 """Times what rounding leaves, at first, and rounds after."""
 ROWS_LATE = "Rows are written late: the controller was identified by those that are not."
 IN_BAND = "It was found below {:.0f} Hz: what the drive does between the samples is left out."
+TURNS_OVER = (1e-5, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
+"""Of the reference's top speed: over which friction that is fed forward turns, from a plain sign to what hardly differs
+from a velocity feedforward."""
 ROUGHLY = 3e-3
 """Of a derivative filter: to how much a first look finds it."""
+FINELY = 0.01
+"""Of the speed over which a fed sign turns: to how much it is found."""
 _ROUGH_FILTERS = (0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0)
 _FILTERS = (0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 
@@ -317,6 +323,93 @@ def searched_late(samples: LoopSamples) -> PositionController:
     r, y = _best_delays(first_look(samples))
     found = _best_filter(late_samples(samples, r, y), _fitted_late)
     return replace(found, reference_delay=r, position_delay=y, why=how_late(samples.period))
+
+
+def friction_fed_forward(samples: LoopSamples) -> Floats | None:
+    """Coulomb friction that a controller adds by the sign of its reference's speed [N m], shape (n,).
+
+    None where no law of the samples explains enough for a twin with it either.
+
+    Feedforward of friction is as usual in drives and robots as that of inertia. It is known from the reference but for
+    its size, which is linear beside the law's gains, and the speed over which the sign is smoothed. Both are told below
+    the frequency that models are compared at, so that it need not be known how the drive works between the samples.
+    """
+    banded = in_band(replace(samples, piece=PIECE_SECONDS))
+    rate = np.zeros(len(samples.reference))
+    for rows in samples.stretches:
+        rate[rows] = np.diff(samples.reference[rows], prepend=samples.reference[rows.start]) / samples.period
+    top = float(np.max(np.abs(rate), initial=0.0))
+    if top == 0.0:
+        return None
+    best = max(_fed_trials(banded, rate, top), key=lambda trial: trial[0])
+    _, sign, width, (r, y), smoothing = best
+    late, signed = (
+        late_samples(banded, r, y),
+        partial(_signs_in_band, samples, late_rows(rate, samples, r), sign),
+    )
+
+    def left(log_width: float, filtered: float = smoothing) -> float:
+        return 1.0 - _fed(late, signed(float(np.exp(log_width))), filtered)[1]
+
+    sharp = float(np.log(width))
+    reach = float(np.log(TURNS_OVER[-1] / TURNS_OVER[-2]))
+    sharp = lowest(left, (sharp - reach, sharp + reach), FINELY)
+    place = _ROUGH_FILTERS.index(smoothing)
+    near = _ROUGH_FILTERS[max(place - 1, 0)], _ROUGH_FILTERS[min(place + 1, len(_ROUGH_FILTERS) - 1)]
+    smoothing = lowest(partial(left, sharp), near, ROUGHLY)
+    sharp = lowest(partial(left, filtered=smoothing), (sharp - 0.5 * reach, sharp + 0.5 * reach), FINELY)
+    size, explained = _fed(late, signed(float(np.exp(sharp))), smoothing)
+    if size <= 0.0 or explained <= samples.policy.controller_explains_in_band:
+        return None
+    return size * sign(late_rows(rate, samples, r), float(np.exp(sharp)))
+
+
+def _fed_trials(
+    banded: LoopSamples, rate: Floats, top: float
+) -> Iterator[tuple[float, Callable[[Floats, float], Floats], float, tuple[int, int], float]]:
+    """Share explained by the laws of all delays and rough filters with friction fed forward by the reference's `rate`
+    [rad/s or m/s], shape (n,); and the smooth sign, its width, the delays and the filter of each."""
+    forms = [(sign, share * top) for sign in SMOOTH_SIGNS for share in TURNS_OVER]
+    signs = np.array(
+        [
+            _signs_in_band(banded, late_rows(rate, banded, late), sign, width)
+            for late in range(MOST_LATE + 2)
+            for sign, width in forms
+        ]
+    )
+    quick = replace(banded, most_rows=ROUGH_ROWS)
+    for smoothing in _ROUGH_FILTERS:
+        chosen, run = law_rows(quick, smoothing)
+        seen = [_seen_late(quick, quick.reference, smoothing, late) for late in range(MOST_LATE + 2)]
+        moved = [_seen_late(quick, quick.position, smoothing, late)[:3] for late in range(MOST_LATE + 1)]
+        table = np.concatenate([*seen, *moved, signs])[:, chosen]
+        triangle = reduced(table, quick.demand[chosen], run)
+        for r in range(MOST_LATE + 2):
+            for y in range(min(r, MOST_LATE) + 1):
+                mixing = _late_mixing(r, y)
+                for i, (sign, width) in enumerate(forms):
+                    whole = np.zeros((len(table), mixing.shape[1] + 1))
+                    whole[: len(mixing), :-1] = mixing
+                    whole[len(mixing) + r * len(forms) + i, -1] = 1.0
+                    yield triangle.fitted(whole).explained, sign, width, (r, y), smoothing
+
+
+def _signs_in_band(
+    samples: LoopSamples, rate: Floats, sign: Callable[[Floats, float], Floats], width: float
+) -> Floats:
+    """A smooth sign of a rate of shape (n,) below the frequency that models are compared at."""
+    signs = sign(rate, width)
+    for rows in samples.stretches:
+        signs[rows] = low_pass(signs[rows], compared_below(samples.period), samples.period)
+    return signs
+
+
+def _fed(late: LoopSamples, signs: Floats, smoothing: float) -> tuple[float, float]:
+    """Size of what is fed forward by signs of shape (n,) [N m], and share explained, beside all terms of a law."""
+    chosen, run = law_rows(replace(late, most_rows=ROUGH_ROWS), smoothing)
+    table = np.column_stack([law_terms(late, smoothing), signs])[chosen]
+    fitted = reduced(table.T, late.demand[chosen], run).fitted()
+    return float(fitted.gains[-1]), fitted.explained
 
 
 def _plain_of(samples: LoopSamples, late: PositionController) -> PositionController:

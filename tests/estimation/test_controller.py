@@ -15,6 +15,7 @@ from autotune.estimation.controller import (
     find_controller,
     identified,
     loop_samples,
+    with_friction_fed,
 )
 from autotune.estimation.controller_law import (
     LoopSamples,
@@ -419,3 +420,51 @@ def test_what_runs_away_leaves_the_others_of_its_pass_as_they_are() -> None:
     assert (
         np.sqrt(np.mean((one.position - alone.position) ** 2)) < RESOLUTION
     )  # five steps a sample, and fifteen
+
+
+class _FeedsFriction(PositionController):
+    """Adds Coulomb friction by the sign of its reference's speed, 0.04 N m over 0.4 rad/s."""
+
+    def feedforward(self, reference: np.ndarray, before: float, period: float) -> np.ndarray:
+        rate = np.diff(reference, prepend=before) / period
+        return PositionController.feedforward(self, reference, before, period) + 0.04 * np.tanh(rate / 0.4)
+
+
+def _twice(law: PositionController) -> Recording:
+    """The same motion two times, each disturbed by chance of its own."""
+    rounds = [recorded(law, seed=4, seconds=10.0), recorded(law, seed=4, seconds=10.0)]
+    columns = {
+        name: np.concatenate([one[name] for one in rounds]) for name in ("reference", "position", "torque")
+    }
+    rows = len(columns["torque"])
+    columns["torque"] += np.random.default_rng(5).normal(0.0, 1e-3, rows)
+    columns["time"] = np.arange(rows) * PERIOD
+    return Recording.from_columns(columns, rounds[0].metadata, "motion", np.repeat([0, 1], rows // 2))
+
+
+def test_friction_that_a_controller_feeds_forward_is_told_and_leaves_its_law() -> None:
+    law = _FeedsFriction(TRUE.kp, TRUE.kd, TRUE.ki, TRUE.derivative_filter)
+    recording = _twice(law)
+    data = prepare([recording])
+    assert not find_controller(data).usable
+    (told,) = with_friction_fed([recording], data, POLICY)
+    rate = np.diff(recording["reference"], prepend=recording["reference"][0]) / PERIOD
+    off = told["torque_feedforward"] - 0.04 * np.tanh(rate / 0.4)
+    assert np.sqrt(np.mean(off**2)) < 0.03 * 0.04
+    found = find_controller(prepare([told]))
+    assert found.usable
+    assert (found.kp, found.kd) == pytest.approx((TRUE.kp, TRUE.kd), rel=0.05)
+    assert "feeds friction forward" in told.metadata.remarks[-1]
+
+
+def test_a_controller_that_feeds_none_keeps_its_recording() -> None:
+    recording = _twice(TRUE)
+    told = with_friction_fed([recording], prepare([recording]), POLICY)
+    assert told[0] is recording
+
+
+def test_a_torque_that_no_controller_made_is_no_friction_fed_forward() -> None:
+    recording = _twice(TRUE)
+    noise = np.random.default_rng(6).normal(0.0, 0.1, len(recording))
+    other = with_torque(recording, noise)
+    assert with_friction_fed([other], prepare([other]), POLICY)[0] is other
