@@ -25,7 +25,13 @@ from autotune.estimation.contact_start import (
     less_after_rests,
     sticking,
 )
-from autotune.estimation.controller import AS_READ, FRICTION_FED, as_recorded, controllers_of, find_controller
+from autotune.estimation.controller import (
+    AS_READ,
+    FEEDS_FRICTION,
+    as_recorded,
+    controllers_of,
+    find_controller,
+)
 from autotune.estimation.controller_between import AS_MUCH
 from autotune.estimation.controller_law import NEXT
 from autotune.estimation.data import TRAINING, Prepared
@@ -80,8 +86,7 @@ def begin(
         notes = (*no_twin, *said, *loop_note(data, policy))
     laws = controllers_of(data, found, policy)
     law, disturbance = told_by_twin(data, laws, packed, policy)
-    told_of_loop = (AS_READ, FRICTION_FED[: FRICTION_FED.index(",")])
-    read = tuple(said for said in data.metadata.remarks if said.startswith(told_of_loop))
+    read = tuple(said for said in data.metadata.remarks if said.startswith((AS_READ, FEEDS_FRICTION)))
     notes = (*law.notes, *read, *notes)
     told = Told(data, laws) if any(one.within for one in laws) else None
     data, known = as_recorded(data, law), data

@@ -328,7 +328,7 @@ def looped_otherwise(
     if not problem.twin or not problem.two_masses(loaded.fitted.packed):
         return None
     tried = [
-        _settled_in(again, before)
+        settled_in(again, before)
         for again in (_shaken_best(problem, before), told_beside(problem, before.fitted))
         if again is not problem
     ]
@@ -355,7 +355,7 @@ def _shaken_by(problem: Problem, disturbance: Disturbance, packed: Packed) -> Pr
     return with_expected_noise(again, packed)
 
 
-def _settled_in(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit] | None:
+def settled_in(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit] | None:
     """A model fitted anew in another problem; None where its twin is unstable there."""
     fitted = model_fit.fitted
     settled = fit_inside_twin(problem, fitted.packed, list(fitted.free), 2, model_fit.effects)

@@ -44,6 +44,7 @@ from autotune.diagnosis.refits import (
     looped_otherwise,
     refined,
     root_from,
+    settled_in,
     taken_out,
     unsettled,
     with_contact,
@@ -402,11 +403,7 @@ class _Search:
         if found is None:
             return None
         self.progress("twins that are shaken or controlled otherwise")
-        if found is not late:
-            return found
-        problem = without_long_lag(found[0])
-        settled = fit_inside_twin(problem, found[1].fitted.packed, list(before.free), 2, before.effects)
-        return None if settled is None else (problem, settled)
+        return found if found is not late else settled_in(without_long_lag(found[0]), found[1])
 
     def _loaded_by_the_loop(self) -> bool:
         """Whether a second mass beside others made up for how the twin is shaken, controlled or late.

@@ -431,8 +431,7 @@ def prepared_for(recordings: Sequence[Recording], policy: Policy = POLICY) -> Pr
     most = max(compared_below(longest.period), bands.error)
     data = _quiet(recordings, most, pace)
     law = find_controller(data, policy)
-    read = with_friction_fed(recordings, data, policy) if not law.usable else recordings
-    read = [as_read(recording, law) for recording in read]
+    read = [as_read(recording, law) for recording in with_friction_fed(recordings, data, policy)]
     if any(one is not recording for one, recording in zip(read, recordings, strict=True)):
         recordings, data = read, _quiet(read, most, pace)
     if data.repeated:

@@ -66,12 +66,13 @@ SAME = 1e-9
 RECORDED_LATE = {MOMENT: 1.0, NEXT: 0.0, BEFORE: 2.0}
 """Half samples by which a torque is recorded late that acts from each sample to the next."""
 AS_READ = "Rows are written late: positions are taken as the controller read them, told by its demand."
+FEEDS_FRICTION = "The controller feeds friction forward, "
 FRICTION_FED = (
-    "The controller feeds friction forward, {:.3g} N m or N by the sign of its reference's speed; "
-    "that was told by its demand."
+    FEEDS_FRICTION + "{:.3g} N m or N by the sign of its reference's speed; that was told by its demand."
 )
 _ASKED: Remembered[Floats] = Remembered(12)
 _KNOWN: Remembered[tuple[PositionController, ...]] = Remembered()
+_FED: Remembered[Floats | None] = Remembered(4)
 
 
 def is_closed(recording: Recording) -> bool:
@@ -336,7 +337,8 @@ def with_friction_fed(recordings: Sequence[Recording], data: Prepared, policy: P
     """
     if not (data.repeated and data.closed) or find_controller(data, policy).usable:
         return recordings
-    fed = friction_fed_forward(loop_samples(data, policy))
+    samples = loop_samples(data, policy)
+    fed = _FED.answer(_mark(samples), lambda: friction_fed_forward(samples))
     if fed is None or not find_controller(replace(data, feedforward=data.feedforward + fed), policy).usable:
         return recordings
     said = FRICTION_FED.format(float(np.max(np.abs(fed))))

@@ -16,9 +16,9 @@ import numpy as np
 
 from autotune.core.arrays import Flags, Floats
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, error_left, explained_of_rest
-from autotune.diagnosis.refits import with_noise_of
+from autotune.diagnosis.refits import settled_in, with_noise_of
 from autotune.estimation.alignment import BESIDE, CURRENT_LOOP, behind_current_loop, best_shift, shifted
-from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
+from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.controller import as_wanted
 from autotune.estimation.data import Prepared
 from autotune.estimation.least_squares import CORRELATED, followed, standard_errors
@@ -324,14 +324,14 @@ def late_anew(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit]
     stay.
     """
     prompt = None if model_fit.fitted.packed.on[IS_LATE] else _at_once(problem)
-    here = None if prompt is None else _settled(prompt, model_fit)
+    here = None if prompt is None else settled_in(prompt, model_fit)
     if prompt is None or here is None:
         return None
-    again = _lag_in_loop(prompt, here) if _loops_between(prompt) else without_chain(prompt, here)
-    late = None if again is prompt else _settled(again, here)
-    if late is None or late.fitted.cost > here.fitted.cost:
-        return prompt, here
-    return with_noise_of(again, late) if problem.data.repeated else (again, late)
+    again = _lag_in_loop(*here) if _loops_between(prompt) else without_chain(*here)
+    late = None if again is prompt else settled_in(again, here[1])
+    if late is None or late[1].fitted.cost > here[1].fitted.cost:
+        return here
+    return with_noise_of(*late) if problem.data.repeated else late
 
 
 def _at_once(problem: Problem) -> Problem | None:
@@ -343,10 +343,6 @@ def _at_once(problem: Problem) -> Problem | None:
     if data.cycles > 0:
         return _with_cycles_again(problem)
     return _with(problem, shifted(data, data.shift)) if data.lag > 0.0 else None
-
-
-def _settled(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
-    return fit_inside_twin(problem, model_fit.fitted.packed, list(model_fit.free), 2, model_fit.effects)
 
 
 def _lag_in_loop(problem: Problem, model_fit: ModelFit) -> Problem:
