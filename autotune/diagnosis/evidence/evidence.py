@@ -40,6 +40,9 @@ CYCLES = (1, 2, 3)
 CHAIN = (-0.5, 1.0)
 """Samples by which a torque may be recorded late where it was not held from each sample to the next; half a sample
 early is room for a slower current loop than `BESIDE`."""
+FILTERED = 2e-3
+"""s, by which a torque may be recorded later still, by the filter of its reading: no axis answers before it is asked, so
+that no effect has this sign."""
 SETTLED = 4
 """Steps of a fit after torque and motion were moved."""
 WORTH_ALIGNING = 0.998
@@ -308,7 +311,7 @@ def _moved_once(problem: Problem, model_fit: ModelFit) -> Problem:
     earliest, latest = -np.inf, np.inf
     if law is not None:
         early, late = CHAIN
-        earliest, latest = 2.0 * (early - BESIDE / data.period), 2.0 * late
+        earliest, latest = 2.0 * (early - BESIDE / data.period), 2.0 * (late + FILTERED / data.period)
     if best < earliest:
         return _without_cycles(problem, model_fit)
     return problem if best > latest else _with(problem, shifted(data, best))
