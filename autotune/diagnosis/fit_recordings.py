@@ -17,8 +17,10 @@ from autotune.core.arrays import Floats
 from autotune.core.errors import ConfigurationError, NotEnoughExcitation
 from autotune.diagnosis.candidates import no_progress
 from autotune.diagnosis.compare import Compared, compare, unseen_error
+from autotune.diagnosis.evidence.evidence import SURE
 from autotune.diagnosis.fit_result import FitResult
 from autotune.diagnosis.fitting import fit_model
+from autotune.estimation.model_error import CLEARLY_LESS
 from autotune.estimation.policy import POLICY
 from autotune.identify.complexity import Complexity, judge_complexity
 from autotune.identify.estimate import Estimate, Quantity, judge_model
@@ -73,7 +75,7 @@ def fit_recordings(
     whole = joined(recordings)
     refuse_other_velocity(whole, "the recording")
     questions = refuse_unlike_axis(whole)
-    result = _fitted(whole, effects, progress)
+    result, compared = _behind_the_chain(_fitted(whole, effects, progress), whole, recordings, effects, progress)
     model = result.model
     if model is None:
         return replace(result, notes=(*questions, *result.notes), questions=tuple(questions))
@@ -84,7 +86,7 @@ def fit_recordings(
         result = replace(result, notes=(*result.notes, said))
     complexity = _complexity(result, precision, whole)
     result = replace(result, complexity=complexity, loop=simulate_closed_loop(whole, model))
-    return _with_error(result, recordings)
+    return _with_error(result, compared)
 
 
 def _with_units_judged(result: FitResult, model: DriveModel, whole: Recording) -> FitResult:
@@ -184,12 +186,34 @@ def _with_errors(model: DriveModel, estimate: Estimate) -> DriveModel:
     return model.with_values({name: model[name] for name in errors}, errors)
 
 
-def _with_error(result: FitResult, recordings: Sequence[Recording]) -> FitResult:
+def _behind_the_chain(
+    result: FitResult,
+    whole: Recording,
+    recordings: Sequence[Recording],
+    effects: Sequence[str],
+    progress: Progress,
+) -> tuple[FitResult, Compared | None]:
+    """The fit and how its model compares, with the torque as late as it acts, where that leaves less.
+
+    A fit of all motion together takes the torque as it was recorded: behind an ordinary current loop, or a reading
+    that is late, viscosity, friction and damping make up for the delay. The search has it as a nuisance.
+    """
+    compared = None if result.model is None else compared_or_none(recordings, result.model)
+    if compared is None or result.method != "twin":
+        return result, compared
+    data = compared.problem.data
+    if data.lag <= SURE * data.lag_error and data.late == 0.0 and data.cycles == 0:
+        return result, compared
+    other = _by_search(whole, effects, (), progress)
+    its = None if other.model is None else compared_or_none(recordings, other.model)
+    if its is None or not other.valid or its.error_rms > CLEARLY_LESS * compared.error_rms:
+        return result, compared
+    return other, its
+
+
+def _with_error(result: FitResult, compared: Compared | None) -> FitResult:
     """The error of the model as `compare` measures it, where it can."""
-    if result.model is None:
-        return result
-    compared = compared_or_none(recordings, result.model)
-    if compared is None:
+    if result.model is None or compared is None:
         return result
     estimate = replace(result.estimate, relative_error=compared.relative_error)
     if result.method in ("programme", "twin") and compared.relative_error**2 > POLICY.misfit:

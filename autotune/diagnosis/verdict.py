@@ -17,7 +17,7 @@ from autotune.diagnosis.candidates import (
     model_from,
     no_progress,
 )
-from autotune.diagnosis.compare import check_same_axis
+from autotune.diagnosis.compare import check_same_axis, stated_error
 from autotune.diagnosis.confirmation import confirm, in_words
 from autotune.diagnosis.contact_laws import of_many
 from autotune.diagnosis.each_recording import Searched, of_each, own_recordings
@@ -58,7 +58,7 @@ from autotune.estimation.bias_corrected_fit import ModelFit, unseen_error
 from autotune.estimation.coordinates import variance_shares
 from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.disturbance_estimate import with_counts
-from autotune.estimation.model_error import model_error, with_misfit
+from autotune.estimation.model_error import with_misfit
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import Problem
 from autotune.models.drive_model import DriveModel
@@ -120,7 +120,7 @@ def diagnose(
     """
     check_same_axis(model, recordings)
     data, whole = prepared_both(recordings, policy)
-    given = model_error(whole, model, policy)
+    given = stated_error(whole, model, policy)
 
     def searched(data: Prepared) -> Searched:
         return _searched(data, model, progress, policy, candidates)

@@ -41,8 +41,8 @@ CHAIN = (-0.5, 1.0)
 """Samples by which a torque may be recorded late where it was not held from each sample to the next; half a sample
 early is room for a slower current loop than `BESIDE`."""
 FILTERED = 2e-3
-"""s, by which a torque may be recorded later still, by the filter of its reading: no axis answers before it is asked, so
-that no effect has this sign."""
+"""s, by which a torque may be recorded later still, by the filter of its reading. No axis answers before it is asked:
+no effect has this sign."""
 SETTLED = 4
 """Steps of a fit after torque and motion were moved."""
 WORTH_ALIGNING = 0.998
