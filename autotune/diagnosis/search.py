@@ -201,7 +201,8 @@ class _Search:
         found = self._where_it_slides(self._beside_own_presliding(found))
         if found.chosen is None:
             return found
-        return replace(found, spring=spring_in_place(found.problem, found.root, self.nominal, found.chosen))
+        spring = spring_in_place(found.problem, found.root, self.nominal, found.chosen, self.seen)
+        return replace(found, spring=spring)
 
     def _seek(self) -> None:
         """Adds effects to the root, one beside the other, as long as they explain enough."""
@@ -711,9 +712,7 @@ class _Search:
         true = without_reading_waves(self.problem, best.model_fit)
         if true is not None:
             best = self._moved(true, best)
-        again = self.evidence.aligned(self.problem, best.model_fit)
-        if again is not self.problem:
-            best = self._moved(again, best)
+        best = self._aligned(best)
         if not self.evidence.repeats:
             best = with_contact(self.problem, self.root, best)
         if self.evidence.repeats and unsettled(self.problem, best):
@@ -784,6 +783,22 @@ class _Search:
         moved = self._moved(without_long_lag(found[0]), replace(best, model_fit=found[1]))
         moved = refined(self.problem, self.root, moved, self.progress)
         if moved.model_fit.fitted.cost < least:
+            return moved
+        self.problem, self.root, self.tried = before
+        return best
+
+    def _aligned(self, best: FittedCandidate) -> FittedCandidate:
+        """The best candidate with torque and motion aligned by it; as it was where the twin then leaves more.
+
+        Beside a lag of the loop a shift takes what the lag's law has too much or too little along the measured motion:
+        but rows that were written late delay no loop, and twins tell the one from the other.
+        """
+        again = self.evidence.aligned(self.problem, best.model_fit)
+        if again is self.problem:
+            return best
+        before = self.problem, self.root, self.tried
+        moved = self._moved(again, best)
+        if not again.twin or moved.model_fit.fitted.cost <= LEVEL_GROUND * best.model_fit.fitted.cost:
             return moved
         self.problem, self.root, self.tried = before
         return best
