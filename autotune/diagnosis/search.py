@@ -82,8 +82,10 @@ from autotune.estimation.problem import Problem
 from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.table import EFFECTS
+from autotune.models.torque_lag import TORQUE_LAG
 from autotune.models.transmission import has_load
 
+LAG = TORQUE_LAG.name
 MOST_EFFECTS, MOST_FITS = 3, 4
 """Effects that are added, and candidates fitted inside the twin for each of them."""
 WORTH_A_FIT_BESIDE, CLOSE_RIVAL = 0.6, 0.75
@@ -192,6 +194,7 @@ class _Search:
         if self._loaded_by_the_loop():
             self._seek_on()
             self._tidy()
+        self._without_chains_lag()
         if self.chosen is not None:
             self.chosen, self.unloaded = self._backward.without_doubtful_load(self.chosen, self.first)
         self._drop_laws()
@@ -423,6 +426,22 @@ class _Search:
         bare = replace(less, model_fit=found[1])
         self.root, (self.chosen,) = fitted_again(self.problem, self.root, [bare])
         return True
+
+    def _without_chains_lag(self) -> None:
+        """Beside other effects a lag is needed only where the chain, asked again beside them, cannot be what is late.
+
+        It was asked while they were missing, and what they explain may have bent the lag's way.
+        """
+        chosen = self.chosen
+        if chosen is None or len(chosen.model_fit.effects) < 2 or LAG not in chosen.model_fit.effects:
+            return
+        less = without_effect(self.problem, self.root, chosen.model_fit, LAG)
+        again = self.evidence.aligned(self.problem, less.model_fit) if less is not None else self.problem
+        if less is None or again is self.problem:
+            return
+        root, (bare,) = fitted_again(again, self.root, [less])
+        if bare.model_fit.fitted.cost <= LEVEL_GROUND * chosen.model_fit.fitted.cost:
+            self.problem, self.root, self.chosen = again, root, bare
 
     def _beside_own_presliding(self, found: Found) -> Found:
         """The same with elements that are no memory in the root: what was found beside them keeps its name."""

@@ -387,6 +387,35 @@ def test_what_remembers_need_not_come_again_where_experiments_held_out_and_veto_
     assert not search._remembers(replace(best, veto=None))
 
 
+@pytest.mark.parametrize(
+    ("effects", "left", "dropped"),
+    [
+        (("torque_lag", "spring"), 1.0, True),
+        (("torque_lag", "spring"), 1.05, False),
+        (("torque_lag",), 1.0, False),
+        (("spring", "stribeck"), 1.0, False),
+    ],
+)
+def test_a_lag_beside_others_goes_where_the_chain_beside_them_is_as_late(
+    begun: Begun, monkeypatch: pytest.MonkeyPatch, effects: tuple[str, ...], left: float, dropped: bool
+) -> None:
+    """What they explain was missing as the chain was asked; `left`: by the chain in its place, of what the lag does."""
+    problem, root = begun
+    again = replace(problem, data=shifted(problem.data, -1.0))
+    explained = Explained(1.0, 0.0)
+    chosen = FittedCandidate(effects[-1], replace(root, effects=effects), 0.6, explained, None, named=True)
+    bare = replace(root, fitted=replace(root.fitted, cost=left * root.fitted.cost), effects=("spring",))
+    less = replace(chosen, model_fit=bare)
+    monkeypatch.setattr(RepeatedProgramme, "aligned", lambda *_: again)
+    monkeypatch.setattr("autotune.diagnosis.search.without_effect", lambda *_: less)
+    monkeypatch.setattr("autotune.diagnosis.search.fitted_again", lambda *_: (bare, [less]))
+    search = _Search(problem, root, root.fitted.packed, print, RepeatedProgramme(), chosen=chosen)
+    search._without_chains_lag()
+    assert (search.chosen is less) == dropped
+    assert (search.problem is again) == dropped
+    assert (search.root is root) == (not dropped)
+
+
 @pytest.mark.parametrize(("left", "moved"), [(0.9, True), (1.05, False)])
 def test_a_candidate_is_aligned_where_the_twin_leaves_no_more(
     begun: Begun, monkeypatch: pytest.MonkeyPatch, left: float, moved: bool
