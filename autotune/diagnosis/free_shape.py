@@ -11,7 +11,7 @@ the effect lies at the edge of its law.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,9 +23,10 @@ from autotune.diagnosis.refits import judged, taken_out
 from autotune.diagnosis.screening import generic_gains
 from autotune.diagnosis.starts import Context, own_course, varying
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
-from autotune.estimation.least_squares import followed, jacobian
+from autotune.estimation.data import TRAINING, VETO
+from autotune.estimation.least_squares import DIFFERENCE, Free, followed
 from autotune.estimation.problem import Problem
-from autotune.estimation.residual import smoothed
+from autotune.estimation.residual import residuals, smoothed
 from autotune.models.drive_model import Packed
 from autotune.models.effect import Proportion
 from autotune.models.look_alikes import IN_TORQUE
@@ -220,10 +221,10 @@ class OtherProportion:
 def out_of_proportion(problem: Problem, root: ModelFit, model_fit: ModelFit) -> OtherProportion | None:
     """The first effect whose parts are not in its law's proportion, or may as well be in that of a stranger's law.
 
-    It is measured with all else refitted to first order: beside the effect's own law and, as a large effect is not the
-    sum of its parts, by the parts in its place; what leaves less tells. It is the effect's where it is nearer to its
-    law's than to the stranger's, told from that, and not beyond chance further off than half the way there, on the
-    other side neither.
+    It is measured on training and veto with all else refitted to first order: beside the effect's own law and, as a
+    large effect is not the sum of its parts, by the parts in its place; what leaves less tells. It is the effect's
+    where it is nearer to its law's than to the stranger's, told from that, and not beyond chance further off than half
+    the way there, on the other side neither.
     """
     found = (_proportion(problem, root, model_fit, effect) for effect in model_fit.effects)
     return next((one for one in found if one is not None), None)
@@ -234,63 +235,96 @@ def _proportion(problem: Problem, root: ModelFit, model_fit: ModelFit, effect: s
     told = EFFECTS[effect].proportion
     if told is None:
         return None
-    found = _measured(problem, root, model_fit, effect, told)
+    found = _measured(_Proportioned.of(problem, root, model_fit, effect, told))
     chance = problem.policy.apart_z * found.error
     own, strangers = abs(found.times - 1.0), abs(found.times - told.other)
     its = own < strangers and strangers > chance and own - chance <= 0.5 * abs(told.other - 1.0)
     return None if its else found
 
 
-def _measured(
-    problem: Problem, root: ModelFit, model_fit: ModelFit, effect: str, told: Proportion
-) -> OtherProportion:
+def _measured(parted: _Proportioned) -> OtherProportion:
     """What of the second part is there, by the model that leaves less."""
-    ways = (
-        _beside_own_law(problem, model_fit, effect, told),
-        _in_its_place(problem, root, model_fit, effect, told),
-    )
-    lows = [(_lowest(left), left) for left in ways]
+    lows = [(_lowest(left), left) for left in (parted.beside_own_law, parted.in_its_place)]
     best, left = min(lows, key=lambda one: float(one[1](one[0]).sum()))
-    return OtherProportion(effect, best, _error_of(left, best))
+    return OtherProportion(parted.effect, best, _error_of(left, best))
 
 
 def _lowest(left: Callable[[float], Floats]) -> float:
     return lowest(lambda times: float(left(times).sum()), BETWEEN, WITHIN)
 
 
-def _beside_own_law(
-    problem: Problem, model_fit: ModelFit, effect: str, told: Proportion
-) -> Callable[[float], Floats]:
-    """Times the second part → the squared error with so much of it in all, shape (m,)."""
-    fitted, weight = model_fit.fitted, problem.training
-    whole, slopes = _parts(problem, fitted.packed.p, told)[1], np.zeros_like(fitted.jacobian)
-    for i, (_, second) in _parts_of_each(problem, model_fit, effect, told).items():
-        slopes[:, i] = second
+@dataclass(frozen=True, slots=True)
+class _Proportioned:
+    """An effect of a model, its torque taken apart, on the rows of training and veto; each table has shape (m, k).
 
-    def left(times: float) -> Floats:
-        more = times - 1.0
-        rest = followed(fitted.jacobian - more * slopes, fitted.error - more * whole, weight)
-        return np.asarray(weight * rest**2)
+    What the law makes beside its two parts, as the shaft's friction that follows the place, is free in both models: a
+    stranger's differs from it by nothing that is known, and it must say nothing of the second part.
 
-    return left
+    Attributes:
+        weight: of the rows, shape (m,).
+        whole: the second part as the model has it, shape (m,).
+        first, second, beside: what each of the effect's free parameters adds to both parts, and to the rest.
+        base, error: what the others change of the model's residual, and that one, shape (m,).
+        bare_base, bare_error: the same of the model without the effect.
+    """
+
+    effect: str
+    weight: Floats
+    whole: Floats
+    first: Floats
+    second: Floats
+    beside: Floats
+    base: Floats
+    error: Floats
+    bare_base: Floats
+    bare_error: Floats
+
+    @classmethod
+    def of(
+        cls, problem: Problem, root: ModelFit, model_fit: ModelFit, effect: str, told: Proportion
+    ) -> _Proportioned:
+        fitted, bias = model_fit.fitted, model_fit.correction.bias
+        slots = {one.slot for one in EFFECTS[effect].parameters}
+        own, others = (
+            [one for one in fitted.free if (one.slot in slots) is inside] for inside in (True, False)
+        )
+        here, bare = fitted.packed, taken_out(root, model_fit, effect)
+        first, second = _parts_of_each(problem, here.p, own, told)
+        weight = problem.weight * problem.data.role(TRAINING, VETO)
+        changed = _changes(problem, here, [*others, *own])
+        base, law = changed[:, : len(others)], changed[:, len(others) :]
+        return cls(
+            effect, weight, _parts(problem, here.p, told)[1], first, second, law + first + second, base,
+            fitted.error, _changes(problem, bare, others), problem.raw(bare) - bias,
+        )  # fmt: skip
+
+    def beside_own_law(self, times: float) -> Floats:
+        """Times the second part → the squared error with so much of it in all, shape (m,)."""
+        law = self.beside - self.first - times * self.second
+        table = np.hstack([self.base, law, self.beside])
+        return self._left(table, self.error - (times - 1.0) * self.whole)
+
+    def in_its_place(self, times: float) -> Floats:
+        """The same of a model that has the parts in the place of the effect."""
+        table = np.hstack([self.bare_base, self.first + times * self.second, self.beside])
+        return self._left(table, self.bare_error)
+
+    def _left(self, table: Floats, error: Floats) -> Floats:
+        return np.asarray(self.weight * followed(table, error, self.weight) ** 2)
 
 
-def _in_its_place(
-    problem: Problem, root: ModelFit, model_fit: ModelFit, effect: str, told: Proportion
-) -> Callable[[float], Floats]:
-    """The same of a model that has the two parts in the place of the effect."""
-    bare, weight = taken_out(root, model_fit, effect), problem.training
-    each = _parts_of_each(problem, model_fit, effect, told)
-    free = [one for i, one in enumerate(model_fit.fitted.free) if i not in each]
-    at = problem.raw(bare)
-    base, _ = jacobian(problem.data, problem.moved, bare, free, at)
-    first, second = (np.column_stack(columns) for columns in zip(*each.values(), strict=True))
-
-    def left(times: float) -> Floats:
-        table = np.hstack([base, first + times * second])
-        return np.asarray(weight * followed(table, at - model_fit.correction.bias, weight) ** 2)
-
-    return left
+def _changes(problem: Problem, packed: Packed, free: Sequence[Free]) -> Floats:
+    """What each parameter changes of the residual of all recordings, as long as its scale, shape (m, parameters)."""
+    models, parts = [packed], []
+    for one in free:
+        value = float(packed.p[one.slot])
+        part = DIFFERENCE if value + DIFFERENCE * one.scale_at(value) <= one.upper else -DIFFERENCE
+        p = packed.p.copy()
+        p[one.slot] += part * one.scale_at(value)
+        models.append(Packed(p, packed.on))
+        parts.append(part)
+    found = residuals(problem.data, models, problem.moved)
+    return np.asarray((found[1:] - found[0]).T / parts)
 
 
 def _parts(problem: Problem, p: Floats, told: Proportion) -> tuple[Floats, Floats]:
@@ -301,19 +335,17 @@ def _parts(problem: Problem, p: Floats, told: Proportion) -> tuple[Floats, Float
 
 
 def _parts_of_each(
-    problem: Problem, model_fit: ModelFit, effect: str, told: Proportion
-) -> dict[int, tuple[Floats, Floats]]:
-    """Place among the free parameters → both parts that one of the effect's, as long as its scale, adds."""
-    fitted, p = model_fit.fitted, model_fit.fitted.packed.p
-    own, here = {one.slot for one in EFFECTS[effect].parameters}, _parts(problem, p, told)
-    found = {}
-    for i, one in enumerate(fitted.free):
-        if one.slot in own:
-            more = p.copy()
-            more[one.slot] += fitted.scales[i]
-            there = _parts(problem, more, told)
-            found[i] = there[0] - here[0], there[1] - here[1]
-    return found
+    problem: Problem, p: Floats, own: Sequence[Free], told: Proportion
+) -> tuple[Floats, Floats]:
+    """Both parts that each of the effect's parameters, as long as its scale, adds; shape (m, parameters) each."""
+    here, found = _parts(problem, p, told), []
+    for one in own:
+        more = p.copy()
+        more[one.slot] += one.scale_at(float(p[one.slot]))
+        there = _parts(problem, more, told)
+        found.append((there[0] - here[0], there[1] - here[1]))
+    first, second = (np.column_stack(columns) for columns in zip(*found, strict=True))
+    return first, second
 
 
 def _error_of(left: Callable[[float], Floats], best: float) -> float:

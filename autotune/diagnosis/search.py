@@ -82,8 +82,10 @@ from autotune.estimation.problem import Problem
 from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.table import EFFECTS
+from autotune.models.torque_lag import TORQUE_LAG
 from autotune.models.transmission import has_load
 
+LAG = TORQUE_LAG.name
 MOST_EFFECTS, MOST_FITS = 3, 4
 """Effects that are added, and candidates fitted inside the twin for each of them."""
 WORTH_A_FIT_BESIDE, CLOSE_RIVAL = 0.6, 0.75
@@ -192,6 +194,7 @@ class _Search:
         if self._loaded_by_the_loop():
             self._seek_on()
             self._tidy()
+        self._without_chains_lag()
         if self.chosen is not None:
             self.chosen, self.unloaded = self._backward.without_doubtful_load(self.chosen, self.first)
         self._drop_laws()
@@ -201,7 +204,8 @@ class _Search:
         found = self._where_it_slides(self._beside_own_presliding(found))
         if found.chosen is None:
             return found
-        return replace(found, spring=spring_in_place(found.problem, found.root, self.nominal, found.chosen))
+        spring = spring_in_place(found.problem, found.root, self.nominal, found.chosen, self.seen)
+        return replace(found, spring=spring)
 
     def _seek(self) -> None:
         """Adds effects to the root, one beside the other, as long as they explain enough."""
@@ -422,6 +426,22 @@ class _Search:
         bare = replace(less, model_fit=found[1])
         self.root, (self.chosen,) = fitted_again(self.problem, self.root, [bare])
         return True
+
+    def _without_chains_lag(self) -> None:
+        """Beside other effects a lag is needed only where the chain, asked again beside them, cannot be what is late.
+
+        It was asked while they were missing, and what they explain may have bent the lag's way.
+        """
+        chosen = self.chosen
+        if chosen is None or len(chosen.model_fit.effects) < 2 or LAG not in chosen.model_fit.effects:
+            return
+        less = without_effect(self.problem, self.root, chosen.model_fit, LAG)
+        again = self.evidence.aligned(self.problem, less.model_fit) if less is not None else self.problem
+        if less is None or again is self.problem:
+            return
+        root, (bare,) = fitted_again(again, self.root, [less])
+        if bare.model_fit.fitted.cost <= LEVEL_GROUND * chosen.model_fit.fitted.cost:
+            self.problem, self.root, self.chosen = again, root, bare
 
     def _beside_own_presliding(self, found: Found) -> Found:
         """The same with elements that are no memory in the root: what was found beside them keeps its name."""
@@ -711,9 +731,7 @@ class _Search:
         true = without_reading_waves(self.problem, best.model_fit)
         if true is not None:
             best = self._moved(true, best)
-        again = self.evidence.aligned(self.problem, best.model_fit)
-        if again is not self.problem:
-            best = self._moved(again, best)
+        best = self._aligned(best)
         if not self.evidence.repeats:
             best = with_contact(self.problem, self.root, best)
         if self.evidence.repeats and unsettled(self.problem, best):
@@ -784,6 +802,22 @@ class _Search:
         moved = self._moved(without_long_lag(found[0]), replace(best, model_fit=found[1]))
         moved = refined(self.problem, self.root, moved, self.progress)
         if moved.model_fit.fitted.cost < least:
+            return moved
+        self.problem, self.root, self.tried = before
+        return best
+
+    def _aligned(self, best: FittedCandidate) -> FittedCandidate:
+        """The best candidate with torque and motion aligned by it; as it was where the twin then leaves more.
+
+        Beside a lag of the loop a shift takes what the lag's law has too much or too little along the measured motion:
+        but rows that were written late delay no loop, and twins tell the one from the other.
+        """
+        again = self.evidence.aligned(self.problem, best.model_fit)
+        if again is self.problem:
+            return best
+        before = self.problem, self.root, self.tried
+        moved = self._moved(again, best)
+        if not again.twin or moved.model_fit.fitted.cost <= LEVEL_GROUND * best.model_fit.fitted.cost:
             return moved
         self.problem, self.root, self.tried = before
         return best

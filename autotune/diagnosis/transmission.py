@@ -71,7 +71,7 @@ def other_transmission_tried(
     if GAP.name in effects:
         if hardly_a_gap(policy, chosen.model_fit):
             progress(f"{SPRING.name} in place of {GAP.name}")
-            return _plainer_of(problem, chosen, spring_in_place(problem, root, nominal, chosen))
+            return _plainer_of(problem, chosen, spring_in_place(problem, root, nominal, chosen, seen))
         if problem.twin and effects == (GAP.name,):
             return chosen
         exchange = _Exchange(GAP, SPRING, policy.spring_instead_beside)
@@ -88,13 +88,17 @@ def other_transmission_tried(
 
 
 def spring_in_place(
-    problem: Problem, root: ModelFit, nominal: Packed, chosen: FittedCandidate
+    problem: Problem, root: ModelFit, nominal: Packed, chosen: FittedCandidate, seen: Sequence[ModelFit] = ()
 ) -> FittedCandidate | None:
-    """The chosen model with a spring where it has hardly a gap; None where it has no such thing, or none was found."""
+    """The chosen model with a spring where it has hardly a gap; None where it has no such thing, or none was found.
+
+    Of the gap's contact and the springs of models `seen` that begins which costs least: a load that gives way in a
+    small gap too is heavier and harder on a spring alone, and no few steps lead there from the contact.
+    """
     policy = problem.policy
     if not hardly_a_gap(policy, chosen.model_fit) or SPRING not in problem.candidates:
         return None
-    return _Exchange(GAP, SPRING, policy.spring_instead).fitted(problem, root, nominal, chosen)
+    return _Exchange(GAP, SPRING, policy.spring_instead).fitted(problem, root, nominal, chosen, seen)
 
 
 def gap_is_told(problem: Problem, chosen: FittedCandidate, spring: FittedCandidate) -> bool:
@@ -271,15 +275,21 @@ class _Exchange:
         return chosen if other is None or error_left(problem, other.model_fit) > least else other
 
     def fitted(
-        self, problem: Problem, root: ModelFit, nominal: Packed, chosen: FittedCandidate
+        self,
+        problem: Problem,
+        root: ModelFit,
+        nominal: Packed,
+        chosen: FittedCandidate,
+        seen: Sequence[ModelFit] = (),
     ) -> FittedCandidate | None:
-        """The model with the new one; None where its twin is unstable."""
+        """The model with the new one, begun where models `seen` have it too; None where its twin is unstable."""
         model_fit = chosen.model_fit
         begun = list(starts_of(self.new, Context(problem, model_fit.fitted, nominal)))
         starts = [self._start(start, root) for start in (begun[:1] if self.new is SPRING else begun)]
         slots = {parameter.slot for parameter in self.old.parameters}
         free = [*(f for f in model_fit.free if f.slot not in slots), *begun[-1].free]
         effects = tuple(self.new.name if name == self.old.name else name for name in model_fit.effects)
+        starts += [one.fitted.packed for one in seen if one.effects == effects]
         target = max(self.least, 1.0) * model_fit.fitted.cost if self.new is GAP else math.inf
         settled = fit_from_starts(problem, starts, 0.0, free, effects, target)
         if settled is None:

@@ -12,6 +12,7 @@ import pytest
 
 from autotune.core.arrays import Floats
 from autotune.diagnosis import baseline
+from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.candidates import FittedCandidate, again_explained, plainer
 from autotune.diagnosis.evidence.evidence import Evidence, late_anew, without_long_lag
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
@@ -20,6 +21,7 @@ from autotune.diagnosis.found_model import torque_late
 from autotune.diagnosis.search import _Search
 from autotune.diagnosis.wording import torque_path_notes
 from autotune.estimation.alignment import behind_current_loop, followed_late, shifted
+from autotune.estimation.bandwidth import prepared_to_fit
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import (
     damped_as_twins_creep,
@@ -35,10 +37,12 @@ from autotune.estimation.problem import Correction, Problem, refit
 from autotune.estimation.residual import Simulated, measured_motion
 from autotune.estimation.twin_runs import acted_late, run_twin, run_twins, shaken
 from autotune.models import layout
-from autotune.models.drive_model import Packed
+from autotune.models.drive_model import Packed, base_model
 from autotune.models.torque_lag import IS_LATE, MOTOR_TORQUE, STAGES, TIME_CONSTANT
 from autotune.models.torque_path import delivered
 from autotune.models.torque_saturation import bent
+from tests.support.axes import NOMINAL, plain_axis
+from tests.support.diagnosis_programme import play, programme
 
 Begun = tuple[Problem, ModelFit]
 
@@ -68,6 +72,17 @@ def test_what_the_measurement_chain_can_do_is_taken_out(begun: Begun, late: floa
         other = RepeatedProgramme().aligned(*_spoilt(begun, shifted(begun[0].data, late), exact=False))
         assert again.data.shift - other.data.shift == pytest.approx(2.0 * late, abs=0.1)
         assert again.data.shift == pytest.approx(late, abs=0.3)
+
+
+def test_a_lag_in_the_loop_is_told_from_rows_that_were_written_late(begun: Begun) -> None:
+    """Along the measured motion both are a torque moved by 0.6 ms; in the twin only one of them delays the loop."""
+    late = shifted(begun[0].data, 1.2)
+    written = RepeatedProgramme().aligned(*_spoilt(begun, late, exact=False))
+    assert written.data.late == pytest.approx(0.6, abs=0.15)
+    lagging = play(plain_axis(3, {"torque_lag": 6e-4}), 3, programme(("sine", "points")))
+    problem, model_fit = begin(prepared_to_fit([lagging]), base_model(NOMINAL))[:2]
+    problem, model_fit = _spoilt((problem, model_fit), problem.data, exact=False)
+    assert RepeatedProgramme().aligned(problem, model_fit) is problem
 
 
 def test_whole_cycles_behind_a_drive_s_loop_are_no_lag(begun: Begun) -> None:
@@ -370,6 +385,54 @@ def test_what_remembers_need_not_come_again_where_experiments_held_out_and_veto_
     search = _Search(problem, root, root.fitted.packed, print, RepeatedProgramme())
     assert search._remembers(best) == sure
     assert not search._remembers(replace(best, veto=None))
+
+
+@pytest.mark.parametrize(
+    ("effects", "left", "dropped"),
+    [
+        (("torque_lag", "spring"), 1.0, True),
+        (("torque_lag", "spring"), 1.05, False),
+        (("torque_lag",), 1.0, False),
+        (("spring", "stribeck"), 1.0, False),
+    ],
+)
+def test_a_lag_beside_others_goes_where_the_chain_beside_them_is_as_late(
+    begun: Begun, monkeypatch: pytest.MonkeyPatch, effects: tuple[str, ...], left: float, dropped: bool
+) -> None:
+    """What they explain was missing as the chain was asked; `left`: by the chain in its place, of what the lag does."""
+    problem, root = begun
+    again = replace(problem, data=shifted(problem.data, -1.0))
+    explained = Explained(1.0, 0.0)
+    chosen = FittedCandidate(effects[-1], replace(root, effects=effects), 0.6, explained, None, named=True)
+    bare = replace(root, fitted=replace(root.fitted, cost=left * root.fitted.cost), effects=("spring",))
+    less = replace(chosen, model_fit=bare)
+    monkeypatch.setattr(RepeatedProgramme, "aligned", lambda *_: again)
+    monkeypatch.setattr("autotune.diagnosis.search.without_effect", lambda *_: less)
+    monkeypatch.setattr("autotune.diagnosis.search.fitted_again", lambda *_: (bare, [less]))
+    search = _Search(problem, root, root.fitted.packed, print, RepeatedProgramme(), chosen=chosen)
+    search._without_chains_lag()
+    assert (search.chosen is less) == dropped
+    assert (search.problem is again) == dropped
+    assert (search.root is root) == (not dropped)
+
+
+@pytest.mark.parametrize(("left", "moved"), [(0.9, True), (1.05, False)])
+def test_a_candidate_is_aligned_where_the_twin_leaves_no_more(
+    begun: Begun, monkeypatch: pytest.MonkeyPatch, left: float, moved: bool
+) -> None:
+    """A lag that explained 95 % was moved to 52 %, as rows that are late explain as much along the measured motion."""
+    problem, root = begun
+    again = replace(problem, data=shifted(problem.data, -1.0))
+    before = FittedCandidate("torque_lag", root, 0.6, Explained(1.0, 0.0), None, named=True)
+    cost = left * root.fitted.cost
+    after = replace(before, model_fit=replace(root, fitted=replace(root.fitted, cost=cost)))
+    monkeypatch.setattr(RepeatedProgramme, "aligned", lambda *_: again)
+    monkeypatch.setattr("autotune.diagnosis.search.fitted_again", lambda *_: (after.model_fit, [after]))
+    search = _Search(problem, root, root.fitted.packed, print, RepeatedProgramme())
+    found = search._aligned(before)
+    assert (found.model_fit.fitted.cost == cost) == moved
+    assert search.problem is (again if moved else problem)
+    assert (search.root is root) == (not moved)
 
 
 @pytest.mark.parametrize(

@@ -276,13 +276,16 @@ def test_friction_that_only_driving_shows_may_be_a_motor_that_saturates(saturate
     assert not like_a_motor(problem, root, replace(root, effects=("spring",)), 0.0)
 
 
-def _swinging(eccentric: float, crank: float) -> Recording:
-    """A light motor's large inertia, an encoder that is off centre, and an inertia J·(1 + crank·cos q)."""
+def _swinging(eccentric: float, crank: float, oiled: float = 0.0) -> Recording:
+    """A light motor's large inertia, an encoder that is off centre, and an inertia J·(1 + crank·cos q).
+
+    `oiled`: viscous friction beyond the crank, which follows the place as its inertia does.
+    """
     time, inertia = np.arange(0.0, 20.0, PERIOD), 0.01
     q = 3.0 * np.sin(2 * np.pi * 0.31 * time) + 1.5 * np.sin(2 * np.pi * 0.73 * time + 1.0)
     v = np.gradient(q, PERIOD)
     needed = inertia * (1.0 + crank * np.cos(q)) * np.gradient(v, PERIOD) + COULOMB * np.tanh(v / 5e-3)
-    needed += VISCOUS * v - 0.5 * inertia * crank * np.sin(q) * v**2
+    needed += (VISCOUS + oiled * np.cos(q)) * v - 0.5 * inertia * crank * np.sin(q) * v**2
     torque = 0.5 * (needed + np.append(needed[1:], needed[-1])) + np.random.default_rng(5).normal(
         0.0, 2e-3, len(q)
     )
@@ -291,20 +294,24 @@ def _swinging(eccentric: float, crank: float) -> Recording:
 
 
 @pytest.mark.parametrize(
-    ("eccentric", "crank", "between"),
+    ("eccentric", "crank", "oiled", "between"),
     [
-        (0.02, 0.0, None),
-        (0.3, 0.0, None),
-        (0.0, 0.03, (0.48, 0.52)),
-        (0.0, 0.3, (0.48, 0.52)),
-        (0.1, 0.25, (0.0, 0.4)),
+        (0.02, 0.0, 0.0, None),
+        (0.3, 0.0, 0.0, None),
+        (0.0, 0.03, 0.0, (0.48, 0.52)),
+        (0.0, 0.3, 0.0, (0.48, 0.52)),
+        (0.0, 0.03, 0.004, (0.47, 0.53)),
+        (0.1, 0.25, 0.0, (0.0, 0.4)),
     ],
 )
 def test_an_inertia_that_changes_with_the_place_is_no_encoder_off_centre(
-    eccentric: float, crank: float, between: tuple[float, float] | None
+    eccentric: float, crank: float, oiled: float, between: tuple[float, float] | None
 ) -> None:
-    """Of a crank's torque half as much goes with the square of the speed, however large it is; a mixture is neither."""
-    recording, kind = _swinging(eccentric, crank), EFFECTS["encoder_eccentricity"]
+    """Of a crank's torque half as much goes with the square of the speed, however large it is; a mixture is neither.
+
+    What its friction has of the place says nothing of that.
+    """
+    recording, kind = _swinging(eccentric, crank, oiled), EFFECTS["encoder_eccentricity"]
     values = {"inertia": 0.01, "coulomb": COULOMB, "viscous": VISCOUS, "stiffness": 1000.0}
     plain = base_model(values | {"micro_damping": 0.1, "offset": 0.0})
     model = plain.with_effect(kind.make({"sin": eccentric - crank, "cos": 0.0, "order": 1.0}))
@@ -315,7 +322,7 @@ def test_an_inertia_that_changes_with_the_place_is_no_encoder_off_centre(
     assert (told is None) == (between is None)
     if told is not None and between is not None:
         assert between[0] < told.times < between[1]
-        assert told.error < 0.05
+        assert told.error < (0.15 if oiled else 0.05)
 
 
 def test_a_model_is_fitted_without_the_effects_that_it_has() -> None:

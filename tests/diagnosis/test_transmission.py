@@ -17,6 +17,7 @@ from autotune.diagnosis.transmission import (
     _plainer_of,
     adds_nothing,
     gap_is_told,
+    spring_in_place,
 )
 from autotune.estimation.policy import POLICY
 from autotune.models import layout
@@ -165,6 +166,28 @@ def test_a_spring_takes_the_place_of_what_is_hardly_a_gap(
     chosen = _plainer_of(SimpleNamespace(policy=POLICY), gap, spring)
     assert chosen is (spring if instead else gap)
     assert _plainer_of(SimpleNamespace(policy=POLICY), gap, None) is gap
+
+
+def test_a_spring_in_the_place_of_hardly_a_gap_begins_where_one_was_fitted_too(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """From the gap's contact its fit ended at six times the cost of the spring of the round before."""
+    packed = base_model(BASE).pack()
+    packed.p[BACKLASH.slot("contact_compliance")] = 2e-3
+    gap = SimpleNamespace(fitted=SimpleNamespace(packed=packed, cost=1.0), free=(), effects=(BACKLASH.name,))
+    springs = [
+        SimpleNamespace(fitted=SimpleNamespace(packed=base_model(BASE).pack()), effects=effects)
+        for effects in [(ELASTIC_TRANSMISSION.name,), ("stribeck",)]
+    ]
+    begun: list[Packed] = []
+    monkeypatch.setattr(transmission, "fit_from_starts", lambda _, starts, *rest: begun.extend(starts))
+    monkeypatch.setattr(transmission, "starts_of", lambda *_: iter([FitStart(packed, ())]))
+    monkeypatch.setattr(transmission, "Context", lambda *_: None)
+    problem = SimpleNamespace(policy=POLICY, candidates=[ELASTIC_TRANSMISSION])
+    chosen = SimpleNamespace(model_fit=gap, effect=BACKLASH.name)
+    spring_in_place(problem, gap, packed, chosen, [gap, *springs])
+    assert [one.p[ELASTIC_TRANSMISSION.slot("compliance")] for one in begun] == [2e-3, 0.0]
+    assert begun[1] is springs[0].fitted.packed
 
 
 def test_a_start_of_every_size_is_looked_at() -> None:

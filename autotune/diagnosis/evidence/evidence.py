@@ -17,15 +17,18 @@ import numpy as np
 from autotune.core.arrays import Flags, Floats
 from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, error_left, explained_of_rest
 from autotune.diagnosis.refits import settled_in, with_noise_of
+from autotune.diagnosis.starts import varying
 from autotune.estimation.alignment import BESIDE, CURRENT_LOOP, behind_current_loop, best_shift, shifted
-from autotune.estimation.bias_corrected_fit import ModelFit
+from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.controller import as_wanted
 from autotune.estimation.data import Prepared
 from autotune.estimation.least_squares import CORRELATED, followed, standard_errors
 from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Problem, refit
 from autotune.estimation.residual import measured_motion, smoothed
+from autotune.models.drive_model import Packed
 from autotune.models.effect import Kind
+from autotune.models.start_values import Vary
 from autotune.models.torque_lag import IS_LATE, STAGES, TIME_CONSTANT, TORQUE_LAG
 from autotune.signals.line_search import lowest
 
@@ -264,13 +267,39 @@ def without_chain(problem: Problem, model_fit: ModelFit) -> Problem:
     cycles later, and behind a current loop. Any other torque may be recorded at another moment too: it is moved. A
     model that was fitted before has taken over a part of a delay of cycles: the rest is found beside the model after.
     The axis ran in its loop: a delay with which the twin's would be unstable, where it was not, is none of the axis.
+    Nor is one in whose place a lag in the loop leaves clearly less.
     """
     again = _moved_once(problem, model_fit)
     if again is problem:
         return problem
     fitted = refit(again, model_fit.fitted.packed, list(model_fit.free), model_fit.correction, SETTLED)
     moved = _moved_once(again, replace(model_fit, fitted=fitted))
-    return moved if moved.correction(fitted.packed, 1).stable else problem
+    settled = replace(model_fit, fitted=fitted)
+    if not moved.correction(fitted.packed, 1).stable or _lags_in_loop(problem, moved, settled):
+        return problem
+    return moved
+
+
+def _lags_in_loop(problem: Problem, moved: Problem, model_fit: ModelFit) -> bool:
+    """Whether a torque that was moved by more than a current loop is late lags in its loop instead.
+
+    Along the measured motion the one is as good as the other, and the bias that is held there is that of a loop without
+    any. In the twin they differ: rows that were written late delay no loop, a bus does not bend the torque, and a lag
+    does both. It must leave clearly less there, and be no current loop's beyond doubt.
+    """
+    late = moved.data.period * (moved.data.late - problem.data.late) + moved.data.lag - problem.data.lag
+    packed = model_fit.fitted.packed
+    if not problem.twin or packed.on[IS_LATE] or problem.two_masses(packed) or late <= CURRENT_LOOP:
+        return False
+    here = settled_in(moved, model_fit)
+    p, on = packed.p.copy(), packed.on.copy()
+    p[TIME_CONSTANT], on[IS_LATE] = late, True
+    free = [*model_fit.free, varying(TORQUE_LAG, "time_constant", Vary(late, late))]
+    lags = fit_inside_twin(problem, Packed(p, on), free, 2, (*model_fit.effects, TORQUE_LAG.name))
+    if here is None or lags is None or lags.fitted.cost >= CLEARLY_LESS * here[1].fitted.cost:
+        return False
+    error = float(standard_errors(lags.fitted, problem.training)[-1])
+    return float(lags.fitted.packed.p[TIME_CONSTANT]) - SURE * error > CURRENT_LOOP
 
 
 def without_rounding(problem: Problem, model_fit: ModelFit) -> Problem:
