@@ -130,6 +130,21 @@ def test_a_mean_until_the_next_sample_is_told_where_stretches_end_in_motion() ->
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("noise", [0.01, 0.05])
+def test_however_a_torque_was_recorded_set_points_are_as_late(noise: float) -> None:
+    """Slow motion and a noisy torque: no way of recording it explains more, and a wrong delay hardly less.
+
+    Below 2 Hz a sample's delay is made up for by the reference's own terms to within the noise: each of the laws must
+    be the one that needs none.
+    """
+    samples = of_a_drive("moment", 2, hertz=2.0)
+    heard = noise * np.std(samples.demand) * np.random.default_rng(1).normal(size=len(samples.demand))
+    found = laws_between(replace(samples, demand=samples.demand + heard), PositionController(explained=0.5))
+    assert {law.taken for law in found} == {"moment", "next", "before"}
+    assert [law.reference_delay for law in found] == [2] * len(found)
+
+
+@pytest.mark.slow
 def test_behind_a_drive_whose_rows_are_written_late_slow_rows_tell_the_law() -> None:
     """Half of the rows are late by one to three ticks of an eighth of 2 ms, in position and torque alike.
 
