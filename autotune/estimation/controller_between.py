@@ -261,23 +261,21 @@ def _best_between(
     what the reference adds. Set points are late by whole samples. Of laws that explain alike the one whose reference
     does least by itself is taken: a law with another delay makes up for it with the reference's derivatives.
 
-    After it the best of each other way of recording a torque that explains as much: a mean over the last sample and a
+    After it the same of each other way of recording a torque that explains as much: a mean over the last sample and a
     later set point are the same below that frequency, but for a twin they are not. What a loop makes of its set points
     from sample to sample is in a torque as at the samples, and not in a mean.
+
+    Filters are found before delays are told: between rough ones the true delay leaves more than another one does.
     """
-    most = (1.0 - max(trial.explained for trial in trials)) * HARDLY_MORE
-    near = [trial for trial in trials if 1.0 - trial.explained <= most]
-    plain = min(near, key=lambda trial: _off_by(trial, samples.period))
-    alike = [trial for trial in near if trial.reference_delay == plain.reference_delay]
-    best = max(alike, key=lambda trial: trial.explained)
-    enough = FINER_FILTER * most
-    forms: dict[tuple[bool, str], PositionController] = {}
+    enough = (1.0 - max(trial.explained for trial in trials)) * HARDLY_MORE * FINER_FILTER
+    forms: dict[tuple[str, int], PositionController] = {}
     for trial in sorted(trials, key=lambda trial: trial.explained):
-        if trial.reference_delay == best.reference_delay and 1.0 - trial.explained <= enough:
-            forms[trial.cubic, trial.taken] = trial
+        if 1.0 - trial.explained <= enough:
+            forms[trial.taken, trial.reference_delay] = trial
     refined = [_best_rate(coarse, form) for form in forms.values()]
-    best = max(refined, key=lambda trial: trial.explained)
-    found = [best, *_recorded_otherwise(coarse, trials, best, enough)]
+    best = _plainest(refined, samples.period)
+    ways = [[one for one in refined if one.taken == taken] for taken in TAKEN if taken != best.taken]
+    found = [best, *(_plainest(way, samples.period) for way in ways if way)]
     whole = _Between(samples)
     laws = [whole.law(one, one.filter_rate(samples.period)) for one in found]
     least = AS_MUCH * (1.0 - laws[0].explained)
@@ -298,14 +296,13 @@ def _off_by(law: PositionController, period: float) -> float:
     return min(by_place, max(by_bend, -fed / max(abs(law.kp), 1e-300)))
 
 
-def _recorded_otherwise(
-    coarse: _Between, trials: Sequence[PositionController], best: PositionController, enough: float
-) -> Iterator[PositionController]:
-    """The best of the laws for each other way of recording a torque; `enough` is the largest share left of a trial."""
-    for taken in TAKEN:
-        ways = [one for one in trials if one.taken == taken and 1.0 - one.explained <= enough]
-        if ways and taken != best.taken:
-            yield _best_rate(coarse, max(ways, key=lambda trial: trial.explained))
+def _plainest(laws: Sequence[PositionController], period: float) -> PositionController:
+    """Of laws that explain as much as the best of them the best with the delay for which it is least off."""
+    most = (1.0 - max(law.explained for law in laws)) * HARDLY_MORE
+    near = [law for law in laws if 1.0 - law.explained <= most]
+    plain = min(near, key=lambda law: _off_by(law, period))
+    alike = [law for law in near if law.reference_delay == plain.reference_delay]
+    return max(alike, key=lambda law: law.explained)
 
 
 def _best_rate(samples: _Between, form: PositionController) -> PositionController:

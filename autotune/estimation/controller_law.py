@@ -396,8 +396,9 @@ def answered(samples: LoopSamples, terms: Floats, law: PositionController) -> Fl
 def regular_rows(samples: LoopSamples, smoothing: float) -> tuple[Flags, Integers]:
     """Rows that tell the law, shape (n,), and the number of the run that each of them belongs to.
 
-    Not the clamped ones, nor those after a start where the derivative still remembers what was before it, nor
-    runs so short that their constant would explain them.
+    Not the clamped ones, nor those after a start where the derivative still remembers what was before it, nor the
+    last one, whose mean until the next would need a position that was not recorded, nor runs so short that their
+    constant would explain them.
     """
     kept = np.zeros(len(samples.demand), dtype=np.bool_)
     number = np.zeros(len(samples.demand), dtype=np.int64)
@@ -408,6 +409,7 @@ def regular_rows(samples: LoopSamples, smoothing: float) -> tuple[Flags, Integer
             continue
         free = ~samples.clamped[rows]
         free[: min(len(free) // 4, max(20, round(10.0 / smoothing)))] = False
+        free[-1] = False
         edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]]).astype(np.int8)))
         for start, stop in (edges.reshape(-1, 2) + rows.start).tolist():
             if stop - start >= SHORTEST_RUN:
