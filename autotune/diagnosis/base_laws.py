@@ -79,7 +79,7 @@ def without_fading(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
 def with_creep(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
     """The model whose contact has no static friction (`lugre.crept`); None where the data do not ask for it.
 
-    Begun at the bristle that the model has, and at one that is relaxed within a sample: nothing but the film.
+    Begun at a bristle that is relaxed within a sample: nothing but the film.
     """
     fitted = model_fit.fitted
     known = {layout.COULOMB, layout.STIFFNESS} <= {one.slot for one in model_fit.free}
@@ -90,11 +90,9 @@ def with_creep(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
     for share in CREEPS:
         speed = share * problem.scales.velocity
         start = _begun(fitted.packed, CREEP_SLOTS, (speed, 0.0))
-        film = Packed(start.p.copy(), start.on)
         relaxed = start.p[layout.COULOMB] / (speed * problem.data.period)
-        film.p[layout.STIFFNESS] = max(start.p[layout.STIFFNESS], relaxed)
-        for one in (start, film):
-            starts.append((one, [*model_fit.free, *creep_free(one.p, problem.scales)], None))
+        start.p[layout.STIFFNESS] = max(start.p[layout.STIFFNESS], relaxed)
+        starts.append((start, [*model_fit.free, *creep_free(start.p, problem.scales)], None))
     return _followed(problem, model_fit, refits(problem, starts, model_fit.correction, SHORT), ROUNDS + 1)
 
 
@@ -218,7 +216,7 @@ CREEP_LAW = BaseLaw(
     CREEP_SLOTS,
     _creeps_note,
 )
-BASE_LAWS = (FADING_LAW, CLIMB_LAW, CURVE_LAW, CREEP_LAW)
+BASE_LAWS = (CREEP_LAW, FADING_LAW, CLIMB_LAW, CURVE_LAW)
 
 
 def without_effects(problem: Problem, root: ModelFit) -> ModelFit | None:
@@ -253,7 +251,7 @@ def told_of_base(root: Packed, nominal: Packed, motion_unit: str, climbs: bool =
 
     `climbs`: whether elements are such a law; else they were found as a memory that is none, and that is said.
     """
-    laws = BASE_LAWS if climbs else (FADING_LAW, CURVE_LAW, CREEP_LAW)
+    laws = BASE_LAWS if climbs else (CREEP_LAW, FADING_LAW, CURVE_LAW)
     notes = [law.note(root, motion_unit) for law in laws if law.new(root, nominal)]
     for kind in _in_textbooks(root):
         slots = [parameter.slot for parameter in kind.parameters if parameter.optional]
