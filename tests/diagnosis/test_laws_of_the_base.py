@@ -81,7 +81,7 @@ def test_an_effect_is_named_beside_it() -> None:
     assert abs(value - true.fading_velocity) < 0.5 * true.fading_velocity + ERRORS * error
 
 
-@pytest.mark.slow(24)
+@pytest.mark.slow(50)
 def test_friction_without_a_static_part_is_a_law_of_the_base() -> None:
     """What is missing beside it keeps its name."""
     _, recording = axis_and_recording(44, {"gravity_imbalance": 0.02}, smooth_velocity=0.2)
