@@ -18,7 +18,7 @@ from autotune.control.feedforward import LugreParameters
 from autotune.core.arrays import Floats
 from autotune.core.drive import Sample
 from autotune.models import layout
-from autotune.models.drive_model import CURVE, DAMPING_VELOCITY, DriveModel, base_model
+from autotune.models.drive_model import CREEP, CURVE, DAMPING_VELOCITY, DriveModel, base_model
 from autotune.models.inverse import required
 
 
@@ -39,7 +39,7 @@ def left_out(model: DriveModel) -> dict[str, str]:
 
 def beyond_lugre(model: DriveModel) -> tuple[str, ...]:
     """Effects, and laws of the base, that this feedforward plays and that of the thesis does not have."""
-    laws = tuple(one.name for one in (DAMPING_VELOCITY, CURVE[0]) if one.name in model.base)
+    laws = tuple(one.name for one in (DAMPING_VELOCITY, CURVE[0], CREEP[0]) if one.name in model.base)
     effects = tuple(e.name for e in model.effects if e.kind.fed_forward and not e.kind.in_lugre)
     return (*laws, *effects)
 

@@ -18,6 +18,7 @@ from autotune.diagnosis.contact_laws import (
     ROUNDS,
     SHORT,
     climbs_otherwise,
+    creeps,
     curved,
     of_many,
     with_climb,
@@ -27,6 +28,7 @@ from autotune.diagnosis.starts import Context, own_course, varying
 from autotune.diagnosis.wording import (
     FADING_DAMPING,
     MANY_CONTACTS,
+    NO_STATIC_FRICTION,
     OTHER_BENDING,
     OTHER_CLIMB,
     OTHER_CURVE,
@@ -34,15 +36,18 @@ from autotune.diagnosis.wording import (
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import CONTACT, best_contact, usual_damping
 from autotune.estimation.least_squares import Fitted, Free
-from autotune.estimation.problem import Problem, base_free, curve_free, fading_free, refit, refits
+from autotune.estimation.problem import Problem, base_free, creep_free, curve_free, fading_free, refit, refits
 from autotune.models import layout
-from autotune.models.drive_model import BRISTLES_CURVE, CURVE, FADING, Packed
+from autotune.models.drive_model import BRISTLES_CURVE, CREEP, CURVE, FADING, Packed
 from autotune.models.effect import Kind
 from autotune.models.table import EFFECTS
 
 FADES = (3e-3, 1e-2, 3e-2, 1e-1)
 """Of the speed: where fits begin of a damping in presliding that fades."""
 FADING_SLOTS = tuple(parameter.slot for parameter in FADING)
+CREEP_SLOTS = tuple(parameter.slot for parameter in CREEP)
+CREEPS = (1e-3, 3e-3, 1e-2, 3e-2)
+"""Of the speed: where fits begin of friction that has no static part."""
 CURVE_SLOTS = tuple(parameter.slot for parameter in CURVE)
 ELASTIC_CURVE = (1.0, 1.0, 0.9, 0.4)
 """Of a contact that is elastic until it slides (`lugre.bends`)."""
@@ -71,6 +76,31 @@ def without_fading(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
     return _given_up(problem, model_fit, FADING_SLOTS)
 
 
+def with_creep(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
+    """The model whose contact has no static friction (`lugre.crept`); None where the data do not ask for it.
+
+    Begun at a bristle that is relaxed within a sample: nothing but the film.
+    """
+    fitted = model_fit.fitted
+    known = {layout.COULOMB, layout.STIFFNESS} <= {one.slot for one in model_fit.free}
+    there = creeps(fitted.packed) or curved(fitted.packed) or climbs_otherwise(fitted.packed)
+    if there or not known or problem.data.steady or problem.two_masses(fitted.packed):
+        return None
+    starts: list[tuple[Packed, list[Free], Fitted | None]] = []
+    for share in CREEPS:
+        speed = share * problem.scales.velocity
+        start = _begun(fitted.packed, CREEP_SLOTS, (speed, 0.0))
+        relaxed = start.p[layout.COULOMB] / (speed * problem.data.period)
+        start.p[layout.STIFFNESS] = max(start.p[layout.STIFFNESS], relaxed)
+        starts.append((start, [*model_fit.free, *creep_free(start.p, problem.scales)], None))
+    return _followed(problem, model_fit, refits(problem, starts, model_fit.correction, SHORT), ROUNDS + 1)
+
+
+def without_creep(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
+    """The model with static friction; None where the twin is unstable."""
+    return _given_up(problem, model_fit, CREEP_SLOTS)
+
+
 def with_curve(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
     """The model whose contact bends by a curve of its own (`lugre.bends`); None where the data do not ask for it.
 
@@ -78,7 +108,7 @@ def with_curve(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
     """
     fitted = model_fit.fitted
     known = {layout.COULOMB, layout.STIFFNESS} <= {one.slot for one in model_fit.free}
-    there = curved(fitted.packed) or climbs_otherwise(fitted.packed)
+    there = creeps(fitted.packed) or curved(fitted.packed) or climbs_otherwise(fitted.packed)
     if there or not known or problem.data.steady:
         return None
     starts: list[tuple[Packed, list[Free], Fitted | None]] = [
@@ -146,6 +176,10 @@ class BaseLaw:
         return bool(np.any(found.p[own])) and not np.any(given.p[own])
 
 
+def _creeps_note(packed: Packed, motion_unit: str) -> str:
+    return NO_STATIC_FRICTION.format(speed=float(packed.p[layout.CREEP_VELOCITY]), unit=f"{motion_unit}/s")
+
+
 def _fades_note(packed: Packed, motion_unit: str) -> str:
     return FADING_DAMPING.format(speed=float(packed.p[layout.DAMPING_VELOCITY]), unit=f"{motion_unit}/s")
 
@@ -174,7 +208,15 @@ CURVE_LAW = BaseLaw(
     CURVE_SLOTS,
     lambda *_: OTHER_BENDING,
 )
-BASE_LAWS = (FADING_LAW, CLIMB_LAW, CURVE_LAW)
+CREEP_LAW = BaseLaw(
+    "friction without a static part",
+    creeps,
+    with_creep,
+    without_creep,
+    CREEP_SLOTS,
+    _creeps_note,
+)
+BASE_LAWS = (CREEP_LAW, FADING_LAW, CLIMB_LAW, CURVE_LAW)
 
 
 def without_effects(problem: Problem, root: ModelFit) -> ModelFit | None:
@@ -209,7 +251,7 @@ def told_of_base(root: Packed, nominal: Packed, motion_unit: str, climbs: bool =
 
     `climbs`: whether elements are such a law; else they were found as a memory that is none, and that is said.
     """
-    laws = BASE_LAWS if climbs else (FADING_LAW, CURVE_LAW)
+    laws = BASE_LAWS if climbs else (CREEP_LAW, FADING_LAW, CURVE_LAW)
     notes = [law.note(root, motion_unit) for law in laws if law.new(root, nominal)]
     for kind in _in_textbooks(root):
         slots = [parameter.slot for parameter in kind.parameters if parameter.optional]

@@ -20,7 +20,15 @@ from autotune.estimation.least_squares import Fitted, Free
 from autotune.estimation.parts import repeats_alike
 from autotune.estimation.problem import Problem, Scales
 from autotune.models import layout
-from autotune.models.drive_model import CURVE, DAMPING_VELOCITY, FADING, DriveModel, Packed, surface_parameter
+from autotune.models.drive_model import (
+    CREEP,
+    CURVE,
+    DAMPING_VELOCITY,
+    FADING,
+    DriveModel,
+    Packed,
+    surface_parameter,
+)
 from autotune.models.effect import Effect, Kind, Parameter
 from autotune.models.table import EFFECTS
 from autotune.signals.chunks import beyond_chance
@@ -187,6 +195,8 @@ def model_from(
         model = model.with_fading(*(float(packed.p[parameter.slot]) for parameter in FADING))
     if (packed.p[layout.BENDS_BACK] > 0.0) != (CURVE[0].name in model.base):
         model = model.with_curve([float(packed.p[parameter.slot]) for parameter in CURVE])
+    if (packed.p[layout.CREEP_VELOCITY] > 0.0) != (CREEP[0].name in model.base):
+        model = model.with_creep(*(float(packed.p[parameter.slot]) for parameter in CREEP))
     values = {surface: float(packed.p[_slot(surface)]) for surface in model.parameters}
     return model.with_values(
         values, {k: float(v) for k, v in table.items() if v is not None and np.isfinite(v)}

@@ -92,6 +92,11 @@ def curved(packed: Packed) -> bool:
     return bool(packed.p[layout.BENDS_BACK] > 0.0)
 
 
+def creeps(packed: Packed) -> bool:
+    """Whether the contact has no static friction."""
+    return bool(packed.p[layout.CREEP_VELOCITY] > 0.0)
+
+
 def climbs_otherwise(packed: Packed) -> bool:
     """Whether the friction of one contact, or of many, climbs after a rest by another curve than an exponential."""
     return contact_remembers(packed.p, packed.on)
@@ -113,7 +118,8 @@ def with_climb(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
     """
     fitted = model_fit.fitted
     known = {layout.COULOMB, layout.STIFFNESS, layout.MICRO_DAMPING} <= {one.slot for one in model_fit.free}
-    there = fitted.packed.on[REMEMBERS] or curved(fitted.packed) or problem.two_masses(fitted.packed)
+    there = fitted.packed.on[REMEMBERS] or curved(fitted.packed) or creeps(fitted.packed)
+    there = there or problem.two_masses(fitted.packed)
     if there or not known or problem.data.steady:
         return None
     starts = [(*start, None) for start in (_with_parts(model_fit), _as_chain(model_fit, LINKS))]

@@ -251,7 +251,7 @@ class _Search:
         asked = self._more_to_explain(self.root)
         if not asked and not self.evidence.worth_fitting(self.problem, self.root, ranked):
             return False
-        found = [self._borne_out(law.added(self.problem, self.root)) for law in BASE_LAWS]
+        found = self._other_laws()
         gains = [gain_and_z(self.root.unseen, one.unseen)[0] if one is not None else 0.0 for one in found]
         best = self._plainest(found, max(range(len(found)), key=lambda i: gains[i]))
         other = found[best]
@@ -265,6 +265,16 @@ class _Search:
         self._take_root(other)
         self._begins_again()
         return True
+
+    def _other_laws(self) -> list[ModelFit | None]:
+        """The root with each law of the base that data ask for, up to one that leaves nothing beyond doubt."""
+        found: list[ModelFit | None] = []
+        for law in BASE_LAWS:
+            found.append(self._borne_out(law.added(self.problem, self.root)))
+            last = found[-1]
+            if last is not None and not self._more_to_explain(last):
+                break
+        return found
 
     def _plainest(self, found: Sequence[ModelFit | None], best: int) -> int:
         """The best of several laws of the base; or one with fewer parameters, where data do not ask for more."""

@@ -57,6 +57,11 @@ OTHER_BENDING = (
     "sooner, as the laws of Dahl, Bouc and Wen, and elastic-then-plastic ones have it. This is the base model's "
     "presliding by another law and no effect that is missing; it was fitted beside all else."
 )
+NO_STATIC_FRICTION = (
+    "Friction has no static part: it grows with speed, to three quarters of its level at {speed:.2g} {unit}, as that "
+    "of a film, or of a simulated axis with a smoothed sign function. Any torque makes the axis creep. This is a law "
+    "of the base model and no effect that is missing; it was fitted beside all else."
+)
 FADING_DAMPING = (
     "The damping in presliding fades with speed, to a third at {speed:.2g} {unit} or so: the contact is damped while "
     "it bends and hardly while it slides. This is a law of the base model, as textbooks have it, and no effect that is "

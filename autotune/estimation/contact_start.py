@@ -118,11 +118,12 @@ def sticking(problem: Problem, packed: Packed) -> tuple[Problem, tuple[Packed, .
     """The problem without rows at rest and with what a fit may start from, where no count of presliding is seen.
 
     There friction holds any torque, and a bristle that is to explain that torque gives way when the axis reverses. No
-    starts where the contact is seen.
+    starts where the contact is seen, or has no static friction to stick by.
     """
     p = packed.p
     reach = float(p[layout.COULOMB] / p[layout.STIFFNESS])
-    if not problem.data.repeated or reach >= problem.data.resolution or has_load(packed.on):
+    sticks = reach < problem.data.resolution and p[layout.CREEP_VELOCITY] == 0.0
+    if not problem.data.repeated or not sticks or has_load(packed.on):
         return problem, ()
     weight = problem.weight * np.isfinite(since_rest(problem.data, reach)[1])
     if not np.any(weight * problem.training > 0.0):

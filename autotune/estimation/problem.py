@@ -22,8 +22,8 @@ from autotune.estimation.residual import Motion, alike, kind_of_pass, measured_m
 from autotune.estimation.twin import leading, steps_of_twin
 from autotune.estimation.twin_runs import KnownRuns, Noise, TwinRuns, add_runs
 from autotune.models import layout
-from autotune.models.drive_model import BASE, CURVE, DAMPING_TAIL, DAMPING_VELOCITY, Packed
-from autotune.models.effect import Kind
+from autotune.models.drive_model import BASE, CREEP, CURVE, FADING, Packed
+from autotune.models.effect import Kind, Parameter
 from autotune.models.lanes import WIDTH
 from autotune.models.reversal_memory import as_one_bristle, climbing, contact_remembers
 from autotune.models.table import EFFECTS
@@ -46,7 +46,7 @@ LEAST_WEIGHT = 0.1
 LEAST_COULOMB = 0.005  # of the torque
 LONGEST_REACH = 0.1  # of the travel
 LEAST_BENT = 0.02  # of the motion: below its level a contact bends at least so much
-SLOWEST = 1e-4  # of the speed: damping that has gone by then is none
+SLOWEST = 1e-4  # of the speed: damping that has gone by then is none, and friction all there
 
 
 @dataclass(frozen=True, slots=True)
@@ -404,6 +404,8 @@ def base_free(packed: Packed, scales: Scales, motion_unit: str) -> list[Free]:
         free += fading_free(p, scales)
     if p[layout.BENDS_BACK] > 0.0 and not scales.steady:
         free += curve_free()
+    if p[layout.CREEP_VELOCITY] > 0.0 and not scales.steady:
+        free += creep_free(p, scales)
     for parameter in free:
         p[parameter.slot] = min(max(p[parameter.slot], parameter.lower), parameter.upper)
     return free
@@ -411,7 +413,17 @@ def base_free(packed: Packed, scales: Scales, motion_unit: str) -> list[Free]:
 
 def fading_free(p: Floats, scales: Scales) -> list[Free]:
     """How damping in presliding fades, as free parameters: beyond the fastest motion it does not."""
-    speed, tail = DAMPING_VELOCITY, DAMPING_TAIL
+    return _over_speed(FADING, p, scales)
+
+
+def creep_free(p: Floats, scales: Scales) -> list[Free]:
+    """How friction without a static part comes to its level over speed, as free parameters."""
+    return _over_speed(CREEP, p, scales)
+
+
+def _over_speed(course: tuple[Parameter, ...], p: Floats, scales: Scales) -> list[Free]:
+    """Speed and tail of a course over speed."""
+    speed, tail = course
     large = float(p[speed.slot])
     return [
         Free(

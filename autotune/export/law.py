@@ -29,7 +29,7 @@ from autotune.models import layout
 from autotune.models.contact import LEAST_DEFLECTION, LEAST_SHARE
 from autotune.models.drive_model import WHOLE_BASE, DriveModel
 from autotune.models.effect import Kind
-from autotune.models.lugre import bends, fallen, halfway, onward
+from autotune.models.lugre import bends, crept, fallen, halfway, onward
 from autotune.models.reversal_memory import DAMPING, REMEMBERS, memory_damping, memory_torque
 from autotune.models.stribeck import EXPONENT, FALLS, TAIL
 from autotune.models.table import EFFECTS
@@ -189,7 +189,7 @@ class _Frame:
         if self._p[layout.BENDS_BACK] > 0.0:
             return self._bent(stiffness, damping)
         return (
-            f"limit = max(max(level, LEAST_LEVEL) / {stiffness}, LEAST_DEFLECTION)\n"
+            f"{self._limit(stiffness)}\n"
             "slip = abs(travel) / limit\n"
             "if slip >= LEAST_SLIP:\n"
             "    steady = limit\n"
@@ -199,6 +199,14 @@ class _Frame:
             "rate = velocity - abs(velocity) / limit * bristle\n"
             f"friction = {stiffness} * bristle + {damping} * rate"
         )
+
+    def _limit(self, stiffness: str) -> str:
+        """Where the contact slides; without static friction that comes to nothing with speed."""
+        limit = f"limit = max(max(level, LEAST_LEVEL) / {stiffness}, LEAST_DEFLECTION)"
+        if self._p[layout.CREEP_VELOCITY] == 0.0:
+            return limit
+        course = (self._constant(slot) for slot in (layout.CREEP_VELOCITY, layout.CREEP_TAIL))
+        return f"{limit}\n{self._written(crept, 'limit = limit * {}', named('velocity'), *course)}"
 
     def _bent(self, stiffness: str, damping: str) -> str:
         """The contact by a curve of its own."""
@@ -214,7 +222,7 @@ class _Frame:
         on = "\n".join(steps)
         rate = self._written(bends, "rate = {}", named("ratio"), *curve)
         return (
-            f"limit = max(max(level, LEAST_LEVEL) / {stiffness}, LEAST_DEFLECTION)\n"
+            f"{self._limit(stiffness)}\n"
             "slip = abs(travel) / limit\n"
             "side = 1.0\n"
             "if velocity < 0.0:\n"

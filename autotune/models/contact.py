@@ -19,6 +19,8 @@ from autotune.models.layout import (
     BENDS_BACK,
     BREAK_AWAY,
     COULOMB,
+    CREEP_TAIL,
+    CREEP_VELOCITY,
     DAMPING_TAIL,
     DAMPING_VELOCITY,
     MICRO_DAMPING,
@@ -27,7 +29,16 @@ from autotune.models.layout import (
     STRIBECK_VELOCITY,
     VISCOUS,
 )
-from autotune.models.lugre import bends, bent_on, bristle_rate, bristle_step, faded_part, falling_level
+from autotune.models.lugre import (
+    NEVER,
+    bends,
+    bent_on,
+    bristle_rate,
+    bristle_step,
+    crept,
+    faded_part,
+    falling_level,
+)
 from autotune.models.reversal_memory import DAMPING, REMEMBERS, memory_damping, memory_torque
 from autotune.models.stribeck import EXPONENT, FALLS, TAIL
 
@@ -46,7 +57,11 @@ def friction_limit(p: Floats, on: Flags, state: Floats, position: float, velocit
         level = falling_level(velocity, level, p[BREAK_AWAY], p[STRIBECK_VELOCITY], p[EXPONENT], p[TAIL])
     level = _level(level, p, on, state, velocity)
     level = _level_factor(level, p, on, state, position)
-    return float(max(max(level, LEAST_SHARE * p[COULOMB]) / p[STIFFNESS], LEAST_DEFLECTION))
+    limit = max(max(level, LEAST_SHARE * p[COULOMB]) / p[STIFFNESS], LEAST_DEFLECTION)
+    if anywhere(p[CREEP_VELOCITY] > 0.0):
+        speed = where(p[CREEP_VELOCITY] > 0.0, p[CREEP_VELOCITY], NEVER)
+        limit *= where(p[CREEP_VELOCITY] > 0.0, crept(velocity, speed, p[CREEP_TAIL]), 1.0)
+    return float(limit)
 
 
 @compiled
@@ -139,6 +154,8 @@ def remembered_in_motion(
 def damping_slope(p: Floats, damping: float, bristle: float, velocity: float, limit: float) -> float:
     """How much the torque of the bristle's damping at a speed grows with velocity [N m s/rad], at least 0."""
     size = abs(bristle) / limit
+    if anywhere(p[CREEP_VELOCITY] > 0.0):  # there the limit falls below what the bristle still has
+        size = where(p[CREEP_VELOCITY] > 0.0, min(size, 1.0), size)
     ratio = where(bristle * velocity < 0.0, -size, size)
     part = 1.0 - ratio
     if anywhere(p[BENDS_BACK] > 0.0):

@@ -71,7 +71,31 @@ CURVE = tuple(
 """Of the base, where the contact bends by another curve than a bristle's (`lugre.bends`)."""
 BRISTLES_CURVE = (2.0, 0.65, 0.35, 0.15)
 """What a bristle's own curve has there: 1 less the part of its level."""
-WHOLE_BASE = (*BASE, *FADING, *CURVE)
+CREEP = (
+    Parameter(
+        "creep_velocity",
+        "rad/s",
+        0.0,
+        0.0,
+        1e9,
+        "speed at which friction without a static part has come to three quarters of its level; 0: it has one",
+        layout.CREEP_VELOCITY,
+        optional=True,
+    ),
+    Parameter(
+        "creep_tail",
+        "1",
+        0.0,
+        0.0,
+        3.0,
+        "how it comes there: 0 as tanh(v/v_c), 1 as x/sqrt(1 + x²)",
+        layout.CREEP_TAIL,
+        optional=True,
+    ),
+)
+"""Of the base, where the contact has no static friction (`lugre.crept`)."""
+WHOLE_BASE = (*BASE, *FADING, *CURVE, *CREEP)
+OPTIONAL_BASE = WHOLE_BASE[len(BASE) :]
 _BASE_BY_NAME = {parameter.name: parameter for parameter in WHOLE_BASE}
 
 
@@ -164,7 +188,7 @@ class DriveModel:
     damping_error: float | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
-        wrong = (set(self.base) ^ set(_BASE_BY_NAME)) - ({p.name for p in (*FADING, *CURVE)} - set(self.base))
+        wrong = (set(self.base) ^ set(_BASE_BY_NAME)) - ({p.name for p in OPTIONAL_BASE} - set(self.base))
         if wrong:
             raise ConfigurationError(
                 f"a drive model needs exactly the base parameters {', '.join(p.name for p in BASE)}; "
@@ -259,6 +283,14 @@ class DriveModel:
         base = {key: value for key, value in self.base.items() if key not in names}
         if values[0] > 0.0:
             base |= {name: Value(float(value)) for name, value in zip(names, values, strict=True)}
+        return replace(self, base=MappingProxyType(base))
+
+    def with_creep(self, velocity: float, tail: float) -> DriveModel:
+        """The model whose contact has no static friction, from a speed on [rad/s or m/s]; 0: it has."""
+        names = [parameter.name for parameter in CREEP]
+        base = {key: value for key, value in self.base.items() if key not in names}
+        if velocity > 0.0:
+            base |= dict(zip(names, (Value(velocity), Value(tail)), strict=True))
         return replace(self, base=MappingProxyType(base))
 
     def with_effect(self, effect: Effect) -> DriveModel:

@@ -13,9 +13,9 @@ from __future__ import annotations
 BASE = ("inertia", "viscous", "coulomb", "stiffness", "micro_damping", "offset")
 (
     INERTIA, VISCOUS, COULOMB, STIFFNESS, MICRO_DAMPING, OFFSET, BREAK_AWAY, STRIBECK_VELOCITY, DAMPING_VELOCITY,
-    DAMPING_TAIL, BENDS_BACK, BENDS_35, BENDS_65, BENDS_85,
-) = range(14)  # fmt: skip
-BASE_PARAMETERS = 14
+    DAMPING_TAIL, BENDS_BACK, BENDS_35, BENDS_65, BENDS_85, CREEP_VELOCITY, CREEP_TAIL,
+) = range(16)  # fmt: skip
+BASE_PARAMETERS = 16
 
 EFFECT_NAMES = (
     "torque_ripple",

@@ -2,7 +2,8 @@
 
 z' = v − |v|/g(v)·z (3.10), integrated exactly for constant velocity (5.8); friction is
 σ0·z + σ1·z' + σ2·v (3.9). Shapes of σ0·g(v): Table 2.1. Where σ1 fades with speed it is σ1·exp(−(v/v_d)²)
-[canudas-1995], or σ1/(1 + (v/v_d)²): the contact is damped while it bends, and hardly while it slides.
+[canudas-1995], or σ1/(1 + (v/v_d)²): the contact is damped while it bends, and hardly while it slides. Where g goes to
+nothing with speed the contact has no static friction (`crept`): it creeps under any torque, as a film does.
 """
 
 from __future__ import annotations
@@ -30,6 +31,10 @@ SHAPES: tuple[Shape, ...] = (
 )
 
 
+SLOWEST_CREEP = 1e-6
+"""Of the speed at which a contact creeps: below it no film is followed."""
+LEAST_TAIL = 1e-3
+"""Below it the course is tanh to seven digits, and no power resolves it."""
 NEVER = 1e30
 """Speed at which damping fades that does not [rad/s or m/s]."""
 
@@ -78,6 +83,21 @@ def faded_part(velocity: float, damping_velocity: float, tail: float) -> float:
         speed = where(damping_velocity > 0.0, damping_velocity, NEVER)
         part = fallen(velocity, speed, 2.0 + 0.0 * speed, tail)
     return part
+
+
+@compiled
+def crept(velocity: float, speed: float, tail: float) -> float:
+    """Part of its level that friction without a static part has at a speed: tanh(v/v_c), without the sign.
+
+    With a tail t it is tanh(asinh(t·v/v_c)/t): x/√(1 + x²) at 1, and nearly (2/π)·arctan and x/(1 + x) at 2.
+    """
+    ratio = max(abs(velocity) / speed, SLOWEST_CREEP)
+    left = math.exp(-2.0 * ratio)
+    if anywhere(tail > LEAST_TAIL):
+        some = where(tail > LEAST_TAIL, tail, 1.0)
+        drawn = some * ratio
+        left = where(tail > LEAST_TAIL, (drawn + (1.0 + drawn * drawn) ** 0.5) ** (-2.0 / some), left)
+    return (1.0 - left) / (1.0 + left)
 
 
 @compiled

@@ -84,6 +84,8 @@ class _File(Strict):
     bends_35: _Number | None = None
     bends_65: _Number | None = None
     bends_85: _Number | None = None
+    creep_velocity: _Number | None = None
+    creep_tail: _Number | None = None
     standard_errors: _Sums = Field(default_factory=_Sums)
     effects: dict[str, dict[str, _Number]] = Field(default_factory=dict)
     history: list[_History] = Field(default_factory=list)

@@ -11,7 +11,8 @@ one integration step h:
     ż = v − |v|·z/g(v),   g(v) = (S·F_c + C·(F_s − F_c)·exp(−|v/v_s|^δ))/σ0,   T = σ0·z + σ1·ż
 
 σ1 may fade with speed, σ1·exp(−(v/v_d)²) (the same paper). Where the contact is elastic at first, ż = v − α(z)·|v|·z/g
-with α from 0 to 1 by half a sine (Dupont, Hayward, Armstrong and Altpeter 2002).
+with α from 0 to 1 by half a sine (Dupont, Hayward, Armstrong and Altpeter 2002). A film has no bristle at all but
+T = σ0·g(v)·tanh(v/v_c).
 
 S and C say how strong the contact is: 1 on the nominal axis, varied by planted effects (`strength`).
 Each function is called once per integration step; `side` is 0 for the motor and 1 for the load.
@@ -101,6 +102,9 @@ def bend(
             fall = abs(v / p.bristle_velocity) ** p.bristle_exponent
         excess = (p.bristle_break_away - p.bristle_coulomb) * math.exp(-fall)
         torque = (1.0 + direction * p.asymmetry) * (level * p.bristle_coulomb + scale * excess)
+        if p.bristle_smooth_velocity > 0.0:
+            s.elastic[side] += share * torque * math.tanh(abs(v) / p.bristle_smooth_velocity) * direction
+            return abs(v * h)
         g = torque / p.bristle_stiffness
         plastic = _plastic(p.bristle_sticks, direction * old / g)
         if plastic > 0.0:

@@ -57,7 +57,8 @@ class Bristle:
 
     `fading_velocity`: v_d of σ1·exp(−(v/v_d)²) [rad/s]; 0: σ1 is the same at all speeds. `exponent`: δ of
     exp(−|v/v_s|^δ), by which F_s falls to F_c. `sticks`: part of the level up to which the contact is elastic (Dupont,
-    Hayward, Armstrong and Altpeter 2002); 0: LuGre's.
+    Hayward, Armstrong and Altpeter 2002); 0: LuGre's. `smooth_velocity`: of a contact that is no bristle and has no
+    static friction, its level times tanh(v/v_c) [rad/s]; 0: it has.
     """
 
     coulomb: float
@@ -68,6 +69,7 @@ class Bristle:
     fading_velocity: float = 0.0
     exponent: float = 2.0
     sticks: float = 0.0
+    smooth_velocity: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -81,6 +81,19 @@ def test_an_effect_is_named_beside_it() -> None:
     assert abs(value - true.fading_velocity) < 0.5 * true.fading_velocity + ERRORS * error
 
 
+@pytest.mark.slow(50)
+def test_friction_without_a_static_part_is_a_law_of_the_base() -> None:
+    """What is missing beside it keeps its name."""
+    _, recording = axis_and_recording(44, {"gravity_imbalance": 0.02}, smooth_velocity=0.2)
+    found = diagnose([recording], base_model(NOMINAL))
+    assert (found.verdict, found.effects) == ("named", ("gravity_imbalance",))
+    assert any("no static part" in note for note in found.notes)
+    assert known_within(found)["creep_velocity"][0] == pytest.approx(0.2, rel=0.1)
+    made = found_model(found, base_model(NOMINAL), "2024-05-01", "bench")
+    assert made is not None
+    assert "creep_velocity" in made.model.base
+
+
 @pytest.mark.slow
 def test_damping_that_does_not_fade_stays_as_it_is() -> None:
     _, recording = axis_and_recording(42, {})

@@ -117,6 +117,11 @@ def shaped() -> DriveModel:
     return model
 
 
+def creeping() -> DriveModel:
+    """A model without static friction, with everything that multiplies its level."""
+    return everything().with_creep(0.3, 0.6)
+
+
 def proved(seed: int) -> DriveModel:
     """What a run has proved on a simulated axis."""
     return read_model(MODELS / f"seed-{seed}.toml")

@@ -23,6 +23,7 @@ from .support import (
     CompiledLaw,
     H,
     a_compiler,
+    creeping,
     everything,
     fading,
     proved,
@@ -65,13 +66,14 @@ def test_random_motion_gives_the_torque_of_the_python_feedforward(tmp_path: Path
     assert np.std(expected) > 0.1  # there was something to compare
 
 
-@pytest.mark.parametrize("effect", [*FED_FORWARD, "none", "proved", "fading", "shaped"])
+@pytest.mark.parametrize("effect", [*FED_FORWARD, "none", "proved", "fading", "shaped", "creeping"])
 def test_every_effect_alone_is_the_same(tmp_path: Path, effect: str) -> None:
     own = {
         "none": with_effects(),
         "proved": proved(3),
         "fading": fading("reversal_memory"),
         "shaped": shaped(),
+        "creeping": creeping(),
     }
     model = own.get(effect) or with_effects(effect)
     motion = random_motion(5_000, 3)

@@ -1,4 +1,5 @@
-"""Damping in presliding that fades with speed, and the curves by which friction falls: in every form of the model."""
+"""Laws of the base in every form of the model: damping in presliding that fades, curves by which friction falls or
+the contact bends, friction without a static part."""
 
 from __future__ import annotations
 
@@ -17,7 +18,16 @@ from autotune.models import layout
 from autotune.models.drive_model import BRISTLES_CURVE, DriveModel, base_model
 from autotune.models.inverse import required, required_in_lanes
 from autotune.models.lanes import WIDTH, filled
-from autotune.models.lugre import bends, bent_on, bristle_step, faded_part, fallen, falling_level, level
+from autotune.models.lugre import (
+    bends,
+    bent_on,
+    bristle_step,
+    crept,
+    faded_part,
+    fallen,
+    falling_level,
+    level,
+)
 from autotune.models.model_file import model_text, read_model, write_model
 from autotune.models.plant import simulate, simulate_in_lanes, substeps_for
 from autotune.models.stribeck import STRIBECK
@@ -40,6 +50,11 @@ def fading(
     model = base_model({**NUMBERS, "damping_velocity": velocity, "damping_tail": tail})
     model = model.with_curve(curve) if curve else model
     return model.with_effect(EFFECTS["reversal_memory"].make(VALUES["reversal_memory"])) if memory else model
+
+
+def creeping(velocity: float = 0.1, tail: float = 0.0, curve: tuple[float, ...] = ()) -> DriveModel:
+    """A model whose contact has no static friction."""
+    return fading(curve=curve).with_creep(velocity, tail)
 
 
 @given(v=st.floats(-100.0, 100.0), at=speeds, tail=st.floats(0.0, 2.0), more=st.floats(1.0, 10.0))
@@ -84,6 +99,42 @@ def test_a_contact_with_any_curve_comes_to_its_level_and_not_beyond(start, way, 
     assert bends(0.0, *curve) == 1.0
 
 
+@given(v=st.floats(-100.0, 100.0), at=speeds, tail=st.floats(0.0, 3.0), more=st.floats(1.0, 10.0))
+def test_friction_without_a_static_part_grows_with_speed_to_its_level(v, at, tail, more) -> None:
+    part = crept(v, at, tail)
+    assert 0.0 < part <= crept(more * v, at, tail) * (1.0 + 1e-9) <= 1.0 + 1e-9
+    assert crept(-v, at, tail) == part
+    assert crept(0.0, at, tail) < 1e-5
+    assert crept(1e9 * at, at, tail) == pytest.approx(1.0, abs=1e-5)
+
+
+@given(ratio=st.floats(1e-3, 100.0))
+def test_its_tail_leads_from_tanh_to_slower_curves(ratio) -> None:
+    assert crept(ratio, 1.0, 0.0) == pytest.approx(math.tanh(ratio), rel=1e-9)
+    assert crept(ratio, 1.0, 1e-4) == pytest.approx(math.tanh(ratio), abs=1e-4)
+    assert crept(ratio, 1.0, 1.0) == pytest.approx(ratio / math.sqrt(1.0 + ratio**2), rel=1e-9)
+
+
+def _pace(model: DriveModel, torque: float) -> float:
+    """Speed at which a torque that is held moves the model in the end."""
+    packed, held = model.pack(), np.full(3 * ROWS, torque)
+    still, (position, acted) = np.zeros(len(held)), np.empty((2, len(held)))
+    loop, steps = np.array([PERIOD, 10.0, *[0.0] * 5]), 4 * substeps_for(packed.p, PERIOD, packed.on)
+    state = np.zeros(layout.STATES)
+    simulate(
+        packed.p, packed.on, state, GAINS, loop, False, steps, held, still, still, still, position, acted
+    )
+    return float(position[-1] - position[-ROWS]) / ((ROWS - 1) * PERIOD)
+
+
+def test_an_axis_without_static_friction_creeps_under_any_torque() -> None:
+    """At the speed at which friction is that torque; an axis with static friction stays."""
+    torque, numbers = 0.4 * NUMBERS["coulomb"], {**NUMBERS, "offset": 0.0, "viscous": 0.0}
+    pace = _pace(base_model(numbers).with_creep(0.05, 0.0), torque)
+    assert pace == pytest.approx(0.05 * math.atanh(0.4), rel=0.02)
+    assert abs(_pace(base_model(numbers), torque)) < 0.01 * pace
+
+
 def _moved(model: DriveModel) -> tuple[np.ndarray, np.ndarray]:
     """Position and torque of the model in closed loop."""
     packed, still = model.pack(), np.zeros(ROWS)
@@ -117,11 +168,21 @@ def test_the_inverse_gives_back_the_torque(memory: bool, curve: tuple[float, ...
     assert np.std((_needed(plain, position) - acted)[rows]) > 3.0 * right
 
 
+@pytest.mark.parametrize("tail", [0.0, 1.0])
+def test_the_inverse_gives_back_that_of_a_film(tail: float) -> None:
+    position, torque = _moved(creeping(tail=tail))
+    acted = 0.5 * (torque + np.roll(torque, 1))
+    rows = slice(20, -5)
+    right = np.std((_needed(creeping(tail=tail), position) - acted)[rows])
+    assert np.std((_needed(fading(), position) - acted)[rows]) > 3.0 * right
+
+
 @pytest.mark.parametrize("memory", [False, True])
 def test_eight_models_in_one_pass_are_each_as_alone(memory: bool) -> None:
-    """With and without fading, by both laws; with and without a curve of its own."""
+    """With and without fading, by both laws; with and without a curve of its own, and static friction."""
     curves = [(), ELASTIC, BRISTLES_CURVE]
-    models = [fading(0.05 * lane, 0.5 * (lane % 3), memory, curves[lane % 3]).pack() for lane in range(WIDTH)]
+    bare = [fading(0.05 * lane, 0.5 * (lane % 3), memory, curves[lane % 3]) for lane in range(WIDTH)]
+    models = [one.with_creep(0.1 * (lane % 2), 0.5 * (lane % 4)).pack() for lane, one in enumerate(bare)]
     velocity = np.gradient(POSITION, PERIOD)
     motion = POSITION, velocity, np.gradient(velocity, PERIOD)
     found, still = np.empty((ROWS, WIDTH)), np.zeros(ROWS)
@@ -156,6 +217,7 @@ def test_a_model_file_holds_it_only_where_the_model_has_it(tmp_path: Path) -> No
         base_model(NUMBERS, motion_unit="m"),
         fading(memory=True),
         fading(curve=ELASTIC),
+        creeping(0.1, 0.7),
     )
     for model in models:
         write_model(model, path)
@@ -165,6 +227,7 @@ def test_a_model_file_holds_it_only_where_the_model_has_it(tmp_path: Path) -> No
     assert fading(0.1).with_fading(0.0, 0.0) == base_model(NUMBERS)
     assert base_model(NUMBERS).with_fading(0.1, 0.7) == fading(0.1, 0.7)
     assert fading(curve=ELASTIC).with_curve((0.0,) * 4) == fading()
+    assert creeping().with_creep(0.0, 0.0) == fading()
     with pytest.raises(ConfigurationError, match="damping_velocity"):
         fading(-0.1)
 
@@ -181,6 +244,7 @@ def test_a_feedforward_plays_it_and_says_that_the_plain_one_does_not() -> None:
     assert beyond_lugre(model) == ("damping_velocity",)
     assert beyond_lugre(base_model(NUMBERS)) == ()
     assert beyond_lugre(fading(curve=ELASTIC)) == ("damping_velocity", "bends_back")
+    assert beyond_lugre(base_model(NUMBERS).with_creep(0.1, 0.0)) == ("creep_velocity",)
 
 
 @pytest.mark.parametrize(

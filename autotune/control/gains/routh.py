@@ -15,8 +15,8 @@ import numpy as np
 from autotune.control.gains.loop import Gains
 from autotune.core.arrays import Floats
 from autotune.models.drive_model import DriveModel
-from autotune.models.layout import DAMPING_TAIL, DAMPING_VELOCITY
-from autotune.models.lugre import faded_part, falling_level
+from autotune.models.layout import CREEP_TAIL, CREEP_VELOCITY, DAMPING_TAIL, DAMPING_VELOCITY
+from autotune.models.lugre import crept, faded_part, falling_level
 from autotune.models.stribeck import EXPONENT, STRIBECK, TAIL
 from autotune.models.total_friction import damping_at_rest, stiffness_at_rest, total_friction
 
@@ -38,11 +38,15 @@ class Bristle:
     tail: float = 0.0
     damping_velocity: float = 0.0
     damping_tail: float = 0.0
+    creep_velocity: float = 0.0
+    creep_tail: float = 0.0
 
     def level(self, speed: float) -> float:
         """g(v), the deflection in steady sliding [rad]."""
         shape = (self.stribeck_velocity, self.exponent, self.tail)
         force = falling_level(speed, self.coulomb, self.break_away, *shape)
+        if self.creep_velocity > 0.0:
+            force *= crept(speed, self.creep_velocity, self.creep_tail)
         return float(force) / self.stiffness
 
     def damping(self, speed: float) -> float:
@@ -73,6 +77,8 @@ def bristle_of(model: DriveModel) -> Bristle:
         float(p[TAIL]) if falls else 0.0,
         float(p[DAMPING_VELOCITY]),
         float(p[DAMPING_TAIL]),
+        float(p[CREEP_VELOCITY]),
+        float(p[CREEP_TAIL]),
     )
 
 
