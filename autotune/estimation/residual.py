@@ -34,7 +34,7 @@ from autotune.models.inverse import (
     required,
     required_in_lanes,
 )
-from autotune.models.lanes import WIDTH, along, filled, side_by_side, table_of_zeros
+from autotune.models.lanes import WIDTH, along, filled, room_for, side_by_side, zeros_for
 from autotune.models.load_dependent_friction import IS_PRESSED
 from autotune.models.reversal_memory import REMEMBERS
 from autotune.models.stribeck import FALLS
@@ -189,8 +189,8 @@ def _needed_in_pieces(
         one, rows = moved[min(i, len(moved) - 1)], slice(pieces.first[k], pieces.first[k] + pieces.rows)
         parts[0, lane], parts[1, lane] = one.position[rows], one.velocity[rows]
         parts[2, lane] = one.acceleration[rows]
-    needed = table_of_zeros(pieces.rows)
-    p, state = filled([models[i].p for i, _ in lanes]), table_of_zeros(layout.STATES)
+    needed = room_for(pieces.rows)
+    p, state = filled([models[i].p for i, _ in lanes]), zeros_for(layout.STATES)
     required_in_lanes(p, models[0].on, state, parts[0], parts[1], parts[2], period, 1, needed)
     return needed
 
@@ -301,7 +301,7 @@ def _raw_in_lanes(data: Prepared, models: Sequence[Packed], moved: Sequence[Moti
     """`raw_residual` of up to eight models, each with its motion or all with one, shape (n, 8)."""
     asked = [_inverted(data, one) for one in models]
     models = [*asked, *[asked[-1]] * (WIDTH - len(asked))]
-    rest = table_of_zeros(len(moved[0].torque))
+    rest = zeros_for(len(moved[0].torque))
     p, on = filled([packed.p for packed in models]), models[0].on
     substeps = load_substeps(models[0].p, on, data.period)
     for stretch in data.stretches:
@@ -315,7 +315,7 @@ def _raw_in_lanes(data: Prepared, models: Sequence[Packed], moved: Sequence[Moti
         first = np.broadcast_to(torque[:, 0], WIDTH)
         still = np.zeros(layout.STATES)
         state = filled([started_torque(one, still, float(u)) for one, u in zip(models, first, strict=True)])
-        acted, needed = rest[stretch.rows], table_of_zeros(torque.shape[-1])
+        acted, needed = rest[stretch.rows], room_for(torque.shape[-1])
         applied_in_lanes(p, on, state, torque, data.period, acted)
         required_in_lanes(p, on, state, position, velocity, acceleration, data.period, substeps, needed)
         acted -= needed

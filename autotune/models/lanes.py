@@ -38,21 +38,27 @@ from autotune.models.lane_functions import (
     vector,
 )
 
-
 LINE = 64
 """Bytes of a line of the processor's cache: a vector of eight numbers fills one, or is in two of them."""
 
 
-def table_of_zeros(count: int) -> Floats:
-    """Zeros lane beside lane, shape (count, 8), every eight of them in one line of the cache."""
-    room = np.zeros((count + 1) * WIDTH)
+def room_for(count: int) -> Floats:
+    """Room for values lane beside lane, shape (count, 8), every eight of them in one line of the cache."""
+    room = np.empty((count + 1) * WIDTH)
     first = -room.ctypes.data % LINE // room.itemsize
     return room[first : first + count * WIDTH].reshape(count, WIDTH)
 
 
+def zeros_for(count: int) -> Floats:
+    """`room_for` values that are 0 until they are known."""
+    room = room_for(count)
+    room[:] = 0.0
+    return room
+
+
 def filled(sets: Sequence[Floats]) -> Floats:
-    """Eight sets of values of shape (places,), lane beside lane: shape (places, 8), as `table_of_zeros`."""
-    table = table_of_zeros(len(sets[0]))
+    """Eight sets of values of shape (places,), lane beside lane: shape (places, 8)."""
+    table = room_for(len(sets[0]))
     table[:] = np.array(sets).T
     return table
 
@@ -286,10 +292,20 @@ def _load(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     if kind is table:
         address = builder.bitcast(_address(builder, kind, array, args[1]), vector.as_pointer())
         return builder.load(address, align=8)
-    result = ir.Constant(vector, ir.Undefined)
-    for lane in range(WIDTH):
-        one = builder.load(_address(builder, kind, array, args[1], lane))
-        result = builder.insert_element(result, one, ir.Constant(ir.IntType(32), lane))
+    alike = builder.icmp_signed("==", array.apart, ir.Constant(array.apart.type, 0))
+    with builder.if_else(alike) as (one_for_all, one_for_each):
+        with one_for_all:
+            same = _spread(builder, builder.load(_address(builder, kind, array, args[1])))
+            spread = builder.block
+        with one_for_each:
+            own = ir.Constant(vector, ir.Undefined)
+            for lane in range(WIDTH):
+                one = builder.load(_address(builder, kind, array, args[1], lane))
+                own = builder.insert_element(own, one, ir.Constant(ir.IntType(32), lane))
+            gathered = builder.block
+    result = builder.phi(vector)
+    result.add_incoming(same, spread)
+    result.add_incoming(own, gathered)
     return result
 
 
