@@ -154,6 +154,12 @@ def _seen(loop: Floats, room: int, place: int, late: int, part: float, measured:
 
 
 @compiled
+def _next(number: int, count: int) -> int:
+    """The number after this one, round and round."""
+    return number + 1 if number + 1 < count else 0
+
+
+@compiled
 def _asked(gains: Floats, weight: float, loop: Floats, command: float, pushed: float, seen: float) -> float:
     """What the controller asks for [N m], beyond the limit too; its memory in the loop is moved on."""
     period = loop[0]
@@ -209,7 +215,7 @@ def simulate(
     for i in range(room):
         loop[LOOP + i] = loop[6]  # what was seen until then
     summed, c = 0.0 * loop[6], bent(p, on)
-    row, tick, place = 0, 0, 0
+    row = tick = place = 0
     for k in range(len(command)):
         measured = _measured(p, on, state[POSITION], position_noise[row], loop[2])
         seen = _seen(loop, room, place, late, part, measured)
@@ -225,11 +231,7 @@ def simulate(
         advance(p, on, state, actual + disturbance[row], loop[0], substeps)
         if anywhere(abs(state[VELOCITY]) >= FASTEST) or anywhere(state[VELOCITY] != state[VELOCITY]):
             return row
-        tick, place = tick + 1, place + 1
-        if tick == ticks:
-            row, tick = row + 1, 0
-        if place == room:
-            place = 0
+        row, tick, place = row + int(tick + 1 == ticks), _next(tick, ticks), _next(place, room)
     return len(torque)
 
 
