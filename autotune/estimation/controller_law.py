@@ -26,6 +26,8 @@ import numpy as np
 import scipy
 
 from autotune.core.arrays import Flags, Floats, Integers
+from autotune.core.kernel_cache import kernel
+from autotune.core.remembered import LastOf
 from autotune.estimation.policy import POLICY, Policy
 from autotune.recordings.recording import Controller
 from autotune.signals.between_samples import bend_between, delayed, finer, later, rate_between
@@ -306,21 +308,42 @@ def share_explained(rest: Floats, demand: Floats) -> float:
 
 def law_terms(samples: LoopSamples, smoothing: float) -> Floats:
     """Regressors, shape (n, 7): e, filtered rate of −y, held sum of e, filtered rate of r, rate of r, r, r̈."""
+    known, moved = _UNFILTERED.answer((samples,), lambda: _unfiltered(samples))
+    terms = known.copy()
+    edges = np.array([(rows.start, rows.stop) for rows in samples.stretches], dtype=np.int64).reshape(-1, 2)
+    _filtered(moved, known[:, 4], edges, smoothing, terms)
+    return terms
+
+
+_UNFILTERED: LastOf[tuple[Floats, Floats]] = LastOf(2)
+
+
+def _unfiltered(samples: LoopSamples) -> tuple[Floats, Floats]:
+    """Terms as in `law_terms`, 0 where they are filtered, and the rate of the position, shape (n,)."""
     h = samples.period
     error = samples.reference - samples.position
-    terms = np.zeros((len(error), 7))
+    terms, moved = np.zeros((len(error), 7)), np.zeros(len(error))
     terms[:, 0] = error
-    coefficients = [smoothing], [1.0, smoothing - 1.0]
     for rows in samples.stretches:
-        moved = np.diff(samples.position[rows], prepend=samples.position[rows.start]) / h
+        moved[rows] = np.diff(samples.position[rows], prepend=samples.position[rows.start]) / h
         wanted = np.diff(samples.reference[rows], prepend=samples.reference[rows.start]) / h
-        terms[rows, 1] = -scipy.signal.lfilter(*coefficients, moved)
         terms[rows, 2] = np.cumsum(error[rows] * ~samples.clamped[rows]) * h
-        terms[rows, 3] = scipy.signal.lfilter(*coefficients, wanted)
         terms[rows, 4] = wanted
         terms[rows, 5] = samples.reference[rows]
         terms[rows, 6] = np.diff(wanted, prepend=wanted[:1]) / h
-    return terms
+    return terms, moved
+
+
+@kernel
+def _filtered(moved: Floats, wanted: Floats, edges: Integers, smoothing: float, terms: Floats) -> None:
+    """Filtered rates of −y and r to columns 1 and 3; as `scipy.signal.lfilter` sums them, in each stretch."""
+    left = smoothing - 1.0
+    for i in range(len(edges)):
+        before, ahead = 0.0, 0.0
+        for k in range(edges[i, 0], edges[i, 1]):
+            rate, speed = before + smoothing * moved[k], ahead + smoothing * wanted[k]
+            terms[k, 1], terms[k, 3] = -rate, speed
+            before, ahead = -(left * rate), -(left * speed)
 
 
 def taken_at(fine: Floats, ticks: int, taken: str) -> Floats:
@@ -400,6 +423,18 @@ def regular_rows(samples: LoopSamples, smoothing: float) -> tuple[Flags, Integer
     last one, whose mean until the next would need a position that was not recorded, nor runs so short that their
     constant would explain them.
     """
+    skipped = max(20, round(10.0 / smoothing))
+    known = _REGULAR.answer((samples,), dict)
+    if skipped not in known:
+        known[skipped] = _regular(samples, skipped)
+    return known[skipped]
+
+
+_REGULAR: LastOf[dict[int, tuple[Flags, Integers]]] = LastOf(2)
+
+
+def _regular(samples: LoopSamples, skipped: int) -> tuple[Flags, Integers]:
+    """`regular_rows` with so many left out after every start."""
     kept = np.zeros(len(samples.demand), dtype=np.bool_)
     number = np.zeros(len(samples.demand), dtype=np.int64)
     count = 0
@@ -408,7 +443,7 @@ def regular_rows(samples: LoopSamples, smoothing: float) -> tuple[Flags, Integer
         if rows.stop - rows.start < SHORTEST_STRETCH:
             continue
         free = ~samples.clamped[rows]
-        free[: min(len(free) // 4, max(20, round(10.0 / smoothing)))] = False
+        free[: min(len(free) // 4, skipped)] = False
         free[-1] = False
         edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]]).astype(np.int8)))
         for start, stop in (edges.reshape(-1, 2) + rows.start).tolist():

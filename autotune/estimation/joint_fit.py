@@ -24,9 +24,12 @@ from autotune.estimation.pieces import (
     Surroundings,
     balanced,
     run_twin,
+    run_twins,
     slides_freely,
     torque_error,
+    torque_errors,
     with_motion,
+    with_motions,
 )
 from autotune.estimation.problem import Problem
 from autotune.estimation.small_motion import small_motion, suits
@@ -197,65 +200,59 @@ class _Sweep:
             piece = balanced(recorded, packed, self.bands)
             twins = self._twins(number, piece, packed, runs)
             followed += bool(twins)
-            here = torque_error(piece, packed, self.bands)
-            rest = [torque_error(twin, packed, self.bands) for twin in twins[1:]]
-            bias = np.mean(rest, axis=0) if twins else np.zeros(len(here))
-            errors.append((here - bias)[piece.use])
             if twins and suits(piece, self.around):
+                here, *rest = torque_errors([piece, *twins[1:]], [packed] * len(twins), self.bands)
+                errors.append((here - np.mean(rest, axis=0))[piece.use])
                 parts += small_motion(piece, twins[1:], packed, self.around, self.free)
             else:
-                parts.append(self._torque_part(piece, packed, twins, here, bias))
+                part, error = self._torque_part(piece, packed, twins)
+                errors.append(error)
+                parts.append(part)
         return _Linear(assemble(parts), errors, followed / len(self.pieces))
 
-    def _torque_part(
-        self,
-        piece: Piece,
-        packed: Packed,
-        twins: list[Piece],
-        here: Floats,
-        bias: Floats,
-    ) -> Part:
-        """The torque residual `here` of a piece less the `bias` of its twins; the first twin gives the instruments.
+    def _torque_part(self, piece: Piece, packed: Packed, twins: list[Piece]) -> tuple[Part, Floats]:
+        """The torque residual of a piece less the bias of its twins; the first twin gives the instruments.
 
         It is whitened by the colour that noise has in the twin, not by its own: what the model lacks is
-        no noise, and must keep its weight.
+        no noise, and must keep its weight. The second is the residual, rows that are compared.
         """
-        columns = self._columns(piece, packed, here)
+        changed, count = self._changed(packed), len(self.free)
+        moved = [piece, *twins, *[piece] * count, *twins[:1] * count]
+        models = [*[packed] * (1 + len(twins)), *changed, *changed[: count * len(twins[:1])]]
+        found = torque_errors(moved, models, self.bands)
+        here, own = found[0], found[1 : 1 + len(twins)]
+        bias = np.mean(own[1:], axis=0) if twins else np.zeros(len(here))
+        columns = (found[1 + len(twins) : 1 + len(twins) + count] - here).T / _DIFFERENCE
         other, white = columns, np.ones(1)
         if twins:
-            first = torque_error(twins[0], packed, self.bands)
-            other = self._columns(twins[0], packed, first)
-            white = whitener((first - bias)[piece.use])
+            other = (found[-count:] - own[0]).T / _DIFFERENCE
+            white = whitener((own[0] - bias)[piece.use])
         rows = max(8, round(BLOCK_SECONDS * min(1.0, piece.pace) / (piece.period * self.bands.decimation)))
         all_three = np.column_stack([here - bias, columns, other])
         all_three = np.asarray(scipy.signal.lfilter(white, [1.0], all_three, axis=0))[piece.use]
-        count = len(self.free)
-        return Part(all_three[:, 0], all_three[:, 1 : 1 + count], all_three[:, 1 + count :], rows)
+        part = Part(all_three[:, 0], all_three[:, 1 : 1 + count], all_three[:, 1 + count :], rows)
+        return part, (here - bias)[piece.use]
 
     def _twins(self, number: int, piece: Piece, packed: Packed, runs: int) -> list[Piece]:
         """Simulated pieces; the first is for instruments only. Empty where the twin does not follow."""
-        twins: list[Piece] = []
-        for run in range(runs + 1):
-            if run and slides_freely(piece):
-                twins.append(twins[0])
-                break
-            noise = np.random.default_rng([self.seed, number, run])
-            result = run_twin(piece, packed, self.around, noise)
-            if not result.follows:
-                return []
-            twins.append(with_motion(piece, result.position, result.torque, self.bands))
-        return twins
+        noises = [np.random.default_rng([self.seed, number, run]) for run in range(runs + 1)]
+        if slides_freely(piece):
+            ran = [run_twin(piece, packed, self.around, noises[0])]
+        else:
+            ran = run_twins(piece, packed, self.around, noises)
+        if not all(one.follows for one in ran):
+            return []
+        twins = with_motions(piece, ran, self.bands)
+        return twins * 2 if slides_freely(piece) else twins
 
-    def _columns(self, piece: Piece, packed: Packed, here: Floats) -> Floats:
-        """∂R/∂(p/scale) by forward differences, shape (m, k)."""
-        columns = np.empty((len(here), len(self.free)))
-        for index, parameter in enumerate(self.free):
+    def _changed(self, packed: Packed) -> list[Packed]:
+        """The model with each free parameter moved by a little: forward differences give ∂R/∂(p/scale)."""
+        moved = []
+        for parameter in self.free:
             changed = packed.p.copy()
             changed[parameter.slot] += _DIFFERENCE * parameter.scale
-            columns[:, index] = (
-                torque_error(piece, Packed(changed, packed.on), self.bands) - here
-            ) / _DIFFERENCE
-        return columns
+            moved.append(Packed(changed, packed.on))
+        return moved
 
 
 def free_by_name(model: DriveModel, names: Sequence[str]) -> tuple[Free, ...]:

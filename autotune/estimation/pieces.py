@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,8 +23,8 @@ from autotune.estimation.controller import is_closed
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import STANDSTILL_COUNTS, STANDSTILL_SECONDS
 from autotune.estimation.disturbance import STILL, Disturbance
-from autotune.estimation.residual import Motion, stretch_residual
-from autotune.estimation.twin import leading, simulate_stretch, start_state
+from autotune.estimation.residual import Motion, abreast, stretch_residual, stretch_residuals
+from autotune.estimation.twin import leading, loop_along, simulate_stretch, simulate_stretches, start_state
 from autotune.models.drive_model import Packed
 from autotune.recordings.checks import clipped, guide_of, torque_of
 from autotune.recordings.recording import Recording
@@ -114,9 +115,34 @@ def with_motion(piece: Piece, measured: Floats, torque: Floats, bands: Bands) ->
     )
 
 
+def with_motions(piece: Piece, ran: Sequence[Simulated], bands: Bands) -> list[Piece]:
+    """`with_motion` of several simulations."""
+    moved = motion([one.position for one in ran], piece.period, bands.motion)
+    return [
+        replace(
+            piece,
+            measured=one.position,
+            torque=one.torque,
+            position=position,
+            velocity=velocity,
+            acceleration=acceleration,
+        )
+        for one, position, velocity, acceleration in zip(ran, *moved, strict=True)
+    ]
+
+
 def torque_error(piece: Piece, packed: Packed, bands: Bands) -> Floats:
     """L[u − required torque], decimated, shape (m,); all rows, also those not compared."""
     return _reduced(_error(piece, packed), piece, bands)
+
+
+def torque_errors(pieces: Sequence[Piece], models: Sequence[Packed], bands: Bands) -> Floats:
+    """`torque_error` of several models with the same effects, each along a motion of the same piece, shape (k, m)."""
+    moved = {id(piece): _moved(piece) for piece in pieces}
+    starts = [start_state(piece, packed) for piece, packed in zip(pieces, models, strict=True)]
+    motions = [moved[id(piece)] for piece in pieces]
+    errors = stretch_residuals(models, starts, motions, pieces[0].period)
+    return np.stack([_reduced(error, pieces[0], bands) for error in errors])
 
 
 def balanced(piece: Piece, packed: Packed, bands: Bands) -> Piece:
@@ -136,8 +162,11 @@ def required_error(pieces: list[Piece], packed: Packed, bands: Bands) -> Floats:
 
 
 def _error(piece: Piece, packed: Packed) -> Floats:
-    moved = Motion(piece.torque, piece.position, piece.velocity, piece.acceleration)
-    return stretch_residual(packed, start_state(piece, packed), moved, piece.period)
+    return stretch_residual(packed, start_state(piece, packed), _moved(piece), piece.period)
+
+
+def _moved(piece: Piece) -> Motion:
+    return Motion(piece.torque, piece.position, piece.velocity, piece.acceleration)
 
 
 def _reduced(error: Floats, piece: Piece, bands: Bands) -> Floats:
@@ -303,6 +332,35 @@ def run_twin(
     if free and resolution > 0.0:
         position = resolution * np.round(position / resolution)
     return Simulated(position, torque, _follows(piece, position, around.resolution))
+
+
+def run_twins(
+    piece: Piece, packed: Packed, around: Surroundings, noises: Sequence[np.random.Generator]
+) -> list[Simulated]:
+    """`run_twin` once with each noise, at most eight of them, side by side: of a piece that does not slide freely.
+
+    Where one leaves all bounds none follows.
+    """
+    controller, count = around.controller, len(noises)
+    if count == 1 or (piece.closed and not controller.usable):
+        return [run_twin(piece, packed, around, noise) for noise in noises]
+    shaken = [around.shaken(noise, len(piece), piece.period) for noise in noises]
+    disturbed, position_noise = (abreast([one[part] for one in shaken]) for part in (0, 1))
+    position, torque, inside = simulate_stretches(
+        piece,
+        [packed] * count,
+        controller,
+        (around.limit, around.resolution),
+        disturbed,
+        position_noise,
+        loop_along(piece, controller),
+    )
+    if not inside[:count].all():
+        return [Simulated(piece.measured, piece.torque, False)] * count
+    return [
+        Simulated(position[i], torque[i], _follows(piece, position[i], around.resolution))
+        for i in range(count)
+    ]
 
 
 def slides_freely(piece: Piece) -> bool:

@@ -34,7 +34,7 @@ from autotune.models.inverse import (
     required,
     required_in_lanes,
 )
-from autotune.models.lanes import WIDTH, along, filled, side_by_side
+from autotune.models.lanes import WIDTH, along, filled, room_for, side_by_side, zeros_for
 from autotune.models.load_dependent_friction import IS_PRESSED
 from autotune.models.reversal_memory import REMEMBERS
 from autotune.models.stribeck import FALLS
@@ -189,8 +189,8 @@ def _needed_in_pieces(
         one, rows = moved[min(i, len(moved) - 1)], slice(pieces.first[k], pieces.first[k] + pieces.rows)
         parts[0, lane], parts[1, lane] = one.position[rows], one.velocity[rows]
         parts[2, lane] = one.acceleration[rows]
-    needed = np.empty((pieces.rows, WIDTH))
-    p, state = filled([models[i].p for i, _ in lanes]), np.zeros((layout.STATES, WIDTH))
+    needed = room_for(pieces.rows)
+    p, state = filled([models[i].p for i, _ in lanes]), zeros_for(layout.STATES)
     required_in_lanes(p, models[0].on, state, parts[0], parts[1], parts[2], period, 1, needed)
     return needed
 
@@ -301,27 +301,59 @@ def _raw_in_lanes(data: Prepared, models: Sequence[Packed], moved: Sequence[Moti
     """`raw_residual` of up to eight models, each with its motion or all with one, shape (n, 8)."""
     asked = [_inverted(data, one) for one in models]
     models = [*asked, *[asked[-1]] * (WIDTH - len(asked))]
-    rest = np.zeros((len(moved[0].torque), WIDTH))
-    p, on = filled([packed.p for packed in models]), models[0].on
-    substeps = load_substeps(models[0].p, on, data.period)
+    rest = zeros_for(len(moved[0].torque))
     for stretch in data.stretches:
         parts = [_rows_of(one, stretch.rows) for one in moved]
         if _in_pieces(data, stretch.rows, asked, parts, rest[stretch.rows]):
             continue
-        torque, position, velocity, acceleration = (
-            abreast([getattr(one, name)[stretch.rows] for one in moved])
-            for name in ("torque", "position", "velocity", "acceleration")
-        )
-        first = np.broadcast_to(torque[:, 0], WIDTH)
-        still = np.zeros(layout.STATES)
-        state = filled([started_torque(one, still, float(u)) for one, u in zip(models, first, strict=True)])
-        acted, needed = rest[stretch.rows], np.empty((torque.shape[-1], WIDTH))
-        applied_in_lanes(p, on, state, torque, data.period, acted)
-        required_in_lanes(p, on, state, position, velocity, acceleration, data.period, substeps, needed)
-        acted -= needed
-        if on[SATURATES]:
-            acted /= _slopes(models, torque)
+        still = [np.zeros(layout.STATES)] * WIDTH
+        _lanes_of_stretch(models, still, parts, data.period, rest[stretch.rows])
     return rest
+
+
+def _lanes_of_stretch(
+    models: Sequence[Packed], starts: Sequence[Floats], moved: Sequence[Motion], period: float, rest: Floats
+) -> None:
+    """`stretch_residual` of eight models, each with its motion or all with one, written to `rest`, shape (n, 8)."""
+    torque, position, velocity, acceleration = (
+        abreast([getattr(one, name) for one in moved])
+        for name in ("torque", "position", "velocity", "acceleration")
+    )
+    p, on = filled([packed.p for packed in models]), models[0].on
+    first = np.broadcast_to(torque[:, 0], WIDTH).tolist()
+    state = filled([started_torque(*one) for one in zip(models, starts, first, strict=True)])
+    needed = room_for(torque.shape[-1])
+    applied_in_lanes(p, on, state, torque, period, rest)
+    substeps = load_substeps(models[0].p, on, period)
+    required_in_lanes(p, on, state, position, velocity, acceleration, period, substeps, needed)
+    rest -= needed
+    if on[SATURATES]:
+        rest /= _slopes(models, torque)
+
+
+def stretch_residuals(
+    models: Sequence[Packed], starts: Sequence[Floats], moved: Sequence[Motion], period: float
+) -> Floats:
+    """`stretch_residual` of several models with the same effects, each with a motion of its own; shape (k, n)."""
+    result = np.empty((len(models), len(moved[0].torque)))
+    for chosen in batches([load_substeps(one.p, one.on, period) for one in models]):
+        if len(chosen) == 1:
+            (i,) = chosen
+            result[i] = stretch_residual(models[i], starts[i], moved[i], period)
+            continue
+        lanes = [*chosen, *[chosen[-1]] * (WIDTH - len(chosen))]
+        parts = [moved[i] for i in lanes]
+        alike = all(one is parts[0] for one in parts)
+        found = room_for(result.shape[1])
+        _lanes_of_stretch(
+            [models[i] for i in lanes],
+            [starts[i] for i in lanes],
+            parts[:1] if alike else parts,
+            period,
+            found,
+        )
+        result[chosen] = found.T[: len(chosen)]
+    return result
 
 
 def _slopes(models: Sequence[Packed], demand: Floats) -> Floats:

@@ -116,17 +116,38 @@ _C2, _C3, _C4, _C5 = (
 _LOWEST, _HIGHEST = -708.0, 709.0
 
 
-def _looked_up(builder: Any, words: list[int], name: str, at: Any) -> Any:
-    """Words of a table, as a vector."""
-    kind = ir.ArrayType(_word, _TABLE)
-    table = cgutils.global_constant(builder, name, ir.Constant(kind, words))
-    result = ir.Constant(_words, ir.Undefined)
+def _looked_up(builder: Any, at: Any) -> tuple[Any, Any]:
+    """What the table of powers of two has at eight places, T and H: read as pairs, half as many reads."""
+    pair = ir.VectorType(_word, 2)
+    words = [
+        ir.Constant(pair, [ir.Constant(_word, word) for word in both])
+        for both in zip(_REST, _HEAD, strict=True)
+    ]
+    table = cgutils.global_constant(builder, "exp_table", ir.Constant(ir.ArrayType(pair, _TABLE), words))
+    table.align = 16
+    found = []
     for lane in range(WIDTH):
-        place = ir.Constant(ir.IntType(32), lane)
-        index = builder.extract_element(at, place)
-        found = builder.load(builder.gep(table, [ir.Constant(_word, 0), index]))
-        result = builder.insert_element(result, found, place)
-    return result
+        index = builder.extract_element(at, ir.Constant(ir.IntType(32), lane))
+        found.append(builder.load(builder.gep(table, [ir.Constant(_word, 0), index]), align=16))
+    rest, head = (
+        [_shuffled(builder, found[i], found[i + 1], [part, part + 2]) for i in range(0, WIDTH, 2)]
+        for part in (0, 1)
+    )
+    return _one_after_another(builder, rest), _one_after_another(builder, head)
+
+
+def _shuffled(builder: Any, one: Any, other: Any, places: list[int]) -> Any:
+    """Numbers of two vectors, by their places in both together."""
+    chosen = [ir.Constant(ir.IntType(32), place) for place in places]
+    return builder.shuffle_vector(one, other, ir.Constant(ir.VectorType(ir.IntType(32), len(places)), chosen))
+
+
+def _one_after_another(builder: Any, parts: list[Any]) -> Any:
+    """One vector of several."""
+    while len(parts) > 1:
+        places = list(range(2 * parts[0].type.count))
+        parts = [_shuffled(builder, parts[i], parts[i + 1], places) for i in range(0, len(parts), 2)]
+    return parts[0]
 
 
 def exponential(b: Any, x: Any) -> Any:
@@ -143,8 +164,9 @@ def exponential(b: Any, x: Any) -> Any:
     steps = b.fsub(shifted, each(_SHIFT))
     r = add(steps, each(_NEGATIVE_LOW), add(steps, each(_NEGATIVE_HIGH), near))
     at = b.and_(whole, _each_word(_TABLE - 1))
-    tail = b.bitcast(_looked_up(b, _REST, "exp_rest", at), vector)
-    head = b.add(_looked_up(b, _HEAD, "exp_head", at), b.shl(whole, _each_word(52 - _TABLE_BITS)))
+    rest, head = _looked_up(b, at)
+    tail = b.bitcast(rest, vector)
+    head = b.add(head, b.shl(whole, _each_word(52 - _TABLE_BITS)))
     scale = b.bitcast(head, vector)
     square = b.fmul(r, r)
     total = add(square, add(r, each(_C3), each(_C2)), b.fadd(tail, r))

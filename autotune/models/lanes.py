@@ -38,10 +38,29 @@ from autotune.models.lane_functions import (
     vector,
 )
 
+LINE = 64
+"""Bytes of a line of the processor's cache: a vector of eight numbers fills one, or is in two of them."""
+
+
+def room_for(count: int) -> Floats:
+    """Room for values lane beside lane, shape (count, 8), every eight of them in one line of the cache."""
+    room = np.empty((count + 1) * WIDTH)
+    first = -room.ctypes.data % LINE // room.itemsize
+    return room[first : first + count * WIDTH].reshape(count, WIDTH)
+
+
+def zeros_for(count: int) -> Floats:
+    """`room_for` values that are 0 until they are known."""
+    room = room_for(count)
+    room[:] = 0.0
+    return room
+
 
 def filled(sets: Sequence[Floats]) -> Floats:
     """Eight sets of values of shape (places,), lane beside lane: shape (places, 8)."""
-    return np.ascontiguousarray(np.array(sets).T)
+    table = room_for(len(sets[0]))
+    table[:] = np.array(sets).T
+    return table
 
 
 def where(condition: Any, one: Any, other: Any) -> Any:
@@ -218,11 +237,25 @@ def _choices() -> None:
     _lowered(anywhere, (mask,), any_lane)
 
 
+def _align_stack(builder: Any) -> None:
+    """Makes the compiler begin the routine's stack at a line of the cache.
+
+    A kernel keeps far more vectors than the processor has registers for. Nothing on its stack asks for more than 16
+    bytes by itself, so that three of four vectors would lie across two lines, and take twice as long to write and read.
+    An empty instruction that is given the place of an aligned vector cannot be left out, and costs nothing.
+    """
+    with builder.goto_entry_block():
+        place = builder.alloca(vector)
+        place.align = LINE
+    builder.asm(ir.FunctionType(ir.VoidType(), [vector.as_pointer()]), "", "r", [place], True)
+
+
 def _viewed(values: Any, kind: Places) -> Any:
     """What numba makes of an array that is to be read as lanes."""
 
     def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         array = context.make_array(sig.args[0])(context, builder, args[0])
+        _align_stack(builder)
         out = cgutils.create_struct_proxy(kind)(context, builder)
         height, width = cgutils.unpack_tuple(builder, array.shape)
         out.data, out.count = array.data, width if kind is rows else height
@@ -259,10 +292,20 @@ def _load(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     if kind is table:
         address = builder.bitcast(_address(builder, kind, array, args[1]), vector.as_pointer())
         return builder.load(address, align=8)
-    result = ir.Constant(vector, ir.Undefined)
-    for lane in range(WIDTH):
-        one = builder.load(_address(builder, kind, array, args[1], lane))
-        result = builder.insert_element(result, one, ir.Constant(ir.IntType(32), lane))
+    alike = builder.icmp_signed("==", array.apart, ir.Constant(array.apart.type, 0))
+    with builder.if_else(alike) as (one_for_all, one_for_each):
+        with one_for_all:
+            same = _spread(builder, builder.load(_address(builder, kind, array, args[1])))
+            spread = builder.block
+        with one_for_each:
+            own = ir.Constant(vector, ir.Undefined)
+            for lane in range(WIDTH):
+                one = builder.load(_address(builder, kind, array, args[1], lane))
+                own = builder.insert_element(own, one, ir.Constant(ir.IntType(32), lane))
+            gathered = builder.block
+    result = builder.phi(vector)
+    result.add_incoming(same, spread)
+    result.add_incoming(own, gathered)
     return result
 
 

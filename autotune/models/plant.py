@@ -146,10 +146,17 @@ def _seen(loop: Floats, room: int, place: int, late: int, part: float, measured:
     if room == 0:
         return measured
     loop[LOOP + place] = measured
-    seen = loop[LOOP + (place - late) % room]
+    back = place - late if place >= late else place - late + room
+    seen = loop[LOOP + back]
     if part > 0.0:
-        seen += part * (loop[LOOP + (place - late - 1) % room] - seen)
+        seen += part * (loop[LOOP + (back - 1 if back > 0 else room - 1)] - seen)
     return float(seen)
+
+
+@compiled
+def _next(number: int, count: int) -> int:
+    """The number after this one, round and round."""
+    return number + 1 if number + 1 < count else 0
 
 
 @compiled
@@ -208,10 +215,10 @@ def simulate(
     for i in range(room):
         loop[LOOP + i] = loop[6]  # what was seen until then
     summed, c = 0.0 * loop[6], bent(p, on)
+    row = tick = place = 0
     for k in range(len(command)):
-        row, tick = k // ticks, k % ticks
         measured = _measured(p, on, state[POSITION], position_noise[row], loop[2])
-        seen = _seen(loop, room, k % max(room, 1), late, part, measured)
+        seen = _seen(loop, room, place, late, part, measured)
         demand = _asked(gains, weight, loop, command[k], feedforward[k], seen) if closed else command[k]
         loop[6] = seen
         demand = min(max(demand, -limit), limit)
@@ -224,6 +231,7 @@ def simulate(
         advance(p, on, state, actual + disturbance[row], loop[0], substeps)
         if anywhere(abs(state[VELOCITY]) >= FASTEST) or anywhere(state[VELOCITY] != state[VELOCITY]):
             return row
+        row, tick, place = row + int(tick + 1 == ticks), _next(tick, ticks), _next(place, room)
     return len(torque)
 
 

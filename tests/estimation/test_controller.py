@@ -23,6 +23,7 @@ from autotune.estimation.controller_law import (
     fitted_whole,
     late_samples,
     law_terms,
+    regular_rows,
 )
 from autotune.estimation.controller_search import _late_trials, first_look, plain_in_band, searched_late
 from autotune.estimation.data import prepare
@@ -238,6 +239,23 @@ def test_a_filter_s_answer_to_late_samples_is_its_answer_late() -> None:
         alone = fitted_whole(late, law_terms(late, law.derivative_filter), law.derivative_filter)
         assert law.explained == pytest.approx(alone.explained, abs=1e-9)
         assert law.terms_gains == pytest.approx(alone.terms_gains, rel=1e-4, abs=1e-6 * abs(alone.kp))
+
+
+def test_terms_of_several_filters_are_those_of_each() -> None:
+    """What does not depend on the filter is made once; the filter sums as the library's does."""
+    samples = loop_samples(prepare([recorded(TRUE, None)]))
+    (rows,) = samples.stretches
+    rates = [
+        np.diff(one[rows], prepend=one[rows.start]) / PERIOD for one in (samples.position, samples.reference)
+    ]
+    for smoothing in (0.05, 0.5, 1.0):
+        terms = law_terms(samples, smoothing)
+        for column, sign, rate in zip((1, 3), (-1.0, 1.0), rates, strict=True):
+            filtered = signal.lfilter([smoothing], [1.0, smoothing - 1.0], rate)
+            np.testing.assert_array_equal(terms[rows, column], sign * filtered)
+        np.testing.assert_array_equal(terms[:, 0], samples.reference - samples.position)
+        skipped = max(20, round(10.0 / smoothing))
+        assert not regular_rows(samples, smoothing)[0][rows][:skipped].any()
 
 
 def test_the_mean_of_each_run_is_taken_out() -> None:

@@ -10,7 +10,18 @@ from autotune.estimation.bandwidth import Bands
 from autotune.estimation.controller import controller_of
 from autotune.estimation.data import prepare
 from autotune.estimation.disturbance import STILL, Disturbance
-from autotune.estimation.pieces import cut
+from autotune.estimation.pieces import (
+    Surroundings,
+    cut,
+    run_twins,
+    torque_error,
+    torque_errors,
+    with_motion,
+    with_motions,
+)
+from autotune.estimation.pieces import (
+    run_twin as run_twin_of_piece,
+)
 from autotune.estimation.problem import new_problem
 from autotune.estimation.residual import (
     Motion,
@@ -24,10 +35,13 @@ from autotune.estimation.twin import start_state
 from autotune.estimation.twin_runs import KnownRuns, run_twin
 from autotune.models.drive_model import Packed, base_model
 from autotune.models.table import EFFECTS
-from tests.estimation.simulated import AXIS, OF_TRUE, TRUE, recorded
+from tests.estimation.simulated import AXIS, OF_TRUE, RESOLUTION, TRUE, recorded
 
 LAG = EFFECTS["torque_lag"].make({"time_constant": 2e-3})
 SATURATION = EFFECTS["torque_saturation"].make({"loss": 0.1, "torque": 0.5})
+ELASTIC = EFFECTS["elastic_transmission"].make(
+    {"compliance": 2.5e-3, "load_inertia": 0.4, "load_friction": 0.3, "damping": 0.1}
+)
 
 
 def test_a_lag_has_settled_before_the_first_row() -> None:
@@ -159,3 +173,36 @@ def test_twins_of_several_models_at_once_are_those_of_each() -> None:
         assert one.stable is found.stable
         np.testing.assert_allclose(found.bias, one.bias, rtol=0.0, atol=1e-9)
         np.testing.assert_array_equal(problem.raw(packed), alone.raw(packed))
+
+
+@pytest.mark.parametrize("effect", [None, LAG, SATURATION, ELASTIC])
+def test_motions_and_models_of_a_piece_at_once_leave_what_each_leaves(effect) -> None:
+    """The measured motion and those of its twins, with several models: what a refinement asks of a piece."""
+    model = base_model(AXIS) if effect is None else base_model(AXIS).with_effect(effect)
+    recording, bands = recorded(TRUE, OF_TRUE, model=model, seconds=2.0), Bands()
+    law = controller_of(recording)
+    piece = cut(recording, bands, law)[0]
+    around = Surroundings(law, RESOLUTION, process_noise=2e-3)
+    ran = run_twins(piece, model.pack(), around, [np.random.default_rng(i) for i in range(3)])
+    alone = [run_twin_of_piece(piece, model.pack(), around, np.random.default_rng(i)) for i in range(3)]
+    twins = with_motions(piece, alone, bands)
+    for one, other, twin in zip(ran, alone, twins, strict=True):
+        assert one.follows
+        assert other.follows
+        np.testing.assert_allclose(one.position, other.position, rtol=0.0, atol=1e-9)
+        expected = with_motion(piece, other.position, other.torque, bands)
+        np.testing.assert_array_equal(twin.acceleration, expected.acceleration)
+    steps = [model.pack(), model.with_values({"coulomb": 1.001 * AXIS["coulomb"]}).pack()]
+    moved = [piece, *twins, *[piece] * 5, *twins]
+    models = [steps[0]] * 4 + [steps[1]] * 8
+    for left, along, packed in zip(torque_errors(moved, models, bands), moved, models, strict=True):
+        np.testing.assert_allclose(left, torque_error(along, packed, bands), rtol=0.0, atol=1e-10)
+
+
+def test_where_one_of_a_pieces_twins_runs_away_none_follows() -> None:
+    recording = recorded(TRUE, OF_TRUE, seconds=2.0)
+    law = controller_of(recording)
+    piece = cut(recording, Bands(), law)[0]
+    wild = base_model({**AXIS, "inertia": 1e-9, "micro_damping": 1e-9}).pack()
+    ran = run_twins(piece, wild, Surroundings(law, RESOLUTION), [np.random.default_rng(i) for i in range(3)])
+    assert not any(one.follows for one in ran)

@@ -15,7 +15,17 @@ from autotune.models.inverse import (
     required,
     required_in_lanes,
 )
-from autotune.models.lanes import WIDTH, along, anywhere, filled, side_by_side, where
+from autotune.models.lanes import (
+    LINE,
+    WIDTH,
+    along,
+    anywhere,
+    filled,
+    room_for,
+    side_by_side,
+    where,
+    zeros_for,
+)
 from autotune.models.plant import seen_late, simulate, simulate_in_lanes, substeps_for
 from autotune.models.table import EFFECTS
 from tests.models.test_effects import NUMBERS, SHAPED, VALUES
@@ -35,6 +45,28 @@ def _models(effect: str) -> list[Packed]:
         values = SHAPED.get(effect, VALUES[effect]) if lane % 2 else VALUES[effect]
         models.append(base_model(numbers).with_effect(EFFECTS[effect].make(values)).pack())
     return models
+
+
+@pytest.mark.parametrize("count", [1, 7, 526])
+def test_eight_numbers_lie_in_one_line_of_the_cache(count: int) -> None:
+    """Across two lines they take twice as long; where an array begins is otherwise chance."""
+    for table in (room_for(count), zeros_for(count), filled([np.arange(float(count))] * WIDTH)):
+        assert table.shape == (count, WIDTH)
+        assert table.flags.c_contiguous
+        assert table.ctypes.data % LINE == 0
+    assert not zeros_for(count).any()
+
+
+def test_what_is_one_for_all_lanes_is_as_if_each_had_it() -> None:
+    models = _models("stribeck")
+    p, on, steps = filled([one.p for one in models]), models[0].on, 1
+    velocity = np.gradient(POSITION, PERIOD)
+    motion = [part[None] for part in (POSITION, velocity, np.gradient(velocity, PERIOD))]
+    found = []
+    for parts in (motion, [np.repeat(part, WIDTH, axis=0) for part in motion]):
+        found.append(room_for(ROWS))
+        required_in_lanes(p, on, zeros_for(layout.STATES), *parts, PERIOD, steps, found[-1])
+    np.testing.assert_array_equal(*found)
 
 
 @pytest.mark.parametrize("effect", list(EFFECTS))
