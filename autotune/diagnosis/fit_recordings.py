@@ -75,7 +75,9 @@ def fit_recordings(
     whole = joined(recordings)
     refuse_other_velocity(whole, "the recording")
     questions = refuse_unlike_axis(whole)
-    result, compared = _behind_the_chain(_fitted(whole, effects, progress), whole, recordings, effects, progress)
+    result, compared = _behind_the_chain(
+        _fitted(whole, effects, progress), whole, recordings, effects, progress
+    )
     model = result.model
     if model is None:
         return replace(result, notes=(*questions, *result.notes), questions=tuple(questions))
