@@ -85,6 +85,14 @@ def test_a_lag_in_the_loop_is_told_from_rows_that_were_written_late(begun: Begun
     assert RepeatedProgramme().aligned(problem, model_fit) is problem
 
 
+def test_a_reading_behind_a_filter_is_taken_out(begun: Begun) -> None:
+    """Drives filter the torque that they tell by a millisecond or so; no effect makes a torque come after its motion."""
+    late = 3.0
+    problem, model_fit = _spoilt(begun, shifted(begun[0].data, -late), exact=False)
+    again = RepeatedProgramme().aligned(problem, model_fit)
+    assert again.data.shift == pytest.approx(late, abs=0.3)
+
+
 def test_whole_cycles_behind_a_drive_s_loop_are_no_lag(begun: Begun) -> None:
     """A demand that acts a cycle later and behind a current loop; more than that by half a cycle is neither."""
     late = shifted(begun[0].data, 2.0)
