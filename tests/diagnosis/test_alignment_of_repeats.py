@@ -86,7 +86,7 @@ def test_a_lag_in_the_loop_is_told_from_rows_that_were_written_late(begun: Begun
 
 
 def test_a_reading_behind_a_filter_is_taken_out(begun: Begun) -> None:
-    """Drives filter the torque that they tell by a millisecond or so; no effect makes a torque come after its motion."""
+    """Drives filter the torque that they tell by a millisecond or so; no effect makes it come after its motion."""
     late = 3.0
     problem, model_fit = _spoilt(begun, shifted(begun[0].data, -late), exact=False)
     again = RepeatedProgramme().aligned(problem, model_fit)
