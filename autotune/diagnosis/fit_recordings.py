@@ -198,13 +198,15 @@ def _behind_the_chain(
     """The fit and how its model compares, with the torque as late as it acts, where that leaves less.
 
     A fit of all motion together takes the torque as it was recorded: behind an ordinary current loop, or a reading
-    that is late, viscosity, friction and damping make up for the delay. The search has it as a nuisance.
+    that is late, viscosity, friction and damping make up for the delay. The search has it as a nuisance. It fits
+    nothing beside the model: where the first fit did, that stays.
     """
     compared = None if result.model is None else compared_or_none(recordings, result.model)
-    if compared is None or result.method != "twin":
+    if compared is None or result.method != "twin" or _beside(result):
         return result, compared
     data = compared.problem.data
-    if data.lag <= SURE * data.lag_error and data.late == 0.0 and data.cycles == 0:
+    late = data.lag > SURE * data.lag_error or data.late != 0.0 or data.cycles > 0
+    if not (compared.twin and data.repeated and late):
         return result, compared
     other = _by_search(whole, effects, (), progress)
     its = None if other.model is None else compared_or_none(recordings, other.model)
@@ -213,14 +215,20 @@ def _behind_the_chain(
     return other, its
 
 
+def _beside(result: FitResult) -> bool:
+    """Whether torque that belongs to the place was fitted beside the model, which does not hold it."""
+    return any(note.startswith(HOLDS) for note in result.notes)
+
+
 def _with_error(result: FitResult, compared: Compared | None) -> FitResult:
     """The error of the model as `compare` measures it, where it can."""
     if result.model is None or compared is None:
         return result
     estimate = replace(result.estimate, relative_error=compared.relative_error)
     if result.method in ("programme", "twin") and compared.relative_error**2 > POLICY.misfit:
-        beside = any(note.startswith(HOLDS) for note in result.notes)
-        why = (FITTED_BESIDE if beside else HARDLY_ANY).format(percent=100.0 * compared.relative_error)
+        why = (FITTED_BESIDE if _beside(result) else HARDLY_ANY).format(
+            percent=100.0 * compared.relative_error
+        )
         reason = "; ".join(filter(None, (estimate.reason, why)))
         estimate = replace(estimate, valid=False, reason=reason)
     return replace(
