@@ -40,6 +40,7 @@ from autotune.models.reversal_memory import (
     YIELDING,
     as_one_bristle,
     climbing,
+    closes_loops,
     contact_remembers,
     of_contacts,
     of_many_contacts,
@@ -136,14 +137,20 @@ def with_climb(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
 
 
 def _of_many(problem: Problem, model_fit: ModelFit, before: ModelFit) -> ModelFit | None:
-    """The model with its bristle taken apart into many contacts, where it predicts better than another; else None."""
+    """The model with its bristle taken apart into many contacts, where it predicts better than another; else None.
+
+    How far the last of them goes is told by ways of their own: two places of the raster are nearly a factor of two
+    apart, and between them lies what a decade is.
+    """
     short = refit(problem, *_as_chain(model_fit, MANY_LINKS, held=True), model_fit.correction, SHORT)
-    if short.cost > (1.0 - problem.policy.least_gain) * before.fitted.cost or not of_many(short.packed):
+    least = (1.0 - problem.policy.least_gain) * before.fitted.cost
+    if short.cost > least or not closes_loops(short.packed.p):
         return None
     many = fit_inside_twin(problem, short.packed, list(short.free), ROUNDS + 1, model_fit.effects)
-    if many is None or not of_many(many.fitted.packed) or not asked_for(problem, before, many):
+    if many is None or not closes_loops(many.fitted.packed.p) or not asked_for(problem, before, many):
         return None
-    return None if _remembers_beyond(problem, many) else _off_the_raster(problem, many) or many
+    many = _off_the_raster(problem, many) or many
+    return many if of_many(many.fitted.packed) and not _remembers_beyond(problem, many) else None
 
 
 def _off_the_raster(problem: Problem, many: ModelFit) -> ModelFit | None:

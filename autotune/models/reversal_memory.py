@@ -222,7 +222,12 @@ def of_many_contacts(p: Floats) -> bool:
     contact that forgets are an effect, and so are those that go on beyond.
     """
     left = 1.0 - _carried(p, DECADE * _way_to(p, ONE_REACH)) / _level(p)
-    return left < HUNDREDTH and abs(forgotten(p)) < HALF * A_BRISTLE_FORGETS
+    return left < HUNDREDTH and closes_loops(p)
+
+
+def closes_loops(p: Floats) -> bool:
+    """Whether small loops of all friction close where they began, as those of elements do and of a bristle do not."""
+    return abs(forgotten(p)) < HALF * A_BRISTLE_FORGETS
 
 
 def of_contacts(p: Floats) -> bool:
@@ -313,12 +318,13 @@ def _way_to(p: Floats, part: float) -> float:
 def climbing(p: Floats) -> tuple[list[int], float]:
     """Numbers of the elements that slide while a bristle as stiff at rest still climbs, and the way on which it does.
 
-    Or while many contacts do that climb for longer. Elements that go on beyond it [rad or m] are memory.
+    Or while many contacts do, where some of them climb for longer: their virgin curve may come to its level as soon as
+    that of one contact does, and yet no part of it forgets. Elements that go on beyond it [rad or m] are memory.
     """
     reach = p[_AT : _AT + 2 * ELEMENTS : 2]
     used = np.flatnonzero(reach > 0.0)
     way = CLIMBS * max(_level(p) / _stiffness(p), _way_to(p, ONE_REACH))
-    if of_many_contacts(p) and not of_one_contact(p):
+    if longest_displacement(p) > way and of_many_contacts(p):
         way = max(way, DECADE * _way_to(p, ONE_REACH))
     return [int(i) + 1 for i in used if reach[i] <= way], way
 
