@@ -33,6 +33,8 @@ from autotune.estimation.problem import Problem, refit, refits
 from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.reversal_memory import (
+    AT_ONCE,
+    ATTRACTION,
     DAMPING,
     ELEMENTS,
     REMEMBERS,
@@ -47,6 +49,7 @@ from autotune.models.reversal_memory import (
     of_one_contact,
     share_damping,
 )
+from autotune.models.stribeck import FALLS
 
 EFFECT = REVERSAL_MEMORY.name
 NEW_ELEMENTS = 3
@@ -76,6 +79,9 @@ LINKS, MORE_LINKS = (0.5, 1.2), (0.3, 0.7, 1.2, 2.0)
 """Of a bristle's reach: where the contacts of a chain let go that take its place, and those of a finer one."""
 MANY_LINKS = tuple(0.1 * 60.0 ** (i / 7.0) for i in range(8))
 """The same of a sum of many contacts, over a decade and a half."""
+FASTEST_SEEN, SLOWEST_SEEN = 2.0 * np.pi, 0.01
+"""Of the frequency up to which rows are compared, and of that rate: what is faster is at once, and what is slower is no
+part of a contact that lets go."""
 LEAST_LEVEL = 1e-3
 """Of all friction: what is left of the bristle at least, where a chain is in its place."""
 
@@ -123,7 +129,7 @@ def with_climb(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
     there = there or problem.two_masses(fitted.packed)
     if there or not known or problem.data.steady:
         return None
-    starts = [(*start, None) for start in (_with_parts(model_fit), _as_chain(model_fit, LINKS))]
+    starts = [(*start, None) for start in (_with_parts(model_fit), _as_chain(problem, model_fit, LINKS))]
     shorts = refits(problem, starts, model_fit.correction, SHORT)
     least = (1.0 - problem.policy.least_gain) * fitted.cost
     climbs = _one_contact(problem, model_fit, [short for short in shorts if short.cost < least])
@@ -142,7 +148,7 @@ def _of_many(problem: Problem, model_fit: ModelFit, before: ModelFit) -> ModelFi
     How far the last of them goes is told by ways of their own: two places of the raster are nearly a factor of two
     apart, and between them lies what a decade is.
     """
-    short = refit(problem, *_as_chain(model_fit, MANY_LINKS, held=True), model_fit.correction, SHORT)
+    short = refit(problem, *_as_chain(problem, model_fit, MANY_LINKS, held=True), model_fit.correction, SHORT)
     least = (1.0 - problem.policy.least_gain) * before.fitted.cost
     if short.cost > least or not closes_loops(short.packed.p):
         return None
@@ -169,7 +175,7 @@ def _with_more_links(problem: Problem, model_fit: ModelFit, climbs: ModelFit) ->
     """A chain of more contacts, where it predicts better than the model that `climbs`; else None."""
     if climbs.fitted.packed.p[DAMPING] == 0.0:
         return None
-    short = refit(problem, *_as_chain(model_fit, MORE_LINKS), model_fit.correction, SHORT)
+    short = refit(problem, *_as_chain(problem, model_fit, MORE_LINKS), model_fit.correction, SHORT)
     finer = _one_contact(problem, model_fit, [short])
     return finer if finer is not None and asked_for(problem, climbs, finer) else None
 
@@ -203,7 +209,9 @@ def _bristle(packed: Packed) -> tuple[float, float]:
     return level, level / float(packed.p[layout.STIFFNESS])
 
 
-def _as_chain(model_fit: ModelFit, links: Sequence[float], held: bool = False) -> tuple[Packed, list[Free]]:
+def _as_chain(
+    problem: Problem, model_fit: ModelFit, links: Sequence[float], held: bool = False
+) -> tuple[Packed, list[Free]]:
     """A start of elements in place of the bristle, on its virgin curve, with a damping of their own.
 
     `links`: of the bristle's reach, where elements slide; `held`: on a raster of so many that it need not be fitted.
@@ -217,6 +225,10 @@ def _as_chain(model_fit: ModelFit, links: Sequence[float], held: bool = False) -
     p[layout.MICRO_DAMPING] = max(
         packed.p[layout.MICRO_DAMPING], usual_damping(level / reach, p[layout.INERTIA])
     )
+    p[ATTRACTION] = AT_ONCE
+    if on[FALLS]:
+        p[layout.BREAK_AWAY] = p[layout.COULOMB] + _rise(packed)
+        p[ATTRACTION] = FASTEST_SEEN * problem.data.cutoff
     share_damping(p, on)
     free = [_down_to(one, LEAST_LEVEL * level) for one in model_fit.free]
     for i, one in enumerate(elements, 1):
@@ -225,7 +237,20 @@ def _as_chain(model_fit: ModelFit, links: Sequence[float], held: bool = False) -
     damping = REVERSAL_MEMORY.parameter("damping")
     scale = 0.3 * float(p[damping.slot])
     free.append(Free(REVERSAL_MEMORY.surface(damping.name), damping.slot, 0.0, damping.upper, scale, np.inf))
-    return Packed(p, on), free
+    return Packed(p, on), [*free, *([_attraction_free(float(p[ATTRACTION]))] if on[FALLS] else [])]
+
+
+def _rise(packed: Packed) -> float:
+    """By how much friction at rest is above that at speed, where it falls [N m or N]."""
+    rise = packed.p[layout.BREAK_AWAY] - packed.p[layout.COULOMB]
+    return max(float(rise), 0.0) if packed.on[FALLS] else 0.0
+
+
+def _attraction_free(fastest: float) -> Free:
+    """How fast elements follow a level that falls, as a free parameter, begun as fast as can be seen [1/s]."""
+    attraction = REVERSAL_MEMORY.parameter("attraction")
+    name = REVERSAL_MEMORY.surface(attraction.name)
+    return Free(name, attraction.slot, SLOWEST_SEEN * fastest, AT_ONCE, fastest, relative=True)
 
 
 def _element_free(number: int, place: float, level: float, shortest: float = 0.0) -> tuple[Free, Free]:
@@ -259,7 +284,9 @@ def without_climb(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
     """The model with one bristle again; None where the twin is unstable."""
     p, on = model_fit.fitted.packed.p.copy(), model_fit.fitted.packed.on.copy()
     level, reach = as_one_bristle(p)
+    rise = _rise(model_fit.fitted.packed)
     p[layout.COULOMB], p[layout.STIFFNESS] = level, level / reach
+    p[layout.BREAK_AWAY] = level + rise if on[FALLS] else p[layout.BREAK_AWAY]
     p[layout.MICRO_DAMPING] += p[DAMPING]
     p[[*ELEMENT_SLOTS]], on[REMEMBERS] = 0.0, False
     free = [one for one in model_fit.free if one.slot not in ELEMENT_SLOTS]

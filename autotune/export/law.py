@@ -30,7 +30,14 @@ from autotune.models.contact import LEAST_DEFLECTION, LEAST_SHARE
 from autotune.models.drive_model import WHOLE_BASE, DriveModel
 from autotune.models.effect import Kind
 from autotune.models.lugre import bends, crept, fallen, halfway, onward
-from autotune.models.reversal_memory import DAMPING, REMEMBERS, memory_damping, memory_torque
+from autotune.models.reversal_memory import (
+    ATTRACTION,
+    DAMPING,
+    REMEMBERS,
+    memory_damping,
+    memory_torque,
+    more_to_carry,
+)
 from autotune.models.stribeck import EXPONENT, FALLS, TAIL
 from autotune.models.table import EFFECTS
 from autotune.models.torque_ripple import scale_slot
@@ -148,6 +155,10 @@ class _Frame:
             yield self._from_kernel(FALLS, fallen, use, named("velocity"), *terms)
         speed, place = named("velocity"), named("place")
         yield from self._from_kernels("level", "level = level + {}", None, None, speed)
+        carry = bool(self._on[REMEMBERS]) and bool(self._p[ATTRACTION] > 0.0)
+        if carry:
+            yield self._from_kernel(REMEMBERS, more_to_carry, "more = {}", None, named("level"))
+            yield Block("What the bristle has of it.", f"level = {self._slot(layout.COULOMB)} * more")
         # what multiplies the level multiplies what the elements carry, too
         carried = tuple(self._from_kernels("level_factor", "factor = factor * {}", None, None, place))
         shared = bool(carried) and bool(self._on[REMEMBERS])
@@ -168,13 +179,13 @@ class _Frame:
         yield from self._from_kernels("viscous_factor", "coefficient = coefficient * {}", None, None)
         yield Block(f"All friction [{torque}].", "friction = friction + coefficient * velocity")
         if self._on[REMEMBERS]:
-            travel = named("travel")
+            travel, more = named("travel"), named("more") if carry else Term(ast.Constant(1.0), 1.0)
             if self._p[DAMPING] > 0.0:  # asked before the elements move
                 faded = "part * " if self._p[layout.DAMPING_VELOCITY] > 0.0 else ""
                 damped = f"friction = friction + {faded}{{}} * velocity"
-                yield self._from_kernel(REMEMBERS, memory_damping, damped, None, None, travel)
+                yield self._from_kernel(REMEMBERS, memory_damping, damped, None, None, travel, more)
             use = "friction = friction + factor * {}" if shared else "friction = friction + {}"
-            yield self._from_kernel(REMEMBERS, memory_torque, use, None, None, travel)
+            yield self._from_kernel(REMEMBERS, memory_torque, use, None, None, travel, more, named("PERIOD"))
         yield Block("What is not friction.", f"outside = {self._slot(layout.OFFSET)}")
         yield from self._from_kernels("torque", "outside = outside + {}", None, place)
 

@@ -39,7 +39,14 @@ from autotune.models.lugre import (
     faded_part,
     falling_level,
 )
-from autotune.models.reversal_memory import DAMPING, REMEMBERS, memory_damping, memory_torque
+from autotune.models.reversal_memory import (
+    ATTRACTION,
+    DAMPING,
+    REMEMBERS,
+    memory_damping,
+    memory_torque,
+    more_to_carry,
+)
 from autotune.models.stribeck import EXPONENT, FALLS, TAIL
 
 _torque = all_added("torque")
@@ -50,12 +57,28 @@ LEAST_SHARE = 0.02  # of the Coulomb level, where effects together would take it
 
 
 @compiled
-def friction_limit(p: Floats, on: Flags, state: Floats, position: float, velocity: float) -> float:
-    """g, the bristle's deflection in steady state [rad or m]."""
+def raised_level(p: Floats, on: Flags, state: Floats, velocity: float) -> float:
+    """The bristle's level with what effects add to that of friction, were it all of the contact [N m]."""
     level = float(p[COULOMB])
     if on[FALLS]:
         level = falling_level(velocity, level, p[BREAK_AWAY], p[STRIBECK_VELOCITY], p[EXPONENT], p[TAIL])
-    level = _level(level, p, on, state, velocity)
+    return _level(level, p, on, state, velocity)
+
+
+@compiled
+def elements_carry(p: Floats, on: Flags, state: Floats, velocity: float) -> float:
+    """How many times what they are said to carry the elements do now: all of a contact shares what is added to it."""
+    if not anywhere(p[ATTRACTION] > 0.0):
+        return 1.0 + 0.0 * velocity
+    return more_to_carry(p, raised_level(p, on, state, velocity))
+
+
+@compiled
+def friction_limit(p: Floats, on: Flags, state: Floats, position: float, velocity: float) -> float:
+    """g, the bristle's deflection in steady state [rad or m]."""
+    level = raised_level(p, on, state, velocity)
+    if on[REMEMBERS] and anywhere(p[ATTRACTION] > 0.0):
+        level = where(p[ATTRACTION] > 0.0, p[COULOMB] * more_to_carry(p, level), level)
     level = _level_factor(level, p, on, state, position)
     limit = max(max(level, LEAST_SHARE * p[COULOMB]) / p[STIFFNESS], LEAST_DEFLECTION)
     if anywhere(p[CREEP_VELOCITY] > 0.0):
@@ -123,11 +146,20 @@ def bend(
 
 
 @compiled
-def remembered(p: Floats, on: Flags, state: Floats, position: float, displacement: float) -> float:
+def remembered(
+    p: Floats,
+    on: Flags,
+    state: Floats,
+    position: float,
+    displacement: float,
+    velocity: float,
+    duration: float,
+) -> float:
     """Torque of the hysteresis elements after a displacement [N m]; what multiplies the level does so with theirs."""
     if not on[REMEMBERS]:
         return 0.0
-    return _level_factor(memory_torque(p, state, displacement), p, on, state, position)
+    more = elements_carry(p, on, state, velocity)
+    return _level_factor(memory_torque(p, state, displacement, more, duration), p, on, state, position)
 
 
 @compiled
@@ -135,19 +167,25 @@ def remembered_damping(p: Floats, on: Flags, state: Floats, displacement: float,
     """Damping of the hysteresis elements over a displacement, asked before they make it [N m s/rad]."""
     if on[REMEMBERS] and anywhere(p[DAMPING] > 0.0):
         part = faded_part(velocity, p[DAMPING_VELOCITY], p[DAMPING_TAIL])
-        return part * memory_damping(p, state, displacement)
+        return part * memory_damping(p, state, displacement, elements_carry(p, on, state, velocity))
     return 0.0
 
 
 @compiled
 def remembered_in_motion(
-    p: Floats, on: Flags, state: Floats, position: float, displacement: float, velocity: float
+    p: Floats,
+    on: Flags,
+    state: Floats,
+    position: float,
+    displacement: float,
+    velocity: float,
+    duration: float,
 ) -> float:
     """Torque of the hysteresis elements after a displacement, with their damping at its end [N m]."""
     if not on[REMEMBERS]:
         return 0.0
     damping = remembered_damping(p, on, state, displacement, velocity)
-    return remembered(p, on, state, position, displacement) + damping * velocity
+    return remembered(p, on, state, position, displacement, velocity, duration) + damping * velocity
 
 
 @compiled

@@ -133,7 +133,7 @@ def required(
         friction = p[STIFFNESS] * state[BRISTLE] + bristle_damping(p, v) * rate
         friction += viscous_coefficient(p, on, state, v) * v
         friction *= 1.0 - rub
-        friction += remembered_in_motion(p, on, state, q, period * mean, v)
+        friction += remembered_in_motion(p, on, state, q, period * mean, v, period)
         outside = additive(p, on, q)
         if loaded:
             outside -= hung(p, on)

@@ -76,7 +76,7 @@ def one_mass(p: Floats, on: Flags, state: Floats, drive: float, step: float) -> 
     position, velocity = state[POSITION], state[VELOCITY]
     friction, slope = rubbing(p, on, state, BRISTLE, 1.0, position, velocity, step)
     damping = remembered_damping(p, on, state, step * velocity, velocity)
-    friction += remembered(p, on, state, position, step * velocity) + damping * velocity
+    friction += remembered(p, on, state, position, step * velocity, velocity, step) + damping * velocity
     slope += damping
     outside = additive(p, on, position + 0.5 * step * velocity)
     later = velocity + step * (drive - outside - friction) / (p[INERTIA] + 0.5 * step * slope)
@@ -101,7 +101,7 @@ def two_masses(p: Floats, on: Flags, state: Floats, drive: float, step: float) -
     passed = passed_torque(stiffness, damping, half, impact, twist, velocity - speed)
     friction, slope = rubbing(p, on, state, BRISTLE, 1.0 - rub, position, velocity, step)
     held = remembered_damping(p, on, state, step * velocity, velocity)
-    friction += remembered(p, on, state, position, step * velocity) + held * velocity
+    friction += remembered(p, on, state, position, step * velocity, velocity, step) + held * velocity
     slope += held
     weight = hung(p, on)
     outside = additive(p, on, position + 0.5 * step * velocity) - weight

@@ -11,6 +11,10 @@ endochronic element. `yielding` is the b of all elements.
 
 While it sticks an element is damped, too (the same paper's generalised model: σ_i·ż_i in each); all have one relaxation
 time, so that the `damping` of all is shared as their stiffness is. A model without it has the bristle's.
+
+Elements that are the contact itself carry more where its level is higher (at rest, by Stribeck's curve, under load):
+each slides at m, its part of that level, and comes down to it with a rate of its own where it falls,
+z → m + (z − m)·e^(−C·t), the attraction of the same paper's model. Elements without one lie beside a contact.
 """
 
 from __future__ import annotations
@@ -34,6 +38,11 @@ _STATE = state_block("reversal_memory")
 REMEMBERS = flag("reversal_memory")
 DAMPING = _AT + 2 * ELEMENTS
 YIELDING = DAMPING + 1
+ATTRACTION = YIELDING + 1
+AT_ONCE = 1e6
+"""1/s: so fast an element comes down to a level that has fallen where no data tell how fast."""
+LEAST_MORE = 0.02
+"""Of what a contact carries: less is left of it by no effect."""
 _DAMPING = Parameter(
     "damping",
     "N m s/rad",
@@ -53,6 +62,17 @@ _YIELDING = Parameter(
     1.0,
     "part of its stiffness that an element has lost when it slides",
     YIELDING,
+    optional=True,
+    held=True,
+)
+_ATTRACTION = Parameter(
+    "attraction",
+    "1/s",
+    0.0,
+    0.0,
+    AT_ONCE,
+    "how fast elements follow the contact's level where it falls; 0: they have no part in it",
+    ATTRACTION,
     optional=True,
     held=True,
 )
@@ -79,9 +99,15 @@ def _element(number: int) -> tuple[Parameter, ...]:
 
 
 @compiled
-def memory_torque(p: Floats, state: Floats, displacement: float) -> float:
-    """Moves all elements by `displacement` and returns what they carry [N m]."""
+def memory_torque(p: Floats, state: Floats, displacement: float, more: float, duration: float) -> float:
+    """Moves all elements by `displacement` in `duration` [s] and returns what they carry [N m].
+
+    Those of a contact slide at `more` times what they are said to carry (`more_to_carry`).
+    """
     total = 0.0
+    kept = 0.0 * more
+    if anywhere(p[ATTRACTION] > 0.0):
+        kept = math.exp(-p[ATTRACTION] * duration)
     for i in range(ELEMENTS):
         limit = p[_AT + 2 * i]
         if not anywhere(limit > 0.0):
@@ -93,10 +119,23 @@ def memory_torque(p: Floats, state: Floats, displacement: float) -> float:
             end = where(displacement < 0.0, -some / part, some / part)
             bent = end + (state[_STATE + i] - end) * math.exp(-part * abs(displacement) / some)
             z = where(p[YIELDING] > 0.0, bent, z)
-        z = min(max(z, -limit), limit)
+        most = limit
+        if anywhere(p[ATTRACTION] > 0.0):
+            most = limit * more
+            most = most + max(abs(state[_STATE + i]) - most, 0.0) * kept
+        z = min(max(z, -most), most)
         state[_STATE + i] = z
         total += where(limit > 0.0, p[_AT + 2 * i + 1] * z / limit, 0.0)
     return total
+
+
+@compiled
+def more_to_carry(p: Floats, level: float) -> float:
+    """By how much all of a contact carries more where effects raise its bristle to a `level` [N m]; 1 beside one."""
+    whole = p[COULOMB]
+    for i in range(ELEMENTS):
+        whole = whole + p[_AT + 2 * i + 1]
+    return max(where(p[ATTRACTION] > 0.0, 1.0 + (level - p[COULOMB]) / whole, 1.0), LEAST_MORE)
 
 
 @compiled
@@ -110,8 +149,8 @@ def memory_stiffness(p: Floats) -> float:
 
 
 @compiled
-def memory_damping(p: Floats, state: Floats, displacement: float) -> float:
-    """Damping of the elements over a displacement that they have yet to make [N m s/rad].
+def memory_damping(p: Floats, state: Floats, displacement: float, more: float) -> float:
+    """Damping of the elements over a displacement that they have yet to make [N m s/rad]; `more` as in `memory_torque`.
 
     Each has the share of its stiffness, for that part of the way on which it sticks; of what yields, as it is now.
     """
@@ -124,7 +163,10 @@ def memory_damping(p: Floats, state: Floats, displacement: float) -> float:
             break
         stiffness = where(limit > 0.0, p[_AT + 2 * i + 1] / limit, 0.0)
         bent = where(displacement < 0.0, -state[_STATE + i], state[_STATE + i])
-        room = max(limit - bent, 0.0)
+        most = limit
+        if anywhere(p[ATTRACTION] > 0.0):
+            most = limit * more
+        room = max(most - bent, 0.0)
         kept = 1.0 - where(limit > 0.0, p[YIELDING] * bent / limit, 0.0)
         whole += stiffness
         sticking += stiffness * kept * where(room < way, room / way, 1.0)
@@ -336,7 +378,12 @@ def longest_displacement(p: Floats) -> float:
 
 REVERSAL_MEMORY = Kind(
     name="reversal_memory",
-    parameters=(*(one for number in range(1, ELEMENTS + 1) for one in _element(number)), _DAMPING, _YIELDING),
+    parameters=(
+        *(one for number in range(1, ELEMENTS + 1) for one in _element(number)),
+        _DAMPING,
+        _YIELDING,
+        _ATTRACTION,
+    ),
     looks_like="After a reversal the torque climbs in several stages over a long way; small loops inside "
     "large ones close where they began.",
     cause="Many contacts that let go one after another: preloaded balls and rollers, seals, wipers, cables.",

@@ -30,7 +30,7 @@ def starts(c: StartContext) -> Iterator[StartValues]:
         speed = share * c.speed if not c.constant_speeds else 5.0 * share * c.speed
         yield StartValues(
             {
-                "break_away": c.coulomb + at_first(0.1 * c.coulomb, c.left),
+                "break_away": float(c.p[COULOMB]) + at_first(0.1 * c.coulomb, c.left),
                 "stribeck_velocity": speed,
                 "stribeck_exponent": exponent,
             },

@@ -122,6 +122,12 @@ def creeping() -> DriveModel:
     return everything().with_creep(0.3, 0.6)
 
 
+def sharing() -> DriveModel:
+    """A model whose elements are its contact, and share what is added to its level and what multiplies it."""
+    elements = {**VALUES["reversal_memory"], "attraction": 40.0}
+    return everything().with_effect(EFFECTS["reversal_memory"].make(elements))
+
+
 def proved(seed: int) -> DriveModel:
     """What a run has proved on a simulated axis."""
     return read_model(MODELS / f"seed-{seed}.toml")

@@ -30,6 +30,7 @@ from .support import (
     python_torque,
     random_motion,
     shaped,
+    sharing,
     with_effects,
     write,
 )
@@ -66,7 +67,9 @@ def test_random_motion_gives_the_torque_of_the_python_feedforward(tmp_path: Path
     assert np.std(expected) > 0.1  # there was something to compare
 
 
-@pytest.mark.parametrize("effect", [*FED_FORWARD, "none", "proved", "fading", "shaped", "creeping"])
+@pytest.mark.parametrize(
+    "effect", [*FED_FORWARD, "none", "proved", "fading", "shaped", "creeping", "sharing"]
+)
 def test_every_effect_alone_is_the_same(tmp_path: Path, effect: str) -> None:
     own = {
         "none": with_effects(),
@@ -74,6 +77,7 @@ def test_every_effect_alone_is_the_same(tmp_path: Path, effect: str) -> None:
         "fading": fading("reversal_memory"),
         "shaped": shaped(),
         "creeping": creeping(),
+        "sharing": sharing(),
     }
     model = own.get(effect) or with_effects(effect)
     motion = random_motion(5_000, 3)

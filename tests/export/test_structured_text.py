@@ -13,7 +13,17 @@ from autotune.export.request import FADE, Request
 from autotune.export.structured_text import export_st
 from autotune.models.drive_model import DriveModel
 
-from .support import H, creeping, everything, proved, python_torque, random_motion, shaped, with_effects
+from .support import (
+    H,
+    creeping,
+    everything,
+    proved,
+    python_torque,
+    random_motion,
+    shaped,
+    sharing,
+    with_effects,
+)
 
 SAME = 1e-9
 CYCLE = 1_000_000
@@ -81,11 +91,10 @@ def test_blark_reads_it(model: DriveModel) -> None:
     assert str(block.name) == "autotune_ff"
 
 
-@pytest.mark.parametrize("which", ["everything", "proved", "shaped", "creeping"])
+@pytest.mark.parametrize("which", ["everything", "proved", "shaped", "creeping", "sharing"])
 def test_its_arithmetic_is_that_of_the_python_feedforward(which: str) -> None:
-    model = {"everything": everything, "proved": lambda: proved(3), "shaped": shaped, "creeping": creeping}[
-        which
-    ]()
+    own = {"proved": lambda: proved(3), "shaped": shaped, "creeping": creeping, "sharing": sharing}
+    model = (own | {"everything": everything})[which]()
     motion, block = random_motion(8_000, 9), Block(text_of(model))
     rows = zip(*(column.tolist() for column in motion), strict=True)
     torque = np.array([block.call(*row) for row in rows])

@@ -9,15 +9,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from autotune.core.arrays import Floats
 from autotune.models import layout
+from autotune.models.contact import elements_carry
 from autotune.models.drive_model import DriveModel, base_model
+from autotune.models.inverse import required
 from autotune.models.model_file import model_text, parse_model, read_model, write_model
 from autotune.models.reversal_memory import (
     A_BRISTLE_FORGETS,
+    AT_ONCE,
     DAMPING,
     REMEMBERS,
     REVERSAL_MEMORY,
     climbing,
+    closes_loops,
     contact,
     drawn_out,
     forgotten,
@@ -27,6 +32,7 @@ from autotune.models.reversal_memory import (
     of_one_contact,
     share_damping,
 )
+from autotune.models.stribeck import STRIBECK
 from autotune.models.table import EFFECTS
 from autotune.models.total_friction import damping_at_rest
 from tests.support.axes import NOMINAL
@@ -144,6 +150,71 @@ def test_elements_that_go_on_beyond_the_contact_are_memory(
     )  # five times level over stiffness, which is about 1 in all of these
 
 
+@pytest.mark.parametrize(
+    ("elements", "forgets", "kept"),
+    [
+        (
+            [(0.37, 0.45), (1.85, 0.29), (9.2, 0.26)],
+            0.0,
+            [1, 2, 3],
+        ),  # three contacts, and nothing beside them
+        ([(0.44, 0.11), (0.82, 0.22), (1.51, 0.27), (2.78, 0.28), (5.8, 0.12)], 0.0, [1, 2, 3, 4, 5]),
+        ([(0.37, 0.45), (1.85, 0.29), (12.0, 0.26)], 0.0, [1, 2]),  # beyond a decade
+        ([(0.37, 0.1), (1.85, 0.1), (9.2, 0.05)], 3.0, [1, 2]),  # beside a bristle, which forgets
+    ],
+)
+def test_elements_within_a_decade_are_the_contact_where_no_part_of_it_forgets(
+    elements: list[tuple[float, float]], forgets: float, kept: list[int]
+) -> None:
+    """Whether their virgin curve comes to its level as soon as one contact's, as the first two do, does not matter."""
+    p = base_model(NOMINAL).pack().p
+    p[layout.COULOMB] = max(forgets * sum(torque for _, torque in elements), 1e-3)
+    p[layout.STIFFNESS] = p[layout.COULOMB]
+    for number, (displacement, torque) in enumerate(elements, 1):
+        p[REVERSAL_MEMORY.slot(f"displacement_{number}")] = displacement
+        p[REVERSAL_MEMORY.slot(f"torque_{number}")] = torque
+    assert closes_loops(p) is (forgets == 0.0)
+    assert climbing(p)[0] == kept
+
+
+def slid(p: Floats, state: Floats, more: float, duration: float) -> float:
+    """What elements carry that are pushed on over a way longer than all of them have."""
+    return memory_torque(p, state, 1.0, more, duration)
+
+
+@pytest.mark.parametrize(("attraction", "part"), [(50.0, math.exp(-0.5)), (AT_ONCE, 0.0), (0.0, 0.0)])
+def test_elements_of_a_contact_follow_its_level_and_come_down_to_it_in_their_time(
+    attraction: float, part: float
+) -> None:
+    p, state = memory(attraction=attraction).pack().p, np.zeros(layout.STATES)
+    whole = 0.13
+    raised = 1.4 if attraction > 0.0 else 1.0
+    assert slid(p, state, 1.4, 0.01) == pytest.approx(raised * whole)
+    assert slid(p, state, 1.0, 0.01) == pytest.approx((1.0 + (raised - 1.0) * part) * whole)
+    held = slid(p, state, 1.4, 0.01)
+    assert memory_torque(p, state, -1e-4, 1.4, 0.01) == pytest.approx(
+        held - 40.0 * 1e-4
+    )  # turned, all unload
+
+
+@pytest.mark.parametrize(("attraction", "shared"), [(AT_ONCE, True), (0.0, False)])
+def test_what_is_added_to_the_level_is_added_once_whoever_carries_it(attraction: float, shared: bool) -> None:
+    """Friction while all slides is the same; in presliding a contact of elements goes further before it slides."""
+    falls = {"break_away": 0.05 + NOMINAL["coulomb"], "stribeck_velocity": 0.1}
+    model = memory(attraction=attraction).with_effect(STRIBECK.make(falls))
+    packed, state = model.pack(), np.zeros(layout.STATES)
+    speed, way = 1e-4, np.arange(10_000) * 1e-5
+    torque = np.zeros(len(way))
+    required(packed.p, packed.on, state, way, np.full(len(way), speed), 0.0 * way, 0.1, 1, torque)
+    whole = NOMINAL["coulomb"] + 0.05 + 0.13
+    assert torque[-1] == pytest.approx(
+        whole + NOMINAL["viscous"] * speed + NOMINAL.get("offset", 0.0), rel=1e-6
+    )
+    carried = memory_torque(packed.p, state, 0.0, elements_carry(packed.p, packed.on, state, speed), 0.1)
+    rise = 0.05 / (NOMINAL["coulomb"] + 0.13)
+    assert carried == pytest.approx(0.13 * (1.0 + rise if shared else 1.0), rel=1e-5)
+
+
 DAMPED = {"displacement_1": 1e-3, "torque_1": 0.03, "displacement_2": 0.01, "torque_2": 0.1, "damping": 0.08}
 """30 and 10 N m/rad: three quarters and one quarter of the damping."""
 
@@ -167,8 +238,8 @@ def memory(**changed: float) -> DriveModel:
 )
 def test_an_element_damps_while_it_sticks(bent: float, way: float, damping: float, sign: float) -> None:
     p, state = memory().pack().p, np.zeros(layout.STATES)
-    memory_torque(p, state, sign * bent)
-    assert memory_damping(p, state, sign * way) == pytest.approx(damping, rel=1e-9)
+    memory_torque(p, state, sign * bent, 1.0, 1e-3)
+    assert memory_damping(p, state, sign * way, 1.0) == pytest.approx(damping, rel=1e-9)
 
 
 def test_the_torque_of_a_small_motion_has_the_damping_of_all_elements() -> None:
@@ -229,7 +300,7 @@ def _bent(yielding: float, begin: float, way: float, number: int = 1) -> float:
     p, state = memory(yielding=yielding).pack().p, np.zeros(layout.STATES)
     at = layout.state_block("reversal_memory") + number - 1
     state[at] = begin
-    memory_torque(p, state, way)
+    memory_torque(p, state, way, 1.0, 1e-3)
     return float(state[at])
 
 
@@ -250,8 +321,8 @@ def test_elements_that_yield_forget_on_the_way_what_others_keep() -> None:
     left = []
     for yielding in (0.0, 1.0):
         p, state = memory(yielding=yielding).pack().p, np.zeros(layout.STATES)
-        memory_torque(p, state, 0.1)
-        swings = [memory_torque(p, state, step) for step in [-1e-4, 1e-4] * 1000]
+        memory_torque(p, state, 0.1, 1.0, 1e-3)
+        swings = [memory_torque(p, state, step, 1.0, 1e-3) for step in [-1e-4, 1e-4] * 1000]
         left.append(sum(swings[-2:]) / (DAMPED["torque_1"] + DAMPED["torque_2"]) / 2.0)
     assert left[0] > 0.9
     assert left[1] == pytest.approx(0.0, abs=0.02)
@@ -268,6 +339,6 @@ def test_a_yielding_contact_of_one_element_climbs_as_a_bristle_does() -> None:
 def test_yielding_elements_are_damped_less_the_further_they_are_bent() -> None:
     p, state = memory(yielding=0.5).pack().p, np.zeros(layout.STATES)
     bent = [_bent(0.5, 0.0, 5e-4, number) / DAMPED[f"displacement_{number}"] for number in (1, 2)]
-    memory_torque(p, state, 5e-4)
+    memory_torque(p, state, 5e-4, 1.0, 1e-3)
     expected = 0.06 * (1.0 - 0.5 * bent[0]) + 0.02 * (1.0 - 0.5 * bent[1])
-    assert memory_damping(p, state, 1e-6) == pytest.approx(expected, rel=1e-9)
+    assert memory_damping(p, state, 1e-6, 1.0) == pytest.approx(expected, rel=1e-9)
