@@ -22,7 +22,7 @@ from autotune.estimation.least_squares import Free, standard_errors
 from autotune.estimation.problem import Problem
 from autotune.models.drive_model import DriveModel, Packed, base_model
 from autotune.models.layout import COULOMB, MICRO_DAMPING, STIFFNESS
-from autotune.models.reversal_memory import DAMPING, REMEMBERS, REVERSAL_MEMORY
+from autotune.models.reversal_memory import ATTRACTION, DAMPING, REMEMBERS, REVERSAL_MEMORY
 from autotune.models.stribeck import STRIBECK
 from autotune.recordings.recording import Recording
 from autotune_sim.plant import Bristle, Element
@@ -253,6 +253,18 @@ def test_friction_of_many_contacts_is_a_law_of_the_base_and_no_memory() -> None:
 def test_an_effect_is_named_beside_many_contacts(effect: str, size: float) -> None:
     found = diagnose([many(52, {effect: size})], base_model(NOMINAL))
     assert (found.verdict, found.effects) == ("named", (effect,))
+
+
+@pytest.mark.slow(20)
+def test_friction_of_many_contacts_falls_in_all_of_them() -> None:
+    """Stribeck friction in the base: beside a bristle that is next to nothing it would leave what elements have."""
+    own = many(53, {"stribeck": 0.1})
+    values = {"break_away": 1.2 * NOMINAL["coulomb"], "stribeck_velocity": 0.3}
+    found = diagnose([own], base_model(NOMINAL).with_effect(STRIBECK.make(values)))
+    assert (found.verdict, found.effects) == ("none", ())
+    assert found.root is not None
+    assert found.root.fitted.packed.p[ATTRACTION] > 0.0
+    assert found.root.fitted.packed.p[COULOMB] < 0.05 * NOMINAL["coulomb"]
 
 
 @pytest.mark.slow(12)
