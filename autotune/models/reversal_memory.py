@@ -135,7 +135,7 @@ def more_to_carry(p: Floats, level: float) -> float:
     whole = p[COULOMB]
     for i in range(ELEMENTS):
         whole = whole + p[_AT + 2 * i + 1]
-    return max(where(p[ATTRACTION] > 0.0, 1.0 + (level - p[COULOMB]) / whole, 1.0), LEAST_MORE)
+    return float(max(where(p[ATTRACTION] > 0.0, 1.0 + (level - p[COULOMB]) / whole, 1.0), LEAST_MORE))
 
 
 @compiled
