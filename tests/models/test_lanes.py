@@ -33,6 +33,7 @@ from tests.models.test_effects import NUMBERS, SHAPED, VALUES
 PERIOD, ROWS = 1e-3, 300
 ROUNDING = 1e-10
 """Of torque [N m] and position [rad], both about 1: rounding, carried through 300 samples."""
+SHARED = "elements that share a level that falls"
 TIME = PERIOD * np.arange(ROWS)
 POSITION = 0.4 * np.sin(2.0 * math.pi * 4.0 * TIME) + 0.7 * TIME
 
@@ -42,6 +43,11 @@ def _models(effect: str) -> list[Packed]:
     random, models = np.random.default_rng(1), []
     for lane in range(WIDTH):
         numbers = {name: value * random.uniform(0.9, 1.1) for name, value in NUMBERS.items()}
+        if effect == SHARED:
+            elements = {**VALUES["reversal_memory"], "attraction": 40.0 if lane % 2 else 0.0}
+            model = base_model(numbers).with_effect(EFFECTS["stribeck"].make(VALUES["stribeck"]))
+            models.append(model.with_effect(EFFECTS["reversal_memory"].make(elements)).pack())
+            continue
         values = SHAPED.get(effect, VALUES[effect]) if lane % 2 else VALUES[effect]
         models.append(base_model(numbers).with_effect(EFFECTS[effect].make(values)).pack())
     return models
@@ -69,7 +75,7 @@ def test_what_is_one_for_all_lanes_is_as_if_each_had_it() -> None:
     np.testing.assert_array_equal(*found)
 
 
-@pytest.mark.parametrize("effect", list(EFFECTS))
+@pytest.mark.parametrize("effect", [*EFFECTS, SHARED])
 def test_the_torque_that_a_motion_needs_is_that_of_each_model(effect: str) -> None:
     models = _models(effect)
     velocity = np.gradient(POSITION, PERIOD)
@@ -102,7 +108,7 @@ def _loop(limit: float = 3.0) -> np.ndarray:
     return np.array([PERIOD, limit, 1e-4, 0.0, 0.0, 0.0, 0.0])
 
 
-@pytest.mark.parametrize("effect", list(EFFECTS))
+@pytest.mark.parametrize("effect", [*EFFECTS, SHARED])
 def test_a_simulated_axis_moves_as_it_does_alone(effect: str) -> None:
     """In closed loop with a coarse encoder, each with a disturbance of its own."""
     models, gains = _models(effect), np.array([8.0, 0.05, 20.0, 0.5])
