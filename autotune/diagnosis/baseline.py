@@ -293,7 +293,7 @@ def _late_record(
     found = _first_fit(again, usually_damped(packed), list(model_fit.free))
     if found is None:
         return problem, model_fit, ()
-    again, other = _aligned(*found)
+    again, other = _aligned(*with_noise_of(*found))
     # what is late of it then makes up for a record that was not
     prompt = again.data.cycles == 0 and again.data.lag < CURRENT_LOOP
     leaves_less = all(
