@@ -34,7 +34,7 @@ from autotune.diagnosis.wording import (
     OTHER_CURVE,
 )
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
-from autotune.estimation.contact_start import CONTACT, best_contact, usual_damping
+from autotune.estimation.contact_start import CONTACT, best_contact, usually_damped
 from autotune.estimation.least_squares import Fitted, Free
 from autotune.estimation.problem import Problem, base_free, creep_free, curve_free, fading_free, refit, refits
 from autotune.models import layout
@@ -127,9 +127,7 @@ def _begun(packed: Packed, slots: Sequence[int], values: Sequence[float]) -> Pac
     """Where a fit of another law of the contact begins; without that law its damping may have gone to 0."""
     p = packed.p.copy()
     p[list(slots)] = values
-    usual = usual_damping(p[layout.STIFFNESS], p[layout.INERTIA])
-    p[layout.MICRO_DAMPING] = max(p[layout.MICRO_DAMPING], usual)
-    return Packed(p, packed.on)
+    return usually_damped(Packed(p, packed.on))
 
 
 def _followed(

@@ -24,6 +24,7 @@ from autotune.estimation.contact_start import (
     fitted_contact,
     less_after_rests,
     sticking,
+    usually_damped,
 )
 from autotune.estimation.controller import (
     AS_READ,
@@ -48,7 +49,7 @@ from autotune.estimation.problem import (
     new_problem,
     refit,
 )
-from autotune.estimation.residual import measured_motion, smoothed
+from autotune.estimation.residual import smoothed
 from autotune.identify.ripple_lines import columns
 from autotune.models.drive_model import DriveModel, Packed
 from autotune.models.torque_ripple import TORQUE_RIPPLE
@@ -104,8 +105,9 @@ def begin(
     if problem.twin and law.asked > 0.0:
         notes = (*notes, AS_ASKED.format(law.asked))
     problem, settled = _aligned(problem, model_fit)
-    problem, settled, said = _late_record(problem, settled)
-    notes = (*notes, *said)
+    if LATE_RECORD not in notes:
+        problem, settled, said = _late_record(problem, settled, packed)
+        notes = (*notes, *said)
     problem, settled = _without_reading_waves(*_without_clocked(problem, settled))
     notes = (*notes, *_refuse_misfit(problem, settled))
     notes = (*notes, *left_out_note(problem, settled))
@@ -140,6 +142,9 @@ def _fit_as_it_is(
         # what counts make may be where the twin, off by parts of one, does not expect it
         fitted = _first_fit(replace(problem, controller=replace(law, adrift=True)), packed, free)
     notes: tuple[str, ...] = ()
+    if fitted is None and (late := _recorded_late(problem)) is not None:
+        fitted = _first_fit(late, usually_damped(packed), free)
+        notes = () if fitted is None else (LATE_RECORD,)
     if fitted is None and problem.twin and law is not None:
         data, said = without_twin(as_recorded(known, replace(law, asked=0.0)))
         why = "is unstable, rings or explains less than none"
@@ -260,34 +265,43 @@ def _aligned(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit]:
     return with_noise_of(again, found) if evidence.repeats and heard else (again, found)
 
 
-def _late_record(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit, tuple[str, ...]]:
+def _recorded_late(problem: Problem) -> Problem | None:
+    """The problem with the torque recorded a sample late and a law that sees all as much sooner, where it may be so."""
+    law = problem.controller
+    if law is None or law.taken != NEXT or min(law.reference_delay, law.position_delay) < 1:
+        return None
+    if problem.data.cycles > 0:  # it acts later than it was recorded, and the law's delay is that
+        return None
+    again = new_problem(shifted(problem.data, 2.0), replace(law.sooner(), why=""), problem.policy)
+    return replace(again, simulations=problem.simulations, told=problem.told)
+
+
+def _late_record(
+    problem: Problem, model_fit: ModelFit, packed: Packed
+) -> tuple[Problem, ModelFit, tuple[str, ...]]:
     """Problem and fit with the torque taken as recorded a sample late, where the model says so, and a sentence on it.
 
     A law that sees everything a sample late, and one that does not whose torque is read when the next one is due,
     leave the same columns. Only what the axis does tells them apart: the loop of the first is the slower one.
+
+    Both are fitted by the same way from the model as it was given (`packed`), which may have been fitted in the wrong
+    loop itself: a contact that makes up for that is the bias of its twin, which a fit holds, and damped by nothing.
     """
-    law = problem.controller
-    if law is None or law.taken != NEXT or min(law.reference_delay, law.position_delay) < 1:
+    again = _recorded_late(problem)
+    if again is None:
         return problem, model_fit, ()
-    if problem.data.cycles > 0:  # it acts later than it was recorded, and the law's delay is that
+    found = _first_fit(again, usually_damped(packed), list(model_fit.free))
+    if found is None:
         return problem, model_fit, ()
-    sooner = replace(law.sooner(), why="")
-    data = shifted(problem.data, 2.0)
-    again = replace(problem, data=data, moved=measured_motion(data), controller=sooner)
-    other: ModelFit | None = model_fit
-    for _ in range(2):
-        if other is None:
-            return problem, model_fit, ()
-        again = replace(again, disturbance=estimate_disturbance(again, other.fitted.packed))
-        other = fit_inside_twin(again, other.fitted.packed, list(model_fit.free), 2)
-    if other is None:
-        return problem, model_fit, ()
-    again, other = _aligned(with_expected_noise(again, other.fitted.packed), other)
+    again, other = _aligned(*with_noise_of(*found))
     # what is late of it then makes up for a record that was not
     prompt = again.data.cycles == 0 and again.data.lag < CURRENT_LOOP
-    if not prompt or other.fitted.cost > CLEARLY_LESS * model_fit.fitted.cost:
-        return problem, model_fit, ()
-    return again, other, (LATE_RECORD,)
+    leaves_less = all(
+        one.mean_square(other.fitted.error, TRAINING)
+        <= CLEARLY_LESS * one.mean_square(model_fit.fitted.error, TRAINING)
+        for one in (problem, again)
+    )
+    return (again, other, (LATE_RECORD,)) if prompt and leaves_less else (problem, model_fit, ())
 
 
 def _without_clocked(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit]:

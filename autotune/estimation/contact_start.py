@@ -53,6 +53,17 @@ def usual_damping(stiffness: float, inertia: float) -> float:
     return DAMPING * math.sqrt(stiffness * inertia)
 
 
+def usually_damped(packed: Packed) -> Packed:
+    """The model with as much damping in presliding as a contact usually has, at least.
+
+    A fit under another law, or without one, may have taken it to nothing, from where no step leads back.
+    """
+    p = packed.p.copy()
+    usual = usual_damping(float(p[layout.STIFFNESS]), float(p[layout.INERTIA]))
+    p[layout.MICRO_DAMPING] = max(float(p[layout.MICRO_DAMPING]), usual)
+    return Packed(p, packed.on)
+
+
 def best_contact(problem: Problem, fitted: Fitted, correction: Correction) -> Fitted:
     """The best of several fits that start from other stiffnesses; never worse than `fitted`."""
     free = list(fitted.free)

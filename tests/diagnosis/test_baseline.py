@@ -16,7 +16,10 @@ from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import TRAINING, Block
 from autotune.estimation.model_error import with_misfit
 from autotune.estimation.problem import new_problem
+from autotune.models import layout
+from autotune.models.drive_model import base_model
 from autotune.recordings.recording import Recording
+from tests.estimation.simulated import AXIS, PERIOD, TRUE, followed, recorded
 
 LAW = PositionController(1.0, 0.1, explained=0.998, source="identified", in_band=True)
 
@@ -101,3 +104,38 @@ def test_a_twin_that_explains_far_less_than_none_is_not_used(
     problem, _, _, notes = baseline.begin(data, nominal)
     assert problem.twin is twin
     assert any(note.startswith("No twin: a simulation of the model") for note in notes) is not twin
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("law", "period"), [(TRUE, PERIOD), (PositionController(1.5, 0.016, 10.0, 0.7), 4e-3)]
+)
+def test_a_late_record_is_told_whatever_contact_the_wrong_loop_left(
+    law: PositionController, period: float
+) -> None:
+    """A torque that is written a row late; the model was fitted in the slower loop that explains its columns as well.
+
+    There the contact had to be undamped, and a fit that began with it ended with it. At 4 ms that loop does not run.
+    """
+    problem, fit, _, notes = baseline.begin(
+        prepared_to_fit([_written_late(law, period)]), base_model({**AXIS, "micro_damping": 0.0})
+    )
+    assert baseline.LATE_RECORD in notes
+    assert problem.controller is not None
+    assert (problem.controller.position_delay, problem.data.shift) == (0, 2.0)
+    assert fit.fitted.packed.p[layout.MICRO_DAMPING] == pytest.approx(AXIS["micro_damping"], rel=0.2)
+    assert fit.fitted.packed.p[layout.INERTIA] == pytest.approx(AXIS["inertia"], rel=0.01)
+
+
+def _written_late(law: PositionController, period: float) -> Recording:
+    """The same motion two times, disturbed by chance, with every torque in the row after its own."""
+    like = recorded(law, seconds=30.0, period=period)
+    rows, rounds = len(like), []
+    for seed in (1, 2):
+        shaken = np.random.default_rng(seed).normal(0.0, 1e-3, rows)
+        columns = followed(like["reference"], shaken, law, base_model(AXIS), None, period)
+        columns["torque"] = np.append(columns["torque"][:1], columns["torque"][:-1])
+        rounds.append(columns)
+    both = {name: np.concatenate([one[name] for one in rounds]) for name in rounds[0]}
+    both["time"] = np.arange(2 * rows) * period
+    return Recording.from_columns(both, like.metadata, "motion", np.repeat([0, 1], rows))
