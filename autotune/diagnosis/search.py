@@ -21,6 +21,7 @@ from autotune.diagnosis.candidates import (
     error_left,
     explained_beside,
     explained_of_rest,
+    explains_rest,
     fall_in_repeats,
     least_fall,
     plainer,
@@ -689,7 +690,7 @@ class _Search:
         if self.chosen is None or not self.evidence.repeats:
             return None
         beside = explained_beside(problem, before, best.model_fit, TRAINING)
-        if beside.fall < least_fall(problem, self.chosen) or beside.share >= problem.policy.partly:
+        if beside.fall < least_fall(problem, self.chosen) or explains_rest(problem, self.chosen, best):
             return None
         shaped = self._shaped(best)
         if shaped is None or not shaped.named:
@@ -713,7 +714,7 @@ class _Search:
             worth &= again >= LEAST_AGAIN * min(beside.fall, fall_in_repeats(problem, before, best.model_fit))
         if root is None and self.chosen is not None:
             worth &= beside.fall >= least_fall(problem, self.chosen)
-            worth &= not self.evidence.repeats or beside.share >= policy.partly
+            worth &= not self.evidence.repeats or explains_rest(problem, self.chosen, best)
             if problem.has(VETO):
                 worth &= explained_beside(problem, before, best.model_fit, VETO).fall > 0.0
         return worth
