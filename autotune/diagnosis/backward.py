@@ -10,6 +10,7 @@ from autotune.diagnosis.candidates import (
     Progress,
     ScreenedCandidate,
     explained_beside,
+    explains_rest,
     least_fall,
 )
 from autotune.diagnosis.evidence.evidence import Evidence
@@ -91,7 +92,7 @@ class Backward:
         beside = explained_beside(self.problem, less.model_fit, current.model_fit, TRAINING)
         if beside.fall < least_fall(self.problem, less):
             return False
-        return not self.evidence.repeats or beside.share >= self.problem.policy.partly
+        return not self.evidence.repeats or explains_rest(self.problem, less, current)
 
     def without_stiff_load(self, chosen: FittedCandidate) -> FittedCandidate:
         """The chosen model without its transmission where that tells only on which side torques press a contact."""

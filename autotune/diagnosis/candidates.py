@@ -139,6 +139,19 @@ def least_fall(problem: Problem, chosen: FittedCandidate) -> float:
     return max(least, policy.chance_of_contact * left) if contact else least
 
 
+def explains_rest(problem: Problem, chosen: FittedCandidate, more: FittedCandidate) -> bool:
+    """Whether a model with a further effect explains enough of what the chosen ones leave, where data repeat.
+
+    Half of it, where these need it for a name. Where they have one, they leave no more than true effects whose laws
+    differ may leave, and such a rest resembles other effects in part: only what explains as much of it as a name asks
+    of all, on training and veto, is told from that.
+    """
+    policy, parts = problem.policy, explained_of_rest(problem, chosen.model_fit, more.model_fit)
+    if chosen.named:
+        return all(part.share >= policy.named for part in parts)
+    return parts[0].share >= policy.partly
+
+
 def plainer(
     problem: Problem, fits: Sequence[FittedCandidate], best: FittedCandidate, alike: float
 ) -> FittedCandidate:

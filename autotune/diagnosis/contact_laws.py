@@ -134,7 +134,7 @@ def with_climb(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
     least = (1.0 - problem.policy.least_gain) * fitted.cost
     climbs = _one_contact(problem, model_fit, [short for short in shorts if short.cost < least])
     if climbs is not None and (
-        not asked_for(problem, model_fit, climbs) or _remembers_beyond(problem, climbs)
+        not asked_for(problem, model_fit, climbs) or remembers_beyond(problem, climbs)
     ):
         climbs = None
     if climbs is not None:
@@ -156,7 +156,7 @@ def _of_many(problem: Problem, model_fit: ModelFit, before: ModelFit) -> ModelFi
     if many is None or not closes_loops(many.fitted.packed.p) or not asked_for(problem, before, many):
         return None
     many = _off_the_raster(problem, many) or many
-    return many if of_many(many.fitted.packed) and not _remembers_beyond(problem, many) else None
+    return many if of_many(many.fitted.packed) and not remembers_beyond(problem, many) else None
 
 
 def _off_the_raster(problem: Problem, many: ModelFit) -> ModelFit | None:
@@ -267,7 +267,7 @@ def _element_free(number: int, place: float, level: float, shortest: float = 0.0
     )
 
 
-def _remembers_beyond(problem: Problem, climbs: ModelFit) -> bool:
+def remembers_beyond(problem: Problem, climbs: ModelFit) -> bool:
     """Whether elements that go on where that contact slides would gain as much as an effect must."""
     p, (level, _) = climbs.fitted.packed.p.copy(), as_one_bristle(climbs.fitted.packed.p)
     _, way = climbing(p)

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 from autotune.diagnosis.backward import Backward
-from autotune.diagnosis.base_laws import BASE_LAWS, with_base_shapes
+from autotune.diagnosis.base_laws import BASE_LAWS, CLIMB_LAW, BaseLaw, with_base_shapes
 from autotune.diagnosis.candidates import (
     FittedCandidate,
     Progress,
@@ -21,12 +21,19 @@ from autotune.diagnosis.candidates import (
     error_left,
     explained_beside,
     explained_of_rest,
+    explains_rest,
     fall_in_repeats,
     least_fall,
     plainer,
 )
 from autotune.diagnosis.contact_laws import EFFECT as MEMORY
-from autotune.diagnosis.contact_laws import of_many, with_own_presliding, without_memory
+from autotune.diagnosis.contact_laws import (
+    climbs_otherwise,
+    of_many,
+    remembers_beyond,
+    with_own_presliding,
+    without_memory,
+)
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import Evidence, late_anew, without_long_lag
 from autotune.diagnosis.evidence.time_driven import without_clocked, without_reading_waves
@@ -178,6 +185,7 @@ class _Search:
     generic: Mapping[str, float] = field(default_factory=dict)
     freed: dict[str, bool] = field(default_factory=dict)
     unloaded: ModelFit | None = None
+    laws: Sequence[BaseLaw] = BASE_LAWS
 
     def found(self) -> Found:
         self._shape_base()
@@ -187,6 +195,8 @@ class _Search:
         self._seek()
         if self.begin_again is None and self._other_law_beside():
             self._seek()
+        if self.begin_again is None:
+            self._seek_memory_in_the_climb()
         if self.begin_again is not None:
             anew = Found(self.problem, self.root, None, (), (), {}, begin_again=self.begin_again)
             return replace(anew, beside=self.beside)
@@ -261,7 +271,7 @@ class _Search:
         if gains[best] < max((item.gain for item in effects), default=0.0):
             self.outdone = other
             return False
-        self.progress(BASE_LAWS[best].about)
+        self.progress(self.laws[best].about)
         self._take_root(other)
         self._begins_again()
         return True
@@ -269,7 +279,7 @@ class _Search:
     def _other_laws(self) -> list[ModelFit | None]:
         """The root with each law of the base that data ask for, up to one that leaves nothing beyond doubt."""
         found: list[ModelFit | None] = []
-        for law in BASE_LAWS:
+        for law in self.laws:
             found.append(self._borne_out(law.added(self.problem, self.root)))
             last = found[-1]
             if last is not None and not self._more_to_explain(last):
@@ -304,6 +314,29 @@ class _Search:
         self._take_root(other)
         return not self._begins_again()
 
+    def _seek_memory_in_the_climb(self) -> None:
+        """Effects looked for anew without the base's climb where elements go on beyond it, if that explains enough.
+
+        Whether they do was asked when that law was told, and what was missing then hid it: a ripple is louder than the
+        longest elements of a memory.
+        """
+        chosen = self.chosen
+        if not self.evidence.repeats or chosen is None or chosen.named:
+            return
+        climbs = climbs_otherwise(self.root.fitted.packed)
+        goes_on = climbs and remembers_beyond(self.problem, chosen.model_fit)
+        bare = CLIMB_LAW.removed(self.problem, self.root) if goes_on else None
+        if bare is None:
+            return
+        self.progress("memory in the place of a law of the base")
+        before = replace(self)
+        self.laws = [law for law in self.laws if law is not CLIMB_LAW]
+        self._take_root(bare)
+        self._seek()
+        if self.chosen is None or not self.chosen.named or MEMORY not in self.chosen.model_fit.effects:
+            for one in fields(before):
+                setattr(self, one.name, getattr(before, one.name))
+
     def _outdone_after_all(self) -> bool:
         """Whether a law of the base that the best effect seemed to outdo explains more than what was found."""
         if self.outdone is None or self.chosen is None:
@@ -319,7 +352,7 @@ class _Search:
         if not (chosen.share < REFINED or self._more_to_explain(chosen.model_fit)):
             return None
         before = chosen.model_fit
-        found = [(law, self._borne_out(law.added(self.problem, before), before)) for law in BASE_LAWS]
+        found = [(law, self._borne_out(law.added(self.problem, before), before)) for law in self.laws]
         beside = [(law, after) for law, after in found if after is not None]
         if not beside:
             return None
@@ -689,7 +722,7 @@ class _Search:
         if self.chosen is None or not self.evidence.repeats:
             return None
         beside = explained_beside(problem, before, best.model_fit, TRAINING)
-        if beside.fall < least_fall(problem, self.chosen) or beside.share >= problem.policy.partly:
+        if beside.fall < least_fall(problem, self.chosen) or explains_rest(problem, self.chosen, best):
             return None
         shaped = self._shaped(best)
         if shaped is None or not shaped.named:
@@ -713,7 +746,7 @@ class _Search:
             worth &= again >= LEAST_AGAIN * min(beside.fall, fall_in_repeats(problem, before, best.model_fit))
         if root is None and self.chosen is not None:
             worth &= beside.fall >= least_fall(problem, self.chosen)
-            worth &= not self.evidence.repeats or beside.share >= policy.partly
+            worth &= not self.evidence.repeats or explains_rest(problem, self.chosen, best)
             if problem.has(VETO):
                 worth &= explained_beside(problem, before, best.model_fit, VETO).fall > 0.0
         return worth

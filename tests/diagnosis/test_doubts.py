@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from autotune.diagnosis import backward, transmission
+from autotune.diagnosis import backward, candidates, transmission
 from autotune.diagnosis.candidates import no_progress
 from autotune.diagnosis.evidence import repeated, single
 from autotune.diagnosis.evidence.evidence import HoldoutResult
@@ -505,15 +505,17 @@ def test_a_spring_that_no_sample_sees_leaves_no_elasticity(
 
 
 @pytest.mark.parametrize(
-    ("fall", "share", "enters"), [(0.02, 0.8, True), (0.02, 0.3, False), (0.002, 0.8, False)]
+    ("fall", "share", "enters"), [(0.02, 0.95, True), (0.02, 0.8, False), (0.002, 0.95, False)]
 )
 def test_what_was_found_first_must_be_worth_having_beside_the_rest(
     monkeypatch: pytest.MonkeyPatch, fall: float, share: float, enters: bool
 ) -> None:
     """A motor that saturates was named with the load dependence that had stood for it: 0.3 % of what both explain."""
-    monkeypatch.setattr(backward, "explained_beside", lambda *_: SimpleNamespace(fall=fall, share=share))
+    part = SimpleNamespace(fall=fall, share=share)
+    monkeypatch.setattr(backward, "explained_beside", lambda *_: part)
+    monkeypatch.setattr(candidates, "explained_of_rest", lambda *_: [part])
     monkeypatch.setattr(backward, "least_fall", lambda *_: 0.01)
-    problem, fit = SimpleNamespace(policy=POLICY), SimpleNamespace(model_fit=None)
+    problem, fit = SimpleNamespace(policy=POLICY), SimpleNamespace(model_fit=None, named=True)
     steps = backward.Backward(problem, None, RepeatedProgramme(), no_progress)
     assert steps.enters_beside(fit, fit) == enters
 

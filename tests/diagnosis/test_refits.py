@@ -8,9 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from autotune.diagnosis import refits, search
+from autotune.diagnosis import candidates, refits, search
 from autotune.diagnosis.baseline import begin
-from autotune.diagnosis.candidates import no_progress
+from autotune.diagnosis.candidates import explains_rest, no_progress
 from autotune.diagnosis.refits import (
     adds_beside,
     in_place_of,
@@ -154,6 +154,33 @@ def _search(chosen: object, tried: tuple[object, ...] = ()) -> search._Search:
 
 
 @pytest.mark.parametrize(
+    ("named", "training", "veto", "explains"),
+    [
+        (False, 0.6, 0.4, True),
+        (False, 0.4, 0.95, False),
+        (True, 0.54, 0.39, False),
+        (True, 0.95, 0.8, False),
+        (True, 0.95, 0.92, True),
+    ],
+    ids=[
+        "needed for a name",
+        "too little",
+        "a law that differs",
+        "not on the veto",
+        "nearly all of the rest",
+    ],
+)
+def test_beside_effects_that_have_a_name_a_further_one_explains_nearly_all_that_they_leave(
+    monkeypatch: pytest.MonkeyPatch, named: bool, training: float, veto: float, explains: bool
+) -> None:
+    """An asymmetry took half of what a drift and a load dependence by other laws leave, and was a third name."""
+    parts = [SimpleNamespace(share=one) for one in (training, veto)]
+    monkeypatch.setattr(candidates, "explained_of_rest", lambda *_: parts)
+    chosen, more = SimpleNamespace(model_fit=None, named=named), SimpleNamespace(model_fit=None)
+    assert explains_rest(SimpleNamespace(policy=POLICY), chosen, more) is explains
+
+
+@pytest.mark.parametrize(
     ("fall", "share", "of_rest", "taken"),
     [
         (1.0, 0.48, (0.99, 0.95), True),
@@ -170,6 +197,7 @@ def test_a_further_effect_may_be_worth_having_by_its_course(
     shaped = SimpleNamespace(named=True, model_fit=None)
     monkeypatch.setattr(search, "explained_beside", lambda *_: SimpleNamespace(fall=fall, share=share))
     monkeypatch.setattr(search, "least_fall", lambda *_: 0.1)
+    monkeypatch.setattr(search, "explains_rest", lambda *_: share >= POLICY.partly)
     parts = [SimpleNamespace(share=one) for one in of_rest]
     monkeypatch.setattr(search, "explained_of_rest", lambda *_: parts)
     monkeypatch.setattr(search._Search, "_shaped", lambda *_: shaped)
@@ -178,6 +206,36 @@ def test_a_further_effect_may_be_worth_having_by_its_course(
     best = SimpleNamespace(model_fit=None)
     assert _search(chosen)._worth_by_its_course(best) is (shaped if taken else None)
     assert _search(None)._worth_by_its_course(best) is None
+
+
+@pytest.mark.parametrize(
+    ("beyond", "named", "effects", "anew"),
+    [
+        (True, True, ("reversal_memory", "torque_ripple"), True),
+        (True, True, ("torque_ripple", "backlash"), False),
+        (True, False, ("reversal_memory", "torque_ripple"), False),
+        (False, True, ("reversal_memory", "torque_ripple"), False),
+    ],
+    ids=["a memory", "no memory", "not enough", "nothing beyond"],
+)
+def test_elements_that_go_on_beside_what_hid_them_are_a_memory_and_no_climb(
+    monkeypatch: pytest.MonkeyPatch, beyond: bool, named: bool, effects: tuple[str, ...], anew: bool
+) -> None:
+    """A ripple hid the longest elements of an axis, and the short ones were a law of its base: it was unknown."""
+    rippled = SimpleNamespace(model_fit=None, named=False)
+    remembered = SimpleNamespace(model_fit=SimpleNamespace(effects=effects), named=named)
+    searched = _search(rippled)
+    searched.root.fitted = SimpleNamespace(packed=None)
+    before, bare = searched.root, SimpleNamespace()
+    climb = replace(search.CLIMB_LAW, removed=lambda *_: bare)
+    monkeypatch.setattr(search, "CLIMB_LAW", climb)
+    monkeypatch.setattr(search, "climbs_otherwise", lambda _: True)
+    monkeypatch.setattr(search, "remembers_beyond", lambda *_: beyond)
+    monkeypatch.setattr(search._Search, "_take_root", lambda self, root: setattr(self, "root", root))
+    monkeypatch.setattr(search._Search, "_seek", lambda self: setattr(self, "chosen", remembered))
+    searched._seek_memory_in_the_climb()
+    assert searched.chosen is (remembered if anew else rippled)
+    assert searched.root is (bare if anew else before)
 
 
 @pytest.mark.parametrize(
