@@ -13,7 +13,7 @@ Beside it: by how much repeats differ if nothing but the disturbance does it, an
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -39,6 +39,7 @@ from autotune.estimation.residual import (
     residuals_of_each,
     simulated_motions,
 )
+from autotune.estimation.twin import steps_of_twin
 from autotune.estimation.twin_runs import (
     SEED,
     acted_late,
@@ -472,22 +473,24 @@ def _errors_of(
 ) -> list[Floats | None]:
     """Residuals of a run of each of several twins, shape (m,); None of one that is unstable.
 
-    Each is drawn after the one before it has been shaken, and they go side by side where they have the same law.
+    Each is drawn after the one before it has been shaken, and those with the same law go side by side, and in the steps
+    that each would go in: where friction and counts are chaotic, other steps are another run.
     """
-    data, errors = problem.data, list[Floats | None]()
-    waiting: list[tuple[Packed, PositionController, tuple[Floats, Floats]]] = []
-    for packed, law, disturbance in twins:
+    data, errors = problem.data, dict[int, Floats | None]()
+    groups: dict[Hashable, list[tuple[int, Packed, PositionController, tuple[Floats, Floats]]]] = {}
+    for number, (packed, law, disturbance) in enumerate(twins):
         if disturbance.jitter > 0.0:  # at what moments rows are written is drawn after the run
             run = run_twin(data, packed, law, disturbance, random, loops=problem.runs.loops)
-            errors += _errors_of_runs(data, [packed], [run])
+            (errors[number],) = _errors_of_runs(data, [packed], [run])
         else:
-            waiting.append((packed, law, shaken(data, disturbance, random)))
-    for law in {id(law): law for _, law, _ in waiting}.values():
-        own = [(packed, noise) for packed, other, noise in waiting if other is law]
-        models = [packed for packed, _ in own]
-        runs = run_twins(data, models, law, [noise for _, noise in own], problem.runs.loops)
-        errors += _errors_of_runs(data, models, runs)
-    return errors
+            group = groups.setdefault((id(law), steps_of_twin(packed, data.period, law)), [])
+            group.append((number, packed, law, shaken(data, disturbance, random)))
+    for group in groups.values():
+        models = [packed for _, packed, _, _ in group]
+        runs = run_twins(data, models, group[0][2], [noise for *_, noise in group], problem.runs.loops)
+        found = _errors_of_runs(data, models, runs)
+        errors |= {number: error for (number, *_), error in zip(group, found, strict=True)}
+    return [errors[number] for number in range(len(errors))]
 
 
 def _errors_of_runs(
