@@ -13,7 +13,7 @@ Beside it: by how much repeats differ if nothing but the disturbance does it, an
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,8 +30,24 @@ from autotune.estimation.disturbance import STILL, Disturbance, coloured_power, 
 from autotune.estimation.least_squares import followed
 from autotune.estimation.parts import until_sample
 from autotune.estimation.problem import Problem
-from autotune.estimation.residual import compared_motion, raw_residual, residual
-from autotune.estimation.twin_runs import SEED, acted_late, moved_later, run_twin
+from autotune.estimation.residual import (
+    Simulated,
+    clockless,
+    compared_motion,
+    raw_residual,
+    residual,
+    residuals_of_each,
+    simulated_motions,
+)
+from autotune.estimation.twin import steps_of_twin
+from autotune.estimation.twin_runs import (
+    SEED,
+    acted_late,
+    moved_later,
+    run_twin,
+    run_twins,
+    shaken,
+)
 from autotune.models import layout
 from autotune.models.drive_model import BASE, Packed
 from autotune.models.transmission import has_load
@@ -119,8 +135,8 @@ def estimate_disturbance(problem: Problem, packed: Packed) -> Disturbance:
     # where rows are late, what their positions would have asked for is no torque; the slowest chunks hold least of it
     share = QUIETEST if jitter > 0.0 else 0.5
     sensor = float(np.sqrt(np.quantile(np.var(chunks.of(heard), axis=1), share)))
-    shaken = replace(problem, data=until_sample(data, int(chunks.starts.max()) + chunks.length))
-    raw = raw_residual(shaken.data, packed, problem.moved)
+    sooner = replace(problem, data=until_sample(data, int(chunks.starts.max()) + chunks.length))
+    raw = raw_residual(sooner.data, packed, problem.moved)
     if jitter == 0.0:
         raw[1:] -= 0.5 * (heard[1:] + heard[:-1])
     matcher = _matcher(problem, packed, chunks)
@@ -129,7 +145,7 @@ def estimate_disturbance(problem: Problem, packed: Packed) -> Disturbance:
     own: list[Floats] = []
     uneven: list[Floats] = []
     for number in range(ROUNDS):
-        again = _shaken(shaken, packed, replace(found, sensor=sensor), chunks, number)
+        again = _shaken(sooner, packed, replace(found, sensor=sensor), chunks, number)
         if again is None:
             break
         simulated = again[0]
@@ -358,16 +374,13 @@ def _errors_of_twins(
     problem: Problem, packed: Packed, random: np.random.Generator, count: int
 ) -> list[Floats]:
     """Residuals of so many runs of the twin, shape (m,) each, disturbed as the axis is; none where one is unstable."""
-    data, controller = problem.data, problem.controller
-    errors: list[Floats] = []
+    controller = problem.controller
     if controller is None:
-        return errors
-    for _ in range(count):
-        run = run_twin(data, packed, controller, problem.disturbance, random, loops=problem.runs.loops)
-        if not run.stable:
-            return []
-        errors.append(residual(data, packed, compared_motion(data, run)))
-    return errors
+        return []
+    alike = ((packed, controller, problem.disturbance) for _ in range(count))
+    errors = _errors_of(problem, alike, random)
+    stable = [one for one in errors if one is not None]
+    return stable if len(stable) == len(errors) else []
 
 
 def _heard(problem: Problem) -> float:
@@ -413,12 +426,11 @@ def with_counts(problem: Problem, packed: Packed) -> Problem:
     if problem.controller is None or not data.repeated or problem.two_masses(packed):
         return replace(problem, by_counts=None)
     random = np.random.default_rng([SEED, 2])
-    errors: list[Floats] = []
-    for _ in range(NUDGED):
-        nudged = _off_by_a_little(packed, random)
-        run = run_twin(data, nudged, _nudged(problem.controller, random), problem.disturbance, random)
-        if run.stable:
-            errors.append(residual(data, nudged, compared_motion(data, run)))
+    law = problem.controller
+    apart = (
+        (_off_by_a_little(packed, random), _nudged(law, random), problem.disturbance) for _ in range(NUDGED)
+    )
+    errors = [one for one in _errors_of(problem, apart, random) if one is not None]
     if len(errors) < 2:
         return replace(problem, by_counts=None)
     pairs = [one - other for i, one in enumerate(errors) for other in errors[:i]]
@@ -444,14 +456,52 @@ def null_errors(problem: Problem, root: ModelFit) -> list[Floats]:
     if problem.controller is None:
         disturbance = estimate_disturbance(replace(problem, controller=law), packed)
     random = np.random.default_rng([SEED, 5])
-    errors: list[Floats] = []
-    for factor in LOUDNESS:
-        nudged = _off_by_a_little(packed, random)
-        run = run_twin(data, nudged, _nudged(law, random), disturbance.louder(factor), random)
-        if run.stable:
-            error = residual(data, nudged, compared_motion(data, run)) - root.correction.bias
-            errors.append(followed(root.fitted.jacobian, error, problem.training))
-    return errors
+    apart = (
+        (_off_by_a_little(packed, random), _nudged(law, random), disturbance.louder(factor))
+        for factor in LOUDNESS
+    )
+    errors = [one for one in _errors_of(problem, apart, random) if one is not None]
+    return [
+        followed(root.fitted.jacobian, error - root.correction.bias, problem.training) for error in errors
+    ]
+
+
+def _errors_of(
+    problem: Problem,
+    twins: Iterable[tuple[Packed, PositionController, Disturbance]],
+    random: np.random.Generator,
+) -> list[Floats | None]:
+    """Residuals of a run of each of several twins, shape (m,); None of one that is unstable.
+
+    Each is drawn after the one before it has been shaken, and those with the same law go side by side, and in the steps
+    that each would go in: where friction and counts are chaotic, other steps are another run.
+    """
+    data, errors = problem.data, dict[int, Floats | None]()
+    groups: dict[Hashable, list[tuple[int, Packed, PositionController, tuple[Floats, Floats]]]] = {}
+    for number, (packed, law, disturbance) in enumerate(twins):
+        if disturbance.jitter > 0.0:  # at what moments rows are written is drawn after the run
+            run = run_twin(data, packed, law, disturbance, random, loops=problem.runs.loops)
+            (errors[number],) = _errors_of_runs(data, [packed], [run])
+        else:
+            group = groups.setdefault((id(law), steps_of_twin(packed, data.period, law)), [])
+            group.append((number, packed, law, shaken(data, disturbance, random)))
+    for group in groups.values():
+        models = [packed for _, packed, _, _ in group]
+        runs = run_twins(data, models, group[0][2], [noise for *_, noise in group], problem.runs.loops)
+        found = _errors_of_runs(data, models, runs)
+        errors |= {number: error for (number, *_), error in zip(group, found, strict=True)}
+    return [errors[number] for number in range(len(errors))]
+
+
+def _errors_of_runs(
+    data: Prepared, models: Sequence[Packed], runs: Sequence[Simulated]
+) -> list[Floats | None]:
+    """Residual of each run, without the torques that follow the clock; None of one that is unstable."""
+    stable = [(packed, run) for packed, run in zip(models, runs, strict=True) if run.stable]
+    moved = simulated_motions(data, [run for _, run in stable])
+    motions = [replace(one, torque=clockless(data, one.torque)) for one in moved]
+    found = iter(residuals_of_each(data, [packed for packed, _ in stable], motions))
+    return [next(found) if run.stable else None for run in runs]
 
 
 def _off_by_a_little(packed: Packed, random: np.random.Generator) -> Packed:

@@ -9,8 +9,9 @@ from scipy.signal import lfilter
 from autotune.estimation.controller import find_controller
 from autotune.estimation.data import Prepared, filtered_motion, prepare
 from autotune.estimation.disturbance import STILL, Disturbance, in_time, jitter_of, memory_of
-from autotune.estimation.disturbance_estimate import estimate_disturbance, level_of_least
+from autotune.estimation.disturbance_estimate import _errors_of, estimate_disturbance, level_of_least
 from autotune.estimation.problem import new_problem
+from autotune.estimation.residual import compared_motion, residual
 from autotune.estimation.twin_runs import run_twin
 from autotune.models.drive_model import Packed, base_model
 from autotune.recordings.recording import Recording
@@ -115,3 +116,23 @@ def test_what_the_twin_leaves_tells_how_much_the_axis_is_shaken(recording: Recor
     levels = [Disturbance(white=part * 5e-3) for part in (3.0, 1.0, 0.1)]
     truth = true_model(plain_axis(3).plant, ()).pack()
     assert level_of_least(problem, truth, levels) is levels[1]
+
+
+@pytest.mark.parametrize("jitter", [0.0, 2e-4])
+def test_replicas_side_by_side_leave_what_each_leaves(recording: Recording, jitter: float) -> None:
+    """Each is shaken by what is drawn after the one before it, also where rows are written at moments that scatter."""
+    data = prepare([recording])
+    law = find_controller(data)
+    problem = new_problem(data, law)
+    shaken = Disturbance(white=2e-3, jitter=jitter)
+    models = [base_model({**NOMINAL, "coulomb": c * NOMINAL["coulomb"]}).pack() for c in (1.0, 1.01, 0.99)]
+    twins = [(packed, law, shaken.louder(1.0 + 0.1 * i)) for i, packed in enumerate(models)]
+    together = _errors_of(problem, twins, np.random.default_rng(3))
+    random = np.random.default_rng(3)
+    for (packed, _, disturbance), found in zip(twins, together, strict=True):
+        run = run_twin(data, packed, law, disturbance, random)
+        alone = residual(data, packed, compared_motion(data, run))
+        assert found is not None
+        np.testing.assert_allclose(
+            found, alone, rtol=0.0, atol=1e-9
+        )  # far below what other steps would change
