@@ -165,7 +165,8 @@ class _Search:
 
     `outdone` is the root with a law of the base, where an effect explains more than that; `beside` a model with effects
     that the root's law was found beside; `seen` are the models that were fitted inside the twin, `first` and `tried`
-    those of the first round, `later` those of the others.
+    those of the first round, `later` those of the others; `laws` those of the base that may be asked for, and
+    `law_first` that one leads a further effect, or that none is asked for any more.
     """
 
     problem: Problem
@@ -186,6 +187,7 @@ class _Search:
     freed: dict[str, bool] = field(default_factory=dict)
     unloaded: ModelFit | None = None
     laws: Sequence[BaseLaw] = BASE_LAWS
+    law_first: bool = False
 
     def found(self) -> Found:
         self._shape_base()
@@ -193,8 +195,11 @@ class _Search:
             self.problem, self.evidence, self.root, self.nominal, self.progress
         )
         self._seek()
+        led, self.law_first = self.law_first, True  # asked so far
         if self.begin_again is None and self._other_law_beside():
             self._seek()
+        elif self.begin_again is None and led:
+            self._seek_on()
         if self.begin_again is None:
             self._seek_memory_in_the_climb()
         if self.begin_again is not None:
@@ -261,14 +266,10 @@ class _Search:
         asked = self._more_to_explain(self.root)
         if not asked and not self.evidence.worth_fitting(self.problem, self.root, ranked):
             return False
-        found = self._other_laws()
-        gains = [gain_and_z(self.root.unseen, one.unseen)[0] if one is not None else 0.0 for one in found]
-        best = self._plainest(found, max(range(len(found)), key=lambda i: gains[i]))
-        other = found[best]
+        best, other = self._leading_law(self.root)
         if other is None:
             return False
-        effects = [item for item in ranked if item.effect != MEMORY or not of_many(other.fitted.packed)]
-        if gains[best] < max((item.gain for item in effects), default=0.0):
+        if not self._leads(self.root, other, ranked):
             self.outdone = other
             return False
         self.progress(self.laws[best].about)
@@ -276,11 +277,35 @@ class _Search:
         self._begins_again()
         return True
 
-    def _other_laws(self) -> list[ModelFit | None]:
-        """The root with each law of the base that data ask for, up to one that leaves nothing beyond doubt."""
+    def _leads(self, before: ModelFit, law: ModelFit, ranked: Sequence[ScreenedCandidate]) -> bool:
+        """Whether a law of the base beside `before` explains at least as much as any effect does there."""
+        effects = [item for item in ranked if item.effect != MEMORY or not of_many(law.fitted.packed)]
+        return gain_and_z(before.unseen, law.unseen)[0] >= max((item.gain for item in effects), default=0.0)
+
+    def _law_before(self, ranked: Sequence[ScreenedCandidate]) -> bool:
+        """Whether a law of the base is asked for beside what was found, before any further effect.
+
+        The effect that was found hid it in the root. A memory takes the place of a contact's own curve beside an
+        effect as it does alone, worse than the curve and with a name: once it is there the law is not asked for.
+        """
+        if self.law_first or not self._more_to_explain(self._model_fit):
+            return False
+        _, law = self._leading_law(self._model_fit)
+        self.law_first = law is not None and self._leads(self._model_fit, law, ranked)
+        return self.law_first
+
+    def _leading_law(self, before: ModelFit) -> tuple[int, ModelFit | None]:
+        """Of the laws of the base the one that explains most beside `before`; None where data ask for none."""
+        found = self._other_laws(before)
+        gains = [gain_and_z(before.unseen, one.unseen)[0] if one is not None else 0.0 for one in found]
+        best = self._plainest(found, max(range(len(found)), key=lambda i: gains[i]))
+        return best, found[best]
+
+    def _other_laws(self, before: ModelFit) -> list[ModelFit | None]:
+        """A model with each law of the base that data ask for, up to one that leaves nothing beyond doubt."""
         found: list[ModelFit | None] = []
         for law in self.laws:
-            found.append(self._borne_out(law.added(self.problem, self.root)))
+            found.append(self._borne_out(law.added(self.problem, before), before))
             last = found[-1]
             if last is not None and not self._more_to_explain(last):
                 break
@@ -635,7 +660,8 @@ class _Search:
             self.later += fits
         if not first and self.evidence.repeats and fits:
             fits = best_refined(problem, self.root, fits, self.evidence.best(problem, fits), self.progress)
-        return self._best(fits)
+        best = self._best(fits)
+        return None if best is not None and not first and self._law_before(ranked) else best
 
     def _as_beside(self, fits: list[FittedCandidate]) -> list[FittedCandidate]:
         """The fits, and what the root's law was found beside, fitted again from there, where that is better.

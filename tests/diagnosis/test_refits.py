@@ -308,3 +308,39 @@ def test_a_second_mass_must_do_more_than_twins_that_are_shaken_or_controlled_oth
     if found is not None:
         assert found[1].fitted.cost == min(shaken, controlled, late)
     assert looped_otherwise(replace(loud, loads=False), fit(1.0), fit(0.4), anew) is None
+
+
+@pytest.mark.parametrize(
+    ("law", "memory", "other", "many", "first"),
+    [
+        (0.8, 0.27, 0.0, False, True),
+        (0.1, 0.27, 0.0, False, False),
+        (0.1, 0.27, 0.0, True, True),
+        (0.8, 0.27, 0.9, False, False),
+        (None, 0.27, 0.0, False, False),
+    ],
+    ids=[
+        "a contact's own curve",
+        "a memory",
+        "of many contacts",
+        "another effect",
+        "data ask for none",
+    ],
+)
+def test_a_law_of_the_base_comes_before_a_further_effect_that_explains_less(
+    monkeypatch: pytest.MonkeyPatch, law: float | None, memory: float, other: float, many: bool, first: bool
+) -> None:
+    """Beside a weight elements of memory took the place of a contact's curve, left twice as much and were named."""
+    curve = SimpleNamespace(unseen=law, free=(), fitted=SimpleNamespace(packed=many))
+    monkeypatch.setattr(search, "gain_and_z", lambda _, unseen: (unseen, 5.0))
+    monkeypatch.setattr(search, "of_many", lambda packed: packed)
+    monkeypatch.setattr(search._Search, "_more_to_explain", lambda *_: True)
+    monkeypatch.setattr(search._Search, "_other_laws", lambda *_: [None, curve if law is not None else None])
+    ranked = [
+        SimpleNamespace(effect="reversal_memory", gain=memory),
+        SimpleNamespace(effect="stribeck", gain=other),
+    ]
+    looking = _search(SimpleNamespace(model_fit=SimpleNamespace(unseen=0.0)))
+    assert looking._law_before(ranked) is first
+    looking.law_first = True  # asked so far
+    assert not looking._law_before(ranked)
