@@ -22,7 +22,7 @@ from autotune.diagnosis.fit_result import FitResult
 from autotune.diagnosis.fitting import fit_model
 from autotune.estimation.model_error import CLEARLY_LESS
 from autotune.estimation.policy import POLICY
-from autotune.identify.complexity import Complexity, judge_complexity
+from autotune.identify.dahl import Complexity, judge_complexity
 from autotune.identify.estimate import Estimate, Quantity, judge_model
 from autotune.identify.first_guess import OneDirection
 from autotune.identify.fit import HOLDS, STARTS, fit, joined

@@ -12,7 +12,7 @@ import numpy as np
 from autotune.core.documents import finite
 from autotune.core.tables import frame, html_table
 from autotune.diagnosis.compare import UnseenError
-from autotune.identify.complexity import Complexity
+from autotune.identify.dahl import Complexity
 from autotune.identify.estimate import Estimate
 from autotune.identify.residuals import ClosedLoop
 from autotune.identify.run import Identification

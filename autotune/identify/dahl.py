@@ -1,19 +1,26 @@
-"""Dahl's curve: torque over position for very slow loops (section 3.4.4).
+"""Dahl's curve: torque over position for very slow loops (section 3.4.4), and how much model an axis needs (3.3).
 
 Δu = σ0·Δq − (σ0/F_s)·|Δq|·u + (σ0·F_g/F_s)·|Δq| (3.51), over equal steps of travel rather than of time
 (friction filters in space), by iterated instrumental variables. With the exponent free, the slope is
 σ0·|1 − F/F_s·sign|^i (2.22), fitted to the whole curve.
 
-The characteristic displacement x_s that section 3.3 compares with the precision is this curve's (6.2.3): of
-a reversal from −F_s to F_s all but a share e⁻¹ is over after
+The characteristic displacement x_s is this curve's (6.2.3): of a reversal from −F_s to F_s all but a share e⁻¹ of it is
+over after
 
     x_s = F_s/σ0 ∫ w^−i dw,  w = 1 − F/F_s from 2/e to 2,                       i = 1: x_s = F_s/σ0 (3.15)
+
+The kinetic model (friction a function of velocity) reverses at once; on a reversal at constant acceleration a it is
+wrong by p = 2·F_s·exp(−a·t²/(2·x_s))·(1 − σ1·a·t/F_s) (3.39), that is for about √(2·x_s/a) seconds (3.3.5). Where the
+precision asked for is well above x_s, it does not matter. The stiffness of presliding sees the contact as it is before
+any element has let go: on an axis with several elastic elements F_s/σ0 is then several times too short (Table 6.2: 3.3
+against 14.8 mrad), which is the unsafe side. Without Dahl's curve it is a lower bound, and the sentence says so.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -21,16 +28,19 @@ import scipy
 
 from autotune.core.arrays import Floats
 from autotune.core.errors import NotEnoughExcitation
+from autotune.core.units import torque_symbol
 from autotune.identify.estimate import Estimate, Quantity, invalid
 from autotune.models.compiled import compiled
 from autotune.recordings.checks import clipped, guide_of, torque_of
-from autotune.recordings.recording import Recording
+from autotune.recordings.recording import Metadata, Recording
 
 ITERATIONS = 20
 STEPS_A_LOOP = 400
 LEAST_COUNTS = 3.0
 POOR_FIT = 0.1
 _NAMES = ("stiffness", "break_away", "offset")
+KINETIC_SUFFICES = 3.0
+"""Precision over x_s from which the kinetic model will do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -275,3 +285,105 @@ def _judged(best: Floats, scatter: Floats, error: float, paths: list[_Path], fre
     elif error > 0.5:
         valid, reason = False, f"the model explains {100 * (1 - error):.0f} % of Dahl's curve only"
     return Estimate("dahl", MappingProxyType(quantities), valid, reason, error, tuple(notes))
+
+
+@dataclass(frozen=True, slots=True)
+class Complexity:
+    """x_s [rad or m], the verdict and the sentence that explains it.
+
+    Attributes:
+        displacement: x_s, from Dahl's curve where there is one.
+        lower_bound: there was none: friction reverses over `displacement` at least.
+        lugre_needed: whether friction must be modelled through the reversal for `precision`.
+        peak_difference: largest error of the kinetic model at a reversal, 2·F_s [N m].
+        duration: how long it lasts at `acceleration` [s].
+        acceleration: at the reversal that is judged [rad/s² or m/s²].
+    """
+
+    displacement: Quantity
+    precision: float
+    lugre_needed: bool
+    peak_difference: float
+    duration: float
+    text: str
+    lower_bound: bool = False
+    acceleration: float = math.nan
+
+
+def kinetic_difference(
+    time: Floats, break_away: float, stiffness: float, micro_damping: float, acceleration: float
+) -> Floats:
+    """p(t) of (3.39) [N m] after a reversal at constant acceleration, shape as `time`."""
+    exponent = -acceleration * time**2 * stiffness / (2.0 * break_away)
+    return np.asarray(
+        2.0 * break_away * np.exp(exponent) * (1.0 - micro_damping / break_away * acceleration * time)
+    )
+
+
+def judge_complexity(
+    parameters: Mapping[str, Quantity],
+    precision: float,
+    acceleration: float,
+    metadata: Metadata,
+    reversal: Quantity | None = None,
+) -> Complexity | None:
+    """Whether the axis needs LuGre for a precision [rad or m]; None without friction or stiffness.
+
+    Args:
+        reversal: x_s of Dahl's curve; None where none was recorded.
+        acceleration: at the reversals of the application [rad/s² or m/s²].
+    """
+    levels = [q for q in (parameters.get("break_away"), parameters.get("coulomb")) if q is not None]
+    if not levels or max(q.value for q in levels) <= 0.0:
+        return None
+    friction = max(levels, key=lambda q: q.value)
+    at_rest = _at_rest(friction, parameters.get("stiffness"))
+    known = [q for q in (reversal, at_rest) if q is not None]
+    if not known:
+        return None
+    displacement = max(known, key=lambda q: q.value)
+    value = displacement.value
+    duration = math.sqrt(2.0 * value / acceleration) if acceleration > 0 else math.inf
+    judged = Complexity(
+        displacement,
+        precision,
+        precision < KINETIC_SUFFICES * max(value, displacement.interval[1]),
+        2.0 * friction.value,
+        duration,
+        "",
+        reversal is None,
+        acceleration,
+    )
+    return replace(judged, text=_sentence(judged, metadata))
+
+
+def _at_rest(friction: Quantity, stiffness: Quantity | None) -> Quantity | None:
+    """F_s/σ0 with the stiffness at rest."""
+    if stiffness is None or stiffness.value <= 0.0:
+        return None
+    value = friction.value / stiffness.value
+    relative = math.hypot(friction.relative_error, stiffness.relative_error)
+    return Quantity(value, value * relative, max(friction.quantile, stiffness.quantile))
+
+
+def _sentence(judged: Complexity, metadata: Metadata) -> str:
+    scale, unit = (1e3, "mrad") if metadata.motion_unit == "rad" else (1e6, "µm")
+    torque = torque_symbol(metadata.motion_unit, metadata.torque_unit)
+    verdict = (
+        "the axis needs the LuGre model"
+        if judged.lugre_needed
+        else "the kinetic model (friction as a function of velocity) will do"
+    )
+    least = "at least " if judged.lower_bound else ""
+    hint = (
+        ". That is what stiffness at rest says; where several elastic elements let go one after another, "
+        "friction reverses over more: record Dahl's curve"
+        if judged.lower_bound and not judged.lugre_needed
+        else ""
+    )
+    return (
+        f"friction reverses over x_s = {least}{scale * judged.displacement.value:.3g} {unit}; for a precision "
+        f"of {scale * judged.precision:.3g} {unit} {verdict}. At a reversal with {judged.acceleration:.2g} "
+        f"{metadata.motion_unit}/s² the kinetic model is wrong by up to {judged.peak_difference:.3g} {torque} "
+        f"for {least or 'about '}{1e3 * judged.duration:.0f} ms{hint}"
+    )

@@ -4,7 +4,7 @@ One set of parameters from the separate experiments, after section 3.4.5: Coulom
 offset come from the steady state, inertia and σ1 + σ2 from presliding, as there. Section 3.4.5 takes F_s and σ0
 from Dahl's curve. Here break-away and its Stribeck velocity come from the steady state, which shows both, and the
 stiffness is that of rest, from presliding; Dahl's, which is softer where friction has several elastic elements,
-says over what displacement friction reverses (`complexity`) and bounds the adaptation. Dahl's curve and the high
+says over what displacement friction reverses (`dahl`) and bounds the adaptation. Dahl's curve and the high
 speed experiment stand in where the others failed, and are compared where they did not.
 
 Whether a model made of such numbers can be that of an axis is asked by its sizes (`recordings.axis_sizes`).

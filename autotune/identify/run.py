@@ -14,8 +14,7 @@ from typing import TypeVar
 
 from autotune.core.errors import NotEnoughExcitation
 from autotune.core.units import torque_symbol
-from autotune.identify.complexity import Complexity, judge_complexity
-from autotune.identify.dahl import Dahl, identify_dahl
+from autotune.identify.dahl import Complexity, Dahl, identify_dahl, judge_complexity
 from autotune.identify.estimate import Estimate, Quantity, combine, invalid
 from autotune.identify.high_speed import HighSpeed, identify_high_speed
 from autotune.identify.presliding import Presliding, identify_presliding

@@ -17,7 +17,7 @@ from autotune.view.report import Picture, Table
 from autotune.view.scale import significant
 
 if TYPE_CHECKING:
-    from autotune.identify.linear_methods import LinearFit
+    from autotune.identify.presliding import LinearFit
     from autotune.identify.run import Identification
 
 

@@ -18,7 +18,9 @@ from autotune.diagnosis.evidence.evidence import Evidence, late_anew, without_lo
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.diagnosis.evidence.single import SingleRecording
 from autotune.diagnosis.found_model import torque_late
-from autotune.diagnosis.search import _Search
+from autotune.diagnosis.rounds import SearchState
+from autotune.diagnosis.search import _without_chains_lag
+from autotune.diagnosis.settling import _aligned
 from autotune.diagnosis.wording import torque_path_notes
 from autotune.estimation.alignment import behind_current_loop, followed_late, shifted
 from autotune.estimation.bandwidth import prepared_to_fit
@@ -390,9 +392,9 @@ def test_what_remembers_need_not_come_again_where_experiments_held_out_and_veto_
     problem, root = begun
     part = Explained(1e-4, left * 1e-4)
     best = FittedCandidate(effect, root, gain, part, part, False)
-    search = _Search(problem, root, root.fitted.packed, print, RepeatedProgramme())
-    assert search._remembers(best) == sure
-    assert not search._remembers(replace(best, veto=None))
+    search = SearchState(problem, root, root.fitted.packed, print, RepeatedProgramme())
+    assert search.remembers(best) == sure
+    assert not search.remembers(replace(best, veto=None))
 
 
 @pytest.mark.parametrize(
@@ -417,8 +419,8 @@ def test_a_lag_beside_others_goes_where_the_chain_beside_them_is_as_late(
     monkeypatch.setattr(RepeatedProgramme, "aligned", lambda *_: again)
     monkeypatch.setattr("autotune.diagnosis.search.without_effect", lambda *_: less)
     monkeypatch.setattr("autotune.diagnosis.search.fitted_again", lambda *_: (bare, [less]))
-    search = _Search(problem, root, root.fitted.packed, print, RepeatedProgramme(), chosen=chosen)
-    search._without_chains_lag()
+    search = SearchState(problem, root, root.fitted.packed, print, RepeatedProgramme(), chosen=chosen)
+    _without_chains_lag(search)
     assert (search.chosen is less) == dropped
     assert (search.problem is again) == dropped
     assert (search.root is root) == (not dropped)
@@ -435,9 +437,9 @@ def test_a_candidate_is_aligned_where_the_twin_leaves_no_more(
     cost = left * root.fitted.cost
     after = replace(before, model_fit=replace(root, fitted=replace(root.fitted, cost=cost)))
     monkeypatch.setattr(RepeatedProgramme, "aligned", lambda *_: again)
-    monkeypatch.setattr("autotune.diagnosis.search.fitted_again", lambda *_: (after.model_fit, [after]))
-    search = _Search(problem, root, root.fitted.packed, print, RepeatedProgramme())
-    found = search._aligned(before)
+    monkeypatch.setattr("autotune.diagnosis.rounds.fitted_again", lambda *_: (after.model_fit, [after]))
+    search = SearchState(problem, root, root.fitted.packed, print, RepeatedProgramme())
+    found = _aligned(search, before)
     assert (found.model_fit.fitted.cost == cost) == moved
     assert search.problem is (again if moved else problem)
     assert (search.root is root) == (not moved)

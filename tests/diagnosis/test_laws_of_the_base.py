@@ -13,7 +13,8 @@ from autotune.diagnosis.contact_laws import goes_on, without_memory, without_tai
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.found_model import found_model
 from autotune.diagnosis.refits import judged
-from autotune.diagnosis.search import Found, _Search
+from autotune.diagnosis.rounds import SearchState
+from autotune.diagnosis.search import Found, _where_it_slides
 from autotune.diagnosis.verdict import Diagnosis, diagnose
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.cross_validation import beyond_presliding
@@ -331,8 +332,8 @@ def test_what_that_law_leaves_near_reversals_is_not_held_against_an_effect() -> 
     )
     chosen = judged(problem, root, named, "nonlinear_viscous")
     assert problem.policy.partly < chosen.share < problem.policy.named
-    search = _Search(problem, root, root.fitted.packed, no_progress, evidence)
-    found = search._where_it_slides(Found(problem, root, chosen, (), (), {}))
+    search = SearchState(problem, root, root.fitted.packed, no_progress, evidence)
+    found = _where_it_slides(search, Found(problem, root, chosen, (), (), {}))
     assert found.sliding is not None
     assert found.chosen is not None
     assert found.chosen.named

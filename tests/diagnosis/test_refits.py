@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from autotune.diagnosis import candidates, refits, search
+from autotune.diagnosis import candidates, refits, rounds, search, settling
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.candidates import explains_rest, no_progress
 from autotune.diagnosis.refits import (
@@ -18,6 +18,8 @@ from autotune.diagnosis.refits import (
     looped_otherwise,
     root_from,
 )
+from autotune.diagnosis.rounds import SearchState, _law_before, _worth_by_its_course
+from autotune.diagnosis.settling import _first_exchanged
 from autotune.estimation.bandwidth import prepared_to_fit
 from autotune.estimation.bias_corrected_fit import fit_inside_twin
 from autotune.estimation.disturbance import Disturbance
@@ -148,9 +150,9 @@ def test_a_rival_in_the_place_of_an_effect_brings_its_own_parameters(monkeypatch
     ]
 
 
-def _search(chosen: object, tried: tuple[object, ...] = ()) -> search._Search:
+def _search(chosen: object, tried: tuple[object, ...] = ()) -> SearchState:
     problem, evidence = SimpleNamespace(policy=POLICY), SimpleNamespace(repeats=True)
-    return search._Search(problem, SimpleNamespace(), None, no_progress, evidence, chosen=chosen, tried=tried)
+    return SearchState(problem, SimpleNamespace(), None, no_progress, evidence, chosen=chosen, tried=tried)
 
 
 @pytest.mark.parametrize(
@@ -195,17 +197,17 @@ def test_a_further_effect_may_be_worth_having_by_its_course(
 ) -> None:
     """Its second wave makes more torque than its first: 48 % of what a weight leaves by the one, 99 % by both."""
     shaped = SimpleNamespace(named=True, model_fit=None)
-    monkeypatch.setattr(search, "explained_beside", lambda *_: SimpleNamespace(fall=fall, share=share))
-    monkeypatch.setattr(search, "least_fall", lambda *_: 0.1)
-    monkeypatch.setattr(search, "explains_rest", lambda *_: share >= POLICY.partly)
+    monkeypatch.setattr(rounds, "explained_beside", lambda *_: SimpleNamespace(fall=fall, share=share))
+    monkeypatch.setattr(rounds, "least_fall", lambda *_: 0.1)
+    monkeypatch.setattr(rounds, "explains_rest", lambda *_: share >= POLICY.partly)
     parts = [SimpleNamespace(share=one) for one in of_rest]
-    monkeypatch.setattr(search, "explained_of_rest", lambda *_: parts)
-    monkeypatch.setattr(search._Search, "_shaped", lambda *_: shaped)
-    monkeypatch.setattr(search._Search, "_worth_having", lambda *_: True)
+    monkeypatch.setattr(rounds, "explained_of_rest", lambda *_: parts)
+    monkeypatch.setattr(SearchState, "shaped", lambda *_: shaped)
+    monkeypatch.setattr(SearchState, "worth_having", lambda *_: True)
     chosen = SimpleNamespace(model_fit=None)
     best = SimpleNamespace(model_fit=None)
-    assert _search(chosen)._worth_by_its_course(best) is (shaped if taken else None)
-    assert _search(None)._worth_by_its_course(best) is None
+    assert _worth_by_its_course(_search(chosen), best) is (shaped if taken else None)
+    assert _worth_by_its_course(_search(None), best) is None
 
 
 @pytest.mark.parametrize(
@@ -231,9 +233,9 @@ def test_elements_that_go_on_beside_what_hid_them_are_a_memory_and_no_climb(
     monkeypatch.setattr(search, "CLIMB_LAW", climb)
     monkeypatch.setattr(search, "climbs_otherwise", lambda _: True)
     monkeypatch.setattr(search, "remembers_beyond", lambda *_: beyond)
-    monkeypatch.setattr(search._Search, "_take_root", lambda self, root: setattr(self, "root", root))
-    monkeypatch.setattr(search._Search, "_seek", lambda self: setattr(self, "chosen", remembered))
-    searched._seek_memory_in_the_climb()
+    monkeypatch.setattr(SearchState, "take_root", lambda self, root: setattr(self, "root", root))
+    monkeypatch.setattr(search, "_seek", lambda state: setattr(state, "chosen", remembered))
+    search._seek_memory_in_the_climb(searched)
     assert searched.chosen is (remembered if anew else rippled)
     assert searched.root is (bare if anew else before)
 
@@ -263,12 +265,14 @@ def test_rivals_of_the_first_effect_are_asked_again_beside_the_second(
     def item(*effects: str, left: float = 1.0, **others: float) -> Item:
         return Item(effects[-1], SimpleNamespace(effects=effects, left=left), **others)
 
-    monkeypatch.setattr(search, "error_left", lambda _, fit: fit.left)
-    monkeypatch.setattr(search, "in_place_of", lambda *_: item("spring", "dwell_time_break_away", left=left))
-    monkeypatch.setattr(search._Search, "_shaped", lambda *_: None)
+    monkeypatch.setattr(settling, "error_left", lambda _, fit: fit.left)
+    monkeypatch.setattr(
+        settling, "in_place_of", lambda *_: item("spring", "dwell_time_break_away", left=left)
+    )
+    monkeypatch.setattr(SearchState, "shaped", lambda *_: None)
     chosen = item("gravity_imbalance", "dwell_time_break_away")
     tried = (item("gravity_imbalance"), item("spring", gain=gain, share=share))
-    found = _search(tried[0], tried)._first_exchanged(chosen)
+    found = _first_exchanged(_search(tried[0], tried), chosen)
     assert found.model_fit.effects == (first, "dwell_time_break_away")
     assert found.effect == "dwell_time_break_away"
 
@@ -332,15 +336,15 @@ def test_a_law_of_the_base_comes_before_a_further_effect_that_explains_less(
 ) -> None:
     """Beside a weight elements of memory took the place of a contact's curve, left twice as much and were named."""
     curve = SimpleNamespace(unseen=law, free=(), fitted=SimpleNamespace(packed=many))
-    monkeypatch.setattr(search, "gain_and_z", lambda _, unseen: (unseen, 5.0))
-    monkeypatch.setattr(search, "of_many", lambda packed: packed)
-    monkeypatch.setattr(search._Search, "_more_to_explain", lambda *_: True)
-    monkeypatch.setattr(search._Search, "_other_laws", lambda *_: [None, curve if law is not None else None])
+    monkeypatch.setattr(rounds, "gain_and_z", lambda _, unseen: (unseen, 5.0))
+    monkeypatch.setattr(rounds, "of_many", lambda packed: packed)
+    monkeypatch.setattr(SearchState, "more_to_explain", lambda *_: True)
+    monkeypatch.setattr(rounds, "_other_laws", lambda *_: [None, curve if law is not None else None])
     ranked = [
         SimpleNamespace(effect="reversal_memory", gain=memory),
         SimpleNamespace(effect="stribeck", gain=other),
     ]
     looking = _search(SimpleNamespace(model_fit=SimpleNamespace(unseen=0.0)))
-    assert looking._law_before(ranked) is first
+    assert _law_before(looking, ranked) is first
     looking.law_first = True  # asked so far
-    assert not looking._law_before(ranked)
+    assert not _law_before(looking, ranked)

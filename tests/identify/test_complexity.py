@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from autotune.identify.complexity import judge_complexity
-from autotune.identify.dahl import identify_dahl, reversal_displacement
+from autotune.identify.dahl import identify_dahl, judge_complexity, reversal_displacement
 from autotune.identify.estimate import Quantity
 from autotune.recordings.recording import Metadata
 from autotune_sim.presets import preset

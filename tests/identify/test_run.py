@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from autotune.core.errors import NotEnoughExcitation, RecordingError
-from autotune.identify.complexity import kinetic_difference
+from autotune.identify.dahl import kinetic_difference
 from autotune.identify.run import identify_run
 from autotune.recordings.checks import check_recording, refuse_clipping
 from autotune.recordings.recording import Metadata, Recording

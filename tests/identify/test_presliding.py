@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autotune.identify.linear_methods import MOST_REFLECTED, stable_polynomial
+from autotune.identify.presliding import MOST_REFLECTED, stable_polynomial
 
 reflection = st.floats(-MOST_REFLECTED, MOST_REFLECTED)
 

@@ -1,0 +1,443 @@
+"""A search's state, and its rounds: which candidates are fitted inside the twin, and which of them is worth having.
+
+The best are fitted down the ranking; the best fit must explain enough by itself, of what is explained already or of
+what is left, and lower the error on the veto trajectory.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from autotune.diagnosis.base_laws import BASE_LAWS, BaseLaw
+from autotune.diagnosis.candidates import (
+    FittedCandidate,
+    Progress,
+    ScreenedCandidate,
+    again_explained,
+    asked_for,
+    explained_beside,
+    explained_of_rest,
+    explains_rest,
+    fall_in_repeats,
+    least_fall,
+    plainer,
+)
+from autotune.diagnosis.contact_laws import EFFECT as MEMORY
+from autotune.diagnosis.contact_laws import (
+    of_many,
+)
+from autotune.diagnosis.evidence.evidence import Evidence, late_anew, without_long_lag
+from autotune.diagnosis.free_shape import with_free_shape
+from autotune.diagnosis.refits import (
+    RIVAL_COST,
+    best_refined,
+    fitted_again,
+    gain_on_veto,
+    inside_twin,
+    judged,
+    looped_otherwise,
+    refined,
+    root_from,
+    settled_in,
+    unsettled,
+    with_noise_of,
+)
+from autotune.diagnosis.screening import (
+    NEAR_WORTH,
+    generic_gains,
+    more_to_explain,
+    rank,
+)
+from autotune.diagnosis.transmission import (
+    without_needless_gap,
+)
+from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
+from autotune.estimation.cross_validation import (
+    gain_and_z,
+)
+from autotune.estimation.data import TRAINING, VETO
+from autotune.estimation.problem import Problem
+from autotune.models.drive_model import Packed
+from autotune.models.table import EFFECTS
+from autotune.models.transmission import has_load
+
+MOST_FITS = 4
+"""Candidates fitted inside the twin in a round."""
+WORTH_A_FIT_BESIDE, CLOSE_RIVAL = 0.6, 0.75
+"""Of the best candidate's gain: what is fitted beside another effect, and beside one that can be named already."""
+LOOPS_ANEW = 2
+"""Times that a twin may be shaken or controlled otherwise before a second mass: one for each."""
+LEAST_AGAIN = 0.1
+"""Of what a further effect explains: that must come again in repeats, or drift; the rest may be noise it swallows."""
+
+
+@dataclass(slots=True)
+class SearchState:
+    """A search in progress: `problem` and `root` change where torque and motion are aligned anew.
+
+    `outdone` is the root with a law of the base, where an effect explains more than that; `beside` a model with effects
+    that the root's law was found beside; `seen` are the models that were fitted inside the twin, `first` and `tried`
+    those of the first round, `later` those of the others; `laws` those of the base that may be asked for, and
+    `law_first` that one leads a further effect, or that none is asked for any more.
+    """
+
+    problem: Problem
+    root: ModelFit
+    nominal: Packed
+    progress: Progress
+    evidence: Evidence
+    may_begin_again: bool = False
+    begin_again: Packed | None = None
+    outdone: ModelFit | None = None
+    beside: ModelFit | None = None
+    chosen: FittedCandidate | None = None
+    seen: list[ModelFit] = field(default_factory=list)
+    first: Sequence[ScreenedCandidate] = ()
+    tried: Sequence[FittedCandidate] = ()
+    later: list[FittedCandidate] = field(default_factory=list)
+    generic: Mapping[str, float] = field(default_factory=dict)
+    freed: dict[str, bool] = field(default_factory=dict)
+    unloaded: ModelFit | None = None
+    laws: Sequence[BaseLaw] = BASE_LAWS
+    law_first: bool = False
+
+    def borne_out(self, after: ModelFit | None, before: ModelFit | None = None) -> ModelFit | None:
+        """A model with another law of the base, where recordings of this kind bear it out beside the root."""
+        if after is None or not self.evidence.bears_out(self.problem, before or self.root, after):
+            return None
+        return after
+
+    def begins_again(self) -> bool:
+        """Whether all begins anew from the root."""
+        if self.may_begin_again:
+            self.begin_again = self.root.fitted.packed
+        return self.may_begin_again
+
+    def take_root(self, root: ModelFit) -> None:
+        """Makes it the root: torque and motion aligned by it, the twin disturbed as much as the axis is by it."""
+        again = self.evidence.aligned(self.problem, root)
+        if again is not self.problem:
+            self.problem = again
+            root = fit_inside_twin(again, root.fitted.packed, list(root.free), 2, root.effects) or root
+        self.problem, self.root = with_noise_of(self.problem, root)
+
+    @property
+    def model_fit(self) -> ModelFit:
+        """The model with what is chosen so far."""
+        return self.chosen.model_fit if self.chosen else self.root
+
+    def worth_having(self, best: FittedCandidate, root: ModelFit | None = None) -> bool:
+        """Whether a fit explains enough, by itself and beside what is chosen already, or beside a `root`."""
+        problem, policy, before = self.problem, self.problem.policy, root or self.model_fit
+        beside = explained_beside(problem, before, best.model_fit, TRAINING)
+        worth = best.gain >= policy.least_gain
+        worth &= not self.evidence.only_at_rests(problem, before, best)
+        worth &= self.evidence.in_sight(problem, before, best.model_fit)
+        if self.evidence.repeats and (root is not None or self.chosen is None):
+            left = problem.mean_square((root or self.root).fitted.error, TRAINING)
+            worth &= best.training.fall >= policy.least_gain * left
+        if self.evidence.repeats and problem.twin and not self.remembers(best):
+            again = again_explained(problem, before, best.model_fit)
+            worth &= again >= LEAST_AGAIN * min(beside.fall, fall_in_repeats(problem, before, best.model_fit))
+        if root is None and self.chosen is not None:
+            worth &= beside.fall >= least_fall(problem, self.chosen)
+            worth &= not self.evidence.repeats or explains_rest(problem, self.chosen, best)
+            if problem.has(VETO):
+                worth &= explained_beside(problem, before, best.model_fit, VETO).fall > 0.0
+        return worth
+
+    def remembers(self, best: FittedCandidate) -> bool:
+        """Whether an effect that has another past in every repeat explains them all: it need not come again.
+
+        A memory that spans a part of the travel lowered the error by 70 % on experiments held out and all of it on the
+        veto, and nothing of what repeats share. A contact that ages by a logarithm is older in every repeat. What
+        swallows noise does not know it beforehand.
+        """
+        policy, kind = self.problem.policy, EFFECTS[best.effect]
+        sure = best.share >= policy.named and best.veto is not None and best.gain >= policy.clear_gain
+        return sure and (kind.approximate or kind.needs_rests)
+
+    def moved(self, problem: Problem, best: FittedCandidate) -> FittedCandidate:
+        """The best candidate as torque and motion are aligned now; so are its rivals, or only the alignment tells."""
+        rivals = [item for item in self.tried if item.named and item.effect != best.effect]
+        self.problem = problem
+        self.root, (best, *moved) = fitted_again(problem, self.root, [best, *rivals])
+        self.tried = list({item.effect: item for item in (*self.tried, *moved)}.values())
+        return best
+
+    def shaped(self, item: FittedCandidate) -> FittedCandidate | None:
+        """A fit with the course of its effect free; None where that does not explain clearly more."""
+        self.progress(f"another law of {item.effect}")
+        shaped = with_free_shape(self.problem, self.root, self.nominal, item)
+        if shaped is None:
+            return None
+        if not EFFECTS[item.effect].approximate:  # elements are its own law, however many
+            self.freed[item.effect] = item.named
+        return (
+            refined(self.problem, self.root, shaped, self.progress)
+            if unsettled(self.problem, shaped)
+            else shaped
+        )
+
+    def still_freed(self) -> dict[str, bool]:
+        """Effects in the chosen model whose course is free; whether their own law would have named them too."""
+        return {effect: named for effect, named in self.freed.items() if effect in self.model_fit.effects}
+
+    def more_to_explain(self, model_fit: ModelFit) -> bool:
+        """Whether anything is left beyond doubt: certain to one standard error, or drifting."""
+        return more_to_explain(self.problem, self.evidence, model_fit)
+
+
+def next_best(state: SearchState, first: bool) -> FittedCandidate | None:
+    """The best of a round, looked for again where the model as it is does half of that from elsewhere."""
+    best = one_round(state, first)
+    if best is not None and first and _rooted_anew(state, best):
+        best = one_round(state, first)
+    for _ in range(LOOPS_ANEW):
+        if best is None or not _looped_anew(state, best):
+            break
+        best = one_round(state, first)
+    return best
+
+
+def _other_law(state: SearchState, ranked: Sequence[ScreenedCandidate]) -> bool:
+    """Whether an optional law of the base explains more than any effect: then the root has it.
+
+    Memory is no effect beside the friction of many contacts, unless it goes on beyond them.
+    """
+    asked = state.more_to_explain(state.root)
+    if not asked and not state.evidence.worth_fitting(state.problem, state.root, ranked):
+        return False
+    best, other = _leading_law(state, state.root)
+    if other is None:
+        return False
+    if not _leads(state, state.root, other, ranked):
+        state.outdone = other
+        return False
+    state.progress(state.laws[best].about)
+    state.take_root(other)
+    state.begins_again()
+    return True
+
+
+def _leads(state: SearchState, before: ModelFit, law: ModelFit, ranked: Sequence[ScreenedCandidate]) -> bool:
+    """Whether a law of the base beside `before` explains at least as much as any effect does there."""
+    effects = [item for item in ranked if item.effect != MEMORY or not of_many(law.fitted.packed)]
+    return gain_and_z(before.unseen, law.unseen)[0] >= max((item.gain for item in effects), default=0.0)
+
+
+def _law_before(state: SearchState, ranked: Sequence[ScreenedCandidate]) -> bool:
+    """Whether a law of the base is asked for beside what was found, before any further effect.
+
+    The effect that was found hid it in the root. A memory takes the place of a contact's own curve beside an
+    effect as it does alone, worse than the curve and with a name: once it is there the law is not asked for.
+    """
+    if state.law_first or not state.more_to_explain(state.model_fit):
+        return False
+    _, law = _leading_law(state, state.model_fit)
+    state.law_first = law is not None and _leads(state, state.model_fit, law, ranked)
+    return state.law_first
+
+
+def _leading_law(state: SearchState, before: ModelFit) -> tuple[int, ModelFit | None]:
+    """Of the laws of the base the one that explains most beside `before`; None where data ask for none."""
+    found = _other_laws(state, before)
+    gains = [gain_and_z(before.unseen, one.unseen)[0] if one is not None else 0.0 for one in found]
+    best = _plainest(state, found, max(range(len(found)), key=lambda i: gains[i]))
+    return best, found[best]
+
+
+def _other_laws(state: SearchState, before: ModelFit) -> list[ModelFit | None]:
+    """A model with each law of the base that data ask for, up to one that leaves nothing beyond doubt."""
+    found: list[ModelFit | None] = []
+    for law in state.laws:
+        found.append(state.borne_out(law.added(state.problem, before), before))
+        last = found[-1]
+        if last is not None and not state.more_to_explain(last):
+            break
+    return found
+
+
+def _plainest(state: SearchState, found: Sequence[ModelFit | None], best: int) -> int:
+    """The best of several laws of the base; or one with fewer parameters, where data do not ask for more."""
+    other = found[best]
+    plainer = [
+        (one.fitted.cost, i)
+        for i, one in enumerate(found)
+        if one is not None
+        and other is not None
+        and len(one.free) < len(other.free)
+        and not asked_for(state.problem, one, other)
+    ]
+    return min(plainer)[1] if plainer else best
+
+
+def _rooted_anew(state: SearchState, best: FittedCandidate) -> bool:
+    """Whether the root was no minimum: a candidate that led its base away from there is no reason for a name."""
+    root = root_from(state.problem, state.root, best.model_fit)
+    if root is None:
+        return False
+    state.progress("fit of the model as it is, from elsewhere")
+    state.root = root
+    return True
+
+
+def _looped_anew(state: SearchState, best: FittedCandidate) -> bool:
+    """Whether a second mass made up for how the twin is shaken, or controlled: that is no reason for a name."""
+    found = otherwise(state, state.model_fit, best.model_fit)
+    if found is None:
+        return False
+    state.problem, before = found
+    if state.chosen is None:
+        state.root = before
+    else:
+        state.root, (state.chosen,) = fitted_again(state.problem, state.root, [state.chosen])
+    return True
+
+
+def otherwise(state: SearchState, before: ModelFit, loaded: ModelFit) -> tuple[Problem, ModelFit] | None:
+    """What stands for a second mass, by how the twin is shaken, controlled or late; None where nothing does."""
+    late = late_anew(state.problem, before) if has_load(loaded.fitted.packed.on) else None
+    found = looped_otherwise(state.problem, before, loaded, late)
+    if found is None:
+        return None
+    state.progress("twins that are shaken or controlled otherwise")
+    return found if found is not late else settled_in(without_long_lag(found[0]), found[1])
+
+
+def one_round(state: SearchState, first: bool) -> FittedCandidate | None:
+    """The candidate that explains most beside what is chosen, if it is worth having."""
+    problem, model_fit = state.problem, state.model_fit
+    worth = least_fall(problem, state.chosen) if state.chosen is not None else 0.0
+    ranked = rank(problem, state.evidence, model_fit, state.nominal, state.progress, worth)
+    if first and _other_law(state, ranked):
+        if state.begin_again is not None:
+            return None
+        problem, model_fit = state.problem, state.root
+        ranked = rank(problem, state.evidence, model_fit, state.nominal, state.progress)
+    if first:
+        state.first, state.generic = ranked, generic_gains(problem, state.root)
+    near = [item for item in ranked if first or item.fall >= NEAR_WORTH * worth or _promises(state, item)]
+    passing = state.evidence.worth_fitting(problem, model_fit, near)
+    fits = _fit_down(state, model_fit, passing)
+    if first and not any(item.named for item in fits):
+        fits = _as_beside(state, fits)
+    if not any(item.named for item in fits):
+        fits += _second_look(state, model_fit, ranked, passing)
+    state.seen += [item.model_fit for item in fits]
+    fits = without_needless_gap(problem, fits)
+    if first:
+        state.tried = fits
+    else:
+        state.later += fits
+    if not first and state.evidence.repeats and fits:
+        fits = best_refined(problem, state.root, fits, state.evidence.best(problem, fits), state.progress)
+    best = _best(state, fits)
+    return None if best is not None and not first and _law_before(state, ranked) else best
+
+
+def _as_beside(state: SearchState, fits: list[FittedCandidate]) -> list[FittedCandidate]:
+    """The fits, and what the root's law was found beside, fitted again from there, where that is better.
+
+    In the root that law has taken the place of the effect, as far as it can: from there a screening looks for
+    another one (dwell time beside a chain of contacts gained 5 % of what it explains).
+    """
+    if state.beside is None:
+        return fits
+    state.progress("what the law of the base was found beside")
+    known = state.beside.fitted
+    again = fit_inside_twin(state.problem, known.packed, list(known.free), 2, state.beside.effects)
+    if again is None:
+        return fits
+    found = judged(state.problem, state.root, again, again.effects[-1])
+    same = [one for one in fits if one.model_fit.effects == again.effects]
+    if any(one.model_fit.fitted.cost < again.fitted.cost for one in same):
+        return fits
+    return [*(one for one in fits if one not in same), found]
+
+
+def _promises(state: SearchState, item: ScreenedCandidate) -> bool:
+    """Whether two masses, which are followed inside the twin only, would lower the error by their linear model."""
+    in_transmission = EFFECTS[item.effect].in_transmission and state.problem.twin
+    return in_transmission and item.gain >= state.problem.policy.clear_gain
+
+
+def _fit_down(
+    state: SearchState, model_fit: ModelFit, passing: Sequence[ScreenedCandidate]
+) -> list[FittedCandidate]:
+    """Fits inside the twin down the ranking until one explains nearly everything, and its close rivals."""
+    fits: list[FittedCandidate] = []
+    for item in passing[:MOST_FITS]:
+        done = any(r.named for r in fits)
+        worth = WORTH_A_FIT_BESIDE if model_fit.effects else state.problem.policy.worth_refit
+        least = CLOSE_RIVAL if done else worth
+        if item.gain < least * passing[0].gain:
+            break
+        state.progress(f"refit inside the twin: {item.effect}")
+        target = RIVAL_COST * min((r.model_fit.fitted.cost for r in fits), default=math.inf)
+        fitted = inside_twin(state.problem, state.root, model_fit, item, target)
+        if fitted is not None:
+            fits.append(fitted)
+    return fits
+
+
+def _second_look(
+    state: SearchState,
+    model_fit: ModelFit,
+    ranked: Sequence[ScreenedCandidate],
+    passing: Sequence[ScreenedCandidate],
+) -> list[FittedCandidate]:
+    """The candidate that lowers the error most, though a linearised hold-out does not say so.
+
+    An effect that only the fastest experiment shows cannot be predicted for it from the others; the veto
+    trajectory tells then.
+    """
+    problem = state.problem
+    left = [item for item in ranked if item not in passing]
+    best = min(left, key=lambda item: item.fitted.cost, default=None)
+    enough = (1.0 - problem.policy.clear_fall) * model_fit.fitted.cost
+    if best is None or not problem.has_veto or best.fitted.cost > enough:
+        return []
+    state.progress(f"refit inside the twin: {best.effect}")
+    fitted = inside_twin(problem, state.root, model_fit, best)
+    if fitted is None:
+        return []
+    return [replace(fitted, gain=gain_on_veto(problem, model_fit, fitted.model_fit))]
+
+
+def _best(state: SearchState, fits: Sequence[FittedCandidate]) -> FittedCandidate | None:
+    """The fit that explains most, if it is worth having beside what is chosen already.
+
+    Where the fastest experiment alone shows an effect, its hold-out says nothing; the veto trajectory does.
+    """
+    problem = state.problem
+    fits = [f for f in fits if f.training.fall > 0.0 and not state.evidence.of_the_chain(problem, f)]
+    if not fits:
+        return None
+    best = state.evidence.best(problem, fits)
+    best = plainer(problem, fits, best, state.evidence.alike(problem))
+    if best.named and problem.has_veto and best.gain < problem.policy.least_gain:
+        best = replace(best, gain=gain_on_veto(problem, state.model_fit, best.model_fit))
+    return best if state.worth_having(best) else _worth_by_its_course(state, best)
+
+
+def _worth_by_its_course(state: SearchState, best: FittedCandidate) -> FittedCandidate | None:
+    """A further effect that by its own law explains less than half of what the others leave, with its course free.
+
+    Of an encoder that is tilted too the second wave makes more torque than the first. By its course it must explain
+    as much of that as a name asks of all, on training and veto.
+    """
+    problem, before = state.problem, state.model_fit
+    if state.chosen is None or not state.evidence.repeats:
+        return None
+    beside = explained_beside(problem, before, best.model_fit, TRAINING)
+    if beside.fall < least_fall(problem, state.chosen) or explains_rest(problem, state.chosen, best):
+        return None
+    shaped = state.shaped(best)
+    if shaped is None or not shaped.named:
+        return None
+    parts = explained_of_rest(problem, before, shaped.model_fit)
+    told = all(part.share >= problem.policy.named for part in parts)
+    return shaped if told and state.worth_having(shaped) else None

@@ -1,0 +1,263 @@
+"""A candidate that was taken, settled: the problem made as it is beside it, and the candidate led to its best.
+
+What it explained was in the way of how loud the disturbance is, how torque and motion belong together, and how late the
+loop is: each is told again beside it, and the fit led on from there; last its course is freed where its law leaves a
+part unexplained. Whatever leaves more than before is undone.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from autotune.diagnosis.candidates import (
+    FittedCandidate,
+    error_left,
+)
+from autotune.diagnosis.evidence.evidence import late_anew, without_long_lag
+from autotune.diagnosis.evidence.time_driven import without_clocked, without_reading_waves
+from autotune.diagnosis.refits import (
+    REFINED,
+    in_place_of,
+    in_quieter_twin,
+    inside_twin,
+    refined,
+    unsettled,
+    with_contact,
+    with_own_noise,
+    without_effect,
+)
+from autotune.diagnosis.rounds import SearchState
+from autotune.diagnosis.screening import (
+    screen,
+)
+from autotune.diagnosis.transmission import (
+    masses_led_on,
+    other_contact_tried,
+    other_transmission_tried,
+)
+from autotune.estimation.bias_corrected_fit import LEVEL_GROUND
+from autotune.estimation.model_error import told_beside
+from autotune.models.table import EFFECTS
+from autotune.models.transmission import has_load
+
+
+def take(state: SearchState, best: FittedCandidate) -> FittedCandidate:
+    """Makes it the chosen model, at its best."""
+    best = other_transmission_tried(
+        state.problem, state.root, state.nominal, best, state.seen, state.progress
+    )
+    if state.evidence.repeats:
+        state.problem, best = with_own_noise(state.problem, state.root, best)
+    fitted = best.model_fit.fitted
+    clockless = without_clocked(state.problem, fitted.packed, fitted.error)
+    if clockless is not None:
+        best = state.moved(clockless, best)
+    true = without_reading_waves(state.problem, best.model_fit)
+    if true is not None:
+        best = state.moved(true, best)
+    best = _aligned(state, best)
+    if not state.evidence.repeats:
+        best = with_contact(state.problem, state.root, best)
+    if state.evidence.repeats and unsettled(state.problem, best):
+        best = _shaken_less(state, best)
+        best = refined(state.problem, state.root, best, state.progress)
+        best = _begun_anew(state, best)
+        if unsettled(state.problem, best):
+            best = masses_led_on(state.problem, state.root, best, state.progress)
+        if best.share < REFINED:
+            best = _other_contact(state, best)
+        best = _late_beside(state, _told_beside(state, best))
+    if state.evidence.repeats and (best.plain_share < REFINED or state.more_to_explain(best.model_fit)):
+        best = _freed(state, best)
+    if state.chosen is not None and state.evidence.repeats and state.more_to_explain(best.model_fit):
+        best = _first_exchanged(state, best)
+    state.chosen = best
+    state.seen.append(best.model_fit)
+    return best
+
+
+def _other_contact(state: SearchState, best: FittedCandidate) -> FittedCandidate:
+    """The best candidate with another contact in its gap where that does clearly better, led on from there."""
+    other = other_contact_tried(state.problem, state.root, best, state.progress)
+    if other is best:
+        return best
+    other = refined(state.problem, state.root, other, state.progress)
+    return masses_led_on(state.problem, state.root, other, state.progress)
+
+
+def _shaken_less(state: SearchState, best: FittedCandidate) -> FittedCandidate:
+    """The best candidate in twins that are shaken less, where these leave clearly less; led on, and as loud again.
+
+    What it leaves is the least that is to be had then, and tells how much the axis is shaken.
+    """
+    before = state.problem
+    state.problem, best = in_quieter_twin(before, state.root, best)
+    if state.problem is before:
+        return best
+    state.progress("twins that are shaken less")
+    best = masses_led_on(state.problem, state.root, best, state.progress)
+    state.problem, best = with_own_noise(state.problem, state.root, best)
+    return best
+
+
+def _told_beside(state: SearchState, best: FittedCandidate) -> FittedCandidate:
+    """The best candidate beside the law that is told by it, where it leaves less so."""
+    before = state.problem, state.root, state.tried
+    again = told_beside(state.problem, best.model_fit.fitted)
+    if again is state.problem:
+        return best
+    state.progress("another law of the controller")
+    moved = _shaken_less(state, state.moved(again, best))
+    moved = refined(state.problem, state.root, moved, state.progress)
+    if moved.model_fit.fitted.cost < best.model_fit.fitted.cost:
+        return moved
+    state.problem, state.root, state.tried = before
+    return best
+
+
+def _late_beside(state: SearchState, best: FittedCandidate) -> FittedCandidate:
+    """The best candidate in a loop that is as late as it is found to be beside it, where that leaves clearly less.
+
+    A second mass moves in the twin, and how late its loop is rules what it does there.
+    """
+    loaded = state.problem.twin and state.problem.two_masses(best.model_fit.fitted.packed)
+    found = late_anew(state.problem, best.model_fit) if loaded and best.share < REFINED else None
+    least = state.problem.policy.clearly_less * best.model_fit.fitted.cost
+    if found is None or found[1].fitted.cost >= least:
+        return best
+    state.progress("how late the loop is, anew")
+    before = state.problem, state.root, state.tried
+    moved = state.moved(without_long_lag(found[0]), replace(best, model_fit=found[1]))
+    moved = refined(state.problem, state.root, moved, state.progress)
+    if moved.model_fit.fitted.cost < least:
+        return moved
+    state.problem, state.root, state.tried = before
+    return best
+
+
+def _aligned(state: SearchState, best: FittedCandidate) -> FittedCandidate:
+    """The best candidate with torque and motion aligned by it; as it was where the twin then leaves more.
+
+    Beside a lag of the loop a shift takes what the lag's law has too much or too little along the measured motion:
+    but rows that were written late delay no loop, and twins tell the one from the other.
+    """
+    again = state.evidence.aligned(state.problem, best.model_fit)
+    if again is state.problem:
+        return best
+    before = state.problem, state.root, state.tried
+    moved = state.moved(again, best)
+    if not again.twin or moved.model_fit.fitted.cost <= LEVEL_GROUND * best.model_fit.fitted.cost:
+        return moved
+    state.problem, state.root, state.tried = before
+    return best
+
+
+def _freed(state: SearchState, chosen: FittedCandidate) -> FittedCandidate:
+    """The model with the course of its last effect free, where its own law leaves a part unexplained.
+
+    Others that came near it get the same chance: what is compared is each effect at its best.
+    """
+    best = state.shaped(chosen) or chosen
+    if state.chosen is not None:
+        return _others_freed(state, best)
+    for item in [one for one in state.tried if _contends(state, chosen, one)]:
+        shaped = state.shaped(item)
+        if shaped is None or state.evidence.only_at_rests(state.problem, state.root, shaped):
+            continue
+        state.tried = [shaped if one is item else one for one in state.tried]
+        if error_left(state.problem, shaped.model_fit) < error_left(state.problem, best.model_fit):
+            best = shaped
+    return best
+
+
+def _others_freed(state: SearchState, chosen: FittedCandidate) -> FittedCandidate:
+    """The same with the courses of those before it free, while together they explain less than a name asks.
+
+    By itself none of them explained enough to tell its course, or what was missing hid it.
+    """
+    for effect in chosen.model_fit.effects:
+        if chosen.named:
+            break
+        if effect == chosen.effect or effect in state.freed:
+            continue
+        shaped = state.shaped(replace(chosen, effect=effect))
+        if shaped is not None:
+            chosen = replace(shaped, effect=chosen.effect)
+    return chosen
+
+
+def _first_exchanged(state: SearchState, chosen: FittedCandidate) -> FittedCandidate:
+    """The model with a rival of its first effect in the place of that, each with its own course, if it leaves less.
+
+    The first was found while the others were missing, and what they explain may have been why it led: a weight for
+    a buffer that is met on the way, beside contacts that age. A gap holds a spring, and leaves no more than it.
+    """
+    policy, first = state.problem.policy, chosen.model_fit.effects[0]
+    gains = {item.effect: item.gain for item in state.tried}
+    for item in state.tried:
+        led = item.gain >= policy.rival_gain * gains.get(first, math.inf) and item.share >= policy.partly
+        masses = EFFECTS[item.effect].in_transmission and EFFECTS[first].in_transmission
+        if item.effect in chosen.model_fit.effects or masses or not led:
+            continue
+        state.progress(f"{item.effect} in the place of {first}")
+        other = in_place_of(state.problem, state.root, chosen, first, item)
+        other = (state.shaped(other) or other) if other is not None else None
+        if other is None:
+            continue
+        left = [error_left(state.problem, one.model_fit) for one in (other, chosen)]
+        if left[0] < left[1]:  # the one that it takes the place of stays a rival: a fit of the last round
+            chosen = replace(other, effect=chosen.effect)
+    return chosen
+
+
+def _contends(state: SearchState, chosen: FittedCandidate, item: FittedCandidate) -> bool:
+    """Whether another effect came near the chosen one by its own law.
+
+    Where that can be named so, only one that can be too, and errs no more: an element of memory that hardly slides
+    is a spring.
+    """
+    policy = state.problem.policy
+    if item.effect == chosen.effect:
+        return False
+    if not chosen.named:
+        return item.gain >= policy.rival_gain * chosen.gain and item.share >= policy.partly
+    return item.named and state.evidence.comes_near(state.problem, state.root, chosen, item)
+
+
+def _begun_anew(state: SearchState, chosen: FittedCandidate) -> FittedCandidate:
+    """Each effect looked for again beside the others, where together they do not explain what they should.
+
+    The first of them took its shape while the second was missing: a wave over the travel for a tight spot. A
+    single one is begun anew where it is a second mass, whose way downhill depends on where it begins; with a
+    twin it has begun where that is best.
+    """
+    policy = state.problem.policy
+    alone = len(chosen.model_fit.effects) < 2
+    if alone and (state.problem.twin or not has_load(chosen.model_fit.fitted.packed.on)):
+        return chosen
+    for effect in chosen.model_fit.effects:
+        if chosen.share >= REFINED if alone else chosen.named:
+            break
+        state.progress(f"another beginning for {effect}")
+        again = _from_best_start(state, chosen, effect, alone)
+        left = error_left(state.problem, chosen.model_fit)
+        if again is not None and error_left(state.problem, again.model_fit) < policy.clearly_less * left:
+            chosen = replace(again, effect=chosen.effect, gain=chosen.gain)
+    return chosen
+
+
+def _from_best_start(
+    state: SearchState, chosen: FittedCandidate, effect: str, alone: bool
+) -> FittedCandidate | None:
+    """The chosen model with one effect screened anew beside the others."""
+    problem, root, before = state.problem, state.root, state.root
+    if not alone:
+        rest = without_effect(problem, root, chosen.model_fit, effect)
+        if rest is None:
+            return None
+        before = rest.model_fit
+    screened = screen(problem, state.evidence, before, state.nominal, effect)
+    if screened is None:
+        return None
+    return inside_twin(problem, root, before, screened, chosen.model_fit.fitted.cost, best_start=True)
