@@ -84,6 +84,7 @@ from autotune.models.drive_model import Packed
 from autotune.models.table import EFFECTS
 from autotune.models.torque_lag import TORQUE_LAG
 from autotune.models.transmission import has_load
+from autotune.signals.chunks import beyond_chance
 
 LAG = TORQUE_LAG.name
 MOST_EFFECTS, MOST_FITS = 3, 4
@@ -656,13 +657,40 @@ class _Search:
         left = [item for item in ranked if item not in passing]
         best = min(left, key=lambda item: item.fitted.cost, default=None)
         enough = (1.0 - problem.policy.clear_fall) * model_fit.fitted.cost
-        if best is None or not problem.has_veto or best.fitted.cost > enough:
+        if best is None or not problem.has_veto:
             return []
+        if best.fitted.cost > enough:
+            return self._loaded_on_veto(model_fit, left) if self.chosen is None else []
         self.progress(f"refit inside the twin: {best.effect}")
         fitted = inside_twin(problem, self.root, model_fit, best)
         if fitted is None:
             return []
         return [replace(fitted, gain=gain_on_veto(problem, model_fit, fitted.model_fit))]
+
+    def _loaded_on_veto(
+        self, model_fit: ModelFit, left: Sequence[ScreenedCandidate]
+    ) -> list[FittedCandidate]:
+        """Two masses that gain in too few experiments, where the veto trajectory bears their fit out beyond chance.
+
+        Between two masses motion is not linear, and a screening ends a few steps from a start: what its linear model
+        says of experiments held out scatters. Inside the twin it is a fit, and the veto trajectory was never fitted.
+        """
+        problem, policy = self.problem, self.problem.policy
+        loads = [
+            item
+            for item in left
+            if problem.twin and EFFECTS[item.effect].in_transmission and item.gain >= policy.least_gain
+        ]
+        if not loads:
+            return []
+        best = min(loads, key=lambda item: item.fitted.cost)
+        self.progress(f"refit inside the twin: {best.effect}")
+        fitted = inside_twin(problem, self.root, model_fit, best)
+        if fitted is None or gain_on_veto(problem, model_fit, fitted.model_fit) < policy.clear_gain:
+            return []
+        weight = problem.weight * problem.data.role(VETO)
+        fall = weight * (model_fit.fitted.error**2 - fitted.model_fit.fitted.error**2)
+        return [fitted] if beyond_chance(fall[weight > 0.0], policy.apart_z) else []
 
     def _best(self, fits: Sequence[FittedCandidate]) -> FittedCandidate | None:
         """The fit that explains most, if it is worth having beside what is chosen already.
