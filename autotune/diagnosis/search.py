@@ -686,7 +686,9 @@ class _Search:
         best = min(loads, key=lambda item: item.fitted.cost)
         self.progress(f"refit inside the twin: {best.effect}")
         fitted = inside_twin(problem, self.root, model_fit, best)
-        if fitted is None or gain_on_veto(problem, model_fit, fitted.model_fit) < policy.clear_gain:
+        if fitted is None or fitted.share < policy.partly:
+            return []
+        if gain_on_veto(problem, model_fit, fitted.model_fit) < policy.clear_gain:
             return []
         weight = problem.weight * problem.data.role(VETO)
         fall = weight * (model_fit.fitted.error**2 - fitted.model_fit.fitted.error**2)

@@ -115,14 +115,15 @@ def test_a_small_gap_is_found_behind_a_spring_that_does_not_explain_enough(recor
 
 
 @pytest.mark.parametrize(
-    ("effect", "gain", "fall", "everywhere", "borne_out"),
+    ("effect", "gain", "fall", "everywhere", "left", "borne_out"),
     [
-        (EFFECT, 0.06, 0.3, True, True),
-        ("backlash", 0.06, 0.3, True, True),
-        (EFFECT, 0.06, 0.05, True, False),
-        (EFFECT, 0.06, 0.3, False, False),
-        (EFFECT, 0.02, 0.3, True, False),
-        ("nonlinear_viscous", 0.06, 0.3, True, False),
+        (EFFECT, 0.06, 0.3, True, 0.2, True),
+        ("backlash", 0.06, 0.3, True, 0.2, True),
+        (EFFECT, 0.06, 0.05, True, 0.2, False),
+        (EFFECT, 0.06, 0.3, False, 0.2, False),
+        (EFFECT, 0.06, 0.3, True, 4.0, False),
+        (EFFECT, 0.02, 0.3, True, 0.2, False),
+        ("nonlinear_viscous", 0.06, 0.3, True, 0.2, False),
     ],
 )
 def test_two_masses_that_gain_in_too_few_experiments_are_asked_of_the_veto_trajectory(
@@ -132,9 +133,12 @@ def test_two_masses_that_gain_in_too_few_experiments_are_asked_of_the_veto_traje
     gain: float,
     fall: float,
     everywhere: bool,
+    left: float,
     borne_out: bool,
 ) -> None:
-    """`fall` of the veto's squared error once they are fitted, in all of its seconds or in one of them."""
+    """`fall` of the veto's squared error once they are fitted, in all of its seconds or in one; `left`, of what they
+    explain.
+    """
     problem, root, nominal = begun
     veto = np.flatnonzero(problem.weight * problem.data.role(VETO) > 0.0)
     seconds = veto if everywhere else veto[:50]
@@ -145,7 +149,7 @@ def test_two_masses_that_gain_in_too_few_experiments_are_asked_of_the_veto_traje
     lower = error.copy()
     lower[seconds] *= np.sqrt(1.0 - fall)
     after = replace(flat, fitted=replace(flat.fitted, error=lower), effects=(effect,))
-    found = FittedCandidate(effect, after, fall, Explained(1.0, 0.0), None, named=True)
+    found = FittedCandidate(effect, after, fall, Explained(1.0, left), None, named=False)
     monkeypatch.setattr("autotune.diagnosis.search.inside_twin", lambda *_: found)
     search = _Search(problem, flat, nominal, no_progress, RepeatedProgramme())
     item = ScreenedCandidate(effect, flat.fitted, 0.0, gain, 1.0)
