@@ -8,13 +8,16 @@ import numpy as np
 import pytest
 
 from autotune.diagnosis.baseline import begin
+from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, no_progress
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.diagnosis.refits import inside_twin
+from autotune.diagnosis.rounds import SearchState, _second_look
 from autotune.diagnosis.screening import NEAR_BEST, screen
 from autotune.diagnosis.starts import Context, scouted, starts_of
 from autotune.diagnosis.verdict import diagnose
 from autotune.estimation.bandwidth import prepared_for
 from autotune.estimation.bias_corrected_fit import SHARP, ModelFit
+from autotune.estimation.cross_validation import Explained
 from autotune.estimation.data import TRAINING, VETO, prepare
 from autotune.estimation.least_squares import done_alone, fitting
 from autotune.estimation.problem import LEAST_WEIGHT, Problem, by_steadiness, new_problem
@@ -109,6 +112,48 @@ def test_a_small_gap_is_found_behind_a_spring_that_does_not_explain_enough(recor
     """Its short refits all led away; begun where the twin finds it best, one step comes down."""
     found = diagnose([recorded(38_610, backlash=0.5 * MEDIUM["backlash"])], base_model(NOMINAL))
     assert (found.verdict, found.effects, found.confidence) == ("named", ("backlash",), "confirmed")
+
+
+@pytest.mark.parametrize(
+    ("effect", "gain", "fall", "everywhere", "left", "borne_out"),
+    [
+        (EFFECT, 0.06, 0.3, True, 0.2, True),
+        ("backlash", 0.06, 0.3, True, 0.2, True),
+        (EFFECT, 0.06, 0.05, True, 0.2, False),
+        (EFFECT, 0.06, 0.3, False, 0.2, False),
+        (EFFECT, 0.06, 0.3, True, 4.0, False),
+        (EFFECT, 0.02, 0.3, True, 0.2, False),
+        ("nonlinear_viscous", 0.06, 0.3, True, 0.2, False),
+    ],
+)
+def test_two_masses_that_gain_in_too_few_experiments_are_asked_of_the_veto_trajectory(
+    begun: Begun,
+    monkeypatch: pytest.MonkeyPatch,
+    effect: str,
+    gain: float,
+    fall: float,
+    everywhere: bool,
+    left: float,
+    borne_out: bool,
+) -> None:
+    """`fall` of the veto's squared error once they are fitted, in all of its seconds or in one; `left`, of what they
+    explain.
+    """
+    problem, root, nominal = begun
+    veto = np.flatnonzero(problem.weight * problem.data.role(VETO) > 0.0)
+    seconds = veto if everywhere else veto[:50]
+    error = root.fitted.error.copy()
+    error[veto] = 1e-3 * np.sqrt(np.mean(error[veto] ** 2))
+    error[seconds] = np.sqrt(np.mean(root.fitted.error[veto] ** 2))
+    flat = replace(root, fitted=replace(root.fitted, error=error))
+    lower = error.copy()
+    lower[seconds] *= np.sqrt(1.0 - fall)
+    after = replace(flat, fitted=replace(flat.fitted, error=lower), effects=(effect,))
+    found = FittedCandidate(effect, after, fall, Explained(1.0, left), None, named=False)
+    monkeypatch.setattr("autotune.diagnosis.rounds.inside_twin", lambda *_: found)
+    state = SearchState(problem, flat, nominal, no_progress, RepeatedProgramme())
+    item = ScreenedCandidate(effect, flat.fitted, 0.0, gain, 1.0)
+    assert (_second_look(state, flat, [item], []) == [found]) == borne_out
 
 
 def test_a_step_into_an_unstable_twin_is_not_taken(begun: Begun) -> None:
