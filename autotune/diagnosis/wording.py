@@ -261,7 +261,8 @@ def nearest(problem: Problem, evidence: Evidence, root: ModelFit, best: Screened
     """The candidate that gains most, and what stopped it."""
     gate = evidence.stopped_by(problem, root, best) or "refuted or not borne out inside the twin"
     name = best.effect.replace("_", " ")
-    return f"{name} comes nearest, gain {100 * best.gain:.1f} % on unseen experiments: {gate}."
+    gain = f"gain {100 * best.gain:.1f} % on unseen experiments"
+    return f"{name} comes nearest, {gain}, and is not taken: {gate}."
 
 
 def unknown_note(
