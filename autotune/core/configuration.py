@@ -22,6 +22,7 @@ _KINDS = {
 """Keys by which a file is seen to be of another kind than the one asked for."""
 _SHOWN = 80
 _MOST_PROBLEMS = 20
+_TYPED = 0.75  # likeness of a name and a slip of it; below, what is near may be another thing
 
 
 class Strict(BaseModel):
@@ -95,7 +96,11 @@ def _sentence(model: type[BaseModel], problem: Any) -> str:
     if problem["type"] == "extra_forbidden":
         known = _keys(model, location[:-1])
         near = difflib.get_close_matches(location[-1], known, 1, cutoff=0.5)
-        hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(sorted(known))}"
+        hint = f"did you mean {near[0]!r}?" if near else ""
+        if not difflib.get_close_matches(
+            location[-1], known, 1, cutoff=_TYPED
+        ):  # near in words, not by a slip
+            hint = f"{hint} known are {', '.join(sorted(known))}".lstrip()
         return f"unknown key {key!r}; {hint}"
     if problem["type"] == "missing":
         return f"key {key!r} is missing; it must be set"

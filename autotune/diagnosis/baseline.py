@@ -55,6 +55,7 @@ from autotune.models.drive_model import DriveModel, Packed
 from autotune.models.torque_ripple import TORQUE_RIPPLE
 
 NO_TWIN = "No twin: "
+UNSTABLE, USELESS = "is unstable or rings", "explains less than none"
 TWIN_AFTER_ALL = (
     "A twin explained less than none of the model as it was, but more beside what was found: it is used."
 )
@@ -138,20 +139,20 @@ def _fit_as_it_is(
     """
     law = problem.controller
     fitted = _first_fit(problem, packed, free)
-    if fitted is None and problem.twin and law is not None and law.within:
+    if isinstance(fitted, str) and problem.twin and law is not None and law.within:
         # what counts make may be where the twin, off by parts of one, does not expect it
-        fitted = _first_fit(replace(problem, controller=replace(law, adrift=True)), packed, free)
+        again = _first_fit(replace(problem, controller=replace(law, adrift=True)), packed, free)
+        fitted = fitted if isinstance(again, str) else again
     notes: tuple[str, ...] = ()
-    if fitted is None and (late := _recorded_late(problem)) is not None:
-        fitted = _first_fit(late, usually_damped(packed), free)
-        notes = () if fitted is None else (LATE_RECORD,)
-    if fitted is None and problem.twin and law is not None:
+    if isinstance(fitted, str) and (late := _recorded_late(problem)) is not None:
+        again = _first_fit(late, usually_damped(packed), free)
+        fitted, notes = (fitted, ()) if isinstance(again, str) else (again, (LATE_RECORD,))
+    if isinstance(fitted, str) and problem.twin and law is not None:
         data, said = without_twin(as_recorded(known, replace(law, asked=0.0)))
-        why = "is unstable, rings or explains less than none"
-        notes = (f"{NO_TWIN}a simulation of the model with this controller {why}.", *said)
+        notes = (f"{NO_TWIN}a simulation of the model with this controller {fitted}.", *said)
         problem = replace(new_problem(data, None, problem.policy), rough=law, told=problem.told)
         fitted = _first_fit(problem, packed, free)
-    if fitted is None:
+    if isinstance(fitted, str):
         raise NotEnoughExcitation(
             "the model does not fit these recordings at all; check that model and recordings are of the "
             "same axis, or fit a new model: autotune model fit"
@@ -159,13 +160,14 @@ def _fit_as_it_is(
     return *fitted, notes
 
 
-def _first_fit(problem: Problem, packed: Packed, free: list[Free]) -> tuple[Problem, ModelFit] | None:
+def _first_fit(problem: Problem, packed: Packed, free: list[Free]) -> tuple[Problem, ModelFit] | str:
+    """Problem and fit, or what a simulation of the model with this controller does, that it is of no use."""
     start = problem.correction(packed, 1)
     if not start.stable:
         start = replace(start, stable=True)
     fitted = refit(problem, packed, free, start, 8)
     if not np.isfinite(fitted.cost):
-        return None
+        return UNSTABLE
     evidence = evidence_of(problem.data)
     weight = evidence.weights(problem, fitted.error)
     if weight is not None:
@@ -178,7 +180,7 @@ def _first_fit(problem: Problem, packed: Packed, free: list[Free]) -> tuple[Prob
         problem = as_rough(problem, fitted.packed)
         correction = problem.correction(fitted.packed, 1)
         if not correction.stable:
-            return None
+            return UNSTABLE
         fitted = refit(problem, fitted.packed, free, correction, 4)
     problem = by_certainty(problem, fitted.packed)
     problem = less_after_rests(by_steadiness(problem, fitted.error), fitted)
@@ -188,8 +190,10 @@ def _first_fit(problem: Problem, packed: Packed, free: list[Free]) -> tuple[Prob
         as_given = fit_inside_twin(problem, packed, free, 2)
         if model_fit is None or (as_given is not None and as_given.fitted.cost < model_fit.fitted.cost):
             model_fit = as_given
-    if model_fit is None or _worse_than_none(problem, evidence, model_fit, plain):
-        return None
+    if model_fit is None:
+        return UNSTABLE
+    if _worse_than_none(problem, evidence, model_fit, plain):
+        return USELESS
     return _sticking(*_damped(problem, model_fit))
 
 
@@ -291,7 +295,7 @@ def _late_record(
     if again is None:
         return problem, model_fit, ()
     found = _first_fit(again, usually_damped(packed), list(model_fit.free))
-    if found is None:
+    if isinstance(found, str):
         return problem, model_fit, ()
     again, other = _aligned(*with_noise_of(*found))
     # what is late of it then makes up for a record that was not
