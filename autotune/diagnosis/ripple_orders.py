@@ -35,9 +35,9 @@ SPACING = 0.35
 SAME = 0.7
 """Of what the travel can tell apart: a line so near to one in the model is that one."""
 LEAST_PERIODS = 1.5
-"""Over the travel, of a wave, and by which it must differ from an imbalance."""
+"""Over the travel, of a wave."""
 NO_IMBALANCE = 1.5
-"""Periods a turn from which on a wave is none, whatever the travel."""
+"""Periods a turn from which on a wave is no imbalance, whatever the travel; below, where the travel tells it from one."""
 MOST_PERIODS, MOST_IN_A_TURN = 2000.0, 400.0
 """Over the travel, and in a turn where that is more: so many are looked for at most. Behind a gear, over little travel,
 a turn holds thousands."""
@@ -125,7 +125,7 @@ def _usual(orders: Floats, gains: Floats, order: float) -> float:
 def candidate_orders(problem: Problem, angle: float) -> Floats:
     """Orders that the travel can tell apart and the sampling can show.
 
-    One period a turn is an imbalance, and what as many periods as a wave must have do not tell from it.
+    One period a turn is an imbalance, and what the travel does not tell from it.
     """
     travel = problem.scales.travel * angle / (2 * math.pi)
     speed = np.abs(problem.data.velocity[problem.data.grid])
@@ -136,7 +136,7 @@ def candidate_orders(problem: Problem, angle: float) -> Floats:
     highest = min(most, 0.8 * problem.data.cutoff / max(slow, 1e-9))
     lowest = LEAST_PERIODS / max(travel, 1e-9)
     if angle == 1.0:
-        lowest = max(lowest, min(1.0 + lowest, NO_IMBALANCE))
+        lowest = max(lowest, min(1.0 + SAME / max(travel, 1e-9), NO_IMBALANCE))
         highest = max(highest, lowest + 1.0)
     step = SPACING / max(travel, 1e-12)
     highest = min(max(highest, 2.0 * lowest if angle != 1.0 else highest), lowest + MOST_ORDERS * step)

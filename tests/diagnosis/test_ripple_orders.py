@@ -68,18 +68,30 @@ def test_waves_that_hide_one_another_are_found_beside_each_other(problem) -> Non
     assert sorted(found) == pytest.approx([order for order, _ in waves], abs=0.05)
 
 
-def test_waves_of_little_more_than_a_turn_are_no_imbalance_where_the_travel_tells_them_apart(problem) -> None:
-    """Over forty turns orders of 1.38 and 1.48 are far from 1."""
-    times = 40.0 * 2.0 * np.pi / problem.scales.travel
+def _over(problem: Problem, turns: float, waves: tuple[tuple[float, float], ...]) -> list[float]:
+    """Orders found where the same motion goes over so many turns."""
+    times = turns * 2.0 * np.pi / problem.scales.travel
     data = replace(
         problem.data, position=times * problem.data.position, velocity=times * problem.data.velocity
     )
     wide = replace(problem, data=data, scales=replace(problem.scales, travel=times * problem.scales.travel))
     rest = _rest(problem, ())
     place = data.position[data.grid[rest.rows]]
-    error = rest.error + 10e-3 * np.sin(1.38 * place) + 8e-3 * np.sin(1.48 * place + 1.0)
-    found = find_orders(wide, replace(rest, error=error - error.mean()), 1.0, [], 7)
-    assert sorted(found) == pytest.approx([1.38, 1.48], abs=0.01)
+    error = rest.error + sum(size * np.sin(order * place + order) for order, size in waves)
+    return find_orders(wide, replace(rest, error=error - error.mean()), 1.0, [], 7)
+
+
+@pytest.mark.parametrize(("turns", "waves"), [(40.0, ((1.38, 10e-3), (1.48, 8e-3))), (4.0, ((1.34, 10e-3),))])
+def test_waves_of_little_more_than_a_turn_are_no_imbalance_where_the_travel_tells_them_apart(
+    problem, turns, waves
+) -> None:
+    """Over forty turns orders of 1.38 and 1.48 are far from 1, over four 1.34 is 1.4 periods from it."""
+    assert sorted(_over(problem, turns, waves)) == pytest.approx([one for one, _ in waves], abs=0.4 / turns)
+
+
+@pytest.mark.parametrize("turns", [1.6, 2.5, 4.0, 40.0])
+def test_one_wave_a_turn_is_the_imbalances(problem, turns) -> None:
+    assert _over(problem, turns, ((1.0, 10e-3),)) == []
 
 
 def test_a_hump_is_no_sum_of_waves(problem) -> None:
@@ -95,6 +107,6 @@ def test_noise_holds_no_orders(problem) -> None:
 
 def test_a_turn_without_a_period_and_a_half_holds_none(problem) -> None:
     turns = problem.scales.travel / (2 * np.pi)
-    assert candidate_orders(problem, 1.0).min() == pytest.approx(min(1.0 + 1.5 / turns, 1.5))
+    assert candidate_orders(problem, 1.0).min() == pytest.approx(1.0 + 0.7 / turns)
     little = replace(problem, scales=replace(problem.scales, travel=0.2))
     assert candidate_orders(little, 1.0).min() >= 1.5 * 2 * np.pi / 0.2 - 1e-9
