@@ -37,7 +37,7 @@ SAME = 0.7
 LEAST_PERIODS = 1.5
 """Over the travel, of a wave."""
 NO_IMBALANCE = 1.5
-"""Periods a turn from which on a wave is no imbalance, whatever the travel; below, where the travel tells it from one."""
+"""Periods a turn from which on a wave is no imbalance, whatever the travel; below, where that tells it from one."""
 MOST_PERIODS, MOST_IN_A_TURN = 2000.0, 400.0
 """Over the travel, and in a turn where that is more: so many are looked for at most. Behind a gear, over little travel,
 a turn holds thousands."""
