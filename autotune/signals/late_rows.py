@@ -58,7 +58,7 @@ def in_time(measured: Floats, stretches: Sequence[slice], counts: float) -> Floa
         for rows in long:
             ahead, noise = delay * np.gradient(position[rows]), _noise(position[rows], counts)
             late = _late(measured[rows], ahead, noise, share)
-            position[rows] = measured[rows] - ahead * late
+            position[rows] = measured[rows] - _of_counts(ahead * late, counts)
             tells = np.abs(ahead) > noise
             told, hit = told + int(tells.sum()), hit + int(late[tells].sum())
         before, share = share, min(max(hit / max(told, 1), SAME_SHARE), 0.5)
@@ -77,6 +77,11 @@ def tick_of(positions: Sequence[Floats], counts: float) -> float:
         return 0.0
     low, delay, high = np.quantile(told, [0.25, 0.5, 0.75]).tolist()
     return float(delay) if high - low <= ONE_DELAY * delay else 0.0
+
+
+def _of_counts(way: Floats, counts: float) -> Floats:
+    """A way as an encoder tells it: what is less than half a count stays unseen, and readings stay readings."""
+    return way if counts == 0.0 else np.asarray(counts * np.rint(way / counts))
 
 
 def _standing_out(position: Floats, counts: float) -> Floats:
