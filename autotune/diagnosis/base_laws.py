@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from autotune.diagnosis.candidates import asked_for
+from autotune.diagnosis.candidates import Asked, asked_for
 from autotune.diagnosis.contact_laws import (
     ELEMENT_SLOTS,
     ROUNDS,
@@ -58,7 +58,7 @@ def fades(packed: Packed) -> bool:
     return bool(packed.p[layout.DAMPING_VELOCITY] > 0.0)
 
 
-def with_fading(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
+def with_fading(problem: Problem, model_fit: ModelFit, asked: Asked = asked_for) -> ModelFit | None:
     """The model with damping in presliding that fades with speed; None where the data do not ask for it."""
     fitted = model_fit.fitted
     damped = any(one.slot == layout.MICRO_DAMPING for one in model_fit.free)
@@ -68,7 +68,7 @@ def with_fading(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
     for share in FADES:
         start = _begun(fitted.packed, (layout.DAMPING_VELOCITY,), (share * problem.scales.velocity,))
         starts.append((start, [*model_fit.free, *fading_free(start.p, problem.scales)], fitted))
-    return _followed(problem, model_fit, refits(problem, starts, model_fit.correction, SHORT), ROUNDS)
+    return _followed(problem, model_fit, refits(problem, starts, model_fit.correction, SHORT), ROUNDS, asked)
 
 
 def without_fading(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
@@ -76,7 +76,7 @@ def without_fading(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
     return _given_up(problem, model_fit, FADING_SLOTS)
 
 
-def with_creep(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
+def with_creep(problem: Problem, model_fit: ModelFit, asked: Asked = asked_for) -> ModelFit | None:
     """The model whose contact has no static friction (`lugre.crept`); None where the data do not ask for it.
 
     Begun at a bristle that is relaxed within a sample: nothing but the film.
@@ -93,7 +93,9 @@ def with_creep(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
         relaxed = start.p[layout.COULOMB] / (speed * problem.data.period)
         start.p[layout.STIFFNESS] = max(start.p[layout.STIFFNESS], relaxed)
         starts.append((start, [*model_fit.free, *creep_free(start.p, problem.scales)], None))
-    return _followed(problem, model_fit, refits(problem, starts, model_fit.correction, SHORT), ROUNDS + 1)
+    return _followed(
+        problem, model_fit, refits(problem, starts, model_fit.correction, SHORT), ROUNDS + 1, asked
+    )
 
 
 def without_creep(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
@@ -101,7 +103,7 @@ def without_creep(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
     return _given_up(problem, model_fit, CREEP_SLOTS)
 
 
-def with_curve(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
+def with_curve(problem: Problem, model_fit: ModelFit, asked: Asked = asked_for) -> ModelFit | None:
     """The model whose contact bends by a curve of its own (`lugre.bends`); None where the data do not ask for it.
 
     Begun at a bristle's, and at that of a contact that is elastic until it slides.
@@ -115,7 +117,9 @@ def with_curve(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
         (_begun(fitted.packed, CURVE_SLOTS, curve), [*model_fit.free, *curve_free()], None)
         for curve in (BRISTLES_CURVE, ELASTIC_CURVE)
     ]
-    return _followed(problem, model_fit, refits(problem, starts, model_fit.correction, SHORT), ROUNDS + 1)
+    return _followed(
+        problem, model_fit, refits(problem, starts, model_fit.correction, SHORT), ROUNDS + 1, asked
+    )
 
 
 def without_curve(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
@@ -131,14 +135,14 @@ def _begun(packed: Packed, slots: Sequence[int], values: Sequence[float]) -> Pac
 
 
 def _followed(
-    problem: Problem, model_fit: ModelFit, shorts: Sequence[Fitted], rounds: int
+    problem: Problem, model_fit: ModelFit, shorts: Sequence[Fitted], rounds: int, asked: Asked
 ) -> ModelFit | None:
     """The best of some short fits, followed inside the twin; None where the data do not ask for what it has more."""
     best = min(shorts, key=lambda one: one.cost)
     if not best.cost < (1.0 - problem.policy.least_gain) * model_fit.fitted.cost:
         return None
     after = fit_inside_twin(problem, best.packed, list(best.free), rounds, model_fit.effects)
-    return after if after is not None and asked_for(problem, model_fit, after) else None
+    return after if after is not None and asked(problem, model_fit, after) else None
 
 
 def _given_up(problem: Problem, model_fit: ModelFit, slots: Sequence[int]) -> ModelFit | None:
@@ -156,14 +160,14 @@ class BaseLaw:
 
     Attributes:
         there: whether a model has it, and no effect by the same parameters.
-        added, removed: the model with and without it.
+        added, removed: the model with it, where it is wanted, and without it.
         slots: where its parameters are; all are 0 without it.
         note: the sentence on it, with the motion's unit.
     """
 
     about: str
     there: Callable[[Packed], bool]
-    added: Callable[[Problem, ModelFit], ModelFit | None]
+    added: Callable[[Problem, ModelFit, Asked], ModelFit | None]
     removed: Callable[[Problem, ModelFit], ModelFit | None]
     slots: tuple[int, ...]
     note: Callable[[Packed, str], str]

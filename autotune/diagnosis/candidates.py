@@ -35,6 +35,8 @@ from autotune.signals.chunks import beyond_chance
 
 Progress = Callable[[str], None]
 """Is told what begins."""
+Asked = Callable[[Problem, ModelFit, ModelFit], bool]
+"""Whether a law of the base is wanted that a model has, and the one before has not."""
 
 
 def no_progress(_: str) -> None:
@@ -259,7 +261,21 @@ def predicts_better(problem: Problem, before: ModelFit, after: ModelFit) -> bool
 
 
 def asked_for(problem: Problem, before: ModelFit, after: ModelFit) -> bool:
-    """Whether data ask for another law of the base: held-out experiments and the veto trajectory, beyond chance.
+    """Whether data ask for another law of the base: held-out experiments and the veto trajectory, beyond chance."""
+    return _gains(problem, before, after) and predicts_better(problem, before, after)
+
+
+def not_refuted(problem: Problem, before: ModelFit, after: ModelFit) -> bool:
+    """Whether another law of the base gains on held-out experiments, beyond chance, and the veto errs no more by it.
+
+    Of a veto trajectory that is noise nearly all, no law that is right lowers the error by what `asked_for` wants.
+    """
+    falls = after.fitted.cost <= (1.0 - problem.policy.least_gain) * before.fitted.cost
+    return _gains(problem, before, after) and falls and gain_on_veto(problem, before, after) >= 0.0
+
+
+def _gains(problem: Problem, before: ModelFit, after: ModelFit) -> bool:
+    """Whether held-out experiments are explained better, beyond chance.
 
     What only the quickest experiment shows scatters over the others; the veto trajectory tells then.
     """
@@ -270,4 +286,10 @@ def asked_for(problem: Problem, before: ModelFit, after: ModelFit) -> bool:
     if problem.has_veto and not clear:
         fall = problem.weight * (before.fitted.error**2 - after.fitted.error**2)
         clear = beyond_chance(fall[problem.data.role(VETO)], policy.least_z)
-    return gain >= least and clear and predicts_better(problem, before, after)
+    return gain >= least and clear
+
+
+def gain_on_veto(problem: Problem, before: ModelFit, after: ModelFit) -> float:
+    """Fall of the squared error on the veto trajectory, relative: contact between two masses is not linear."""
+    errors = [problem.mean_square(model_fit.fitted.error, VETO) for model_fit in (before, after)]
+    return 1.0 - errors[1] / max(errors[0], 1e-300)

@@ -22,7 +22,7 @@ import numpy as np
 import scipy
 
 from autotune.core.arrays import Floats
-from autotune.diagnosis.candidates import asked_for
+from autotune.diagnosis.candidates import Asked, asked_for
 from autotune.diagnosis.refits import kept_terms, without_effect
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import usual_damping
@@ -114,7 +114,7 @@ def of_many(packed: Packed) -> bool:
     return bool(packed.on[REMEMBERS]) and of_many_contacts(packed.p)
 
 
-def with_climb(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
+def with_climb(problem: Problem, model_fit: ModelFit, asked: Asked = asked_for) -> ModelFit | None:
     """The model with elements that make its contact climb by another curve; None where the data do not ask for it.
 
     A part of friction that is there at once, as of a contact too short to be seen, and one that lets go where the
@@ -133,9 +133,7 @@ def with_climb(problem: Problem, model_fit: ModelFit) -> ModelFit | None:
     shorts = refits(problem, starts, model_fit.correction, SHORT)
     least = (1.0 - problem.policy.least_gain) * fitted.cost
     climbs = _one_contact(problem, model_fit, [short for short in shorts if short.cost < least])
-    if climbs is not None and (
-        not asked_for(problem, model_fit, climbs) or remembers_beyond(problem, climbs)
-    ):
+    if climbs is not None and (not asked(problem, model_fit, climbs) or remembers_beyond(problem, climbs)):
         climbs = None
     if climbs is not None:
         climbs = _with_more_links(problem, model_fit, climbs) or climbs

@@ -18,7 +18,7 @@ import numpy as np
 import scipy
 
 from autotune.core.arrays import Floats
-from autotune.diagnosis.candidates import FittedCandidate, Progress, ScreenedCandidate
+from autotune.diagnosis.candidates import FittedCandidate, Progress, ScreenedCandidate, gain_on_veto
 from autotune.diagnosis.ripple_orders import candidate_orders
 from autotune.estimation.bias_corrected_fit import LEVEL_GROUND, ModelFit, fit_from_starts, fit_inside_twin
 from autotune.estimation.contact_start import CONTACT, best_contact, damped_as_twins_creep, identifiable
@@ -127,12 +127,6 @@ def adds_beside(problem: Problem, root: ModelFit, model_fit: ModelFit, rival: Mo
         )
     )
     return (alone - both) / max(other - both, 1e-300)
-
-
-def gain_on_veto(problem: Problem, before: ModelFit, after: ModelFit) -> float:
-    """Fall of the squared error on the veto trajectory, relative: contact between two masses is not linear."""
-    errors = [problem.mean_square(model_fit.fitted.error, VETO) for model_fit in (before, after)]
-    return 1.0 - errors[1] / max(errors[0], 1e-300)
 
 
 def with_contact(problem: Problem, root: ModelFit, chosen: FittedCandidate) -> FittedCandidate:

@@ -21,6 +21,7 @@ from autotune.diagnosis.candidates import (
     explained_of_rest,
     explains_rest,
     fall_in_repeats,
+    gain_on_veto,
     least_fall,
     plainer,
 )
@@ -34,7 +35,6 @@ from autotune.diagnosis.refits import (
     RIVAL_COST,
     best_refined,
     fitted_again,
-    gain_on_veto,
     inside_twin,
     judged,
     looped_otherwise,
@@ -254,7 +254,7 @@ def _other_laws(state: SearchState, before: ModelFit) -> list[ModelFit | None]:
     """A model with each law of the base that data ask for, up to one that leaves nothing beyond doubt."""
     found: list[ModelFit | None] = []
     for law in state.laws:
-        found.append(state.borne_out(law.added(state.problem, before), before))
+        found.append(state.borne_out(law.added(state.problem, before, asked_for), before))
         last = found[-1]
         if last is not None and not state.more_to_explain(last):
             break

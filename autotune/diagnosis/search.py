@@ -17,6 +17,8 @@ from autotune.diagnosis.candidates import (
     ScreenedCandidate,
     asked_for,
     error_left,
+    gain_on_veto,
+    not_refuted,
 )
 from autotune.diagnosis.contact_laws import EFFECT as MEMORY
 from autotune.diagnosis.contact_laws import (
@@ -193,6 +195,8 @@ def _other_law_beside(state: SearchState) -> bool:
     found = state.chosen or _best_refused(state)
     if other is None and found is not None:
         other = _root_beside(state, found)
+    if other is None:
+        other = _law_in_place(state)
     if other is None or other.fitted.cost > LEVEL_GROUND * state.root.fitted.cost:
         return False
     state.progress("another law of the base")
@@ -240,7 +244,9 @@ def _root_beside(state: SearchState, chosen: FittedCandidate) -> ModelFit | None
     if not (chosen.share < REFINED or state.more_to_explain(chosen.model_fit)):
         return None
     before = chosen.model_fit
-    found = [(law, state.borne_out(law.added(state.problem, before), before)) for law in state.laws]
+    found = [
+        (law, state.borne_out(law.added(state.problem, before, asked_for), before)) for law in state.laws
+    ]
     beside = [(law, after) for law, after in found if after is not None]
     if not beside:
         return None
@@ -254,6 +260,25 @@ def _root_beside(state: SearchState, chosen: FittedCandidate) -> ModelFit | None
     free = [*state.root.free, *(one for one in after.free if one.slot in law.slots)]
     fits = [fit_inside_twin(state.problem, packed, free, 2, state.root.effects) for packed in starts]
     return min((one for one in fits if one is not None), key=lambda one: one.fitted.cost, default=None)
+
+
+def _law_in_place(state: SearchState) -> ModelFit | None:
+    """The root with a law of the base that leaves less than what was found, where the veto tells of neither.
+
+    On a veto trajectory that is noise nearly all an effect has next to nothing to explain, and explains it; of a law of
+    the base more is asked (`asked_for`). What every drive may have comes before what may be missing.
+    """
+    problem, chosen = state.problem, state.chosen
+    if chosen is None or not problem.has_veto or chosen.share < problem.policy.partly:
+        return None
+    if gain_on_veto(problem, state.root, chosen.model_fit) >= problem.policy.clear_gain:
+        return None
+    found = [state.borne_out(law.added(problem, state.root, not_refuted)) for law in state.laws]
+    best = min(
+        (one for one in found if one is not None), key=lambda one: error_left(problem, one), default=None
+    )
+    less = best is not None and error_left(problem, best) < error_left(problem, chosen.model_fit)
+    return best if less else None
 
 
 def _best_refused(state: SearchState) -> FittedCandidate | None:

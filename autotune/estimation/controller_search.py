@@ -31,8 +31,9 @@ from autotune.estimation.controller_law import (
     whole_law,
 )
 from autotune.estimation.data import compared_below, step_of
-from autotune.estimation.disturbance import in_time, readings
+from autotune.estimation.disturbance import readings
 from autotune.signals.filters import low_pass
+from autotune.signals.late_rows import in_time
 from autotune.signals.line_search import lowest, settled
 from autotune.signals.smooth_sign import SMOOTH_SIGNS
 from autotune.signals.triangle import reduced

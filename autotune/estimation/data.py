@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from autotune.core.arrays import Flags, Floats, Integers
 from autotune.core.errors import NotEnoughExcitation
-from autotune.estimation.disturbance import in_time
 from autotune.recordings.checks import check_recording, torque_of
 from autotune.recordings.recording import Metadata, Recording, Segment, refuse_mixture
 from autotune.signals.filters import motion
+from autotune.signals.late_rows import in_time
 from autotune.signals.periodic import Periodic, periodic
 
 MOTION_CUTOFF = 150.0  # Hz, of position, velocity and acceleration

@@ -109,31 +109,6 @@ def _spread(measured: Floats, stretches: Sequence[slice], period: float, order: 
     return float(np.mean(quick)) if proportional and 0.5 < float(np.median(alike)) < 2.0 else 0.0
 
 
-def in_time(measured: Floats, stretches: Sequence[slice], counts: float) -> Floats:
-    """Positions without what rows have more that were written late, if such are rare, shape (n,).
-
-    They are off by speed times one delay, in the direction of motion, as no axis moves: fourth differences tell how
-    much, and where all that stand out tell the same delay they are rows, and no motion.
-    """
-    position = measured.copy()
-    parts = [
-        (rows, *_beside_neighbours(position[rows])) for rows in stretches if rows.stop - rows.start > AROUND
-    ]
-    found = [_stands_out(off, moved, counts) for _, off, moved in parts]
-    if not parts:
-        return position
-    told = np.concatenate([off[hit] / moved[hit] for (_, off, moved), hit in zip(parts, found, strict=True)])
-    if len(told) < LEAST_LATE:
-        return position
-    low, delay, high = np.quantile(told, [0.25, 0.5, 0.75])
-    if high - low > ONE_DELAY * delay:
-        return position
-    for (rows, off, moved), hit in zip(parts, found, strict=True):
-        late = hit & (np.abs(off / np.where(hit, moved, 1.0) - delay) < 0.5 * delay)
-        position[rows] = np.where(late, position[rows] - off, position[rows])
-    return position
-
-
 def readings(
     seen: tuple[Floats, Floats, Floats], held: Flags, recursion: Floats, within: float, counts: float
 ) -> Floats | None:
@@ -200,24 +175,6 @@ def _read_in_turn(
     return same, late, other
 
 
-def _beside_neighbours(position: Floats) -> tuple[Floats, Floats]:
-    """By how much each is beside the cubic through its four neighbours, and what it moves by in a sample."""
-    off = np.zeros(len(position))
-    off[2:-2] = np.diff(position, 4) / 6.0
-    return off, np.gradient(position)
-
-
-def _stands_out(off: Floats, moved: Floats, counts: float) -> Flags:
-    """Rows that are far more beside their neighbours than is usual around them, on the side that they move to."""
-    size = np.abs(off)
-    pieces = np.array_split(size, max(1, len(size) // AROUND))
-    usual = np.concatenate([np.full(len(piece), np.median(piece)) for piece in pieces])
-    beside = np.maximum.reduce([np.roll(size, by) for by in (-2, -1, 1, 2)])
-    return np.asarray(
-        (size > np.maximum(OUT * usual, MOST_COUNTS * counts)) & (size >= beside) & (off * moved > 0.0)
-    )
-
-
 def _differences(values: Floats, order: int) -> Floats:
     """Of an order, so that white noise keeps its variance."""
     return np.asarray(np.diff(values, order) / math.sqrt(math.comb(2 * order, order)))
@@ -226,13 +183,7 @@ def _differences(values: Floats, order: int) -> Floats:
 SLOW, SPEEDS, CHI, PROPORTIONAL = 0.05, 6, 0.4549, 0.8
 """Of the largest speed: slower tells nothing; classes of speed; median over mean of a squared normal number; and how
 far classes of the faster two thirds may be apart."""
-LEAST_LATE, ONE_DELAY = 50, 0.25
-"""Rows that tell a delay, at least, and by how much of it their quartiles are apart at most."""
-OUT, AROUND = 4.0, 64
-"""Times the median of so many rows around it: a row that stands out."""
 ON_THE_WAY = 0.95
 """Of the rows that hold another position than was read, those that are ahead on the way: else none was late."""
-MOST_COUNTS = 1.5
-"""Steps of the encoder by which rounding alone puts a row beside its neighbours, at most 1.33."""
 STILL = Disturbance()
 """Nothing shakes the axis."""

@@ -22,6 +22,7 @@ from autotune.diagnosis.rounds import SearchState, _law_before, _worth_by_its_co
 from autotune.diagnosis.settling import _first_exchanged
 from autotune.estimation.bandwidth import prepared_to_fit
 from autotune.estimation.bias_corrected_fit import fit_inside_twin
+from autotune.estimation.cross_validation import Unseen
 from autotune.estimation.disturbance import Disturbance
 from autotune.estimation.least_squares import followed
 from autotune.estimation.policy import POLICY
@@ -348,3 +349,37 @@ def test_a_law_of_the_base_comes_before_a_further_effect_that_explains_less(
     assert _law_before(looking, ranked) is first
     looking.law_first = True  # asked so far
     assert not _law_before(looking, ranked)
+
+
+def _left(training: float, veto: float, cost_of_seconds: float) -> SimpleNamespace:
+    """A fit by its mean squares on training and veto and of seconds that were held out."""
+    error = {"training": training, "veto": veto}
+    chunks = cost_of_seconds * (1.0 + 0.1 * np.random.default_rng(3).uniform(size=60))
+    return SimpleNamespace(fitted=SimpleNamespace(error=error, cost=training), unseen=Unseen(chunks))
+
+
+@pytest.mark.parametrize(
+    ("effect", "law", "taken"),
+    [
+        ((0.89, 0.95, 0.87), (0.82, 0.97, 0.81), True),  # the law leaves less, and the veto tells of neither
+        ((0.80, 0.95, 0.80), (0.82, 0.97, 0.81), False),  # the effect does
+        ((0.89, 0.95, 0.87), (0.82, 1.01, 0.81), False),  # the veto errs more by the law
+        ((0.89, 0.80, 0.87), (0.60, 0.97, 0.60), False),  # the veto tells of the effect
+    ],
+)
+def test_a_law_of_the_base_that_leaves_less_than_an_effect_takes_its_place_where_the_veto_is_noise(
+    effect: tuple[float, float, float], law: tuple[float, float, float], taken: bool
+) -> None:
+    root, bends = _left(1.0, 1.0, 1.0), _left(*law)
+    problem = SimpleNamespace(
+        policy=POLICY,
+        twin=True,
+        has_veto=True,
+        has=lambda _: True,
+        mean_square=lambda error, role: error[role],
+    )
+    wanted = SimpleNamespace(added=lambda its, before, asked: bends if asked(its, before, bends) else None)
+    chosen = SimpleNamespace(model_fit=_left(*effect), share=0.92)
+    evidence = SimpleNamespace(bears_out=lambda *_: True)
+    state = SearchState(problem, root, None, no_progress, evidence, chosen=chosen, laws=[wanted])
+    assert search._law_in_place(state) is (bends if taken else None)

@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 
 from autotune.estimation.controller import find_controller
 from autotune.estimation.data import Prepared, filtered_motion, prepare
-from autotune.estimation.disturbance import STILL, Disturbance, in_time, jitter_of, memory_of
+from autotune.estimation.disturbance import STILL, Disturbance, jitter_of, memory_of
 from autotune.estimation.disturbance_estimate import _errors_of, estimate_disturbance, level_of_least
 from autotune.estimation.problem import new_problem
 from autotune.estimation.residual import compared_motion, residual
@@ -92,20 +92,6 @@ def test_rows_written_at_moments_that_scatter_are_told_by_the_position(spread: f
     written = time + spread * random.standard_normal(len(time))
     position = np.rint(np.sin(np.pi * written) / 1e-6) * 1e-6
     assert jitter_of(position, [slice(0, len(time))], 1e-3) == pytest.approx(spread, rel=0.1)
-
-
-@pytest.mark.parametrize("late", [0.0, 6e-5])
-def test_single_rows_that_are_written_late_are_taken_in_time(late: float) -> None:
-    """One in forty, 60 us late at up to 3 rad/s; those that have another beside them stay, a tenth of the variance."""
-    random = np.random.default_rng(6)
-    time, counts = np.arange(20_000) * 1e-3, 2e-6
-    written = time + late * (random.uniform(size=len(time)) < 0.025)
-    position = np.rint(np.sin(np.pi * written) / counts) * counts
-    right = np.rint(np.sin(np.pi * time) / counts) * counts
-    found = in_time(position, [slice(0, len(time))], counts)
-    if late == 0.0:
-        assert np.array_equal(found, position)
-    assert np.std(found - right) <= 0.35 * np.std(position - right)
 
 
 def test_what_the_twin_leaves_tells_how_much_the_axis_is_shaken(recording: Recording) -> None:

@@ -9,7 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from autotune.core.arrays import Flags, Floats
-from autotune.diagnosis.candidates import FittedCandidate, ScreenedCandidate, error_left, explained_of_rest
+from autotune.diagnosis.candidates import (
+    FittedCandidate,
+    ScreenedCandidate,
+    error_left,
+    explained_of_rest,
+    gain_on_veto,
+)
 from autotune.diagnosis.evidence.evidence import Evidence, HoldoutResult, without_chain
 from autotune.diagnosis.evidence.single import folds_of, halves_unseen
 from autotune.diagnosis.evidence.visibility import (
@@ -18,7 +24,6 @@ from autotune.diagnosis.evidence.visibility import (
     law_hides_ringing,
     loop_rings_otherwise,
 )
-from autotune.diagnosis.refits import gain_on_veto
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.coordinates import Rests, without_rests
 from autotune.estimation.cross_validation import beyond_rests, drift, rests_of
