@@ -17,6 +17,7 @@ from autotune.diagnosis.candidates import (
     ScreenedCandidate,
     asked_for,
     error_left,
+    explained_of_rest,
 )
 from autotune.diagnosis.contact_laws import EFFECT as MEMORY
 from autotune.diagnosis.contact_laws import (
@@ -321,12 +322,16 @@ def _loaded_by_the_loop(state: SearchState) -> bool:
 def _lags_after_all(state: SearchState) -> bool:
     """Whether a lag was taken for the way of recording: beside all that was found it is asked once more.
 
-    It must explain beyond chance what the model as it is leaves, on unseen motion too, and all must be named with it
-    that was without it.
+    It must explain beyond chance what the model as it is leaves, and as much of that as a name asks of all, on training
+    and veto: a law of the drive that is a little off looks like a part of a lag. All must be named with it that was
+    without it.
     """
-    before = state.problem, state.root, state.chosen, state.tried
-    found = lag_in_loop(state.problem, state.model_fit) if state.evidence.repeats else None
-    if found is None or not state.evidence.apart(state.problem, found[1], state.model_fit):
+    before, left = (state.problem, state.root, state.chosen, state.tried), state.model_fit
+    found = lag_in_loop(state.problem, left) if state.evidence.repeats else None
+    if found is None or not state.evidence.apart(state.problem, found[1], left):
+        return False
+    parts = explained_of_rest(state.problem, left, found[1])
+    if any(part.share < state.problem.policy.named for part in parts):
         return False
     state.progress("a lag of the loop, by another way of recording")
     state.problem, lagging = with_noise_of(*found)
@@ -335,7 +340,7 @@ def _lags_after_all(state: SearchState) -> bool:
     known = before[2] is not None and before[2].named
     if best.named or (before[2] is not None and not known):
         take(state, best)
-        if state.chosen is not None and (state.chosen.named or not known):
+        if not known or (state.chosen is not None and state.chosen.named):
             return True
     state.problem, state.root, state.chosen, state.tried = before
     return False
