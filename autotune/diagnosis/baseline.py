@@ -9,14 +9,14 @@ import numpy as np
 from autotune.core.errors import NotEnoughExcitation
 from autotune.diagnosis.candidates import Progress, free_of_model, no_progress
 from autotune.diagnosis.evidence import evidence_of
-from autotune.diagnosis.evidence.evidence import Evidence, without_rounding
+from autotune.diagnosis.evidence.evidence import Evidence, recorded_late, without_rounding
 from autotune.diagnosis.evidence.time_driven import without_clocked, without_reading_waves
 from autotune.diagnosis.evidence.visibility import loop_note, refuse_answers
 from autotune.diagnosis.refits import with_noise_of
 from autotune.diagnosis.ripple_orders import MOST_LINES
 from autotune.diagnosis.starts import Context
 from autotune.diagnosis.wording import left_out_note
-from autotune.estimation.alignment import CURRENT_LOOP, shifted, without_twin
+from autotune.estimation.alignment import CURRENT_LOOP, without_twin
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
 from autotune.estimation.contact_start import (
     as_rough,
@@ -34,7 +34,6 @@ from autotune.estimation.controller import (
     find_controller,
 )
 from autotune.estimation.controller_between import AS_MUCH
-from autotune.estimation.controller_law import NEXT
 from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.disturbance import STILL
 from autotune.estimation.disturbance_estimate import by_certainty, estimate_disturbance, with_expected_noise
@@ -270,13 +269,11 @@ def _aligned(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit]:
 
 
 def _recorded_late(problem: Problem) -> Problem | None:
-    """The problem with the torque recorded a sample late and a law that sees all as much sooner, where it may be so."""
-    law = problem.controller
-    if law is None or law.taken != NEXT or min(law.reference_delay, law.position_delay) < 1:
+    """`recorded_late`, before anything is known about noise."""
+    late = recorded_late(problem)
+    if late is None:
         return None
-    if problem.data.cycles > 0:  # it acts later than it was recorded, and the law's delay is that
-        return None
-    again = new_problem(shifted(problem.data, 2.0), replace(law.sooner(), why=""), problem.policy)
+    again = new_problem(late.data, late.controller, problem.policy)
     return replace(again, simulations=problem.simulations, told=problem.told)
 
 

@@ -29,7 +29,12 @@ from autotune.diagnosis.contact_laws import EFFECT as MEMORY
 from autotune.diagnosis.contact_laws import (
     of_many,
 )
-from autotune.diagnosis.evidence.evidence import Evidence, late_anew, without_long_lag
+from autotune.diagnosis.evidence.evidence import (
+    Evidence,
+    lag_in_loop,
+    late_anew,
+    without_long_lag,
+)
 from autotune.diagnosis.free_shape import with_free_shape
 from autotune.diagnosis.refits import (
     RIVAL_COST,
@@ -300,12 +305,29 @@ def _looped_anew(state: SearchState, best: FittedCandidate) -> bool:
 
 def otherwise(state: SearchState, before: ModelFit, loaded: ModelFit) -> tuple[Problem, ModelFit] | None:
     """What stands for a second mass, by how the twin is shaken, controlled or late; None where nothing does."""
-    late = late_anew(state.problem, before) if has_load(loaded.fitted.packed.on) else None
+    has_mass = has_load(loaded.fitted.packed.on)
+    lags = _lags_as_much(state, before, loaded) if has_mass else None
+    if lags is not None:
+        return lags
+    late = late_anew(state.problem, before) if has_mass else None
     found = looped_otherwise(state.problem, before, loaded, late)
     if found is None:
         return None
     state.progress("twins that are shaken or controlled otherwise")
     return found if found is not late else settled_in(without_long_lag(found[0]), found[1])
+
+
+def _lags_as_much(state: SearchState, before: ModelFit, loaded: ModelFit) -> tuple[Problem, ModelFit] | None:
+    """The axis `before` a second mass where a lag of its loop explains as much as the mass, which has more parameters:
+    its torque acting at once, so that the lag is a candidate like any other."""
+    found = lag_in_loop(state.problem, before) if state.problem.data.repeated else None
+    if found is None:
+        return None
+    by_lag, by_mass = (before.fitted.cost - one.fitted.cost for one in (found[1], loaded))
+    if by_lag < state.problem.policy.named * by_mass:
+        return None
+    state.progress("a lag of the loop, by another way of recording")
+    return settled_in(found[0], before)
 
 
 def one_round(state: SearchState, first: bool) -> FittedCandidate | None:

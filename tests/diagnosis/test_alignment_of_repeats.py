@@ -14,7 +14,7 @@ from autotune.core.arrays import Floats
 from autotune.diagnosis import baseline
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.candidates import FittedCandidate, again_explained, plainer
-from autotune.diagnosis.evidence.evidence import Evidence, late_anew, without_long_lag
+from autotune.diagnosis.evidence.evidence import Evidence, lag_in_loop, late_anew, without_long_lag
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.diagnosis.evidence.single import SingleRecording
 from autotune.diagnosis.found_model import torque_late
@@ -85,6 +85,33 @@ def test_a_lag_in_the_loop_is_told_from_rows_that_were_written_late(begun: Begun
     problem, model_fit = begin(prepared_to_fit([lagging]), base_model(NOMINAL))[:2]
     problem, model_fit = _spoilt((problem, model_fit), problem.data, exact=False)
     assert RepeatedProgramme().aligned(problem, model_fit) is problem
+
+
+@pytest.mark.parametrize(("lag", "told"), [(7e-4, True), (2e-4, False)])
+def test_a_lag_is_told_where_another_way_of_recording_made_up_for_it(lag: float, told: bool) -> None:
+    """A torque that was read a sample late passes for that of a host a sample slower; the lag is a part of that sample.
+
+    The twin of the slower host is later than the axis, and that of a prompt one behind the lag is not. What is no
+    longer than an ordinary current loop is no lag in either.
+    """
+    lagging = play(plain_axis(3, {"torque_lag": lag}), 3, programme(("sine", "points")))
+    problem, model_fit = begin(prepared_to_fit([lagging]), base_model(NOMINAL))[:2]
+    assert problem.controller is not None
+    slower = replace(problem.controller, reference_delay=1, position_delay=1)
+    read = shifted(replace(problem.data, cycles=0), -2.0)
+    taken = _spoilt((replace(problem, controller=slower), model_fit), read, exact=False)
+    moved = RepeatedProgramme().aligned(*taken)
+    settled = fit_inside_twin(moved, taken[1].fitted.packed, list(taken[1].free), 2)
+    assert settled is not None
+    found = lag_in_loop(moved, settled)
+    assert (found is not None) == told
+    if found is not None:
+        assert found[0].controller is not None
+        assert found[0].controller.position_delay == 0
+        assert found[1].effects == ("torque_lag",)
+        assert found[1].fitted.packed.p[TIME_CONSTANT] == pytest.approx(lag, abs=1.5e-4)
+        assert found[1].fitted.cost < 0.98 * settled.fitted.cost
+        assert lag_in_loop(*found) is None, "a model that has a lag keeps it"
 
 
 def test_a_reading_behind_a_filter_is_taken_out(begun: Begun) -> None:

@@ -20,7 +20,8 @@ from autotune.diagnosis.refits import settled_in, with_noise_of
 from autotune.diagnosis.starts import varying
 from autotune.estimation.alignment import BESIDE, CURRENT_LOOP, behind_current_loop, best_shift, shifted
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
-from autotune.estimation.controller import as_wanted
+from autotune.estimation.controller import RECORDED_LATE, as_recorded, as_wanted
+from autotune.estimation.controller_law import NEXT
 from autotune.estimation.data import Prepared
 from autotune.estimation.least_squares import CORRELATED, followed, standard_errors
 from autotune.estimation.policy import Policy
@@ -292,12 +293,91 @@ def _lags_in_loop(problem: Problem, moved: Problem, model_fit: ModelFit) -> bool
     if not problem.twin or packed.on[IS_LATE] or problem.two_masses(packed) or late <= CURRENT_LOOP:
         return False
     here = settled_in(moved, model_fit)
+    lags = _behind_lag(problem, model_fit, late)
+    if here is None or lags is None or lags.fitted.cost >= CLEARLY_LESS * here[1].fitted.cost:
+        return False
+    return _is_long(problem, lags)
+
+
+def lag_in_loop(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFit] | None:
+    """Problem and model with a lag of the loop where no way of recording the torque leaves as little without one.
+
+    A drive's torque that was read half a sample later, with a velocity filter that is as much slower, has the same
+    columns below the compared frequency. Which of them it was is told by what a twin leaves whose axis acts at once: a
+    lag is made up for by the way of recording, and what is left of it is moved, or ordinary. So is that of a host whose
+    torque was read a sample late, by a host that is a sample slower. Beside what was found each way is fitted with a
+    lag of its loop: rows delay no loop, and a filter of the velocity delays no stiffness.
+
+    None where nothing could be as late in any way, where none with a lag that is longer than a current loop's leaves
+    clearly less than the model as it is and each way behind an ordinary one, or between two masses.
+    """
+    packed = model_fit.fitted.packed
+    if not problem.twin or packed.on[IS_LATE] or problem.two_masses(packed):
+        return None
+    ways = _ways_of_recording(problem)
+    least, found = CLEARLY_LESS * model_fit.fitted.cost, None
+    for way, late in sorted(ways, key=lambda one: one[1], reverse=True):
+        if late <= CURRENT_LOOP and found is None:
+            break
+        fit = _behind_lag(way, model_fit, max(late, FINE_SHIFT))
+        if fit is None:
+            continue
+        if not _is_long(way, fit):
+            least = min(least, CLEARLY_LESS * fit.fitted.cost)
+        elif found is None or fit.fitted.cost < found[1].fitted.cost:
+            found = way, fit
+    return found if found is not None and found[1].fitted.cost < least else None
+
+
+def _ways_of_recording(problem: Problem) -> list[tuple[Problem, float]]:
+    """The problem with its torque acting at once, in each way in which it may have been recorded, and the lag [s] that
+    is expected there, by how late the torque is as it is now."""
+    data, law = problem.data, problem.controller
+    prompt = _with_cycles_again(problem)
+    prompt = _with(prompt, shifted(prompt.data, prompt.data.shift + 2.0 * prompt.data.late))
+    late = data.period * data.late + data.lag
+    ways = [(prompt, late)]
+    sooner = recorded_late(prompt)
+    if sooner is not None:
+        ways.append((sooner, late + data.period))
+    told = problem.told
+    if law is None or told is None or law.ticks == 1:
+        return ways
+    known = {law.taken}
+    for one in told.laws:
+        if one.ticks == 1 or one.taken in known or (one.sensed, one.demanded) != (law.sensed, law.demanded):
+            continue
+        known.add(one.taken)
+        other = replace(one, adrift=law.adrift, asked=law.asked, ticks=max(one.ticks, law.ticks))
+        columns = replace(
+            as_recorded(told.data, other), clocked=data.clocked, certainty=data.certainty, load_in_twin=True
+        )
+        later = 0.5 * data.period * (RECORDED_LATE[one.taken] - RECORDED_LATE[law.taken])
+        ways.append((_with(replace(prompt, controller=other), columns), late + later))
+    return ways
+
+
+def recorded_late(problem: Problem) -> Problem | None:
+    """The problem with the torque recorded a sample late and a law that sees all as much sooner, where it may be so."""
+    law = problem.controller
+    if law is None or law.taken != NEXT or min(law.reference_delay, law.position_delay) < 1:
+        return None
+    if problem.data.cycles > 0:  # it acts later than it was recorded, and the law's delay is that
+        return None
+    return _with(replace(problem, controller=replace(law.sooner(), why="")), shifted(problem.data, 2.0))
+
+
+def _behind_lag(problem: Problem, model_fit: ModelFit, late: float) -> ModelFit | None:
+    """The model with a lag, fitted inside the twin from so long a one [s]; None where the twin is unstable."""
+    packed = model_fit.fitted.packed
     p, on = packed.p.copy(), packed.on.copy()
     p[TIME_CONSTANT], on[IS_LATE] = late, True
     free = [*model_fit.free, varying(TORQUE_LAG, "time_constant", Vary(late, late))]
-    lags = fit_inside_twin(problem, Packed(p, on), free, 2, (*model_fit.effects, TORQUE_LAG.name))
-    if here is None or lags is None or lags.fitted.cost >= CLEARLY_LESS * here[1].fitted.cost:
-        return False
+    return fit_inside_twin(problem, Packed(p, on), free, 2, (*model_fit.effects, TORQUE_LAG.name))
+
+
+def _is_long(problem: Problem, lags: ModelFit) -> bool:
+    """Whether the lag that was freed last is longer than an ordinary current loop's, beyond doubt."""
     error = float(standard_errors(lags.fitted, problem.training)[-1])
     return float(lags.fitted.packed.p[TIME_CONSTANT]) - SURE * error > CURRENT_LOOP
 
