@@ -338,7 +338,7 @@ def _of_place(problem: Problem, root: ModelFit) -> bool:
 
 def _untold(facts: Facts, told_apart: Sequence[str] = (), behind: Sequence[str] = ()) -> tuple[str, ...]:
     """Look-alikes of one effect that is not quite what these data show: those that gain half as much, or were no
-    candidates.
+    candidates; not what such an axis cannot have.
     """
     problem, chosen = facts.problem, facts.chosen
     if chosen is None:
@@ -353,7 +353,9 @@ def _untold(facts: Facts, told_apart: Sequence[str] = (), behind: Sequence[str] 
         return ()
     gains = {item.effect: item.gain for item in facts.first}
     least = problem.policy.rival_gain * gains.get(chosen.effect, chosen.gain)
-    near = [one for one in usual_rivals(chosen.effect) if gains.get(one, _unsought(facts, one)) >= least]
+    unit = problem.data.metadata.motion_unit
+    near = [one for one in usual_rivals(chosen.effect) if EFFECTS[one].is_of(unit)]
+    near = [one for one in near if gains.get(one, _unsought(facts, one)) >= least]
     near = [one for one in near if one not in told_apart]
     if else_as_well:
         return tuple(near)

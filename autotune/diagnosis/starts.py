@@ -32,7 +32,7 @@ from autotune.models.reversal_memory import contact
 from autotune.models.start_values import StartValues, Vary
 from autotune.models.table import EFFECTS
 from autotune.models.torque_ripple import TORQUE_RIPPLE, scale_slot
-from autotune.models.transmission import BETWEEN, load_shares
+from autotune.models.transmission import BETWEEN, contact_damping, load_shares
 from autotune.signals.covariance_search import lowest_along_valley
 from autotune.signals.pattern_search import Asked, Reached, lowest_by_parabolas
 from autotune.signals.simplex import Descent, lowest_places
@@ -42,8 +42,8 @@ PASSES, PROBING = 45, 18
 FOLLOWED, AS_GOOD = 2, 1.3
 """Starts that are followed, and times the cost of the best of them."""
 LOOKED_AT, APART = 8, 2.0
-"""Starts that are looked at more closely: their twins fill a pass; and how many times the size of the one that of the
-other is, at least: next to each other they lie in one valley."""
+"""Starts of each damping that are looked at more closely: their twins fill a pass; and how many times the size of the
+one that of the other is, at least: next to each other they lie in one valley."""
 ENOUGH, NEAR = 1e-2, 0.1
 """Relative difference of the cost, and of places in steps, below which a valley's floor is reached."""
 SHOWN, TRACE = 0.2, 0.5
@@ -320,17 +320,28 @@ def _friction_at_load(start: FitStart) -> float:
 
 
 def _of_each_size(starts: Sequence[FitStart], costs: Floats) -> list[int]:
-    """The best starts of sizes that are apart, the best first; their size is what is free first.
+    """The best starts of sizes that are apart, of each damping, the best first; their size is what is free first.
 
     The floor of a valley is narrower than a raster that can be looked at, and what comes to nothing costs as much as
     nothing does: gaps too small to be seen stood before one whose valley leaves half, and none of its size was led on.
+    And where the contact is damped too little for the loop, the start that costs less is the one that leads nowhere.
     """
-    chosen: list[int] = []
+    dampings = np.array([contact_damping(start.packed.p, start.packed.on) for start in starts])
     sizes = np.array([float(start.packed.p[start.free[0].slot]) for start in starts])
-    for i in np.argsort(costs, kind="stable"):
+    order = np.argsort(costs, kind="stable")
+    chosen: list[int] = []
+    for damping in np.unique(dampings):
+        chosen += _apart(sizes, [int(i) for i in order if dampings[i] == damping])
+    return sorted(chosen, key=lambda i: float(costs[i]))
+
+
+def _apart(sizes: Floats, order: Sequence[int]) -> list[int]:
+    """The first of those in order whose sizes are apart."""
+    chosen: list[int] = []
+    for i in order:
         ratios = sizes[i] / np.maximum(sizes[chosen], 1e-300)
         if np.all(np.maximum(ratios, 1.0 / np.maximum(ratios, 1e-300)) >= APART):
-            chosen.append(int(i))
+            chosen.append(i)
         if len(chosen) >= LOOKED_AT:
             break
     return chosen

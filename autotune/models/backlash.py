@@ -10,6 +10,7 @@ from autotune.core.arrays import Floats
 from autotune.models.effect import Kind, Parameter
 from autotune.models.layout import COULOMB, INERTIA, block, flag
 from autotune.models.load_side import (
+    AT_START,
     SHARES,
     SPLITS,
     compliance_at,
@@ -32,12 +33,16 @@ CONTACT = 3.0
 CROSSINGS = (0.06, 0.1, 0.16, 0.26, 0.42, 0.7, 1.1, 1.8)
 """Times in which a motor that its friction stops crosses gaps, in periods of the cut-off: shorter, nobody sees them;
 longer, anybody does."""
+DAMPED = (AT_START["damping"], 0.3)
+"""Shares of critical damping that are looked at. A loop that holds the axis on its own contact may hunt on one that is
+damped less, and no steps lead from there: what hunts costs many times what no gap costs. A contact that is damped too
+much loses only a part of its ringing, and comes down from there; but far down it ends short of it."""
 SLOWEST = 1e-6
 """rad/s or m/s, at which surfaces meet at least, where friction or gap come to nothing."""
 
 
 def starts(c: StartContext) -> Iterator[StartValues]:
-    """Gaps of many sizes, with friction on both sides or on one.
+    """Gaps of many sizes, with friction on both sides or on one, in contacts that ring and that hardly do.
 
     After a reversal, or at a stop, motor and load part by ½·(F/J)·t² in a time t.
     """
@@ -50,8 +55,8 @@ def starts(c: StartContext) -> Iterator[StartValues]:
             "contact_compliance": Vary(compliance, compliance, lower=least),
         }
         told = hung or (split == 0.0 and settles(c, gap, share))
-        for side in sides(told):
-            values = {"gap": gap, "contact_compliance": compliance, **side}
+        for side, damping in itertools.product(sides(told), DAMPED):
+            values = {"gap": gap, "contact_compliance": compliance, **side, "damping": damping}
             yield StartValues(
                 values | {"load_inertia": share, "load_friction": split}, free | load_varies(told)
             )

@@ -228,9 +228,13 @@ class Kind:
         """Whether a feedforward plays it."""
         return not self.not_fed_forward
 
+    def is_of(self, motion_unit: str) -> bool:
+        """Whether an axis that moves in this unit can have the effect."""
+        return motion_unit == "rad" or not self.rotary_only
+
     def refuse_unit(self, motion_unit: str) -> None:
         """Raises NotEnoughExcitation where an axis that moves in this unit cannot have the effect."""
-        if self.rotary_only and motion_unit != "rad":
+        if not self.is_of(motion_unit):
             raise NotEnoughExcitation(
                 f"these recordings cannot say anything about {self.name}: it belongs to axes that turn, and this one "
                 f"moves in {motion_unit}. It would look like this: {self.looks_like}"

@@ -46,6 +46,12 @@ def load_shares(p: Floats, on: Flags) -> tuple[float, float]:
 
 
 @compiled
+def contact_damping(p: Floats, on: Flags) -> float:
+    """Share of critical damping between motor and load."""
+    return float(p[COMPLIANCE + 3 if on[IS_ELASTIC] else GAP + 4])
+
+
+@compiled
 def hung(p: Floats, on: Flags) -> float:
     """Constant torque that acts at the load and not at the motor, as a weight does [N m]."""
     return float(p[OFFSET] * p[COMPLIANCE + 4 if on[IS_ELASTIC] else GAP + 5])

@@ -202,6 +202,32 @@ def test_a_start_of_every_size_is_looked_at() -> None:
     assert _of_each_size(starts, costs) == [0, 4, 5]
 
 
+def test_a_start_of_every_size_and_damping_is_looked_at() -> None:
+    """Where a contact that is damped less makes the loop hunt, the start that costs least led to another place."""
+    damped, costs = (0.1, 0.1, 0.3, 0.3, 0.3), np.array([1.0, 1.3, 1.1, 1.01, 1.4])
+    gap, damping = BACKLASH.slot("gap"), BACKLASH.slot("damping")
+    starts = []
+    for size, share in zip((1.0, 3.0, 1.0, 1.1, 3.0), damped, strict=True):
+        packed = base_model(BASE).pack()
+        packed.p[[gap, damping]] = size, share
+        starts.append(FitStart(packed, (varying(BACKLASH, "gap", Vary(1.0)),)))
+    assert _of_each_size(starts, costs) == [0, 3, 1, 4]
+
+
+def test_gaps_begin_in_contacts_that_ring_and_that_hardly_do() -> None:
+    p = base_model(BASE).pack().p
+    c = SimpleNamespace(
+        p=p, coulomb=BASE["coulomb"], left=0.1, cutoff=60.0, period=1e-3, travel=6.0, mean_speed=2.0
+    )
+    places: dict[float, list[tuple[float, ...]]] = {}
+    for start in BACKLASH.starts(c):
+        place = tuple(start.values[name] for name in ("gap", "load_inertia", "load_friction"))
+        places.setdefault(start.values["damping"], []).append(place)
+    ringing, damped = (places[share] for share in sorted(places))
+    assert ringing == damped
+    assert min(places) < 0.2 < max(places)
+
+
 @pytest.mark.parametrize(("weight", "both"), [(0.02, True), (1e-10, False)])
 def test_any_weight_closes_the_gap_of_a_load_that_floats(weight: float, both: bool) -> None:
     """However little it is of what is left: a true one of 3 % of the friction left 2.4 times as much at the motor."""

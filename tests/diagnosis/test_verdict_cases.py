@@ -395,9 +395,27 @@ def test_an_effect_that_is_not_quite_what_data_show_stands_beside_its_look_alike
     fit = SimpleNamespace(effects=("dwell_time_break_away",))
     chosen = SimpleNamespace(effect="dwell_time_break_away", gain=0.9, model_fit=fit)
     first = [SimpleNamespace(effect=effect, gain=gain) for effect, gain in gains.items()]
-    problem = SimpleNamespace(policy=POLICY, data=SimpleNamespace(starts=(0,)))
+    data = SimpleNamespace(starts=(0,), metadata=SimpleNamespace(motion_unit="rad"))
+    problem = SimpleNamespace(policy=POLICY, data=data)
     known = (problem, fit, chosen, RepeatedProgramme(), (), None, "", 0.0, 0.9, (), first)
     assert set(facts._untold(Facts(*known, **signs))) == rivals
+
+
+@pytest.mark.parametrize(("unit", "rivals"), [("rad", ("encoder_eccentricity",)), ("m", ())])
+def test_what_an_axis_cannot_have_is_no_rival_that_nothing_was_tried_of(
+    monkeypatch: pytest.MonkeyPatch, unit: str, rivals: tuple[str, ...]
+) -> None:
+    """A slide's gap that left a part of one experiment was "ambiguous" with an encoder off its centre."""
+    monkeypatch.setattr(facts, "like_a_parabola", lambda *_: False)
+    monkeypatch.setattr(facts, "_with_own_course", lambda *_: None)
+    fit = SimpleNamespace(effects=("backlash",))
+    chosen = SimpleNamespace(effect="backlash", gain=0.9, model_fit=fit)
+    others = ("elastic_transmission", "torque_lag", "stribeck", "nonlinear_viscous")
+    first = [SimpleNamespace(effect=effect, gain=0.0) for effect in others]
+    data = SimpleNamespace(starts=(0,), metadata=SimpleNamespace(motion_unit=unit))
+    problem = SimpleNamespace(policy=POLICY, data=data, candidates=tuple(EFFECTS.values()))
+    known = (problem, fit, chosen, RepeatedProgramme(), (), None, "", 0.0, 0.9, (), first)
+    assert facts._untold(Facts(*known, unlike="multisine")) == rivals
 
 
 @pytest.mark.parametrize(
