@@ -341,7 +341,7 @@ def led_on(problem: Problem, model_fit: ModelFit, across: bool = False) -> Packe
 
     There stiffness and the shares of the load have changed places, and what the base's parameters make of the twin's
     bias is held in the sensitivities: no step is lower, though the valley goes on. It runs across the coordinates as
-    often as not: `across` asks that it be followed round its bend too, which takes ten times as many runs.
+    often as not: `across` asks that it be followed round its bend too, which takes several times as many runs.
     """
     moved = tuple(one for one in model_fit.free if one.slot in BETWEEN)
     projected = Projected.of(problem, model_fit, [one.slot for one in moved])
