@@ -317,13 +317,18 @@ def looped_otherwise(
     An axis that rests next to break-away creeps as it is shaken, and motor and load on a spring are shaken otherwise
     than one mass is: so that may be shaken by as much more as a disturbance is uncertain (`LOUDNESS`), and by as much
     less as twins with two masses are (`in_quieter_twin`). And a law was told by a base that may have got another shape
-    since: what its loop lacks of phase is a spring's, too. So is what it lacks, or has too much, for a lag.
+    since: what its loop lacks of phase is a spring's, too. So is what it lacks, or has too much, for a lag, or for the
+    row in which its torque was recorded.
     """
     if not problem.twin or not problem.two_masses(loaded.fitted.packed):
         return None
     tried = [
         settled_in(again, before)
-        for again in (_shaken_best(problem, before), told_beside(problem, before.fitted))
+        for again in (
+            _shaken_best(problem, before),
+            told_beside(problem, before.fitted),
+            *_a_row_otherwise(problem),
+        )
         if again is not problem
     ]
     every = [one for one in (*tried, late) if one is not None]
@@ -332,6 +337,24 @@ def looped_otherwise(
         return None
     gained, stands_for = (before.fitted.cost - one.fitted.cost for one in (loaded, found[1]))
     return found if stands_for >= problem.policy.partly * gained else None
+
+
+def _a_row_otherwise(problem: Problem) -> list[Problem]:
+    """The problem with its loop a row sooner, where that can be, and a row later; none where its law tells the row.
+
+    A torque that is recorded a row late has a law that sees all a row late, along the recorded motion: nothing there
+    tells which of them is late, and the twin's loop is as late as the law says. Along the motion such a torque is moved
+    to where it acted; that delays no loop. One that is held from its own row on, as behind an exact law, is not moved.
+    """
+    law, row = problem.controller, problem.data.upsampling
+    if law is None or law.exact or law.ticks > 1:
+        return []
+    delays = ((law.reference_delay + rows, law.position_delay + rows) for rows in (-row, row))
+    return [
+        replace(problem, controller=replace(law, reference_delay=reference, position_delay=position))
+        for reference, position in delays
+        if min(reference, position) >= 0
+    ]
 
 
 def _shaken_best(problem: Problem, model_fit: ModelFit) -> Problem:

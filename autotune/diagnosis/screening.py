@@ -181,7 +181,11 @@ def more_to_explain(problem: Problem, evidence: Evidence, model_fit: ModelFit) -
 def _short_fits(
     problem: Problem, model_fit: ModelFit, nominal: Packed, kind: Kind, needed: float = 0.0
 ) -> list[_ShortFit]:
-    """Short fits from all starts of an effect, the best first; `needed`: see `scouted`."""
+    """Short fits from all starts of an effect, the best first; `needed`: see `scouted`.
+
+    A start that was given up by one run of its twin, and by as many as a fit takes falls by what is needed as it is, is
+    looked for after all: it would go on as a candidate whose own parameters nothing has moved.
+    """
     starts = list(starts_of(kind, Context(problem, model_fit.fitted, nominal)))
     if kind.in_transmission:
         starts = scouted(problem, model_fit, starts, needed)
@@ -196,6 +200,9 @@ def _short_fits(
         for both in zip(done[::2], done[1::2], strict=True)
         if (found := [one for one in both if one is not None])
     ]
+    given_up = needed > 0.0 and not any(start.free for start in starts)
+    if given_up and any(item.fitted.cost < (1.0 - needed) * model_fit.fitted.cost for item in tried):
+        return _short_fits(problem, model_fit, nominal, kind)
     return sorted(tried, key=lambda item: item.fitted.cost)
 
 

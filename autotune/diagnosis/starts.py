@@ -347,14 +347,15 @@ def _apart(sizes: Floats, order: Sequence[int]) -> list[int]:
     return chosen
 
 
-def led_on(problem: Problem, model_fit: ModelFit) -> Packed:
+def led_on(problem: Problem, model_fit: ModelFit, across: bool = False) -> Packed:
     """A fit with two masses, what is between them led on from where it stopped: by its twins, and without slopes.
 
     There stiffness and the shares of the load have changed places, and what the base's parameters make of the twin's
-    bias is held in the sensitivities: no step is lower, though the valley goes on.
+    bias is held in the sensitivities: no step is lower, though the valley goes on. It runs across the coordinates as
+    often as not: `across` asks that it be followed round its bend too, which takes several times as many runs.
     """
-    projected = Projected.of(problem, model_fit)
     moved = tuple(one for one in model_fit.free if one.slot in BETWEEN)
+    projected = Projected.of(problem, model_fit, [one.slot for one in moved])
 
     def costs_of(models: Sequence[Packed]) -> Floats:
         twins = problem.corrections(models, problem.simulations + 1)
@@ -362,7 +363,7 @@ def led_on(problem: Problem, model_fit: ModelFit) -> Packed:
 
     start = FitStart(model_fit.fitted.packed, moved)
     (end,) = _led_by_twins([start], [float(costs_of([start.packed])[0])], costs_of, LED_ON, AFTER_A_FIT)
-    return end.packed
+    return (_round_the_bend(end, costs_of) if across else end).packed
 
 
 def _led_by_twins(

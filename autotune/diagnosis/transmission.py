@@ -201,12 +201,15 @@ def other_contact_tried(
 def masses_led_on(
     problem: Problem, root: ModelFit, chosen: FittedCandidate, progress: Progress
 ) -> FittedCandidate:
-    """The chosen model with two masses, the fit led on by twins from where it stopped, where that comes lower."""
+    """The chosen model with two masses, the fit led on by twins from where it stopped, where that comes lower.
+
+    Across its valley too while it has no name: there a fit that stops short makes a true one nameless.
+    """
     model_fit = chosen.model_fit
     if not problem.twin or not problem.two_masses(model_fit.fitted.packed):
         return chosen
     progress("motor and load led on")
-    packed = led_on(problem, model_fit)
+    packed = led_on(problem, model_fit, across=not chosen.named)
     settled = fit_inside_twin(problem, packed, list(model_fit.free), 2, model_fit.effects)
     if settled is None or settled.fitted.cost >= model_fit.fitted.cost:
         return chosen

@@ -265,10 +265,15 @@ class Projected:
     basis: Floats
 
     @classmethod
-    def of(cls, problem: Problem, model_fit: ModelFit) -> Projected:
+    def of(cls, problem: Problem, model_fit: ModelFit, moved: Sequence[int] = ()) -> Projected:
+        """Before a change of what is at the slots `moved`: what is moved itself is not solved for.
+
+        Its columns are of the place before, and would explain there what a move is to win.
+        """
         before, rows = model_fit.fitted, problem.training > 0
         weight = np.sqrt(problem.training[rows])
-        basis = np.linalg.qr(before.jacobian[rows] * weight[:, None])[0]
+        solved = [i for i, one in enumerate(before.free) if one.slot not in moved]
+        basis = np.linalg.qr(before.jacobian[rows][:, solved] * weight[:, None])[0]
         once = first_round(problem.data, before.packed.on)
         held = model_fit.correction.bias
         without = residual(once, before.packed, problem.moved)

@@ -12,6 +12,7 @@ from autotune.diagnosis import candidates, refits, rounds, search, settling
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.candidates import explains_rest, no_progress
 from autotune.diagnosis.refits import (
+    _a_row_otherwise,
     adds_beside,
     in_place_of,
     in_quieter_twin,
@@ -22,6 +23,7 @@ from autotune.diagnosis.rounds import SearchState, _law_before, _worth_by_its_co
 from autotune.diagnosis.settling import _first_exchanged
 from autotune.estimation.bandwidth import prepared_to_fit
 from autotune.estimation.bias_corrected_fit import fit_inside_twin
+from autotune.estimation.controller_law import PositionController
 from autotune.estimation.cross_validation import Unseen
 from autotune.estimation.disturbance import Disturbance
 from autotune.estimation.least_squares import followed
@@ -45,6 +47,14 @@ class _Shaken:
 
     def two_masses(self, _: object) -> bool:
         return self.loads
+
+
+@dataclass(frozen=True)
+class _Controlled:
+    """A problem of which only the law of its loop counts."""
+
+    controller: PositionController
+    data: object
 
 
 @pytest.mark.slow
@@ -304,6 +314,7 @@ def test_a_second_mass_must_do_more_than_twins_that_are_shaken_or_controlled_oth
     costs = {quiet: shaken, other: controlled}
     monkeypatch.setattr(refits, "_shaken_best", lambda *_: quiet)
     monkeypatch.setattr(refits, "told_beside", lambda *_: other if controlled < 1.0 else loud)
+    monkeypatch.setattr(refits, "_a_row_otherwise", lambda *_: [])
     monkeypatch.setattr(
         refits, "fit_inside_twin", lambda one, *_: None if costs[one] is None else fit(costs[one])
     )
@@ -313,6 +324,43 @@ def test_a_second_mass_must_do_more_than_twins_that_are_shaken_or_controlled_oth
     if found is not None:
         assert found[1].fitted.cost == min(shaken, controlled, late)
     assert looped_otherwise(replace(loud, loads=False), fit(1.0), fit(0.4), anew) is None
+
+
+@pytest.mark.parametrize(
+    ("exact", "ticks", "delays", "asked"),
+    [
+        (False, 1, (2, 2), [(0, 0), (4, 4)]),
+        (False, 1, (2, 0), [(4, 2)]),
+        (True, 1, (2, 2), []),
+        (False, 10, (2, 2), []),
+    ],
+    ids=["a row late", "no sooner", "its law tells the row", "between the samples"],
+)
+def test_a_loop_may_be_a_row_sooner_or_later_than_its_torque_was_recorded(
+    exact: bool, ticks: int, delays: tuple[int, int], asked: list[tuple[int, int]]
+) -> None:
+    """A torque that was logged a row late, and a lag that made up for most of it, passed for a second mass."""
+    law = PositionController(1.0, 0.1, reference_delay=delays[0], position_delay=delays[1])
+    problem = _Controlled(replace(law, exact=exact, ticks=ticks), SimpleNamespace(upsampling=2))
+    found = [one.controller for one in _a_row_otherwise(problem)]
+    assert [(one.reference_delay, one.position_delay) for one in found] == asked
+
+
+def test_a_loop_a_row_sooner_stands_for_a_second_mass(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where it does half of what the mass does, it is taken in its place; not where it does less."""
+
+    def fit(cost: float) -> SimpleNamespace:
+        return SimpleNamespace(fitted=SimpleNamespace(cost=cost, packed=None, free=()), effects=())
+
+    loud = _Shaken(Disturbance(1.0, 0.0, 0.0, 0.0, 0.0))
+    sooner = replace(loud, policy=replace(POLICY))
+    monkeypatch.setattr(refits, "_shaken_best", lambda *_: loud)
+    monkeypatch.setattr(refits, "told_beside", lambda *_: loud)
+    monkeypatch.setattr(refits, "_a_row_otherwise", lambda *_: [sooner])
+    for cost, stands in ((0.5, True), (0.8, False)):
+        monkeypatch.setattr(refits, "fit_inside_twin", lambda *_, cost=cost: fit(cost))
+        found = looped_otherwise(loud, fit(1.0), fit(0.4), None)
+        assert (found is not None and found[0] is sooner) == stands
 
 
 @pytest.mark.parametrize(
