@@ -48,6 +48,7 @@ from autotune.diagnosis.screening import (
 )
 from autotune.diagnosis.settling import take
 from autotune.diagnosis.transmission import (
+    plainer_of,
     spring_in_place,
 )
 from autotune.estimation.bias_corrected_fit import LEVEL_GROUND, ModelFit, fit_inside_twin
@@ -87,7 +88,7 @@ class Found:
         beside: what that base was found beside.
         told_apart: rivals that err clearly more on other recordings.
         exchanged: of several effects, fits with another one in the place of one of them that have a name too.
-        spring: the chosen model with a spring where it has hardly a gap; None where it has none.
+        spring: the chosen model with a spring where it has hardly a gap; None where it has none, or is chosen itself.
         unloaded: the chosen effects without a second mass among them, where they have no name so; else None.
     """
 
@@ -161,6 +162,8 @@ def _found(state: SearchState) -> Found:
     if found.chosen is None:
         return found
     spring = spring_in_place(found.problem, found.root, state.nominal, found.chosen, state.seen)
+    if plainer_of(found.problem, found.chosen, spring) is spring:
+        return replace(found, chosen=spring)
     return replace(found, spring=spring)
 
 

@@ -71,7 +71,7 @@ def other_transmission_tried(
     if GAP.name in effects:
         if hardly_a_gap(policy, chosen.model_fit):
             progress(f"{SPRING.name} in place of {GAP.name}")
-            return _plainer_of(problem, chosen, spring_in_place(problem, root, nominal, chosen, seen))
+            return plainer_of(problem, chosen, spring_in_place(problem, root, nominal, chosen, seen))
         if problem.twin and effects == (GAP.name,):
             return chosen
         exchange = _Exchange(GAP, SPRING, policy.spring_instead_beside)
@@ -113,7 +113,7 @@ def gap_is_told(problem: Problem, chosen: FittedCandidate, spring: FittedCandida
     return all(part.plain_share >= problem.policy.named for part in parts)
 
 
-def _plainer_of(problem: Problem, gap: FittedCandidate, spring: FittedCandidate | None) -> FittedCandidate:
+def plainer_of(problem: Problem, gap: FittedCandidate, spring: FittedCandidate | None) -> FittedCandidate:
     """The spring in place of what is hardly a gap, where it has a name or leaves about as little; else the gap."""
     if spring is None:
         return gap

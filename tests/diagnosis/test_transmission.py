@@ -14,9 +14,9 @@ from autotune.diagnosis.transmission import (
     LOADS,
     OF_THE_GAP,
     _contacts,
-    _plainer_of,
     adds_nothing,
     gap_is_told,
+    plainer_of,
     spring_in_place,
 )
 from autotune.estimation.policy import POLICY
@@ -163,9 +163,9 @@ def test_a_spring_takes_the_place_of_what_is_hardly_a_gap(
     """Where it has a name, or leaves about as little; an exchange that leaves three times as much is none."""
     monkeypatch.setattr(transmission, "error_left", lambda _, model_fit: model_fit)
     gap, spring = SimpleNamespace(model_fit=1.0), SimpleNamespace(model_fit=left, named=named)
-    chosen = _plainer_of(SimpleNamespace(policy=POLICY), gap, spring)
+    chosen = plainer_of(SimpleNamespace(policy=POLICY), gap, spring)
     assert chosen is (spring if instead else gap)
-    assert _plainer_of(SimpleNamespace(policy=POLICY), gap, None) is gap
+    assert plainer_of(SimpleNamespace(policy=POLICY), gap, None) is gap
 
 
 def test_a_spring_in_the_place_of_hardly_a_gap_begins_where_one_was_fitted_too(
