@@ -297,6 +297,11 @@ class Projected:
         left = float(error @ error) - float(np.sum((self.basis.T @ error) ** 2))
         return left / float(self.problem.training.sum()) if math.isfinite(left) else math.inf
 
+    def costs_in_twins(self, models: Sequence[Packed], simulations: int) -> Floats:
+        """Mean squares of models whose residual is as it was and whose bias is not [(N m)²]; infinite where unstable."""
+        biases = self.problem.biases(models, simulations)
+        return np.array([math.inf if bias is None else self.cost(0.0, bias) for bias in biases])
+
 
 def unseen_error(problem: Problem, model_fit: ModelFit) -> float:
     """Rms on the test trajectory [N m or N]; nan without one.

@@ -135,6 +135,18 @@ class Problem:
         found = [self.runs.of(self.data, one, self.controller, self.disturbance) for one in models]
         return _corrected(self.data, found, count, self.moved)
 
+    def biases(self, models: Sequence[Packed], simulations: int) -> list[Floats | None]:
+        """Bias of each of several models, shape (m,), where nothing asks for their residuals of the measured motion.
+
+        These would take as many passes of the inverse as the runs. None where a twin is unstable.
+        """
+        if self.controller is None:
+            found = [self._led(packed, simulations) for packed in models]
+        else:
+            many = [self.runs.of(self.data, one, self.controller, self.disturbance) for one in models]
+            found = _corrected(self.data, many, simulations, None)
+        return [one.bias if one.stable else None for one in found]
+
     def corrections_under(self, disturbances: Sequence[Disturbance], packed: Packed) -> list[Correction]:
         """`correction` under each of several disturbances; nothing to correct without a controller."""
         if self.controller is None:
@@ -543,7 +555,9 @@ def _uncorrected(data: Prepared, stable: bool = True) -> Correction:
     return Correction(np.zeros(len(data.grid)), np.zeros(len(data.blocks)), stable)
 
 
-def _corrected(data: Prepared, many: Sequence[TwinRuns], count: int, measured: Motion) -> list[Correction]:
+def _corrected(
+    data: Prepared, many: Sequence[TwinRuns], count: int, measured: Motion | None
+) -> list[Correction]:
     wanting = {id(runs): runs for runs in many if runs.stable and len(runs.biases) < count}
     if wanting:
         add_runs(list(wanting.values()), count, measured)

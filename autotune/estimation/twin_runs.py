@@ -301,23 +301,27 @@ class TwinRuns:
     raw: Floats | None = None
 
 
-def add_runs(many: Sequence[TwinRuns], count: int, measured: Motion) -> None:
-    """Runs of each of several models in the same data until there are `count` of it, and its residual of the motion.
+def add_runs(many: Sequence[TwinRuns], count: int, measured: Motion | None) -> None:
+    """Runs of each of several models in the same data until there are `count` of it.
 
+    Beside them, where one is given, its residual of the `measured` motion.
     Where a twin leaves all bounds there is no further run of it, now and later.
     """
     data, controller = many[0].data, many[0].controller
     jobs = [(one, i) for one in many if one.stable for i in range(len(one.biases), count)]
     noise = [one.noise.of(i) for one, i in jobs]
     runs = run_twins(data, [one.packed for one, _ in jobs], controller, noise, many[0].loops)
-    asked: list[tuple[TwinRuns, Simulated | None]] = [(one, None) for one in many if one.raw is None]
+    asked: list[tuple[TwinRuns, Simulated | None]] = [
+        (one, None) for one in many if measured is not None and one.raw is None
+    ]
     kept: list[Simulated] = []
     for (one, _), made in zip(jobs, runs, strict=True):
         one.stable &= made.stable
         if one.stable:
             asked.append((one, made))
             kept.append(made)
-    motions = [*[measured] * (len(asked) - len(kept)), *simulated_motions(data, kept)]
+    before = [] if measured is None else [measured] * (len(asked) - len(kept))
+    motions = [*before, *simulated_motions(data, kept)]
     acted = [None if run is None else run.disturbance for _, run in asked]
     errors = residuals_of_each(data, [one.packed for one, _ in asked], motions, acted)
     for (one, run), error in zip(asked, errors, strict=True):
