@@ -29,6 +29,7 @@ from autotune.estimation.residual import (
     simulated_motions,
 )
 from autotune.estimation.twin import Loop, loop_along, simulate_stretch, simulate_stretches, steps_of_twin
+from autotune.models.compiled import compiled
 from autotune.models.drive_model import Packed
 from autotune.signals.between_samples import later, mean_answer
 from autotune.signals.filters import low_pass
@@ -180,8 +181,16 @@ def _near(data: Prepared) -> float:
 
 def _follows(data: Prepared, position: Floats, near: float) -> bool:
     """Whether a simulated axis stays near where the axis was."""
-    apart = [float(np.max(np.abs(position[s.rows] - data.measured[s.rows]))) for s in data.stretches]
-    return bool(np.all(np.isfinite(position)) and max(apart) < near)
+    return all(_stays_near(position[s.rows], data.measured[s.rows], near) for s in data.stretches)
+
+
+@compiled
+def _stays_near(position: Floats, measured: Floats, near: float) -> bool:
+    """Whether no place of shape (n,) is as far as that from its own, or is none at all."""
+    for k in range(len(position)):  # noqa: SIM110
+        if not abs(position[k] - measured[k]) < near:
+            return False
+    return True
 
 
 def run_twins(
@@ -222,10 +231,15 @@ def _runs_in_lanes(
     if count == 1:
         run = _run(data, together[0][0], controller, *together[0][1], data.resolution, loops)
         return [replace(run, torque=_compared(data, controller, run.position, run.torque))]
-    position, torque = np.zeros((2, count, n))
+    position, torque = np.empty((2, count, n))
+    before = 0
     for stretch in data.stretches:
         rows = stretch.rows
-        shaken, unsure = (abreast([noise[part][rows] for _, noise in together]) for part in (0, 1))
+        position[:, before : rows.start], torque[:, before : rows.start] = 0.0, 0.0
+        before = rows.stop
+        alike = all(noise is together[0][1] for _, noise in together)  # one for all lanes then
+        noises = [noise for _, noise in (together[:1] if alike else together)]
+        shaken, unsure = (abreast([noise[part][rows] for noise in noises]) for part in (0, 1))
         *done, inside = simulate_stretches(
             _recorded(data, controller, stretch),
             [packed for packed, _ in together],
@@ -243,6 +257,7 @@ def _runs_in_lanes(
                 next(again) if stays else Simulated(position[i], torque[i], noise[0], False)
                 for i, ((_, noise), stays) in enumerate(zip(together, inside, strict=False))
             ]
+    position[:, before:], torque[:, before:] = 0.0, 0.0
     if data.lag > 0.0:
         torque = np.array([_as_recorded(data, one) for one in torque])
     torque = _compared(data, controller, position, torque)
