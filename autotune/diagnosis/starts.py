@@ -355,9 +355,10 @@ def led_on(problem: Problem, model_fit: ModelFit, across: bool = False) -> Packe
     """
     moved = tuple(one for one in model_fit.free if one.slot in BETWEEN)
     projected = Projected.of(problem, model_fit, [one.slot for one in moved])
+    judged = replace(projected, problem=problem.until_judged())
 
     def costs_of(models: Sequence[Packed]) -> Floats:
-        return projected.costs_in_twins(models, problem.simulations + 1)
+        return judged.costs_in_twins(models, problem.simulations + 1)
 
     start = FitStart(model_fit.fitted.packed, moved)
     (end,) = _led_by_twins([start], [float(costs_of([start.packed])[0])], costs_of, LED_ON, AFTER_A_FIT)

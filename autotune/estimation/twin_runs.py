@@ -18,7 +18,7 @@ from autotune.estimation.alignment import followed_late
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import Prepared, Stretch
 from autotune.estimation.disturbance import Disturbance
-from autotune.estimation.parts import until_last
+from autotune.estimation.parts import SETTLED, until_last
 from autotune.estimation.residual import (
     Motion,
     Simulated,
@@ -353,7 +353,7 @@ class KnownRuns:
         self._runs: dict[tuple[bytes, bytes], TwinRuns] = {}
         self._noise: Noise | None = None
         self._heard: LastOf[Floats] = LastOf(1)
-        self._parts: LastOf[dict[int, Prepared]] = LastOf(KNOWN_PARTS)
+        self._parts: LastOf[dict[tuple[int, float], Prepared]] = LastOf(KNOWN_PARTS)
         self.loops: Loops = LastOf(KNOWN_LOOPS)
 
     def of(
@@ -377,13 +377,13 @@ class KnownRuns:
         known = self._runs.get((packed.p.tobytes(), packed.on.tobytes()))
         return known.raw if known is not None and known.data is data else None
 
-    def until_last(self, data: Prepared, rows: Flags) -> Prepared:
+    def until_last(self, data: Prepared, rows: Flags, settled: float = SETTLED) -> Prepared:
         """`parts.until_last`, the same one for the same question: its runs and its loop are known then."""
         known = self._parts.answer((data,), dict)
-        last = int(np.flatnonzero(rows)[-1]) if rows.any() else -1
-        if last not in known:
-            known[last] = until_last(data, rows)
-        return known[last]
+        question = int(np.flatnonzero(rows)[-1]) if rows.any() else -1, settled
+        if question not in known:
+            known[question] = until_last(data, rows, settled)
+        return known[question]
 
     def heard(self, data: Prepared, controller: PositionController, asked: Asked) -> Floats:
         """What the recorded torque has beside what a controller asks for [N m], shape (n,); the last is known."""
