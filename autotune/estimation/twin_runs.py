@@ -6,7 +6,7 @@ of all questions come again. The injected noise is known, so that its own part i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
@@ -201,13 +201,23 @@ def run_twins(
     loops: Loops | None = None,
 ) -> list[Simulated]:
     """A run of each of several models, each with its own `noise` (`shaken`): those that each would make by itself."""
-    loops = loops or LastOf(KNOWN_LOOPS)
     runs: dict[int, Simulated] = {}
+    for chosen, made in _each_pass(data, models, controller, noise, loops or LastOf(KNOWN_LOOPS)):
+        runs |= dict(zip(chosen, made, strict=True))
+    return [runs[i] for i in range(len(models))]
+
+
+def _each_pass(
+    data: Prepared,
+    models: Sequence[Packed],
+    controller: PositionController,
+    noise: Sequence[tuple[Floats, Floats]],
+    loops: Loops,
+) -> Iterator[tuple[list[int], list[Simulated]]]:
+    """Places of the models that go together, and their runs, pass by pass."""
     steps = [steps_of_twin(packed, data.period, controller) for packed in models]
     for chosen in _passes([packed.on.tobytes() for packed in models], steps):
-        together = [(models[i], noise[i]) for i in chosen]
-        runs |= dict(zip(chosen, _runs_in_lanes(data, together, controller, loops), strict=True))
-    return [runs[i] for i in range(len(models))]
+        yield chosen, _runs_in_lanes(data, [(models[i], noise[i]) for i in chosen], controller, loops)
 
 
 def _passes(effects: Sequence[Hashable], steps: Sequence[tuple[int, int]]) -> Iterator[list[int]]:
@@ -324,26 +334,47 @@ def add_runs(many: Sequence[TwinRuns], count: int, measured: Motion | None) -> N
     """
     data, controller = many[0].data, many[0].controller
     jobs = [(one, i) for one in many if one.stable for i in range(len(one.biases), count)]
-    noise = [one.noise.of(i) for one, i in jobs]
-    runs = run_twins(data, [one.packed for one, _ in jobs], controller, noise, many[0].loops)
-    asked: list[tuple[TwinRuns, Simulated | None]] = [
-        (one, None) for one in many if measured is not None and one.raw is None
-    ]
-    kept: list[Simulated] = []
-    for (one, _), made in zip(jobs, runs, strict=True):
-        one.stable &= made.stable
+    models, noise = [one.packed for one, _ in jobs], [one.noise.of(i) for one, i in jobs]
+    found: dict[int, Floats] = {}
+    waiting: dict[int, Simulated] = {}
+    for chosen, made in _each_pass(data, models, controller, noise, many[0].loops):
+        waiting |= {i: run for i, run in zip(chosen, made, strict=True) if run.stable}
+        if (
+            measured is None
+        ):  # runs of hundreds of models are more than memory that is near: each pass by itself
+            found |= _biases(data, models, waiting)
+            waiting = {}
+    if measured is not None:
+        found = _beside_measured(data, [one for one in many if one.raw is None], measured, models, waiting)
+    for i, (one, _) in enumerate(jobs):
+        one.stable &= i in found
         if one.stable:
-            asked.append((one, made))
-            kept.append(made)
-    before = [] if measured is None else [measured] * (len(asked) - len(kept))
-    motions = [*before, *simulated_motions(data, kept)]
-    acted = [None if run is None else run.disturbance for _, run in asked]
-    errors = residuals_of_each(data, [one.packed for one, _ in asked], motions, acted)
-    for (one, run), error in zip(asked, errors, strict=True):
-        if run is None:
-            one.raw = error
-        else:
-            one.biases.append(error)
+            one.biases.append(found[i])
+
+
+def _biases(data: Prepared, models: Sequence[Packed], runs: Mapping[int, Simulated]) -> dict[int, Floats]:
+    """What the chain makes of runs of some of the models, shape (m,) each."""
+    motions = simulated_motions(data, list(runs.values()))
+    acted = [run.disturbance for run in runs.values()]
+    return dict(zip(runs, residuals_of_each(data, [models[i] for i in runs], motions, acted), strict=True))
+
+
+def _beside_measured(
+    data: Prepared,
+    wanting: Sequence[TwinRuns],
+    measured: Motion,
+    models: Sequence[Packed],
+    runs: Mapping[int, Simulated],
+) -> dict[int, Floats]:
+    """`_biases`, and residuals of the measured motion at the models `wanting` them, which fill up a pass."""
+    order = sorted(runs)
+    motions = [*[measured] * len(wanting), *simulated_motions(data, [runs[i] for i in order])]
+    acted = [*[None] * len(wanting), *[runs[i].disturbance for i in order]]
+    asked = [*[one.packed for one in wanting], *[models[i] for i in order]]
+    errors = residuals_of_each(data, asked, motions, acted)
+    for one, error in zip(wanting, errors, strict=False):
+        one.raw = error
+    return dict(zip(order, errors[len(wanting) :], strict=True))
 
 
 class KnownRuns:
