@@ -293,8 +293,7 @@ def _by_own_twins(projected: Projected, starts: Sequence[FitStart], needed: floa
         return []
 
     def costs_of(models: Sequence[Packed], runs: int = 1) -> Floats:
-        twins = problem.corrections(models, runs)
-        return np.array([projected.cost(0.0, twin.bias) if twin.stable else math.inf for twin in twins])
+        return projected.costs_in_twins(models, runs)
 
     shown = SHOWN * needed if SHOWN * needed > 1.0 - PROMISED else 0.0
     first = np.full(len(starts), math.inf)
@@ -356,10 +355,10 @@ def led_on(problem: Problem, model_fit: ModelFit, across: bool = False) -> Packe
     """
     moved = tuple(one for one in model_fit.free if one.slot in BETWEEN)
     projected = Projected.of(problem, model_fit, [one.slot for one in moved])
+    judged = replace(projected, problem=problem.until_judged())
 
     def costs_of(models: Sequence[Packed]) -> Floats:
-        twins = problem.corrections(models, problem.simulations + 1)
-        return np.array([projected.cost(0.0, twin.bias) if twin.stable else math.inf for twin in twins])
+        return judged.costs_in_twins(models, problem.simulations + 1)
 
     start = FitStart(model_fit.fitted.packed, moved)
     (end,) = _led_by_twins([start], [float(costs_of([start.packed])[0])], costs_of, LED_ON, AFTER_A_FIT)

@@ -214,10 +214,9 @@ def _sensed(problem: Problem, packed: Packed, free: Sequence[Free], bias: Floats
         p[free[i].slot] = value + changes[-1]
         models.append(Packed(p, packed.on))
     rows = problem.training > 0
-    for i, change, moved in zip(
-        between, changes, problem.corrections(models, problem.simulations + 1), strict=True
-    ):
-        known = (bias - moved.bias) * (scales[i] / change) if moved.stable else np.zeros(len(bias))
+    biases = problem.biases(models, problem.simulations + 1)
+    for i, change, moved in zip(between, changes, biases, strict=True):
+        known = np.zeros(len(bias)) if moved is None else (bias - moved) * (scales[i] / change)
         columns[:, i] = np.where(rows, known, 0.0)
     return columns, scales
 
@@ -296,6 +295,11 @@ class Projected:
         error: Floats = (self.raw + change - bias)[self.problem.training > 0] * self.weight
         left = float(error @ error) - float(np.sum((self.basis.T @ error) ** 2))
         return left / float(self.problem.training.sum()) if math.isfinite(left) else math.inf
+
+    def costs_in_twins(self, models: Sequence[Packed], simulations: int) -> Floats:
+        """Mean squares of models whose bias alone is another [(N m)²]; infinite where a twin is unstable."""
+        biases = self.problem.biases(models, simulations)
+        return np.array([math.inf if bias is None else self.cost(0.0, bias) for bias in biases])
 
 
 def unseen_error(problem: Problem, model_fit: ModelFit) -> float:

@@ -205,10 +205,10 @@ def damped_as_twins_creep(problem: Problem, model_fit: ModelFit) -> ModelFit:
     for model, value in zip(models, damping, strict=True):
         model.p[slot] = value
     projected = Projected.of(problem, model_fit)
-    twins = problem.corrections(models, 1)
+    changes, biases = projected.changes(models), problem.until_judged().biases(models, 1)
     costs = np.array([
-        projected.cost(change, twin.bias) if twin.stable else math.inf
-        for change, twin in zip(projected.changes(models), twins, strict=True)
+        math.inf if bias is None else projected.cost(change, bias)
+        for change, bias in zip(changes, biases, strict=True)
     ])  # fmt: skip
     best = int(np.argmin(costs))
     if not costs[best] < PROMISED * costs[now]:

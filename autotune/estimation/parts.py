@@ -28,22 +28,24 @@ from autotune.recordings.recording import Recording, Segment
 
 SETTLED = 6.0
 """Periods of the motion's cut-off: so far away a filter does not feel the end of what it is given."""
+FORGOTTEN = 20.0
+"""The same where nothing may be told from all the data: its slowest part falls to e^-48, less than rounding."""
 SAME_PLACE = 0.01
 """Of the travel: repeats that are further apart are not the same motion."""
 _DRIFTING = [layout.flag(kind.name) for kind in EFFECTS.values() if kind.drifts]
 
 
-def until_last(data: Prepared, rows: Flags) -> Prepared:
+def until_last(data: Prepared, rows: Flags, settled: float = SETTLED) -> Prepared:
     """The data up to the last sample that these grid rows need; residuals are 0 after it."""
     needed = data.grid[rows]
     if len(needed) == 0:
         return data
-    return until_sample(data, int(needed.max()) + len(data.taps) // 2 + 1)
+    return until_sample(data, int(needed.max()) + len(data.taps) // 2 + 1, settled)
 
 
-def until_sample(data: Prepared, end: int) -> Prepared:
-    """The data up to a sample, and as far beyond as filters need."""
-    end += math.ceil(SETTLED / (data.motion_cutoff * data.period))
+def until_sample(data: Prepared, end: int, settled: float = SETTLED) -> Prepared:
+    """The data up to a sample, and as far beyond as filters need: so many periods of the motion's cut-off."""
+    end += math.ceil(settled / (data.motion_cutoff * data.period))
     stretches = (Stretch(s.start, min(s.stop, end), s.closed) for s in data.stretches if s.start < end)
     return replace(data, stretches=tuple(stretches))
 

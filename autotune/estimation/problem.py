@@ -17,6 +17,7 @@ from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import TRAINING, VETO, Block, Prepared
 from autotune.estimation.disturbance import STILL, Disturbance
 from autotune.estimation.least_squares import Fitted, Free, done_together, fitting
+from autotune.estimation.parts import FORGOTTEN
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.residual import Motion, alike, kind_of_pass, measured_motion, residual
 from autotune.estimation.twin import leading, steps_of_twin
@@ -135,6 +136,18 @@ class Problem:
         found = [self.runs.of(self.data, one, self.controller, self.disturbance) for one in models]
         return _corrected(self.data, found, count, self.moved)
 
+    def biases(self, models: Sequence[Packed], simulations: int) -> list[Floats | None]:
+        """Bias of each of several models, shape (m,), where nothing asks for their residuals of the measured motion.
+
+        These would take as many passes of the inverse as the runs. None where a twin is unstable.
+        """
+        if self.controller is None:
+            found = [self._led(packed, simulations) for packed in models]
+        else:
+            many = [self.runs.of(self.data, one, self.controller, self.disturbance) for one in models]
+            found = _corrected(self.data, many, simulations, None)
+        return [one.bias if one.stable else None for one in found]
+
     def corrections_under(self, disturbances: Sequence[Disturbance], packed: Packed) -> list[Correction]:
         """`correction` under each of several disturbances; nothing to correct without a controller."""
         if self.controller is None:
@@ -152,6 +165,16 @@ class Problem:
     def until_trained(self) -> Problem:
         """The problem up to the last row that is fitted: costs are the same, and nothing after it is computed."""
         return replace(self, data=self.runs.until_last(self.data, self.training > 0))
+
+    def until_judged(self) -> Problem:
+        """The same where costs are to be those of all the data to the last digit: a search follows them far.
+
+        All of it where what comes later tells of the rows before: the offset of a law that is adrift is that of the
+        noise in all rows, and what a law asks for is filtered far slower than motions are.
+        """
+        if self.data.asked is not None or (self.controller is not None and self.controller.adrift):
+            return self
+        return replace(self, data=self.runs.until_last(self.data, self.training > 0, FORGOTTEN))
 
     def twins_alike(self, models: Sequence[Packed]) -> int:
         """How many of the first models one pass of simulation and of inverse can take together."""
@@ -543,7 +566,9 @@ def _uncorrected(data: Prepared, stable: bool = True) -> Correction:
     return Correction(np.zeros(len(data.grid)), np.zeros(len(data.blocks)), stable)
 
 
-def _corrected(data: Prepared, many: Sequence[TwinRuns], count: int, measured: Motion) -> list[Correction]:
+def _corrected(
+    data: Prepared, many: Sequence[TwinRuns], count: int, measured: Motion | None
+) -> list[Correction]:
     wanting = {id(runs): runs for runs in many if runs.stable and len(runs.biases) < count}
     if wanting:
         add_runs(list(wanting.values()), count, measured)

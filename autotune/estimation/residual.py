@@ -301,13 +301,15 @@ def _raw_in_lanes(data: Prepared, models: Sequence[Packed], moved: Sequence[Moti
     """`raw_residual` of up to eight models, each with its motion or all with one, shape (n, 8)."""
     asked = [_inverted(data, one) for one in models]
     models = [*asked, *[asked[-1]] * (WIDTH - len(asked))]
-    rest = zeros_for(len(moved[0].torque))
+    rest, before = room_for(len(moved[0].torque)), 0
     for stretch in data.stretches:
+        rest[before : stretch.start], before = 0.0, stretch.stop
         parts = [_rows_of(one, stretch.rows) for one in moved]
         if _in_pieces(data, stretch.rows, asked, parts, rest[stretch.rows]):
             continue
         still = [np.zeros(layout.STATES)] * WIDTH
         _lanes_of_stretch(models, still, parts, data.period, rest[stretch.rows])
+    rest[before:] = 0.0
     return rest
 
 
@@ -389,6 +391,13 @@ def _smoothed_in_lanes(data: Prepared, raw: Floats) -> Floats:
     return result
 
 
+@compiled
+def _take_out(raw: Floats, acted: Floats) -> None:
+    """Takes out of a residual, in place, what acted from each sample to the next; arrays of shape (n,)."""
+    for k in range(1, len(raw)):
+        raw[k] += 0.5 * (acted[k] + acted[k - 1])
+
+
 def residuals_of_each(
     data: Prepared,
     models: Sequence[Packed],
@@ -408,7 +417,7 @@ def residuals_of_each(
             raw = _raw_in_lanes(data, [models[i] for i in chosen], [moved[i] for i in chosen])
         for lane, i in enumerate(chosen):
             if (acted := known[i]) is not None:
-                raw[1:, lane] += 0.5 * (acted[1:] + acted[:-1])
+                _take_out(raw[:, lane], acted)
         smooth = smoothed(data, raw[:, 0])[None] if len(chosen) == 1 else _smoothed_in_lanes(data, raw)
         result |= dict(zip(chosen, smooth, strict=False))
     return [result[i] for i in range(len(models))]

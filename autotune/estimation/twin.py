@@ -217,11 +217,11 @@ def simulate_stretches(
     """`simulate_stretch` of up to eight models in one pass: positions and torques, shape (8, n), and which stay inside.
 
     They have the same effects, and go in the steps of the one that needs most (`steps_of_twin`). Where one of them
-    leaves all bounds, what the others do afterwards is not there.
+    leaves all bounds, what any of them does afterwards is not there: no numbers that mean anything.
 
     Args:
         bounds: limit of the torque and resolution, as there.
-        disturbance, position_noise: as there, shape (8, n).
+        disturbance, position_noise: as there, shape (8, n), or (1, n) where it is one for all.
         given: what `loop_along` gives.
     """
     models = [late_as_recorded(recorded, packed) for packed in models]
@@ -233,7 +233,7 @@ def simulate_stretches(
     models = [*models, *[models[-1]] * (WIDTH - len(models))]
     begun = {id(packed): start_state(recorded, packed) for packed in models}
     state = filled([begun[id(packed)] for packed in models])
-    position, torque = np.zeros((2, WIDTH, n))
+    position, torque = np.empty((2, WIDTH, n))
     done = simulate_in_lanes(
         filled([packed.p for packed in models]),
         models[0].on,

@@ -6,7 +6,7 @@ of all questions come again. The injected noise is known, so that its own part i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
@@ -18,7 +18,7 @@ from autotune.estimation.alignment import followed_late
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import Prepared, Stretch
 from autotune.estimation.disturbance import Disturbance
-from autotune.estimation.parts import until_last
+from autotune.estimation.parts import SETTLED, until_last
 from autotune.estimation.residual import (
     Motion,
     Simulated,
@@ -29,6 +29,7 @@ from autotune.estimation.residual import (
     simulated_motions,
 )
 from autotune.estimation.twin import Loop, loop_along, simulate_stretch, simulate_stretches, steps_of_twin
+from autotune.models.compiled import compiled
 from autotune.models.drive_model import Packed
 from autotune.signals.between_samples import later, mean_answer
 from autotune.signals.filters import low_pass
@@ -180,8 +181,16 @@ def _near(data: Prepared) -> float:
 
 def _follows(data: Prepared, position: Floats, near: float) -> bool:
     """Whether a simulated axis stays near where the axis was."""
-    apart = [float(np.max(np.abs(position[s.rows] - data.measured[s.rows]))) for s in data.stretches]
-    return bool(np.all(np.isfinite(position)) and max(apart) < near)
+    return all(_stays_near(position[s.rows], data.measured[s.rows], near) for s in data.stretches)
+
+
+@compiled
+def _stays_near(position: Floats, measured: Floats, near: float) -> bool:
+    """Whether no place of shape (n,) is as far as that from its own, or is none at all."""
+    for k in range(len(position)):  # noqa: SIM110
+        if not abs(position[k] - measured[k]) < near:
+            return False
+    return True
 
 
 def run_twins(
@@ -192,13 +201,23 @@ def run_twins(
     loops: Loops | None = None,
 ) -> list[Simulated]:
     """A run of each of several models, each with its own `noise` (`shaken`): those that each would make by itself."""
-    loops = loops or LastOf(KNOWN_LOOPS)
     runs: dict[int, Simulated] = {}
+    for chosen, made in _each_pass(data, models, controller, noise, loops or LastOf(KNOWN_LOOPS)):
+        runs |= dict(zip(chosen, made, strict=True))
+    return [runs[i] for i in range(len(models))]
+
+
+def _each_pass(
+    data: Prepared,
+    models: Sequence[Packed],
+    controller: PositionController,
+    noise: Sequence[tuple[Floats, Floats]],
+    loops: Loops,
+) -> Iterator[tuple[list[int], list[Simulated]]]:
+    """Places of the models that go together, and their runs, pass by pass."""
     steps = [steps_of_twin(packed, data.period, controller) for packed in models]
     for chosen in _passes([packed.on.tobytes() for packed in models], steps):
-        together = [(models[i], noise[i]) for i in chosen]
-        runs |= dict(zip(chosen, _runs_in_lanes(data, together, controller, loops), strict=True))
-    return [runs[i] for i in range(len(models))]
+        yield chosen, _runs_in_lanes(data, [(models[i], noise[i]) for i in chosen], controller, loops)
 
 
 def _passes(effects: Sequence[Hashable], steps: Sequence[tuple[int, int]]) -> Iterator[list[int]]:
@@ -222,10 +241,15 @@ def _runs_in_lanes(
     if count == 1:
         run = _run(data, together[0][0], controller, *together[0][1], data.resolution, loops)
         return [replace(run, torque=_compared(data, controller, run.position, run.torque))]
-    position, torque = np.zeros((2, count, n))
+    position, torque = np.empty((2, count, n))
+    before = 0
     for stretch in data.stretches:
         rows = stretch.rows
-        shaken, unsure = (abreast([noise[part][rows] for _, noise in together]) for part in (0, 1))
+        position[:, before : rows.start], torque[:, before : rows.start] = 0.0, 0.0
+        before = rows.stop
+        alike = all(noise is together[0][1] for _, noise in together)  # one for all lanes then
+        noises = [noise for _, noise in (together[:1] if alike else together)]
+        shaken, unsure = (abreast([noise[part][rows] for noise in noises]) for part in (0, 1))
         *done, inside = simulate_stretches(
             _recorded(data, controller, stretch),
             [packed for packed, _ in together],
@@ -243,6 +267,7 @@ def _runs_in_lanes(
                 next(again) if stays else Simulated(position[i], torque[i], noise[0], False)
                 for i, ((_, noise), stays) in enumerate(zip(together, inside, strict=False))
             ]
+    position[:, before:], torque[:, before:] = 0.0, 0.0
     if data.lag > 0.0:
         torque = np.array([_as_recorded(data, one) for one in torque])
     torque = _compared(data, controller, position, torque)
@@ -301,30 +326,55 @@ class TwinRuns:
     raw: Floats | None = None
 
 
-def add_runs(many: Sequence[TwinRuns], count: int, measured: Motion) -> None:
-    """Runs of each of several models in the same data until there are `count` of it, and its residual of the motion.
+def add_runs(many: Sequence[TwinRuns], count: int, measured: Motion | None) -> None:
+    """Runs of each of several models in the same data until there are `count` of it.
 
+    Beside them, where one is given, its residual of the `measured` motion.
     Where a twin leaves all bounds there is no further run of it, now and later.
     """
     data, controller = many[0].data, many[0].controller
     jobs = [(one, i) for one in many if one.stable for i in range(len(one.biases), count)]
-    noise = [one.noise.of(i) for one, i in jobs]
-    runs = run_twins(data, [one.packed for one, _ in jobs], controller, noise, many[0].loops)
-    asked: list[tuple[TwinRuns, Simulated | None]] = [(one, None) for one in many if one.raw is None]
-    kept: list[Simulated] = []
-    for (one, _), made in zip(jobs, runs, strict=True):
-        one.stable &= made.stable
+    models, noise = [one.packed for one, _ in jobs], [one.noise.of(i) for one, i in jobs]
+    found: dict[int, Floats] = {}
+    waiting: dict[int, Simulated] = {}
+    for chosen, made in _each_pass(data, models, controller, noise, many[0].loops):
+        waiting |= {i: run for i, run in zip(chosen, made, strict=True) if run.stable}
+        if (
+            measured is None
+        ):  # runs of hundreds of models are more than memory that is near: each pass by itself
+            found |= _biases(data, models, waiting)
+            waiting = {}
+    if measured is not None:
+        found = _beside_measured(data, [one for one in many if one.raw is None], measured, models, waiting)
+    for i, (one, _) in enumerate(jobs):
+        one.stable &= i in found
         if one.stable:
-            asked.append((one, made))
-            kept.append(made)
-    motions = [*[measured] * (len(asked) - len(kept)), *simulated_motions(data, kept)]
-    acted = [None if run is None else run.disturbance for _, run in asked]
-    errors = residuals_of_each(data, [one.packed for one, _ in asked], motions, acted)
-    for (one, run), error in zip(asked, errors, strict=True):
-        if run is None:
-            one.raw = error
-        else:
-            one.biases.append(error)
+            one.biases.append(found[i])
+
+
+def _biases(data: Prepared, models: Sequence[Packed], runs: Mapping[int, Simulated]) -> dict[int, Floats]:
+    """What the chain makes of runs of some of the models, shape (m,) each."""
+    motions = simulated_motions(data, list(runs.values()))
+    acted = [run.disturbance for run in runs.values()]
+    return dict(zip(runs, residuals_of_each(data, [models[i] for i in runs], motions, acted), strict=True))
+
+
+def _beside_measured(
+    data: Prepared,
+    wanting: Sequence[TwinRuns],
+    measured: Motion,
+    models: Sequence[Packed],
+    runs: Mapping[int, Simulated],
+) -> dict[int, Floats]:
+    """`_biases`, and residuals of the measured motion at the models `wanting` them, which fill up a pass."""
+    order = sorted(runs)
+    motions = [*[measured] * len(wanting), *simulated_motions(data, [runs[i] for i in order])]
+    acted = [*[None] * len(wanting), *[runs[i].disturbance for i in order]]
+    asked = [*[one.packed for one in wanting], *[models[i] for i in order]]
+    errors = residuals_of_each(data, asked, motions, acted)
+    for one, error in zip(wanting, errors, strict=False):
+        one.raw = error
+    return dict(zip(order, errors[len(wanting) :], strict=True))
 
 
 class KnownRuns:
@@ -334,7 +384,7 @@ class KnownRuns:
         self._runs: dict[tuple[bytes, bytes], TwinRuns] = {}
         self._noise: Noise | None = None
         self._heard: LastOf[Floats] = LastOf(1)
-        self._parts: LastOf[dict[int, Prepared]] = LastOf(KNOWN_PARTS)
+        self._parts: LastOf[dict[tuple[int, float], Prepared]] = LastOf(KNOWN_PARTS)
         self.loops: Loops = LastOf(KNOWN_LOOPS)
 
     def of(
@@ -358,13 +408,13 @@ class KnownRuns:
         known = self._runs.get((packed.p.tobytes(), packed.on.tobytes()))
         return known.raw if known is not None and known.data is data else None
 
-    def until_last(self, data: Prepared, rows: Flags) -> Prepared:
+    def until_last(self, data: Prepared, rows: Flags, settled: float = SETTLED) -> Prepared:
         """`parts.until_last`, the same one for the same question: its runs and its loop are known then."""
         known = self._parts.answer((data,), dict)
-        last = int(np.flatnonzero(rows)[-1]) if rows.any() else -1
-        if last not in known:
-            known[last] = until_last(data, rows)
-        return known[last]
+        question = int(np.flatnonzero(rows)[-1]) if rows.any() else -1, settled
+        if question not in known:
+            known[question] = until_last(data, rows, settled)
+        return known[question]
 
     def heard(self, data: Prepared, controller: PositionController, asked: Asked) -> Floats:
         """What the recorded torque has beside what a controller asks for [N m], shape (n,); the last is known."""

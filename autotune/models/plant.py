@@ -89,21 +89,40 @@ def one_mass(p: Floats, on: Flags, state: Floats, drive: float, step: float) -> 
 
 
 @compiled
-def two_masses(p: Floats, on: Flags, state: Floats, drive: float, step: float) -> None:
-    """One step of motor and load, in place."""
+def between_masses(p: Floats, on: Flags) -> tuple[float, float, float, float, float, float, float]:
+    """What is between motor and load, asked once for all steps: `load_shares`, `coupling` and `hung`; 0 for one mass.
+
+    A step writes its state, and the compiler cannot tell that no parameter is written with it: it would ask anew for a
+    root and a quotient in every step.
+    """
+    if not has_load(on):
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    mass, rub = load_shares(p, on)
+    stiffness, damping, half, impact = coupling(p, on)
+    return mass, rub, stiffness, damping, half, impact, hung(p, on)
+
+
+@compiled
+def two_masses(
+    p: Floats,
+    on: Flags,
+    state: Floats,
+    drive: float,
+    step: float,
+    between: tuple[float, float, float, float, float, float, float],
+) -> None:
+    """One step of motor and load, in place; `between` is what `between_masses` gives."""
     if anywhere(state[STARTED] == 0.0):
         state[STARTED], state[LOAD_POSITION], state[LOAD_VELOCITY] = 1.0, state[POSITION], state[VELOCITY]
     position, velocity = state[POSITION], state[VELOCITY]
     beyond, speed = state[LOAD_POSITION], state[LOAD_VELOCITY]
-    mass, rub = load_shares(p, on)
-    stiffness, damping, half, impact = coupling(p, on)
+    mass, rub, stiffness, damping, half, impact, weight = between
     twist = position - beyond + 0.5 * step * (velocity - speed)
     passed = passed_torque(stiffness, damping, half, impact, twist, velocity - speed)
     friction, slope = rubbing(p, on, state, BRISTLE, 1.0 - rub, position, velocity, step)
     held = remembered_damping(p, on, state, step * velocity, velocity)
     friction += remembered(p, on, state, position, step * velocity, velocity, step) + held * velocity
     slope += held
-    weight = hung(p, on)
     outside = additive(p, on, position + 0.5 * step * velocity) - weight
     inertia = p[INERTIA] * (1.0 - mass)
     later = velocity + step * (drive - outside - friction - passed) / (inertia + 0.5 * step * slope)
@@ -120,11 +139,25 @@ def two_masses(p: Floats, on: Flags, state: Floats, drive: float, step: float) -
 @compiled
 def advance(p: Floats, on: Flags, state: Floats, torque: float, duration: float, substeps: int) -> None:
     """Moves the state by `duration` under a torque demand that is held, and a share of it lost on the way."""
+    _advance(p, on, state, torque, duration, substeps, between_masses(p, on))
+
+
+@compiled
+def _advance(
+    p: Floats,
+    on: Flags,
+    state: Floats,
+    torque: float,
+    duration: float,
+    substeps: int,
+    between: tuple[float, float, float, float, float, float, float],
+) -> None:
+    """`advance` where what is between the masses is known."""
     step = duration / substeps
     loaded = has_load(on)
     for _ in range(substeps):
         if loaded:
-            two_masses(p, on, state, torque, step)
+            two_masses(p, on, state, torque, step, between)
         else:
             one_mass(p, on, state, torque, step)
 
@@ -214,7 +247,7 @@ def simulate(
         return 0
     for i in range(room):
         loop[LOOP + i] = loop[6]  # what was seen until then
-    summed, c = 0.0 * loop[6], bent(p, on)
+    summed, c, between = 0.0 * loop[6], bent(p, on), between_masses(p, on)
     row = tick = place = 0
     for k in range(len(command)):
         measured = _measured(p, on, state[POSITION], position_noise[row], loop[2])
@@ -228,7 +261,7 @@ def simulate(
         if averaged and tick == ticks - 1:
             torque[row] = summed / ticks
         actual = delivered(p, on, state, demand, loop[0], c)
-        advance(p, on, state, actual + disturbance[row], loop[0], substeps)
+        _advance(p, on, state, actual + disturbance[row], loop[0], substeps, between)
         if anywhere(abs(state[VELOCITY]) >= FASTEST) or anywhere(state[VELOCITY] != state[VELOCITY]):
             return row
         row, tick, place = row + int(tick + 1 == ticks), _next(tick, ticks), _next(place, room)

@@ -14,23 +14,26 @@ import scipy
 from autotune.core.arrays import Floats
 from autotune.core.kernel_cache import kernel
 
+ORDER = 4
+"""Of the low-pass: two sections."""
 
-def low_pass(values: Floats, cutoff: float, period: float, order: int = 4) -> Floats:
-    """Butterworth low-pass run forward and backward: no phase, half power twice at `cutoff` [Hz].
+
+def low_pass(values: Floats, cutoff: float, period: float) -> Floats:
+    """Butterworth low-pass of fourth order run forward and backward: no phase, half power twice at `cutoff` [Hz].
 
     A cut-off at or above 0.45 of the sampling frequency leaves the values as they are.
     """
     smooth = np.array(values, dtype=np.float64, order="C")
-    _smooth_within(smooth.reshape(-1, smooth.shape[-1]), 0, smooth.shape[-1], cutoff, period, order)
+    _smooth_within(smooth.reshape(-1, smooth.shape[-1]), 0, smooth.shape[-1], cutoff, period)
     return smooth
 
 
-def _smooth_within(rows: Floats, first: int, last: int, cutoff: float, period: float, order: int = 4) -> None:
+def _smooth_within(rows: Floats, first: int, last: int, cutoff: float, period: float) -> None:
     """`low_pass` in place, of a span of rows of shape (k, n) by itself."""
     if cutoff * period >= 0.45 or last - first < 4:
         return
     padding = min(last - first - 1, round(2.0 / (cutoff * period)))
-    sections, rest = _sections(order, round(2.0 * cutoff * period, 12))
+    sections, rest = _sections(round(2.0 * cutoff * period, 12))
     _forward_and_backward(sections, rest, padding, rows, first, last)
 
 
@@ -92,9 +95,9 @@ def _differences(
 
 
 @lru_cache(maxsize=32)
-def _sections(order: int, relative: float) -> tuple[Floats, Floats]:
+def _sections(relative: float) -> tuple[Floats, Floats]:
     """Second-order sections, and their state at rest at a constant input of 1, shape (sections, 2)."""
-    sections = np.ascontiguousarray(scipy.signal.butter(order, relative, output="sos"))
+    sections = np.ascontiguousarray(scipy.signal.butter(ORDER, relative, output="sos"))
     return sections, np.ascontiguousarray(scipy.signal.sosfilt_zi(sections))
 
 
@@ -137,30 +140,27 @@ def _extended(row: Floats, padding: int, long: Floats) -> None:
 
 @kernel
 def _through(sections: Floats, rest: Floats, values: Floats) -> None:
-    """Sections one after another, from rest at the first value, in place; direct form II transposed.
+    """Both sections, from rest at the first value, in place; direct form II transposed.
 
     `values` are of shape (n, 4). What a section remembers of each of them, z and w, is in numbers of its own: an
-    array of them would be written and read once a sample, which takes longer than the sums.
+    array of them would be written and read once a sample, which takes longer than the sums. The second section goes
+    along with the first, as while one waits for its last result the other can go on.
     """
-    start = values[0].copy()
-    for s in range(len(sections)):
-        b0, b1, b2, a1, a2 = sections[s, 0], sections[s, 1], sections[s, 2], sections[s, 4], sections[s, 5]
-        z0, z1, z2, z3 = (
-            rest[s, 0] * start[0],
-            rest[s, 0] * start[1],
-            rest[s, 0] * start[2],
-            rest[s, 0] * start[3],
-        )
-        w0, w1, w2, w3 = (
-            rest[s, 1] * start[0],
-            rest[s, 1] * start[1],
-            rest[s, 1] * start[2],
-            rest[s, 1] * start[3],
-        )
-        for k in range(len(values)):
-            x0, x1, x2, x3 = values[k, 0], values[k, 1], values[k, 2], values[k, 3]
-            y0, y1, y2, y3 = b0 * x0 + z0, b0 * x1 + z1, b0 * x2 + z2, b0 * x3 + z3
-            z0, z1 = b1 * x0 - a1 * y0 + w0, b1 * x1 - a1 * y1 + w1
-            z2, z3 = b1 * x2 - a1 * y2 + w2, b1 * x3 - a1 * y3 + w3
-            w0, w1, w2, w3 = b2 * x0 - a2 * y0, b2 * x1 - a2 * y1, b2 * x2 - a2 * y2, b2 * x3 - a2 * y3
-            values[k, 0], values[k, 1], values[k, 2], values[k, 3] = y0, y1, y2, y3
+    b0, b1, b2, a1, a2 = sections[0, 0], sections[0, 1], sections[0, 2], sections[0, 4], sections[0, 5]
+    d0, d1, d2, c1, c2 = sections[1, 0], sections[1, 1], sections[1, 2], sections[1, 4], sections[1, 5]
+    x0, x1, x2, x3 = values[0, 0], values[0, 1], values[0, 2], values[0, 3]
+    z0, z1, z2, z3 = rest[0, 0] * x0, rest[0, 0] * x1, rest[0, 0] * x2, rest[0, 0] * x3
+    w0, w1, w2, w3 = rest[0, 1] * x0, rest[0, 1] * x1, rest[0, 1] * x2, rest[0, 1] * x3
+    s0, s1, s2, s3 = rest[1, 0] * x0, rest[1, 0] * x1, rest[1, 0] * x2, rest[1, 0] * x3
+    t0, t1, t2, t3 = rest[1, 1] * x0, rest[1, 1] * x1, rest[1, 1] * x2, rest[1, 1] * x3
+    for k in range(len(values)):
+        x0, x1, x2, x3 = values[k, 0], values[k, 1], values[k, 2], values[k, 3]
+        y0, y1, y2, y3 = b0 * x0 + z0, b0 * x1 + z1, b0 * x2 + z2, b0 * x3 + z3
+        z0, z1 = b1 * x0 - a1 * y0 + w0, b1 * x1 - a1 * y1 + w1
+        z2, z3 = b1 * x2 - a1 * y2 + w2, b1 * x3 - a1 * y3 + w3
+        w0, w1, w2, w3 = b2 * x0 - a2 * y0, b2 * x1 - a2 * y1, b2 * x2 - a2 * y2, b2 * x3 - a2 * y3
+        x0, x1, x2, x3 = d0 * y0 + s0, d0 * y1 + s1, d0 * y2 + s2, d0 * y3 + s3
+        s0, s1 = d1 * y0 - c1 * x0 + t0, d1 * y1 - c1 * x1 + t1
+        s2, s3 = d1 * y2 - c1 * x2 + t2, d1 * y3 - c1 * x3 + t3
+        t0, t1, t2, t3 = d2 * y0 - c2 * x0, d2 * y1 - c2 * x1, d2 * y2 - c2 * x2, d2 * y3 - c2 * x3
+        values[k, 0], values[k, 1], values[k, 2], values[k, 3] = x0, x1, x2, x3

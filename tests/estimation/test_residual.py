@@ -206,3 +206,37 @@ def test_where_one_of_a_pieces_twins_runs_away_none_follows() -> None:
     wild = base_model({**AXIS, "inertia": 1e-9, "micro_damping": 1e-9}).pack()
     ran = run_twins(piece, wild, Surroundings(law, RESOLUTION), [np.random.default_rng(i) for i in range(3)])
     assert not any(one.follows for one in ran)
+
+
+def test_biases_alone_are_those_of_corrections_and_ask_nothing_of_the_measured_motion() -> None:
+    """The inverse of the measured motion takes as long as that of a run: a search by biases does not pay for it."""
+    recording = recorded(TRUE, OF_TRUE, seconds=2.0)
+    data, law = prepare([recording]), controller_of(recording)
+    problem = replace(new_problem(data, law), disturbance=Disturbance(white=2e-3))
+    wild = base_model({**AXIS, "inertia": 1e-9, "micro_damping": 1e-9}).pack()
+    models = [*_several()[:3], wild]
+    for count in (1, 3):  # one run of each is shaken alike, three are not
+        fresh = replace(problem, runs=KnownRuns())
+        biases = fresh.biases(models, count)
+        assert fresh.runs.raw(data, models[0]) is None
+        for one, found in zip(problem.corrections(models, count), biases, strict=True):
+            assert (found is not None) is one.stable
+            if found is not None:
+                np.testing.assert_array_equal(found, one.bias)
+        np.testing.assert_array_equal(fresh.raw(models[0]), problem.raw(models[0]))
+
+
+def test_what_comes_after_the_fitted_rows_tells_nothing_of_their_biases() -> None:
+    """But for the last digit; a filter that is given six periods less still feels where it ends."""
+    recording = recorded(TRUE, OF_TRUE, seconds=12.0)
+    data, law = prepare([recording]), controller_of(recording)
+    problem = replace(new_problem(data, law), disturbance=Disturbance(white=2e-3))
+    first = np.arange(len(data.grid)) < len(data.grid) // 2
+    problem = replace(problem, weight=first.astype(float))
+    rows = problem.training > 0
+    part, model = problem.until_judged(), _several()[0]
+    assert part.data.stretches[-1].stop < 0.8 * data.stretches[-1].stop
+    whole, judged, trained = (one.biases([model], 2)[0] for one in (problem, part, problem.until_trained()))
+    apart = [float(np.max(np.abs(one[rows] - whole[rows]))) for one in (judged, trained)]
+    assert apart[0] <= 1e-15
+    assert apart[1] > 1e-13
