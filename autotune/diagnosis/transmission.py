@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from autotune.core.arrays import Floats
 from autotune.diagnosis.candidates import FittedCandidate, Progress, error_left, explained_of_rest
-from autotune.diagnosis.refits import NEARLY, judged
+from autotune.diagnosis.refits import NEARLY, REFINED, judged
 from autotune.diagnosis.starts import Context, FitStart, led_on, scouted, starts_of, varying
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_from_starts, fit_inside_twin
 from autotune.estimation.data import VETO
@@ -25,7 +25,7 @@ from autotune.models import layout
 from autotune.models.backlash import BACKLASH, damped_by_impact
 from autotune.models.drive_model import Packed
 from autotune.models.effect import Kind
-from autotune.models.elastic_transmission import CRITICAL, ELASTIC_TRANSMISSION, RESONANCES
+from autotune.models.elastic_transmission import CRITICAL, ELASTIC_TRANSMISSION, RESONANCES, hardened
 from autotune.models.load_dependent_friction import LOAD_DEPENDENT_FRICTION
 from autotune.models.load_side import AT_START, compliance_of_one_mass, ringing_compliance
 from autotune.models.start_values import Vary
@@ -33,6 +33,8 @@ from autotune.models.start_values import Vary
 LOADS, PARTS = (0.0, 0.25, 0.5, 0.75, 1.0), (1.0, 0.25)
 """Of the torque, under which another contact gives way as far as the one before; and of the damping by impact, as
 loads meet faster than friction alone lets them."""
+ADDED = (0.3, 1.0, 3.0)
+"""Of a spring's stiffness without load, what the torque of the recordings adds to it where it hardens."""
 SPRING, GAP = ELASTIC_TRANSMISSION, BACKLASH
 OF_THE_GAP = {"compliance": "contact_compliance"} | {
     name: name for name in ("load_inertia", "load_friction", "damping", "load_offset")
@@ -198,6 +200,60 @@ def other_contact_tried(
     return chosen
 
 
+def harder_spring_tried(
+    problem: Problem,
+    root: ModelFit,
+    nominal: Packed,
+    chosen: FittedCandidate,
+    gains: Mapping[str, float],
+    progress: Progress,
+) -> FittedCandidate:
+    """The chosen model with a spring that is stiffer the more it twists, where that does better.
+
+    A gap is what hardens most of all: a spring that hardens looks like one, and one that does not gains half as much.
+    So it is tried in place of a gap where a spring does that, by the `gains` of effects by themselves, and has as many
+    parameters; in place of a spring it has one more, and must leave clearly less.
+    """
+    policy, effects = problem.policy, chosen.model_fit.effects
+    gap = GAP.name in effects
+    other = tuple(SPRING.name if name == GAP.name else name for name in effects)
+    rival = gains.get(SPRING.name, 0.0) >= policy.partly * gains.get(GAP.name, math.inf)
+    asked = rival if gap else chosen.share < REFINED
+    if not problem.twin or SPRING.name not in other or not asked:
+        return chosen
+    progress(f"{SPRING.name} that hardens")
+    free = list(chosen.model_fit.free)
+    places = [chosen.model_fit.fitted.packed]
+    if gap:
+        (soft, *_), free, _ = _Exchange(GAP, SPRING, 1.0).begun(problem, root, nominal, chosen.model_fit)
+        places = [_as_soft(problem, chosen.model_fit.fitted.packed, soft)]
+    at = problem.scales.torque
+    starts = [_hard(place, at, added) for place, added in itertools.product(places, ADDED)]
+    largest = hardened(1.0, at, max(ADDED))[1]
+    free.append(varying(SPRING, "hardening", Vary(largest, largest)))
+    slots = {parameter.slot for parameter in SPRING.parameters}
+    moved = tuple(one for one in free if one.slot in slots)
+    led = [one.packed for one in scouted(problem, chosen.model_fit, [FitStart(one, moved) for one in starts])]
+    least = 1.0 if gap else policy.clearly_less
+    settled = fit_from_starts(problem, led, 0.0, free, other, least * chosen.model_fit.fitted.cost)
+    return _instead(problem, root, chosen, settled, SPRING.name if gap else chosen.effect, least)
+
+
+def _as_soft(problem: Problem, gap: Packed, spring: Packed) -> Packed:
+    """A model with a spring that gives way as far under the torque of the recordings as the gap's contact and gap."""
+    p = spring.p.copy()
+    p[SPRING.slot("compliance")] += 0.5 * gap.p[GAP.slot("gap")] / problem.scales.torque
+    return Packed(p, spring.on)
+
+
+def _hard(place: Packed, torque: float, added: float) -> Packed:
+    """The same with a spring that hardens, and gives way alike under a torque."""
+    p = place.p.copy()
+    slots = [SPRING.slot("compliance"), SPRING.slot("hardening")]
+    p[slots] = hardened(float(p[slots[0]]), torque, added)
+    return Packed(p, place.on)
+
+
 def masses_led_on(
     problem: Problem, root: ModelFit, chosen: FittedCandidate, progress: Progress
 ) -> FittedCandidate:
@@ -287,11 +343,7 @@ class _Exchange:
     ) -> FittedCandidate | None:
         """The model with the new one, begun where models `seen` have it too; None where its twin is unstable."""
         model_fit = chosen.model_fit
-        begun = list(starts_of(self.new, Context(problem, model_fit.fitted, nominal)))
-        starts = [self._start(start, root) for start in (begun[:1] if self.new is SPRING else begun)]
-        slots = {parameter.slot for parameter in self.old.parameters}
-        free = [*(f for f in model_fit.free if f.slot not in slots), *begun[-1].free]
-        effects = tuple(self.new.name if name == self.old.name else name for name in model_fit.effects)
+        starts, free, effects = self.begun(problem, root, nominal, model_fit)
         starts += [one.fitted.packed for one in seen if one.effects == effects]
         target = max(self.least, 1.0) * model_fit.fitted.cost if self.new is GAP else math.inf
         settled = fit_from_starts(problem, starts, 0.0, free, effects, target)
@@ -299,6 +351,20 @@ class _Exchange:
             return None
         effect = self.new.name if chosen.effect == self.old.name else chosen.effect
         return replace(judged(problem, root, settled, effect), gain=chosen.gain)
+
+    def begun(
+        self, problem: Problem, root: ModelFit, nominal: Packed, model_fit: ModelFit
+    ) -> tuple[list[Packed], list[Free], tuple[str, ...]]:
+        """Where the model with the new one begins, what is free of it, and its effects; a spring at one place."""
+        begun = list(starts_of(self.new, Context(problem, model_fit.fitted, nominal)))
+        starts = [self._start(start, root) for start in (begun[:1] if self.new is SPRING else begun)]
+        slots = {parameter.slot for parameter in self.old.parameters}
+        free = [*(f for f in model_fit.free if f.slot not in slots), *begun[-1].free]
+        return (
+            starts,
+            free,
+            tuple(self.new.name if name == self.old.name else name for name in model_fit.effects),
+        )
 
     def _start(self, start: FitStart, root: ModelFit) -> Packed:
         """A start of the new one without the old one; a spring begins where the gap's contact is."""

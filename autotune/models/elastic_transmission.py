@@ -23,11 +23,21 @@ from autotune.models.look_alikes import IN_QUICK_MOTION
 from autotune.models.start_values import StartContext, StartValues, Vary
 
 COMPLIANCE = block("elastic_transmission")
+HARDENING = COMPLIANCE + 5
 IS_ELASTIC = flag("elastic_transmission")
 RESONANCES = (0.37, 0.55, 0.83, 1.25, 1.83, 2.67, 4.0, 6.0)
 """In cut-offs: where torques are compared, and as far above as they still tell of it."""
 CRITICAL = 1.0
 """Damping from which free motion of motor against load does not oscillate."""
+
+
+def hardened(compliance: float, torque: float, added: float) -> tuple[float, float]:
+    """Compliance [rad/(N m)] and hardening [1/(N m)²] of a spring that gives way alike under a torque [N m].
+
+    `added`: of the stiffness that it has without load, what its twist under that torque adds to it.
+    """
+    linear = torque / (1.0 + added)
+    return compliance * (1.0 + added), added / linear**2
 
 
 def starts(c: StartContext) -> Iterator[StartValues]:
@@ -59,6 +69,17 @@ ELASTIC_TRANSMISSION = Kind(
     parameters=(
         Parameter("compliance", "rad/(N m)", 0.0, 0.0, 1e3, "twist per torque", COMPLIANCE),
         *load_parameters(COMPLIANCE + 1),
+        Parameter(
+            "hardening",
+            "1/(N m)²",
+            0.0,
+            0.0,
+            1e12,
+            "stiffness added per square of torque",
+            HARDENING,
+            True,
+            whole=True,
+        ),
     ),
     looks_like="The torque rings or lags after every jerk, at the same frequency at every place and speed.",
     cause="A belt, coupling, gear or long screw that twists between motor and load.",

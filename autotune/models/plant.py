@@ -96,9 +96,9 @@ def two_masses(p: Floats, on: Flags, state: Floats, drive: float, step: float) -
     position, velocity = state[POSITION], state[VELOCITY]
     beyond, speed = state[LOAD_POSITION], state[LOAD_VELOCITY]
     mass, rub = load_shares(p, on)
-    stiffness, damping, half, impact = coupling(p, on)
+    stiffness, damping, half, impact, harder = coupling(p, on)
     twist = position - beyond + 0.5 * step * (velocity - speed)
-    passed = passed_torque(stiffness, damping, half, impact, twist, velocity - speed)
+    passed = passed_torque(stiffness, damping, half, impact, harder, twist, velocity - speed)
     friction, slope = rubbing(p, on, state, BRISTLE, 1.0 - rub, position, velocity, step)
     held = remembered_damping(p, on, state, step * velocity, velocity)
     friction += remembered(p, on, state, position, step * velocity, velocity, step) + held * velocity

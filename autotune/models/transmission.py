@@ -2,7 +2,8 @@
 
 T = K·(φ ∓ gap/2)·(1 ± χ·φ') + D·φ' beyond the gap and 0 inside it, φ the twist; a contact cannot pull. D is a share
 `damping` of critical, χ what a contact is damped by per torque: surfaces that meet touch in a point first, so that the
-damping grows with the torque [hunt-1975]. Without effect, motor and load are one mass.
+damping grows with the torque [hunt-1975]. Without a gap T = K·φ·(1 + η·(K·φ)²) + D·φ': a gear, a strain wave gear most
+of all, is stiffer the more teeth carry [tuttle-1996]. Without effect, motor and load are one mass.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import math
 from autotune.core.arrays import Flags, Floats
 from autotune.models.backlash import BACKLASH, GAP, HAS_GAP, IMPACT
 from autotune.models.compiled import compiled
-from autotune.models.elastic_transmission import COMPLIANCE, ELASTIC_TRANSMISSION, IS_ELASTIC
+from autotune.models.elastic_transmission import COMPLIANCE, ELASTIC_TRANSMISSION, HARDENING, IS_ELASTIC
 from autotune.models.lanes import anywhere, where
 from autotune.models.layout import INERTIA, OFFSET, state_block
 
@@ -23,6 +24,8 @@ BETWEEN = frozenset(
 )
 """Places of all parameters between motor and load."""
 STIFFEST_RATE = 8e3  # rad/s, what the integration still resolves
+HARDEST = 3.0
+"""Of its stiffness without load, what a twist adds to a spring at most: so much more rate the integration bears."""
 
 
 @compiled
@@ -58,8 +61,9 @@ def hung(p: Floats, on: Flags) -> float:
 
 
 @compiled
-def coupling(p: Floats, on: Flags) -> tuple[float, float, float, float]:
-    """Stiffness [N m/rad], damping [N m s/rad], half the gap [rad] and damping per torque of its contact [s/rad]."""
+def coupling(p: Floats, on: Flags) -> tuple[float, float, float, float, float]:
+    """Stiffness [N m/rad], damping [N m s/rad], half the gap [rad], damping per torque of its contact [s/rad], and
+    share of the stiffness that a twist adds per square of it [1/rad²]."""
     share, _ = load_shares(p, on)
     reduced = p[INERTIA] * share * (1.0 - share)
     compliance = p[COMPLIANCE] if on[IS_ELASTIC] else p[GAP + 1]
@@ -67,15 +71,16 @@ def coupling(p: Floats, on: Flags) -> tuple[float, float, float, float]:
     stiffness = min(1.0 / max(compliance, 1e-12), reduced * STIFFEST_RATE * STIFFEST_RATE)
     half = 0.5 * p[GAP] if on[HAS_GAP] else 0.0
     impact = p[IMPACT] if on[HAS_GAP] else 0.0
-    return stiffness, 2.0 * damping * math.sqrt(stiffness * reduced), half, impact
+    harder = p[HARDENING] * stiffness * stiffness if on[IS_ELASTIC] else 0.0
+    return stiffness, 2.0 * damping * math.sqrt(stiffness * reduced), half, impact, harder
 
 
 @compiled
 def passed_torque(
-    stiffness: float, damping: float, half: float, impact: float, twist: float, rate: float
+    stiffness: float, damping: float, half: float, impact: float, harder: float, twist: float, rate: float
 ) -> float:
     """Torque from motor to load [N m]; what `coupling` returns comes first."""
-    direct = stiffness * twist + damping * rate
+    direct = stiffness * twist * (1.0 + min(harder * twist * twist, HARDEST)) + damping * rate
     if not anywhere(half != 0.0):
         return direct
     ahead = max(stiffness * (twist - half) * (1.0 + impact * rate) + damping * rate, 0.0)
