@@ -158,10 +158,10 @@ def stiff_as_well(problem: Problem, less: ModelFit, model_fit: ModelFit) -> bool
     fitted = model_fit.fitted
     p = fitted.packed.p.copy()
     spring = SPRING.name in model_fit.effects
-    held = [SPRING.slot("compliance"), SPRING.slot("damping")]
+    held = [SPRING.slot(name) for name in ("compliance", "damping", "hardening")]
     if not spring:
         held = [GAP.slot(name) for name in ("contact_compliance", "damping", "gap", "impact_damping")]
-        p[held[2:]] = 0.0
+    p[held[2:]] = 0.0
     p[held[:2]] = compliance_of_one_mass(float(p[layout.INERTIA]), problem.data.period), CRITICAL
     free = [one for one in model_fit.free if one.slot not in held]
     stiff = fit_inside_twin(problem, Packed(p, fitted.packed.on), free, 4, model_fit.effects)

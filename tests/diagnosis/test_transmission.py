@@ -16,6 +16,7 @@ from autotune.diagnosis.transmission import (
     _contacts,
     adds_nothing,
     gap_is_told,
+    harder_spring_tried,
     plainer_of,
     spring_in_place,
 )
@@ -24,11 +25,12 @@ from autotune.models import layout
 from autotune.models.backlash import BACKLASH, damped_by_impact
 from autotune.models.drive_model import Packed, base_model
 from autotune.models.effect import Kind
-from autotune.models.elastic_transmission import ELASTIC_TRANSMISSION
+from autotune.models.elastic_transmission import ELASTIC_TRANSMISSION, hardened
 from autotune.models.plant import advance
 from autotune.models.start_values import StartValues, Vary
-from autotune.models.transmission import LOAD_POSITION, coupling, hung, load_shares, passed_torque
+from autotune.models.transmission import HARDEST, LOAD_POSITION, coupling, hung, load_shares, passed_torque
 
+SPRING_VALUES = {"compliance": 2e-3, "load_inertia": 0.4, "load_friction": 0.3, "damping": 0.1}
 BASE = {
     "inertia": 5e-4, "viscous": 1e-3, "coulomb": 0.28, "stiffness": 100.0, "micro_damping": 0.05, "offset": 0.1,
 }  # fmt: skip
@@ -91,7 +93,7 @@ def test_a_contact_may_be_damped_by_its_torque() -> None:
     """Nothing where surfaces meet, more the deeper they are; it never pulls, and loses the speed that it says."""
     stiffness, half, per_torque = 400.0, 1e-3, 0.2
     passed = [
-        passed_torque(stiffness, 0.0, half, per_torque, side * (half + depth), side * rate)
+        passed_torque(stiffness, 0.0, half, per_torque, 0.0, side * (half + depth), side * rate)
         for depth, rate, side in ((0.0, 2.0, 1.0), (1e-3, 2.0, 1.0), (1e-3, 2.0, -1.0), (1e-3, -9.0, 1.0))
     ]
     assert passed == pytest.approx([0.0, 0.4 * 1.4, -0.4 * 1.4, 0.0])
@@ -100,9 +102,67 @@ def test_a_contact_may_be_damped_by_its_torque() -> None:
     speed, mass = math.sqrt(4.0 * half * BASE["coulomb"] / BASE["inertia"]), 1e-4
     by_torque, twist, rate, step = damped_by_impact(p, 0.05), half, speed, 1e-6
     while twist >= half:
-        rate -= step / mass * passed_torque(stiffness, 0.0, half, by_torque, twist, rate)
+        rate -= step / mass * passed_torque(stiffness, 0.0, half, by_torque, 0.0, twist, rate)
         twist += step * rate
     assert -rate / speed == pytest.approx(math.exp(-0.05 * math.pi), abs=0.02)
+
+
+def test_a_spring_may_harden() -> None:
+    """It gives way as far as the one that does not under the torque that it was told at, and less above."""
+    compliance, hardening = hardened(2e-3, 0.5, 1.0)
+    packed = base_model(BASE).with_effect(ELASTIC_TRANSMISSION.make(SPRING_VALUES)).pack()
+    packed.p[ELASTIC_TRANSMISSION.slot("compliance")] = compliance
+    packed.p[ELASTIC_TRANSMISSION.slot("hardening")] = hardening
+    *between, harder = coupling(packed.p, packed.on)
+    passed = [passed_torque(*between, harder, twist, 0.0) for twist in (1e-3, -1e-3, 1e-5, 1.0)]
+    stiffness = 1.0 / compliance
+    assert passed == pytest.approx([0.5, -0.5, 1e-5 * stiffness * (1.0 + 1e-4), stiffness * (1.0 + HARDEST)])
+    assert passed_torque(*between, 0.0, 1e-3, 0.0) == pytest.approx(1e-3 * stiffness)
+
+
+@pytest.mark.parametrize(
+    ("effects", "gains", "share", "asked"),
+    [
+        (("backlash",), {"backlash": 0.6, "elastic_transmission": 0.35}, 1.0, True),
+        (("backlash",), {"backlash": 0.6, "elastic_transmission": 0.2}, 1.0, False),
+        (("backlash",), {"backlash": 0.6}, 1.0, False),
+        (("elastic_transmission",), {"elastic_transmission": 0.6}, 0.9, True),
+        (("elastic_transmission",), {"elastic_transmission": 0.6}, 1.0, False),
+        (("torque_lag",), {"elastic_transmission": 0.6, "torque_lag": 0.7}, 0.9, False),
+    ],
+)
+def test_a_spring_that_hardens_is_tried_where_one_comes_near_a_gap_or_leaves_something(
+    monkeypatch: pytest.MonkeyPatch,
+    effects: tuple[str, ...],
+    gains: dict[str, float],
+    share: float,
+    asked: bool,
+) -> None:
+    """A gap was named, confirmed, for a spring twice as stiff at the torque that the axis needs."""
+    packed = base_model(BASE).pack()
+    for kind, name in ((BACKLASH, "contact_compliance"), (ELASTIC_TRANSMISSION, "compliance")):
+        packed.p[kind.slot(name)] = 2e-3
+        packed.on[layout.flag(kind.name)] = kind.name in effects
+    packed.p[BACKLASH.slot("gap")] = 3e-3
+    begun: list[FitStart] = []
+    both = packed.on.copy()
+    both[layout.flag(ELASTIC_TRANSMISSION.name)] = True
+    start = FitStart(Packed(packed.p, both), ())
+    monkeypatch.setattr(transmission, "scouted", lambda _, __, starts: begun.extend(starts) or starts[:1])
+    monkeypatch.setattr(transmission, "fit_from_starts", lambda *_: None)
+    monkeypatch.setattr(transmission, "starts_of", lambda *_: [start])
+    monkeypatch.setattr(transmission, "Context", lambda *_: None)
+    fit = SimpleNamespace(effects=effects, fitted=SimpleNamespace(packed=packed, cost=1.0), free=[])
+    problem = SimpleNamespace(policy=POLICY, twin=True, scales=SimpleNamespace(torque=0.5))
+    chosen = SimpleNamespace(model_fit=fit, share=share, effect=effects[0])
+    said: list[str] = []
+    root = SimpleNamespace(fitted=SimpleNamespace(packed=base_model(BASE).pack()))
+    assert harder_spring_tried(problem, root, packed, chosen, gains, said.append) is chosen
+    assert bool(said) == bool(begun) == asked
+    for one in begun:
+        twist = 2e-3 * 0.5 + (1.5e-3 if "backlash" in effects else 0.0)
+        assert passed_torque(*coupling(one.packed.p, one.packed.on), twist, 0.0) == pytest.approx(0.5)
+        assert not one.packed.on[layout.flag(BACKLASH.name)]
 
 
 def test_other_contacts_of_a_gap_give_way_as_far_under_a_load() -> None:
