@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from autotune.core.arrays import Floats
 from autotune.diagnosis.candidates import FittedCandidate, Progress, error_left, explained_of_rest
@@ -25,7 +25,13 @@ from autotune.models import layout
 from autotune.models.backlash import BACKLASH, damped_by_impact
 from autotune.models.drive_model import Packed
 from autotune.models.effect import Kind
-from autotune.models.elastic_transmission import CRITICAL, ELASTIC_TRANSMISSION, RESONANCES, hardened
+from autotune.models.elastic_transmission import (
+    CRITICAL,
+    ELASTIC_TRANSMISSION,
+    RESONANCES,
+    hardened,
+    relaxing,
+)
 from autotune.models.load_dependent_friction import LOAD_DEPENDENT_FRICTION
 from autotune.models.load_side import AT_START, compliance_of_one_mass, ringing_compliance
 from autotune.models.start_values import Vary
@@ -35,6 +41,8 @@ LOADS, PARTS = (0.0, 0.25, 0.5, 0.75, 1.0), (1.0, 0.25)
 loads meet faster than friction alone lets them."""
 ADDED = (0.3, 1.0, 3.0)
 """Of a spring's stiffness without load, what the torque of the recordings adds to it where it hardens."""
+SHARES, TURNS = (0.4, 1.0), (0.5, 2.0)
+"""Of the stiffness that stays, what relaxes, and in how many radians of ringing."""
 SPRING, GAP = ELASTIC_TRANSMISSION, BACKLASH
 OF_THE_GAP = {"compliance": "contact_compliance"} | {
     name: name for name in ("load_inertia", "load_friction", "damping", "load_offset")
@@ -158,7 +166,7 @@ def stiff_as_well(problem: Problem, less: ModelFit, model_fit: ModelFit) -> bool
     fitted = model_fit.fitted
     p = fitted.packed.p.copy()
     spring = SPRING.name in model_fit.effects
-    held = [SPRING.slot(name) for name in ("compliance", "damping", "hardening")]
+    held = [SPRING.slot(name) for name in ("compliance", "damping", "hardening", "relaxing")]
     if not spring:
         held = [GAP.slot(name) for name in ("contact_compliance", "damping", "gap", "impact_damping")]
     p[held[2:]] = 0.0
@@ -200,7 +208,7 @@ def other_contact_tried(
     return chosen
 
 
-def harder_spring_tried(
+def other_spring_tried(
     problem: Problem,
     root: ModelFit,
     nominal: Packed,
@@ -208,35 +216,89 @@ def harder_spring_tried(
     gains: Mapping[str, float],
     progress: Progress,
 ) -> FittedCandidate:
-    """The chosen model with a spring that is stiffer the more it twists, where that does better.
+    """The chosen model with a spring that hardens, or a part of which relaxes, where that does better.
 
     A gap is what hardens most of all: a spring that hardens looks like one, and one that does not gains half as much.
     So it is tried in place of a gap where a spring does that, by the `gains` of effects by themselves, and has as many
-    parameters; in place of a spring it has one more, and must leave clearly less.
+    parameters. In place of a spring it has one more, and must leave clearly less; so must one that relaxes.
     """
-    policy, effects = problem.policy, chosen.model_fit.effects
-    gap = GAP.name in effects
-    other = tuple(SPRING.name if name == GAP.name else name for name in effects)
-    rival = gains.get(SPRING.name, 0.0) >= policy.partly * gains.get(GAP.name, math.inf)
-    asked = rival if gap else chosen.share < REFINED
-    if not problem.twin or SPRING.name not in other or not asked:
+    policy, model_fit = problem.policy, chosen.model_fit
+    if not problem.twin:
         return chosen
-    progress(f"{SPRING.name} that hardens")
-    free = list(chosen.model_fit.free)
-    places = [chosen.model_fit.fitted.packed]
-    if gap:
-        (soft, *_), free, _ = _Exchange(GAP, SPRING, 1.0).begun(problem, root, nominal, chosen.model_fit)
-        places = [_as_soft(problem, chosen.model_fit.fitted.packed, soft)]
+    if GAP.name in model_fit.effects:
+        rival = gains.get(SPRING.name, 0.0) >= policy.partly * gains.get(GAP.name, math.inf)
+        if not rival or SPRING not in problem.candidates:
+            return chosen
+        progress(f"{SPRING.name} that hardens")
+        exchange = _Exchange(GAP, SPRING, 1.0)
+        (soft, *_), free, effects = exchange.begun(problem, root, nominal, model_fit)
+        place = _as_soft(problem, model_fit.fitted.packed, soft)
+        settled = _other_spring(problem, model_fit, _hardening(problem, place), free, effects, 1.0)
+        return _instead(problem, root, chosen, settled, exchange.leads(chosen), 1.0)
+    if SPRING.name not in model_fit.effects or chosen.share >= REFINED:
+        return chosen
+    progress(f"another law of {SPRING.name}")
+    place = model_fit.fitted.packed
+    for law in (_hardening(problem, place), _relaxing(place)):
+        least = policy.clearly_less
+        settled = _other_spring(problem, model_fit, law, model_fit.free, model_fit.effects, least)
+        better = _instead(problem, root, chosen, settled, chosen.effect, least)
+        if better is not chosen:
+            return better
+    return chosen
+
+
+@dataclass(frozen=True, slots=True)
+class _Law:
+    """Another law of a spring: where its fits begin, and what is free beside the spring's own parameters."""
+
+    starts: tuple[Packed, ...]
+    free: tuple[Free, ...]
+
+
+def _hardening(problem: Problem, place: Packed) -> _Law:
+    """Springs that harden, and give way as far as that of `place` under the torque of the recordings."""
     at = problem.scales.torque
-    starts = [_hard(place, at, added) for place, added in itertools.product(places, ADDED)]
+    compliance = float(place.p[SPRING.slot("compliance")])
+    starts = [_spring(place, ("compliance", "hardening"), hardened(compliance, at, added)) for added in ADDED]
     largest = hardened(1.0, at, max(ADDED))[1]
-    free.append(varying(SPRING, "hardening", Vary(largest, largest)))
+    return _Law(tuple(starts), (varying(SPRING, "hardening", Vary(largest, largest)),))
+
+
+def _relaxing(place: Packed) -> _Law:
+    """Springs a part of which relaxes, as stiff and as damped as that of `place` where motor and load ring."""
+    begun = [relaxing(place.p, share, turns) for share, turns in itertools.product(SHARES, TURNS)]
+    longest = max(one["relaxation_time"] for one in begun)
+    free = (
+        varying(SPRING, "relaxing", Vary(max(SHARES), max(SHARES))),
+        varying(SPRING, "relaxation_time", Vary(longest, longest)),
+    )
+    return _Law(tuple(_spring(place, tuple(one), tuple(one.values())) for one in begun), free)
+
+
+def _other_spring(
+    problem: Problem,
+    model_fit: ModelFit,
+    law: _Law,
+    free: Sequence[Free],
+    effects: tuple[str, ...],
+    least: float,
+) -> ModelFit | None:
+    """The fit of the model with a spring by another law; None where its twin is unstable."""
+    own = {one.slot for one in law.free}
+    free = [*(one for one in free if one.slot not in own), *law.free]
     slots = {parameter.slot for parameter in SPRING.parameters}
     moved = tuple(one for one in free if one.slot in slots)
-    led = [one.packed for one in scouted(problem, chosen.model_fit, [FitStart(one, moved) for one in starts])]
-    least = 1.0 if gap else policy.clearly_less
-    settled = fit_from_starts(problem, led, 0.0, free, other, least * chosen.model_fit.fitted.cost)
-    return _instead(problem, root, chosen, settled, SPRING.name if gap else chosen.effect, least)
+    starts = [FitStart(one, moved) for one in law.starts]
+    led = [one.packed for one in scouted(problem, model_fit, starts)]
+    return fit_from_starts(problem, led, 0.0, free, effects, least * model_fit.fitted.cost)
+
+
+def _spring(place: Packed, names: Sequence[str], values: Sequence[float]) -> Packed:
+    """The same model with other values of its spring."""
+    p = place.p.copy()
+    p[[SPRING.slot(name) for name in names]] = values
+    return Packed(p, place.on)
 
 
 def _as_soft(problem: Problem, gap: Packed, spring: Packed) -> Packed:
@@ -244,14 +306,6 @@ def _as_soft(problem: Problem, gap: Packed, spring: Packed) -> Packed:
     p = spring.p.copy()
     p[SPRING.slot("compliance")] += 0.5 * gap.p[GAP.slot("gap")] / problem.scales.torque
     return Packed(p, spring.on)
-
-
-def _hard(place: Packed, torque: float, added: float) -> Packed:
-    """The same with a spring that hardens, and gives way alike under a torque."""
-    p = place.p.copy()
-    slots = [SPRING.slot("compliance"), SPRING.slot("hardening")]
-    p[slots] = hardened(float(p[slots[0]]), torque, added)
-    return Packed(p, place.on)
 
 
 def masses_led_on(
@@ -349,8 +403,11 @@ class _Exchange:
         settled = fit_from_starts(problem, starts, 0.0, free, effects, target)
         if settled is None:
             return None
-        effect = self.new.name if chosen.effect == self.old.name else chosen.effect
-        return replace(judged(problem, root, settled, effect), gain=chosen.gain)
+        return replace(judged(problem, root, settled, self.leads(chosen)), gain=chosen.gain)
+
+    def leads(self, chosen: FittedCandidate) -> str:
+        """The effect that leads with the new one in place of the old one."""
+        return self.new.name if chosen.effect == self.old.name else chosen.effect
 
     def begun(
         self, problem: Problem, root: ModelFit, nominal: Packed, model_fit: ModelFit

@@ -37,6 +37,7 @@ from autotune.models.transmission import (
     hung,
     load_shares,
     passed_torque,
+    relaxed,
 )
 
 
@@ -90,6 +91,7 @@ def _load_side(
         pace = rate + (velocity - rate) * share
         twist = motor - state[LOAD_POSITION] - 0.5 * step * speed
         passed = passed_torque(stiffness, damping, half, impact, harder, twist, pace - speed)
+        passed += relaxed(p, on, state, stiffness, pace - speed, step)
         friction, slope = rubbing(p, on, state, LOAD_BRISTLE, rub, state[LOAD_POSITION], speed, step)
         later = speed + step * (passed - friction - weight) / (p[INERTIA] * mass + 0.5 * step * slope)
         state[LOAD_POSITION] += 0.5 * step * (speed + later)
@@ -98,7 +100,8 @@ def _load_side(
             warm(p, state, friction * later, step)
     state[POSITION], state[VELOCITY] = position, velocity
     twist = position - state[LOAD_POSITION]
-    return passed_torque(stiffness, damping, half, impact, harder, twist, velocity - state[LOAD_VELOCITY])
+    passed = passed_torque(stiffness, damping, half, impact, harder, twist, velocity - state[LOAD_VELOCITY])
+    return passed + relaxed(p, on, state, stiffness, 0.0, 0.0)
 
 
 @compiled

@@ -42,6 +42,7 @@ from autotune.models.transmission import (
     hung,
     load_shares,
     passed_torque,
+    relaxed,
 )
 
 MOST_SUBSTEPS = 64
@@ -99,6 +100,7 @@ def two_masses(p: Floats, on: Flags, state: Floats, drive: float, step: float) -
     stiffness, damping, half, impact, harder = coupling(p, on)
     twist = position - beyond + 0.5 * step * (velocity - speed)
     passed = passed_torque(stiffness, damping, half, impact, harder, twist, velocity - speed)
+    passed += relaxed(p, on, state, stiffness, velocity - speed, step)
     friction, slope = rubbing(p, on, state, BRISTLE, 1.0 - rub, position, velocity, step)
     held = remembered_damping(p, on, state, step * velocity, velocity)
     friction += remembered(p, on, state, position, step * velocity, velocity, step) + held * velocity

@@ -3,7 +3,8 @@
 T = K·(φ ∓ gap/2)·(1 ± χ·φ') + D·φ' beyond the gap and 0 inside it, φ the twist; a contact cannot pull. D is a share
 `damping` of critical, χ what a contact is damped by per torque: surfaces that meet touch in a point first, so that the
 damping grows with the torque [hunt-1975]. Without a gap T = K·φ·(1 + η·(K·φ)²) + D·φ': a gear, a strain wave gear most
-of all, is stiffer the more teeth carry [tuttle-1996]. Without effect, motor and load are one mass.
+of all, is stiffer the more teeth carry [tuttle-1996]; and a part ρ·K·ψ of it relaxes, ψ' = φ' - ψ/τ, in belts and in
+couplings of rubber (Zener's solid [zener-1948]). Without effect, motor and load are one mass.
 """
 
 from __future__ import annotations
@@ -13,12 +14,20 @@ import math
 from autotune.core.arrays import Flags, Floats
 from autotune.models.backlash import BACKLASH, GAP, HAS_GAP, IMPACT
 from autotune.models.compiled import compiled
-from autotune.models.elastic_transmission import COMPLIANCE, ELASTIC_TRANSMISSION, HARDENING, IS_ELASTIC
+from autotune.models.elastic_transmission import (
+    COMPLIANCE,
+    ELASTIC_TRANSMISSION,
+    HARDENING,
+    IS_ELASTIC,
+    RELAXATION,
+    RELAXING,
+)
 from autotune.models.lanes import anywhere, where
 from autotune.models.layout import INERTIA, OFFSET, state_block
 
 _STATE = state_block(ELASTIC_TRANSMISSION.name)
 LOAD_POSITION, LOAD_VELOCITY, LOAD_BRISTLE, STARTED = _STATE, _STATE + 1, _STATE + 2, _STATE + 3
+RELAXED = _STATE + 4
 BETWEEN = frozenset(
     parameter.slot for kind in (ELASTIC_TRANSMISSION, BACKLASH) for parameter in kind.parameters
 )
@@ -87,6 +96,15 @@ def passed_torque(
     behind = min(stiffness * (twist + half) * (1.0 - impact * rate) + damping * rate, 0.0)
     touching = where(twist > half, ahead, where(twist < -half, behind, 0.0))
     return float(where(half == 0.0, direct, touching))
+
+
+@compiled
+def relaxed(p: Floats, on: Flags, state: Floats, stiffness: float, rate: float, step: float) -> float:
+    """Torque that relaxes [N m] after a step in which the twist changes at `rate`; its state is changed in place."""
+    if not on[IS_ELASTIC]:
+        return 0.0
+    state[RELAXED] = (state[RELAXED] + step * rate) / (1.0 + step / p[RELAXATION])
+    return float(p[RELAXING] * stiffness * state[RELAXED])
 
 
 @compiled

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from types import SimpleNamespace
 
@@ -11,12 +12,15 @@ import pytest
 from autotune.diagnosis import transmission
 from autotune.diagnosis.starts import FitStart, _of_each_size, varying
 from autotune.diagnosis.transmission import (
+    ADDED,
     LOADS,
     OF_THE_GAP,
+    SHARES,
+    TURNS,
     _contacts,
     adds_nothing,
     gap_is_told,
-    harder_spring_tried,
+    other_spring_tried,
     plainer_of,
     spring_in_place,
 )
@@ -25,10 +29,19 @@ from autotune.models import layout
 from autotune.models.backlash import BACKLASH, damped_by_impact
 from autotune.models.drive_model import Packed, base_model
 from autotune.models.effect import Kind
-from autotune.models.elastic_transmission import ELASTIC_TRANSMISSION, hardened
+from autotune.models.elastic_transmission import ELASTIC_TRANSMISSION, hardened, relaxing
 from autotune.models.plant import advance
 from autotune.models.start_values import StartValues, Vary
-from autotune.models.transmission import HARDEST, LOAD_POSITION, coupling, hung, load_shares, passed_torque
+from autotune.models.transmission import (
+    HARDEST,
+    LOAD_POSITION,
+    coupling,
+    coupling_rate,
+    hung,
+    load_shares,
+    passed_torque,
+    relaxed,
+)
 
 SPRING_VALUES = {"compliance": 2e-3, "load_inertia": 0.4, "load_friction": 0.3, "damping": 0.1}
 BASE = {
@@ -120,6 +133,35 @@ def test_a_spring_may_harden() -> None:
     assert passed_torque(*between, 0.0, 1e-3, 0.0) == pytest.approx(1e-3 * stiffness)
 
 
+@pytest.mark.parametrize(("share", "turns"), list(itertools.product(SHARES, TURNS)))
+def test_a_spring_a_part_of_which_relaxes_begins_as_stiff_and_as_damped(share: float, turns: float) -> None:
+    """Where motor and load ring; at rest it gives way further."""
+    packed = base_model(BASE).with_effect(ELASTIC_TRANSMISSION.make(SPRING_VALUES | {"damping": 0.5})).pack()
+    rate = coupling_rate(packed.p, packed.on)
+    stiff, damped, *_ = coupling(packed.p, packed.on)
+    other = Packed(packed.p.copy(), packed.on)
+    for name, value in relaxing(packed.p, share, turns).items():
+        other.p[ELASTIC_TRANSMISSION.slot(name)] = value
+    stays, beside, *_ = coupling(other.p, other.on)
+    turned = 1j * rate * other.p[ELASTIC_TRANSMISSION.slot("relaxation_time")]
+    dynamic = stays * (1.0 + share * turned / (1.0 + turned)) + 1j * rate * beside
+    assert turned == pytest.approx(1j * turns)
+    assert dynamic == pytest.approx(stiff + 1j * rate * damped)
+
+
+def test_what_relaxes_is_gone_after_a_while() -> None:
+    """A motor that is held twists its load by what stays; at once by what relaxes too."""
+    values = SPRING_VALUES | {"relaxing": 1.0, "relaxation_time": 0.02}
+    packed = base_model(BASE).with_effect(ELASTIC_TRANSMISSION.make(values)).pack()
+    stiffness = coupling(packed.p, packed.on)[0]
+    state, step = np.zeros(layout.STATES), 1e-5
+    passed = [relaxed(packed.p, packed.on, state, stiffness, rate, step) for rate in (100.0, *([0.0] * 4000))]
+    twist = 100.0 * step
+    assert passed[0] == pytest.approx(stiffness * twist, rel=1e-3)
+    assert passed[2000] == pytest.approx(stiffness * twist * math.exp(-1.0), rel=2e-3)
+    assert relaxed(packed.p, packed.on, state, stiffness, 0.0, 0.0) == passed[-1]
+
+
 @pytest.mark.parametrize(
     ("effects", "gains", "share", "asked"),
     [
@@ -153,13 +195,15 @@ def test_a_spring_that_hardens_is_tried_where_one_comes_near_a_gap_or_leaves_som
     monkeypatch.setattr(transmission, "starts_of", lambda *_: [start])
     monkeypatch.setattr(transmission, "Context", lambda *_: None)
     fit = SimpleNamespace(effects=effects, fitted=SimpleNamespace(packed=packed, cost=1.0), free=[])
-    problem = SimpleNamespace(policy=POLICY, twin=True, scales=SimpleNamespace(torque=0.5))
+    problem = SimpleNamespace(
+        policy=POLICY, twin=True, candidates=[ELASTIC_TRANSMISSION], scales=SimpleNamespace(torque=0.5)
+    )
     chosen = SimpleNamespace(model_fit=fit, share=share, effect=effects[0])
     said: list[str] = []
     root = SimpleNamespace(fitted=SimpleNamespace(packed=base_model(BASE).pack()))
-    assert harder_spring_tried(problem, root, packed, chosen, gains, said.append) is chosen
+    assert other_spring_tried(problem, root, packed, chosen, gains, said.append) is chosen
     assert bool(said) == bool(begun) == asked
-    for one in begun:
+    for one in begun[: len(ADDED)]:
         twist = 2e-3 * 0.5 + (1.5e-3 if "backlash" in effects else 0.0)
         assert passed_torque(*coupling(one.packed.p, one.packed.on), twist, 0.0) == pytest.approx(0.5)
         assert not one.packed.on[layout.flag(BACKLASH.name)]
