@@ -34,6 +34,7 @@ from autotune.diagnosis.screening import (
 from autotune.diagnosis.transmission import (
     masses_led_on,
     other_contact_tried,
+    other_spring_tried,
     other_transmission_tried,
 )
 from autotune.estimation.bias_corrected_fit import LEVEL_GROUND
@@ -68,6 +69,8 @@ def take(state: SearchState, best: FittedCandidate) -> FittedCandidate:
         if best.share < REFINED:
             best = _other_contact(state, best)
         best = _late_beside(state, _told_beside(state, best))
+    if state.evidence.repeats:
+        best = _other_spring(state, best)
     if state.evidence.repeats and (best.plain_share < REFINED or state.more_to_explain(best.model_fit)):
         best = _freed(state, best)
     if state.chosen is not None and state.evidence.repeats and state.more_to_explain(best.model_fit):
@@ -84,6 +87,13 @@ def _other_contact(state: SearchState, best: FittedCandidate) -> FittedCandidate
         return best
     other = refined(state.problem, state.root, other, state.progress)
     return masses_led_on(state.problem, state.root, other, state.progress)
+
+
+def _other_spring(state: SearchState, best: FittedCandidate) -> FittedCandidate:
+    """The best candidate with a spring by another law where that does better, led on from there."""
+    gains = {item.effect: item.gain for item in state.first}
+    other = other_spring_tried(state.problem, state.root, state.nominal, best, gains, state.progress)
+    return best if other is best else refined(state.problem, state.root, other, state.progress)
 
 
 def _shaken_less(state: SearchState, best: FittedCandidate) -> FittedCandidate:

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from autotune.core.arrays import Floats
 from autotune.diagnosis.candidates import FittedCandidate, Progress, error_left, explained_of_rest
-from autotune.diagnosis.refits import NEARLY, judged
+from autotune.diagnosis.refits import NEARLY, REFINED, judged
 from autotune.diagnosis.starts import Context, FitStart, led_on, scouted, starts_of, varying
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_from_starts, fit_inside_twin
 from autotune.estimation.data import VETO
@@ -25,7 +25,13 @@ from autotune.models import layout
 from autotune.models.backlash import BACKLASH, damped_by_impact
 from autotune.models.drive_model import Packed
 from autotune.models.effect import Kind
-from autotune.models.elastic_transmission import CRITICAL, ELASTIC_TRANSMISSION, RESONANCES
+from autotune.models.elastic_transmission import (
+    CRITICAL,
+    ELASTIC_TRANSMISSION,
+    RESONANCES,
+    hardened,
+    relaxing,
+)
 from autotune.models.load_dependent_friction import LOAD_DEPENDENT_FRICTION
 from autotune.models.load_side import AT_START, compliance_of_one_mass, ringing_compliance
 from autotune.models.start_values import Vary
@@ -33,6 +39,10 @@ from autotune.models.start_values import Vary
 LOADS, PARTS = (0.0, 0.25, 0.5, 0.75, 1.0), (1.0, 0.25)
 """Of the torque, under which another contact gives way as far as the one before; and of the damping by impact, as
 loads meet faster than friction alone lets them."""
+ADDED = (0.3, 1.0, 3.0)
+"""Of a spring's stiffness without load, what the torque of the recordings adds to it where it hardens."""
+SHARES, TURNS = (0.4, 1.0), (0.5, 2.0)
+"""Of the stiffness that stays, what relaxes, and in how many radians of ringing."""
 SPRING, GAP = ELASTIC_TRANSMISSION, BACKLASH
 OF_THE_GAP = {"compliance": "contact_compliance"} | {
     name: name for name in ("load_inertia", "load_friction", "damping", "load_offset")
@@ -156,10 +166,10 @@ def stiff_as_well(problem: Problem, less: ModelFit, model_fit: ModelFit) -> bool
     fitted = model_fit.fitted
     p = fitted.packed.p.copy()
     spring = SPRING.name in model_fit.effects
-    held = [SPRING.slot("compliance"), SPRING.slot("damping")]
+    held = [SPRING.slot(name) for name in ("compliance", "damping", "hardening", "relaxing")]
     if not spring:
         held = [GAP.slot(name) for name in ("contact_compliance", "damping", "gap", "impact_damping")]
-        p[held[2:]] = 0.0
+    p[held[2:]] = 0.0
     p[held[:2]] = compliance_of_one_mass(float(p[layout.INERTIA]), problem.data.period), CRITICAL
     free = [one for one in model_fit.free if one.slot not in held]
     stiff = fit_inside_twin(problem, Packed(p, fitted.packed.on), free, 4, model_fit.effects)
@@ -196,6 +206,106 @@ def other_contact_tried(
         settled = fit_from_starts(problem, led, 0.0, free, model_fit.effects, target)
         chosen = _instead(problem, root, chosen, settled, chosen.effect, least)
     return chosen
+
+
+def other_spring_tried(
+    problem: Problem,
+    root: ModelFit,
+    nominal: Packed,
+    chosen: FittedCandidate,
+    gains: Mapping[str, float],
+    progress: Progress,
+) -> FittedCandidate:
+    """The chosen model with a spring that hardens, or a part of which relaxes, where that does better.
+
+    A gap is what hardens most of all: a spring that hardens looks like one, and one that does not gains half as much.
+    So it is tried in place of a gap where a spring does that, by the `gains` of effects by themselves, and has as many
+    parameters. In place of a spring it has one more, and must leave clearly less; so must one that relaxes.
+    """
+    policy, model_fit = problem.policy, chosen.model_fit
+    if not problem.twin:
+        return chosen
+    if GAP.name in model_fit.effects:
+        rival = gains.get(SPRING.name, 0.0) >= policy.partly * gains.get(GAP.name, math.inf)
+        if not rival or SPRING not in problem.candidates:
+            return chosen
+        progress(f"{SPRING.name} that hardens")
+        exchange = _Exchange(GAP, SPRING, 1.0)
+        (soft, *_), free, effects = exchange.begun(problem, root, nominal, model_fit)
+        place = _as_soft(problem, model_fit.fitted.packed, soft)
+        settled = _other_spring(problem, model_fit, _hardening(problem, place), free, effects, 1.0)
+        return _instead(problem, root, chosen, settled, exchange.leads(chosen), 1.0)
+    if SPRING.name not in model_fit.effects or chosen.share >= REFINED:
+        return chosen
+    progress(f"another law of {SPRING.name}")
+    place = model_fit.fitted.packed
+    for law in (_hardening(problem, place), _relaxing(place)):
+        least = policy.clearly_less
+        settled = _other_spring(problem, model_fit, law, model_fit.free, model_fit.effects, least)
+        better = _instead(problem, root, chosen, settled, chosen.effect, least)
+        if better is not chosen:
+            return better
+    return chosen
+
+
+@dataclass(frozen=True, slots=True)
+class _Law:
+    """Another law of a spring: where its fits begin, and what is free beside the spring's own parameters."""
+
+    starts: tuple[Packed, ...]
+    free: tuple[Free, ...]
+
+
+def _hardening(problem: Problem, place: Packed) -> _Law:
+    """Springs that harden, and give way as far as that of `place` under the torque of the recordings."""
+    at = problem.scales.torque
+    compliance = float(place.p[SPRING.slot("compliance")])
+    starts = [_spring(place, ("compliance", "hardening"), hardened(compliance, at, added)) for added in ADDED]
+    largest = hardened(1.0, at, max(ADDED))[1]
+    return _Law(tuple(starts), (varying(SPRING, "hardening", Vary(largest, largest)),))
+
+
+def _relaxing(place: Packed) -> _Law:
+    """Springs a part of which relaxes, as stiff and as damped as that of `place` where motor and load ring."""
+    begun = [relaxing(place.p, share, turns) for share, turns in itertools.product(SHARES, TURNS)]
+    longest = max(one["relaxation_time"] for one in begun)
+    free = (
+        varying(SPRING, "relaxing", Vary(max(SHARES), max(SHARES))),
+        varying(SPRING, "relaxation_time", Vary(longest, longest)),
+    )
+    return _Law(tuple(_spring(place, tuple(one), tuple(one.values())) for one in begun), free)
+
+
+def _other_spring(
+    problem: Problem,
+    model_fit: ModelFit,
+    law: _Law,
+    free: Sequence[Free],
+    effects: tuple[str, ...],
+    least: float,
+) -> ModelFit | None:
+    """The fit of the model with a spring by another law; None where its twin is unstable."""
+    own = {one.slot for one in law.free}
+    free = [*(one for one in free if one.slot not in own), *law.free]
+    slots = {parameter.slot for parameter in SPRING.parameters}
+    moved = tuple(one for one in free if one.slot in slots)
+    starts = [FitStart(one, moved) for one in law.starts]
+    led = [one.packed for one in scouted(problem, model_fit, starts)]
+    return fit_from_starts(problem, led, 0.0, free, effects, least * model_fit.fitted.cost)
+
+
+def _spring(place: Packed, names: Sequence[str], values: Sequence[float]) -> Packed:
+    """The same model with other values of its spring."""
+    p = place.p.copy()
+    p[[SPRING.slot(name) for name in names]] = values
+    return Packed(p, place.on)
+
+
+def _as_soft(problem: Problem, gap: Packed, spring: Packed) -> Packed:
+    """A model with a spring that gives way as far under the torque of the recordings as the gap's contact and gap."""
+    p = spring.p.copy()
+    p[SPRING.slot("compliance")] += 0.5 * gap.p[GAP.slot("gap")] / problem.scales.torque
+    return Packed(p, spring.on)
 
 
 def masses_led_on(
@@ -287,18 +397,31 @@ class _Exchange:
     ) -> FittedCandidate | None:
         """The model with the new one, begun where models `seen` have it too; None where its twin is unstable."""
         model_fit = chosen.model_fit
-        begun = list(starts_of(self.new, Context(problem, model_fit.fitted, nominal)))
-        starts = [self._start(start, root) for start in (begun[:1] if self.new is SPRING else begun)]
-        slots = {parameter.slot for parameter in self.old.parameters}
-        free = [*(f for f in model_fit.free if f.slot not in slots), *begun[-1].free]
-        effects = tuple(self.new.name if name == self.old.name else name for name in model_fit.effects)
+        starts, free, effects = self.begun(problem, root, nominal, model_fit)
         starts += [one.fitted.packed for one in seen if one.effects == effects]
         target = max(self.least, 1.0) * model_fit.fitted.cost if self.new is GAP else math.inf
         settled = fit_from_starts(problem, starts, 0.0, free, effects, target)
         if settled is None:
             return None
-        effect = self.new.name if chosen.effect == self.old.name else chosen.effect
-        return replace(judged(problem, root, settled, effect), gain=chosen.gain)
+        return replace(judged(problem, root, settled, self.leads(chosen)), gain=chosen.gain)
+
+    def leads(self, chosen: FittedCandidate) -> str:
+        """The effect that leads with the new one in place of the old one."""
+        return self.new.name if chosen.effect == self.old.name else chosen.effect
+
+    def begun(
+        self, problem: Problem, root: ModelFit, nominal: Packed, model_fit: ModelFit
+    ) -> tuple[list[Packed], list[Free], tuple[str, ...]]:
+        """Where the model with the new one begins, what is free of it, and its effects; a spring at one place."""
+        begun = list(starts_of(self.new, Context(problem, model_fit.fitted, nominal)))
+        starts = [self._start(start, root) for start in (begun[:1] if self.new is SPRING else begun)]
+        slots = {parameter.slot for parameter in self.old.parameters}
+        free = [*(f for f in model_fit.free if f.slot not in slots), *begun[-1].free]
+        return (
+            starts,
+            free,
+            tuple(self.new.name if name == self.old.name else name for name in model_fit.effects),
+        )
 
     def _start(self, start: FitStart, root: ModelFit) -> Packed:
         """A start of the new one without the old one; a spring begins where the gap's contact is."""

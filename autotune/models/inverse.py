@@ -31,12 +31,14 @@ from autotune.models.transmission import (
     LOAD_BRISTLE,
     LOAD_POSITION,
     LOAD_VELOCITY,
+    RELAXED,
     STARTED,
     coupling,
     has_load,
     hung,
     load_shares,
     passed_torque,
+    relaxed,
 )
 
 
@@ -64,7 +66,7 @@ def _load_side(
     on: Flags,
     state: Floats,
     shares: tuple[float, float],
-    spring: tuple[float, float, float, float],
+    spring: tuple[float, float, float, float, float, float, float],
     position: float,
     velocity: float,
     period: float,
@@ -75,7 +77,7 @@ def _load_side(
     `shares` are those of `load_shares`, `spring` is what `coupling` returns.
     """
     mass, rub = shares
-    stiffness, damping, half, impact = spring
+    stiffness, damping, half, impact, harder, relaxing, fading = spring
     weight = hung(p, on)
     if anywhere(state[STARTED] == 0.0):
         state[STARTED], state[LOAD_POSITION], state[LOAD_VELOCITY] = 1.0, position, velocity
@@ -89,7 +91,8 @@ def _load_side(
         motor = start + (position - start) * share
         pace = rate + (velocity - rate) * share
         twist = motor - state[LOAD_POSITION] - 0.5 * step * speed
-        passed = passed_torque(stiffness, damping, half, impact, twist, pace - speed)
+        passed = passed_torque(stiffness, damping, half, impact, harder, twist, pace - speed)
+        passed += relaxed(state, relaxing, fading, pace - speed, step)
         friction, slope = rubbing(p, on, state, LOAD_BRISTLE, rub, state[LOAD_POSITION], speed, step)
         later = speed + step * (passed - friction - weight) / (p[INERTIA] * mass + 0.5 * step * slope)
         state[LOAD_POSITION] += 0.5 * step * (speed + later)
@@ -98,7 +101,8 @@ def _load_side(
             warm(p, state, friction * later, step)
     state[POSITION], state[VELOCITY] = position, velocity
     twist = position - state[LOAD_POSITION]
-    return passed_torque(stiffness, damping, half, impact, twist, velocity - state[LOAD_VELOCITY])
+    passed = passed_torque(stiffness, damping, half, impact, harder, twist, velocity - state[LOAD_VELOCITY])
+    return float(passed + relaxing * state[RELAXED])
 
 
 @compiled
@@ -119,7 +123,7 @@ def required(
     """
     loaded = has_load(on)
     shares = load_shares(p, on) if loaded else (0.0, 0.0)
-    spring = coupling(p, on) if loaded else (0.0, 0.0, 0.0, 0.0)
+    spring = coupling(p, on) if loaded else (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     mass, rub = shares
     before = velocity[0]
     for k in range(len(position)):

@@ -10,6 +10,7 @@ only; the inverse routine (`inverse`) and the twin call the same kernels.
 from __future__ import annotations
 
 import math
+from typing import TypeAlias
 
 from autotune.core.arrays import Flags, Floats
 from autotune.models.compiled import compiled
@@ -42,8 +43,11 @@ from autotune.models.transmission import (
     hung,
     load_shares,
     passed_torque,
+    relaxed,
 )
 
+Between: TypeAlias = tuple[float, float, float, float, float, float, float, float, float, float]
+"""What `between_masses` gives."""
 MOST_SUBSTEPS = 64
 FASTEST = 1e6
 """Velocity that no axis reaches [rad/s or m/s]: one that does has left all bounds."""
@@ -89,17 +93,17 @@ def one_mass(p: Floats, on: Flags, state: Floats, drive: float, step: float) -> 
 
 
 @compiled
-def between_masses(p: Floats, on: Flags) -> tuple[float, float, float, float, float, float, float]:
-    """What is between motor and load, asked once for all steps: `load_shares`, `coupling` and `hung`; 0 for one mass.
+def between_masses(p: Floats, on: Flags) -> Between:
+    """What is between motor and load, asked once for all steps: `load_shares`, `hung` and `coupling`; 0 for one mass.
 
     A step writes its state, and the compiler cannot tell that no parameter is written with it: it would ask anew for a
     root and a quotient in every step.
     """
     if not has_load(on):
-        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     mass, rub = load_shares(p, on)
-    stiffness, damping, half, impact = coupling(p, on)
-    return mass, rub, stiffness, damping, half, impact, hung(p, on)
+    stiffness, damping, half, impact, harder, relaxing, fading = coupling(p, on)
+    return mass, rub, hung(p, on), stiffness, damping, half, impact, harder, relaxing, fading
 
 
 @compiled
@@ -109,16 +113,17 @@ def two_masses(
     state: Floats,
     drive: float,
     step: float,
-    between: tuple[float, float, float, float, float, float, float],
+    between: Between,
 ) -> None:
     """One step of motor and load, in place; `between` is what `between_masses` gives."""
     if anywhere(state[STARTED] == 0.0):
         state[STARTED], state[LOAD_POSITION], state[LOAD_VELOCITY] = 1.0, state[POSITION], state[VELOCITY]
     position, velocity = state[POSITION], state[VELOCITY]
     beyond, speed = state[LOAD_POSITION], state[LOAD_VELOCITY]
-    mass, rub, stiffness, damping, half, impact, weight = between
+    mass, rub, weight, stiffness, damping, half, impact, harder, relaxing, fading = between
     twist = position - beyond + 0.5 * step * (velocity - speed)
-    passed = passed_torque(stiffness, damping, half, impact, twist, velocity - speed)
+    passed = passed_torque(stiffness, damping, half, impact, harder, twist, velocity - speed)
+    passed += relaxed(state, relaxing, fading, velocity - speed, step)
     friction, slope = rubbing(p, on, state, BRISTLE, 1.0 - rub, position, velocity, step)
     held = remembered_damping(p, on, state, step * velocity, velocity)
     friction += remembered(p, on, state, position, step * velocity, velocity, step) + held * velocity
@@ -150,7 +155,7 @@ def _advance(
     torque: float,
     duration: float,
     substeps: int,
-    between: tuple[float, float, float, float, float, float, float],
+    between: Between,
 ) -> None:
     """`advance` where what is between the masses is known."""
     step = duration / substeps

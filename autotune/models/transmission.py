@@ -2,7 +2,9 @@
 
 T = K·(φ ∓ gap/2)·(1 ± χ·φ') + D·φ' beyond the gap and 0 inside it, φ the twist; a contact cannot pull. D is a share
 `damping` of critical, χ what a contact is damped by per torque: surfaces that meet touch in a point first, so that the
-damping grows with the torque [hunt-1975]. Without effect, motor and load are one mass.
+damping grows with the torque [hunt-1975]. Without a gap T = K·φ·(1 + η·(K·φ)²) + D·φ': a gear, a strain wave gear most
+of all, is stiffer the more teeth carry [tuttle-1996]; and a part ρ·K·ψ of it relaxes, ψ' = φ' - ψ/τ, in belts and in
+couplings of rubber (Zener's solid [zener-1948]). Without effect, motor and load are one mass.
 """
 
 from __future__ import annotations
@@ -12,17 +14,27 @@ import math
 from autotune.core.arrays import Flags, Floats
 from autotune.models.backlash import BACKLASH, GAP, HAS_GAP, IMPACT
 from autotune.models.compiled import compiled
-from autotune.models.elastic_transmission import COMPLIANCE, ELASTIC_TRANSMISSION, IS_ELASTIC
+from autotune.models.elastic_transmission import (
+    COMPLIANCE,
+    ELASTIC_TRANSMISSION,
+    HARDENING,
+    IS_ELASTIC,
+    RELAXATION,
+    RELAXING,
+)
 from autotune.models.lanes import anywhere, where
 from autotune.models.layout import INERTIA, OFFSET, state_block
 
 _STATE = state_block(ELASTIC_TRANSMISSION.name)
 LOAD_POSITION, LOAD_VELOCITY, LOAD_BRISTLE, STARTED = _STATE, _STATE + 1, _STATE + 2, _STATE + 3
+RELAXED = _STATE + 4
 BETWEEN = frozenset(
     parameter.slot for kind in (ELASTIC_TRANSMISSION, BACKLASH) for parameter in kind.parameters
 )
 """Places of all parameters between motor and load."""
 STIFFEST_RATE = 8e3  # rad/s, what the integration still resolves
+HARDEST = 3.0
+"""Of its stiffness without load, what a twist adds to a spring at most: so much more rate the integration bears."""
 
 
 @compiled
@@ -58,8 +70,10 @@ def hung(p: Floats, on: Flags) -> float:
 
 
 @compiled
-def coupling(p: Floats, on: Flags) -> tuple[float, float, float, float]:
-    """Stiffness [N m/rad], damping [N m s/rad], half the gap [rad] and damping per torque of its contact [s/rad]."""
+def coupling(p: Floats, on: Flags) -> tuple[float, float, float, float, float, float, float]:
+    """Stiffness [N m/rad], damping [N m s/rad], half the gap [rad], damping per torque of its contact [s/rad], share of
+    the stiffness that a twist adds per square of it [1/rad²], stiffness that relaxes [N m/rad] and its rate [1/s].
+    """
     share, _ = load_shares(p, on)
     reduced = p[INERTIA] * share * (1.0 - share)
     compliance = p[COMPLIANCE] if on[IS_ELASTIC] else p[GAP + 1]
@@ -67,21 +81,35 @@ def coupling(p: Floats, on: Flags) -> tuple[float, float, float, float]:
     stiffness = min(1.0 / max(compliance, 1e-12), reduced * STIFFEST_RATE * STIFFEST_RATE)
     half = 0.5 * p[GAP] if on[HAS_GAP] else 0.0
     impact = p[IMPACT] if on[HAS_GAP] else 0.0
-    return stiffness, 2.0 * damping * math.sqrt(stiffness * reduced), half, impact
+    damped = 2.0 * damping * math.sqrt(stiffness * reduced)
+    if not on[IS_ELASTIC]:
+        return stiffness, damped, half, impact, 0.0, 0.0, 0.0
+    harder = p[HARDENING] * stiffness * stiffness
+    return stiffness, damped, half, impact, harder, p[RELAXING] * stiffness, 1.0 / p[RELAXATION]
 
 
 @compiled
 def passed_torque(
-    stiffness: float, damping: float, half: float, impact: float, twist: float, rate: float
+    stiffness: float, damping: float, half: float, impact: float, harder: float, twist: float, rate: float
 ) -> float:
-    """Torque from motor to load [N m]; what `coupling` returns comes first."""
-    direct = stiffness * twist + damping * rate
+    """Torque from motor to load [N m], but for what relaxes; the first of what `coupling` returns come first."""
+    direct = stiffness * twist * (1.0 + min(harder * twist * twist, HARDEST)) + damping * rate
     if not anywhere(half != 0.0):
         return direct
     ahead = max(stiffness * (twist - half) * (1.0 + impact * rate) + damping * rate, 0.0)
     behind = min(stiffness * (twist + half) * (1.0 - impact * rate) + damping * rate, 0.0)
     touching = where(twist > half, ahead, where(twist < -half, behind, 0.0))
     return float(where(half == 0.0, direct, touching))
+
+
+@compiled
+def relaxed(state: Floats, stiffness: float, fading: float, rate: float, step: float) -> float:
+    """Torque that relaxes [N m], after a step in which the twist changes at `rate`; its state is changed in place.
+
+    `stiffness` and `fading` are the last two of `coupling`.
+    """
+    state[RELAXED] = (state[RELAXED] + step * rate) / (1.0 + step * fading)
+    return float(stiffness * state[RELAXED])
 
 
 @compiled

@@ -308,6 +308,23 @@ def test_what_a_twin_lacks_of_phase_is_no_second_mass(
     assert RepeatedProgramme().doubted(problem, fit, fit, first) == doubted
 
 
+@pytest.mark.parametrize(("memory", "doubted"), [(None, True), (0.35, True), (0.0, False)])
+def test_motor_and_load_that_ring_above_what_was_recorded_are_no_memory_where_that_gains_far_less(
+    memory: float | None, doubted: bool
+) -> None:
+    """At about 200 Hz, rows at 4 ms: what they are there a memory is too, if it was looked for and gains as much."""
+    kind = EFFECTS["elastic_transmission"]
+    values = {"compliance": 2.2e-2, "load_inertia": 0.5, "load_friction": 0.3, "damping": 0.05}
+    packed = base_model(NOMINAL | {"inertia": 1.07e-4}).with_effect(kind.make(values)).pack()
+    fit = SimpleNamespace(effects=(kind.name,), fitted=SimpleNamespace(packed=packed))
+    data = SimpleNamespace(cutoff=45.0, period=4e-3, upsampling=1, lag=0.0)
+    law = SimpleNamespace(within=False, exact=True)
+    problem = SimpleNamespace(data=data, policy=POLICY, controller=law, has_veto=False)
+    gains = {kind.name: 0.4, "torque_lag": 0.0} | ({} if memory is None else {"reversal_memory": memory})
+    first = [SimpleNamespace(effect=effect, gain=gain) for effect, gain in gains.items()]
+    assert RepeatedProgramme().doubted(problem, fit, fit, first) == doubted
+
+
 @pytest.mark.parametrize("within", [True, False])
 @pytest.mark.parametrize(
     ("effect", "damping", "doubted"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from types import SimpleNamespace
 
@@ -11,11 +12,15 @@ import pytest
 from autotune.diagnosis import transmission
 from autotune.diagnosis.starts import FitStart, _of_each_size, varying
 from autotune.diagnosis.transmission import (
+    ADDED,
     LOADS,
     OF_THE_GAP,
+    SHARES,
+    TURNS,
     _contacts,
     adds_nothing,
     gap_is_told,
+    other_spring_tried,
     plainer_of,
     spring_in_place,
 )
@@ -24,11 +29,21 @@ from autotune.models import layout
 from autotune.models.backlash import BACKLASH, damped_by_impact
 from autotune.models.drive_model import Packed, base_model
 from autotune.models.effect import Kind
-from autotune.models.elastic_transmission import ELASTIC_TRANSMISSION
+from autotune.models.elastic_transmission import ELASTIC_TRANSMISSION, hardened, relaxing
 from autotune.models.plant import advance
 from autotune.models.start_values import StartValues, Vary
-from autotune.models.transmission import LOAD_POSITION, coupling, hung, load_shares, passed_torque
+from autotune.models.transmission import (
+    HARDEST,
+    LOAD_POSITION,
+    coupling,
+    coupling_rate,
+    hung,
+    load_shares,
+    passed_torque,
+    relaxed,
+)
 
+SPRING_VALUES = {"compliance": 2e-3, "load_inertia": 0.4, "load_friction": 0.3, "damping": 0.1}
 BASE = {
     "inertia": 5e-4, "viscous": 1e-3, "coulomb": 0.28, "stiffness": 100.0, "micro_damping": 0.05, "offset": 0.1,
 }  # fmt: skip
@@ -54,7 +69,7 @@ def test_a_spring_beside_a_gap_is_the_contact_of_the_gap() -> None:
         both[ELASTIC_TRANSMISSION.slot(name)] = values[of_the_gap]
         both[BACKLASH.slot(of_the_gap)] = BACKLASH.parameter(of_the_gap).neutral
     alone, together = Packed(p, on), Packed(both, on_both)
-    assert coupling(together.p, together.on) == pytest.approx(coupling(alone.p, alone.on))
+    assert coupling(together.p, together.on)[:6] == pytest.approx(coupling(alone.p, alone.on)[:6])
     assert load_shares(together.p, together.on) == load_shares(alone.p, alone.on)
     assert hung(together.p, together.on) == hung(alone.p, alone.on)
 
@@ -91,7 +106,7 @@ def test_a_contact_may_be_damped_by_its_torque() -> None:
     """Nothing where surfaces meet, more the deeper they are; it never pulls, and loses the speed that it says."""
     stiffness, half, per_torque = 400.0, 1e-3, 0.2
     passed = [
-        passed_torque(stiffness, 0.0, half, per_torque, side * (half + depth), side * rate)
+        passed_torque(stiffness, 0.0, half, per_torque, 0.0, side * (half + depth), side * rate)
         for depth, rate, side in ((0.0, 2.0, 1.0), (1e-3, 2.0, 1.0), (1e-3, 2.0, -1.0), (1e-3, -9.0, 1.0))
     ]
     assert passed == pytest.approx([0.0, 0.4 * 1.4, -0.4 * 1.4, 0.0])
@@ -100,9 +115,97 @@ def test_a_contact_may_be_damped_by_its_torque() -> None:
     speed, mass = math.sqrt(4.0 * half * BASE["coulomb"] / BASE["inertia"]), 1e-4
     by_torque, twist, rate, step = damped_by_impact(p, 0.05), half, speed, 1e-6
     while twist >= half:
-        rate -= step / mass * passed_torque(stiffness, 0.0, half, by_torque, twist, rate)
+        rate -= step / mass * passed_torque(stiffness, 0.0, half, by_torque, 0.0, twist, rate)
         twist += step * rate
     assert -rate / speed == pytest.approx(math.exp(-0.05 * math.pi), abs=0.02)
+
+
+def test_a_spring_may_harden() -> None:
+    """It gives way as far as the one that does not under the torque that it was told at, and less above."""
+    compliance, hardening = hardened(2e-3, 0.5, 1.0)
+    packed = base_model(BASE).with_effect(ELASTIC_TRANSMISSION.make(SPRING_VALUES)).pack()
+    packed.p[ELASTIC_TRANSMISSION.slot("compliance")] = compliance
+    packed.p[ELASTIC_TRANSMISSION.slot("hardening")] = hardening
+    *between, harder, _, _ = coupling(packed.p, packed.on)
+    passed = [passed_torque(*between, harder, twist, 0.0) for twist in (1e-3, -1e-3, 1e-5, 1.0)]
+    stiffness = 1.0 / compliance
+    assert passed == pytest.approx([0.5, -0.5, 1e-5 * stiffness * (1.0 + 1e-4), stiffness * (1.0 + HARDEST)])
+    assert passed_torque(*between, 0.0, 1e-3, 0.0) == pytest.approx(1e-3 * stiffness)
+
+
+@pytest.mark.parametrize(("share", "turns"), list(itertools.product(SHARES, TURNS)))
+def test_a_spring_a_part_of_which_relaxes_begins_as_stiff_and_as_damped(share: float, turns: float) -> None:
+    """Where motor and load ring; at rest it gives way further."""
+    packed = base_model(BASE).with_effect(ELASTIC_TRANSMISSION.make(SPRING_VALUES | {"damping": 0.5})).pack()
+    rate = coupling_rate(packed.p, packed.on)
+    stiff, damped, *_ = coupling(packed.p, packed.on)
+    other = Packed(packed.p.copy(), packed.on)
+    for name, value in relaxing(packed.p, share, turns).items():
+        other.p[ELASTIC_TRANSMISSION.slot(name)] = value
+    stays, beside, *_ = coupling(other.p, other.on)
+    turned = 1j * rate * other.p[ELASTIC_TRANSMISSION.slot("relaxation_time")]
+    dynamic = stays * (1.0 + share * turned / (1.0 + turned)) + 1j * rate * beside
+    assert turned == pytest.approx(1j * turns)
+    assert dynamic == pytest.approx(stiff + 1j * rate * damped)
+
+
+def test_what_relaxes_is_gone_after_a_while() -> None:
+    """At once it holds as much as what stays, where it is as stiff; after its time a part 1/e of that."""
+    values = SPRING_VALUES | {"relaxing": 1.0, "relaxation_time": 0.02}
+    packed = base_model(BASE).with_effect(ELASTIC_TRANSMISSION.make(values)).pack()
+    stiffness, *_, loose, fading = coupling(packed.p, packed.on)
+    state, step = np.zeros(layout.STATES), 1e-5
+    passed = [relaxed(state, loose, fading, rate, step) for rate in (100.0, *([0.0] * 4000))]
+    twist = 100.0 * step
+    assert passed[0] == pytest.approx(stiffness * twist, rel=1e-3)
+    assert passed[2000] == pytest.approx(stiffness * twist * math.exp(-1.0), rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("effects", "gains", "share", "asked"),
+    [
+        (("backlash",), {"backlash": 0.6, "elastic_transmission": 0.35}, 1.0, True),
+        (("backlash",), {"backlash": 0.6, "elastic_transmission": 0.2}, 1.0, False),
+        (("backlash",), {"backlash": 0.6}, 1.0, False),
+        (("elastic_transmission",), {"elastic_transmission": 0.6}, 0.9, True),
+        (("elastic_transmission",), {"elastic_transmission": 0.6}, 1.0, False),
+        (("torque_lag",), {"elastic_transmission": 0.6, "torque_lag": 0.7}, 0.9, False),
+    ],
+)
+def test_a_spring_that_hardens_is_tried_where_one_comes_near_a_gap_or_leaves_something(
+    monkeypatch: pytest.MonkeyPatch,
+    effects: tuple[str, ...],
+    gains: dict[str, float],
+    share: float,
+    asked: bool,
+) -> None:
+    """A gap was named, confirmed, for a spring twice as stiff at the torque that the axis needs."""
+    packed = base_model(BASE).pack()
+    for kind, name in ((BACKLASH, "contact_compliance"), (ELASTIC_TRANSMISSION, "compliance")):
+        packed.p[kind.slot(name)] = 2e-3
+        packed.on[layout.flag(kind.name)] = kind.name in effects
+    packed.p[BACKLASH.slot("gap")] = 3e-3
+    begun: list[FitStart] = []
+    both = packed.on.copy()
+    both[layout.flag(ELASTIC_TRANSMISSION.name)] = True
+    start = FitStart(Packed(packed.p, both), ())
+    monkeypatch.setattr(transmission, "scouted", lambda _, __, starts: begun.extend(starts) or starts[:1])
+    monkeypatch.setattr(transmission, "fit_from_starts", lambda *_: None)
+    monkeypatch.setattr(transmission, "starts_of", lambda *_: [start])
+    monkeypatch.setattr(transmission, "Context", lambda *_: None)
+    fit = SimpleNamespace(effects=effects, fitted=SimpleNamespace(packed=packed, cost=1.0), free=[])
+    problem = SimpleNamespace(
+        policy=POLICY, twin=True, candidates=[ELASTIC_TRANSMISSION], scales=SimpleNamespace(torque=0.5)
+    )
+    chosen = SimpleNamespace(model_fit=fit, share=share, effect=effects[0])
+    said: list[str] = []
+    root = SimpleNamespace(fitted=SimpleNamespace(packed=base_model(BASE).pack()))
+    assert other_spring_tried(problem, root, packed, chosen, gains, said.append) is chosen
+    assert bool(said) == bool(begun) == asked
+    for one in begun[: len(ADDED)]:
+        twist = 2e-3 * 0.5 + (1.5e-3 if "backlash" in effects else 0.0)
+        assert passed_torque(*coupling(one.packed.p, one.packed.on)[:5], twist, 0.0) == pytest.approx(0.5)
+        assert not one.packed.on[layout.flag(BACKLASH.name)]
 
 
 def test_other_contacts_of_a_gap_give_way_as_far_under_a_load() -> None:

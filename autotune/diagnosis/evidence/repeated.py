@@ -23,6 +23,7 @@ from autotune.diagnosis.evidence.visibility import (
     lag_turns_ringing,
     law_hides_ringing,
     loop_rings_otherwise,
+    rings_unrecorded,
 )
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.coordinates import Rests, without_rests
@@ -33,6 +34,7 @@ from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Correction, Problem
 from autotune.models.effect import Kind
 from autotune.models.elastic_transmission import creeps
+from autotune.models.reversal_memory import REVERSAL_MEMORY
 from autotune.models.table import EFFECTS
 from autotune.models.torque_lag import TORQUE_LAG
 from autotune.signals.chunks import beyond_chance
@@ -219,9 +221,11 @@ class RepeatedProgramme(Evidence):
     ) -> bool:
         """Whether motor and load ring far above all that is compared, and nothing tells them from a lag.
 
-        A lag tells itself where it is among the candidates: one that gains far less is not what was found. But what the
-        axis's loop has of a lag, and its twin has not, is none of these. That, and what a drive's law hides, is part of
-        the error only: motor and load that lower nearly a third of it on experiments held out are no loop's rest.
+        A lag tells itself where it is among the candidates: one that gains far less is not what was found. So does a
+        memory, which they may as well be where they ring above all that was recorded; far below it c·s² is told, of
+        compliance and the load's share of the inertia, and not where they ring. But what the axis's loop has of a lag,
+        and its twin has not, is none of these. That, and what a drive's law hides, is part of the error only: motor and
+        load that lower nearly a third of it on experiments held out are no loop's rest.
 
         Nor does a load that does not ring at all tell of a transmission, however much of the error it lowers: a lag of
         the loop, or a contact of another law, has that shape too.
@@ -236,10 +240,12 @@ class RepeatedProgramme(Evidence):
         little = _gain_of_load(problem, root, model_fit, gains, unloaded) < problem.policy.confirming_gain
         if problem.controller is not None and problem.controller.within:
             return little
-        if loop_rings_otherwise(problem, model_fit) or (little and lag_turns_ringing(problem, model_fit)):
+        if loop_rings_otherwise(problem) or (little and lag_turns_ringing(problem, model_fit)):
             return True
-        lag = gains.get(TORQUE_LAG.name)
-        return lag is None or lag >= problem.policy.rival_gain * own
+        stands_for = {TORQUE_LAG.name}
+        if rings_unrecorded(problem, model_fit):
+            stands_for.add(REVERSAL_MEMORY.name)
+        return any(gains.get(one, math.inf) >= problem.policy.rival_gain * own for one in stands_for)
 
     def confirms(self, problem: Problem, effects: Sequence[str], carried: Sequence[HoldoutResult]) -> bool:
         """By the veto trajectory, which was never fitted, or by another recording; without a twin not at all."""

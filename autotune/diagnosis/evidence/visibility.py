@@ -69,16 +69,21 @@ def law_hides_ringing(problem: Problem, model_fit: ModelFit) -> bool:
     return law is not None and law.within and not _rings_below(model_fit, known)
 
 
-def loop_rings_otherwise(problem: Problem, model_fit: ModelFit) -> bool:
-    """Whether the twin's loop has another phase than the axis's where motor and load of a model ring.
+def loop_rings_otherwise(problem: Problem) -> bool:
+    """Whether the twin's loop may have another phase than the axis's where motor and load of a model ring.
 
     A law that is not exact may lack a dead time: by so much less phase the twin rings less than the axis, and motor and
-    load make up for it. And above half the sampling rate nothing that was recorded rings: there a load with friction of
-    its own is a memory.
+    load make up for it.
     """
-    below = 0.5 / (problem.data.upsampling * problem.data.period)
-    exact = problem.controller is None or problem.controller.exact
-    return not (exact and _rings_below(model_fit, below))
+    return problem.controller is not None and not problem.controller.exact
+
+
+def rings_unrecorded(problem: Problem, model_fit: ModelFit) -> bool:
+    """Whether motor and load of a model ring above half the sampling rate, where nothing that was recorded rings.
+
+    All that they are there is a load with a stretch and friction of its own: an element of a memory.
+    """
+    return not _rings_below(model_fit, 0.5 / (problem.data.upsampling * problem.data.period))
 
 
 def lag_turns_ringing(problem: Problem, model_fit: ModelFit) -> bool:
