@@ -231,9 +231,10 @@ def test_friction_that_is_higher_after_a_rest_shows_beyond_the_stretch_at_it(
     assert not RepeatedProgramme().only_at_rests(problem, lacking, candidate)
 
 
+@pytest.mark.parametrize("effect", [DWELL, "backlash"])
 @pytest.mark.parametrize(("size", "only"), [(0.0, True), (1.0, False)])
 def test_what_stretches_at_rests_leave_tells_a_break_away_of_which_they_take_most(
-    begun: Begun, size: float, only: bool
+    begun: Begun, effect: str, size: float, only: bool
 ) -> None:
     """Three tenths of a true one were left, nine tenths of which it explained: with half asked it was refused."""
     problem, model_fit = begun
@@ -241,13 +242,16 @@ def test_what_stretches_at_rests_leave_tells_a_break_away_of_which_they_take_mos
     crept = 12.0 * _crept(problem, packed)
     missing = model_fit.fitted.error + crept + size * _broken_away(problem, packed, 1.5)
     lacking = replace(model_fit, fitted=replace(model_fit.fitted, error=missing))
-    candidate = FittedCandidate(DWELL, model_fit, 0.3, Explained(1.0, 0.0), None, named=True)
+    candidate = FittedCandidate(effect, model_fit, 0.3, Explained(1.0, 0.0), None, named=True)
     assert RepeatedProgramme().only_at_rests(problem, lacking, candidate) == only
 
 
-@pytest.mark.parametrize(("effect", "only"), [(DWELL, True), ("stribeck", False)])
+@pytest.mark.parametrize(
+    ("effect", "only"),
+    [(DWELL, True), ("stribeck", False), ("elastic_transmission", True), ("backlash", True)],
+)
 def test_what_ends_with_the_stretch_at_a_rest_is_no_break_away(begun: Begun, effect: str, only: bool) -> None:
-    """Of effects that other motion shows too nothing is said."""
+    """Nor is it a load that moves by itself; of effects that other motion shows too nothing is said."""
     problem, model_fit = begun
     missing = model_fit.fitted.error + _crept(problem, model_fit.fitted.packed)
     lacking = replace(model_fit, fitted=replace(model_fit.fitted, error=missing))

@@ -117,10 +117,13 @@ class RepeatedProgramme(Evidence):
         stretches leave nothing that it would explain.
 
         Friction that is higher after a rest climbs beyond the stretch it began with; a contact that is young again
-        within a part of the bristle's reach only changes how its stretch creeps while the axis rests. How much of a
-        true effect free stretches take is a matter of its slip: what they leave, if anything, tells one from the other.
+        within a part of the bristle's reach only changes how its stretch creeps while the axis rests. So does a second
+        mass there: it moves otherwise than one mass wherever the axis moves, and at a rest it is only shaken otherwise.
+        How much of a true effect free stretches take is a matter of its slip: what they leave, if anything, tells one
+        from the other.
         """
-        if not EFFECTS[candidate.effect].needs_rests:
+        kind = EFFECTS[candidate.effect]
+        if not (kind.needs_rests or kind.in_transmission):
             return False
         after = candidate.model_fit
         rests = rests_of(problem, before.fitted.packed)
