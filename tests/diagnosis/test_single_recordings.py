@@ -15,7 +15,7 @@ from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.compare import compare
 from autotune.diagnosis.evidence.single import SingleRecording
 from autotune.diagnosis.fitting import fit_model
-from autotune.diagnosis.free_shape import any_course, like_a_motor, like_a_parabola, out_of_proportion
+from autotune.diagnosis.free_shape import any_course, like_a_motor, like_a_spring, out_of_proportion
 from autotune.diagnosis.screening import rows_back, screen
 from autotune.diagnosis.verdict import diagnose
 from autotune.estimation.alignment import aligned, best_shift, compensated
@@ -251,7 +251,7 @@ def test_an_imbalance_over_little_travel_is_a_sine_or_none(
     bare = replace(root, fitted=replace(root.fitted, packed=plain.pack()))
     assert any_course(problem, bare, found) is any_will_do
     assert not any_course(problem, bare, root)
-    assert like_a_parabola(problem, bare, found, POLICY.alike_single) is parabola
+    assert like_a_spring(problem, bare, found, POLICY.alike_single) is parabola
 
 
 @pytest.mark.parametrize("saturates", [True, False])
