@@ -11,6 +11,7 @@ from autotune.diagnosis.candidates import (
     ScreenedCandidate,
     explained_beside,
     explains_rest,
+    falls_on_veto,
     least_fall,
 )
 from autotune.diagnosis.evidence.evidence import Evidence
@@ -97,16 +98,18 @@ class Backward:
         return not self.evidence.repeats or explains_rest(self.problem, less, current)
 
     def borne_out(self, less: ModelFit, model_fit: ModelFit) -> bool:
-        """Whether of what `less` leaves on the veto trajectory a model explains half at least, with nothing excused.
+        """Whether the veto trajectory, which was never fitted, bears out what a model has beyond `less`.
 
-        Beside effects that leave a part, a free course takes up what is the twin's own wherever it was fitted. What is
-        left of that elsewhere is put down to the measurement chain, so that next to nothing was all that could be
-        explained there, and was explained.
+        Its error falls beyond chance, second by second; or, where a few seconds hold it all, what is explained there of
+        the rest is enough for a name with nothing excused. Beside effects that leave a part, a free course takes up
+        what is the twin's own wherever it was fitted; elsewhere that is put down to the measurement chain, and of next
+        to nothing all is explained.
         """
         if not (self.evidence.repeats and self.problem.has_veto):
             return True
         beside = explained_beside(self.problem, less, model_fit, VETO)
-        return beside.plain_share >= self.problem.policy.partly
+        enough = beside.plain_share >= self.problem.policy.named
+        return enough or falls_on_veto(self.problem, less, model_fit)
 
     def without_stiff_load(self, chosen: FittedCandidate) -> FittedCandidate:
         """The chosen model without its transmission where that tells only on which side torques press a contact."""

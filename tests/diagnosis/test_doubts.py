@@ -522,11 +522,17 @@ def test_what_was_found_first_must_be_worth_having_beside_the_rest(
 
 
 @pytest.mark.parametrize(
-    ("excused", "has_veto", "repeats", "kept"),
-    [(1.5, True, True, 1), (0.1, True, True, 2), (1.5, False, True, 2), (1.5, True, False, 2)],
+    ("excused", "falls", "has_veto", "repeats", "kept"),
+    [
+        (1.0, False, True, True, 1),
+        (1.0, True, True, True, 2),  # beyond chance, and as much by a law that differs
+        (0.1, False, True, True, 2),  # in a few seconds, next to all that is there
+        (1.0, False, False, True, 2),
+        (1.0, False, True, False, 2),
+    ],
 )
 def test_what_the_veto_does_not_bear_out_goes_though_nothing_is_named_without_it(
-    monkeypatch: pytest.MonkeyPatch, excused: float, has_veto: bool, repeats: bool, kept: int
+    monkeypatch: pytest.MonkeyPatch, excused: float, falls: bool, has_veto: bool, repeats: bool, kept: int
 ) -> None:
     """A viscosity by films explained 96 % of what load dependence left, and of the veto all that was not excused."""
 
@@ -537,6 +543,7 @@ def test_what_the_veto_does_not_bear_out_goes_though_nothing_is_named_without_it
     alone = item("load_dependent_friction", named=False)
     part = Explained(1.0, 0.0, excused=excused)
     monkeypatch.setattr(backward, "explained_beside", lambda _, *__: part)
+    monkeypatch.setattr(backward, "falls_on_veto", lambda *_: falls)
     for name in ("negligible", "differ_by_chance"):
         monkeypatch.setattr(backward, name, lambda *_: False)
     monkeypatch.setattr(backward, "without_effect", lambda *told: alone if "viscous" in told[-1] else None)
