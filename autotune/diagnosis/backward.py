@@ -11,6 +11,7 @@ from autotune.diagnosis.candidates import (
     ScreenedCandidate,
     explained_beside,
     explains_rest,
+    falls_on_veto,
     least_fall,
 )
 from autotune.diagnosis.evidence.evidence import Evidence
@@ -27,7 +28,7 @@ from autotune.diagnosis.refits import (
 from autotune.diagnosis.ripple_orders import with_whole_orders
 from autotune.diagnosis.transmission import pressed_transmission, stiff_as_well
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
-from autotune.estimation.data import TRAINING
+from autotune.estimation.data import TRAINING, VETO
 from autotune.estimation.problem import Problem
 from autotune.models.table import EFFECTS
 
@@ -62,7 +63,7 @@ class Backward:
         Where a model without it was `seen` to be far worse, with courses of the others as free as they are now, it is
         needed; unless nothing has a name with it: beside the second effect the first may have come into its own. And
         what was found before the others must be worth having beside them, as they were beside it: it may have stood for
-        one of them, and now takes its crumbs.
+        one of them, and now takes its crumbs. What the veto trajectory does not bear out goes, whatever has a name.
         """
         problem, current = self.problem, chosen
         for effect in chosen.model_fit.effects:
@@ -71,7 +72,8 @@ class Backward:
             rest = set(current.model_fit.effects) - {effect}
             known = [one for one in seen if set(one.effects) == rest and as_free(one, current.model_fit)]
             far = not any(negligible(problem, current, model_fit, PLAINLY_NEEDED) for model_fit in known)
-            if known and far and current.named:
+            told = all(self.borne_out(one, current.model_fit) for one in known)
+            if known and far and told and current.named:
                 continue
             less = self._without(current, effect)
             if less is not None and (
@@ -79,6 +81,7 @@ class Backward:
                 or negligible(problem, current, less.model_fit)
                 or (less.named and not self.enters_beside(less, current))
                 or differ_by_chance(problem, current.model_fit, less.model_fit)
+                or not self.borne_out(less.model_fit, current.model_fit)
             ):
                 current = less
         return current
@@ -93,6 +96,20 @@ class Backward:
         if beside.fall < least_fall(self.problem, less):
             return False
         return not self.evidence.repeats or explains_rest(self.problem, less, current)
+
+    def borne_out(self, less: ModelFit, model_fit: ModelFit) -> bool:
+        """Whether the veto trajectory, which was never fitted, bears out what a model has beyond `less`.
+
+        Its error falls beyond chance, second by second; or, where a few seconds hold it all, what is explained there of
+        the rest is enough for a name with nothing excused. Beside effects that leave a part, a free course takes up
+        what is the twin's own wherever it was fitted; elsewhere that is put down to the measurement chain, and of next
+        to nothing all is explained.
+        """
+        if not (self.evidence.repeats and self.problem.has_veto):
+            return True
+        beside = explained_beside(self.problem, less, model_fit, VETO)
+        enough = beside.plain_share >= self.problem.policy.named
+        return enough or falls_on_veto(self.problem, less, model_fit)
 
     def without_stiff_load(self, chosen: FittedCandidate) -> FittedCandidate:
         """The chosen model without its transmission where that tells only on which side torques press a contact."""

@@ -289,6 +289,13 @@ def _gains(problem: Problem, before: ModelFit, after: ModelFit) -> bool:
     return gain >= least and clear
 
 
+def falls_on_veto(problem: Problem, before: ModelFit, after: ModelFit) -> bool:
+    """Whether a model lowers the veto trajectory's error beyond chance, second by second."""
+    weight = problem.weight * problem.data.role(VETO)
+    fall = weight * (before.fitted.error**2 - after.fitted.error**2)
+    return beyond_chance(fall[weight > 0.0], problem.policy.apart_z)
+
+
 def gain_on_veto(problem: Problem, before: ModelFit, after: ModelFit) -> float:
     """Fall of the squared error on the veto trajectory, relative: contact between two masses is not linear."""
     errors = [problem.mean_square(model_fit.fitted.error, VETO) for model_fit in (before, after)]

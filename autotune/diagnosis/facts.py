@@ -29,9 +29,10 @@ from autotune.diagnosis.free_shape import (
     any_course,
     at_an_edge,
     like_a_motor,
-    like_a_parabola,
+    like_a_spring,
     out_of_proportion,
     with_free_shape,
+    without_own_course,
 )
 from autotune.diagnosis.refits import REFINED, adds_beside, inside_twin, without_effect
 from autotune.diagnosis.ripple_orders import candidate_orders
@@ -49,6 +50,7 @@ from autotune.estimation.cross_validation import (
 from autotune.estimation.data import TRAINING
 from autotune.estimation.problem import Problem
 from autotune.models.reversal_memory import contact
+from autotune.models.spring import SPRING as PULL
 from autotune.models.table import EFFECTS, usual_rivals
 from autotune.models.torque_ripple import scale_slot
 
@@ -316,7 +318,9 @@ def gathered(found: Found, carried: Sequence[HoldoutResult]) -> Facts:
     named = (facts.accepted or facts.law_differs) and not facts.structured
     if named and chosen is not None:
         facts = replace(facts, proportion=out_of_proportion(problem, root, chosen.model_fit))
-    if named and chosen is not None and len(chosen.model_fit.effects) == 1:
+    if named and several and not rivals and PULL.name not in found.told_apart:
+        facts = replace(facts, rivals=_springs_as_well(facts))
+    if named and chosen is not None and not several:
         unlike = evidence.unlike_in_one(problem, root, chosen.model_fit)
         facts = replace(facts, unlike=unlike, edge=at_an_edge(problem, chosen.model_fit))
         behind = [one for one in facts.rivals if _left_behind(facts, one)]
@@ -346,7 +350,7 @@ def _untold(facts: Facts, told_apart: Sequence[str] = (), behind: Sequence[str] 
     alike = facts.evidence.alike(problem)
     else_as_well = (
         facts.edge
-        or like_a_parabola(problem, facts.root, chosen.model_fit, alike)
+        or like_a_spring(problem, facts.root, chosen.model_fit, alike)
         or like_a_motor(problem, facts.root, chosen.model_fit, alike)
     )
     if not (else_as_well or facts.unlike or not own_course(problem, chosen.model_fit, chosen.effect)):
@@ -360,6 +364,17 @@ def _untold(facts: Facts, told_apart: Sequence[str] = (), behind: Sequence[str] 
     if else_as_well:
         return tuple(near)
     return tuple(one for one in near if one not in behind and not _explained_away(facts, one))
+
+
+def _springs_as_well(facts: Facts) -> tuple[str, ...]:
+    """The spring that may stand for one of several effects, which over so little travel could be any smooth course."""
+    problem, chosen = facts.problem, facts.chosen
+    if chosen is None:
+        return ()
+    found, alike = chosen.model_fit, facts.evidence.alike(problem)
+    shapeless = without_own_course(problem, found)
+    as_well = any(like_a_spring(problem, facts.root, found, alike, effect) for effect in shapeless)
+    return (PULL.name,) if as_well else ()
 
 
 def _left_behind(facts: Facts, rival: str) -> bool:

@@ -39,6 +39,8 @@ NEAR_AN_EDGE = 0.01
 """Of a parameter's scale: a bound that is so near is met."""
 KNEES = (0.2, 0.35, 0.5, 0.65, 0.8)
 """Of the largest torque: where a course over it bends, to be any course."""
+MET_AT = np.arange(1, 16) / 16.0
+"""Of the travel: where a spring may be met on the way."""
 BETWEEN, WITHIN = (-1.0, 3.0), 0.02
 """Proportions that are looked at, and to what: further away it is the other part that is not there."""
 
@@ -99,10 +101,7 @@ def any_course(problem: Problem, root: ModelFit, model_fit: ModelFit) -> bool:
     There it comes near to any smooth course: what it is not exactly, it is not by another law either. Unless a cubic,
     which has as many coefficients as a wave of free order, errs by more than that: then its own law is what is shown.
     """
-    if len(model_fit.effects) != 1:
-        return False
-    shown = EFFECTS[model_fit.effects[0]].shows_course
-    if shown is None or shown(model_fit.fitted.packed.p, problem.scales.travel):
+    if len(model_fit.effects) != 1 or not without_own_course(problem, model_fit):
         return False
     gain = generic_gains(problem, model_fit).get("position", 0.0)
     if (
@@ -113,31 +112,43 @@ def any_course(problem: Problem, root: ModelFit, model_fit: ModelFit) -> bool:
     if gain < problem.policy.least_gain:
         return False
     place = problem.data.position[problem.data.grid] / problem.scales.travel
-    own, cubic, _ = _left(problem, root, model_fit, np.column_stack([place, place**2, place**3]))
+    cubes = np.column_stack([place, place**2, place**3])
+    own, cubic, _ = _left(problem, root, model_fit, model_fit.effects[0], cubes)
     told = cubic - own
     return bool(told.sum() <= gain * own.sum()) or not beyond_chance(told, problem.policy.apart_z)
 
 
-def like_a_parabola(problem: Problem, root: ModelFit, model_fit: ModelFit, alike: float) -> bool:
-    """Whether a parabola of place explains as much as the one effect found, over too little travel to show its course.
+def like_a_spring(
+    problem: Problem, root: ModelFit, model_fit: ModelFit, alike: float, effect: str = ""
+) -> bool:
+    """Whether a spring of two coefficients explains as much as an effect, over too little travel to show its course.
 
-    It has as many coefficients as a wave of free phase; no better than it, a wave is a spring as well. `alike`: of the
-    fall, what counts as no better.
+    A wave of free phase has two as well; no better than a parabola, or than a spring that is met on the way from either
+    side, a wave is a spring, too. `alike`: of the fall, what counts as no better. `effect`: of several, which one; what
+    the others do is refitted beside either.
     """
-    if len(model_fit.effects) != 1:
-        return False
-    kind, fitted = EFFECTS[model_fit.effects[0]], model_fit.fitted
-    if kind.shows_course is None or kind.shows_course(fitted.packed.p, problem.scales.travel):
+    effect = effect or (model_fit.effects[0] if len(model_fit.effects) == 1 else "")
+    if effect not in without_own_course(problem, model_fit):
         return False
     place = problem.data.position[problem.data.grid] / problem.scales.travel
-    return _as_well(problem, root, model_fit, np.column_stack([place, place**2]), alike)
+    inside = np.min(place) + MET_AT * np.ptp(place)
+    springs = [np.column_stack([place, place**2])]
+    springs += [side * np.maximum(side * (place - at), 0.0)[:, None] for at in inside for side in (1.0, -1.0)]
+    return any(_as_well(problem, root, model_fit, effect, table, alike) for table in springs)
+
+
+def without_own_course(problem: Problem, model_fit: ModelFit) -> list[str]:
+    """Effects of a model whose course could be any smooth one over so little travel."""
+    p, travel = model_fit.fitted.packed.p, problem.scales.travel
+    measures = ((name, EFFECTS[name].shows_course) for name in model_fit.effects)
+    return [name for name, shown in measures if shown is not None and not shown(p, travel)]
 
 
 def like_a_motor(problem: Problem, root: ModelFit, model_fit: ModelFit, alike: float) -> bool:
     """Whether what a motor falls short explains as much as the one effect, friction that its load presses.
 
     Only while it brakes do they differ: friction helps it then, and a motor that saturates does not. `alike` as in
-    `like_a_parabola`.
+    `like_a_spring`.
     """
     if len(model_fit.effects) != 1:
         return False
@@ -149,27 +160,31 @@ def like_a_motor(problem: Problem, root: ModelFit, model_fit: ModelFit, alike: f
         smoothed(data, np.ascontiguousarray(np.sign(data.torque) * np.maximum(size - knee, 0.0)))
         for knee in KNEES
     ]
-    return _as_well(problem, root, model_fit, np.column_stack(short), alike)
+    return _as_well(problem, root, model_fit, kind.name, np.column_stack(short), alike)
 
 
-def _as_well(problem: Problem, root: ModelFit, model_fit: ModelFit, columns: Floats, alike: float) -> bool:
-    """Whether columns, shape (m, k), explain as much in the place of the one effect of a model.
+def _as_well(
+    problem: Problem, root: ModelFit, model_fit: ModelFit, effect: str, columns: Floats, alike: float
+) -> bool:
+    """Whether columns, shape (m, k), explain as much in the place of an effect of a model.
 
     That is all of its fall but the part `alike`, or as much by chance.
     """
-    left = _left(problem, root, model_fit, columns)
+    left = _left(problem, root, model_fit, effect, columns)
     surplus = left[1] - left[0]
     if surplus.sum() < alike * (left[2] - left[0]).sum():
         return True
     return not beyond_chance(surplus, problem.policy.apart_z)
 
 
-def _left(problem: Problem, root: ModelFit, model_fit: ModelFit, columns: Floats) -> list[Floats]:
-    """Squared error of the one effect, of columns, shape (m, k), in its place, and of none; shape (m,) each.
+def _left(
+    problem: Problem, root: ModelFit, model_fit: ModelFit, effect: str, columns: Floats
+) -> list[Floats]:
+    """Squared error of an effect, of columns, shape (m, k), in its place, and of none; shape (m,) each.
 
-    The base is refitted to first order with each of them.
+    The base and what other effects there are refitted to first order with each of them.
     """
-    kind, fitted = EFFECTS[model_fit.effects[0]], model_fit.fitted
+    kind, fitted = EFFECTS[effect], model_fit.fitted
     base = fitted.jacobian[:, [one.slot not in {q.slot for q in kind.parameters} for one in fitted.free]]
     without = problem.raw(taken_out(root, model_fit, kind.name)) - model_fit.correction.bias
     weight = problem.training

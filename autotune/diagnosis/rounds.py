@@ -21,6 +21,7 @@ from autotune.diagnosis.candidates import (
     explained_of_rest,
     explains_rest,
     fall_in_repeats,
+    falls_on_veto,
     gain_on_veto,
     least_fall,
     plainer,
@@ -67,7 +68,6 @@ from autotune.estimation.problem import Problem
 from autotune.models.drive_model import Packed
 from autotune.models.table import EFFECTS
 from autotune.models.transmission import has_load
-from autotune.signals.chunks import beyond_chance
 
 MOST_FITS = 4
 """Candidates fitted inside the twin in a round."""
@@ -455,9 +455,7 @@ def _loaded_on_veto(
         return []
     if gain_on_veto(problem, model_fit, fitted.model_fit) < policy.clear_gain:
         return []
-    weight = problem.weight * problem.data.role(VETO)
-    fall = weight * (model_fit.fitted.error**2 - fitted.model_fit.fitted.error**2)
-    return [fitted] if beyond_chance(fall[weight > 0.0], policy.apart_z) else []
+    return [fitted] if falls_on_veto(problem, model_fit, fitted.model_fit) else []
 
 
 def _best(state: SearchState, fits: Sequence[FittedCandidate]) -> FittedCandidate | None:

@@ -63,6 +63,7 @@ from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import Problem
 from autotune.models.drive_model import DriveModel
 from autotune.models.effect import Kind
+from autotune.models.table import usual_rivals
 from autotune.recordings.recording import Recording
 
 
@@ -361,8 +362,10 @@ def _confusable(
 def _contested(
     effects: tuple[str, ...], rivals: tuple[str, ...], exchanged: Sequence[FittedCandidate]
 ) -> tuple[str, ...]:
-    """Of the effects those in whose place a rival was fitted; a single one always."""
+    """Of the effects those in whose place a rival was fitted, or that look like one; a single one always."""
     if len(effects) < 2:
         return effects
     others = [item.model_fit.effects for item in exchanged if item.effect in rivals]
+    if not others:
+        return tuple(effect for effect in effects if set(usual_rivals(effect)) & set(rivals))
     return tuple(effect for effect in effects if any(effect not in one for one in others))

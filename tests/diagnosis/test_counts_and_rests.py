@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -231,28 +232,60 @@ def test_friction_that_is_higher_after_a_rest_shows_beyond_the_stretch_at_it(
     assert not RepeatedProgramme().only_at_rests(problem, lacking, candidate)
 
 
+@pytest.mark.parametrize("effect", [DWELL, "backlash"])
 @pytest.mark.parametrize(("size", "only"), [(0.0, True), (1.0, False)])
 def test_what_stretches_at_rests_leave_tells_a_break_away_of_which_they_take_most(
-    begun: Begun, size: float, only: bool
+    monkeypatch: pytest.MonkeyPatch, begun: Begun, effect: str, size: float, only: bool
 ) -> None:
     """Three tenths of a true one were left, nine tenths of which it explained: with half asked it was refused."""
+    monkeypatch.setattr(repeated, "_told_by_shaking", lambda *_: 1.0)
     problem, model_fit = begun
     packed = model_fit.fitted.packed
     crept = 12.0 * _crept(problem, packed)
     missing = model_fit.fitted.error + crept + size * _broken_away(problem, packed, 1.5)
     lacking = replace(model_fit, fitted=replace(model_fit.fitted, error=missing))
-    candidate = FittedCandidate(DWELL, model_fit, 0.3, Explained(1.0, 0.0), None, named=True)
+    candidate = FittedCandidate(effect, model_fit, 0.3, Explained(1.0, 0.0), None, named=True)
     assert RepeatedProgramme().only_at_rests(problem, lacking, candidate) == only
 
 
-@pytest.mark.parametrize(("effect", "only"), [(DWELL, True), ("stribeck", False)])
-def test_what_ends_with_the_stretch_at_a_rest_is_no_break_away(begun: Begun, effect: str, only: bool) -> None:
-    """Of effects that other motion shows too nothing is said."""
+@pytest.mark.parametrize(
+    ("effect", "shaken", "only"),
+    [
+        (DWELL, 0.0, True),
+        ("stribeck", 1.0, False),
+        ("elastic_transmission", 1.0, True),
+        ("backlash", 1.0, True),
+        ("elastic_transmission", 0.0, False),
+    ],
+)
+def test_what_ends_with_the_stretch_at_a_rest_is_no_break_away(
+    monkeypatch: pytest.MonkeyPatch, begun: Begun, effect: str, shaken: float, only: bool
+) -> None:
+    """Nor a load that moves by itself, where the axis creeps as it is shaken: friction that winds up a spring holds a
+    stretch as well. Of effects that other motion shows too nothing is said.
+    """
+    monkeypatch.setattr(repeated, "_told_by_shaking", lambda *_: shaken)
     problem, model_fit = begun
     missing = model_fit.fitted.error + _crept(problem, model_fit.fitted.packed)
     lacking = replace(model_fit, fitted=replace(model_fit.fitted, error=missing))
     candidate = FittedCandidate(effect, model_fit, 0.3, Explained(1.0, 0.0), None, named=True)
     assert RepeatedProgramme().only_at_rests(problem, lacking, candidate) == only
+
+
+@pytest.mark.parametrize(("hangs", "told"), [(0.0, 0.0), (0.5, 0.5625)])
+def test_how_much_is_left_by_how_loud_a_twin_is_shaken(hangs: float, told: float) -> None:
+    """Between 0.7 and 1.4 of the level, whichever leaves less; without a twin nothing is told."""
+    problem = SimpleNamespace(twin=True, disturbance=SimpleNamespace(louder=lambda part: part))
+    problem.raw = lambda _: np.ones(8)
+    problem.corrections_under = lambda levels, _: [
+        SimpleNamespace(bias=np.full(8, hangs * (level > 1.0) - hangs * (level < 1.0))) for level in levels
+    ]
+    problem.has = lambda role: role == TRAINING  # no veto trajectory
+    problem.mean_square = lambda error, _: 0.28125 * float(np.mean(error**2))
+    model_fit = SimpleNamespace(fitted=SimpleNamespace(packed=None))
+    assert repeated._told_by_shaking(problem, model_fit) == pytest.approx(told)
+    problem.twin = False
+    assert repeated._told_by_shaking(problem, model_fit) == 0.0
 
 
 def test_how_bristles_are_stretched_at_rests_takes_nothing_from_what_an_effect_explains(begun: Begun) -> None:

@@ -18,6 +18,7 @@ from autotune.diagnosis.free_shape import at_an_edge
 from autotune.diagnosis.starts import varying
 from autotune.estimation import contact_start
 from autotune.estimation.coordinates import coordinates, generic_columns
+from autotune.estimation.cross_validation import Explained
 from autotune.estimation.data import Block
 from autotune.estimation.policy import POLICY
 from autotune.estimation.problem import Problem, without_outlying
@@ -535,6 +536,38 @@ def test_what_was_found_first_must_be_worth_having_beside_the_rest(
     problem, fit = SimpleNamespace(policy=POLICY), SimpleNamespace(model_fit=None, named=True)
     steps = backward.Backward(problem, None, RepeatedProgramme(), no_progress)
     assert steps.enters_beside(fit, fit) == enters
+
+
+@pytest.mark.parametrize(
+    ("excused", "falls", "has_veto", "repeats", "kept"),
+    [
+        (1.0, False, True, True, 1),
+        (1.0, True, True, True, 2),  # beyond chance, and as much by a law that differs
+        (0.1, False, True, True, 2),  # in a few seconds, next to all that is there
+        (1.0, False, False, True, 2),
+        (1.0, False, True, False, 2),
+    ],
+)
+def test_what_the_veto_does_not_bear_out_goes_though_nothing_is_named_without_it(
+    monkeypatch: pytest.MonkeyPatch, excused: float, falls: bool, has_veto: bool, repeats: bool, kept: int
+) -> None:
+    """A viscosity by films explained 96 % of what load dependence left, and of the veto all that was not excused."""
+
+    def item(*effects: str, named: bool) -> SimpleNamespace:
+        return SimpleNamespace(effect=effects[-1], named=named, model_fit=SimpleNamespace(effects=effects))
+
+    both = item("load_dependent_friction", "nonlinear_viscous", named=True)
+    alone = item("load_dependent_friction", named=False)
+    part = Explained(1.0, 0.0, excused=excused)
+    monkeypatch.setattr(backward, "explained_beside", lambda _, *__: part)
+    monkeypatch.setattr(backward, "falls_on_veto", lambda *_: falls)
+    for name in ("negligible", "differ_by_chance"):
+        monkeypatch.setattr(backward, name, lambda *_: False)
+    monkeypatch.setattr(backward, "without_effect", lambda *told: alone if "viscous" in told[-1] else None)
+    problem = SimpleNamespace(policy=POLICY, has_veto=has_veto)
+    evidence = SimpleNamespace(repeats=repeats)
+    found = backward.Backward(problem, None, evidence, no_progress).pruned(both, ())
+    assert len(found.model_fit.effects) == kept
 
 
 @pytest.mark.parametrize(("course", "free"), [(("coulomb",), False), (("coulomb", "viscous", "width"), True)])

@@ -15,7 +15,7 @@ from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.compare import compare
 from autotune.diagnosis.evidence.single import SingleRecording
 from autotune.diagnosis.fitting import fit_model
-from autotune.diagnosis.free_shape import any_course, like_a_motor, like_a_parabola, out_of_proportion
+from autotune.diagnosis.free_shape import any_course, like_a_motor, like_a_spring, out_of_proportion
 from autotune.diagnosis.screening import rows_back, screen
 from autotune.diagnosis.verdict import diagnose
 from autotune.estimation.alignment import aligned, best_shift, compensated
@@ -251,7 +251,32 @@ def test_an_imbalance_over_little_travel_is_a_sine_or_none(
     bare = replace(root, fitted=replace(root.fitted, packed=plain.pack()))
     assert any_course(problem, bare, found) is any_will_do
     assert not any_course(problem, bare, root)
-    assert like_a_parabola(problem, bare, found, POLICY.alike_single) is parabola
+    assert like_a_spring(problem, bare, found, POLICY.alike_single) is parabola
+
+
+@pytest.mark.parametrize(("met", "spring"), [(True, True), (False, False)])
+def test_a_wave_beside_another_effect_may_be_a_spring_that_is_met_on_the_way(met: bool, spring: bool) -> None:
+    """Over half a turn a wave of free phase bends as the spring does; over a whole one nothing but a wave does."""
+    time = np.arange(0.0, 20.0, PERIOD)
+    q = (0.68 if met else 1.5) * (
+        1.5 * np.sin(2 * np.pi * 0.31 * time) + 0.8 * np.sin(2 * np.pi * 0.73 * time + 1.0)
+    )
+    load = 0.02 * np.maximum(q + 0.5, 0.0) if met else 0.03 * np.sin(q)
+    torque = _torque(q) + load
+    torque = torque + 0.1 * COULOMB * np.tanh(np.gradient(q, PERIOD) / 5e-3) ** 2
+    torque = torque + np.random.default_rng(5).normal(0.0, 2e-3, len(q))
+    recording = _with(_recording(), position=np.round(q / COUNT) * COUNT, torque=torque)
+    values = {"inertia": INERTIA, "coulomb": COULOMB, "viscous": VISCOUS, "stiffness": 100.0}
+    plain = base_model(values | {"micro_damping": 0.01, "offset": 0.0})
+    asymmetry = EFFECTS["direction_asymmetry"].make({"coulomb": 0.1, "viscous": 0.0})
+    model = plain.with_effect(asymmetry).with_effect(
+        EFFECTS["gravity_imbalance"].make({"sin": 0.03, "cos": 0.0})
+    )
+    problem, root, _, _ = begin(prepared_for([recording]), model)
+    found = replace(root, effects=("direction_asymmetry", "gravity_imbalance"))
+    bare = replace(root, fitted=replace(root.fitted, packed=plain.pack()))
+    assert like_a_spring(problem, bare, found, POLICY.alike, "gravity_imbalance") is spring
+    assert not like_a_spring(problem, bare, found, POLICY.alike, "direction_asymmetry")
 
 
 @pytest.mark.parametrize("saturates", [True, False])

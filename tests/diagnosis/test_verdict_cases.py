@@ -390,7 +390,7 @@ def test_an_effect_that_is_not_quite_what_data_show_stands_beside_its_look_alike
     monkeypatch: pytest.MonkeyPatch, signs: dict[str, object], gains: dict[str, float], rivals: set[str]
 ) -> None:
     """Those that gain half as much, or that nothing was tried of."""
-    monkeypatch.setattr(facts, "like_a_parabola", lambda *_: False)
+    monkeypatch.setattr(facts, "like_a_spring", lambda *_: False)
     monkeypatch.setattr(facts, "_with_own_course", lambda *_: None)
     fit = SimpleNamespace(effects=("dwell_time_break_away",))
     chosen = SimpleNamespace(effect="dwell_time_break_away", gain=0.9, model_fit=fit)
@@ -406,7 +406,7 @@ def test_what_an_axis_cannot_have_is_no_rival_that_nothing_was_tried_of(
     monkeypatch: pytest.MonkeyPatch, unit: str, rivals: tuple[str, ...]
 ) -> None:
     """A slide's gap that left a part of one experiment was "ambiguous" with an encoder off its centre."""
-    monkeypatch.setattr(facts, "like_a_parabola", lambda *_: False)
+    monkeypatch.setattr(facts, "like_a_spring", lambda *_: False)
     monkeypatch.setattr(facts, "_with_own_course", lambda *_: None)
     fit = SimpleNamespace(effects=("backlash",))
     chosen = SimpleNamespace(effect="backlash", gain=0.9, model_fit=fit)
@@ -508,6 +508,11 @@ def test_one_of_several_that_another_explains_as_well_is_ambiguous(
     in_doubt = verdict._contested(chosen.model_fit.effects, tuple(found), [other])
     assert in_doubt == (("torque_saturation",) if rivals else ())
     assert verdict._contested(("spring",), ("gravity_imbalance",), ()) == ("spring",)
+    several = (
+        "direction_asymmetry",
+        "gravity_imbalance",
+    )  # of which one looks like a spring that was not fitted
+    assert verdict._contested(several, ("spring",), ()) == ("gravity_imbalance",)
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,7 @@ from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.coordinates import Rests, without_rests
 from autotune.estimation.cross_validation import beyond_rests, drift, rests_of
 from autotune.estimation.data import TRAINING, VETO
-from autotune.estimation.disturbance_estimate import null_errors
+from autotune.estimation.disturbance_estimate import LOUDNESS, null_errors
 from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Correction, Problem
 from autotune.models.effect import Kind
@@ -121,8 +121,12 @@ class RepeatedProgramme(Evidence):
         Friction that is higher after a rest climbs beyond the stretch it began with; a contact that is young again
         within a part of the bristle's reach only changes how its stretch creeps while the axis rests. How much of a
         true effect free stretches take is a matter of its slip: what they leave, if anything, tells one from the other.
+
+        A second mass moves otherwise than one mass wherever the axis moves; at rests it is shaken otherwise. A spring
+        that friction winds up holds a stretch as well: so one mass must do as much by how loud it is shaken.
         """
-        if not EFFECTS[candidate.effect].needs_rests:
+        kind = EFFECTS[candidate.effect]
+        if not (kind.needs_rests or kind.in_transmission):
             return False
         after = candidate.model_fit
         rests = rests_of(problem, before.fitted.packed)
@@ -131,6 +135,8 @@ class RepeatedProgramme(Evidence):
         if _fall(problem, *rested) >= problem.policy.partly * plain:
             return False
         parts = explained_of_rest(problem, before, after)
+        if kind.in_transmission and _told_by_shaking(problem, before) < problem.policy.partly * plain:
+            return False
         explains = all(part.plain_share >= problem.policy.partly for part in parts)
         return not (explains and self._structured(problem, before))
 
@@ -314,6 +320,16 @@ def _fall(problem: Problem, before: Floats, after: Floats) -> float:
     """Of the mean square of training and veto, each by its own share of the rows [(N m)²]."""
     roles = [role for role in (TRAINING, VETO) if problem.has(role)]
     return sum(problem.mean_square(before, role) - problem.mean_square(after, role) for role in roles)
+
+
+def _told_by_shaking(problem: Problem, model_fit: ModelFit) -> float:
+    """By how much what a model leaves hangs on how loud its twin is shaken, as far as that is not known [(N m)²]."""
+    if not problem.twin:
+        return 0.0
+    packed, raw = model_fit.fitted.packed, problem.raw(model_fit.fitted.packed)
+    levels = [problem.disturbance.louder(part) for part in (LOUDNESS[0], 1.0, LOUDNESS[-1])]
+    errors = [raw - one.bias for one in problem.corrections_under(levels, packed)]
+    return max(_fall(problem, more, less) for more in errors for less in errors)
 
 
 def _exact(problem: Problem) -> bool:
