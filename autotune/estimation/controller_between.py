@@ -139,7 +139,7 @@ def answering_late(samples: LoopSamples, law: PositionController) -> tuple[Posit
     prompt = max((one for one in alike if one.answer_delay == soonest), key=lambda trial: trial.explained)
     whole = _Between(banded)
     found = [_refined_answer(whole, coarse, one) for one in dict.fromkeys((best, prompt))]
-    return tuple(_said(replace(one, ticks=ticks), samples) for one in found if _tells(one, samples))
+    return tuple(_said(one.on_ticks(ticks, samples.period), samples) for one in found if _tells(one, samples))
 
 
 def following_late(samples: LoopSamples, acted: Floats, law: PositionController) -> PositionController | None:

@@ -307,7 +307,7 @@ def _faster(law: PositionController, least: int, period: float) -> list[Position
     if law.ticks == 1:
         return [law]
     counts = sorted({max(2, round(times * period / TICK)) for times in TIMES})
-    return [replace(law, ticks=count) for count in counts if count >= least]
+    return [law.on_ticks(count, period) for count in counts if count >= least]
 
 
 def plain_fit(data: Prepared, model: Packed, policy: Policy) -> PlainFit:
