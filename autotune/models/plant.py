@@ -200,7 +200,8 @@ def simulate(
         closed: whether `command` is the position reference (else it is the torque demand).
         command, feedforward: arrays of shape (n·ticks,); the latter is added to the demand [N m].
         disturbance: added to the torque after the demand [N m]; like all below an array of shape (n,).
-        position_noise: added to the position before it is quantised.
+        position_noise: added to the position before it is quantised: a row's own at its first tick, those of rows far
+            from it at the others, as an encoder's noise is not held from row to row.
         position, torque: results, as the drive would report them: the reading of a sample's first tick, and the mean
             of the demands of all its ticks; where that is not `averaged`, the demand of the first.
 
@@ -216,8 +217,11 @@ def simulate(
         loop[LOOP + i] = loop[6]  # what was seen until then
     summed, c = 0.0 * loop[6], bent(p, on)
     row = tick = place = 0
+    apart = len(torque) // ticks  # rows from whose noise to whose: a reading of every tick has its own
     for k in range(len(command)):
-        measured = _measured(p, on, state[POSITION], position_noise[row], loop[2])
+        heard = row + tick * apart
+        heard -= len(torque) * int(heard >= len(torque))
+        measured = _measured(p, on, state[POSITION], position_noise[heard], loop[2])
         seen = _seen(loop, room, place, late, part, measured)
         demand = _asked(gains, weight, loop, command[k], feedforward[k], seen) if closed else command[k]
         loop[6] = seen
