@@ -231,7 +231,8 @@ def _least_left(
     plain: dict[tuple[object, ...], PlainFit] = {}
     best = _Least(laws[0], disturbance or STILL)
     for law in reversed(laws):
-        key = law.in_band, law.taken, law.sensed, law.demanded, law if law.asked > 0.0 else None
+        own = law if law.asked > 0.0 or law.stepped else None
+        key = law.in_band, law.taken, law.sensed, law.demanded, own
         if key not in plain:
             plain[key] = fitted(law)
         here = plain[key]

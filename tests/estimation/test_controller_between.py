@@ -8,12 +8,13 @@ import pytest
 from scipy import signal
 
 from autotune.estimation.alignment import shifted
-from autotune.estimation.controller import as_recorded, identified
+from autotune.estimation.controller import as_recorded, asked, identified
 from autotune.estimation.controller_between import (
     FED,
     answering_late,
     laws_between,
     laws_of_slow_rows,
+    read_before_steps,
     smooth_between,
 )
 from autotune.estimation.controller_law import (
@@ -373,3 +374,46 @@ def test_a_law_asks_for_the_same_on_more_ticks() -> None:
     assert law.on_ticks(law.ticks, samples.period) == law
     off = [float(np.std(asked_for(one) - asked_for(law))) for one in (same, naive)]
     assert off[0] < 0.1 * off[1]
+
+
+@pytest.mark.slow
+def test_a_torque_read_before_its_feedforward_steps_is_told_from_one_at_the_samples() -> None:
+    """What is held is a set point old then, and the law at the samples has its set points a sample later."""
+    samples, law = no_speed_fed_forward()
+    law = replace(law, acceleration_feedforward=0.02, taken="eve", stepped=True)
+    samples = replace(samples, demand=between_terms(samples, law, law.filter_rate(1e-3)) @ law.terms_gains)
+    seen = replace(law, acceleration_feedforward=0.0, taken="moment", stepped=False, reference_delay=3)
+    prompt, younger = read_before_steps(samples, seen)
+    assert (prompt.taken, prompt.reference_delay, prompt.stepped) == ("eve", 2, True)
+    assert (prompt.kp, prompt.kd, prompt.ki) == pytest.approx((law.kp, law.kd, law.ki), rel=0.02)
+    assert prompt.acceleration_feedforward == pytest.approx(0.02, rel=0.02)
+    assert prompt.position_feedforward == pytest.approx(law.position_feedforward, rel=0.02)
+    assert younger.answer_delay == 0.0  # what acts
+    # half a tick of 250 us less
+    assert 1.0 / younger.filter_rate(1e-3) == pytest.approx(
+        1.0 / prompt.filter_rate(1e-3) - 1.25e-4, rel=1e-3
+    )
+    still = replace(law, acceleration_feedforward=0.0)
+    silent = replace(samples, demand=between_terms(samples, still, law.filter_rate(1e-3)) @ still.terms_gains)
+    noise = 1e-2 * np.std(silent.demand) * np.random.default_rng(1).normal(size=len(silent.demand))
+    assert (
+        read_before_steps(replace(silent, demand=silent.demand + noise), replace(seen, taken="moment")) == ()
+    )
+
+
+def test_a_torque_read_before_its_feedforward_steps_is_compared_as_it_acts() -> None:
+    """Twin and recording alike: what is held is that of now, and not the mean of the steps before and now."""
+    fine = recorded(TRUE, noise=0.0)
+    data = prepare([fine])
+    form = replace(TRUE, source="identified", in_band=True, ticks=4, stepped=True, reference_delay=1)
+    law = replace(form, acceleration_feedforward=2e-4, taken="eve")
+    mean = asked(data, replace(law, taken="next"))
+    rows = slice(50, -50)
+    assert np.std((asked(data, law) - mean)[rows]) < 0.1 * np.std(
+        (asked(data, replace(law, taken="moment", stepped=False)) - mean)[rows]
+    )
+    shown = asked(data, replace(law, acceleration_feedforward=0.0))
+    read = as_recorded(data, law).torque - as_recorded(data, replace(law, taken="moment")).torque
+    held = law.held_until_read(data.reference, data.period)
+    assert np.roll(held, 1)[rows] == pytest.approx(read[rows], abs=1e-9)
+    assert shown.shape == read.shape
