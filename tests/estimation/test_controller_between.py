@@ -417,3 +417,18 @@ def test_a_torque_read_before_its_feedforward_steps_is_compared_as_it_acts() -> 
     held = law.held_until_read(data.reference, data.period)
     assert np.roll(held, 1)[rows] == pytest.approx(read[rows], abs=1e-9)
     assert shown.shape == read.shape
+
+
+def test_the_noise_of_an_encoder_is_not_held_from_row_to_row() -> None:
+    """A reading of every tick has its own: the mean of sixteen demands has a quarter of one's noise."""
+    data = prepare([recorded(TRUE)])
+    law = PositionController(20.0, ticks=16, source="identified")
+    still = np.zeros(len(data.reference))
+    noise = np.random.default_rng(3).normal(0.0, 0.1 * RESOLUTION, len(still))
+    smooth, model = replace(data, resolution=0.0), base_model(AXIS).pack()
+    quiet, noisy = run_twins(smooth, [model, model], law, [(still, still), (still, noise)])
+    read = noisy.position - quiet.position
+    assert np.std(np.diff(read)) == pytest.approx(np.std(np.diff(noise)), rel=0.1)
+    asked_for = np.diff(noisy.torque - quiet.torque)
+    # the axis, which the noise moves, adds a fifth; held, the noise would be four times as much
+    assert np.std(asked_for) == pytest.approx(0.25 * law.kp * np.std(np.diff(noise)), rel=0.35)
