@@ -198,7 +198,8 @@ def _as_acted(data: Prepared, law: PositionController) -> Prepared:
     torque = data.torque.copy()
     for rows in late.stretches:
         torque[rows] += law.held_until_read(late.reference[rows], data.period)
-    return replace(data, torque=torque, recorded_torque=torque, shift=0.0)
+    sensed = torque if data.recorded_torque is data.sensed else data.sensed
+    return replace(data, torque=torque, recorded_torque=torque, sensed=sensed, shift=0.0)
 
 
 def _seen(data: Prepared) -> LoopSamples:
