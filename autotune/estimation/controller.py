@@ -21,11 +21,13 @@ from autotune.estimation.controller_between import (
     following_late,
     laws_between,
     laws_of_slow_rows,
+    read_before_steps,
     slow_rows,
     smooth_between,
 )
 from autotune.estimation.controller_law import (
     BEFORE,
+    EVE,
     MOMENT,
     NEXT,
     SHORTEST_RUN,
@@ -63,7 +65,7 @@ ROUNDED = 1.2
 """Times the variance that rounding to the steps of the recorded torque has."""
 SAME = 1e-9
 """Relative difference of two torques that are one value of the drive."""
-RECORDED_LATE = {MOMENT: 1.0, NEXT: 0.0, BEFORE: 2.0}
+RECORDED_LATE = {MOMENT: 1.0, NEXT: 0.0, BEFORE: 2.0, EVE: 1.0}
 """Half samples by which a torque is recorded late that acts from each sample to the next."""
 AS_READ = "Rows are written late: positions are taken as the controller read them, told by its demand."
 FEEDS_FRICTION = "The controller feeds friction forward, "
@@ -144,8 +146,10 @@ def controllers_of(
         acted = loop_samples(felt(data), policy)
         what = b"follows" + repr(_mark(samples)).encode()
         late = _remembered(what, acted, lambda: _some(following_late(samples, acted.demand, between)))
+    moment = next((law for law in laws if law.ticks > 1 and law.taken == MOMENT), None)
+    stepped = () if moment is None else _remembered(b"eve", heard, lambda: read_before_steps(heard, moment))
     by_demand = () if heard is samples or between.slow else _demanded(samples)
-    return (laws[0], *by_demand, *plain, *laws[1:], *smooth, *late)
+    return (laws[0], *by_demand, *plain, *laws[1:], *smooth, *late, *stepped)
 
 
 def _demanded(samples: LoopSamples) -> tuple[PositionController, ...]:
@@ -182,7 +186,27 @@ def as_recorded(data: Prepared, found: PositionController) -> Prepared:
     quiet = felt(data) if found.sensed else quieter(data) if found.in_band and not found.demanded else data
     late = RECORDED_LATE[found.taken]
     taken = replace(shifted(quiet, late), late=0.0) if late else quiet
+    taken = _as_acted(taken, found)
     return _as_asked(taken, found) if found.asked > 0.0 and found.ticks > 1 else taken
+
+
+def _as_acted(data: Prepared, law: PositionController) -> Prepared:
+    """Data whose torque has what a law holds from set point to set point as it acted, not as it was read."""
+    if law.taken != EVE:
+        return data
+    late = late_samples(_seen(data), law.reference_delay, 0)
+    torque = data.torque.copy()
+    for rows in late.stretches:
+        torque[rows] += law.held_until_read(late.reference[rows], data.period)
+    sensed = torque if data.recorded_torque is data.sensed else data.sensed
+    return replace(data, torque=torque, recorded_torque=torque, sensed=sensed, shift=0.0)
+
+
+def _seen(data: Prepared) -> LoopSamples:
+    """What a controller sees of prepared data."""
+    stretches = tuple(stretch.rows for stretch in data.stretches)
+    held = clamped(data.torque, data.metadata.torque_limit)
+    return LoopSamples(data.period, data.reference, data.measured, data.torque, held, stretches, None)
 
 
 def _as_asked(data: Prepared, law: PositionController) -> Prepared:
@@ -264,13 +288,9 @@ def asked(data: Prepared, controller: PositionController) -> Floats:
 
     Its integral begins anew in every stretch and is right but for a constant from clamp to clamp.
     """
-    stretches = tuple(stretch.rows for stretch in data.stretches)
-    held = clamped(data.torque, data.metadata.torque_limit)
-    samples = late_samples(
-        LoopSamples(data.period, data.reference, data.measured, data.torque, held, stretches, None),
-        controller.reference_delay,
-        controller.position_delay,
-    )
+    seen = _seen(data)
+    held = seen.clamped
+    samples = late_samples(seen, controller.reference_delay, controller.position_delay)
     if controller.ticks > 1:
         return _asked_between(samples, controller) + controller.constant + data.feedforward
     terms = law_terms(smeared_samples(samples, controller.smeared), controller.derivative_filter)
@@ -281,12 +301,17 @@ def asked(data: Prepared, controller: PositionController) -> Floats:
 
 def _asked_between(late: LoopSamples, law: PositionController) -> Floats:
     """The same of a law that works between the samples, from each to the next as its torque is recorded."""
-    by_moment = law.taken == MOMENT
-    now = replace(law, reference_delay=0, taken=MOMENT if by_moment else NEXT, asked=0.0, adrift=False)
+    by_moment = law.taken in (MOMENT, EVE)
+    now = replace(law, reference_delay=0, taken=law.taken if by_moment else NEXT, asked=0.0, adrift=False)
 
     def found() -> Floats:
         demand = np.asarray(between_terms(late, now, law.filter_rate(late.period)) @ law.terms_gains)
-        return between_moments(demand) if by_moment else demand
+        if not by_moment:
+            return demand
+        acted = between_moments(demand)
+        for rows in late.stretches:
+            acted[rows] += now.held_until_read(late.reference[rows], late.period)
+        return acted
 
     along = digest_of(late.reference, late.position), late.period, repr(late.stretches)
     return _ASKED.answer((repr(now), *along), found)

@@ -16,11 +16,14 @@ import numpy as np
 
 from autotune.core.arrays import Floats
 from autotune.estimation.controller_law import (
+    BEND,
+    EVE,
     MOMENT,
     TAKEN,
     LoopSamples,
     PositionController,
     answered,
+    bend_as_read,
     filtered_rate,
     fine_position,
     fine_reference,
@@ -120,6 +123,34 @@ def smooth_between(samples: LoopSamples, law: PositionController) -> PositionCon
     return replace(found, in_band=True, why=law.why) if _tells(found, samples) else None
 
 
+def read_before_steps(samples: LoopSamples, law: PositionController) -> tuple[PositionController, ...]:
+    """Laws of a drive that holds what it feeds forward of the acceleration from set point to set point, and whose
+    torque is that of the moment before it takes the next one in; none where that is no other than `law`.
+
+    What is read is then a set point old, and what the place of the reference adds is not: as a law of a torque as at
+    the samples it looks as one whose set points come a sample later. Half a step of the feedforward is between what the
+    mean of two readings shows and what acts. Beside it the law of a loop that is computed once in a tick: what is
+    read at its end is a tick old then, what acts half of one in the mean. The columns do not tell that age from the
+    filter, whose time is as much shorter.
+    """
+    banded = _banded(samples)
+    coarse, whole = _Between(first_look(banded)), _Between(banded)
+    late = law.reference_delay
+    form = replace(_as_felt(law, law.ticks), smooth=False, taken=EVE, stepped=True)
+    trials = coarse.laws(form, law.filter_rate(samples.period), range(max(late - 1, 0), late + 1))
+    best = _best_rate(coarse, max(trials, key=lambda trial: trial.explained))
+    filtered = 1.0 / best.filter_rate(samples.period)
+    prompt = whole.law(best, 1.0 / filtered)
+    shown = [prompt.held_until_read(banded.reference[rows], samples.period) for rows in banded.stretches]
+    left = (1.0 - prompt.explained) * float(np.var(banded.demand))
+    if not _tells(prompt, samples) or float(np.mean(np.concatenate(shown) ** 2)) <= (AS_MUCH - 1.0) * left:
+        return ()
+    old = replace(best, answer_delay=0.5 * TICK / samples.period)
+    younger = whole.law(old, 1.0 / max(filtered - 0.5 * TICK, samples.period / FASTEST))
+    found = prompt, replace(younger, answer_delay=0.0)
+    return tuple(_said(one, samples) for one in found if _tells(one, samples))
+
+
 def answering_late(samples: LoopSamples, law: PositionController) -> tuple[PositionController, ...]:
     """Laws of a drive that works between the samples whose torque answers late; none if they explain too little.
 
@@ -139,7 +170,7 @@ def answering_late(samples: LoopSamples, law: PositionController) -> tuple[Posit
     prompt = max((one for one in alike if one.answer_delay == soonest), key=lambda trial: trial.explained)
     whole = _Between(banded)
     found = [_refined_answer(whole, coarse, one) for one in dict.fromkeys((best, prompt))]
-    return tuple(_said(replace(one, ticks=ticks), samples) for one in found if _tells(one, samples))
+    return tuple(_said(one.on_ticks(ticks, samples.period), samples) for one in found if _tells(one, samples))
 
 
 def following_late(samples: LoopSamples, acted: Floats, law: PositionController) -> PositionController | None:
@@ -363,6 +394,7 @@ class _Between:
                     smooth=form.smooth,
                     taken=form.taken,
                     answer_delay=form.answer_delay,
+                    stepped=form.stepped,
                     sensed=form.sensed,
                 )
             )
@@ -370,7 +402,8 @@ class _Between:
 
     def _triangle(self, form: PositionController, rate: float, delays: Sequence[int]) -> Triangle:
         """Of position, its filtered rate, and for every delay error, its sum, filtered rate, rate and bend of r."""
-        key = form.ticks, form.cubic, form.smooth, form.taken, form.answer_delay, rate, tuple(delays)
+        shape = form.ticks, form.cubic, form.smooth, form.taken, form.answer_delay, form.stepped
+        key = *shape, rate, tuple(delays)
         if self._last is not None and self._last[0] == key:
             return self._last[1]
         samples = self.samples
@@ -400,10 +433,14 @@ class _Between:
 
     def _as_recorded(self, form: PositionController, wants: bool) -> Floats:
         """The same as the torque that answers to it is recorded."""
-        shape = (form.cubic, form.smooth) if wants else ()
+        shape = (form.cubic, form.smooth, form.stepped) if wants else ()
         key = wants, form.ticks, form.taken, form.answer_delay, *shape
         if key not in self._recorded:
-            self._recorded[key] = answered(self.samples, self._between(form, wants), form)
+            fine = self._between(form, wants)
+            shown = answered(self.samples, fine, form)
+            if wants:
+                shown[BEND] = bend_as_read(self.samples, fine[BEND], shown[BEND], form)
+            self._recorded[key] = shown
         return self._recorded[key]
 
     def _filtered(self, form: PositionController, rate: float, wants: bool) -> Floats:

@@ -34,13 +34,19 @@ from autotune.signals.between_samples import bend_between, delayed, finer, later
 from autotune.signals.triangle import Solved, reduced
 
 SHORTEST_RUN = 50  # samples between two clamps
+BEND = 2
+"""Row of the reference's second difference in `fine_reference`."""
 NO_FILTER = 1e-12
 """Of a jump: what is left of it after a sample, at least, where a rate is asked of a law without filter."""
 SHORTEST_STRETCH = 100  # samples
 MOST_ROWS = 40_000
-MOMENT, NEXT, BEFORE = "moment", "next", "before"
+MOMENT, NEXT, BEFORE, EVE = "moment", "next", "before", "eve"
 TAKEN = (MOMENT, NEXT, BEFORE)
-"""A recorded torque is that of the sample's moment, or the mean until the next, or since the one before."""
+"""A recorded torque is that of the sample's moment, or the mean until the next, or since the one before.
+
+Or that of the moment before the drive takes its next set point in (`EVE`): of all that moves on smoothly the same as at
+the sample, but what is held from set point to set point shows as it was.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +71,8 @@ class PositionController:
         answer_delay: samples by which the torque of such a law answers late to all that it sees: what its loop takes to
             be computed, and a current loop to follow. `sensed`: it is the law of the torque by its own sensor.
         demanded: it is the law of the demand, though the torque by its sensor is the quieter one (`quieter`).
+        stepped: what it holds of the acceleration from set point to set point acts as soon as the drive takes the set
+            point in, however late it answers to the axis.
         adrift: where the counts of its encoder lie the twin does not know, and has them elsewhere in every run.
         slow: found by slow rows, as rows are written late (`LoopSamples.weight`).
         asked: frequency [Hz] above which what it asks for along the recorded motion is compared, and not the torque as
@@ -97,6 +105,7 @@ class PositionController:
     smooth: bool = False
     taken: str = "next"
     answer_delay: float = 0.0
+    stepped: bool = False
     sensed: bool = False
     demanded: bool = False
     adrift: bool = False
@@ -130,6 +139,16 @@ class PositionController:
     def sooner(self) -> PositionController:
         """The law that sees reference and position a sample sooner."""
         return replace(self, reference_delay=self.reference_delay - 1, position_delay=self.position_delay - 1)
+
+    def on_ticks(self, ticks: int, period: float) -> PositionController:
+        """The same law of a loop that works so many times from one sample to the next; the period in s.
+
+        Its sum has the error of the tick already, half a tick more than the integral: what that is less of is the
+        proportional part's. A cascade that feeds no velocity forward has a following error so large that without this
+        the same gains ask for a multiple of what the axis needs.
+        """
+        spare = 0.5 * self.ki * period * (1.0 / self.ticks - 1.0 / ticks)
+        return replace(self, ticks=ticks, kp=self.kp + spare)
 
     def answering(self, late: int) -> PositionController:
         """The law whose torque answers so many samples later."""
@@ -165,12 +184,28 @@ class PositionController:
         moved = self.velocity_feedforward * rate + self.acceleration_feedforward * change
         return np.asarray(moved + self.position_feedforward * reference + self.constant)
 
-    def feedforward_between(self, reference: Floats, fine: Floats, period: float) -> Floats:
-        """The same of a law that works between the samples, shape (n·ticks,), as `between_table` has it."""
+    def feedforward_between(self, reference: Floats, fine: Floats, period: float, cycles: int = 0) -> Floats:
+        """The same of a law that works between the samples, shape (n·ticks,), as `between_table` has it.
+
+        `cycles`: of the answer's delay those by which the drive takes set points in later than it is read.
+        """
         bend = self.acceleration_feedforward * bend_between(reference, period, self.ticks, self.smooth)
         rate = self.velocity_feedforward * rate_between(reference, fine, period, self.ticks, self.smooth)
-        moved = self.position_feedforward * fine + rate + bend + self.constant
-        return later(np.asarray(moved), self.ticks_late)
+        moved = np.asarray(self.position_feedforward * fine + rate + self.constant)
+        return later(moved, self.ticks_late) + later(
+            bend, cycles * self.ticks if self.stepped else self.ticks_late
+        )
+
+    def held_until_read(self, reference: Floats, period: float) -> Floats:
+        """What is missing in the mean of two readings, each of the moment before a step, of a feedforward that is held.
+
+        Of the torque from each sample to the next, shape (n,) [N m]; on the reference as the law sees it, shape (n,).
+        The readings hold the mean of the steps before and now, and the axis feels the one of now.
+        """
+        if self.taken != EVE:
+            return np.zeros(len(reference))
+        held = bend_between(reference, period, 1, False)
+        return np.asarray(0.5 * self.acceleration_feedforward * np.diff(held, prepend=held[:1]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -349,7 +384,7 @@ def _filtered(moved: Floats, wanted: Floats, edges: Integers, smoothing: float, 
 def taken_at(fine: Floats, ticks: int, taken: str) -> Floats:
     """Rows of values of shape (n·ticks,) as a torque is recorded, shape (n,)."""
     table = fine.reshape(-1, ticks)
-    if taken == MOMENT:
+    if taken in (MOMENT, EVE):
         return table[:, 0].copy()
     mean = table.mean(axis=1)
     return np.asarray(np.concatenate([mean[:1], mean[:-1]]) if taken == BEFORE else mean)
@@ -401,6 +436,7 @@ def between_terms(samples: LoopSamples, law: PositionController, rate: float) ->
     fine = fine_reference(late, law), fine_position(samples, law.ticks)
     rates = np.array([filtered_rate(samples, one[0], law.ticks, rate) for one in fine])
     wanted, moved, filtered = (answered(samples, terms, law) for terms in (*fine, rates))
+    wanted[BEND] = bend_as_read(samples, fine[0][BEND], wanted[BEND], law)
     error, summed = wanted[0] - moved[0], wanted[1] - moved[1]
     return np.column_stack([error, -filtered[1], summed, filtered[0], wanted[3], wanted[0], wanted[2]])
 
@@ -414,6 +450,19 @@ def answered(samples: LoopSamples, terms: Floats, law: PositionController) -> Fl
             inside = slice(rows.start * law.ticks, rows.stop * law.ticks)
             shown[:, inside] = later(terms[:, inside], law.answer_delay * law.ticks)
     return np.array([taken_at(row, law.ticks, law.taken) for row in shown])
+
+
+def bend_as_read(samples: LoopSamples, fine: Floats, late: Floats, law: PositionController) -> Floats:
+    """The reference's bend as a torque shows it, shape (n,), where it is held from set point to set point; else `late`.
+
+    Args:
+        fine: bend between the samples, shape (n·ticks,).
+        late: as a torque shows it that answers to all alike, shape (n,).
+    """
+    if not law.stepped:
+        return late
+    held = fine.reshape(-1, law.ticks)[:, 0]
+    return late_rows(held, samples, 1) if law.taken in (BEFORE, EVE) else held
 
 
 def regular_rows(samples: LoopSamples, smoothing: float) -> tuple[Flags, Integers]:

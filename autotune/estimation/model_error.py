@@ -231,7 +231,8 @@ def _least_left(
     plain: dict[tuple[object, ...], PlainFit] = {}
     best = _Least(laws[0], disturbance or STILL)
     for law in reversed(laws):
-        key = law.in_band, law.taken, law.sensed, law.demanded, law if law.asked > 0.0 else None
+        own = law if law.asked > 0.0 or law.stepped else None
+        key = law.in_band, law.taken, law.sensed, law.demanded, own
         if key not in plain:
             plain[key] = fitted(law)
         here = plain[key]
@@ -307,7 +308,7 @@ def _faster(law: PositionController, least: int, period: float) -> list[Position
     if law.ticks == 1:
         return [law]
     counts = sorted({max(2, round(times * period / TICK)) for times in TIMES})
-    return [replace(law, ticks=count) for count in counts if count >= least]
+    return [law.on_ticks(count, period) for count in counts if count >= least]
 
 
 def plain_fit(data: Prepared, model: Packed, policy: Policy) -> PlainFit:

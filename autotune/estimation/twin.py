@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from autotune.core.arrays import Flags, Floats
-from autotune.estimation.controller_law import MOMENT, PositionController
+from autotune.estimation.controller_law import EVE, MOMENT, PositionController
 from autotune.models import layout
 from autotune.models.compiled import compiled
 from autotune.models.contact import additive, bristle_damping, friction_limit, viscous_coefficient
@@ -24,7 +24,7 @@ from autotune.models.layout import STIFFNESS
 from autotune.models.plant import FASTEST, seen_late, simulate, simulate_in_lanes, substeps_for
 from autotune.models.torque_lag import IS_LATE, MOTOR_TORQUE, STAGES, STEEPNESS, TIME_CONSTANT
 from autotune.models.torque_saturation import bent, saturated
-from autotune.signals.between_samples import between_moments, delayed, finer, later
+from autotune.signals.between_samples import bend_between, between_moments, delayed, finer, later
 
 START_SECONDS = 0.02
 LEADING = 6.0
@@ -277,6 +277,7 @@ class Loop:
         averaged: whether a torque comes to the mean over a sample's ticks. Of a demand as at the samples it comes to
             the mean of two, which is not what acted between them; a current that follows its demand changes too little
             between them for that.
+        shown: torque that such a mean of two lacks of what acted [N m], shape (n,); None where it lacks nothing.
     """
 
     ticks: int
@@ -285,6 +286,7 @@ class Loop:
     feedforward: Floats
     memory: tuple[float, float, float, float]
     averaged: bool = True
+    shown: Floats | None = None
 
     def begun(self, offset: float) -> tuple[float, ...]:
         """The memory where reference and reading are off by so much, and room for the readings that are seen late."""
@@ -294,7 +296,10 @@ class Loop:
 
     def recorded_torque(self, torque: Floats) -> Floats:
         """What a simulated torque comes to from each sample to the next by its record, shape (…, n)."""
-        return torque if self.averaged else between_moments(torque)
+        if self.averaged:
+            return torque
+        moments = between_moments(torque)
+        return moments if self.shown is None else moments + self.shown
 
 
 def loop_along(recorded: Recorded, controller: PositionController) -> Loop:
@@ -317,12 +322,13 @@ def _at_samples(recorded: Recorded, controller: PositionController) -> Loop:
 
 def _between_samples(recorded: Recorded, controller: PositionController) -> Loop:
     """The loop of a drive that works between the samples; its torque answers as late as it acts on the axis."""
-    ticks, averaged = controller.ticks, controller.taken != MOMENT or controller.answer_delay > 0.0
+    ticks, eve = controller.ticks, controller.taken == EVE
+    averaged = not eve and (controller.taken != MOMENT or controller.answer_delay > 0.0)
     controller = controller.answering(recorded.late)
     share = 1.0 - (1.0 - controller.derivative_filter) ** (1.0 / ticks)
     reference = delayed(recorded.reference, controller.reference_delay, recorded.last_reference)
     fine = finer(reference, ticks, controller.cubic)
-    pushed = controller.feedforward_between(reference, fine, recorded.period)
+    pushed = controller.feedforward_between(reference, fine, recorded.period, recorded.late)
     pushed = pushed + np.repeat(recorded.feedforward, ticks)
     rate = controller.reference_rate * (fine[ticks] - fine[0]) / recorded.period - float(recorded.velocity[0])
     total = 0.0
@@ -332,7 +338,19 @@ def _between_samples(recorded: Recorded, controller: PositionController) -> Loop
     gains = replace(controller, derivative_filter=share).gains
     fine = later(fine, controller.ticks_late)
     memory = total, rate, float(fine[0]), float(recorded.measured[0])
-    return Loop(ticks, gains, fine, pushed, memory, averaged)
+    shown = held_after_read(recorded, controller, reference) if eve else None
+    return Loop(ticks, gains, fine, pushed, memory, averaged, shown)
+
+
+def held_after_read(recorded: Recorded, controller: PositionController, reference: Floats) -> Floats:
+    """What the mean of a twin's torques, each of the moment when its feedforward has stepped, lacks of what acts.
+
+    Shape (n,) [N m], as the `reference` is that the loop sees; the recorded torque has lost what it lacks
+    (`PositionController.held_until_read`).
+    """
+    bend = bend_between(reference, recorded.period, 1, False)
+    held = later(controller.acceleration_feedforward * bend, recorded.late)
+    return np.asarray(held - between_moments(held))
 
 
 def late_as_recorded(recorded: Recorded, packed: Packed) -> Packed:

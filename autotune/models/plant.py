@@ -238,7 +238,7 @@ def simulate(
         closed: whether `command` is the position reference (else it is the torque demand).
         command, feedforward: arrays of shape (n·ticks,); the latter is added to the demand [N m].
         disturbance: added to the torque after the demand [N m]; like all below an array of shape (n,).
-        position_noise: added to the position before it is quantised.
+        position_noise: added to the position before it is quantised: a row's at its first tick (`_noise_at`).
         position, torque: results, as the drive would report them: the reading of a sample's first tick, and the mean
             of the demands of all its ticks; where that is not `averaged`, the demand of the first.
 
@@ -255,11 +255,11 @@ def simulate(
     summed, c, between = 0.0 * loop[6], bent(p, on), between_masses(p, on)
     row = tick = place = 0
     for k in range(len(command)):
-        measured = _measured(p, on, state[POSITION], position_noise[row], loop[2])
+        heard = position_noise[_noise_at(row, tick, len(torque), ticks)]
+        measured = _measured(p, on, state[POSITION], heard, loop[2])
         seen = _seen(loop, room, place, late, part, measured)
         demand = _asked(gains, weight, loop, command[k], feedforward[k], seen) if closed else command[k]
-        loop[6] = seen
-        demand = min(max(demand, -limit), limit)
+        loop[6], demand = seen, min(max(demand, -limit), limit)
         if tick == 0:
             position[row], torque[row], summed = measured, demand, 0.0 * demand
         summed += demand
@@ -271,6 +271,16 @@ def simulate(
             return row
         row, tick, place = row + int(tick + 1 == ticks), _next(tick, ticks), _next(place, room)
     return len(torque)
+
+
+@compiled
+def _noise_at(row: int, tick: int, rows: int, ticks: int) -> int:
+    """Row whose noise a tick's reading has: its own at first, others far from it then, as none is held.
+
+    Held, an encoder's noise would have as many times its power below the rate of the rows.
+    """
+    place = row + tick * (rows // ticks)
+    return place - rows * int(place >= rows)
 
 
 def seen_late(ticks: float) -> int:

@@ -8,12 +8,13 @@ import pytest
 from scipy import signal
 
 from autotune.estimation.alignment import shifted
-from autotune.estimation.controller import as_recorded, identified
+from autotune.estimation.controller import as_recorded, asked, identified
 from autotune.estimation.controller_between import (
     FED,
     answering_late,
     laws_between,
     laws_of_slow_rows,
+    read_before_steps,
     smooth_between,
 )
 from autotune.estimation.controller_law import (
@@ -338,3 +339,96 @@ def test_what_a_sum_wanders_is_told_to_the_last_sample_whatever_that_one_holds()
     assert found.shape == (2, len(time))
     np.testing.assert_allclose(found[1], wanders, atol=0.01)
     np.testing.assert_allclose(found[0], slower(data, wanders, 0.5))
+
+
+def no_speed_fed_forward() -> tuple[LoopSamples, PositionController]:
+    """Set points and position of a cascade that feeds no velocity forward, and its law.
+
+    The position follows at speed over gain behind, so that the proportional part is many times the torque, and the
+    reference's own place takes it off again.
+    """
+    position_gain, speed_gain, reset, period = 60.0, 0.5, 40.0, 1e-3
+    time = np.arange(6000) * period
+    wanted = 4.0 * (1.0 - np.cos(2.0 * np.pi * 0.6 * time)) + 0.5 * np.sin(2.0 * np.pi * 3.0 * time)
+    left = np.exp(-period * position_gain)
+    slow = signal.butter(3, 20.0, fs=1.0 / period, output="sos")
+    pushed = signal.sosfilt(slow, np.random.default_rng(4).normal(size=len(time)))
+    place = signal.lfilter([1.0 - left], [1.0, -left], wanted) + 0.05 * pushed
+    gains = speed_gain * position_gain + reset, speed_gain, reset * position_gain
+    law = PositionController(*gains, 0.9, ticks=4, taken="moment", reference_rate=0.0, reference_delay=2)
+    law = replace(law, position_feedforward=-reset, source="identified", in_band=True)
+    free, stretch = np.zeros(len(wanted), dtype=np.bool_), (slice(20, len(wanted)),)
+    return LoopSamples(period, wanted, place, np.zeros(len(wanted)), free, stretch, None), law
+
+
+def test_a_law_asks_for_the_same_on_more_ticks() -> None:
+    """Where the sum of a large following error has the error of the tick already, shorter ticks have less of it."""
+    samples, law = no_speed_fed_forward()
+
+    def asked_for(one: PositionController) -> np.ndarray:
+        terms = between_terms(samples, one, one.filter_rate(samples.period)) @ one.terms_gains
+        return np.asarray(terms[200:] - terms[200:].mean())
+
+    same, naive = law.on_ticks(16, samples.period), replace(law, ticks=16)
+    assert same.ticks == 16
+    assert law.on_ticks(law.ticks, samples.period) == law
+    off = [float(np.std(asked_for(one) - asked_for(law))) for one in (same, naive)]
+    assert off[0] < 0.1 * off[1]
+
+
+@pytest.mark.slow
+def test_a_torque_read_before_its_feedforward_steps_is_told_from_one_at_the_samples() -> None:
+    """What is held is a set point old then, and the law at the samples has its set points a sample later."""
+    samples, law = no_speed_fed_forward()
+    law = replace(law, acceleration_feedforward=0.02, taken="eve", stepped=True)
+    samples = replace(samples, demand=between_terms(samples, law, law.filter_rate(1e-3)) @ law.terms_gains)
+    seen = replace(law, acceleration_feedforward=0.0, taken="moment", stepped=False, reference_delay=3)
+    prompt, younger = read_before_steps(samples, seen)
+    assert (prompt.taken, prompt.reference_delay, prompt.stepped) == ("eve", 2, True)
+    assert (prompt.kp, prompt.kd, prompt.ki) == pytest.approx((law.kp, law.kd, law.ki), rel=0.02)
+    assert prompt.acceleration_feedforward == pytest.approx(0.02, rel=0.02)
+    assert prompt.position_feedforward == pytest.approx(law.position_feedforward, rel=0.02)
+    assert younger.answer_delay == 0.0  # what acts
+    # half a tick of 250 us less
+    assert 1.0 / younger.filter_rate(1e-3) == pytest.approx(
+        1.0 / prompt.filter_rate(1e-3) - 1.25e-4, rel=1e-3
+    )
+    still = replace(law, acceleration_feedforward=0.0)
+    silent = replace(samples, demand=between_terms(samples, still, law.filter_rate(1e-3)) @ still.terms_gains)
+    noise = 1e-2 * np.std(silent.demand) * np.random.default_rng(1).normal(size=len(silent.demand))
+    assert (
+        read_before_steps(replace(silent, demand=silent.demand + noise), replace(seen, taken="moment")) == ()
+    )
+
+
+def test_a_torque_read_before_its_feedforward_steps_is_compared_as_it_acts() -> None:
+    """Twin and recording alike: what is held is that of now, and not the mean of the steps before and now."""
+    fine = recorded(TRUE, noise=0.0)
+    data = prepare([fine])
+    form = replace(TRUE, source="identified", in_band=True, ticks=4, stepped=True, reference_delay=1)
+    law = replace(form, acceleration_feedforward=2e-4, taken="eve")
+    mean = asked(data, replace(law, taken="next"))
+    rows = slice(50, -50)
+    assert np.std((asked(data, law) - mean)[rows]) < 0.1 * np.std(
+        (asked(data, replace(law, taken="moment", stepped=False)) - mean)[rows]
+    )
+    shown = asked(data, replace(law, acceleration_feedforward=0.0))
+    read = as_recorded(data, law).torque - as_recorded(data, replace(law, taken="moment")).torque
+    held = law.held_until_read(data.reference, data.period)
+    assert np.roll(held, 1)[rows] == pytest.approx(read[rows], abs=1e-9)
+    assert shown.shape == read.shape
+
+
+def test_the_noise_of_an_encoder_is_not_held_from_row_to_row() -> None:
+    """A reading of every tick has its own: the mean of sixteen demands has a quarter of one's noise."""
+    data = prepare([recorded(TRUE)])
+    law = PositionController(20.0, ticks=16, source="identified")
+    still = np.zeros(len(data.reference))
+    noise = np.random.default_rng(3).normal(0.0, 0.1 * RESOLUTION, len(still))
+    smooth, model = replace(data, resolution=0.0), base_model(AXIS).pack()
+    quiet, noisy = run_twins(smooth, [model, model], law, [(still, still), (still, noise)])
+    read = noisy.position - quiet.position
+    assert np.std(np.diff(read)) == pytest.approx(np.std(np.diff(noise)), rel=0.1)
+    asked_for = np.diff(noisy.torque - quiet.torque)
+    # the axis, which the noise moves, adds a fifth; held, the noise would be four times as much
+    assert np.std(asked_for) == pytest.approx(0.25 * law.kp * np.std(np.diff(noise)), rel=0.35)

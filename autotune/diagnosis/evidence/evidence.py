@@ -348,7 +348,8 @@ def _ways_of_recording(problem: Problem) -> list[tuple[Problem, float]]:
         if one.ticks == 1 or one.taken in known or (one.sensed, one.demanded) != (law.sensed, law.demanded):
             continue
         known.add(one.taken)
-        other = replace(one, adrift=law.adrift, asked=law.asked, ticks=max(one.ticks, law.ticks))
+        other = replace(one, adrift=law.adrift, asked=law.asked)
+        other = other.on_ticks(max(one.ticks, law.ticks), data.period)
         columns = replace(
             as_recorded(told.data, other), clocked=data.clocked, certainty=data.certainty, load_in_twin=True
         )
