@@ -327,7 +327,7 @@ def looped_otherwise(
         for again in (
             _shaken_best(problem, before),
             told_beside(problem, before.fitted),
-            *_a_row_otherwise(problem),
+            *a_row_otherwise(problem),
         )
         if again is not problem
     ]
@@ -339,7 +339,7 @@ def looped_otherwise(
     return found if stands_for >= problem.policy.partly * gained else None
 
 
-def _a_row_otherwise(problem: Problem) -> list[Problem]:
+def a_row_otherwise(problem: Problem) -> list[Problem]:
     """The problem with its loop a row sooner, where that can be, and a row later; none where its law tells the row.
 
     A torque that is recorded a row late has a law that sees all a row late, along the recorded motion: nothing there

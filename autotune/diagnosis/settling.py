@@ -18,6 +18,7 @@ from autotune.diagnosis.evidence.evidence import late_anew, without_long_lag
 from autotune.diagnosis.evidence.time_driven import without_clocked, without_reading_waves
 from autotune.diagnosis.refits import (
     REFINED,
+    a_row_otherwise,
     in_place_of,
     in_quieter_twin,
     inside_twin,
@@ -37,7 +38,7 @@ from autotune.diagnosis.transmission import (
     other_spring_tried,
     other_transmission_tried,
 )
-from autotune.estimation.bias_corrected_fit import LEVEL_GROUND
+from autotune.estimation.bias_corrected_fit import LEVEL_GROUND, fit_inside_twin
 from autotune.estimation.model_error import told_beside
 from autotune.models.table import EFFECTS
 from autotune.models.transmission import has_load
@@ -61,6 +62,7 @@ def take(state: SearchState, best: FittedCandidate) -> FittedCandidate:
     if not state.evidence.repeats:
         best = with_contact(state.problem, state.root, best)
     if state.evidence.repeats and unsettled(state.problem, best):
+        best = _a_row_beside(state, best)
         best = _shaken_less(state, best)
         best = refined(state.problem, state.root, best, state.progress)
         best = _begun_anew(state, best)
@@ -94,6 +96,34 @@ def _other_spring(state: SearchState, best: FittedCandidate) -> FittedCandidate:
     gains = {item.effect: item.gain for item in state.first}
     other = other_spring_tried(state.problem, state.root, state.nominal, best, gains, state.progress)
     return best if other is best else refined(state.problem, state.root, other, state.progress)
+
+
+def _a_row_beside(state: SearchState, best: FittedCandidate) -> FittedCandidate:
+    """The best candidate with two masses in a loop a row sooner or later, where that leaves clearly less.
+
+    In which row a torque was recorded tells how late a loop is by a row; one mass hardly moves otherwise in a loop as
+    late as that, but motor and load ring in it, or hunt.
+    """
+    problem, model_fit = state.problem, best.model_fit
+    if not problem.twin or not problem.two_masses(model_fit.fitted.packed):
+        return best
+    packed, free = model_fit.fitted.packed, list(model_fit.free)
+    least = problem.policy.clearly_less * model_fit.fitted.cost
+    found = [
+        (again, fit_inside_twin(again, packed, free, 2, model_fit.effects))
+        for again in a_row_otherwise(problem)
+    ]
+    there = [(again, one) for again, one in found if one is not None and one.fitted.cost < least]
+    if not there:
+        return best
+    state.progress("a loop a row sooner or later")
+    again, settled = min(there, key=lambda one: one[1].fitted.cost)
+    before = state.problem, state.root, state.tried
+    moved = state.moved(again, replace(best, model_fit=settled))
+    if moved.model_fit.fitted.cost < least:
+        return moved
+    state.problem, state.root, state.tried = before
+    return best
 
 
 def _shaken_less(state: SearchState, best: FittedCandidate) -> FittedCandidate:

@@ -116,9 +116,15 @@ def gap_is_told(problem: Problem, chosen: FittedCandidate, spring: FittedCandida
 
     Of what the spring leaves the gap explains as much as a name asks of all, on training and on the veto trajectory. A
     contact that gives way by more than its gap still parts; a spring by another law does not predict that.
+
+    Where the spring explains less than half on one of them, all is left, and the gap must explain that of all. So bad
+    is no spring by another law: as one whose compliance changes by a factor r with its load it leaves at most
+    ((r - 1)/(r + 1))² of what it does, half for r = 6. What gives way six times as much unloaded has play.
     """
     if spring.named or not problem.has(VETO):
         return False
+    if spring.share < problem.policy.partly:
+        return chosen.share >= problem.policy.named
     parts = explained_of_rest(problem, spring.model_fit, chosen.model_fit)
     return all(part.plain_share >= problem.policy.named for part in parts)
 
@@ -220,7 +226,8 @@ def other_spring_tried(
 
     A gap is what hardens most of all: a spring that hardens looks like one, and one that does not gains half as much.
     So it is tried in place of a gap where a spring does that, by the `gains` of effects by themselves, and has as many
-    parameters. In place of a spring it has one more, and must leave clearly less; so must one that relaxes.
+    parameters. In place of a spring it has one more, and must leave clearly less; so must one that relaxes. A spring by
+    whatever law explains half.
     """
     policy, model_fit = problem.policy, chosen.model_fit
     if not problem.twin:
@@ -235,7 +242,7 @@ def other_spring_tried(
         place = _as_soft(problem, model_fit.fitted.packed, soft)
         settled = _other_spring(problem, model_fit, _hardening(problem, place), free, effects, 1.0)
         return _instead(problem, root, chosen, settled, exchange.leads(chosen), 1.0)
-    if SPRING.name not in model_fit.effects or chosen.share >= REFINED:
+    if SPRING.name not in model_fit.effects or not policy.partly <= chosen.share < REFINED:
         return chosen
     progress(f"another law of {SPRING.name}")
     place = model_fit.fitted.packed

@@ -10,9 +10,9 @@ import pytest
 
 from autotune.diagnosis import candidates, refits, rounds, search, settling
 from autotune.diagnosis.baseline import begin
-from autotune.diagnosis.candidates import explains_rest, no_progress
+from autotune.diagnosis.candidates import FittedCandidate, explains_rest, no_progress
 from autotune.diagnosis.refits import (
-    _a_row_otherwise,
+    a_row_otherwise,
     adds_beside,
     in_place_of,
     in_quieter_twin,
@@ -20,11 +20,11 @@ from autotune.diagnosis.refits import (
     root_from,
 )
 from autotune.diagnosis.rounds import SearchState, _law_before, _worth_by_its_course
-from autotune.diagnosis.settling import _first_exchanged
+from autotune.diagnosis.settling import _a_row_beside, _first_exchanged
 from autotune.estimation.bandwidth import prepared_to_fit
 from autotune.estimation.bias_corrected_fit import fit_inside_twin
 from autotune.estimation.controller_law import PositionController
-from autotune.estimation.cross_validation import Unseen
+from autotune.estimation.cross_validation import Explained, Unseen
 from autotune.estimation.disturbance import Disturbance
 from autotune.estimation.least_squares import followed
 from autotune.estimation.policy import POLICY
@@ -101,6 +101,38 @@ def test_what_a_rival_adds_beside_the_true_effect_is_next_to_nothing_whatever_bo
     right, wrong = fit("spring", true), fit("torque_lag", 0.9 * true + 0.4 * other)
     assert adds_beside(problem, None, right, wrong) < 0.03
     assert adds_beside(problem, None, wrong, right) > 1.0
+
+
+@pytest.mark.parametrize(
+    ("sooner", "together", "moves"), [(0.7, 0.7, True), (0.9, 0.9, False), (0.7, 0.9, False)]
+)
+def test_two_masses_may_tell_that_their_loop_is_a_row_sooner(
+    monkeypatch: pytest.MonkeyPatch, sooner: float, together: float, moves: bool
+) -> None:
+    """A spring of 173 Hz hunted in a loop a row too late, which one mass could not tell from the right one.
+
+    `together`: what it leaves once all is fitted again there; all stays as it was where that is not clearly less.
+    """
+
+    def fit(cost: float) -> SimpleNamespace:
+        return SimpleNamespace(fitted=SimpleNamespace(cost=cost, packed=None), free=(), effects=("backlash",))
+
+    def candidate(cost: float) -> FittedCandidate:
+        return FittedCandidate("backlash", fit(cost), 0.0, Explained(1.0, 0.1), None, named=False)
+
+    def moved(state: SearchState, problem: object, _: object) -> FittedCandidate:
+        state.problem = problem
+        return candidate(together)
+
+    before = _Shaken(Disturbance(1.0, 0.0, 0.0, 0.0, 0.0))
+    again = replace(before, policy=replace(POLICY))
+    monkeypatch.setattr(settling, "a_row_otherwise", lambda _: [again])
+    monkeypatch.setattr(settling, "fit_inside_twin", lambda *_: fit(sooner))
+    monkeypatch.setattr(SearchState, "moved", moved)
+    state, begun = SearchState(before, None, None, no_progress, None), candidate(1.0)
+    assert (_a_row_beside(state, begun) is not begun) == moves
+    assert state.problem is (again if moves else before)
+    assert _a_row_beside(replace(state, problem=replace(before, loads=False)), begun) is begun
 
 
 @pytest.mark.parametrize(("right", "expected"), [(0.5, 0.5), (0.9, 1.0)])
@@ -314,7 +346,7 @@ def test_a_second_mass_must_do_more_than_twins_that_are_shaken_or_controlled_oth
     costs = {quiet: shaken, other: controlled}
     monkeypatch.setattr(refits, "_shaken_best", lambda *_: quiet)
     monkeypatch.setattr(refits, "told_beside", lambda *_: other if controlled < 1.0 else loud)
-    monkeypatch.setattr(refits, "_a_row_otherwise", lambda *_: [])
+    monkeypatch.setattr(refits, "a_row_otherwise", lambda *_: [])
     monkeypatch.setattr(
         refits, "fit_inside_twin", lambda one, *_: None if costs[one] is None else fit(costs[one])
     )
@@ -342,7 +374,7 @@ def test_a_loop_may_be_a_row_sooner_or_later_than_its_torque_was_recorded(
     """A torque that was logged a row late, and a lag that made up for most of it, passed for a second mass."""
     law = PositionController(1.0, 0.1, reference_delay=delays[0], position_delay=delays[1])
     problem = _Controlled(replace(law, exact=exact, ticks=ticks), SimpleNamespace(upsampling=2))
-    found = [one.controller for one in _a_row_otherwise(problem)]
+    found = [one.controller for one in a_row_otherwise(problem)]
     assert [(one.reference_delay, one.position_delay) for one in found] == asked
 
 
@@ -356,7 +388,7 @@ def test_a_loop_a_row_sooner_stands_for_a_second_mass(monkeypatch: pytest.Monkey
     sooner = replace(loud, policy=replace(POLICY))
     monkeypatch.setattr(refits, "_shaken_best", lambda *_: loud)
     monkeypatch.setattr(refits, "told_beside", lambda *_: loud)
-    monkeypatch.setattr(refits, "_a_row_otherwise", lambda *_: [sooner])
+    monkeypatch.setattr(refits, "a_row_otherwise", lambda *_: [sooner])
     for cost, stands in ((0.5, True), (0.8, False)):
         monkeypatch.setattr(refits, "fit_inside_twin", lambda *_, cost=cost: fit(cost))
         found = looped_otherwise(loud, fit(1.0), fit(0.4), None)

@@ -169,6 +169,7 @@ def test_what_relaxes_is_gone_after_a_while() -> None:
         (("backlash",), {"backlash": 0.6}, 1.0, False),
         (("elastic_transmission",), {"elastic_transmission": 0.6}, 0.9, True),
         (("elastic_transmission",), {"elastic_transmission": 0.6}, 1.0, False),
+        (("elastic_transmission",), {"elastic_transmission": 0.6}, 0.4, False),
         (("torque_lag",), {"elastic_transmission": 0.6, "torque_lag": 0.7}, 0.9, False),
     ],
 )
@@ -241,19 +242,33 @@ def test_fits_begin_with_a_constant_torque_on_either_side(kind: Kind) -> None:
 
 
 @pytest.mark.parametrize(
-    ("named", "shares", "told"),
-    [(False, (0.97, 0.95), True), (False, (0.97, 0.8), False), (True, (0.97, 0.95), False)],
-    ids=["far behind", "not on the veto trajectory", "a spring with a name"],
+    ("named", "shares", "spring_has", "gap_has", "told"),
+    [
+        (False, (0.97, 0.95), 0.68, 0.95, True),
+        (False, (0.97, 0.8), 0.68, 0.95, False),
+        (True, (0.97, 0.95), 0.68, 0.95, False),
+        (False, (0.9, 0.89), 0.15, 0.91, True),
+        (False, (0.9, 0.89), 0.15, 0.85, False),
+    ],
+    ids=["far behind", "not on the veto", "a spring with a name", "a spring refuted", "too little itself"],
 )
 def test_what_is_hardly_a_gap_is_one_where_a_spring_is_left_behind(
-    monkeypatch: pytest.MonkeyPatch, named: bool, shares: tuple[float, float], told: bool
+    monkeypatch: pytest.MonkeyPatch,
+    named: bool,
+    shares: tuple[float, float],
+    spring_has: float,
+    gap_has: float,
+    told: bool,
 ) -> None:
-    """Of a gap of a quarter of its twist, 99.5 % explained, nothing was left but a spring that explains 68 %."""
+    """Of a gap of a quarter of its twist, 99.5 % explained, nothing was left but a spring that explains 68 %.
+
+    Of another the spring explained 15 %, so that it left all: the gap's own nine tenths were held against it.
+    """
     parts = [SimpleNamespace(plain_share=share) for share in shares]
     monkeypatch.setattr(transmission, "explained_of_rest", lambda *_: parts)
     problem = SimpleNamespace(policy=POLICY, has=lambda role: True)
-    spring = SimpleNamespace(named=named, model_fit=None)
-    assert gap_is_told(problem, SimpleNamespace(model_fit=None), spring) == told
+    spring = SimpleNamespace(named=named, share=spring_has, model_fit=None)
+    assert gap_is_told(problem, SimpleNamespace(share=gap_has, model_fit=None), spring) == told
     assert not gap_is_told(SimpleNamespace(policy=POLICY, has=lambda role: False), spring, spring)
 
 
