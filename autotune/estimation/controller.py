@@ -18,9 +18,12 @@ from autotune.core.remembered import Remembered, digest_of
 from autotune.estimation.alignment import recorded_late, shifted
 from autotune.estimation.controller_between import (
     answering_late,
+    as_quick,
     following_late,
     laws_between,
+    laws_of_quick_rows,
     laws_of_slow_rows,
+    quick_rows,
     slow_rows,
     smooth_between,
 )
@@ -111,7 +114,8 @@ def _or_between(
     quiet = quieter(data)
     heard = samples if quiet is data else loop_samples(quiet, samples.policy)
     if not found.usable:
-        return _remembered(b"slow", heard, lambda: laws_of_slow_rows(heard)) or (found,)
+        slow = _remembered(b"slow", heard, lambda: laws_of_slow_rows(heard))
+        return slow or _remembered(b"quick", heard, lambda: laws_of_quick_rows(heard)) or (found,)
     laws = _remembered(b"between", heard, lambda: laws_between(heard, found, heard is not samples))
     if not found.exact:
         return laws
@@ -132,11 +136,11 @@ def controllers_of(
     between = next((law for law in laws if law.ticks > 1), None)
     if between is None:
         return tuple(dict.fromkeys((found, *plain)))
-    if between.slow:
-        samples = slow_rows(samples)
+    part = slow_rows if between.slow else quick_rows if between.quick else None
     quiet = quieter(data)
     heard = samples if quiet is data else loop_samples(quiet, policy)
-    heard = slow_rows(heard) if between.slow and heard is not samples else heard
+    if part is not None:
+        samples, heard = (part(one) for one in (samples, heard))
     smooth = _remembered(b"smooth", heard, lambda: _some(smooth_between(heard, between)))
     if data.sensed is None:
         late = _remembered(b"late", samples, lambda: answering_late(samples, between))
@@ -144,7 +148,9 @@ def controllers_of(
         acted = loop_samples(felt(data), policy)
         what = b"follows" + repr(_mark(samples)).encode()
         late = _remembered(what, acted, lambda: _some(following_late(samples, acted.demand, between)))
-    by_demand = () if heard is samples or between.slow else _demanded(samples)
+    by_demand = () if quiet is data or part is not None else _demanded(samples)
+    if between.quick:
+        smooth, late = (tuple(as_quick(law) for law in some) for some in (smooth, late))
     return (laws[0], *by_demand, *plain, *laws[1:], *smooth, *late)
 
 
@@ -223,6 +229,14 @@ def as_wanted(data: Prepared, law: PositionController) -> Prepared:
 def felt(data: Prepared) -> Prepared:
     """The data with the torque by its sensor, where there is one: what the axis felt, and not what was asked for."""
     return data if data.sensed is None else replace(data, torque=data.sensed, recorded_torque=data.sensed)
+
+
+def as_acted(data: Prepared) -> Prepared:
+    """The data with the torque that a model without a twin is compared with: the quieter one, where repeats are.
+
+    What a demand that was read at a moment has beside what acted no twin has then either.
+    """
+    return quieter(data) if data.repeated else data
 
 
 def quieter(data: Prepared) -> Prepared:
