@@ -349,11 +349,13 @@ def with_friction_fed(recordings: Sequence[Recording], data: Prepared, policy: P
     column `torque_feedforward` from there on: fit, twin and comparison take it for what it is. Without repeats nothing
     tells what such a drive makes of counts (`find_controller`), and it is not asked.
     """
-    if not (data.repeated and data.closed) or find_controller(data, policy).usable:
+    if not (data.repeated and data.closed) or _of_all_rows(find_controller(data, policy)):
         return recordings
     samples = loop_samples(data, policy)
     fed = _FED.answer(_mark(samples), lambda: friction_fed_forward(samples))
-    if fed is None or not find_controller(replace(data, feedforward=data.feedforward + fed), policy).usable:
+    if fed is None:
+        return recordings
+    if not _of_all_rows(find_controller(replace(data, feedforward=data.feedforward + fed), policy)):
         return recordings
     said = FRICTION_FED.format(float(np.max(np.abs(fed))))
     edges = np.cumsum([len(recording) for recording in recordings])[:-1]
@@ -363,6 +365,11 @@ def with_friction_fed(recordings: Sequence[Recording], data: Prepared, policy: P
         with_it = replace(recording, floats=column)
         told.append(with_it.with_metadata(remarks=(*recording.metadata.remarks, said)))
     return told
+
+
+def _of_all_rows(law: PositionController) -> bool:
+    """Whether a law was found, and not in quick rows alone, where a constant a second may stand for fed friction."""
+    return law.usable and not law.quick
 
 
 def clamped(torque: Floats, limit: float | None) -> Flags:
