@@ -29,6 +29,7 @@ from autotune.estimation.contact_start import (
 from autotune.estimation.controller import (
     AS_READ,
     FEEDS_FRICTION,
+    as_acted,
     as_recorded,
     controllers_of,
     find_controller,
@@ -82,7 +83,7 @@ def begin(
     packed = model.pack()
     notes: tuple[str, ...] = ()
     if not found.usable:
-        data, said = without_twin(data)
+        data, said = without_twin(as_acted(data))
         no_twin = () if data.steady else (f"{NO_TWIN}{found.why}. Confidence is lower.",)
         notes = (*no_twin, *said, *loop_note(data, policy))
     laws = controllers_of(data, found, policy)

@@ -18,10 +18,13 @@ from autotune.core.remembered import Remembered, digest_of
 from autotune.estimation.alignment import recorded_late, shifted
 from autotune.estimation.controller_between import (
     answering_late,
+    as_quick,
     following_late,
     laws_between,
+    laws_of_quick_rows,
     laws_of_slow_rows,
     read_before_steps,
+    quick_rows,
     slow_rows,
     smooth_between,
 )
@@ -113,7 +116,8 @@ def _or_between(
     quiet = quieter(data)
     heard = samples if quiet is data else loop_samples(quiet, samples.policy)
     if not found.usable:
-        return _remembered(b"slow", heard, lambda: laws_of_slow_rows(heard)) or (found,)
+        slow = _remembered(b"slow", heard, lambda: laws_of_slow_rows(heard))
+        return slow or _remembered(b"quick", heard, lambda: laws_of_quick_rows(heard)) or (found,)
     laws = _remembered(b"between", heard, lambda: laws_between(heard, found, heard is not samples))
     if not found.exact:
         return laws
@@ -134,11 +138,11 @@ def controllers_of(
     between = next((law for law in laws if law.ticks > 1), None)
     if between is None:
         return tuple(dict.fromkeys((found, *plain)))
-    if between.slow:
-        samples = slow_rows(samples)
+    part = slow_rows if between.slow else quick_rows if between.quick else None
     quiet = quieter(data)
     heard = samples if quiet is data else loop_samples(quiet, policy)
-    heard = slow_rows(heard) if between.slow and heard is not samples else heard
+    if part is not None:
+        samples, heard = (part(one) for one in (samples, heard))
     smooth = _remembered(b"smooth", heard, lambda: _some(smooth_between(heard, between)))
     if data.sensed is None:
         late = _remembered(b"late", samples, lambda: answering_late(samples, between))
@@ -148,7 +152,9 @@ def controllers_of(
         late = _remembered(what, acted, lambda: _some(following_late(samples, acted.demand, between)))
     moment = next((law for law in laws if law.ticks > 1 and law.taken == MOMENT), None)
     stepped = () if moment is None else _remembered(b"eve", heard, lambda: read_before_steps(heard, moment))
-    by_demand = () if heard is samples or between.slow else _demanded(samples)
+    by_demand = () if quiet is data or part is not None else _demanded(samples)
+    if between.quick:
+        smooth, late, stepped = (tuple(as_quick(law) for law in some) for some in (smooth, late, stepped))
     return (laws[0], *by_demand, *plain, *laws[1:], *smooth, *late, *stepped)
 
 
@@ -247,6 +253,14 @@ def as_wanted(data: Prepared, law: PositionController) -> Prepared:
 def felt(data: Prepared) -> Prepared:
     """The data with the torque by its sensor, where there is one: what the axis felt, and not what was asked for."""
     return data if data.sensed is None else replace(data, torque=data.sensed, recorded_torque=data.sensed)
+
+
+def as_acted(data: Prepared) -> Prepared:
+    """The data with the torque that a model without a twin is compared with: the quieter one, where repeats are.
+
+    What a demand that was read at a moment has beside what acted no twin has then either.
+    """
+    return quieter(data) if data.repeated else data
 
 
 def quieter(data: Prepared) -> Prepared:
@@ -360,11 +374,13 @@ def with_friction_fed(recordings: Sequence[Recording], data: Prepared, policy: P
     column `torque_feedforward` from there on: fit, twin and comparison take it for what it is. Without repeats nothing
     tells what such a drive makes of counts (`find_controller`), and it is not asked.
     """
-    if not (data.repeated and data.closed) or find_controller(data, policy).usable:
+    if not (data.repeated and data.closed) or _of_all_rows(find_controller(data, policy)):
         return recordings
     samples = loop_samples(data, policy)
     fed = _FED.answer(_mark(samples), lambda: friction_fed_forward(samples))
-    if fed is None or not find_controller(replace(data, feedforward=data.feedforward + fed), policy).usable:
+    if fed is None:
+        return recordings
+    if not _of_all_rows(find_controller(replace(data, feedforward=data.feedforward + fed), policy)):
         return recordings
     said = FRICTION_FED.format(float(np.max(np.abs(fed))))
     edges = np.cumsum([len(recording) for recording in recordings])[:-1]
@@ -374,6 +390,11 @@ def with_friction_fed(recordings: Sequence[Recording], data: Prepared, policy: P
         with_it = replace(recording, floats=column)
         told.append(with_it.with_metadata(remarks=(*recording.metadata.remarks, said)))
     return told
+
+
+def _of_all_rows(law: PositionController) -> bool:
+    """Whether a law was found, and not in quick rows alone, where a constant a second may stand for fed friction."""
+    return law.usable and not law.quick
 
 
 def clamped(torque: Floats, limit: float | None) -> Flags:

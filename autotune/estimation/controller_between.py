@@ -44,7 +44,9 @@ from autotune.estimation.controller_search import (
     in_band,
     searched_late,
 )
+from autotune.estimation.data import STANDSTILL_COUNTS, STANDSTILL_SECONDS, compared_below, step_of
 from autotune.estimation.disturbance import jitter_of
+from autotune.signals.filters import low_pass
 from autotune.signals.line_search import lowest
 from autotune.signals.triangle import Triangle, reduced
 
@@ -59,7 +61,13 @@ FED = PositionController(velocity_feedforward=1.0)
 SLOW_ROWS = (
     "Rows are written late: the controller was identified mostly by slow ones, which that hardly moves."
 )
+QUICK_ROWS = (
+    "The encoder's counts are coarse: the controller was identified by rows in which they go by faster than torques "
+    "are compared."
+)
 BETWEEN = "The drive's loop works between the samples, and is simulated so."
+HARDLY_COUNTS = 1e-6
+"""Weight of a row that tells nothing beside others."""
 FASTEST = 25.0
 """Time constants of that filter in a sample: beyond, nothing is left to filter."""
 MOST_ANSWER, FINER, MOST_SET_POINTS = 6, 3, 2
@@ -109,6 +117,59 @@ def slow_rows(samples: LoopSamples) -> LoopSamples:
         speed[rows] = np.diff(place[rows], prepend=place[rows.start])
     told = np.concatenate([np.abs(speed[rows]) for rows in samples.stretches])
     return replace(samples, weight=1.0 / (1.0 + (speed / max(float(np.median(told)), 1e-300)) ** 2))
+
+
+def laws_of_quick_rows(samples: LoopSamples) -> tuple[PositionController, ...]:
+    """The law of a drive that works between the samples, where counts are coarse; none if they explain too little.
+
+    A reading is off by a part of a count, and by another one than what the loop read: by noise, or as counts come
+    between two rows. While the axis hardly moves that stays for seconds; the law's sum goes with it, and least squares
+    take it for smaller gains. Where counts go by faster than torques are compared it averages out.
+
+    What is recorded at a moment of what the loop makes of counts is folded down, beside any law (`_folded`). A law that
+    leaves no less in these rows than in all lacks another thing.
+    """
+    quick = quick_rows(samples)
+    if quick.weight is None or np.all(quick.weight < 1.0):
+        return ()
+    found = _searched_between(_banded(quick))
+    banded = _banded(samples)
+    best = found[0]
+    everywhere = 1.0 - _Between(banded).law(best, best.filter_rate(samples.period)).explained
+    if 1.0 - best.explained > WORTH_DELAYS * everywhere:
+        return ()
+    return tuple(as_quick(law) for law in found if _tells(law, quick))
+
+
+def quick_rows(samples: LoopSamples) -> LoopSamples:
+    """The samples, of which only those count in which the axis moves by more counts than at a standstill, as it is
+    told where torques are compared: there counts go by above the compared frequency."""
+    place = in_band(samples).position
+    speed = np.zeros(len(place))
+    for rows in samples.stretches:
+        speed[rows] = np.diff(place[rows], prepend=place[rows.start]) / samples.period
+    least = step_of(samples.position) * STANDSTILL_COUNTS / (2.0 * STANDSTILL_SECONDS)
+    return replace(samples, weight=np.where(np.abs(speed) > least, 1.0, HARDLY_COUNTS))
+
+
+def as_quick(law: PositionController) -> PositionController:
+    """A law found in quick rows, and said to be."""
+    return replace(law, quick=True, why=law.why.replace(SLOW_ROWS, QUICK_ROWS))
+
+
+def _folded(samples: LoopSamples) -> float:
+    """Share of the demand below the compared frequency that its noise is there, if it is white.
+
+    As it is in the upper half of what the samples show: a torque that is read at a moment has there, and everywhere,
+    what a loop between the samples makes beyond it; what is no such noise has fallen off.
+    """
+    power, banded = 0.0, in_band(samples).demand
+    rows = np.concatenate([np.arange(s.start, s.stop) for s in samples.stretches])
+    for part in samples.stretches:
+        own = samples.demand[part]
+        power += float(np.sum((own - low_pass(own, 0.25 / samples.period, samples.period)) ** 2))
+    density = power / len(rows) / (0.25 / samples.period)
+    return density * compared_below(samples.period) / max(float(np.var(banded[rows])), 1e-300)
 
 
 def smooth_between(samples: LoopSamples, law: PositionController) -> PositionController | None:
@@ -212,10 +273,13 @@ def _as_felt(law: PositionController, ticks: int) -> PositionController:
 def _tells(law: PositionController, samples: LoopSamples) -> bool:
     """Whether it explains enough to drive a twin, by gains that hold an axis.
 
-    Where rows are written late the rest is theirs: enough is what says that the torque is a controller's answer.
+    Where rows are written late, or counts are coarse, the rest is theirs: enough is what says that the torque is a
+    controller's answer, beside what is folded into it.
     """
     policy = samples.policy
     least = policy.controller_explains_in_band if samples.weight is None else policy.answer_explains
+    if samples.weight is not None and np.min(samples.weight) == HARDLY_COUNTS:
+        least -= _folded(samples)
     return law.explained > least and law.kp > 0.0 and law.kd > 0.0
 
 

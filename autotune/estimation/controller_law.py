@@ -74,7 +74,8 @@ class PositionController:
         stepped: what it holds of the acceleration from set point to set point acts as soon as the drive takes the set
             point in, however late it answers to the axis.
         adrift: where the counts of its encoder lie the twin does not know, and has them elsewhere in every run.
-        slow: found by slow rows, as rows are written late (`LoopSamples.weight`).
+        slow: found by slow rows, as rows are written late (`LoopSamples.weight`). `quick`: by quick ones, as counts are
+            coarse.
         asked: frequency [Hz] above which what it asks for along the recorded motion is compared, and not the torque as
             it was recorded; 0 where that is compared.
         exact: leaves no more than rounding of numbers, or of the recorded torque: the law works at the samples.
@@ -110,6 +111,7 @@ class PositionController:
     demanded: bool = False
     adrift: bool = False
     slow: bool = False
+    quick: bool = False
     asked: float = 0.0
 
     @property

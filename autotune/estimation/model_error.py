@@ -29,7 +29,14 @@ from autotune.estimation.alignment import (
     shifted,
     without_twin,
 )
-from autotune.estimation.controller import as_recorded, asked, clamped, controllers_of, find_controller
+from autotune.estimation.controller import (
+    as_acted,
+    as_recorded,
+    asked,
+    clamped,
+    controllers_of,
+    find_controller,
+)
 from autotune.estimation.controller_between import AS_MUCH, TICK
 from autotune.estimation.controller_law import NEXT, PositionController
 from autotune.estimation.controller_search import PIECE_SECONDS
@@ -339,7 +346,7 @@ def _error_inside(data: Prepared, found: PositionController, model: DriveModel, 
         problem = replace(problem, controller=None)
         notes = ("No twin: a simulation of the model with this controller is unstable.",)
     if not problem.twin:
-        data, said = without_twin(data)
+        data, said = without_twin(as_acted(data))
         data = data if data.repeated or data.steady else best_aligned(data, packed)
         problem, notes = new_problem(data, None, policy), (*notes, *said)
     if problem.twin:

@@ -11,7 +11,7 @@ import pytest
 from autotune.diagnosis import baseline
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.estimation.bandwidth import prepared_to_fit
-from autotune.estimation.controller import as_recorded, controller_of
+from autotune.estimation.controller import as_acted, as_recorded, controller_of
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import TRAINING, Block
 from autotune.estimation.model_error import with_misfit
@@ -36,6 +36,21 @@ def test_the_sensors_torque_is_taken_where_the_drives_loop_shakes_its_demand_bet
     data = replace(data, torque=demand, recorded_torque=demand, sensed=data.torque + 1e-3 * noise[::-1])
     found = as_recorded(data, replace(LAW, in_band=in_band))
     assert np.array_equal(found.torque, data.sensed if sensed else demand)
+
+
+@pytest.mark.parametrize(
+    ("repeated", "shaken", "sensed"), [(True, 5e-3, True), (True, 0.0, False), (False, 5e-3, False)]
+)
+def test_without_a_twin_the_quieter_torque_is_compared_where_repeats_are(
+    short, repeated: bool, shaken: float, sensed: bool
+) -> None:
+    data = prepared_to_fit([short])
+    noise = np.random.default_rng(2).normal(0.0, 1.0, len(data.torque))
+    demand = data.torque + shaken * noise
+    data = replace(data, torque=demand, recorded_torque=demand, sensed=data.torque + 1e-3 * noise[::-1])
+    if not repeated:
+        data = replace(data, blocks=tuple(replace(block, repeats=1) for block in data.blocks))
+    assert np.array_equal(as_acted(data).torque, data.sensed if sensed else demand)
 
 
 def test_what_the_law_does_not_ask_for_and_the_error_has_as_well_is_no_structure(short) -> None:

@@ -13,6 +13,7 @@ from autotune.estimation.controller_between import (
     FED,
     answering_late,
     laws_between,
+    laws_of_quick_rows,
     laws_of_slow_rows,
     read_before_steps,
     smooth_between,
@@ -176,6 +177,51 @@ def test_behind_a_drive_whose_rows_are_written_late_slow_rows_tell_the_law() -> 
     assert found.slow
     assert (found.taken, found.reference_delay) == ("moment", 1)
     assert (found.kp, found.kd, found.ki) == pytest.approx(gains, rel=0.06)
+
+
+QUICK = (10.0, 0.05, 500.0)
+
+
+def of_a_loop_on_counts(count: float) -> LoopSamples:
+    """A PID at 8 ticks a sample of 1 ms on a reading in whole counts, of which the file has another one with noise.
+
+    The axis moves for half of the time, and hardly for the rest. The torque is a mean over the sample.
+    """
+    period, ticks, rate = 1e-3, 8, 900.0
+    rng = np.random.default_rng(4)
+    time = np.arange(24000 * ticks) * period / ticks
+    slow = signal.butter(3, 12.0, fs=ticks / period, output="sos")
+    lively = np.where(np.sin(0.7 * time) > 0.0, 1.0, 1e-3)
+    moved, pushed = lively * signal.sosfilt(slow, rng.normal(size=(2, len(time))))
+    place, wanted = np.roll(moved, 10) + 0.03 * pushed, moved[::ticks]
+    fine = np.interp(time, time[::ticks] + period, wanted)
+    told = np.floor(place / count + 0.5) * count
+    share = 1.0 - np.exp(-rate * period / ticks)
+    filtered = signal.lfilter([share], [1.0, share - 1.0], np.diff(fine - told, prepend=0.0) * ticks / period)
+    error = fine - told
+    torque = QUICK[0] * error + QUICK[1] * filtered + QUICK[2] * np.cumsum(error) * period / ticks
+    read = np.floor(place[::ticks] / count + 0.5 + 0.5 * rng.normal(size=len(wanted))) * count
+    free, stretch = np.zeros(len(wanted), dtype=np.bool_), (slice(20, len(wanted)),)
+    return LoopSamples(period, wanted, read, torque.reshape(-1, ticks).mean(axis=1), free, stretch, None)
+
+
+@pytest.mark.slow
+def test_behind_a_drive_on_coarse_counts_quick_rows_tell_the_law() -> None:
+    """While the axis hardly moves the file's count is off from the loop's for seconds, and the sum goes with it."""
+    samples = of_a_loop_on_counts(count=1.2e-3)
+    plain = laws_between(samples, PositionController(explained=0.5))[0]
+    found = laws_of_quick_rows(samples)[0]
+    assert plain.ticks == 1  # nothing between the samples explains enough
+    assert found.quick
+    assert "counts are coarse" in found.why
+    assert (found.kp, found.ki) == pytest.approx((QUICK[0], QUICK[2]), rel=0.05)
+
+
+@pytest.mark.slow
+def test_a_demand_that_quick_rows_explain_no_better_has_no_law_by_its_counts() -> None:
+    samples = of_a_loop_on_counts(count=1e-5)
+    other = 0.1 * np.std(samples.demand) * np.sin(2.0 * np.pi * 5.0 * np.arange(len(samples.demand)) * 1e-3)
+    assert laws_of_quick_rows(replace(samples, demand=samples.demand + other)) == ()
 
 
 def of_a_cascade(ticks: int, period: float, late: float) -> tuple[LoopSamples, tuple[float, float, float]]:
