@@ -23,8 +23,8 @@ from autotune.estimation.controller_between import (
     laws_between,
     laws_of_quick_rows,
     laws_of_slow_rows,
-    read_before_steps,
     quick_rows,
+    read_before_steps,
     slow_rows,
     smooth_between,
 )
