@@ -97,9 +97,8 @@ def _sentence(model: type[BaseModel], problem: Any) -> str:
         known = _keys(model, location[:-1])
         near = difflib.get_close_matches(location[-1], known, 1, cutoff=0.5)
         hint = f"did you mean {near[0]!r}?" if near else ""
-        if not difflib.get_close_matches(
-            location[-1], known, 1, cutoff=_TYPED
-        ):  # near in words, not by a slip
+        slips = difflib.get_close_matches(location[-1], near, cutoff=_TYPED)
+        if not slips:  # near in words at most
             hint = f"{hint} known are {', '.join(sorted(known))}".lstrip()
         return f"unknown key {key!r}; {hint}"
     if problem["type"] == "missing":

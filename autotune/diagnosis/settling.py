@@ -8,6 +8,7 @@ part unexplained. Whatever leaves more than before is undone.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 from autotune.diagnosis.candidates import (
@@ -118,12 +119,7 @@ def _a_row_beside(state: SearchState, best: FittedCandidate) -> FittedCandidate:
         return best
     state.progress("a loop a row sooner or later")
     again, settled = min(there, key=lambda one: one[1].fitted.cost)
-    before = state.problem, state.root, state.tried
-    moved = state.moved(again, replace(best, model_fit=settled))
-    if moved.model_fit.fitted.cost < least:
-        return moved
-    state.problem, state.root, state.tried = before
-    return best
+    return _kept(state, best, least, lambda: state.moved(again, replace(best, model_fit=settled)))
 
 
 def _shaken_less(state: SearchState, best: FittedCandidate) -> FittedCandidate:
@@ -143,17 +139,16 @@ def _shaken_less(state: SearchState, best: FittedCandidate) -> FittedCandidate:
 
 def _told_beside(state: SearchState, best: FittedCandidate) -> FittedCandidate:
     """The best candidate beside the law that is told by it, where it leaves less so."""
-    before = state.problem, state.root, state.tried
     again = told_beside(state.problem, best.model_fit.fitted)
     if again is state.problem:
         return best
     state.progress("another law of the controller")
-    moved = _shaken_less(state, state.moved(again, best))
-    moved = refined(state.problem, state.root, moved, state.progress)
-    if moved.model_fit.fitted.cost < best.model_fit.fitted.cost:
-        return moved
-    state.problem, state.root, state.tried = before
-    return best
+
+    def moved() -> FittedCandidate:
+        less = _shaken_less(state, state.moved(again, best))
+        return refined(state.problem, state.root, less, state.progress)
+
+    return _kept(state, best, best.model_fit.fitted.cost, moved)
 
 
 def _late_beside(state: SearchState, best: FittedCandidate) -> FittedCandidate:
@@ -167,11 +162,25 @@ def _late_beside(state: SearchState, best: FittedCandidate) -> FittedCandidate:
     if found is None or found[1].fitted.cost >= least:
         return best
     state.progress("how late the loop is, anew")
+    late, settled = found
+
+    def moved() -> FittedCandidate:
+        there = state.moved(without_long_lag(late), replace(best, model_fit=settled))
+        return refined(state.problem, state.root, there, state.progress)
+
+    return _kept(state, best, least, moved)
+
+
+def _kept(
+    state: SearchState, best: FittedCandidate, least: float, moved: Callable[[], FittedCandidate]
+) -> FittedCandidate:
+    """What the best candidate becomes where it is `moved` to; it, and the search, as they were unless it costs less
+    than `least` there.
+    """
     before = state.problem, state.root, state.tried
-    moved = state.moved(without_long_lag(found[0]), replace(best, model_fit=found[1]))
-    moved = refined(state.problem, state.root, moved, state.progress)
-    if moved.model_fit.fitted.cost < least:
-        return moved
+    there = moved()
+    if there.model_fit.fitted.cost < least:
+        return there
     state.problem, state.root, state.tried = before
     return best
 

@@ -172,10 +172,12 @@ def stiff_as_well(problem: Problem, less: ModelFit, model_fit: ModelFit) -> bool
     fitted = model_fit.fitted
     p = fitted.packed.p.copy()
     spring = SPRING.name in model_fit.effects
-    held = [SPRING.slot(name) for name in ("compliance", "damping", "hardening", "relaxing")]
-    if not spring:
-        held = [GAP.slot(name) for name in ("contact_compliance", "damping", "gap", "impact_damping")]
-    p[held[2:]] = 0.0
+    kind: Kind = GAP
+    names: tuple[str, ...] = ("contact_compliance", "damping", "gap", "impact_damping")
+    if spring:
+        kind, names = SPRING, ("compliance", "damping", "hardening", "relaxing", "relaxation_time")
+    held = [kind.slot(name) for name in names]
+    p[held] = [kind.parameter(name).neutral for name in names]
     p[held[:2]] = compliance_of_one_mass(float(p[layout.INERTIA]), problem.data.period), CRITICAL
     free = [one for one in model_fit.free if one.slot not in held]
     stiff = fit_inside_twin(problem, Packed(p, fitted.packed.on), free, 4, model_fit.effects)
@@ -246,8 +248,8 @@ def other_spring_tried(
         return chosen
     progress(f"another law of {SPRING.name}")
     place = model_fit.fitted.packed
+    least = policy.clearly_less
     for law in (_hardening(problem, place), _relaxing(place)):
-        least = policy.clearly_less
         settled = _other_spring(problem, model_fit, law, model_fit.free, model_fit.effects, least)
         better = _instead(problem, root, chosen, settled, chosen.effect, least)
         if better is not chosen:

@@ -140,9 +140,11 @@ def controllers_of(
         return tuple(dict.fromkeys((found, *plain)))
     part = slow_rows if between.slow else quick_rows if between.quick else None
     quiet = quieter(data)
-    heard = samples if quiet is data else loop_samples(quiet, policy)
-    if part is not None:
-        samples, heard = (part(one) for one in (samples, heard))
+    samples = samples if part is None else part(samples)
+    heard = samples
+    if quiet is not data:
+        heard = loop_samples(quiet, policy)
+        heard = heard if part is None else part(heard)
     smooth = _remembered(b"smooth", heard, lambda: _some(smooth_between(heard, between)))
     if data.sensed is None:
         late = _remembered(b"late", samples, lambda: answering_late(samples, between))

@@ -16,19 +16,18 @@ import numpy as np
 
 from autotune.core.arrays import Floats
 from autotune.estimation.controller_law import (
-    BEND,
     EVE,
     MOMENT,
     TAKEN,
     LoopSamples,
     PositionController,
     answered,
-    bend_as_read,
     filtered_rate,
     fine_position,
     fine_reference,
     late_places,
     law_rows,
+    reference_answered,
     share_explained,
     whole_law,
 )
@@ -105,16 +104,14 @@ def laws_of_slow_rows(samples: LoopSamples) -> tuple[PositionController, ...]:
     """
     if jitter_of(samples.position, samples.stretches, samples.period) == 0.0:
         return ()
-    laws = _searched_between(_banded(slow_rows(samples)))
-    return tuple(replace(law, slow=True) for law in laws if _tells(law, slow_rows(samples)))
+    slow = slow_rows(samples)
+    laws = _searched_between(_banded(slow))
+    return tuple(replace(law, slow=True) for law in laws if _tells(law, slow))
 
 
 def slow_rows(samples: LoopSamples) -> LoopSamples:
     """The samples, which count by half from the usual speed on."""
-    place = in_band(samples).position
-    speed = np.zeros(len(place))
-    for rows in samples.stretches:
-        speed[rows] = np.diff(place[rows], prepend=place[rows.start])
+    speed = _ways(in_band(samples))
     told = np.concatenate([np.abs(speed[rows]) for rows in samples.stretches])
     return replace(samples, weight=1.0 / (1.0 + (speed / max(float(np.median(told)), 1e-300)) ** 2))
 
@@ -144,12 +141,20 @@ def laws_of_quick_rows(samples: LoopSamples) -> tuple[PositionController, ...]:
 def quick_rows(samples: LoopSamples) -> LoopSamples:
     """The samples, of which only those count in which the axis moves by more counts than at a standstill, as it is
     told where torques are compared: there counts go by above the compared frequency."""
-    place = in_band(samples).position
-    speed = np.zeros(len(place))
-    for rows in samples.stretches:
-        speed[rows] = np.diff(place[rows], prepend=place[rows.start]) / samples.period
+    banded = in_band(samples)
+    speed = _ways(banded) / samples.period
     least = step_of(samples.position) * STANDSTILL_COUNTS / (2.0 * STANDSTILL_SECONDS)
-    return replace(samples, weight=np.where(np.abs(speed) > least, 1.0, HARDLY_COUNTS))
+    weight = np.where(np.abs(speed) > least, 1.0, HARDLY_COUNTS)
+    return replace(samples, weight=weight, folded=_folded(samples, banded.demand))
+
+
+def _ways(samples: LoopSamples) -> Floats:
+    """Way of the position from each row to the next, shape (n,)."""
+    ways = np.zeros(len(samples.position))
+    for rows in samples.stretches:
+        place = samples.position[rows]
+        ways[rows] = np.diff(place, prepend=place[0])
+    return ways
 
 
 def as_quick(law: PositionController) -> PositionController:
@@ -157,13 +162,13 @@ def as_quick(law: PositionController) -> PositionController:
     return replace(law, quick=True, why=law.why.replace(SLOW_ROWS, QUICK_ROWS))
 
 
-def _folded(samples: LoopSamples) -> float:
-    """Share of the demand below the compared frequency that its noise is there, if it is white.
+def _folded(samples: LoopSamples, banded: Floats) -> float:
+    """Share of the demand below the compared frequency, `banded`, that its noise is there, if it is white.
 
     As it is in the upper half of what the samples show: a torque that is read at a moment has there, and everywhere,
     what a loop between the samples makes beyond it; what is no such noise has fallen off.
     """
-    power, banded = 0.0, in_band(samples).demand
+    power = 0.0
     rows = np.concatenate([np.arange(s.start, s.stop) for s in samples.stretches])
     for part in samples.stretches:
         own = samples.demand[part]
@@ -278,9 +283,7 @@ def _tells(law: PositionController, samples: LoopSamples) -> bool:
     """
     policy = samples.policy
     least = policy.controller_explains_in_band if samples.weight is None else policy.answer_explains
-    if samples.weight is not None and np.min(samples.weight) == HARDLY_COUNTS:
-        least -= _folded(samples)
-    return law.explained > least and law.kp > 0.0 and law.kd > 0.0
+    return law.explained > least - samples.folded and law.kp > 0.0 and law.kd > 0.0
 
 
 def _said(law: PositionController, samples: LoopSamples) -> PositionController:
@@ -500,11 +503,8 @@ class _Between:
         shape = (form.cubic, form.smooth, form.stepped) if wants else ()
         key = wants, form.ticks, form.taken, form.answer_delay, *shape
         if key not in self._recorded:
-            fine = self._between(form, wants)
-            shown = answered(self.samples, fine, form)
-            if wants:
-                shown[BEND] = bend_as_read(self.samples, fine[BEND], shown[BEND], form)
-            self._recorded[key] = shown
+            as_recorded = reference_answered if wants else answered
+            self._recorded[key] = as_recorded(self.samples, self._between(form, wants), form)
         return self._recorded[key]
 
     def _filtered(self, form: PositionController, rate: float, wants: bool) -> Floats:

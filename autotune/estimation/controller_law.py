@@ -221,6 +221,7 @@ class LoopSamples:
         known: the controller that the file names.
         piece: longest run that shares a constant [s].
         weight: of each row's square; all alike where there is none.
+        folded: share of the demand below the compared frequency that is folded down there, beside any law.
     """
 
     period: float
@@ -234,6 +235,7 @@ class LoopSamples:
     most_rows: int = MOST_ROWS
     piece: float = np.inf
     weight: Floats | None = None
+    folded: float = 0.0
 
     def weight_of(self, rows: Integers) -> Floats | None:
         """Weights of some rows, of the same shape."""
@@ -437,8 +439,8 @@ def between_terms(samples: LoopSamples, law: PositionController, rate: float) ->
     late = late_samples(samples, law.reference_delay, 0)
     fine = fine_reference(late, law), fine_position(samples, law.ticks)
     rates = np.array([filtered_rate(samples, one[0], law.ticks, rate) for one in fine])
-    wanted, moved, filtered = (answered(samples, terms, law) for terms in (*fine, rates))
-    wanted[BEND] = bend_as_read(samples, fine[0][BEND], wanted[BEND], law)
+    wanted = reference_answered(samples, fine[0], law)
+    moved, filtered = (answered(samples, terms, law) for terms in (fine[1], rates))
     error, summed = wanted[0] - moved[0], wanted[1] - moved[1]
     return np.column_stack([error, -filtered[1], summed, filtered[0], wanted[3], wanted[0], wanted[2]])
 
@@ -454,17 +456,15 @@ def answered(samples: LoopSamples, terms: Floats, law: PositionController) -> Fl
     return np.array([taken_at(row, law.ticks, law.taken) for row in shown])
 
 
-def bend_as_read(samples: LoopSamples, fine: Floats, late: Floats, law: PositionController) -> Floats:
-    """The reference's bend as a torque shows it, shape (n,), where it is held from set point to set point; else `late`.
-
-    Args:
-        fine: bend between the samples, shape (n·ticks,).
-        late: as a torque shows it that answers to all alike, shape (n,).
+def reference_answered(samples: LoopSamples, fine: Floats, law: PositionController) -> Floats:
+    """`answered` of the reference's terms (`fine_reference`): where its bend is held from set point to set point, that
+    answers to nothing late, and is read as it was held.
     """
-    if not law.stepped:
-        return late
-    held = fine.reshape(-1, law.ticks)[:, 0]
-    return late_rows(held, samples, 1) if law.taken in (BEFORE, EVE) else held
+    shown = answered(samples, fine, law)
+    if law.stepped:
+        held = fine[BEND].reshape(-1, law.ticks)[:, 0]
+        shown[BEND] = late_rows(held, samples, 1) if law.taken in (BEFORE, EVE) else held
+    return shown
 
 
 def regular_rows(samples: LoopSamples, smoothing: float) -> tuple[Flags, Integers]:

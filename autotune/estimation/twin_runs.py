@@ -339,9 +339,8 @@ def add_runs(many: Sequence[TwinRuns], count: int, measured: Motion | None) -> N
     waiting: dict[int, Simulated] = {}
     for chosen, made in _each_pass(data, models, controller, noise, many[0].loops):
         waiting |= {i: run for i, run in zip(chosen, made, strict=True) if run.stable}
-        if (
-            measured is None
-        ):  # runs of hundreds of models are more than memory that is near: each pass by itself
+        if measured is None:
+            # each pass by itself: runs of hundreds of models are more than memory that is near
             found |= _biases(data, models, waiting)
             waiting = {}
     if measured is not None:

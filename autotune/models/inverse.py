@@ -33,9 +33,10 @@ from autotune.models.transmission import (
     LOAD_VELOCITY,
     RELAXED,
     STARTED,
+    Between,
+    between_masses,
     coupling,
     has_load,
-    hung,
     load_shares,
     passed_torque,
     relaxed,
@@ -65,8 +66,7 @@ def _load_side(
     p: Floats,
     on: Flags,
     state: Floats,
-    shares: tuple[float, float],
-    spring: tuple[float, float, float, float, float, float, float],
+    between: Between,
     position: float,
     velocity: float,
     period: float,
@@ -74,11 +74,9 @@ def _load_side(
 ) -> float:
     """Moves the load behind a motor that reaches `position` with `velocity`; returns the torque passed.
 
-    `shares` are those of `load_shares`, `spring` is what `coupling` returns.
+    `between` is what `between_masses` gives.
     """
-    mass, rub = shares
-    stiffness, damping, half, impact, harder, relaxing, fading = spring
-    weight = hung(p, on)
+    mass, rub, weight, stiffness, damping, half, impact, harder, relaxing, fading = between
     if anywhere(state[STARTED] == 0.0):
         state[STARTED], state[LOAD_POSITION], state[LOAD_VELOCITY] = 1.0, position, velocity
         state[POSITION], state[VELOCITY] = position, velocity
@@ -122,9 +120,8 @@ def required(
     `substeps` are for the load beyond a transmission; they do not matter for a rigid axis.
     """
     loaded = has_load(on)
-    shares = load_shares(p, on) if loaded else (0.0, 0.0)
-    spring = coupling(p, on) if loaded else (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    mass, rub = shares
+    between = between_masses(p, on)
+    mass, rub, weight = between[:3]
     before = velocity[0]
     for k in range(len(position)):
         q, v, a = position[k], velocity[k], acceleration[k]
@@ -140,8 +137,8 @@ def required(
         friction += remembered_in_motion(p, on, state, q, period * mean, v, period)
         outside = additive(p, on, q)
         if loaded:
-            outside -= hung(p, on)
-        passed = _load_side(p, on, state, shares, spring, q, v, period, substeps) if loaded else 0.0
+            outside -= weight
+        passed = _load_side(p, on, state, between, q, v, period, substeps) if loaded else 0.0
         torque[k] = p[INERTIA] * (1.0 - mass) * a + friction + outside + passed
         if on[IS_PRESSED]:
             press(

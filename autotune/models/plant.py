@@ -10,7 +10,6 @@ only; the inverse routine (`inverse`) and the twin call the same kernels.
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
 
 from autotune.core.arrays import Flags, Floats
 from autotune.models.compiled import compiled
@@ -37,17 +36,15 @@ from autotune.models.transmission import (
     LOAD_POSITION,
     LOAD_VELOCITY,
     STARTED,
-    coupling,
+    Between,
+    between_masses,
     coupling_rate,
     has_load,
-    hung,
     load_shares,
     passed_torque,
     relaxed,
 )
 
-Between: TypeAlias = tuple[float, float, float, float, float, float, float, float, float, float]
-"""What `between_masses` gives."""
 MOST_SUBSTEPS = 64
 FASTEST = 1e6
 """Velocity that no axis reaches [rad/s or m/s]: one that does has left all bounds."""
@@ -90,20 +87,6 @@ def one_mass(p: Floats, on: Flags, state: Floats, drive: float, step: float) -> 
         press(p, state, p[INERTIA] * (later - velocity) / step + outside, friction, step)
     if on[WARMS]:
         warm(p, state, friction * later, step)
-
-
-@compiled
-def between_masses(p: Floats, on: Flags) -> Between:
-    """What is between motor and load, asked once for all steps: `load_shares`, `hung` and `coupling`; 0 for one mass.
-
-    A step writes its state, and the compiler cannot tell that no parameter is written with it: it would ask anew for a
-    root and a quotient in every step.
-    """
-    if not has_load(on):
-        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    mass, rub = load_shares(p, on)
-    stiffness, damping, half, impact, harder, relaxing, fading = coupling(p, on)
-    return mass, rub, hung(p, on), stiffness, damping, half, impact, harder, relaxing, fading
 
 
 @compiled

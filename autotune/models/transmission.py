@@ -10,6 +10,7 @@ couplings of rubber (Zener's solid [zener-1948]). Without effect, motor and load
 from __future__ import annotations
 
 import math
+from typing import TypeAlias
 
 from autotune.core.arrays import Flags, Floats
 from autotune.models.backlash import BACKLASH, GAP, HAS_GAP, IMPACT
@@ -32,6 +33,10 @@ BETWEEN = frozenset(
     parameter.slot for kind in (ELASTIC_TRANSMISSION, BACKLASH) for parameter in kind.parameters
 )
 """Places of all parameters between motor and load."""
+Coupling: TypeAlias = tuple[float, float, float, float, float, float, float]
+"""What `coupling` gives."""
+Between: TypeAlias = tuple[float, float, float, float, float, float, float, float, float, float]
+"""What `between_masses` gives."""
 STIFFEST_RATE = 8e3  # rad/s, what the integration still resolves
 HARDEST = 3.0
 """Of its stiffness without load, what a twist adds to a spring at most: so much more rate the integration bears."""
@@ -70,7 +75,7 @@ def hung(p: Floats, on: Flags) -> float:
 
 
 @compiled
-def coupling(p: Floats, on: Flags) -> tuple[float, float, float, float, float, float, float]:
+def coupling(p: Floats, on: Flags) -> Coupling:
     """Stiffness [N m/rad], damping [N m s/rad], half the gap [rad], damping per torque of its contact [s/rad], share of
     the stiffness that a twist adds per square of it [1/rad²], stiffness that relaxes [N m/rad] and its rate [1/s].
     """
@@ -86,6 +91,20 @@ def coupling(p: Floats, on: Flags) -> tuple[float, float, float, float, float, f
         return stiffness, damped, half, impact, 0.0, 0.0, 0.0
     harder = p[HARDENING] * stiffness * stiffness
     return stiffness, damped, half, impact, harder, p[RELAXING] * stiffness, 1.0 / p[RELAXATION]
+
+
+@compiled
+def between_masses(p: Floats, on: Flags) -> Between:
+    """What is between motor and load, asked once for all steps: `load_shares`, `hung` and `coupling`; 0 for one mass.
+
+    A step writes its state, and the compiler cannot tell that no parameter is written with it: it would ask anew for a
+    root and a quotient in every step.
+    """
+    if not has_load(on):
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    mass, rub = load_shares(p, on)
+    stiffness, damping, half, impact, harder, relaxing, fading = coupling(p, on)
+    return mass, rub, hung(p, on), stiffness, damping, half, impact, harder, relaxing, fading
 
 
 @compiled

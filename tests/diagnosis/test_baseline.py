@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from autotune.core.arrays import Floats
 from autotune.diagnosis import baseline
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.estimation.bandwidth import prepared_to_fit
 from autotune.estimation.controller import as_acted, as_recorded, controller_of
 from autotune.estimation.controller_law import PositionController
-from autotune.estimation.data import TRAINING, Block
+from autotune.estimation.data import TRAINING, Block, Prepared
 from autotune.estimation.model_error import with_misfit
 from autotune.estimation.problem import new_problem
 from autotune.models import layout
@@ -24,16 +25,22 @@ from tests.estimation.simulated import AXIS, PERIOD, TRUE, followed, recorded
 LAW = PositionController(1.0, 0.1, explained=0.998, source="identified", in_band=True)
 
 
+def with_sensor(recording: Recording, shaken: float) -> tuple[Prepared, Floats]:
+    """Data with a demand that is as noisy as asked for, shape (n,), and a torque by its sensor; and the demand."""
+    data = prepared_to_fit([recording])
+    noise = np.random.default_rng(2).normal(0.0, 1.0, len(data.torque))
+    demand = data.torque + shaken * noise
+    sensed = data.torque + 1e-3 * noise[::-1]
+    return replace(data, torque=demand, recorded_torque=demand, sensed=sensed), demand
+
+
 @pytest.mark.parametrize(
     ("in_band", "shaken", "sensed"), [(True, 5e-3, True), (True, 0.0, False), (False, 5e-3, False)]
 )
 def test_the_sensors_torque_is_taken_where_the_drives_loop_shakes_its_demand_between_the_samples(
     short, in_band: bool, shaken: float, sensed: bool
 ) -> None:
-    data = prepared_to_fit([short])
-    noise = np.random.default_rng(2).normal(0.0, 1.0, len(data.torque))
-    demand = data.torque + shaken * noise
-    data = replace(data, torque=demand, recorded_torque=demand, sensed=data.torque + 1e-3 * noise[::-1])
+    data, demand = with_sensor(short, shaken)
     found = as_recorded(data, replace(LAW, in_band=in_band))
     assert np.array_equal(found.torque, data.sensed if sensed else demand)
 
@@ -44,10 +51,7 @@ def test_the_sensors_torque_is_taken_where_the_drives_loop_shakes_its_demand_bet
 def test_without_a_twin_the_quieter_torque_is_compared_where_repeats_are(
     short, repeated: bool, shaken: float, sensed: bool
 ) -> None:
-    data = prepared_to_fit([short])
-    noise = np.random.default_rng(2).normal(0.0, 1.0, len(data.torque))
-    demand = data.torque + shaken * noise
-    data = replace(data, torque=demand, recorded_torque=demand, sensed=data.torque + 1e-3 * noise[::-1])
+    data, demand = with_sensor(short, shaken)
     if not repeated:
         data = replace(data, blocks=tuple(replace(block, repeats=1) for block in data.blocks))
     assert np.array_equal(as_acted(data).torque, data.sensed if sensed else demand)
