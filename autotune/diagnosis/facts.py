@@ -53,7 +53,9 @@ from autotune.models.reversal_memory import contact
 from autotune.models.spring import SPRING as PULL
 from autotune.models.table import EFFECTS, usual_rivals
 from autotune.models.torque_ripple import scale_slot
+from autotune.models.torque_saturation import TORQUE_SATURATION
 
+MOTOR = TORQUE_SATURATION.name
 OUTDONE = 1.5
 """Times the gain of what is named: what a candidate that could not pass may gain at most beside it."""
 LAW_DIFFERS, LAW_LEAD = 0.9, 0.6
@@ -348,22 +350,27 @@ def _untold(facts: Facts, told_apart: Sequence[str] = (), behind: Sequence[str] 
     if chosen is None:
         return ()
     alike = facts.evidence.alike(problem)
-    else_as_well = (
-        facts.edge
-        or like_a_spring(problem, facts.root, chosen.model_fit, alike)
-        or like_a_motor(problem, facts.root, chosen.model_fit, alike)
-    )
+    motor = like_a_motor(problem, facts.root, chosen.model_fit, alike)
+    else_as_well = facts.edge or motor or like_a_spring(problem, facts.root, chosen.model_fit, alike)
     if not (else_as_well or facts.unlike or not own_course(problem, chosen.model_fit, chosen.effect)):
         return ()
     gains = {item.effect: item.gain for item in facts.first}
     least = problem.policy.rival_gain * gains.get(chosen.effect, chosen.gain)
     unit = problem.data.metadata.motion_unit
     near = [one for one in usual_rivals(chosen.effect) if EFFECTS[one].is_of(unit)]
-    near = [one for one in near if gains.get(one, _unsought(facts, one)) >= least]
+    as_well = {MOTOR} if motor and not _errs_more(facts, MOTOR) else set()
+    near = [one for one in near if one in as_well or gains.get(one, _unsought(facts, one)) >= least]
     near = [one for one in near if one not in told_apart]
     if else_as_well:
         return tuple(near)
     return tuple(one for one in near if one not in behind and not _explained_away(facts, one))
+
+
+def _errs_more(facts: Facts, rival: str) -> bool:
+    """Whether a rival was followed inside the twin and errs more there, beyond chance."""
+    problem, chosen = facts.problem, facts.chosen
+    fits = [item.model_fit for item in facts.tried if item.effect == rival]
+    return chosen is not None and any(facts.evidence.apart(problem, chosen.model_fit, one) for one in fits)
 
 
 def _springs_as_well(facts: Facts) -> tuple[str, ...]:

@@ -144,15 +144,18 @@ def without_own_course(problem: Problem, model_fit: ModelFit) -> list[str]:
     return [name for name, shown in measures if shown is not None and not shown(p, travel)]
 
 
-def like_a_motor(problem: Problem, root: ModelFit, model_fit: ModelFit, alike: float) -> bool:
-    """Whether what a motor falls short explains as much as the one effect, friction that its load presses.
+def like_a_motor(
+    problem: Problem, root: ModelFit, model_fit: ModelFit, alike: float, effect: str = ""
+) -> bool:
+    """Whether what a motor falls short explains as much as an effect, friction that its load presses.
 
-    Only while it brakes do they differ: friction helps it then, and a motor that saturates does not. `alike` as in
-    `like_a_spring`.
+    Only while it brakes do they differ: friction helps it then, and a motor that saturates does not. `alike` and
+    `effect` as in `like_a_spring`.
     """
-    if len(model_fit.effects) != 1:
+    effect = effect or (model_fit.effects[0] if len(model_fit.effects) == 1 else "")
+    if effect not in model_fit.effects:
         return False
-    kind, data = EFFECTS[model_fit.effects[0]], problem.data
+    kind, data = EFFECTS[effect], problem.data
     if IN_TORQUE not in kind.look_alikes or kind.kernels.level is None:
         return False
     size = np.abs(data.torque) / float(np.max(np.abs(data.torque[data.grid])))

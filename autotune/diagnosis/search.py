@@ -30,12 +30,15 @@ from autotune.diagnosis.contact_laws import (
 )
 from autotune.diagnosis.evidence import evidence_of
 from autotune.diagnosis.evidence.evidence import lag_in_loop
+from autotune.diagnosis.free_shape import like_a_motor
 from autotune.diagnosis.refits import (
     REFINED,
     fitted_again,
     inside_twin,
     judged,
+    refined,
     taken_out,
+    unsettled,
     with_contact,
     with_noise_of,
     without_effect,
@@ -65,8 +68,9 @@ from autotune.models import layout
 from autotune.models.drive_model import Packed
 from autotune.models.table import EFFECTS
 from autotune.models.torque_lag import TORQUE_LAG
+from autotune.models.torque_saturation import TORQUE_SATURATION
 
-LAG = TORQUE_LAG.name
+LAG, MOTOR = TORQUE_LAG.name, TORQUE_SATURATION.name
 MOST_EFFECTS = 3
 """Effects that are added."""
 
@@ -156,6 +160,7 @@ def _found(state: SearchState) -> Found:
         state.chosen, state.unloaded = _backward(state).without_doubtful_load(state.chosen, state.first)
     _drop_laws(state)
     _try_look_alikes(state)
+    _try_motor(state)
     seen = (state.problem, state.root, state.chosen, state.first, state.tried, state.generic)
     found = Found(*seen, state.still_freed(), exchanged=_in_place(state), unloaded=state.unloaded)
     found = _where_it_slides(state, _beside_own_presliding(state, found))
@@ -313,6 +318,56 @@ def _try_look_alikes(state: SearchState) -> None:
             better = [one for one in state.tried if one.effect == effect and one.gain > fitted.gain]
             if not better:
                 state.tried = [*(one for one in state.tried if one.effect != effect), fitted]
+
+
+def _try_motor(state: SearchState) -> None:
+    """A motor that falls short in the place of friction that a load presses, if it leaves less; else a rival of it.
+
+    It is followed to its end, its course as free, where a free course over the motor's torque does as well along the
+    recorded motion. What the fastest experiment shows alone gains nothing while that is held out, so that nothing else
+    may have followed it.
+    """
+    problem, chosen = state.problem, state.chosen
+    sought = any(kind.name == MOTOR for kind in problem.candidates)
+    if chosen is None or not sought or not state.evidence.repeats or MOTOR in chosen.model_fit.effects:
+        return
+    alike = state.evidence.alike(problem)
+    pressed = [
+        one
+        for one in chosen.model_fit.effects
+        if like_a_motor(problem, state.root, chosen.model_fit, alike, one)
+    ]
+    other = _motor_in_place(state, chosen, pressed[0]) if pressed else None
+    if other is None:
+        return
+    better = other.named and error_left(problem, other.model_fit) < error_left(problem, chosen.model_fit)
+    state.chosen = other if better else chosen
+    if len(chosen.model_fit.effects) > 1:
+        state.later.append(chosen if better else other)
+    else:
+        own = [one for one in state.tried if one.effect not in (chosen.effect, MOTOR)]
+        state.tried = [*own, chosen, other]
+
+
+def _motor_in_place(state: SearchState, chosen: FittedCandidate, effect: str) -> FittedCandidate | None:
+    """A motor that falls short beside all effects but one, by its own law or a course; None where it does not fit."""
+    state.progress(f"a motor that saturates in the place of {effect}")
+    problem, root, before = state.problem, state.root, state.root
+    if len(chosen.model_fit.effects) > 1:
+        rest = without_effect(problem, root, chosen.model_fit, effect)
+        if rest is None:
+            return None
+        before = rest.model_fit
+    item = at_its_best(problem, state.evidence, before, state.nominal, MOTOR)
+    other = inside_twin(problem, root, before, item) if item is not None else None
+    if other is None:
+        return None
+    other = state.shaped(other) or (
+        refined(problem, root, other, state.progress) if unsettled(problem, other) else other
+    )
+    if problem.has_veto and other.gain < problem.policy.least_gain:
+        other = replace(other, gain=gain_on_veto(problem, before, other.model_fit))
+    return other
 
 
 def _drop_laws(state: SearchState) -> None:

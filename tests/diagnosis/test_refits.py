@@ -463,3 +463,56 @@ def test_a_law_of_the_base_that_leaves_less_than_an_effect_takes_its_place_where
     evidence = SimpleNamespace(bears_out=lambda *_: True)
     state = SearchState(problem, root, None, no_progress, evidence, chosen=chosen, laws=[wanted])
     assert search._law_in_place(state) is (bends if taken else None)
+
+
+@pytest.mark.parametrize(
+    ("alike", "named", "left", "effect"),
+    [
+        (True, True, 0.4, "torque_saturation"),
+        (True, True, 1.1, "load_dependent_friction"),
+        (True, False, 0.4, "load_dependent_friction"),
+        (False, True, 0.4, "load_dependent_friction"),
+    ],
+    ids=["leaves less", "errs more", "no name", "brakes with the load's help"],
+)
+@pytest.mark.parametrize("others", [(), ("spring",)], ids=["alone", "beside a spring"])
+def test_a_motor_that_does_as_well_is_followed_in_the_place_of_what_a_load_presses(
+    monkeypatch: pytest.MonkeyPatch,
+    others: tuple[str, ...],
+    alike: bool,
+    named: bool,
+    left: float,
+    effect: str,
+) -> None:
+    """A knee that the fastest experiment shows alone gained nothing with that held out, and nobody followed it.
+
+    What is not chosen stays a rival: of a single effect among those that were tried, of several among later fits.
+    """
+    load, motor = "load_dependent_friction", "torque_saturation"
+    pressed = FittedCandidate(load, _model((*others, load), 1.0), 0.7, Explained(1.0, 0.0), None, True)
+    short = FittedCandidate(motor, _model((*others, motor), left), -0.5, Explained(1.0, 0.0), None, named)
+    monkeypatch.setattr(search, "like_a_motor", lambda *told: alike and told[-1] == load)
+    monkeypatch.setattr(search, "error_left", lambda _, model_fit: model_fit.left)
+    monkeypatch.setattr(search, "without_effect", lambda *_: pressed)
+    monkeypatch.setattr(search, "at_its_best", lambda *told: told[-1])
+    monkeypatch.setattr(search, "inside_twin", lambda *told: short if told[-1] == motor else None)
+    monkeypatch.setattr(search, "gain_on_veto", lambda *_: 0.8)
+    monkeypatch.setattr(SearchState, "shaped", lambda _, item: item)
+    looking = _search(pressed, (pressed,))
+    looking.problem.candidates = tuple(EFFECTS.values())
+    looking.problem.has_veto = True
+    looking.evidence.alike = lambda _: 0.03
+    search._try_motor(looking)
+    assert looking.chosen is not None
+    assert looking.chosen.effect == effect
+    assert effect == load or looking.chosen.gain == 0.8, "with the fastest held out it gained nothing"
+    beside = {one.effect for one in (looking.later if others else looking.tried)}
+    if alike:
+        assert beside >= {motor, load} - {effect}
+    else:
+        assert motor not in beside
+
+
+def _model(effects: tuple[str, ...], left: float) -> SimpleNamespace:
+    """A model by its effects and what it leaves."""
+    return SimpleNamespace(effects=effects, left=left)

@@ -401,6 +401,37 @@ def test_an_effect_that_is_not_quite_what_data_show_stands_beside_its_look_alike
     assert set(facts._untold(Facts(*known, **signs))) == rivals
 
 
+@pytest.mark.parametrize(
+    ("motor", "followed", "apart", "rivals"),
+    [
+        (True, True, True, ()),
+        (True, True, False, ("torque_saturation",)),
+        (True, False, True, ("torque_saturation",)),
+        (False, True, False, ()),
+    ],
+    ids=["errs more", "by chance", "never followed", "brakes with the load's help"],
+)
+def test_a_motor_that_does_as_well_is_a_rival_though_it_gained_nothing(
+    monkeypatch: pytest.MonkeyPatch, motor: bool, followed: bool, apart: bool, rivals: tuple[str, ...]
+) -> None:
+    """Held out, the one experiment that shows a knee says that there is none; only what was followed is told apart."""
+    monkeypatch.setattr(facts, "like_a_spring", lambda *_: False)
+    monkeypatch.setattr(facts, "like_a_motor", lambda *_: motor)
+    monkeypatch.setattr(facts, "own_course", lambda *_: True)
+    monkeypatch.setattr(RepeatedProgramme, "apart", lambda *_: apart)
+    fit = SimpleNamespace(effects=("load_dependent_friction",))
+    chosen = SimpleNamespace(effect="load_dependent_friction", gain=0.8, model_fit=fit)
+    first = [
+        SimpleNamespace(effect="load_dependent_friction", gain=0.8),
+        SimpleNamespace(effect="torque_saturation", gain=-0.6),
+    ]
+    data = SimpleNamespace(starts=(0,), metadata=SimpleNamespace(motion_unit="rad"))
+    problem = SimpleNamespace(policy=POLICY, data=data)
+    known = (problem, fit, chosen, RepeatedProgramme(), (), None, "", 0.0, 0.8, (), first)
+    tried = [SimpleNamespace(effect="torque_saturation", model_fit=fit)] if followed else []
+    assert facts._untold(Facts(*known, tried)) == rivals
+
+
 @pytest.mark.parametrize(("unit", "rivals"), [("rad", ("encoder_eccentricity",)), ("m", ())])
 def test_what_an_axis_cannot_have_is_no_rival_that_nothing_was_tried_of(
     monkeypatch: pytest.MonkeyPatch, unit: str, rivals: tuple[str, ...]
