@@ -334,16 +334,15 @@ def _other_spring(
     effects: tuple[str, ...],
     least: float = math.inf,
 ) -> ModelFit | None:
-    """The fit of the model with a spring by another law; None where its twin is unstable.
-
-    In place of a gap it is to be seen at its best.
+    """The fit of the model with a spring by another law, led to its best in the place of what there is between the
+    masses; None where its twin is unstable.
     """
     own = {one.slot for one in law.free}
     free = [*(one for one in free if one.slot not in own), *law.free]
     slots = {parameter.slot for parameter in SPRING.parameters}
     moved = tuple(one for one in free if one.slot in slots)
     starts = [FitStart(one, moved) for one in law.starts]
-    led = [one.packed for one in scouted(problem, model_fit, starts, instead=GAP.name in model_fit.effects)]
+    led = [one.packed for one in scouted(problem, model_fit, starts, instead=True)]
     return fit_from_starts(problem, led, 0.0, free, effects, least * model_fit.fitted.cost)
 
 

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from autotune.diagnosis import transmission
+from autotune.diagnosis import settling, transmission
 from autotune.diagnosis.starts import FitStart, _of_each_size, varying
 from autotune.diagnosis.transmission import (
     ADDED,
@@ -217,6 +217,29 @@ def test_a_spring_that_hardens_is_tried_where_one_comes_near_a_gap_or_leaves_som
         twist = 2e-3 * 0.5 + (0.5 * width / load if gaps else 0.0)
         assert passed_torque(*coupling(one.packed.p, one.packed.on)[:5], twist, 0.0) == pytest.approx(0.5)
         assert not one.packed.on[layout.flag(BACKLASH.name)]
+
+
+@pytest.mark.parametrize(("left", "stands"), [(0.7, True), (1.2, False)])
+def test_a_gap_is_compared_with_the_spring_that_leaves_least(
+    monkeypatch: pytest.MonkeyPatch, left: float, stands: bool
+) -> None:
+    """By whatever law; and what a spring in its place begins from later has both."""
+    linear, gap, behind = (
+        SimpleNamespace(model_fit=SimpleNamespace(effects=(effect,), left=cost))
+        for effect, cost in (
+            (ELASTIC_TRANSMISSION.name, 1.0),
+            (BACKLASH.name, 0.5),
+            (ELASTIC_TRANSMISSION.name, left),
+        )
+    )
+    monkeypatch.setattr(settling, "other_spring_tried", lambda *_: (gap, behind))
+    monkeypatch.setattr(settling, "error_left", lambda _, model_fit: model_fit.left)
+    state = SimpleNamespace(
+        problem=None, root=None, nominal=None, progress=None, first=[], seen=[], tried=[linear, gap]
+    )
+    assert settling._other_spring(state, gap) is gap
+    assert state.tried == ([gap, behind] if stands else [linear, gap])
+    assert state.seen == [behind.model_fit]
 
 
 def test_other_contacts_of_a_gap_give_way_as_far_under_a_load() -> None:
