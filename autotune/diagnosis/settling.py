@@ -95,8 +95,7 @@ def _other_contact(state: SearchState, best: FittedCandidate) -> FittedCandidate
 def _other_spring(state: SearchState, best: FittedCandidate) -> FittedCandidate:
     """The best candidate with a spring by another law where that does better, led on from there.
 
-    In which row the loop answers is asked anew beside it. Where a gap does better, that spring is the one that it is
-    compared with: each effect at its best.
+    Where a gap does better, that spring is the one that it is compared with: each effect at its best.
     """
     gains = {item.effect: item.gain for item in state.first}
     other, behind = other_spring_tried(
@@ -108,10 +107,7 @@ def _other_spring(state: SearchState, best: FittedCandidate) -> FittedCandidate:
         left = error_left(state.problem, behind.model_fit)
         if all(left < error_left(state.problem, one.model_fit) for one in known):
             state.tried = [*(one for one in state.tried if one not in known), behind]
-    if other is best:
-        return best
-    other = refined(state.problem, state.root, other, state.progress)
-    return _a_row_beside(state, other) if unsettled(state.problem, other) else other
+    return best if other is best else refined(state.problem, state.root, other, state.progress)
 
 
 def _a_row_beside(state: SearchState, best: FittedCandidate) -> FittedCandidate:
