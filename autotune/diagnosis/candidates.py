@@ -95,6 +95,16 @@ def error_left(problem: Problem, model_fit: ModelFit) -> float:
     return total + (problem.mean_square(error, VETO) if problem.has(VETO) else 0.0)
 
 
+def leaves_about_as_little(problem: Problem, one: ModelFit, other: ModelFit, times: float) -> bool:
+    """Whether a model leaves at most so many `times` what another leaves, on training and on veto, each by itself.
+
+    A loud veto trajectory would hide in their sum that one leaves half as much again of what was fitted.
+    """
+    errors = one.fitted.error, other.fitted.error
+    left = [[problem.mean_square(e, role) for e in errors] for role in (TRAINING, VETO) if problem.has(role)]
+    return all(own <= times * others for own, others in left)
+
+
 def explained_beside(problem: Problem, before: ModelFit, after: ModelFit, role: str) -> Explained:
     """Of a role, what a model explains of what another leaves; noise that it swallows is none of it."""
     return explained(problem, before.fitted, after.fitted, after.correction, role)

@@ -38,7 +38,7 @@ from autotune.diagnosis.refits import REFINED, adds_beside, inside_twin, without
 from autotune.diagnosis.ripple_orders import candidate_orders
 from autotune.diagnosis.search import Found
 from autotune.diagnosis.starts import own_course
-from autotune.diagnosis.transmission import GAP, SPRING, gap_is_told, hardly_a_gap
+from autotune.diagnosis.transmission import GAP, SPRING, by_another_law, gap_is_told, hardly_a_gap
 from autotune.diagnosis.wording import rms_unexplained
 from autotune.estimation.bias_corrected_fit import ModelFit
 from autotune.estimation.cross_validation import (
@@ -232,7 +232,8 @@ class Facts:
 
         Or of what the rival leaves that can be explained the chosen one explains as much as a name asks of all. Or the
         rival adds next to nothing beside it: what both leave is the base's, and says nothing of either. That says
-        nothing of a spring beside a gap, which has one in its contact, whichever of them is true.
+        nothing of a spring beside a gap, which has one in its contact, whichever of them is true; of one that hardens
+        or relaxes, which no contact does, it says as much as of another effect.
         """
         problem, policy = self.problem, self.problem.policy
         if not self.evidence.apart(problem, chosen.model_fit, rival.model_fit):
@@ -241,7 +242,7 @@ class Facts:
             return True
         if _names_rest_of(problem, rival, chosen):
             return True
-        if (chosen.effect, rival.effect) == (GAP.name, SPRING.name):
+        if (chosen.effect, rival.effect) == (GAP.name, SPRING.name) and not by_another_law(rival.model_fit):
             return False
         return adds_beside(problem, self.root, chosen.model_fit, rival.model_fit) <= 1.0 - policy.named
 

@@ -167,8 +167,10 @@ def _found(state: SearchState) -> Found:
     if found.chosen is None:
         return found
     spring = spring_in_place(found.problem, found.root, state.nominal, found.chosen, state.seen)
-    if plainer_of(found.problem, found.chosen, spring) is spring:
-        return replace(found, chosen=spring)
+    if spring is not None and plainer_of(found.problem, found.chosen, spring) is spring:
+        given_up = {found.chosen.effect, spring.effect} if len(spring.model_fit.effects) == 1 else set()
+        tried = [one for one in found.tried if one.effect not in given_up]
+        return replace(found, chosen=spring, tried=[*tried, spring] if given_up else found.tried)
     return replace(found, spring=spring)
 
 

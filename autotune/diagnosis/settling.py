@@ -93,9 +93,20 @@ def _other_contact(state: SearchState, best: FittedCandidate) -> FittedCandidate
 
 
 def _other_spring(state: SearchState, best: FittedCandidate) -> FittedCandidate:
-    """The best candidate with a spring by another law where that does better, led on from there."""
+    """The best candidate with a spring by another law where that does better, led on from there.
+
+    Where a gap does better, that spring is the one that it is compared with: each effect at its best.
+    """
     gains = {item.effect: item.gain for item in state.first}
-    other = other_spring_tried(state.problem, state.root, state.nominal, best, gains, state.progress)
+    other, behind = other_spring_tried(
+        state.problem, state.root, state.nominal, best, gains, state.seen, state.progress
+    )
+    if behind is not None:
+        state.seen.append(behind.model_fit)
+        known = [one for one in state.tried if one.model_fit.effects == behind.model_fit.effects]
+        left = error_left(state.problem, behind.model_fit)
+        if all(left < error_left(state.problem, one.model_fit) for one in known):
+            state.tried = [*(one for one in state.tried if one not in known), behind]
     return best if other is best else refined(state.problem, state.root, other, state.progress)
 
 

@@ -253,15 +253,23 @@ def shapes(effect: str, packed: Packed) -> tuple[Free, ...]:
 
 
 def scouted(
-    problem: Problem, model_fit: ModelFit, starts: Sequence[FitStart], needed: float = 0.0
+    problem: Problem,
+    model_fit: ModelFit,
+    starts: Sequence[FitStart],
+    needed: float = 0.0,
+    instead: bool = False,
 ) -> list[FitStart]:
     """The best of the starts: by their own twins, or led down their valleys where there is no twin.
 
     `needed` is the relative fall of the cost below which an effect comes to nothing beside others. The best start where
-    its twin shows too little of that is given with nothing free: it is not worth another run.
+    its twin shows too little of that is given with nothing free: it is not worth another run. `instead`: they stand in
+    the place of what the model has between its masses, are to be seen at their best whatever that leaves, and are not
+    helped by its slopes.
     """
     if problem.twin:
-        return _by_own_twins(Projected.of(_one_of_each(problem, starts), model_fit), starts, needed)
+        once = _one_of_each(problem, starts)
+        projected = Projected.of(once, model_fit, tuple(BETWEEN) if instead else ())
+        return _by_own_twins(projected, starts, needed, math.inf if instead else PROMISED)
     projected = Projected.of(problem, model_fit)
     none = model_fit.correction.bias
     changes = projected.changes([start.packed for start in starts])
@@ -282,8 +290,10 @@ def _one_of_each(problem: Problem, starts: Sequence[FitStart]) -> Problem:
     return replace(problem, data=replace(once, blocks=tuple(replace(one, repeats=1) for one in once.blocks)))
 
 
-def _by_own_twins(projected: Projected, starts: Sequence[FitStart], needed: float) -> list[FitStart]:
-    """The best start by its own twin; led down where any is better than the model without it.
+def _by_own_twins(
+    projected: Projected, starts: Sequence[FitStart], needed: float, promised: float = PROMISED
+) -> list[FitStart]:
+    """The best start by its own twin; led down where any is better than the model without it (`promised` of its cost).
 
     All are looked at with one run, and the best of every size with as many as a fit takes. Where much is needed, those
     with friction on both sides are looked at first: what none of them shows a trace of is no second mass.
@@ -307,7 +317,7 @@ def _by_own_twins(projected: Projected, starts: Sequence[FitStart], needed: floa
     near = [int(order[i]) for i in np.argsort(closer, kind="stable") if math.isfinite(closer[i])]
     if near and shown and closer.min() > (1.0 - shown) * projected.before:
         return [replace(starts[near[0]], free=())]
-    if not near or closer.min() > PROMISED * projected.before:
+    if not near or closer.min() > promised * projected.before:
         return [starts[i] for i in near[:1]]
     (led,) = _led_by_twins([starts[i] for i in near], [float(first[i]) for i in near], costs_of)
     return [_round_the_bend(led, costs_of)]

@@ -13,7 +13,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from autotune.core.arrays import Floats
-from autotune.diagnosis.candidates import FittedCandidate, Progress, error_left, explained_of_rest
+from autotune.diagnosis.candidates import (
+    FittedCandidate,
+    Progress,
+    error_left,
+    explained_of_rest,
+    leaves_about_as_little,
+)
 from autotune.diagnosis.refits import NEARLY, REFINED, judged
 from autotune.diagnosis.starts import Context, FitStart, led_on, scouted, starts_of, varying
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_from_starts, fit_inside_twin
@@ -56,9 +62,8 @@ def without_needless_gap(problem: Problem, fits: Sequence[FittedCandidate]) -> l
     spring, gap = found.get(SPRING.name), found.get(GAP.name)
     if spring is None or gap is None or spring.share < NEARLY:
         return list(fits)
-    if error_left(problem, spring.model_fit) > problem.policy.spring_instead * error_left(
-        problem, gap.model_fit
-    ):
+    times = problem.policy.spring_instead
+    if not leaves_about_as_little(problem, spring.model_fit, gap.model_fit, times):
         return list(fits)
     return [item for item in fits if item is not gap]
 
@@ -133,8 +138,9 @@ def plainer_of(problem: Problem, gap: FittedCandidate, spring: FittedCandidate |
     """The spring in place of what is hardly a gap, where it has a name or leaves about as little; else the gap."""
     if spring is None:
         return gap
-    left = [error_left(problem, one.model_fit) for one in (spring, gap)]
-    return spring if spring.named or left[0] <= problem.policy.spring_instead * left[1] else gap
+    times = problem.policy.spring_instead
+    plain = spring.named or leaves_about_as_little(problem, spring.model_fit, gap.model_fit, times)
+    return spring if plain else gap
 
 
 def hardly_a_gap(policy: Policy, model_fit: ModelFit) -> bool:
@@ -154,6 +160,12 @@ def adds_nothing(kind: Kind, model_fit: ModelFit) -> bool:
     return (kind is SPRING and GAP.name in model_fit.effects) or (
         kind is GAP and SPRING.name in model_fit.effects
     )
+
+
+def by_another_law(model_fit: ModelFit) -> bool:
+    """Whether it has a spring that was free to harden or to relax."""
+    own = {SPRING.slot(name) for name in ("hardening", "relaxing")}
+    return any(one.slot in own for one in model_fit.free)
 
 
 def pressed_transmission(model_fit: ModelFit) -> str:
@@ -222,39 +234,61 @@ def other_spring_tried(
     nominal: Packed,
     chosen: FittedCandidate,
     gains: Mapping[str, float],
+    seen: Sequence[ModelFit],
     progress: Progress,
-) -> FittedCandidate:
-    """The chosen model with a spring that hardens, or a part of which relaxes, where that does better.
+) -> tuple[FittedCandidate, FittedCandidate | None]:
+    """The chosen model with a spring that hardens, or a part of which relaxes, where that does better; and the best of
+    such springs where it was a gap that did better.
 
     A gap is what hardens most of all: a spring that hardens looks like one, and one that does not gains half as much.
-    So it is tried in place of a gap where a spring does that, by the `gains` of effects by themselves, and has as many
-    parameters. In place of a spring it has one more, and must leave clearly less; so must one that relaxes. A spring by
-    whatever law explains half.
+    So they are tried in place of a gap where a spring does that, by the `gains` of effects by themselves, and of what
+    is hardly a gap. One that hardens has as many parameters as a gap. In place of a spring it has one more, and must
+    leave clearly less; so must one that relaxes. A spring by whatever law explains half.
     """
     policy, model_fit = problem.policy, chosen.model_fit
     if not problem.twin:
-        return chosen
+        return chosen, None
     if GAP.name in model_fit.effects:
         rival = gains.get(SPRING.name, 0.0) >= policy.partly * gains.get(GAP.name, math.inf)
-        if not rival or SPRING not in problem.candidates:
-            return chosen
-        progress(f"{SPRING.name} that hardens")
-        exchange = _Exchange(GAP, SPRING, 1.0)
-        (soft, *_), free, effects = exchange.begun(problem, root, nominal, model_fit)
-        place = _as_soft(problem, model_fit.fitted.packed, soft)
-        settled = _other_spring(problem, model_fit, _hardening(problem, place), free, effects, 1.0)
-        return _instead(problem, root, chosen, settled, exchange.leads(chosen), 1.0)
+        if SPRING not in problem.candidates or not (rival or hardly_a_gap(policy, model_fit)):
+            return chosen, None
+        progress(f"{SPRING.name} by another law")
+        return _held_against_springs(problem, root, nominal, chosen, seen)
     if SPRING.name not in model_fit.effects or not policy.partly <= chosen.share < REFINED:
-        return chosen
+        return chosen, None
     progress(f"another law of {SPRING.name}")
     place = model_fit.fitted.packed
     least = policy.clearly_less
-    for law in (_hardening(problem, place), _relaxing(place)):
+    for law in (_hardening(problem, [place]), _relaxing([place])):
         settled = _other_spring(problem, model_fit, law, model_fit.free, model_fit.effects, least)
         better = _instead(problem, root, chosen, settled, chosen.effect, least)
         if better is not chosen:
-            return better
-    return chosen
+            return better, None
+    return chosen, None
+
+
+def _held_against_springs(
+    problem: Problem, root: ModelFit, nominal: Packed, gap: FittedCandidate, seen: Sequence[ModelFit]
+) -> tuple[FittedCandidate, FittedCandidate | None]:
+    """The model with a spring by another law in place of its gap, where that does better; else the gap and the best
+    of them, each begun as soft as contact and gap are together under several loads, and where one was `seen`.
+    """
+    model_fit, exchange = gap.model_fit, _Exchange(GAP, SPRING, 1.0)
+    (soft, *_), free, effects = exchange.begun(problem, root, nominal, model_fit)
+    places = [one.fitted.packed for one in seen if one.effects == effects][-1:]
+    places += [_as_soft(problem, model_fit.fitted.packed, soft, load) for load in LOADS if load > 0.0]
+    found: list[FittedCandidate] = []
+    laws = [(_hardening(problem, places), 1.0)]
+    if gap.plain_share < REFINED:
+        laws.append((_relaxing(places), problem.policy.clearly_less))
+    for law, least in laws:
+        settled = _other_spring(problem, model_fit, law, free, effects)
+        if settled is None:
+            continue
+        found.append(replace(judged(problem, root, settled, exchange.leads(gap)), gain=gap.gain))
+        if error_left(problem, settled) <= least * error_left(problem, model_fit):
+            return found[-1], None
+    return gap, min(found, key=lambda one: error_left(problem, one.model_fit), default=None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -265,24 +299,31 @@ class _Law:
     free: tuple[Free, ...]
 
 
-def _hardening(problem: Problem, place: Packed) -> _Law:
-    """Springs that harden, and give way as far as that of `place` under the torque of the recordings."""
+def _hardening(problem: Problem, places: Sequence[Packed]) -> _Law:
+    """Springs that harden, and give way as far as those of `places` under the torque of the recordings."""
     at = problem.scales.torque
-    compliance = float(place.p[SPRING.slot("compliance")])
-    starts = [_spring(place, ("compliance", "hardening"), hardened(compliance, at, added)) for added in ADDED]
+    begun = [
+        _spring(
+            place, ("compliance", "hardening"), hardened(float(place.p[SPRING.slot("compliance")]), at, added)
+        )
+        for place, added in itertools.product(places, ADDED)
+    ]
     largest = hardened(1.0, at, max(ADDED))[1]
-    return _Law(tuple(starts), (varying(SPRING, "hardening", Vary(largest, largest)),))
+    return _Law(tuple(begun), (varying(SPRING, "hardening", Vary(largest, largest)),))
 
 
-def _relaxing(place: Packed) -> _Law:
-    """Springs a part of which relaxes, as stiff and as damped as that of `place` where motor and load ring."""
-    begun = [relaxing(place.p, share, turns) for share, turns in itertools.product(SHARES, TURNS)]
-    longest = max(one["relaxation_time"] for one in begun)
+def _relaxing(places: Sequence[Packed]) -> _Law:
+    """Springs a part of which relaxes, as stiff and as damped as those of `places` where motor and load ring."""
+    begun = [
+        (place, relaxing(place.p, share, turns))
+        for place, share, turns in itertools.product(places, SHARES, TURNS)
+    ]
+    longest = max(values["relaxation_time"] for _, values in begun)
     free = (
         varying(SPRING, "relaxing", Vary(max(SHARES), max(SHARES))),
         varying(SPRING, "relaxation_time", Vary(longest, longest)),
     )
-    return _Law(tuple(_spring(place, tuple(one), tuple(one.values())) for one in begun), free)
+    return _Law(tuple(_spring(place, tuple(one), tuple(one.values())) for place, one in begun), free)
 
 
 def _other_spring(
@@ -291,15 +332,17 @@ def _other_spring(
     law: _Law,
     free: Sequence[Free],
     effects: tuple[str, ...],
-    least: float,
+    least: float = math.inf,
 ) -> ModelFit | None:
-    """The fit of the model with a spring by another law; None where its twin is unstable."""
+    """The fit of the model with a spring by another law, led to its best in the place of what there is between the
+    masses; None where its twin is unstable.
+    """
     own = {one.slot for one in law.free}
     free = [*(one for one in free if one.slot not in own), *law.free]
     slots = {parameter.slot for parameter in SPRING.parameters}
     moved = tuple(one for one in free if one.slot in slots)
     starts = [FitStart(one, moved) for one in law.starts]
-    led = [one.packed for one in scouted(problem, model_fit, starts)]
+    led = [one.packed for one in scouted(problem, model_fit, starts, instead=True)]
     return fit_from_starts(problem, led, 0.0, free, effects, least * model_fit.fitted.cost)
 
 
@@ -310,10 +353,10 @@ def _spring(place: Packed, names: Sequence[str], values: Sequence[float]) -> Pac
     return Packed(p, place.on)
 
 
-def _as_soft(problem: Problem, gap: Packed, spring: Packed) -> Packed:
-    """A model with a spring that gives way as far under the torque of the recordings as the gap's contact and gap."""
+def _as_soft(problem: Problem, gap: Packed, spring: Packed, load: float) -> Packed:
+    """A model with a spring that gives way as far under so much of the torque of the recordings as contact and gap."""
     p = spring.p.copy()
-    p[SPRING.slot("compliance")] += 0.5 * gap.p[GAP.slot("gap")] / problem.scales.torque
+    p[SPRING.slot("compliance")] += 0.5 * gap.p[GAP.slot("gap")] / (load * problem.scales.torque)
     return Packed(p, spring.on)
 
 

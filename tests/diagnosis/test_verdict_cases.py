@@ -15,10 +15,13 @@ from autotune.diagnosis.evidence.single import SingleRecording, SpeedCurve
 from autotune.diagnosis.evidence.time_driven import TimeLine
 from autotune.diagnosis.facts import Facts
 from autotune.diagnosis.free_shape import OtherProportion
+from autotune.diagnosis.starts import varying
 from autotune.diagnosis.verdict import CASES
 from autotune.estimation.data import Clocked
 from autotune.estimation.policy import POLICY
 from autotune.models.drive_model import base_model
+from autotune.models.elastic_transmission import ELASTIC_TRANSMISSION
+from autotune.models.start_values import Vary
 from autotune.models.table import EFFECTS
 from tests.support.axes import NOMINAL
 
@@ -306,6 +309,34 @@ def test_nor_does_a_gap_stand_in_the_way_of_the_spring_that_it_was_given_up_for(
     known = (SimpleNamespace(policy=POLICY), None, spring, evidence, (), None, "", 0.0, 0.6, ())
     tried = [spring] if given_up else [spring, gap]
     assert Facts(*known, first=[spring, gap], tried=tried).leads is leads
+
+
+@pytest.mark.parametrize(
+    ("law", "adds", "leads"),
+    [("hardening", 0.02, True), ("relaxing", 0.06, True), ("relaxing", 0.22, False), ("", 0.005, False)],
+)
+def test_a_gap_leads_where_a_spring_by_another_law_adds_nothing_beside_it(
+    monkeypatch: pytest.MonkeyPatch, law: str, adds: float, leads: bool
+) -> None:
+    """A linear spring is in its contact, and adds nothing whichever of them is true; one that relaxes, fitted to such
+    a spring, added 0.22 beside a gap that left as little, and springs by other laws 0.02 to 0.06 beside true gaps."""
+    monkeypatch.setattr(facts, "adds_beside", lambda *_: adds)
+    monkeypatch.setattr(candidates, "explained_beside", lambda *_: SimpleNamespace(share=0.75))
+    gap = SimpleNamespace(
+        effect="backlash",
+        gain=0.75,
+        share=0.9,
+        plain_share=0.9,
+        model_fit=SimpleNamespace(effects=("backlash",)),
+    )
+    own = [varying(ELASTIC_TRANSMISSION, law, Vary(1.0, 1.0))] if law else []
+    spring = SimpleNamespace(
+        effect="elastic_transmission", gain=0.6, share=0.7, model_fit=SimpleNamespace(free=own)
+    )
+    evidence = SimpleNamespace(apart=lambda *_: True)
+    problem = SimpleNamespace(policy=POLICY, has=lambda _: True)
+    known = (problem, None, gap, evidence, (), None, "", 0.0, 0.75, ())
+    assert Facts(*known, first=[gap, spring], tried=[spring, gap]).leads is leads
 
 
 @pytest.mark.parametrize(("share", "drowned"), [(0.06, False), (0.45, False), (0.7, True)])
