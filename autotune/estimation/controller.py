@@ -76,7 +76,7 @@ FRICTION_FED = (
     FEEDS_FRICTION + "{:.3g} N m or N by the sign of its reference's speed; that was told by its demand."
 )
 _ASKED: Remembered[Floats] = Remembered(12)
-_KNOWN: Remembered[tuple[PositionController, ...]] = Remembered()
+KNOWN_LAWS: Remembered[tuple[PositionController, ...]] = Remembered()
 _FED: Remembered[Floats | None] = Remembered(4)
 
 
@@ -427,7 +427,7 @@ def identified(samples: LoopSamples) -> PositionController:
 def _remembered(
     what: bytes, samples: LoopSamples, find: Callable[[], tuple[PositionController, ...]]
 ) -> tuple[PositionController, ...]:
-    return _KNOWN.answer((what, *_mark(samples)), find)
+    return KNOWN_LAWS.answer((what, *_mark(samples)), find)
 
 
 def _to_rounding(samples: LoopSamples, explained: float) -> bool:

@@ -90,7 +90,7 @@ class ModelError:
         return self.error_rms / math.sqrt(max(float(np.mean(self.torque**2)), 1e-300))
 
 
-_TOLD: Remembered[tuple[PositionController, Disturbance]] = Remembered()
+TOLD_LAWS: Remembered[tuple[PositionController, Disturbance]] = Remembered()
 CLEARLY_LESS = 0.98
 """Of the cost: the chance of a twin's bias."""
 WANDERS = (1.0, 3.0, 9.0, 27.0)
@@ -176,7 +176,7 @@ def told_by_twin(
     """
     if len(laws) == 1 and laws[0].ticks == 1:
         return laws[0], STILL
-    return _TOLD.answer(_question(data, laws, model, policy), lambda: _told(data, laws, model, policy))
+    return TOLD_LAWS.answer(_question(data, laws, model, policy), lambda: _told(data, laws, model, policy))
 
 
 def _told(
