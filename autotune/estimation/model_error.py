@@ -29,6 +29,7 @@ from autotune.estimation.alignment import (
     shifted,
     without_twin,
 )
+from autotune.estimation.contact_start import LEAST_ROWS, BaseTold, begun_contact
 from autotune.estimation.controller import (
     as_acted,
     as_recorded,
@@ -54,6 +55,7 @@ from autotune.estimation.problem import (
     without_outlying,
 )
 from autotune.estimation.residual import measured_motion, residual, smoothed
+from autotune.models import layout
 from autotune.models.drive_model import DriveModel, Packed
 from autotune.signals.chunks import CHUNK
 
@@ -95,6 +97,8 @@ CLEARLY_LESS = 0.98
 """Of the cost: the chance of a twin's bias."""
 WANDERS = (1.0, 3.0, 9.0, 27.0)
 """Times faster a law's sum may wander than usual: above that, what it asks for may be compared."""
+AS_LITTLE = 1.001
+"""Times the cost of another fit: within what is left of a way downhill."""
 FAR = 1.5
 """Times what the best law's twin leaves: a law that leaves so much more is another at any rate of its loop."""
 TIMES = (1.0, 1.5, 2.0, 3.0)
@@ -176,7 +180,27 @@ def told_by_twin(
     """
     if len(laws) == 1 and laws[0].ticks == 1:
         return laws[0], STILL
+    model = _usual_start(data, laws[0], model, policy)
     return TOLD_LAWS.answer(_question(data, laws, model, policy), lambda: _told(data, laws, model, policy))
+
+
+def _usual_start(data: Prepared, law: PositionController, model: Packed, policy: Policy) -> Packed:
+    """The base that a law is told beside: what these recordings tell it to be, whichever base is asked about.
+
+    What is told is a question to the recordings. Fitted without a twin, every base that starts near ends at the same
+    place, to a thousandth of a parameter, and the chance of a twin there must not tell another law to `compare` than to
+    a diagnosis. A model with effects, or a base of a law of its own, is told beside itself; so is one whose fit leaves
+    less.
+    """
+    known = model.p[[layout.DAMPING_VELOCITY, layout.BENDS_BACK, layout.CREEP_VELOCITY]]
+    if model.on.any() or np.any(known > 0.0):
+        return model
+    recorded = as_recorded(data, law)
+    problem, told = new_problem(recorded, None, policy), BaseTold.of(recorded)
+    if told.rows.sum() < LEAST_ROWS:
+        return model
+    usual = plain_fit(recorded, begun_contact(problem, told.values(problem.scales.one_way)), policy).fitted
+    return usual.packed if usual.cost <= AS_LITTLE * plain_fit(recorded, model, policy).fitted.cost else model
 
 
 def _told(
