@@ -32,7 +32,7 @@ from autotune.core.durable import read_checked, write_checked
 from autotune.core.errors import ConfigurationError
 from autotune.core.kernel_cache import digest
 from autotune.core.remembered import digest_of
-from autotune.estimation.controller import KNOWN_LAWS
+from autotune.estimation.controller import KNOWN_FED, KNOWN_LAWS
 from autotune.estimation.controller_law import PositionController
 from autotune.estimation.disturbance import Disturbance
 from autotune.estimation.model_error import TOLD_LAWS
@@ -51,8 +51,10 @@ def keep_laws(model: Path, recordings: Sequence[Recording]) -> None:
     """
     laws = {mark: [asdict(law) for law in found] for mark, found in KNOWN_LAWS.answers().items()}
     told = {mark: [asdict(law), asdict(by)] for mark, (law, by) in TOLD_LAWS.answers().items()}
+    unfed = [mark for mark, column in KNOWN_FED.answers().items() if column is None]
     about = {"schema": SCHEMA, "code": _code(), "recordings": _content(recordings)}
-    write_checked(model.with_suffix(ENDING), _plain(about | {"laws": laws, "told": told}))
+    answers = {"laws": laws, "told": told, "feeds_no_friction": unfed}
+    write_checked(model.with_suffix(ENDING), _plain(about | answers))
 
 
 def take_laws(model: Path, recordings: Sequence[Recording]) -> bool:
@@ -72,10 +74,12 @@ def take_laws(model: Path, recordings: Sequence[Recording]) -> bool:
             mark: (_made(PositionController, law), _made(Disturbance, by))
             for mark, (law, by) in content["told"].items()
         }
+        unfed = {str(mark): None for mark in content["feeds_no_friction"]}
     except (AttributeError, KeyError, TypeError, ValueError):
         return False
     KNOWN_LAWS.told(laws)
     TOLD_LAWS.told(told)
+    KNOWN_FED.told(unfed)
     return True
 
 

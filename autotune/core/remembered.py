@@ -26,8 +26,9 @@ class Remembered(Generic[Answer]):
         with self._lock:
             if question in self._known:
                 return self._known[question]
-            told = self._told.get(mark_of(question)) if self._told else None
-        found = find() if told is None else told
+            mark = mark_of(question) if self._told else ""
+            told = self._told
+        found = told[mark] if mark in told else find()
         with self._lock:
             self._known[question] = found
             while len(self._known) > self._most:

@@ -11,6 +11,7 @@ import pytest
 
 from autotune.api import known_laws
 from autotune.api.known_laws import keep_laws, take_laws
+from autotune.core.arrays import Floats
 from autotune.core.durable import write_checked
 from autotune.core.remembered import Remembered
 from autotune.estimation import controller, model_error
@@ -46,6 +47,9 @@ def _forget(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(place, "KNOWN_LAWS", laws)
     for place in (model_error, known_laws):
         monkeypatch.setattr(place, "TOLD_LAWS", told)
+    fed: Remembered[Floats | None] = Remembered()
+    for place in (controller, known_laws):
+        monkeypatch.setattr(place, "KNOWN_FED", fed)
 
 
 def _recording(off: float = 0.0, limit: float | None = None) -> Recording:
@@ -58,6 +62,8 @@ def _kept(folder: Path) -> Path:
     """A model's place with what a fit has left beside it."""
     known_laws.KNOWN_LAWS.answer(ASKED, lambda: (LAW, replace(LAW, ticks=6)))
     known_laws.TOLD_LAWS.answer(TOLD, lambda: (LAW, SHAKEN))
+    known_laws.KNOWN_FED.answer("feeds none", lambda: None)
+    known_laws.KNOWN_FED.answer("feeds some", lambda: np.ones(3))
     keep_laws(folder / "model.toml", [_recording()])
     return folder / "model.toml"
 
@@ -76,6 +82,16 @@ def test_another_process_is_given_the_same_law_to_the_last_bit(
     assert take_laws(model, [_recording()])
     assert repr(known_laws.KNOWN_LAWS.answer(ASKED, _refuse)) == repr((LAW, replace(LAW, ticks=6)))
     assert repr(known_laws.TOLD_LAWS.answer(TOLD, lambda: (LAW, STILL))) == repr((LAW, SHAKEN))
+
+
+def test_that_no_friction_is_fed_is_known_and_a_column_is_looked_for_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = _kept(tmp_path)
+    _forget(monkeypatch)
+    assert take_laws(model, [_recording()])
+    assert known_laws.KNOWN_FED.answer("feeds none", lambda: np.zeros(3)) is None
+    assert np.array_equal(known_laws.KNOWN_FED.answer("feeds some", lambda: np.zeros(3)), np.zeros(3))
 
 
 def test_a_question_that_was_not_asked_has_no_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
