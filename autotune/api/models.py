@@ -16,6 +16,7 @@ from typing import TypeAlias
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from autotune.api.known_laws import take_laws
 from autotune.api.results import AddedEffect, Comparison, DiagnosisResult
 from autotune.core.errors import ConfigurationError, NotEnoughExcitation
 from autotune.diagnosis import fitting
@@ -82,7 +83,7 @@ def compare(recordings: Recordings, model: Model) -> Comparison:
     """
     known = _model(model)
     with _one_thread():
-        found = compare_model(_read(recordings), known)
+        found = compare_model(_read_beside(model, recordings), known)
     data = found.problem.data
     order = np.argsort(data.grid, kind="stable")
     return Comparison(
@@ -113,7 +114,7 @@ def diagnose(
     known = _model(model)
     with _one_thread():
         kinds = None if candidates is None else [effect_kind(name) for name in candidates]
-        found = diagnose_model(_read(recordings), known, progress, candidates=kinds)
+        found = diagnose_model(_read_beside(model, recordings), known, progress, candidates=kinds)
     return DiagnosisResult(
         known.torque_symbol, found.verdict, found.effects, found.confidence, found.candidates, found.confusable,
         found.where, found.noise_floor_rms, found.next_experiment, found.twin, found.error_rms,
@@ -134,7 +135,7 @@ def add_effect(
     known = _model(model)
     with _one_thread():
         added = fitting.add_effect(
-            effect, _read(recordings), known, _now(), source or _named(recordings), progress
+            effect, _read_beside(model, recordings), known, _now(), source or _named(recordings), progress
         )
     return AddedEffect(
         effect,
@@ -178,6 +179,14 @@ def _read(recordings: Recordings) -> list[Recording]:
     if not given:
         raise ConfigurationError("no recording was given; give at least one")
     return [one if isinstance(one, Recording) else read_recording(one) for one in given]
+
+
+def _read_beside(model: Model, recordings: Recordings) -> list[Recording]:
+    """The recordings, after what lies beside a model's file about their loops was taken up."""
+    read = _read(recordings)
+    if isinstance(model, (str, Path)):
+        take_laws(Path(model), read)
+    return read
 
 
 def _named(recordings: Recordings) -> str:

@@ -54,6 +54,7 @@ def fit(
 ) -> None:
     """Fit a model to recordings; every number with its uncertainty, what cannot be told named."""
     import autotune
+    from autotune.api.known_laws import keep_laws
     from autotune.models.model_file import write_model
 
     _check_output(out)
@@ -68,6 +69,7 @@ def fit(
     fitted = result.model
     if fitted is not None and result.valid:
         write_model(fitted, out)
+        keep_laws(out, read)
     if fitted is not None:
         _write_figures(read, fitted, result, html, rrd)
     for note in result.notes:
@@ -90,12 +92,14 @@ def compare(
 ) -> None:
     """Compare a model with recordings: how large the error is, and where it sits."""
     import autotune
+    from autotune.api.known_laws import take_laws
     from autotune.cli.model_text import compared_lines
     from autotune.models.model_file import read_model
 
     for path in (html, rrd):
         _check_folder(path)
     known, read = read_model(model_file), _read(recordings)
+    take_laws(model_file, read)
     result = autotune.compare(read, known)
     if html is not None:
         result.write_html(html)
@@ -126,6 +130,7 @@ def diagnose(
 ) -> None:
     """Tell which physical effect the model lacks, with the evidence."""
     import autotune
+    from autotune.api.known_laws import keep_laws, take_laws
     from autotune.cli.model_text import diagnosis_lines
     from autotune.models.model_file import read_model, write_model
 
@@ -135,6 +140,7 @@ def diagnose(
         _check_output(apply)
     known = read_model(model_file)
     read = _read(recordings)
+    take_laws(model_file, read)
     with one_bar("diagnose", DIAGNOSE_STEPS) as step:
         result = autotune.diagnose(read, known, progress=step)
     if html is not None:
@@ -154,6 +160,7 @@ def diagnose(
             say("nothing is named, so that nothing was written")
             raise typer.Exit(NOTHING)
         write_model(found, apply)
+        keep_laws(apply, read)
         say(f"the model with {', '.join(result.effects) or 'another law of its base'}: {apply}")
 
 
@@ -172,6 +179,7 @@ def add(
 ) -> None:
     """Add effects to a model and show how far the error falls on data that the fit never saw."""
     import autotune
+    from autotune.api.known_laws import keep_laws, take_laws
     from autotune.cli.model_text import added_lines
     from autotune.models.model_file import read_model, write_model
 
@@ -181,6 +189,7 @@ def add(
     result, known = None, read_model(model_file)
     given = known
     read = _read(recordings)
+    take_laws(model_file, read)
     with one_bar(f"add {', '.join(effects)}", ADD_STEPS * len(effects)) as step:
         for effect in effects:
             result = autotune.add_effect(effect, read, known, progress=step, source=_source(recordings))
@@ -192,6 +201,7 @@ def add(
     kept = result.better
     if kept:
         write_model(result.model, out)
+        keep_laws(out, read)
     if rrd is not None:
         result.write_rrd(rrd, read, given)
         say(f"Rerun recording: {rrd}")

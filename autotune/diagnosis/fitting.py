@@ -26,13 +26,14 @@ from autotune.diagnosis.screening import screen
 from autotune.diagnosis.wording import torque_path_notes
 from autotune.estimation.bandwidth import prepared_for, prepared_to_fit
 from autotune.estimation.bias_corrected_fit import ModelFit, fit_inside_twin
-from autotune.estimation.contact_start import usual_damping
-from autotune.estimation.data import Prepared, prepare
+from autotune.estimation.contact_start import LEAST_ROWS, BaseTold, begun_contact
+from autotune.estimation.data import TRAINING, Prepared, prepare
 from autotune.estimation.least_squares import Fitted, covariance, standard_errors
 from autotune.estimation.policy import POLICY, Policy
 from autotune.estimation.problem import Problem, new_problem
-from autotune.estimation.residual import residual, smoothed
+from autotune.estimation.residual import smoothed
 from autotune.identify.ripple_lines import LEAST_GAIN, columns, find_lines, held_out_error
+from autotune.models import layout
 from autotune.models.drive_model import DriveModel, HistoryEntry, Packed, base_model
 from autotune.models.table import effect_kind
 from autotune.models.total_friction import friction_parts, stiffness_parts
@@ -45,7 +46,6 @@ POOR = 0.2
 """Relative error above which a user is told of it."""
 OF_MOTION = ("inertia", "viscous", "stiffness", "micro_damping")
 """What only quick motion tells: not samples that are too slow for the torque."""
-REACHES = (1e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2)  # of the travel
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,64 +135,36 @@ def starting_model(data: Prepared, policy: Policy = POLICY) -> DriveModel:
         NotEnoughExcitation: inertia or friction cannot be told from the motion.
     """
     problem = new_problem(data, None)
-    values = _least_squares(data, problem.scales.one_way, policy)
-    travel = float(np.ptp(data.position[data.grid]))
-    best = (math.inf, values)
-    for reach in REACHES[:1] if data.steady else REACHES:
-        stiffness = values["coulomb"] / (reach * travel)
-        damping = usual_damping(stiffness, values["inertia"])
-        trial = {**values, "stiffness": stiffness, "micro_damping": damping}
-        packed = base_model(trial, motion_unit=data.metadata.motion_unit).pack()
-        cost = float(np.mean(residual(data, packed, problem.moved)[problem.training > 0] ** 2))
-        best = min(best, (cost, trial), key=lambda item: item[0])
+    told = BaseTold.of(data)
+    _refuse_untold(data, told, problem.scales.one_way, policy)
     meta = data.metadata
-    return base_model(best[1], None, meta.motion_unit, meta.axis, meta.fingerprint, meta.torque_unit)
+    packed = begun_contact(problem, told.values(problem.scales.one_way)).p
+    values = {name: float(packed[slot]) for slot, name in enumerate(layout.BASE)}
+    return base_model(values, None, meta.motion_unit, meta.axis, meta.fingerprint, meta.torque_unit)
 
 
-def _least_squares(data: Prepared, one_way: bool, policy: Policy) -> dict[str, float]:
-    rows = data.role("training")
-    speeds = data.velocity[data.grid[rows]]
-    speed = np.percentile(np.abs(speeds), 90)
-    moving = rows & (np.abs(data.velocity[data.grid]) > 0.02 * speed)
-    parts = {
-        "inertia": data.acceleration,
-        "viscous": data.velocity,
-        "coulomb": np.sign(data.velocity),
-        "offset": np.ones(len(data.velocity)),
-    }
-    table = np.column_stack([smoothed(data, np.ascontiguousarray(x))[moving] for x in parts.values()])
-    target = smoothed(data, 0.5 * (data.torque + np.concatenate([data.torque[:1], data.torque[:-1]])))[moving]
-    if moving.sum() < 50:
+def _refuse_untold(data: Prepared, told: BaseTold, one_way: bool, policy: Policy) -> None:
+    """Raises NotEnoughExcitation where inertia or friction cannot be told from the motion."""
+    if told.rows.sum() < LEAST_ROWS:
         raise NotEnoughExcitation("the axis hardly moves in these recordings; record longer, faster motion")
-    size = np.linalg.norm(table, axis=0)
-    found = np.linalg.lstsq(table / np.maximum(size, 1e-300), target, rcond=1e-10)[0] / np.maximum(
-        size, 1e-300
+    values, table, target = told.found, told.table, told.target
+    if values["inertia"] > 0.0 or _waves_instead(data, told.rows, table, target):
+        return
+    part = float(np.std(values["inertia"] * table[:, 0]) / max(float(np.std(target)), 1e-300))
+    if part <= policy.wrong_sign:
+        return
+    speeds = data.velocity[data.grid[data.role(TRAINING)]]
+    friction = values["coulomb"] + (values["offset"] * np.sign(speeds.mean()) if one_way else 0.0)
+    why = "its sign is wrong, or it is not the torque of this motion. Import again with a factor of -1"
+    if friction > 0.0:  # which a torque of the wrong sign would have below zero too
+        why = (
+            "friction has the right sign, so that is not turned: torque or motion is filtered or late against "
+            "the other, or torque waves with the place make the axis speed up and slow down. Record both "
+            "unfiltered, and quicker changes of speed"
+        )
+    raise NotEnoughExcitation(
+        f"the torque falls where the axis accelerates (inertia {values['inertia']:.3g}): {why}"
     )
-    values = dict(zip(parts, found.tolist(), strict=True))
-    if values["inertia"] <= 0.0 and not _waves_instead(data, moving, table, target):
-        part = float(np.std(values["inertia"] * table[:, 0]) / max(float(np.std(target)), 1e-300))
-        if part > policy.wrong_sign:
-            friction = values["coulomb"] + (values["offset"] * np.sign(speeds.mean()) if one_way else 0.0)
-            why = (
-                "its sign is wrong, or it is not the torque of this motion. Import again with a factor of -1"
-            )
-            if friction > 0.0:  # which a torque of the wrong sign would have below zero too
-                why = (
-                    "friction has the right sign, so that is not turned: torque or motion is filtered or late against "
-                    "the other, or torque waves with the place make the axis speed up and slow down. Record both "
-                    "unfiltered, and quicker changes of speed"
-                )
-            raise NotEnoughExcitation(
-                f"the torque falls where the axis accelerates (inertia {values['inertia']:.3g}): {why}"
-            )
-    scale = float(np.std(target))
-    values["inertia"] = max(values["inertia"], 1e-3 * scale / max(float(np.std(table[:, 0])), 1e-300))
-    values["viscous"] = max(values["viscous"], 1e-3 * scale / max(float(np.std(table[:, 1])), 1e-300))
-    values["coulomb"] = max(values["coulomb"], 1e-2 * scale)
-    if one_way:
-        values["coulomb"] = max(values["coulomb"] + values["offset"], 1e-2 * scale)
-        values["offset"] = 0.0
-    return values
 
 
 def _waves_instead(data: Prepared, rows: Flags, table: Floats, target: Floats) -> bool:

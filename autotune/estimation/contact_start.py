@@ -8,26 +8,30 @@ bristle makes predictions of held-out data worse.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from autotune.core.arrays import Floats, Integers
+from autotune.core.arrays import Flags, Floats, Integers
 from autotune.estimation.bias_corrected_fit import PROMISED, ModelFit, Projected, fit_inside_twin
 from autotune.estimation.controller import asked
 from autotune.estimation.coordinates import FORGOTTEN, since_rest
-from autotune.estimation.data import TRAINING
+from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.disturbance import STILL
 from autotune.estimation.least_squares import Fitted, Free, standard_errors
 from autotune.estimation.problem import Correction, Problem, refit
-from autotune.estimation.residual import residual
+from autotune.estimation.residual import residual, residuals, smoothed
 from autotune.estimation.twin_runs import SEED, run_twin
 from autotune.models import layout
-from autotune.models.drive_model import Packed
+from autotune.models.drive_model import Packed, base_model
 from autotune.models.transmission import has_load
 
 REACHES = (1e-5, 1e-4, 1e-3)  # of the travel
+BEGUN_REACHES = (1e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2)
+"""The same where nothing is known yet."""
+LEAST_ROWS = 50
+"""Moving rows of the grid, below which nothing is told."""
 DAMPING = 0.3
 """Of sqrt(stiffness · inertia)."""
 UNDAMPED = 0.05
@@ -46,6 +50,66 @@ TIMES = (0.125, 0.25, 0.5, math.sqrt(0.5), 1.0, math.sqrt(2.0), 2.0, 4.0)
 CONTACT = ("stiffness", "micro_damping")
 WITHIN = 0.5
 """Mean square of the stretch that is left, above which most rows of an experiment are within the bristle's reach."""
+
+
+@dataclass(frozen=True, slots=True)
+class BaseTold:
+    """Inertia, viscous and Coulomb friction and offset as torque and motion tell them by least squares.
+
+    Attributes:
+        found: by name; any of them may come out below zero.
+        table, target: what they were found in, shape (r, 4) and (r,): moving rows of the training.
+        rows: these rows of the grid, shape (m,).
+    """
+
+    found: Mapping[str, float]
+    table: Floats
+    target: Floats
+    rows: Flags
+
+    @classmethod
+    def of(cls, data: Prepared) -> BaseTold:
+        """What prepared data tell."""
+        rows = data.role(TRAINING)
+        speed = np.percentile(np.abs(data.velocity[data.grid[rows]]), 90)
+        moving = rows & (np.abs(data.velocity[data.grid]) > 0.02 * speed)
+        parts = {
+            "inertia": data.acceleration,
+            "viscous": data.velocity,
+            "coulomb": np.sign(data.velocity),
+            "offset": np.ones(len(data.velocity)),
+        }
+        table = np.column_stack([smoothed(data, np.ascontiguousarray(x))[moving] for x in parts.values()])
+        held = 0.5 * (data.torque + np.concatenate([data.torque[:1], data.torque[:-1]]))
+        target = smoothed(data, held)[moving]
+        size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+        found = np.linalg.lstsq(table / size, target, rcond=1e-10)[0] / size
+        return cls(dict(zip(parts, found.tolist(), strict=True)), table, target, moving)
+
+    def values(self, one_way: bool) -> dict[str, float]:
+        """What a fit may begin with: nothing below zero; on an axis that moves one way all friction is Coulomb's."""
+        values, scale = dict(self.found), float(np.std(self.target))
+        for place, name in enumerate(("inertia", "viscous")):
+            values[name] = max(values[name], 1e-3 * scale / max(float(np.std(self.table[:, place])), 1e-300))
+        values["coulomb"] = max(values["coulomb"], 1e-2 * scale)
+        if one_way:
+            values["coulomb"] = max(values["coulomb"] + values["offset"], 1e-2 * scale)
+            values["offset"] = 0.0
+        return values
+
+
+def begun_contact(problem: Problem, values: Mapping[str, float]) -> Packed:
+    """A base model of these values with the stiffness, of several presliding distances, that leaves least."""
+    trials = []
+    for reach in BEGUN_REACHES[:1] if problem.data.steady else BEGUN_REACHES:
+        stiffness = values["coulomb"] / (reach * problem.scales.travel)
+        damping = usual_damping(stiffness, values["inertia"])
+        contact = {"stiffness": stiffness, "micro_damping": damping}
+        trials.append(base_model({**values, **contact}, motion_unit=problem.data.metadata.motion_unit).pack())
+    rows = problem.training > 0
+    errors = residuals(problem.data, trials, problem.moved)
+    costs = np.array([float(np.mean(error[rows] ** 2)) for error in errors])
+    return trials[int(np.argmin(np.where(np.isfinite(costs), costs, np.inf)))]
 
 
 def usual_damping(stiffness: float, inertia: float) -> float:

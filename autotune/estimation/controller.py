@@ -76,8 +76,8 @@ FRICTION_FED = (
     FEEDS_FRICTION + "{:.3g} N m or N by the sign of its reference's speed; that was told by its demand."
 )
 _ASKED: Remembered[Floats] = Remembered(12)
-_KNOWN: Remembered[tuple[PositionController, ...]] = Remembered()
-_FED: Remembered[Floats | None] = Remembered(4)
+KNOWN_LAWS: Remembered[tuple[PositionController, ...]] = Remembered()
+KNOWN_FED: Remembered[Floats | None] = Remembered(4)
 
 
 def is_closed(recording: Recording) -> bool:
@@ -379,7 +379,7 @@ def with_friction_fed(recordings: Sequence[Recording], data: Prepared, policy: P
     if not (data.repeated and data.closed) or _of_all_rows(find_controller(data, policy)):
         return recordings
     samples = loop_samples(data, policy)
-    fed = _FED.answer(_mark(samples), lambda: friction_fed_forward(samples))
+    fed = KNOWN_FED.answer(_mark(samples), lambda: friction_fed_forward(samples))
     if fed is None:
         return recordings
     if not _of_all_rows(find_controller(replace(data, feedforward=data.feedforward + fed), policy)):
@@ -427,7 +427,7 @@ def identified(samples: LoopSamples) -> PositionController:
 def _remembered(
     what: bytes, samples: LoopSamples, find: Callable[[], tuple[PositionController, ...]]
 ) -> tuple[PositionController, ...]:
-    return _KNOWN.answer((what, *_mark(samples)), find)
+    return KNOWN_LAWS.answer((what, *_mark(samples)), find)
 
 
 def _to_rounding(samples: LoopSamples, explained: float) -> bool:

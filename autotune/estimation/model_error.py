@@ -29,6 +29,7 @@ from autotune.estimation.alignment import (
     shifted,
     without_twin,
 )
+from autotune.estimation.contact_start import LEAST_ROWS, BaseTold, begun_contact
 from autotune.estimation.controller import (
     as_acted,
     as_recorded,
@@ -54,6 +55,7 @@ from autotune.estimation.problem import (
     without_outlying,
 )
 from autotune.estimation.residual import measured_motion, residual, smoothed
+from autotune.models import layout
 from autotune.models.drive_model import DriveModel, Packed
 from autotune.signals.chunks import CHUNK
 
@@ -90,11 +92,13 @@ class ModelError:
         return self.error_rms / math.sqrt(max(float(np.mean(self.torque**2)), 1e-300))
 
 
-_TOLD: Remembered[tuple[PositionController, Disturbance]] = Remembered()
+TOLD_LAWS: Remembered[tuple[PositionController, Disturbance]] = Remembered()
 CLEARLY_LESS = 0.98
 """Of the cost: the chance of a twin's bias."""
 WANDERS = (1.0, 3.0, 9.0, 27.0)
 """Times faster a law's sum may wander than usual: above that, what it asks for may be compared."""
+AS_LITTLE = 1.001
+"""Times the cost of another fit: within what is left of a way downhill."""
 FAR = 1.5
 """Times what the best law's twin leaves: a law that leaves so much more is another at any rate of its loop."""
 TIMES = (1.0, 1.5, 2.0, 3.0)
@@ -176,7 +180,48 @@ def told_by_twin(
     """
     if len(laws) == 1 and laws[0].ticks == 1:
         return laws[0], STILL
-    return _TOLD.answer(_question(data, laws, model, policy), lambda: _told(data, laws, model, policy))
+    return TOLD_LAWS.answer(
+        _question(data, laws, model, policy), lambda: _told_beside_usual(data, laws, model, policy)
+    )
+
+
+def _told_beside_usual(
+    data: Prepared, laws: Sequence[PositionController], model: Packed, policy: Policy
+) -> tuple[PositionController, Disturbance]:
+    """The law, told beside the base that these recordings tell, and what shakes the axis if it is as this model says.
+
+    Which law it is is a question to the recordings. Fitted without a twin bases that start elsewhere end at the same
+    place, to a part in a thousand of a parameter; where twins of two laws leave alike, the chance of them there must
+    not tell another one to `compare` than to a diagnosis. A model with effects, or a base of a law of its own, is told
+    beside itself; so is one whose fit leaves less.
+    """
+    usual = _usual_base(data, laws[0], model, policy)
+    if usual is None:
+        return _told(data, laws, model, policy)
+    law, shaken = TOLD_LAWS.answer(
+        _question(data, laws, usual, policy), lambda: _told(data, laws, usual, policy)
+    )
+    if np.array_equal(usual.p, model.p):
+        return law, shaken
+    return law, _shaken(plain_fit(as_recorded(data, laws[-1]), model, policy), laws[-1])
+
+
+def _usual_base(data: Prepared, law: PositionController, model: Packed, policy: Policy) -> Packed | None:
+    """The base that a search begins with in these recordings; None where the model must be told beside itself."""
+    known = model.p[[layout.DAMPING_VELOCITY, layout.BENDS_BACK, layout.CREEP_VELOCITY]]
+    problem, told = new_problem(data, None, policy), BaseTold.of(data)
+    if model.on.any() or np.any(known > 0.0) or told.rows.sum() < LEAST_ROWS:
+        return None
+    usual = begun_contact(problem, told.values(problem.scales.one_way))
+    if np.array_equal(usual.p, model.p):
+        return usual
+    one, other = (plain_fit(as_recorded(data, law), base, policy).fitted.cost for base in (usual, model))
+    return usual if one <= AS_LITTLE * other else None
+
+
+def _shaken(plain: PlainFit, law: PositionController) -> Disturbance:
+    """What shakes the axis beside a law, as a fit without a twin leaves it."""
+    return estimate_disturbance(replace(plain.problem, controller=law), plain.fitted.packed)
 
 
 def _told(
@@ -244,7 +289,7 @@ def _least_left(
             plain[key] = fitted(law)
         here = plain[key]
         if disturbance is None:
-            disturbance = estimate_disturbance(replace(here.problem, controller=law), here.fitted.packed)
+            disturbance = _shaken(here, law)
         before = math.inf
         for one in _faster(law, 1 if every or math.isinf(best.left) else best.law.ticks, period):
             left, later = here.left_by(one, disturbance)

@@ -15,13 +15,15 @@ with the last four of them as state (Viterbi 1967).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 import scipy
 
-from autotune.core.arrays import Flags, Floats
+from autotune.core.arrays import Flags, Floats, Integers
 from autotune.core.kernel_cache import kernel
+from autotune.core.remembered import Remembered, digest_of
 
 LEAST_LATE, ONE_DELAY = 50, 0.25
 """Rows that tell a delay, at least, and by how much of it their quartiles are apart at most."""
@@ -46,7 +48,18 @@ def in_time(measured: Floats, stretches: Sequence[slice], counts: float) -> Floa
         measured: positions, shape (n,).
         stretches: contiguous rows.
         counts: of the encoder, in the position's unit; 0 for none.
+
+    Of the positions that were asked for last it is remembered: a fit asks a dozen times.
     """
+    question = digest_of(measured), tuple((rows.start, rows.stop) for rows in stretches), float(counts)
+    return _IN_TIME.answer(question, lambda: _in_time(measured, stretches, counts)).copy()
+
+
+_IN_TIME: Remembered[Floats] = Remembered(4)
+
+
+def _in_time(measured: Floats, stretches: Sequence[slice], counts: float) -> Floats:
+    """`in_time`, found anew."""
     position = measured.copy()
     long = [rows for rows in stretches if rows.stop - rows.start > AROUND]
     delay = tick_of([measured[rows] for rows in long], counts)
@@ -92,7 +105,7 @@ def _standing_out(position: Floats, counts: float) -> Floats:
     off, moved = _fourth(position) / 6.0, np.gradient(position)
     size = np.abs(off)
     beside = np.maximum.reduce([np.roll(size, by) for by in (-2, -1, 1, 2)])
-    usual = np.concatenate([np.full(len(piece), np.median(piece)) for piece in _pieces(size)])
+    usual = np.repeat(*_of_pieces(size, np.median))
     hit = (size > np.maximum(OUT * usual, MOST_COUNTS * counts)) & (size >= beside) & (off * moved > 0.0)
     return np.asarray(off[hit] / moved[hit])
 
@@ -109,11 +122,11 @@ def _late(measured: Floats, ahead: Floats, noise: Floats, share: float) -> Flags
 
 def _noise(position: Floats, counts: float) -> Floats:
     """Standard deviation of fourth differences around each row, shape (n,); no less than rounding makes."""
-    pieces = _pieces(np.abs(_fourth(position)))
-    usual = np.array([np.quantile(piece, QUIET) for piece in pieces]) / OF_NORMAL
+    quiet, rows = _of_pieces(np.abs(_fourth(position)), partial(np.quantile, q=QUIET))
+    usual = quiet / OF_NORMAL
     usual = scipy.ndimage.median_filter(usual, PIECES, mode="nearest")
     least = max(BY_ROUNDING * counts, 1e-12 * float(np.ptp(position)), 1e-300)
-    return np.repeat(np.maximum(usual, least), [len(piece) for piece in pieces])
+    return np.repeat(np.maximum(usual, least), rows)
 
 
 def _fourth(position: Floats) -> Floats:
@@ -121,8 +134,18 @@ def _fourth(position: Floats) -> Floats:
     return np.pad(np.diff(position, 4), 2)
 
 
-def _pieces(values: Floats) -> list[Floats]:
-    return np.array_split(values, max(1, len(values) // AROUND))
+def _of_pieces(values: Floats, told: Callable[..., Floats]) -> tuple[Floats, Integers]:
+    """What is told of pieces of about `AROUND` values of shape (n,), and how many values each has, shape (pieces,).
+
+    As `numpy.array_split` cuts them: the first pieces have one more.
+    """
+    count = max(1, len(values) // AROUND)
+    short, longer = divmod(len(values), count)
+    cut = longer * (short + 1)
+    parts = values[:cut].reshape(longer, short + 1), values[cut:].reshape(count - longer, short)
+    return np.concatenate([told(part, axis=1) for part in parts]), np.repeat(
+        [short + 1, short], [longer, count - longer]
+    )
 
 
 @kernel

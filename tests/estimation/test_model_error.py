@@ -17,6 +17,7 @@ from autotune.estimation.policy import POLICY
 from autotune.estimation.problem import Problem, Told, led
 from autotune.estimation.residual import smoothed
 from autotune.estimation.twin_runs import run_twin, run_twins, slower
+from autotune.models.direction_asymmetry import DIRECTION_ASYMMETRY
 from autotune.models.drive_model import base_model
 from autotune.recordings.recording import Metadata, Recording
 from tests.estimation.simulated import AXIS, PERIOD, TRUE, recorded
@@ -100,6 +101,24 @@ def test_a_question_that_was_asked_is_not_simulated_again(monkeypatch: pytest.Mo
     assert count == len(asked) > 0
     told_by_twin(_driven(6, 5), [replace(LAW, kp=1.01 * LAW.kp)], model)
     assert len(asked) > count
+
+
+@pytest.mark.parametrize("off", [0.8, 1.3])
+def test_which_base_is_asked_about_does_not_change_the_law(
+    off: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Bases that fit to the same place are one question; a base that nothing leads there from is told beside itself."""
+    data, model = _driven(6, 7), base_model(AXIS)
+    law, _ = told_by_twin(data, [LAW], model.pack())
+    asked: list[int] = []
+    original = PlainFit.left_by
+    monkeypatch.setattr(PlainFit, "left_by", lambda *given: asked.append(1) or original(*given))
+    other = model.with_values({name: off * model[name] for name in ("inertia", "coulomb", "viscous")})
+    assert told_by_twin(data, [LAW], other.pack())[0] == law
+    assert not asked
+    uneven = model.with_effect(DIRECTION_ASYMMETRY.make({"coulomb": 0.01 * off, "viscous": 0.0}))
+    told_by_twin(data, [LAW], uneven.pack())
+    assert asked
 
 
 def test_a_law_of_the_samples_is_not_asked_about() -> None:

@@ -49,6 +49,18 @@ def test_rows_in_time_stay_as_they_are() -> None:
         assert np.array_equal(in_time(position, STRETCHES, COUNTS), position)
 
 
+def test_what_is_remembered_is_nobodys_to_change() -> None:
+    late = np.random.default_rng(6).uniform(size=len(TIME)) < 0.05
+    position = told(np.asarray(TIME + DELAY * late))
+    first = in_time(position, STRETCHES, COUNTS)
+    changed = in_time(position, STRETCHES, COUNTS)
+    changed[:] = 0.0
+    assert np.array_equal(in_time(position, STRETCHES, COUNTS), first)
+    other = in_time(position, [slice(0, 12_000)], COUNTS)
+    assert np.array_equal(other[12_000:], position[12_000:])
+    assert not np.array_equal(other, first)
+
+
 def test_what_is_late_by_less_than_noise_is_no_worse_for_it() -> None:
     """Noise of 5 counts; a tick of 10 us is half a count to 16 counts."""
     late = np.random.default_rng(6).uniform(size=len(TIME)) < 0.05
