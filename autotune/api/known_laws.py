@@ -44,17 +44,14 @@ Made = TypeVar("Made", PositionController, Disturbance)
 
 
 def keep_laws(model: Path, recordings: Sequence[Recording]) -> None:
-    """Writes what this process has found out about the loops of `recordings` beside a model's file.
-
-    Raises:
-        OSError: it could not be written.
-    """
+    """Writes what this process has found out about the loops of `recordings` beside a model's file, where it can."""
     laws = {mark: [asdict(law) for law in found] for mark, found in KNOWN_LAWS.answers().items()}
     told = {mark: [asdict(law), asdict(by)] for mark, (law, by) in TOLD_LAWS.answers().items()}
     unfed = [mark for mark, column in KNOWN_FED.answers().items() if column is None]
     about = {"schema": SCHEMA, "code": _code(), "recordings": _content(recordings)}
     answers = {"laws": laws, "told": told, "feeds_no_friction": unfed}
-    write_checked(model.with_suffix(ENDING), _plain(about | answers))
+    with suppress(OSError):  # a full disk costs the next command time, and this one not its answer
+        write_checked(model.with_suffix(ENDING), _plain(about | answers))
 
 
 def take_laws(model: Path, recordings: Sequence[Recording]) -> bool:

@@ -130,6 +130,11 @@ def test_a_changed_byte_leaves_it_aside(tmp_path: Path) -> None:
     assert not take_laws(model, [_recording()])
 
 
+def test_what_cannot_be_written_is_no_error(tmp_path: Path) -> None:
+    keep_laws(tmp_path / "no folder" / "model.toml", [_recording()])
+    assert not take_laws(tmp_path / "no folder" / "model.toml", [_recording()])
+
+
 @pytest.mark.parametrize("wrong", ["a text", None, {"kp": "1"}], ids=["text", "nothing", "no law"])
 def test_what_is_no_law_is_none(tmp_path: Path, wrong: object) -> None:
     """Also where its checksum is right."""
