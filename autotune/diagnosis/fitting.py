@@ -81,7 +81,7 @@ def fit_model(
     for effect in effects:
         progress(f"refit with {effect}")
         problem, _, model_fit = grown(problem, model_fit, nominal, effect, start)
-    notes = (*notes, *torque_path_notes(problem.data))
+    notes = (*notes, *torque_path_notes(problem.data, problem.controller))
     errors = _standard_errors(problem, model_fit.fitted)
     model = model_from(start, model_fit.fitted.packed, model_fit.fitted.free, errors)
     relative = relative_error(problem, model_fit)

@@ -29,7 +29,7 @@ from autotune.diagnosis.contact_laws import (
     without_memory,
 )
 from autotune.diagnosis.evidence import evidence_of
-from autotune.diagnosis.evidence.evidence import lag_in_loop
+from autotune.diagnosis.evidence.evidence import cycles_in_place, lag_in_loop
 from autotune.diagnosis.free_shape import like_a_motor
 from autotune.diagnosis.refits import (
     REFINED,
@@ -439,6 +439,8 @@ def _without_chains_lag(state: SearchState) -> None:
     chosen = state.chosen
     if chosen is None or len(chosen.model_fit.effects) < 2 or LAG not in chosen.model_fit.effects:
         return
+    if _cycles_do(state, chosen):
+        return
     less = without_effect(state.problem, state.root, chosen.model_fit, LAG)
     again = state.evidence.aligned(state.problem, less.model_fit) if less is not None else state.problem
     if less is None or again is state.problem:
@@ -446,6 +448,21 @@ def _without_chains_lag(state: SearchState) -> None:
     root, (bare,) = fitted_again(again, state.root, [less])
     if bare.model_fit.fitted.cost <= LEVEL_GROUND * chosen.model_fit.fitted.cost:
         state.problem, state.root, state.chosen = again, root, bare
+
+
+def _cycles_do(state: SearchState, chosen: FittedCandidate) -> bool:
+    """Whether whole cycles leave as little in the place of the chosen lag, in the twin: then they are taken."""
+    least = LEVEL_GROUND * chosen.model_fit.fitted.cost
+    found = cycles_in_place(state.problem, chosen.model_fit) if state.problem.twin else []
+    again, bare = min(found, key=lambda one: one[1].fitted.cost, default=(state.problem, chosen.model_fit))
+    if again is state.problem or bare.fitted.cost > least:
+        return False
+    state.progress("whole cycles in the place of a lag")
+    state.problem = again
+    state.root, _ = fitted_again(again, state.root, [])
+    others = [effect for effect in bare.effects if effect == chosen.effect] or [bare.effects[-1]]
+    state.chosen = judged(again, state.root, bare, others[0])
+    return True
 
 
 def _beside_own_presliding(state: SearchState, found: Found) -> Found:

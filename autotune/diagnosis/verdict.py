@@ -303,7 +303,8 @@ def judge(found: Found, notes: tuple[str, ...], carried: Sequence[HoldoutResult]
         confidence = CONFIRMED if sure else SUSPECTED
     confusable = _confusable(facts, case.verdict, effects, confidence, found)
     lines = [line_note(one) for one in all_lines(facts.problem.data, facts.line)]
-    said = [*torque_path_notes(facts.problem.data), *lines, case.sentence(facts)]
+    path = torque_path_notes(facts.problem.data, facts.problem.controller)
+    said = [*path, *lines, case.sentence(facts)]
     said += (
         [_unlike(facts)] * bool(effects)
         + [MANY_CONTACTS if of_many(found.root.fitted.packed) else OWN_PRESLIDING]

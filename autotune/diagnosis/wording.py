@@ -14,6 +14,7 @@ from autotune.diagnosis.evidence.evidence import Evidence
 from autotune.diagnosis.evidence.time_driven import TimeLine
 from autotune.diagnosis.refits import needed_share
 from autotune.estimation.bias_corrected_fit import ModelFit
+from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import TRAINING, Prepared
 from autotune.estimation.policy import Policy
 from autotune.estimation.problem import Problem
@@ -94,6 +95,17 @@ CYCLES_LATE = (
     "The torque acts {cycles} of {period:.3g} ms after the row that it is recorded in, as one that goes over a bus "
     "does. It is no effect of the axis, and taken out; a shorter one makes room for faster gains."
 )
+CYCLES_OR_LAG = (
+    "The torque acts {cycles} of {period:.3g} ms after the row that it is recorded in. A bus does that; a filter or a "
+    "running mean of the demand, with the row read half a cycle sooner or later, may leave as little behind a drive's "
+    "own loop. It is no effect that these data tell from a bus, and taken out; a prompter one makes room for faster "
+    "gains."
+)
+MOVED = (
+    "The torque acts {late:.2g} ms after the moment that it is taken to be recorded at. A current loop or a filter of "
+    "the demand is late so, and so is a row that is read sooner: nothing tells which it is. It is no effect of the "
+    "axis beyond doubt, and taken out."
+)
 PROGRAMME = "autotune record AXIS.toml decide --from DIAGNOSIS.json --out FILE"
 """DIAGNOSIS.json is what `diagnose --json` printed; diagnosed are then both recordings."""
 OWN_RECORDER = (
@@ -130,16 +142,20 @@ class Candidate:
     contribution: Floats | None = field(default=None, repr=False, compare=False)
 
 
-def torque_path_notes(data: Prepared) -> tuple[str, ...]:
+def torque_path_notes(data: Prepared, law: PositionController | None = None) -> tuple[str, ...]:
     """On what a demand goes through before it acts, and was taken out: cycles of a bus, and the current loop.
 
-    Cycles that only make up for a record that was taken to be late are none.
+    Cycles that only make up for a record that was taken to be late are none. Of a `law` that works between the samples
+    nothing but the twin tells when a torque was read, so that cycles are one way to say how late it acts.
     """
     notes = []
     whole = min(data.cycles, round(data.late / data.upsampling))
     if whole > 0:
         cycles = f"{whole} cycle" + "s" * (whole > 1)
-        notes.append(CYCLES_LATE.format(cycles=cycles, period=1e3 * data.upsampling * data.period))
+        said = CYCLES_OR_LAG if law is not None and law.ticks > 1 else CYCLES_LATE
+        notes.append(said.format(cycles=cycles, period=1e3 * data.upsampling * data.period))
+    elif law is not None and data.late > 0.0:
+        notes.append(MOVED.format(late=1e3 * data.late * data.period))
     if data.lag > 2.0 * data.lag_error:
         late, error, hertz = 1e3 * data.lag, 1e3 * data.lag_error, 1.0 / (2.0 * math.pi * data.lag)
         notes.append(CURRENT_LOOP_LATE.format(late=late, error=error, hertz=hertz))

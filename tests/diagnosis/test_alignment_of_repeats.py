@@ -14,12 +14,18 @@ from autotune.core.arrays import Floats
 from autotune.diagnosis import baseline
 from autotune.diagnosis.baseline import begin
 from autotune.diagnosis.candidates import FittedCandidate, again_explained, plainer
-from autotune.diagnosis.evidence.evidence import Evidence, lag_in_loop, late_anew, without_long_lag
+from autotune.diagnosis.evidence.evidence import (
+    Evidence,
+    cycles_in_place,
+    lag_in_loop,
+    late_anew,
+    without_long_lag,
+)
 from autotune.diagnosis.evidence.repeated import RepeatedProgramme
 from autotune.diagnosis.evidence.single import SingleRecording
 from autotune.diagnosis.found_model import torque_late
 from autotune.diagnosis.rounds import SearchState
-from autotune.diagnosis.search import _without_chains_lag
+from autotune.diagnosis.search import _cycles_do, _without_chains_lag
 from autotune.diagnosis.settling import _aligned
 from autotune.diagnosis.wording import torque_path_notes
 from autotune.estimation.alignment import behind_current_loop, followed_late, shifted
@@ -451,6 +457,60 @@ def test_a_lag_beside_others_goes_where_the_chain_beside_them_is_as_late(
     assert (search.chosen is less) == dropped
     assert (search.problem is again) == dropped
     assert (search.root is root) == (not dropped)
+
+
+def _lagging(begun: Begun, lag: float, effects: tuple[str, ...]) -> ModelFit:
+    """The fit with a lag of its loop [s] among its effects."""
+    p, on = begun[1].fitted.packed.p.copy(), begun[1].fitted.packed.on.copy()
+    p[TIME_CONSTANT], on[IS_LATE] = lag, True
+    free = [*begun[1].free, Free("time_constant", TIME_CONSTANT, 0.0, 0.01, 1e-4)]
+    fitted = replace(begun[1].fitted, packed=Packed(p, on), free=tuple(free))
+    return replace(begun[1], fitted=fitted, effects=effects)
+
+
+@pytest.mark.parametrize(
+    ("lag", "cycles", "behind"),
+    [(0.98e-3, 1, 0.0), (1.2e-3, 1, 2e-4), (1.7e-3, 2, 0.0), (3e-4, 0, 0.0), (6e-3, 0, 0.0)],
+    ids=["a cycle", "behind a current loop", "nearly two", "less than half", "more than any bus"],
+)
+def test_whole_cycles_are_asked_for_a_lag_in_the_twin(
+    begun: Begun, lag: float, cycles: int, behind: float
+) -> None:
+    """With all else as it was found, in a loop that is as late."""
+    problem = replace(begun[0], data=shifted(begun[0].data, 0.0))
+    found = cycles_in_place(problem, _lagging(begun, lag, ("spring", "torque_lag")))
+    assert [one[0].data.cycles for one in found] == [cycles] * (cycles > 0)
+    for again, bare in found:
+        assert problem.controller is not None
+        assert again.controller is not None
+        assert again.controller.position_delay == problem.controller.position_delay + cycles
+        assert again.controller.reference_delay == problem.controller.reference_delay + cycles
+        assert again.data.late == problem.data.late + cycles
+        assert again.data.lag == pytest.approx(behind)
+        assert 0.0 < again.data.lag_error < 3e-4
+        assert not bare.fitted.packed.on[IS_LATE]
+        assert bare.effects == ("spring",)
+        assert len(bare.free) == len(begun[1].free)
+
+
+@pytest.mark.parametrize(("left", "taken"), [(1.0, True), (1.05, False)])
+def test_a_lag_gives_way_to_cycles_that_leave_as_little(
+    begun: Begun, monkeypatch: pytest.MonkeyPatch, left: float, taken: bool
+) -> None:
+    """A record that was not late had its sample back as a lag beside a spring that relaxes, and that was named."""
+    problem, root = begun
+    lags = _lagging(begun, 1e-3, ("spring", "torque_lag"))
+    chosen = FittedCandidate("torque_lag", lags, 0.6, Explained(1.0, 0.0), None, named=True)
+    cost = left * lags.fitted.cost
+    bare = replace(root, fitted=replace(root.fitted, cost=cost), effects=("spring",))
+    monkeypatch.setattr("autotune.diagnosis.search.cycles_in_place", lambda *_: [(problem, bare)])
+    search = SearchState(
+        replace(problem), root, root.fitted.packed, print, RepeatedProgramme(), chosen=chosen
+    )
+    assert _cycles_do(search, chosen) == taken
+    assert search.chosen is not None
+    assert search.chosen.model_fit.effects == (("spring",) if taken else ("spring", "torque_lag"))
+    assert (search.problem is problem) == taken
 
 
 @pytest.mark.parametrize(("left", "moved"), [(0.9, True), (1.05, False)])

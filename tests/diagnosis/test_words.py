@@ -15,6 +15,7 @@ from autotune.diagnosis.wording import (
     separating_experiment,
     torque_path_notes,
 )
+from autotune.estimation.controller_law import PositionController
 from autotune.estimation.data import ReadingWave
 from autotune.models.table import EFFECTS, effect_kind
 
@@ -75,3 +76,24 @@ def test_a_screws_turn_is_no_line_of_an_encoder(resolution: float, lines: bool) 
     assert ("sine and cosine of its lines" in note) == lines
     assert ("off centre on a shaft" in note) != lines
     assert "taken out of the motion" in note
+
+
+@pytest.mark.parametrize(
+    ("ticks", "cycles", "late", "said"),
+    [
+        (1, 2, 2.0, "as one that goes over a bus does"),
+        (4, 2, 2.0, "no effect that these data tell from a bus"),
+        (4, 0, 0.3, "acts 0.3 ms after the moment"),
+        (4, 0, -0.3, ""),
+    ],
+    ids=["a host", "a drive's own loop", "a part of a sample", "told late"],
+)
+def test_how_late_the_torque_acts_is_said_as_far_as_it_is_told(
+    ticks: int, cycles: int, late: float, said: str
+) -> None:
+    """Behind a loop between the samples a lag, cycles and the moment of reading leave alike."""
+    path = {"cycles": cycles, "late": late, "upsampling": 1, "period": 1e-3, "lag": 0.0}
+    data = SimpleNamespace(**path, lag_error=1.0, reading=None)
+    notes = torque_path_notes(data, PositionController(ticks=ticks))
+    assert len(notes) == bool(said)
+    assert all(said in note and "taken out" in note for note in notes)

@@ -30,7 +30,7 @@ from autotune.estimation.residual import measured_motion, smoothed
 from autotune.models.drive_model import Packed
 from autotune.models.effect import Kind
 from autotune.models.start_values import Vary
-from autotune.models.torque_lag import IS_LATE, STAGES, TIME_CONSTANT, TORQUE_LAG
+from autotune.models.torque_lag import IS_LATE, STAGES, STEEPNESS, TIME_CONSTANT, TORQUE_LAG
 from autotune.signals.line_search import lowest
 
 CLOSE_START = 0.4
@@ -327,6 +327,35 @@ def lag_in_loop(problem: Problem, model_fit: ModelFit) -> tuple[Problem, ModelFi
         elif found is None or fit.fitted.cost < found[1].fitted.cost:
             found = way, fit
     return found if found is not None and found[1].fitted.cost < least else None
+
+
+def cycles_in_place(problem: Problem, lags: ModelFit) -> list[tuple[Problem, ModelFit]]:
+    """Problem and model with whole cycles, and an ordinary lag behind them, in the place of a lag of the model.
+
+    Whole cycles are asked along the measured motion, under a bias that is held, and before other effects are known; a
+    second mass moves in the twin only. So a record that was taken to be a sample late has its sample back as a lag
+    beside what was found: in the twin the one is asked for the other.
+    """
+    data, packed = problem.data, lags.fitted.packed
+    cycle = data.upsampling * data.period
+    late = cycle * data.cycles + data.lag + float(packed.p[TIME_CONSTANT])
+    p, on = packed.p.copy(), packed.on.copy()
+    p[[TIME_CONSTANT, STEEPNESS]], on[IS_LATE] = 0.0, False
+    free = [one for one in lags.free if one.slot not in (TIME_CONSTANT, STEEPNESS)]
+    effects = tuple(effect for effect in lags.effects if effect != TORQUE_LAG.name)
+    found = []
+    for count in {int(late / cycle), round(late / cycle)} & set(CYCLES):
+        rest, more = max(late - count * cycle, 0.0), count - data.cycles
+        if rest > CURRENT_LOOP or more <= 0:
+            continue
+        later = replace(shifted(data, data.shift - 2.0 * data.upsampling * more), cycles=count)
+        again = _with(_later_by(problem, more), behind_current_loop(later, rest))
+        fit = fit_inside_twin(again, Packed(p, on), free, 2, effects)
+        if fit is not None:
+            left = _left(again, fit, again.data)
+            error = _error_of_lag(again, fit, _Late(again.data, left, _cost(again, left)))
+            found.append((replace(again, data=replace(again.data, lag_error=error)), fit))
+    return found
 
 
 def _ways_of_recording(problem: Problem) -> list[tuple[Problem, float]]:
