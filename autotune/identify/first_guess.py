@@ -57,6 +57,10 @@ class OneDirection(NotEnoughExcitation):
     """The axis moved one way only: Coulomb friction and offset are one number."""
 
 
+class NoDryFriction(NotEnoughExcitation):
+    """Motion explains the torque, but with a Coulomb friction below zero: friction has another curve over speed."""
+
+
 @dataclass(frozen=True, slots=True)
 class Guess:
     """Base parameters by name, and the share of the torque they leave unexplained.
@@ -468,7 +472,7 @@ def _refuse(best: _Trial) -> None:
             "of speed, swings of several sizes"
         )
     if coulomb <= 0.0:
-        raise NotEnoughExcitation(
+        raise NoDryFriction(
             f"Coulomb friction comes out as {coulomb:.3g}; it must be above 0. Record slow moves in both "
             "directions, or check that friction is not compensated already"
         )

@@ -84,6 +84,8 @@ def time_driven_line(problem: Problem, error: Floats) -> TimeLine | None:
     )
     if any(_of_the_motion(float(finest), part.samples * data.period, time.max()) for part in data.periodic):
         return None
+    if _at_one_speed(problem, float(finest), time.max()):
+        return None
     line = TimeLine(float(finest), _share(time, values, float(finest)))
     if line.share <= problem.policy.line_part:
         return None
@@ -347,6 +349,16 @@ def _foretold(parts: Sequence[_Difference], hertz: float) -> float:
 def _of_the_motion(hertz: float, period: float, seconds: float) -> bool:
     """Whether a line is a harmonic of a motion that repeats itself: nothing says then that time drives it."""
     return abs(hertz - round(hertz * period) / period) < 2.0 / seconds
+
+
+def _at_one_speed(problem: Problem, hertz: float, seconds: float) -> bool:
+    """Whether the axis goes on so evenly that a wave over position is as much a line as one over time."""
+    data = problem.data
+    speeds = np.array(
+        [float(np.mean(data.velocity[data.grid[b.rows]])) for b in data.blocks if b.role == TRAINING]
+    )
+    typical = float(np.mean(speeds))
+    return float(np.max(np.abs(speeds - typical))) * hertz < 2.0 / seconds * abs(typical)
 
 
 def _clock(problem: Problem) -> Floats:
