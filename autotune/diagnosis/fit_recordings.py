@@ -19,7 +19,7 @@ from autotune.diagnosis.candidates import no_progress
 from autotune.diagnosis.compare import Compared, compare, unseen_error
 from autotune.diagnosis.evidence.evidence import SURE
 from autotune.diagnosis.fit_result import FitResult
-from autotune.diagnosis.fitting import fit_model
+from autotune.diagnosis.fitting import fit_model, loose
 from autotune.estimation.model_error import CLEARLY_LESS
 from autotune.estimation.policy import POLICY
 from autotune.identify.dahl import Complexity, judge_complexity
@@ -161,12 +161,17 @@ def _by_experiments(whole: Recording) -> FitResult:
 def _searched(
     whole: Recording, effects: Sequence[str], why: str, untold: Sequence[str], progress: Progress
 ) -> FitResult | None:
-    """The search's model, where a fit of all motion together has none; None where the search has none either."""
+    """The search's model, where a fit of all motion together has none; None where the search has none either.
+
+    `untold` are parameters that it cannot know: they have no standard error, and need none.
+    """
     try:
         result = _by_search(whole, effects, (why,), progress, untold)
     except NotEnoughExcitation:
         return None
-    return result if result.valid else None
+    if result.model is None or loose(result.model):
+        return None
+    return replace(result, estimate=replace(result.estimate, valid=True, reason=why))
 
 
 def _by_search(

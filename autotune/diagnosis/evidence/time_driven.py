@@ -34,6 +34,8 @@ BREATHS, QUICKEST_BREATH = 4.0, 2.5
 ones change within the reversals that tell friction from torque."""
 FINE_BREATH = 0.5
 """Of one over the length of the recording: steps of the frequency."""
+AS_WELL = 0.5
+"""Of what a line over time explains: where a wave over position does as much, nothing says that time drives it."""
 ALIKE_PHASE = math.radians(30.0)
 """Of a line that comes and goes: how far its phase may be off in a repeat of an experiment."""
 HUNTS_ABOVE, NARROW, MOST, LOUD = 10.0, 0.1, 0.5, 0.1
@@ -84,10 +86,8 @@ def time_driven_line(problem: Problem, error: Floats) -> TimeLine | None:
     )
     if any(_of_the_motion(float(finest), part.samples * data.period, time.max()) for part in data.periodic):
         return None
-    if _at_one_speed(problem, float(finest), time.max()):
-        return None
     line = TimeLine(float(finest), _share(time, values, float(finest)))
-    if line.share <= problem.policy.line_part:
+    if line.share <= problem.policy.line_part or _over_place(problem, values, line):
         return None
     if _everywhere(problem, error, line.hertz):
         return line
@@ -351,14 +351,14 @@ def _of_the_motion(hertz: float, period: float, seconds: float) -> bool:
     return abs(hertz - round(hertz * period) / period) < 2.0 / seconds
 
 
-def _at_one_speed(problem: Problem, hertz: float, seconds: float) -> bool:
-    """Whether the axis goes on so evenly that a wave over position is as much a line as one over time."""
-    data = problem.data
-    speeds = np.array(
-        [float(np.mean(data.velocity[data.grid[b.rows]])) for b in data.blocks if b.role == TRAINING]
-    )
-    typical = float(np.mean(speeds))
-    return float(np.max(np.abs(speeds - typical))) * hertz < 2.0 / seconds * abs(typical)
+def _over_place(problem: Problem, values: Floats, line: TimeLine) -> bool:
+    """Whether a wave over position explains most of what a line over time does: the axis goes on at one speed."""
+    data, rows = problem.data, problem.training > 0
+    place = data.position[data.grid[rows]]
+    seconds = float(np.ptp(_clock(problem)[rows]))
+    turns = line.hertz * seconds / max(float(np.ptp(place)), 1e-300)
+    cycles = turns + np.linspace(-4.0, 4.0, 81) / max(float(np.ptp(place)), 1e-300)
+    return max(_share(place, values, float(one)) for one in cycles) > AS_WELL * line.share
 
 
 def _clock(problem: Problem) -> Floats:
