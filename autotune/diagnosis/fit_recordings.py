@@ -50,8 +50,8 @@ USUAL_ACCELERATION = 0.2 * (2.0 * math.pi) ** 2
 ONE_NUMBER = ("coulomb", "offset")
 """What motion in one direction cannot tell apart."""
 CURVED = (
-    "Coulomb friction comes out below zero: friction grows faster than in proportion to speed, or is compensated "
-    "already; 'autotune model diagnose' tells what is missing"
+    "Coulomb friction comes out below zero: friction grows faster than in proportion to speed; 'autotune model "
+    "diagnose' tells what is missing"
 )
 NO_END = (
     "a fit of all motion together came to no end: the model lacks what matters most, and takes it for something else. "

@@ -89,3 +89,14 @@ def test_drag_that_makes_coulomb_friction_come_out_below_zero_is_left_to_the_sea
     assert "coulomb" in found.not_identified
     assert found.model["inertia"] == pytest.approx(3e-3, rel=0.1)
     assert "nonlinear_viscous" in autotune.diagnose([recording], found.model).effects
+
+
+def test_friction_over_place_is_not_told_from_motion_one_way() -> None:
+    """A motor that rolls on: any friction over the place is a torque over the place."""
+    time = np.arange(0.0, 25.0, PERIOD)
+    q = 5.0 * time + 0.3 * np.sin(2 * np.pi * 0.4 * time)
+    v, a = _moved(q)
+    waves = 0.3 * np.sin(3 * q) + 0.1 * np.sin(14 * q)
+    recording = _recorded(q, 5e-3 * a + 0.5 + 0.01 * v + waves, 0.02)
+    verdict = autotune.diagnose([recording], autotune.fit([recording]).model)
+    assert "position_dependent_friction" not in verdict.effects
