@@ -59,8 +59,6 @@ from autotune.models.torque_ripple import TORQUE_RIPPLE
 NO_TWIN = "No twin: "
 UNSTABLE, USELESS = "is unstable or rings", "explains less than none"
 LACKS_MOST = "lacks what makes most of the torque, such as gravity"
-HALF = 0.5
-"""Of the torque's variance: a model that leaves more leaves more than it explains."""
 HEAVY = (
     "Gravity, or a spring, makes most of the torque: beside it inertia and friction leave {:.2g} % of the torque's "
     "variance."
@@ -366,20 +364,15 @@ def _share_left(problem: Problem, model_fit: ModelFit) -> float:
 
 
 def _astray(problem: Problem, model_fit: ModelFit, given: float) -> str:
-    """Why a fit inside the twin is of no use although the twin is: it lacks what makes most of the torque; or "".
+    """Why a fit inside the twin is of no use although the twin is: it took a load for friction; or "".
 
-    A twin is shaken, and corrected, by what a model leaves, as by a disturbance: a load that is most of the torque is
-    none. And friction that takes up a load ends as a spring: as a level above any torque that was recorded, which no
-    axis that slid has. `given` is the level of the model as it was given [N m].
+    Friction that takes up a load ends as a spring, its level above any torque that was recorded, which no axis that
+    slid has: a twin with it goes another way than the axis. `given` is the level of the model as it was given [N m].
     """
-    if not problem.twin:
-        return ""
     data = problem.data
     peak = float(np.max(np.abs(data.torque[data.grid])))
-    if given <= peak < float(model_fit.fitted.packed.p[layout.COULOMB]):
-        return LACKS_MOST
-    left = _share_left(problem, model_fit)
-    return LACKS_MOST if left > HALF and _left_beside_place(problem) < HALF * left else ""
+    astray = problem.twin and given <= peak < float(model_fit.fitted.packed.p[layout.COULOMB])
+    return LACKS_MOST if astray else ""
 
 
 def _refuse_misfit(problem: Problem, model_fit: ModelFit) -> tuple[str, ...]:

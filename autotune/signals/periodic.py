@@ -23,8 +23,6 @@ APART = 0.5
 """What it must have come to in between."""
 MOST_POINTS = 1 << 15
 LEAST_PERIODS = 2.0
-AT_ENDS = 8
-"""Of the rows, one in so many before and behind: a motion comes up from rest there and goes back to it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +43,7 @@ class Periodic:
 
 def periodic(values: Floats, start: int, period: float) -> Periodic | None:
     """Values from row `start` on, where they repeat themselves; `period` of a row [s]."""
-    ends = len(values) // AT_ENDS
-    samples = period_of(values) or period_of(values[ends : len(values) - ends])
+    samples = period_of(values)
     if samples is None:
         return None
     folds = min(MOST, max(LEAST, round(samples * period / FOLD_SECONDS)))

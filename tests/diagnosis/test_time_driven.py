@@ -32,7 +32,7 @@ def _problem() -> tuple[SimpleNamespace, np.ndarray]:
     clock = np.arange(BLOCKS)[:, None, None] * COUNT + rounds + np.arange(COUNT)[None, None, :]
     blocks = tuple(Block(f"part {i}", TRAINING, i * 2 * COUNT, 2, COUNT) for i in range(BLOCKS))
     place = np.sin(0.1 * np.arange(clock.size))
-    data = SimpleNamespace(blocks=blocks, grid=clock.ravel(), period=PERIOD, position=place)
+    data = SimpleNamespace(blocks=blocks, grid=clock.ravel(), period=PERIOD, position=place, repeated=True)
     turns = np.where((np.arange(COUNT) // 70) % 2, -1.0, 1.0)
     return SimpleNamespace(data=data, training=np.ones(clock.size), policy=POLICY), np.tile(turns, 2 * BLOCKS)
 
@@ -122,6 +122,22 @@ def test_at_one_speed_a_wave_over_position_is_no_clock(spread: float, told: bool
     problem.data.position = np.cumsum(np.repeat(1.0 + spread * np.arange(2 * BLOCKS), COUNT)) * 5.0 * PERIOD
     noise = 0.2 * np.random.default_rng(8).standard_normal(len(clock))
     line = time_driven.time_driven_line(problem, np.sin(2.0 * np.pi * 1.59 * clock) + noise)
+    assert (line is not None) == told
+
+
+@pytest.mark.parametrize(
+    ("hertz", "told"), [(2.75, False), (2.6, True)], ids=["eleventh harmonic", "between"]
+)
+def test_a_harmonic_of_a_motion_that_comes_again_is_no_clock(hertz: float, told: bool) -> None:
+    """Four seconds come again and again, but for three seconds that come up from rest."""
+    problem, _ = _problem()
+    problem.data.stretches, problem.data.periodic, problem.data.repeated = (None,), (), False
+    clock = np.arange(2 * BLOCKS * COUNT) * PERIOD
+    rise = np.clip(clock / 3.0, 0.0, 1.0)
+    problem.data.position = rise * (np.sin(0.5 * np.pi * clock) + 0.3 * np.cos(1.5 * np.pi * clock))
+    time = problem.data.grid * PERIOD
+    noise = 0.2 * np.random.default_rng(8).standard_normal(len(time))
+    line = time_driven.time_driven_line(problem, np.sin(2.0 * np.pi * hertz * time) + noise)
     assert (line is not None) == told
 
 
