@@ -155,7 +155,11 @@ def _fit_as_it_is(
         again = _first_fit(late, usually_damped(packed), free)
         fitted, notes = (fitted, ()) if isinstance(again, str) else (again, (LATE_RECORD,))
     if not isinstance(fitted, str):
-        fitted = _astray(*fitted, float(packed.p[layout.COULOMB])) or fitted
+        given = float(packed.p[layout.COULOMB])
+        if why := _astray(*fitted, given):
+            # a plain fit has what belongs to the place beside the model: its friction is no more than that
+            fitted = why
+            free = [replace(one, upper=given) if one.slot == layout.COULOMB else one for one in free]
     if isinstance(fitted, str) and problem.twin and law is not None:
         data, said = without_twin(as_recorded(known, replace(law, asked=0.0)))
         notes = (f"{NO_TWIN}a simulation of the model with this controller {fitted}.", *said)
