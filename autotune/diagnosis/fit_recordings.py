@@ -49,6 +49,8 @@ USUAL_ACCELERATION = 0.2 * (2.0 * math.pi) ** 2
 """Of the benchmark sine, at its reversals."""
 ONE_NUMBER = ("coulomb", "offset")
 """What motion in one direction cannot tell apart."""
+OF_SLIDING = ("inertia", "viscous", "coulomb", "offset")
+"""What takes up what a model lacks most of."""
 CURVED = (
     "Coulomb friction comes out below zero: friction grows faster than in proportion to speed; 'autotune model "
     "diagnose' tells what is missing"
@@ -138,7 +140,7 @@ def _fitted(whole: Recording, effects: Sequence[str], progress: Progress) -> Fit
                 raise
             return other
         astray = not (result.valid or result.converged)
-        if astray and (other := _searched(whole, effects, NO_END, (), progress)) is not None:
+        if astray and (other := _searched(whole, effects, NO_END, OF_SLIDING, progress)) is not None:
             return other
         method = "speed_curve" if result.steady_state is not None else "twin"
         model = _with_errors(result.model, result.estimate)
@@ -169,7 +171,8 @@ def _searched(
         result = _by_search(whole, effects, (why,), progress, untold)
     except NotEnoughExcitation:
         return None
-    if result.model is None or loose(result.model):
+    known = result.valid or ("inertia" not in untold and result.model is not None and not loose(result.model))
+    if not known:
         return None
     return replace(result, estimate=replace(result.estimate, valid=True, reason=why))
 
